@@ -1,0 +1,73 @@
+"""Pinhole cameras: OpenCV axes, pixel centres at half-integers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera without distortion.
+
+    width, height: image size, pixels. fx, fy, cx, cy: pixels; pixel (row 0, column 0) has its
+    centre at image coordinate (0.5, 0.5). world_to_camera: (4, 4) float64, rigid; camera axes are
+    OpenCV's (x right, y down, z forward).
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    world_to_camera: np.ndarray
+
+    def __post_init__(self) -> None:
+        matrix = np.array(self.world_to_camera, dtype=np.float64)
+        if matrix.shape != (4, 4):
+            raise ValueError(f"world_to_camera: expected shape (4, 4), found {matrix.shape}")
+        matrix.setflags(write=False)
+        object.__setattr__(self, "world_to_camera", matrix)
+
+    @property
+    def camera_to_world(self) -> np.ndarray:
+        """(4, 4) inverse of world_to_camera."""
+        rotation, translation = self.world_to_camera[:3, :3], self.world_to_camera[:3, 3]
+        inverse = np.eye(4)
+        inverse[:3, :3] = rotation.T
+        inverse[:3, 3] = -rotation.T @ translation
+        return inverse
+
+    @property
+    def centre(self) -> np.ndarray:
+        """(3,) camera position in world coordinates."""
+        return self.camera_to_world[:3, 3]
+
+    @property
+    def intrinsics(self) -> np.ndarray:
+        """(3, 3) calibration matrix, pixels."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    def resized(self, width: int, height: int) -> Camera:
+        """The same view with another number of pixels; each axis is scaled by its own factor."""
+        sx, sy = width / self.width, height / self.height
+        return replace(
+            self, width=width, height=height,
+            fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy,
+        )
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Project world points (P, 3). Returns image coordinates (P, 2), pixels, and depth (P,).
+
+        A point at or behind the camera plane (depth <= 0) gets NaN coordinates.
+        """
+        local = points @ self.world_to_camera[:3, :3].T + self.world_to_camera[:3, 3]
+        depth = local[:, 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            xy = np.stack(
+                [self.fx * local[:, 0] / depth + self.cx, self.fy * local[:, 1] / depth + self.cy], axis=1
+            )
+        xy[depth <= 0] = np.nan
+        return xy, depth

@@ -1,0 +1,121 @@
+"""What a method sees, what it gives back, and what the harness tells it. Read this to add a method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from dofbench.cameras import Camera
+from dofbench.errors import Status
+from dofbench.lens import PhysicalLens
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """Sparse points of structure from motion.
+
+    xyz: (P, 3) float64, scene units. rgb: (P, 3) float32, encoded, [0, 1]. error: (P,) float32,
+    reprojection error in pixels, NaN where unknown. views: per point, the indices of the views
+    that saw it (sorted as the scene's views are), or None where tracks are unknown.
+    """
+
+    xyz: np.ndarray
+    rgb: np.ndarray
+    error: np.ndarray
+    views: tuple[np.ndarray, ...] | None = None
+
+    def __len__(self) -> int:
+        return len(self.xyz)
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingView:
+    """One training photograph: image (H, W, 3) float32, encoded, [0, 1]."""
+
+    name: str
+    camera: Camera
+    image: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingSet:
+    """All that a method may see: never the true lens, the true depth or a test view.
+
+    points.views, where known, index into `views`.
+    """
+
+    views: tuple[TrainingView, ...]
+    points: PointCloud | None
+
+
+@dataclass(frozen=True)
+class Budget:
+    """When to stop: after so many steps or seconds of training, whichever comes first."""
+
+    steps: int | None = None
+    seconds: float | None = None
+
+
+@dataclass(frozen=True)
+class NonFinite:
+    """A NaN or infinity, at the step where it appeared first."""
+
+    step: int
+    view: str
+    stage: str
+    detail: str
+
+
+@dataclass(frozen=True)
+class FitOutcome:
+    """How training ended. stages: wall seconds by part of the step, for the time table."""
+
+    status: Status
+    steps: int
+    message: str = ""
+    nonfinite: tuple[NonFinite, ...] = ()
+    stages: dict[str, float] = field(default_factory=dict)
+    left_out: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Rendering:
+    """image: (H, W, 3) float32, encoded. depth: (H, W) float32, scene units, 0 where empty."""
+
+    image: np.ndarray
+    depth: np.ndarray
+
+
+class Observer(Protocol):
+    """The harness's side of training: it owns the clock and stops it while it evaluates."""
+
+    def seconds(self) -> float:
+        """Training seconds so far, evaluation excluded."""
+
+    def after_step(self, step: int, loss: float) -> bool:
+        """Call after every step (1-based). Evaluates when one is due. False means: stop now."""
+
+
+class Method(Protocol):
+    """What `methods/<id>/` must offer under the class name given in its method.toml."""
+
+    def fit(self, training_set: TrainingSet, budget: Budget, observer: Observer) -> FitOutcome:
+        """Train; may be interrupted by the observer at any step and must stay renderable."""
+
+    def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
+        """Render at the camera; lens None means all in focus. Raises ValueError if it can't refocus."""
+
+    def lens_estimates(self) -> dict[str, PhysicalLens] | None:
+        """The learned lens of every training view by name, or None for a method without a lens."""
+
+    def describe(self) -> dict[str, float]:
+        """Numbers about the model for the result; at least `gaussians` where that has a meaning."""
+
+    def save(self, folder: Path) -> None:
+        """Write the trained model into `folder`."""
+
+    def load(self, folder: Path) -> None:
+        """Read what `save` wrote."""

@@ -1,0 +1,131 @@
+"""Reading, writing, resizing and the display encoding of images.
+
+In memory an image is float32 (H, W, 3), RGB; encoded images are in [0, 1].
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from dofbench.errors import InputError
+from dofbench.files import replacing
+from dofbench.lens import GAMMA
+
+
+def decode(encoded: np.ndarray, gamma: float = GAMMA) -> np.ndarray:
+    """Encoded to linear light: `encoded ** gamma`, the paper's pure power."""
+    return np.power(encoded, gamma)
+
+
+def encode(linear: np.ndarray, gamma: float = GAMMA) -> np.ndarray:
+    """Linear light to encoded: `linear ** (1 / gamma)`."""
+    return np.power(linear, 1.0 / gamma)
+
+
+def to_8bit(image: np.ndarray) -> np.ndarray:
+    """Round an encoded image to the 256 levels that a PNG keeps; uint8, values outside [0, 1] saturate."""
+    return np.floor(np.clip(image, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
+
+
+def from_8bit(image: np.ndarray) -> np.ndarray:
+    """uint8 to float32 in [0, 1]."""
+    return image.astype(np.float32) / np.float32(255.0)
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """(width, height) of an image file, read from its header alone."""
+    import OpenImageIO as oiio
+
+    opened = oiio.ImageInput.open(str(path))
+    if opened is None:
+        raise InputError(path, f"no readable image ({oiio.geterror().strip() or 'unknown format'})", "an image file")
+    spec = opened.spec()
+    opened.close()
+    return spec.width, spec.height
+
+
+def read_image(path: Path) -> np.ndarray:
+    """Read an image as float32 (H, W, 3). Integer formats are scaled to [0, 1]; floats are kept.
+
+    A single channel is repeated; an alpha channel is composited over black, which is what it
+    stands for in the layouts read here. Raises InputError when the file can't be read.
+    """
+    import OpenImageIO as oiio
+
+    buffer = oiio.ImageBuf(str(path))
+    pixels = buffer.get_pixels(oiio.FLOAT) if not buffer.has_error else None
+    if pixels is None or buffer.has_error:
+        raise InputError(path, f"no readable image ({buffer.geterror().strip()})", "an image file")
+    pixels = np.asarray(pixels, dtype=np.float32)
+    if pixels.ndim == 2:
+        pixels = pixels[..., None]
+    channels = pixels.shape[2]
+    if channels in (2, 4):
+        # OpenImageIO hands back colours already multiplied by alpha.
+        pixels = pixels[..., : channels - 1]
+    if pixels.shape[2] == 1:
+        pixels = np.repeat(pixels, 3, axis=2)
+    if pixels.shape[2] != 3:
+        raise InputError(path, f"{channels} channels", "1 to 4 channels")
+    return np.ascontiguousarray(pixels)
+
+
+def write_png(path: Path, image: np.ndarray) -> None:
+    """Write an encoded image (float or uint8) as 8-bit PNG, atomically; the same pixels give the same bytes."""
+    pixels = image if image.dtype == np.uint8 else to_8bit(image)
+    _write(path, pixels, "uint8", {"png:compressionLevel": 6})
+
+
+def write_exr(path: Path, values: np.ndarray, *, half: bool = False) -> None:
+    """Write (H, W) or (H, W, 3) float values as EXR (zip), atomically. (H, W) becomes channel Z."""
+    names = ["Z"] if values.ndim == 2 else ["R", "G", "B"]
+    pixels = values[..., None] if values.ndim == 2 else values
+    _write(path, pixels.astype(np.float32), "half" if half else "float", {"compression": "zip"}, names)
+
+
+def read_exr(path: Path) -> np.ndarray:
+    """Read an EXR as float32: (H, W) for one channel, else (H, W, C)."""
+    import OpenImageIO as oiio
+
+    buffer = oiio.ImageBuf(str(path))
+    pixels = buffer.get_pixels(oiio.FLOAT) if not buffer.has_error else None
+    if pixels is None or buffer.has_error:
+        raise InputError(path, f"no readable image ({buffer.geterror().strip()})", "an EXR file")
+    pixels = np.asarray(pixels, dtype=np.float32)
+    return np.ascontiguousarray(pixels[..., 0] if pixels.ndim == 3 and pixels.shape[2] == 1 else pixels)
+
+
+def resize(image: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Resize (H, W[, C]) by area averaging when shrinking, bicubic when enlarging."""
+    import cv2
+
+    if image.shape[:2] == (height, width):
+        return image
+    shrinking = width <= image.shape[1] and height <= image.shape[0]
+    method = cv2.INTER_AREA if shrinking else cv2.INTER_CUBIC
+    return cv2.resize(image, (width, height), interpolation=method)
+
+
+def _write(path: Path, pixels: np.ndarray, kind: str, attributes: dict, names: list[str] | None = None) -> None:
+    import OpenImageIO as oiio
+
+    height, width, channels = pixels.shape
+    spec = oiio.ImageSpec(width, height, channels, kind)
+    if names:
+        spec.channelnames = tuple(names)
+    for key, value in attributes.items():
+        spec.attribute(key, value)
+    # A date in the header would make two identical runs differ in their bytes.
+    spec.attribute("DateTime", "")
+    spec.erase_attribute("DateTime")
+    with replacing(path) as temporary:
+        output = oiio.ImageOutput.create(str(temporary))
+        if output is None or not output.open(str(temporary), spec):
+            raise OSError(f"{path}: cannot be written ({oiio.geterror().strip()})")
+        written = output.write_image(np.ascontiguousarray(pixels))
+        message = output.geterror()
+        output.close()
+        if not written:
+            raise OSError(f"{path}: cannot be written ({message.strip()})")

@@ -1,0 +1,144 @@
+"""What aperture A and focus F mean: one lens model for datasets, methods and metrics.
+
+Signed circle-of-confusion radius in pixels, for an image `width` pixels wide:
+`s = K (d - F)` with `K = 0.02 * width * A` and `d` the normalised disparity
+(DoF-Gaussian, Eq. 5, written in disparity; its r is used as a radius, as the public renderers do).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+COC_FRACTION = 0.02  # CoC radius at A = 1, per unit of normalised disparity, as a share of the width
+GAMMA = 2.2          # the paper's colour-space note (supplement)
+ALPHA = 4.0          # smoothness of the confusion function, paper section 5
+AREA_EPSILON = 0.2   # of the area term 1 / (R^2 + 0.2) in the public renderers
+
+
+@dataclass(frozen=True)
+class DisparityRange:
+    """The disparities (1 / scene unit) that are called 0 (far) and 1 (near)."""
+
+    q_min: float
+    q_max: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.q_min) and math.isfinite(self.q_max) and self.q_max > self.q_min):
+            raise ValueError(f"disparity range: expected finite q_min < q_max, found {self.q_min}, {self.q_max}")
+
+    @property
+    def extent(self) -> float:
+        """q_max - q_min, 1 / scene unit."""
+        return self.q_max - self.q_min
+
+    @staticmethod
+    def of_disparity(disparity: np.ndarray, low: float = 1.0, high: float = 99.0) -> DisparityRange:
+        """Percentiles `low` and `high` of all finite positive disparities given."""
+        known = disparity[np.isfinite(disparity) & (disparity > 0)]
+        if known.size == 0:
+            raise ValueError("disparity range: expected at least one positive disparity, found none")
+        q_min, q_max = (float(q) for q in np.percentile(known, [low, high]))
+        if q_max <= q_min:  # a fronto-parallel plane: any range does, as nothing but its place matters
+            q_min, q_max = 0.5 * q_min, 1.5 * q_max
+        return DisparityRange(q_min, q_max)
+
+    def normalise(self, disparity):
+        """Normalised disparity, 0 far ... 1 near, unclipped. Arrays, tensors and numbers alike."""
+        return (disparity - self.q_min) / self.extent
+
+
+@dataclass(frozen=True)
+class PhysicalLens:
+    """A lens without any reference to a disparity range: R = aperture * |1/z - focus_disparity|.
+
+    aperture: pixels * scene unit, for an image `width` pixels wide. focus_disparity: 1 / scene
+    unit; zero is focus at infinity, negative beyond it.
+    """
+
+    aperture: float
+    focus_disparity: float
+    width: int
+
+    @property
+    def focus_depth(self) -> float:
+        """Depth of the plane in focus, scene units; inf when nothing finite is in focus."""
+        return 1.0 / self.focus_disparity if self.focus_disparity > 0 else math.inf
+
+    def signed_radius(self, disparity, width: int):
+        """Signed CoC radius in pixels of an image `width` wide, from disparity (1 / scene unit)."""
+        return (self.aperture * (width / self.width)) * (disparity - self.focus_disparity)
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A view's lens in normalised units: aperture A (0 ... 1) and focus F (0 far ... 1 near)."""
+
+    aperture: float
+    focus: float
+
+    def radius_per_disparity(self, width: int) -> float:
+        """K: CoC radius in pixels per unit of normalised disparity."""
+        return COC_FRACTION * width * self.aperture
+
+    def physical(self, disparity_range: DisparityRange, width: int) -> PhysicalLens:
+        """The same lens in scene units."""
+        return PhysicalLens(
+            aperture=self.radius_per_disparity(width) / disparity_range.extent,
+            focus_disparity=disparity_range.q_min + self.focus * disparity_range.extent,
+            width=width,
+        )
+
+    @staticmethod
+    def from_physical(lens: PhysicalLens, disparity_range: DisparityRange) -> Lens:
+        """Express a physical lens in the units of `disparity_range`; the inverse of `physical`."""
+        return Lens(
+            aperture=lens.aperture * disparity_range.extent / (COC_FRACTION * lens.width),
+            focus=float(disparity_range.normalise(lens.focus_disparity)),
+        )
+
+
+@dataclass(frozen=True)
+class ApertureShape:
+    """A disc, or a regular polygon whose edges may bulge; it scales the CoC radius by direction.
+
+    blades: 0 for a disc, else at least 3. rotation: radians, direction of the first corner,
+    from +x (right) towards +y (down). curvature: 0 straight edges ... 1 a disc.
+    obstruction: radius of a central stop as a share of the aperture's radius, 0 ... <1.
+    """
+
+    blades: int = 0
+    rotation: float = 0.0
+    curvature: float = 0.0
+    obstruction: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.blades != 0 and self.blades < 3:
+            raise ValueError(f"aperture blades: expected 0 (disc) or at least 3, found {self.blades}")
+        if not 0 <= self.curvature <= 1:
+            raise ValueError(f"aperture curvature: expected 0 ... 1, found {self.curvature}")
+        if not 0 <= self.obstruction < 1:
+            raise ValueError(f"central obstruction: expected 0 ... <1, found {self.obstruction}")
+
+    @property
+    def is_disc(self) -> bool:
+        """A full disc: the radius is the same in every direction and nothing is obstructed."""
+        return (self.blades == 0 or self.curvature == 1) and self.obstruction == 0
+
+    def radius_factor(self, angle):
+        """Radius in the direction `angle` (radians, from +x towards +y) relative to a corner's.
+
+        A polygon's edge is at cos(pi/n) / cos(angle to the edge's middle); curvature mixes in 1.
+        """
+        if self.blades == 0:
+            return np.ones_like(angle, dtype=np.float64)
+        sector = 2 * math.pi / self.blades
+        offset = np.mod(np.asarray(angle, dtype=np.float64) - self.rotation, sector) - sector / 2
+        straight = math.cos(math.pi / self.blades) / np.cos(offset)
+        return (1 - self.curvature) * straight + self.curvature
+
+
+Energy = Literal["area", "algorithm1"]
