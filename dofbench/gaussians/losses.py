@@ -1,0 +1,89 @@
+"""The terms of the full objective (Eq. 7 to 13); each returns a scalar tensor."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from dofbench.cameras import Camera
+from dofbench.gaussians.options import TrainerOptions
+from dofbench.gaussians.render import SURFACE_ALPHA
+from dofbench.gaussians.supervision import SparseDepth
+from dofbench.kernels import load
+
+
+def reconstruction(prediction: Tensor, target: Tensor, ssim_weight: float, weight: Tensor | None) -> Tensor:
+    """Eq. 7: (1 - lambda) L1 + lambda (1 - SSIM); `weight` (H, W) acts on the L1 term."""
+    difference = (prediction - target).abs()
+    if weight is not None:
+        difference = difference * weight[..., None]
+    ssim = load("ssim")(prediction, target)
+    return (1 - ssim_weight) * difference.mean() + ssim_weight * (1 - ssim)
+
+
+def step_function(x: Tensor, options: TrainerOptions) -> Tensor:
+    """Eq. 10's Psi after the switch: 1 / (1 + exp(-a (x - b))), large where out of focus."""
+    return torch.sigmoid(options.adaptation_a * (x - options.adaptation_b))
+
+
+def adaptation_weight(out_of_focus: Tensor, options: TrainerOptions) -> Tensor | None:
+    """(H, W) weight of the L1 terms; `out_of_focus` is |normalised disparity - focus|, detached.
+
+    "psi" is Eq. 13 as printed. "one_minus_psi" is what the text describes; like the released code
+    it first stretches x to [0, 1] within the image.
+    """
+    if options.adaptation == "off":
+        return None
+    if options.adaptation == "psi":
+        return step_function(out_of_focus, options)
+    low, high = out_of_focus.min(), out_of_focus.max()
+    return 1 - step_function((out_of_focus - low) / (high - low).clamp(min=1e-12), options)
+
+
+def sparse_depth_loss(depth: Tensor, alpha: Tensor, truth: SparseDepth, options: TrainerOptions,
+                      disparity_extent: float, weight: Tensor | None) -> Tensor | None:
+    """Eq. 9 on the pixels that have a sparse point; None when none of them has a surface yet.
+
+    In "disparity" the difference is taken in normalised disparity, the quantity that sets the
+    circle of confusion; in "depth" in scene units, as published.
+    """
+    there = alpha.detach()[truth.rows, truth.columns] > SURFACE_ALPHA
+    if not bool(there.any()):
+        return None
+    rows, columns = truth.rows[there], truth.columns[there]
+    rendered, expected = depth[rows, columns], truth.depth[there]
+    if options.depth_space == "disparity":
+        difference = (1 / rendered - 1 / expected) / disparity_extent
+    else:
+        difference = rendered - expected
+    error = difference.abs() if options.depth_norm == "l1" else difference.square()
+    if weight is not None:
+        error = error * weight[rows, columns]
+    # The root of the mean square is the norm of Eq. 9 made independent of the number of points.
+    return error.mean() if options.depth_norm == "l1" else error.mean().clamp(min=1e-12).sqrt()
+
+
+def normals_from_depth(depth: Tensor, camera: Camera) -> Tensor:
+    """(H-2, W-2, 3) unit normals in the camera's frame, towards it, by central differences.
+
+    Back-projects z-depth (H, W) through the pixel centres.
+    """
+    height, width = depth.shape
+    x = (torch.arange(width, dtype=depth.dtype) + 0.5 - camera.cx) / camera.fx
+    y = (torch.arange(height, dtype=depth.dtype) + 0.5 - camera.cy) / camera.fy
+    points = torch.stack([x * depth, y[:, None] * depth, depth], dim=-1)
+    along_x = points[1:-1, 2:] - points[1:-1, :-2]
+    along_y = points[2:, 1:-1] - points[:-2, 1:-1]
+    return torch.nn.functional.normalize(torch.linalg.cross(along_y, along_x), dim=-1)
+
+
+def normal_consistency(normal: Tensor, alpha: Tensor, depth: Tensor, median_depth: Tensor, camera: Camera,
+                       median_share: float) -> Tensor:
+    """Eq. 12, sum over the splats of w (1 - n . n^): alpha minus the blended normal along n^, averaged."""
+    loss = torch.zeros(())
+    for share, surface in ((1 - median_share, depth), (median_share, median_depth)):
+        if share > 0:
+            geometric = normals_from_depth(surface, camera)
+            agreement = (normal[1:-1, 1:-1] * geometric).sum(dim=-1)
+            loss = loss + share * (alpha[1:-1, 1:-1] - agreement).mean()
+    return loss

@@ -1,0 +1,78 @@
+"""The Method contract on top of the trainer; a Gaussian method adds only its options."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+from dofbench.cameras import Camera
+from dofbench.contracts import Budget, FitOutcome, Observer, Rendering, TrainingSet
+from dofbench.errors import InputError
+from dofbench.files import read_json, write_json
+from dofbench.gaussians.model import Gaussians
+from dofbench.gaussians.options import TrainerOptions
+from dofbench.gaussians.render import render_view
+from dofbench.gaussians.trainer import Trainer
+from dofbench.lens import PhysicalLens
+
+_MODEL, _LENSES = "gaussians.npz", "lenses.json"
+
+
+class GaussianMethod:
+    """A method of this project's trainer. `FORCED` are the options that make it what it is."""
+
+    FORCED: ClassVar[Mapping[str, Any]] = {}
+
+    def __init__(self, options: Mapping[str, Any], seed: int, device: str):
+        if device not in ("auto", "cpu"):
+            raise InputError("device", repr(device), "auto or cpu: this version's Gaussian kernels run on the CPU")
+        fixed = sorted(set(options) & set(self.FORCED))
+        if fixed:
+            raise InputError(f"option {fixed[0]}", "a value", "none: this method fixes it")
+        self.options = TrainerOptions().with_overrides({**options, **self.FORCED})
+        self._seed = seed
+        self._gaussians: Gaussians | None = None
+        self._trainer: Trainer | None = None
+        self._lenses: dict[str, PhysicalLens] | None = None
+
+    def fit(self, training_set: TrainingSet, budget: Budget, observer: Observer) -> FitOutcome:
+        """Train from the sparse points; raises InputError when there are none."""
+        self._trainer = Trainer(training_set, self.options, self._seed)
+        self._gaussians = self._trainer.gaussians
+        return self._trainer.fit(budget, observer)
+
+    def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
+        """Render; ValueError for a lens when the method has none."""
+        if lens is not None and not self.options.lens:
+            raise ValueError("this method has no lens: it can't refocus")
+        degree = self._trainer.sh_degree if self._trainer else self.options.sh_degree
+        return render_view(self._trained(), camera, self.options, sh_degree=degree, lens=lens)
+
+    def lens_estimates(self) -> dict[str, PhysicalLens] | None:
+        """The learned lens of every training view, None without a lens."""
+        return self._trainer.lens_estimates() if self._trainer else self._lenses
+
+    def describe(self) -> dict[str, float]:
+        """Number of Gaussians."""
+        return {"gaussians": len(self._trained())}
+
+    def save(self, folder: Path) -> None:
+        """Write the Gaussians and, where there is a lens, the learned lenses in scene units."""
+        self._trained().save(folder / _MODEL)
+        estimates = self.lens_estimates()
+        if estimates is not None:
+            write_json(folder / _LENSES, {name: vars(lens) for name, lens in estimates.items()})
+
+    def load(self, folder: Path) -> None:
+        """Read what `save` wrote; raises InputError when it isn't there."""
+        self._trainer = None
+        self._gaussians = Gaussians.load(folder / _MODEL)
+        self._lenses = None
+        if self.options.lens:
+            self._lenses = {name: PhysicalLens(**values) for name, values in read_json(folder / _LENSES).items()}
+
+    def _trained(self) -> Gaussians:
+        if self._gaussians is None:
+            raise RuntimeError("the method holds no model: call fit or load first")
+        return self._gaussians

@@ -1,0 +1,122 @@
+"""The Gaussians of a scene: parameters, initialisation from points, the 3D filter, saving."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dofbench.cameras import Camera
+from dofbench.contracts import PointCloud
+from dofbench.errors import InputError
+from dofbench.files import replacing
+
+SH_C0 = 0.5 / math.sqrt(math.pi)  # value of the constant spherical harmonic
+INITIAL_OPACITY = 0.1  # 3DGS
+FILTER_3D_VARIANCE = 0.2  # Mip-Splatting, section 4.1: sampling interval to standard deviation
+_NEAR = 0.2
+
+PARAMETERS = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
+
+
+class Gaussians:
+    """N Gaussians, float32 tensors in the units that the optimiser sees.
+
+    means (N, 3) scene units; log_scales (N, 3); quaternions (N, 4), w first, any length;
+    opacity_logits (N,); sh_dc (N, 3); sh_rest (N, K - 1, 3); filter_3d (N,) scene units or None.
+    """
+
+    def __init__(self, parameters: dict[str, Tensor], filter_3d: Tensor | None = None):
+        self.parameters = {name: parameters[name].detach().contiguous().requires_grad_() for name in PARAMETERS}
+        self.filter_3d = filter_3d
+
+    def __len__(self) -> int:
+        return len(self.parameters["means"])
+
+    @property
+    def max_sh_degree(self) -> int:
+        """Highest spherical-harmonics degree that sh_rest has room for."""
+        return math.isqrt(self.parameters["sh_rest"].shape[1] + 1) - 1
+
+    @staticmethod
+    def from_points(points: PointCloud | None, sh_degree: int) -> Gaussians:
+        """One Gaussian a point: scale from the three nearest neighbours, the point's colour (3DGS).
+
+        Raises InputError when there are fewer than four points.
+        """
+        from scipy.spatial import cKDTree
+
+        if points is None or len(points) < 4:
+            raise InputError("sparse points", f"{0 if points is None else len(points)}", "at least 4 to start from")
+        distances, _ = cKDTree(points.xyz).query(points.xyz, k=4, workers=-1)
+        mean_square = np.maximum((distances[:, 1:] ** 2).mean(axis=1), 1e-7)
+        count = len(points)
+        scales = torch.from_numpy(0.5 * np.log(mean_square)).float()
+        quaternions = torch.zeros(count, 4)
+        quaternions[:, 0] = 1.0
+        colours = torch.from_numpy(np.asarray(points.rgb, dtype=np.float32))
+        return Gaussians({
+            "means": torch.from_numpy(points.xyz).float(),
+            "log_scales": scales[:, None].repeat(1, 3),
+            "quaternions": quaternions,
+            "opacity_logits": torch.full((count,), math.log(INITIAL_OPACITY / (1 - INITIAL_OPACITY))),
+            "sh_dc": (colours - 0.5) / SH_C0,
+            "sh_rest": torch.zeros(count, (sh_degree + 1) ** 2 - 1, 3),
+        })
+
+    @torch.no_grad()
+    def update_filter_3d(self, cameras: Sequence[Camera]) -> None:
+        """Mip-Splatting's 3D filter: the finest sampling interval of any view that sees a Gaussian.
+
+        A view sees it when it is in front of it and projects at most 15 % outside the image; a
+        Gaussian that no view sees gets the largest filter of the others.
+        """
+        means = self.parameters["means"].detach()
+        finest = torch.full((len(means),), math.inf)
+        for camera in cameras:
+            world_to_camera = torch.from_numpy(np.array(camera.world_to_camera)).float()
+            local = means @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]
+            depth = local[:, 2]
+            u = camera.fx * local[:, 0] / depth + camera.cx
+            v = camera.fy * local[:, 1] / depth + camera.cy
+            w, h = camera.width, camera.height
+            seen = (depth > _NEAR) & (u > -0.15 * w) & (u < 1.15 * w) & (v > -0.15 * h) & (v < 1.15 * h)
+            interval = depth / max(camera.fx, camera.fy)
+            finest = torch.where(seen, torch.minimum(finest, interval), finest)
+        unseen = torch.isinf(finest)
+        if bool(unseen.all()):
+            raise InputError("cameras", "no Gaussian in front of any of them", "cameras that see the points")
+        finest[unseen] = finest[~unseen].max()
+        self.filter_3d = finest * math.sqrt(FILTER_3D_VARIANCE)
+
+    def save(self, path: Path) -> None:
+        """Write all parameters as a compressed numpy archive, atomically."""
+        arrays = {name: value.detach().numpy() for name, value in self.parameters.items()}
+        if self.filter_3d is not None:
+            arrays["filter_3d"] = self.filter_3d.numpy()
+        with replacing(path) as temporary:
+            np.savez_compressed(temporary, **arrays)
+
+    @staticmethod
+    def load(path: Path) -> Gaussians:
+        """Read what `save` wrote; raises InputError when it is something else."""
+        try:
+            with np.load(path) as archive:
+                arrays = {name: torch.from_numpy(archive[name]) for name in archive.files}
+        except (EOFError, OSError, ValueError) as error:
+            raise InputError(path, str(error), "saved Gaussians (.npz)") from None
+        missing = [name for name in PARAMETERS if name not in arrays]
+        if missing:
+            raise InputError(path, f"no {', '.join(missing)}", "saved Gaussians (.npz)")
+        return Gaussians(arrays, arrays.get("filter_3d"))
+
+
+def scene_extent(cameras: Sequence[Camera]) -> float:
+    """1.1 times the largest distance of a camera from the mean camera (3DGS); scene units."""
+    centres = np.stack([camera.centre for camera in cameras])
+    extent = 1.1 * float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())
+    return extent if extent > 0 else 1.0

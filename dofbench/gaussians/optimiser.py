@@ -1,0 +1,68 @@
+"""Adam over the Gaussians, with the surgery that density control needs."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from dofbench.gaussians.model import Gaussians
+from dofbench.gaussians.options import TrainerOptions
+
+_MOMENTS = ("exp_avg", "exp_avg_sq")
+
+
+class GaussianOptimiser:
+    """torch's fused Adam, one group a parameter, eps 1e-15 as in 3DGS."""
+
+    def __init__(self, gaussians: Gaussians, options: TrainerOptions, extent: float):
+        self.gaussians = gaussians
+        self._means_lr = (options.means_lr * extent, options.means_lr_final * extent)
+        rates = {
+            "means": self._means_lr[0],
+            "log_scales": options.scale_lr,
+            "quaternions": options.rotation_lr,
+            "opacity_logits": options.opacity_lr,
+            "sh_dc": options.sh_dc_lr,
+            "sh_rest": options.sh_rest_lr,
+        }
+        groups = [
+            {"params": [parameter], "lr": rates[name], "name": name}
+            for name, parameter in gaussians.parameters.items()
+        ]
+        self._adam = torch.optim.Adam(groups, lr=0.0, eps=1e-15, fused=True)
+
+    def step(self, progress: float) -> None:
+        """One Adam step; the means' rate falls log-linearly with `progress` (0 ... 1)."""
+        first, last = self._means_lr
+        for group in self._adam.param_groups:
+            if group["name"] == "means":
+                group["lr"] = first * (last / first) ** progress
+        self._adam.step()
+        self._adam.zero_grad(set_to_none=True)
+
+    def discard_gradients(self) -> None:
+        """Drop the gradients of a step that must not be taken."""
+        self._adam.zero_grad(set_to_none=True)
+
+    def rebuild(self, kept: Tensor, added: dict[str, Tensor]) -> None:
+        """Keep the Gaussians with index in `kept`, then append `added`, whose moments start at zero."""
+        for group in self._adam.param_groups:
+            name, old = group["name"], group["params"][0]
+            new = torch.cat([old.detach()[kept], added[name]]).contiguous().requires_grad_()
+            state = self._adam.state.pop(old, None)
+            if state:
+                for moment in _MOMENTS:
+                    state[moment] = torch.cat([state[moment][kept], torch.zeros_like(added[name])]).contiguous()
+                self._adam.state[new] = state
+            group["params"] = [new]
+            self.gaussians.parameters[name] = new
+
+    def replace(self, name: str, value: Tensor) -> None:
+        """Overwrite one parameter and forget its moments (opacity reset)."""
+        parameter = self.gaussians.parameters[name]
+        with torch.no_grad():
+            parameter.copy_(value)
+        state = self._adam.state.get(parameter)
+        if state:
+            for moment in _MOMENTS:
+                state[moment].zero_()

@@ -1,0 +1,152 @@
+"""Every choice of the trainer as one flat, validated set of options.
+
+Times are shares of the whole training (0 ... 1), so a schedule keeps its shape under any budget;
+the published schedules run over 30 000 iterations (DoF-Gaussian section 5, Mip-Splatting, 3DGS).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+from dofbench.errors import InputError
+from dofbench.lens import ALPHA, GAMMA, Energy
+
+
+@dataclass(frozen=True)
+class TrainerOptions:
+    """Options of the Gaussian trainer; `method.toml` presets and `--set key=value` name these.
+
+    Length and size
+        steps: length of the schedule. coarse_until, coarse_factor: train on images shrunk by the
+        factor up to this share of the training. max_gaussians: density control stops adding there.
+    Appearance
+        sh_degree: highest spherical-harmonics degree; one degree is added every sh_every share.
+        background: encoded grey level behind the scene.
+    Filters
+        filter_2d: Mip-Splatting's 2D filter, px^2 (0 switches it off). filter_3d: its 3D filter.
+    Learning rates (3DGS names; means are scaled by the scene's extent)
+    Reconstruction loss (Eq. 7)
+        ssim_weight: lambda.
+    Lens (section 4.1)
+        lens: False trains a pinhole (`mipsplatting`). lens_gamma, lens_alpha, lens_energy: the
+        forward model. lens_range: "points" fixes the disparity range once from the sparse points,
+        "render" takes min and 95th percentile of each rendered view at each step (released code).
+        lens_activation: "relu" (released) or "log" (the aperture's logarithm is learned).
+        lens_update: "view" keeps Adam's moments of each view by its own visits, "dense" runs one
+        Adam over the vectors (released). lens_lr, lens_lr_final: rate at the start and the end.
+        blur_to_depth: whether the blur's gradient reaches the geometry.
+    Depth supervision by sparse points (Eq. 9)
+        depth_weight: w_d, 0 switches it off. depth_norm: "l1" or "l2"; depth_space: "depth" (scene
+        units) or "disparity" (normalised); depth_decay: factor reached at the end, linearly.
+    Normal consistency (Eq. 12)
+        normal_weight: w_n, 0 switches it off. normal_from: share of training from which it acts.
+        normal_median: share of the median depth's normals, the rest from the expected depth.
+    Defocus-to-focus adaptation (Eq. 10, 11, 13)
+        adaptation: how the loss is weighted after adaptation_from: "off"; "psi", the printed Eq. 13;
+        "one_minus_psi", what the text says and the released code does (on the L1 terms alone).
+        adaptation_aperture: Eq. 11, A' = A psi. adaptation_a, adaptation_b: slope and threshold.
+    Density control
+        densify_from, densify_until: shares of the training; densify_every: steps. grow_gradient:
+        threshold on the mean 2D gradient, in 3DGS's NDC unit. grow_absolute: sum absolute
+        per-pixel gradients instead (AbsGS). dense_share: split above, clone below this share of
+        the extent. prune_opacity: remove below. prune_depth_graded: divide that threshold by 1
+        (nearest) ... 3 (farthest), as the released code does. reset_every: opacity reset interval,
+        share of the training, 0 for never.
+    """
+
+    steps: int = 7000
+    coarse_until: float = 0.0
+    coarse_factor: int = 2
+    max_gaussians: int = 1_000_000
+
+    sh_degree: int = 3
+    sh_every: float = 1 / 30
+    background: float = 0.0
+
+    filter_2d: float = 0.1
+    filter_3d: bool = True
+
+    means_lr: float = 1.6e-4
+    means_lr_final: float = 1.6e-6
+    sh_dc_lr: float = 2.5e-3
+    sh_rest_lr: float = 1.25e-4
+    opacity_lr: float = 0.05
+    scale_lr: float = 5e-3
+    rotation_lr: float = 1e-3
+
+    ssim_weight: float = 0.2
+
+    lens: bool = True
+    lens_gamma: float = GAMMA
+    lens_alpha: float = ALPHA
+    lens_energy: Energy = "area"
+    lens_range: Literal["points", "render"] = "points"
+    lens_activation: Literal["relu", "log"] = "relu"
+    lens_update: Literal["view", "dense"] = "view"
+    lens_lr: float = 5e-4
+    lens_lr_final: float = 5e-4
+    lens_init_aperture: float = 0.5
+    lens_init_focus: float = 0.5
+    blur_to_depth: bool = False
+
+    depth_weight: float = 0.01
+    depth_norm: Literal["l1", "l2"] = "l2"
+    depth_space: Literal["depth", "disparity"] = "depth"
+    depth_decay: float = 0.1
+
+    normal_weight: float = 0.05
+    normal_from: float = 0.0
+    normal_median: float = 0.0
+
+    adaptation: Literal["off", "psi", "one_minus_psi"] = "one_minus_psi"
+    adaptation_from: float = 1 / 3
+    adaptation_aperture: bool = False
+    adaptation_a: float = 15.0
+    adaptation_b: float = 0.3
+
+    densify_from: float = 1 / 60
+    densify_until: float = 0.5
+    densify_every: int = 100
+    grow_gradient: float = 2e-4
+    grow_absolute: bool = False
+    dense_share: float = 0.01
+    prune_opacity: float = 0.005
+    prune_depth_graded: bool = False
+    reset_every: float = 0.1
+
+    def with_overrides(self, overrides: Mapping[str, Any], subject: str = "option") -> TrainerOptions:
+        """A copy with some options replaced; strings are converted to the option's type.
+
+        Raises InputError for an unknown name or a value that doesn't fit.
+        """
+        hints = get_type_hints(TrainerOptions)
+        known = {field.name for field in fields(self)}
+        values = {}
+        for name, value in overrides.items():
+            if name not in known:
+                raise InputError(f"{subject} {name}", "an unknown name", f"one of {', '.join(sorted(known))}")
+            values[name] = _convert(f"{subject} {name}", value, hints[name])
+        return replace(self, **values)
+
+
+def _convert(subject: str, value: Any, kind: Any) -> Any:
+    if get_origin(kind) is Literal:
+        if value not in get_args(kind):
+            raise InputError(subject, repr(value), f"one of {', '.join(get_args(kind))}")
+        return value
+    if kind is bool:
+        words = {"true": True, "false": False, "1": True, "0": False}
+        if isinstance(value, bool):
+            return value
+        if str(value).lower() not in words:
+            raise InputError(subject, repr(value), "true or false")
+        return words[str(value).lower()]
+    try:
+        converted = kind(value)
+    except (TypeError, ValueError):
+        raise InputError(subject, repr(value), f"a number ({kind.__name__})") from None
+    if kind is int and float(value) != converted:
+        raise InputError(subject, repr(value), "a whole number")
+    return converted

@@ -1,0 +1,55 @@
+"""From Gaussians to images: what training, evaluation and a loaded model share."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from dofbench.cameras import Camera
+from dofbench.contracts import Rendering
+from dofbench.defocus import defocus
+from dofbench.gaussians.model import Gaussians
+from dofbench.gaussians.options import TrainerOptions
+from dofbench.gaussians.raster import Geometry, Raster, ViewStatistics
+from dofbench.kernels import load
+from dofbench.lens import PhysicalLens
+
+# Below this accumulated opacity a pixel has no surface whose depth means anything.
+SURFACE_ALPHA = 0.1
+
+
+def rasterise(gaussians: Gaussians, camera: Camera, options: TrainerOptions, *, sh_degree: int,
+              geometry: Geometry = "depth", statistics: ViewStatistics | None = None) -> Raster:
+    """The rasteriser kernel with the method's filters and background."""
+    background = torch.full((3,), options.background) if options.background else None
+    return load("rasterize")(
+        **gaussians.parameters, camera=camera, sh_degree=sh_degree, geometry=geometry,
+        filter_3d=gaussians.filter_3d if options.filter_3d else None,
+        filter_2d=options.filter_2d, background=background, statistics=statistics,
+    )
+
+
+def surface_disparity(depth: Tensor, alpha: Tensor) -> Tensor:
+    """(H, W) disparity, 1 / scene unit; a pixel without a surface takes the farthest one of the image.
+
+    The released code takes such pixels for the nearest of all, which blurs holes over their
+    surroundings; what shows through a hole lies behind.
+    """
+    there = (alpha > SURFACE_ALPHA) & (depth > 0)
+    disparity = 1 / torch.where(there, depth, 1.0)
+    if bool(there.all()):
+        return disparity
+    farthest = disparity.detach()[there].min() if bool(there.any()) else torch.zeros(())
+    return torch.where(there, disparity, farthest)
+
+
+@torch.no_grad()
+def render_view(gaussians: Gaussians, camera: Camera, options: TrainerOptions, *, sh_degree: int,
+                lens: PhysicalLens | None) -> Rendering:
+    """Image and depth at any camera; all in focus when `lens` is None."""
+    raster = rasterise(gaussians, camera, options, sh_degree=sh_degree)
+    image = raster.color
+    if lens is not None:
+        radius = lens.signed_radius(surface_disparity(raster.depth, raster.alpha), camera.width)
+        image = defocus(image, radius, gamma=options.lens_gamma, alpha=options.lens_alpha, energy=options.lens_energy)
+    return Rendering(image=image.numpy(), depth=raster.depth.numpy())

@@ -1,0 +1,250 @@
+"""The training loop that every Gaussian method of this project shares."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dofbench.cameras import Camera
+from dofbench.contracts import Budget, FitOutcome, NonFinite, Observer, Rendering, TrainingSet
+from dofbench.defocus import defocus, signed_radius
+from dofbench.errors import Status
+from dofbench.gaussians import losses
+from dofbench.gaussians.density import DensityControl
+from dofbench.gaussians.lenses import LearnedLenses
+from dofbench.gaussians.model import Gaussians, scene_extent
+from dofbench.gaussians.optimiser import GaussianOptimiser
+from dofbench.gaussians.options import TrainerOptions
+from dofbench.gaussians.raster import ViewStatistics
+from dofbench.gaussians.render import SURFACE_ALPHA, rasterise, render_view, surface_disparity
+from dofbench.gaussians.supervision import SparseDepth, all_disparities, sparse_depth
+from dofbench.images import resize
+from dofbench.lens import COC_FRACTION, DisparityRange, PhysicalLens
+
+_RENDER_RANGE_QUANTILE = 0.95  # the released code's near end of the disparity range
+_FILTER_3D_EVERY = 100         # steps; Mip-Splatting's interval
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """One training view at one resolution."""
+
+    index: int
+    name: str
+    camera: Camera
+    image: Tensor
+    sparse: SparseDepth | None
+
+
+class NonFiniteError(FloatingPointError):
+    """A NaN or infinity, with the place where it appeared first."""
+
+    def __init__(self, event: NonFinite):
+        self.event = event
+        super().__init__(f"step {event.step}, view {event.view}, {event.stage}: {event.detail}")
+
+
+class Trainer:
+    """Trains Gaussians, and with `options.lens` a lens per view, on a training set.
+
+    After `fit`, or during it from an observer, `render` and `lens_estimates` work at any time.
+    """
+
+    def __init__(self, training_set: TrainingSet, options: TrainerOptions, seed: int):
+        self.options = options
+        self.gaussians = Gaussians.from_points(training_set.points, options.sh_degree)
+        self._views = training_set.views
+        self._points = training_set.points
+        self._cameras = [view.camera for view in training_set.views]
+        self._extent = scene_extent(self._cameras)
+        self._generator = torch.Generator().manual_seed(seed)
+        self._random = np.random.default_rng(seed)
+        self.range = DisparityRange.of_disparity(all_disparities(training_set.points, self._cameras))
+        self.lenses = LearnedLenses(len(self._views), self.range, options) if options.lens else None
+        self._optimiser = GaussianOptimiser(self.gaussians, options, self._extent)
+        self._density = DensityControl(self.gaussians, self._optimiser, options, self._extent, self._generator)
+        self.sh_degree = options.sh_degree
+        self.stages: dict[str, float] = {}
+        self.gaussians.update_filter_3d(self._cameras)
+
+    def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
+        """Train until the budget, or the observer, ends it. A non-finite number ends it as diverged."""
+        total = budget.steps or self.options.steps
+        step, event = 0, None
+        order: list[int] = []
+        full = [self._view(index, 1) for index in range(len(self._views))]
+        factor = self.options.coarse_factor
+        coarse = [self._view(index, factor) for index in range(len(full))] if self.options.coarse_until > 0 else full
+        try:
+            while step < total:
+                progress = step / total
+                if budget.seconds is not None:
+                    progress = max(progress, observer.seconds() / budget.seconds)
+                    if progress >= 1:
+                        break
+                if not order:
+                    order = list(self._random.permutation(len(full)))
+                views = coarse if progress < self.options.coarse_until else full
+                step += 1
+                loss = self._step(step, progress, views[order.pop()])
+                if not observer.after_step(step, loss):
+                    break
+        except NonFiniteError as error:
+            event = error.event
+            self._optimiser.discard_gradients()
+        self.gaussians.update_filter_3d(self._cameras)
+        status = Status.DIVERGED if event else Status.OK
+        return FitOutcome(
+            status=status, steps=step, message=str(event) if event else "",
+            nonfinite=(event,) if event else (), stages=dict(self.stages),
+        )
+
+    def _view(self, index: int, factor: int) -> _View:
+        view = self._views[index]
+        width, height = view.camera.width // factor, view.camera.height // factor
+        camera = view.camera if factor == 1 else view.camera.resized(width, height)
+        image = torch.from_numpy(np.ascontiguousarray(resize(view.image, width, height)))
+        supervised = self.options.depth_weight > 0 and self._points is not None
+        sparse = sparse_depth(self._points, camera, index) if supervised else None
+        return _View(index, view.name, camera, image, sparse)
+
+    @contextmanager
+    def _timed(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        self.stages[stage] = self.stages.get(stage, 0.0) + time.perf_counter() - start
+
+    def _step(self, step: int, progress: float, view: _View) -> float:
+        """One optimisation step on one view; returns the loss."""
+        options = self.options
+        degree = min(options.sh_degree, int(progress / options.sh_every)) if options.sh_every > 0 else options.sh_degree
+        self.sh_degree = degree
+        with_normals = options.normal_weight > 0 and progress >= options.normal_from
+        adapting = options.adaptation != "off" or options.adaptation_aperture
+        adapting = adapting and self.lenses is not None and progress >= options.adaptation_from
+        with_depth = self.lenses is not None or view.sparse is not None
+
+        with self._timed("rasterise"):
+            statistics = ViewStatistics(want_abs=options.grow_absolute)
+            geometry = "full" if with_normals else "depth" if with_depth else "none"
+            try:
+                raster = rasterise(self.gaussians, view.camera, options, sh_degree=degree, geometry=geometry,
+                                   statistics=statistics)
+            except FloatingPointError as error:
+                raise NonFiniteError(NonFinite(step, view.name, "rasterise", str(error))) from None
+        # The graph is cut between the stages, so each stage's time and numbers can be looked at.
+        colour = raster.color.detach().requires_grad_()
+        alpha = raster.alpha.detach().requires_grad_(with_normals)
+        depth = raster.depth.detach().requires_grad_() if raster.depth is not None else None
+        outputs = [(raster.color, colour), (raster.alpha, alpha), (raster.depth, depth)]
+
+        image, out_of_focus = colour, None
+        if self.lenses is not None:
+            with self._timed("lens"):
+                image, out_of_focus = self._through_lens(view, colour, alpha, depth, adapting)
+            self._check(image, step, view, "lens")
+
+        with self._timed("loss"):
+            weight = losses.adaptation_weight(out_of_focus, options) if adapting else None
+            loss = losses.reconstruction(image, view.image, options.ssim_weight, weight)
+            if view.sparse is not None:
+                supervision = losses.sparse_depth_loss(
+                    depth, alpha, view.sparse, options, self.range.extent, weight)
+                if supervision is not None:
+                    decay = 1 - (1 - options.depth_decay) * progress
+                    loss = loss + options.depth_weight * decay * supervision
+            if with_normals:
+                normal = raster.normal.detach().requires_grad_()
+                median = raster.median_depth.detach().requires_grad_(options.normal_median > 0)
+                outputs += [(raster.normal, normal), (raster.median_depth, median)]
+                loss = loss + options.normal_weight * losses.normal_consistency(
+                    normal, alpha, depth, median, view.camera, options.normal_median)
+        value = float(loss.detach())
+        if not math.isfinite(value):
+            raise NonFiniteError(NonFinite(step, view.name, "loss", f"loss is {value}"))
+
+        with self._timed("loss and lens, backward"):
+            loss.backward()
+        reached = [(tensor, leaf.grad) for tensor, leaf in outputs if leaf is not None and leaf.grad is not None]
+        for tensor_gradient in reached:
+            self._check(tensor_gradient[1], step, view, "gradient by the rendering")
+        if self.lenses is not None:
+            self._check(self.lenses.gradient(), step, view, "gradient by the lens")
+        with self._timed("rasterise, backward"):
+            torch.autograd.backward([tensor for tensor, _ in reached], [gradient for _, gradient in reached])
+        for name, parameter in self.gaussians.parameters.items():
+            if parameter.grad is not None:
+                self._check(parameter.grad, step, view, f"gradient by {name}")
+
+        with self._timed("optimiser"):
+            self._optimiser.step(progress)
+            if self.lenses is not None:
+                self.lenses.step(view.index, progress)
+        with self._timed("density control"):
+            gradient_2d = statistics.abs_grad_2d if options.grow_absolute else statistics.grad_2d
+            self._density.record(gradient_2d, statistics.visible, view.camera.width, view.camera.height)
+            graded = self.gaussians.parameters["means"].detach()[:, 2] if options.prune_depth_graded else None
+            changed = self._density.after_step(step, progress, graded)
+            if changed or step % _FILTER_3D_EVERY == 0:
+                self.gaussians.update_filter_3d(self._cameras)
+        return value
+
+    def _through_lens(self, view: _View, colour: Tensor, alpha: Tensor, depth: Tensor,
+                      adapting: bool) -> tuple[Tensor, Tensor]:
+        """The defocused image and |normalised disparity - focus|, detached."""
+        options = self.options
+        surface = depth if options.blur_to_depth else depth.detach()
+        disparity = surface_disparity(surface, alpha.detach())
+        if options.lens_range == "render":
+            self.lenses.ranges[view.index] = _rendered_range(disparity, alpha, self.range)
+        bounds = self.lenses.ranges[view.index]
+        aperture, focus = self.lenses.forward(view.index, view.camera.width)
+        normalised = bounds.normalise(disparity)
+        radius = signed_radius(normalised, COC_FRACTION * view.camera.width * aperture, focus)
+        out_of_focus = (normalised.detach() - focus.detach()).abs()
+        if adapting and options.adaptation_aperture:
+            radius = radius * losses.step_function(out_of_focus, options)
+        image = defocus(colour, radius, gamma=options.lens_gamma, alpha=options.lens_alpha, energy=options.lens_energy)
+        return image, out_of_focus
+
+    @staticmethod
+    def _check(tensor: Tensor | None, step: int, view: _View, stage: str) -> None:
+        # A sum is non-finite when any element is, and is much cheaper than looking at each.
+        if tensor is not None and not math.isfinite(float(tensor.detach().sum())):
+            bad = int((~torch.isfinite(tensor)).sum())
+            if bad:
+                raise NonFiniteError(NonFinite(step, view.name, stage, f"{bad} of {tensor.numel()} values"))
+
+    def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
+        """Render at any camera; with a lens the image is defocused, without it is all in focus."""
+        return render_view(self.gaussians, camera, self.options, sh_degree=self.sh_degree, lens=lens)
+
+    @torch.no_grad()
+    def lens_estimates(self) -> dict[str, PhysicalLens] | None:
+        """The learned lens of each training view, in scene units."""
+        if self.lenses is None:
+            return None
+        estimates = {}
+        for index, view in enumerate(self._views):
+            if self.options.lens_range == "render":
+                raster = rasterise(self.gaussians, view.camera, self.options, sh_degree=self.sh_degree)
+                disparity = surface_disparity(raster.depth, raster.alpha)
+                self.lenses.ranges[index] = _rendered_range(disparity, raster.alpha, self.range)
+            estimates[view.name] = self.lenses.estimate(index, view.camera.width)
+        return estimates
+
+
+def _rendered_range(disparity: Tensor, alpha: Tensor, fallback: DisparityRange) -> DisparityRange:
+    """Minimum and 95th percentile over the pixels that have a surface, as the released code scales them."""
+    known = disparity.detach()[alpha.detach() > SURFACE_ALPHA].numpy()
+    if known.size == 0:
+        return fallback
+    low, high = float(known.min()), float(np.quantile(known, _RENDER_RANGE_QUANTILE))
+    return DisparityRange(low, high) if high > low else fallback

@@ -1,0 +1,11 @@
+"""DoF-Gaussian (Shen et al., CVPR 2025): Gaussians seen through a learnable thin lens per view."""
+
+from __future__ import annotations
+
+from dofbench.gaussians.method import GaussianMethod
+
+
+class DoFGaussian(GaussianMethod):
+    """Equations 1 to 13 of the paper on the shared trainer; presets are in method.toml."""
+
+    FORCED = {"lens": True}

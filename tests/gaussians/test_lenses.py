@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+import torch
+
+from dofbench.gaussians.lenses import LearnedLenses
+from dofbench.gaussians.options import TrainerOptions
+from dofbench.lens import DisparityRange, Lens
+from tolerances import FLOAT32_VALUE
+
+RANGE = DisparityRange(0.02, 0.06)
+
+
+def _train(lenses, target, steps, order):
+    for step in range(steps):
+        index = order[step % len(order)]
+        aperture, focus = lenses.forward(index, 504)
+        ((aperture - target[0]) ** 2 + (focus - target[1]) ** 2).backward()
+        lenses.step(index, step / steps)
+
+
+@pytest.mark.parametrize("activation", ["relu", "log"])
+@pytest.mark.parametrize("update", ["view", "dense"])
+def test_each_view_finds_its_lens(activation, update):
+    options = TrainerOptions().with_overrides({
+        "lens_activation": activation, "lens_update": update, "lens_lr": 2e-2, "lens_lr_final": 1e-4})
+    lenses = LearnedLenses(2, RANGE, options)
+    _train(lenses, (0.9, 0.2), 2000, [0, 1])
+    for index in range(2):
+        found = Lens.from_physical(lenses.estimate(index, 504), RANGE)
+        assert abs(found.aperture - 0.9) < 0.01 and abs(found.focus - 0.2) < 0.01
+
+
+def test_dense_update_is_adam_over_the_whole_vector():
+    options = TrainerOptions().with_overrides({"lens_update": "dense", "lens_lr": 1e-2, "lens_lr_final": 1e-2})
+    lenses = LearnedLenses(3, RANGE, options)
+    vector = torch.full((3, 2), 0.5, requires_grad=True)
+    adam = torch.optim.Adam([vector], lr=1e-2, eps=1e-15)
+    for step in range(30):
+        index = step % 3
+        aperture, focus = lenses.forward(index, 504)
+        ((aperture - 1) ** 2 + (focus - 0.1) ** 4).backward()
+        lenses.step(index, 0.0)
+        adam.zero_grad()
+        row = torch.relu(vector[index]) + 1e-5
+        ((row[0] - 1) ** 2 + (row[1] - 0.1) ** 4).backward()
+        adam.step()
+    assert np.allclose(lenses.state()["raw"], vector.detach().numpy(), atol=FLOAT32_VALUE)
+
+
+def test_the_estimate_does_not_depend_on_the_methods_own_range():
+    """The same physical lens comes out whichever disparity range the method trained in."""
+    truth = Lens(0.7, 0.3).physical(RANGE, 504)
+    for own in (RANGE, DisparityRange(0.01, 0.09)):
+        inside = Lens.from_physical(truth, own)
+        lenses = LearnedLenses(1, own, TrainerOptions().with_overrides(
+            {"lens_activation": "log", "lens_init_aperture": inside.aperture, "lens_init_focus": inside.focus}))
+        found = Lens.from_physical(lenses.estimate(0, 504), RANGE)
+        assert found.aperture == pytest.approx(0.7, abs=FLOAT32_VALUE)
+        assert found.focus == pytest.approx(0.3, abs=FLOAT32_VALUE)

@@ -1,0 +1,70 @@
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from dofbench.cameras import Camera
+from dofbench.gaussians import losses
+from dofbench.gaussians.options import TrainerOptions
+from dofbench.gaussians.supervision import SparseDepth
+
+CAMERA = Camera(24, 18, 20.0, 21.0, 12.5, 8.0, np.eye(4))
+
+
+def _plane_depth(normal, offset):
+    """Depth of the plane normal . x = offset at the pixel centres."""
+    x = (np.arange(24) + 0.5 - CAMERA.cx) / CAMERA.fx
+    y = (np.arange(18) + 0.5 - CAMERA.cy) / CAMERA.fy
+    return torch.from_numpy(offset / (normal[0] * x + normal[1] * y[:, None] + normal[2]))
+
+
+@pytest.mark.parametrize("normal", [(0.0, 0.0, -1.0), (0.3, 0.1, -0.9), (-0.2, 0.4, -0.8)])
+def test_normals_of_a_plane_are_its_normal(normal):
+    unit = np.array(normal) / np.linalg.norm(normal)
+    found = losses.normals_from_depth(_plane_depth(unit, -5.0), CAMERA)
+    assert np.allclose(found.numpy(), unit, atol=1e-12)
+
+
+def test_normal_consistency_is_zero_when_splats_lie_in_the_surface():
+    unit = np.array([0.3, 0.1, -0.9]) / np.linalg.norm([0.3, 0.1, -0.9])
+    depth = _plane_depth(unit, -5.0)
+    alpha = torch.full_like(depth, 0.8)
+    normal = alpha[..., None] * torch.from_numpy(unit)
+    aligned = losses.normal_consistency(normal, alpha, depth, depth, CAMERA, 0.6)
+    turned = losses.normal_consistency(-normal, alpha, depth, depth, CAMERA, 0.6)
+    assert float(aligned) == pytest.approx(0, abs=1e-12)
+    assert float(turned) == pytest.approx(1.6)
+
+
+def test_step_function_has_the_printed_values():
+    options = TrainerOptions()
+    x = torch.tensor([0.0, 0.3, 0.5])
+    expected = [1 / (1 + math.exp(-15 * (value - 0.3))) for value in (0.0, 0.3, 0.5)]
+    assert np.allclose(losses.step_function(x, options), expected)
+
+
+def test_the_two_readings_of_eq_13_weight_opposite_regions():
+    x = torch.tensor([[0.0, 0.1], [0.6, 0.8]])
+    printed = losses.adaptation_weight(x, TrainerOptions(adaptation="psi"))
+    text = losses.adaptation_weight(x, TrainerOptions(adaptation="one_minus_psi"))
+    assert losses.adaptation_weight(x, TrainerOptions(adaptation="off")) is None
+    assert bool((printed[1] > printed[0]).all()) and bool((text[1] < text[0]).all())
+
+
+@pytest.mark.parametrize(("norm", "space", "expected"), [
+    ("l1", "depth", (1.0 + 3.0) / 2), ("l2", "depth", math.sqrt((1 + 9) / 2)),
+    ("l1", "disparity", (abs(1 / 3 - 1 / 2) + abs(1 / 5 - 1 / 2)) / 2 / 0.5),
+])
+def test_sparse_depth_loss_by_hand(norm, space, expected):
+    depth = torch.full((4, 4), 2.0)
+    depth[1, 2], depth[3, 0] = 3.0, 5.0
+    truth = SparseDepth(torch.tensor([1, 3]), torch.tensor([2, 0]), torch.tensor([2.0, 2.0]))
+    options = TrainerOptions(depth_norm=norm, depth_space=space)
+    loss = losses.sparse_depth_loss(depth, torch.ones(4, 4), truth, options, 0.5, None)
+    assert float(loss) == pytest.approx(expected, rel=1e-6)
+
+
+def test_sparse_depth_says_nothing_where_there_is_no_surface():
+    truth = SparseDepth(torch.tensor([1]), torch.tensor([2]), torch.tensor([2.0]))
+    assert losses.sparse_depth_loss(torch.zeros(4, 4), torch.zeros(4, 4), truth, TrainerOptions(), 1.0, None) is None

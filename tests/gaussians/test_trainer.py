@@ -1,0 +1,129 @@
+"""The whole loop on a small scene: it learns, repeats bit for bit, and stops at the first bad number."""
+
+import numpy as np
+import pytest
+import torch
+
+from dofbench.cameras import Camera
+from dofbench.contracts import Budget, PointCloud, TrainingSet, TrainingView
+from dofbench.errors import Status
+from dofbench.gaussians.options import TrainerOptions
+from dofbench.gaussians.trainer import Trainer
+
+WIDTH, HEIGHT = 48, 36
+
+
+class Recorder:
+    """An observer that keeps every loss and can stop after some steps."""
+
+    def __init__(self, stop_after=None):
+        self.losses, self._stop_after = [], stop_after
+
+    def seconds(self):
+        return 0.0
+
+    def after_step(self, step, loss):
+        self.losses.append(loss)
+        return self._stop_after is None or step < self._stop_after
+
+
+def _cameras():
+    cameras = []
+    for x, y in [(-0.3, 0.0), (0.3, 0.1), (0.0, -0.2)]:
+        pose = np.eye(4)
+        pose[:2, 3] = -x, -y
+        cameras.append(Camera(WIDTH, HEIGHT, 45.0, 45.0, WIDTH / 2, HEIGHT / 2, pose))
+    return cameras
+
+
+def _training_set(bad_view=None):
+    """Coloured points on two planes, seen by three cameras; images are splats of those points."""
+    random = np.random.default_rng(0)
+    depth = np.where(random.uniform(size=250) < 0.5, 3.0, 6.0)
+    xyz = np.stack([random.uniform(-0.5, 0.5, 250) * depth, random.uniform(-0.4, 0.4, 250) * depth, depth], axis=1)
+    points = PointCloud(xyz, random.uniform(size=(250, 3)).astype(np.float32), np.zeros(250, np.float32))
+    views = []
+    for index, camera in enumerate(_cameras()):
+        image = np.full((HEIGHT, WIDTH, 3), 0.3, dtype=np.float32)
+        xy, z = camera.project(xyz)
+        for i in np.argsort(-z):
+            column, row = int(xy[i, 0]), int(xy[i, 1])
+            image[max(row - 2, 0):row + 3, max(column - 2, 0):column + 3] = points.rgb[i]
+        if index == bad_view:
+            image[4, 5, 1] = np.nan
+        views.append(TrainingView(f"v{index}", camera, image))
+    return TrainingSet(tuple(views), points)
+
+
+def _options(**overrides):
+    return TrainerOptions().with_overrides({
+        "steps": 90, "sh_degree": 1, "densify_from": 0.1, "densify_every": 20, "normal_from": 0.5,
+        "reset_every": 0.0, **overrides})
+
+
+@pytest.mark.parametrize("overrides", [
+    {"lens": False, "adaptation": "off"},
+    {},
+    {"blur_to_depth": True, "adaptation": "psi", "adaptation_aperture": True, "normal_median": 0.6, "grow_absolute": True},
+    {"lens_range": "render", "lens_update": "dense", "lens_energy": "algorithm1", "coarse_until": 0.4,
+     "depth_norm": "l1", "depth_space": "disparity", "prune_depth_graded": True, "filter_2d": 0.0},
+])
+def test_training_lowers_the_loss(overrides):
+    recorder = Recorder()
+    trainer = Trainer(_training_set(), _options(**overrides), 0)
+    outcome = trainer.fit(Budget(), recorder)
+    assert outcome.status is Status.OK and outcome.steps == 90
+    assert np.mean(recorder.losses[-9:]) < 0.7 * np.mean(recorder.losses[:9])
+    rendering = trainer.render(_cameras()[0], None)
+    assert rendering.image.shape == (HEIGHT, WIDTH, 3) and np.isfinite(rendering.image).all()
+    assert np.median(rendering.depth[rendering.depth > 0]) == pytest.approx(4.5, abs=2.0)
+
+
+def test_the_same_seed_gives_the_same_bits():
+    runs = []
+    for _ in range(2):
+        trainer = Trainer(_training_set(), _options(), 3)
+        trainer.fit(Budget(), Recorder())
+        runs.append(trainer)
+    for name, value in runs[0].gaussians.parameters.items():
+        assert torch.equal(value, runs[1].gaussians.parameters[name]), name
+    assert runs[0].lens_estimates() == runs[1].lens_estimates()
+
+
+def test_another_seed_gives_other_numbers():
+    results = []
+    for seed in (0, 1):
+        recorder = Recorder()
+        Trainer(_training_set(), _options(steps=20), seed).fit(Budget(), recorder)
+        results.append(recorder.losses)
+    assert results[0] != results[1]
+
+
+def test_a_nan_ends_the_run_as_diverged_and_names_view_and_stage():
+    trainer = Trainer(_training_set(bad_view=1), _options(), 0)
+    recorder = Recorder()
+    outcome = trainer.fit(Budget(), recorder)
+    assert outcome.status is Status.DIVERGED
+    (event,) = outcome.nonfinite
+    assert event.view == "v1" and event.stage == "loss" and event.step == outcome.steps <= 3
+    assert all(np.isfinite(loss) for loss in recorder.losses)
+    # What it had is still there and finite: the bad step was not taken.
+    assert all(bool(torch.isfinite(value).all()) for value in trainer.gaussians.parameters.values())
+    assert np.isfinite(trainer.render(_cameras()[0], None).image).all()
+
+
+def test_a_nan_in_a_gradient_is_caught_before_the_optimiser():
+    trainer = Trainer(_training_set(), _options(), 0)
+    with torch.no_grad():
+        trainer.gaussians.parameters["sh_dc"][7, 0] = float("nan")
+    outcome = trainer.fit(Budget(steps=5), Recorder())
+    assert outcome.status is Status.DIVERGED and outcome.steps == 1
+
+
+def test_the_observer_can_stop_it():
+    outcome = Trainer(_training_set(), _options(), 0).fit(Budget(), Recorder(stop_after=7))
+    assert outcome.status is Status.OK and outcome.steps == 7
+
+
+def test_a_budget_of_steps_sets_the_schedule():
+    assert Trainer(_training_set(), _options(), 0).fit(Budget(steps=12), Recorder()).steps == 12
