@@ -1,7 +1,7 @@
-"""Where the content folders (datasets, methods, kernels, reports) are: checkout or installed wheel.
+"""Where the content folders (datasets, methods, kernels) are: checkout or installed wheel.
 
-`datasets`, `kernels` and `reports` are also names of registry packages, so these folders must
-never be importable at the top level: they hold content, loaded by id, and have no `__init__.py`.
+`datasets` and `kernels` are also names of registry packages, so these folders must never be
+importable at the top level: they hold content, loaded by id, and have no `__init__.py`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 from dofbench.errors import InputError
 
 _PACKAGE = Path(__file__).resolve().parent
-FOLDERS = ("datasets", "kernels", "methods", "reports")
+FOLDERS = ("datasets", "kernels", "methods")
 
 
 def content_folder(name: str) -> Path:

@@ -40,7 +40,7 @@ def image_size(path: Path) -> tuple[int, int]:
 
     opened = oiio.ImageInput.open(str(path))
     if opened is None:
-        raise InputError(path, f"no readable image ({oiio.geterror().strip() or 'unknown format'})", "an image file")
+        raise InputError(path, f"no readable image ({_reason(oiio.geterror())})", "an image file")
     spec = opened.spec()
     opened.close()
     return spec.width, spec.height
@@ -54,10 +54,11 @@ def read_image(path: Path) -> np.ndarray:
     """
     import OpenImageIO as oiio
 
+    _check_whole_jpeg(path)
     buffer = oiio.ImageBuf(str(path))
     pixels = buffer.get_pixels(oiio.FLOAT) if not buffer.has_error else None
     if pixels is None or buffer.has_error:
-        raise InputError(path, f"no readable image ({buffer.geterror().strip()})", "an image file")
+        raise InputError(path, f"no readable image ({_reason(buffer.geterror())})", "an image file")
     pixels = np.asarray(pixels, dtype=np.float32)
     if pixels.ndim == 2:
         pixels = pixels[..., None]
@@ -92,7 +93,7 @@ def read_exr(path: Path) -> np.ndarray:
     buffer = oiio.ImageBuf(str(path))
     pixels = buffer.get_pixels(oiio.FLOAT) if not buffer.has_error else None
     if pixels is None or buffer.has_error:
-        raise InputError(path, f"no readable image ({buffer.geterror().strip()})", "an EXR file")
+        raise InputError(path, f"no readable image ({_reason(buffer.geterror())})", "an EXR file")
     pixels = np.asarray(pixels, dtype=np.float32)
     return np.ascontiguousarray(pixels[..., 0] if pixels.ndim == 3 and pixels.shape[2] == 1 else pixels)
 
@@ -106,6 +107,26 @@ def resize(image: np.ndarray, width: int, height: int) -> np.ndarray:
     shrinking = width <= image.shape[1] and height <= image.shape[0]
     method = cv2.INTER_AREA if shrinking else cv2.INTER_CUBIC
     return cv2.resize(image, (width, height), interpolation=method)
+
+
+def _reason(message: str) -> str:
+    """The first line of a library's message, which may repeat itself over several."""
+    lines = message.strip().splitlines()
+    return lines[0] if lines else "unknown format"
+
+
+def _check_whole_jpeg(path: Path) -> None:
+    """Raise InputError for a JPEG cut short: libjpeg fills what is missing with grey and says nothing."""
+    if path.suffix.lower() not in (".jpg", ".jpeg") or not path.is_file():
+        return
+    content = path.read_bytes()
+    at = 2
+    # Segments up to the start of the scan; a thumbnail inside one of them has an end mark of its own.
+    while content[at : at + 1] == b"\xff" and content[at + 1 : at + 2] != b"\xda":
+        fill = content[at + 1 : at + 2] == b"\xff"
+        at += 1 if fill else 2 + int.from_bytes(content[at + 2 : at + 4], "big")
+    if content.startswith(b"\xff\xd8") and content.find(b"\xff\xd9", at) < 0:
+        raise InputError(path, f"a JPEG cut short after {len(content)} bytes", "an image file")
 
 
 def _write(path: Path, pixels: np.ndarray, kind: str, attributes: dict, names: list[str] | None = None) -> None:

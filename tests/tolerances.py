@@ -7,3 +7,31 @@ FLOAT32_GRADIENT = 2e-4
 FLOAT64_VALUE = 1e-10
 # Central finite differences in float64 with a step of 1e-6 keep about half of the digits.
 FINITE_DIFFERENCE = 1e-5
+# A rotation through a quaternion, a matrix product and back: a few roundings of float64, times scene units of order 10.
+POSE_ROUND_TRIP = 1e-9
+# A distortion inverted by Newton's method, in pixels: the method stops at 1e-12 of the focal length.
+UNDISTORTED_PIXEL = 1e-6
+# An image of a smooth function with a period of 40 pixels, resampled by OpenCV's Lanczos: 2.4e-3 was measured; half a
+# pixel of misplacement would be 3e-2.
+RESAMPLED = 3e-3
+# One level of an 8-bit image.
+LEVEL_8BIT = 1.0 / 255.0
+# Reprojection error of a structure from motion model of a real video, mean over its sightings, pixels; 0.67 by COLMAP.
+REPROJECTION_PIXELS = 1.0
+# The same error before and after undistortion, but for the enlargement: distortion stretches it by its derivative.
+REPROJECTION_STRETCH = 2e-2
+# SSIM loss close to convergence: relative error of 1 - SSIM at about 1e-4, from float32 variances of [0, 1] pixels
+# (1e-8) against the stabiliser 9e-4. The usual float32 formula, which subtracts from 1, is off by 1e-3 there.
+SSIM_NEAR_ONE = 1e-4
+# A float32 coordinate in an image of some hundred pixels, with the rounding of its way there.
+TABLE_PIXEL = 1e-3
+# The border of a barrel is no rectangle: what fits inside can miss the widest view by a fraction of a pixel.
+GIVEN_AWAY = 0.1
+# OpenCV traces the border of an undistorted image at nine points a side; we at every pixel.
+OPENCV_ALPHA = 1e-2
+# Two files hold one pose, through quaternions and through matrices: of 1e-15 relative each, times scene units of 100.
+SAME_POSE = 1e-8
+# The published CIEDE2000 pairs are printed with four decimals.
+PUBLISHED_DELTA_E = 6e-5
+# sRGB's matrix and white point are standardised to four digits; programs differ in the next.
+DELTA_E_BY_FORMULA = 2e-3

@@ -19,9 +19,10 @@ BACKENDS = ("reference", "cpu")
 _BY_DEVICE = {"cpu": "cpu", "cuda": "reference"}
 
 
-def load(op: str, backend: str = "auto", device: str = "cpu") -> Callable:
+def load(op: str, backend: str = "auto", device: str = "cpu", *, function: str | None = None) -> Callable:
     """The function of kernel `op` in `backend`; "auto" takes the fastest one for `device`.
 
+    function: another public function that the op has in every backend, as `l1_ssim` of "ssim".
     Raises InputError for an unknown op or backend.
     """
     if op not in OPS:
@@ -30,4 +31,4 @@ def load(op: str, backend: str = "auto", device: str = "cpu") -> Callable:
         backend = _BY_DEVICE[device.split(":")[0]]
     if backend not in BACKENDS:
         raise InputError(f"backend of kernel {op}", repr(backend), f"auto or one of {', '.join(BACKENDS)}")
-    return getattr(import_module(f"dofbench.kernels.{op}.{backend}"), op)
+    return getattr(import_module(f"dofbench.kernels.{op}.{backend}"), function or op)

@@ -1,0 +1,97 @@
+"""Image and lens metrics by id: unit, direction, range and what each needs. Importing this loads no heavy package.
+
+An image metric takes two encoded images (H, W, 3) with values in [0, 1], float32 or float64, and
+computes in float64. The caller rounds or clips to that range first, as its protocol says; nothing
+here does. A NaN in either image gives NaN, never a number.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from dofbench.errors import InputError
+from dofbench.metrics.delta_e import delta_e
+from dofbench.metrics.flip import flip
+from dofbench.metrics.gmsd import gmsd
+from dofbench.metrics.ms_ssim import ms_ssim
+from dofbench.metrics.psnr import psnr
+from dofbench.metrics.ssim import ssim
+
+__all__ = ["METRICS", "Metric", "metric", "score_image"]
+
+ImageMetric = Callable[[np.ndarray, np.ndarray], float]
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A column of a table.
+
+    unit: empty for a plain number. best, worst: the ends of the range. needs: "images", a
+    prediction and its truth, for `function`; "lens", true and learned lenses, for
+    `lens_errors.lens_errors`, where `function` is None. note: the choices behind the number, for
+    the foot of a table.
+    """
+
+    id: str
+    label: str
+    unit: str
+    higher_is_better: bool
+    best: float
+    worst: float
+    needs: Literal["images", "lens"]
+    function: ImageMetric | None
+    note: str
+
+
+METRICS: dict[str, Metric] = {
+    entry.id: entry
+    for entry in (
+        Metric("psnr", "PSNR", "dB", True, math.inf, 0.0, "images", psnr,
+               "over all pixels and channels, peak 1"),
+        Metric("ssim", "SSIM", "", True, 1.0, -1.0, "images", ssim,
+               "Gaussian window 11, sigma 1.5, data range 1, population covariance, border cropped; "
+               "mean over channels; equals scikit-image"),
+        Metric("ms_ssim", "MS-SSIM", "", True, 1.0, 0.0, "images", ms_ssim,
+               "5 scales, or as many as leave 11 pixels (5 from 176 pixels on the shorter side), the weights "
+               "scaled to sum to one; windows as in SSIM; mean over channels"),
+        Metric("flip", "FLIP", "", False, 0.0, 1.0, "images", flip,
+               "LDR-FLIP, 67 pixels per degree, mean of the error map"),
+        Metric("gmsd", "GMSD", "", False, 0.0, 0.5, "images", gmsd,
+               "on Rec. 601 luma, halved once, c = 170 on a scale of 255"),
+        Metric("delta_e", "ΔE00", "", False, 0.0, math.inf, "images", delta_e,
+               "CIEDE2000, mean over pixels; pixels taken as sRGB, D65"),
+        Metric("delta_a", "δ_A", "", False, 0.0, math.inf, "lens", None,
+               "mean |A - Â| over the training views"),
+        Metric("delta_f", "δ_F", "", False, 0.0, math.inf, "lens", None,
+               "mean |F - F̂| over the training views, normalised disparity of the dataset"),
+        Metric("delta_r", "δ_R", "px", False, 0.0, math.inf, "lens", None,
+               "mean |R - R̂| over all pixels of known depth of the training views"),
+    )
+}
+
+
+def metric(metric_id: str) -> Metric:
+    """The metric of that id. Raises InputError for an unknown one."""
+    if metric_id not in METRICS:
+        raise InputError("metric", repr(metric_id), f"one of {', '.join(METRICS)}")
+    return METRICS[metric_id]
+
+
+def score_image(prediction: np.ndarray, truth: np.ndarray, ids: Iterable[str]) -> dict[str, float]:
+    """The image metrics named by `ids`, in that order, of two encoded images (H, W, 3) in [0, 1].
+
+    Raises InputError for an unknown id or one that needs more than images, ValueError for shapes
+    that don't fit.
+    """
+    scores = {}
+    for metric_id in ids:
+        function = metric(metric_id).function
+        if function is None:
+            raise InputError("metric", f"{metric_id!r}, which needs lenses", "a metric of images")
+        scores[metric_id] = function(prediction, truth)
+    return scores

@@ -1,0 +1,18 @@
+"""Leaderboards, curves and comparison pictures of a folder of results."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # importing this package must stay cheap: the command line does it for its help
+    from dofbench.reporting.board import Written
+    from dofbench.reporting.settings import Report
+
+__all__ = ["report"]
+
+
+def report(settings: Report) -> Written:
+    """Read every result below `settings.results` and write the report; see `dofbench.reporting.board`."""
+    from dofbench.reporting.board import write_report
+
+    return write_report(settings)

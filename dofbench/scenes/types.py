@@ -11,6 +11,7 @@ import numpy as np
 
 from dofbench.cameras import Camera
 from dofbench.contracts import PointCloud
+from dofbench.errors import InputError
 
 Split = Literal["train", "test"]
 
@@ -45,7 +46,13 @@ class Scene:
     points: PointCloud | None
 
     def with_hold(self, hold: int) -> Scene:
-        """Views 0, hold, 2 hold, ... in name order become test views, the others training views."""
+        """Views 0, hold, 2 hold, ... in name order become test views, the others training views.
+
+        Raises InputError unless hold is at least 2 and leaves a view to train on.
+        """
+        if hold < 2 or len(self.views) < 2:
+            found = f"hold {hold} for {len(self.views)} view{'s' if len(self.views) != 1 else ''}"
+            raise InputError(self.root, found, "hold of at least 2 and two views or more: one to train, one to test")
         views = tuple(
             replace(view, split="test" if index % hold == 0 else "train") for index, view in enumerate(self.views)
         )

@@ -1,0 +1,165 @@
+"""The command line: options and their help come from the settings classes, nowhere else.
+
+Exit status: 0 done, 1 something failed (each failure is named), 2 the call is wrong, 128 + n ended by signal n.
+Nothing heavy is imported before a command is known, so that help appears at once.
+"""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Annotated, Any, Union
+
+import tyro
+
+from dofbench import __version__
+from dofbench.errors import InputError
+from dofbench.harness.settings import Run
+from dofbench.reporting.settings import Report
+from dofbench.synthesis.settings import MakeDataset
+from dofbench.threads import configure_threads
+
+DONE, FAILED, WRONG_CALL = 0, 1, 2
+
+_DESCRIPTION = (
+    "Make shallow depth-of-field datasets whose lens is known, train methods on them, and compare the methods. "
+    "Help on one command: dofbench COMMAND --help. The version: dofbench --version."
+)
+
+# What the machine refuses, as opposed to what a bug asks for: named in one line, without a traceback.
+_REFUSALS = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT}
+
+
+@dataclass(frozen=True)
+class Scenes:
+    """List the scenes that make-dataset can read: built-in, named datasets, and those in the folders given."""
+
+    folders: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
+    """Folders that are scenes or hold scenes."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """Check a dataset or results: schema, checksums, protocol. Is this what it says it is?"""
+
+    path: Annotated[Path, tyro.conf.Positional]
+    """Dataset folder, result folder, or a folder of results."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """A signal asked the process to end; `number` is the signal's."""
+
+    def __init__(self, number: int):
+        self.number = number
+        super().__init__(number)
+
+
+def parse(arguments: Sequence[str]) -> MakeDataset | Run | Report | Check | Scenes:
+    """The settings that the command line means. Raises InputError, or SystemExit after printing help or an error."""
+    commands = {
+        "make-dataset": MakeDataset, "run": Run, "report": Report, "check": Check, "scenes": Scenes,
+    }
+    named = tuple(Annotated[settings, tyro.conf.subcommand(name)] for name, settings in commands.items())
+    look = (tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalMetavarFromFieldName)
+    with _input_errors_unframed():
+        return tyro.cli(
+            Union[named],  # noqa: UP007 - the alternatives are known only here
+            prog="dofbench", description=_DESCRIPTION, args=list(arguments), config=look,
+        )
+
+
+def execute(settings: Any) -> int:
+    """Do what the settings ask for and return the exit status. Raises InputError for a wrong input."""
+    match settings:
+        case MakeDataset():
+            from dofbench.synthesis import make_dataset
+
+            make_dataset(settings)
+            return DONE
+        case Run():
+            from dofbench.harness.run import run
+
+            return DONE if run(settings) else FAILED
+        case Report():
+            from dofbench.reporting import report
+
+            report(settings)
+            return DONE
+        case Check():
+            from dofbench.harness.check import check
+
+            return DONE if check(settings.path) else FAILED
+        case Scenes():
+            from dofbench.scenes.listing import print_scenes
+
+            return DONE if print_scenes(settings.folders) else FAILED
+    raise AssertionError(f"no command for {type(settings).__name__}")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command line (default: this process's) and return its exit status."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    if list(arguments) == ["--version"]:
+        print(f"dofbench {__version__}")
+        return DONE
+    configure_threads()
+    try:
+        with _signals_as_exceptions():
+            return execute(parse(arguments))
+    except InputError as mistake:
+        return _end(WRONG_CALL, " ".join(str(mistake).split()))
+    except KeyboardInterrupt as stop:
+        number = stop.number if isinstance(stop, Interrupted) else signal.SIGINT
+        return _end(128 + number, "interrupted; the same command goes on from what is finished")
+    except BrokenPipeError:
+        # The reader of our output left (`| head`). Python would complain once more when it flushes at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
+    except OSError as refusal:
+        if refusal.errno not in _REFUSALS:
+            raise
+        return _end(FAILED, f"{refusal.filename or 'a file'}: {refusal.strerror}")
+
+
+def _end(status: int, message: str) -> int:
+    print(f"dofbench: {message}", file=sys.stderr)
+    return status
+
+
+@contextmanager
+def _input_errors_unframed() -> Iterator[None]:
+    """Let an InputError from a settings class out of tyro, which frames every ValueError and exits."""
+    text = io.StringIO()
+    try:
+        with redirect_stderr(text):
+            yield
+    except SystemExit as end:
+        behind: BaseException | None = end
+        while behind is not None and not isinstance(behind, InputError):
+            behind = behind.__context__
+        if behind is not None:
+            raise behind from None
+        sys.stderr.write(text.getvalue())
+        raise
+
+
+@contextmanager
+def _signals_as_exceptions() -> Iterator[None]:
+    """SIGTERM ends a command the way Ctrl-C does: through its `finally` blocks, with files whole."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise Interrupted(number)
+
+    previous = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, previous)

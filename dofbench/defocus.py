@@ -1,0 +1,98 @@
+"""From a sharp encoded image and a signed radius to a photograph with shallow depth of field.
+
+Blur happens in linear light (DoF-Gaussian, Algorithm 1): decode, scatter, encode. One function for
+synthesis, methods and evaluation, so that all of them mean the same lens.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dofbench.kernels import load
+from dofbench.lens import ALPHA, GAMMA, ApertureShape, Energy, PhysicalLens
+
+# Encoded values below this are decoded and encoded along straight lines through zero. The slope of
+# x ** (1 / gamma) is infinite at 0: one black pixel would turn the gradient into infinity or NaN, and a tiny
+# one would dominate it. The released code replaces exact zeros by 1e-5 instead, which leaves the
+# slope at 1e5 ** (1 - 1 / gamma). Half a step of an 8-bit image is the least that such an image can mean.
+TOE = 0.5 / 255.0
+
+
+def decode(encoded: Tensor, gamma: float = GAMMA) -> Tensor:
+    """Encoded to linear light: `encoded ** gamma`, straight through zero below `TOE`; negative values pass."""
+    safe = encoded.clamp_min(TOE)
+    return torch.where(encoded >= TOE, safe**gamma, encoded * TOE ** (gamma - 1.0))
+
+
+def encode(linear: Tensor, gamma: float = GAMMA) -> Tensor:
+    """The inverse of `decode`: `linear ** (1 / gamma)` above its toe. Nothing is clipped at 1."""
+    end = TOE**gamma
+    safe = linear.clamp_min(end)
+    return torch.where(linear >= end, safe ** (1.0 / gamma), linear * TOE ** (1.0 - gamma))
+
+
+def signed_radius(disparity: Tensor, aperture_px: Tensor | float, focus_disparity: Tensor | float) -> Tensor:
+    """Signed CoC radius `aperture_px * (disparity - focus_disparity)`, (H, W) pixels; positive is nearer than focus.
+
+    disparity and focus_disparity in one unit, normalised or 1 / scene unit, and aperture_px in pixels per
+    such unit (conventions.md, "Lens"). Gradient reaches every tensor among them.
+    """
+    return aperture_px * (disparity - focus_disparity)
+
+
+def defocus(
+    image: Tensor,
+    signed_radius: Tensor,
+    *,
+    gamma: float = GAMMA,
+    alpha: float = ALPHA,
+    shape: ApertureShape = ApertureShape(),
+    energy: Energy = "area",
+    backend: str = "auto",
+    form: str = "auto",
+) -> Tensor:
+    """Blur an encoded image (H, W, 3) by `signed_radius`, (H, W) pixels; encoded, (H, W, 3), not clipped.
+
+    Differentiable by both. Where every radius is zero the image comes back bit for bit and no
+    gradient reaches the radius: R = 0 through the kernel would leak 0.3 % to the neighbours.
+    Options as in `kernels/scatter/reference.py`, whose errors are raised here too.
+    """
+    if bool((signed_radius == 0).all()):
+        return image.clone()
+    return encode(_blur(decode(image, gamma), signed_radius, alpha, shape, energy, backend, form), gamma)
+
+
+def defocus_numpy(
+    image: np.ndarray,
+    depth: np.ndarray,
+    lens: PhysicalLens,
+    *,
+    gamma: float = GAMMA,
+    alpha: float = ALPHA,
+    shape: ApertureShape = ApertureShape(),
+    energy: Energy = "area",
+    backend: str = "auto",
+    form: str = "auto",
+) -> tuple[np.ndarray, np.ndarray]:
+    """A photograph of a sharp image through `lens`: (encoded, linear), both (H, W, 3) float32.
+
+    image: (H, W, 3) float32, encoded. depth: (H, W), scene units; what is zero, negative or not
+    finite is unknown and counts as infinitely far. With zero radius everywhere `encoded` is the image itself.
+    """
+    known = np.isfinite(depth) & (depth > 0)
+    disparity = np.where(known, 1.0 / np.where(known, depth, 1.0), 0.0)
+    radius = torch.from_numpy(lens.signed_radius(disparity, image.shape[1]).astype(np.float32))
+    with torch.no_grad():
+        sharp = torch.from_numpy(np.ascontiguousarray(image, dtype=np.float32))
+        linear = decode(sharp, gamma)
+        if bool((radius == 0).all()):
+            return sharp.numpy().copy(), linear.numpy()
+        linear = _blur(linear, radius, alpha, shape, energy, backend, form)
+        return encode(linear, gamma).numpy(), linear.numpy()
+
+
+def _blur(linear, radius, alpha, shape, energy, backend, form):
+    scatter = load("scatter", backend, linear.device.type)
+    return scatter(linear, radius, alpha=alpha, shape=shape, energy=energy, form=form)

@@ -1,0 +1,72 @@
+"""Wall and CPU time by stage, and the training clock that stands still while the harness evaluates."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class Stopwatch:
+    """Adds up wall and CPU seconds over every stretch that it runs.
+
+    CPU seconds are the process's over all threads, so on two busy cores they grow twice as fast.
+    """
+
+    def __init__(self) -> None:
+        self._wall = self._cpu = 0.0
+        self._since: tuple[float, float] | None = None
+
+    @property
+    def wall(self) -> float:
+        """Wall seconds so far, running stretch included."""
+        return self._wall + (time.perf_counter() - self._since[0] if self._since else 0.0)
+
+    @property
+    def cpu(self) -> float:
+        """CPU seconds so far, running stretch included."""
+        return self._cpu + (time.process_time() - self._since[1] if self._since else 0.0)
+
+    def start(self) -> None:
+        """Start a stretch. Raises RuntimeError if one is running."""
+        if self._since:
+            raise RuntimeError("stopwatch: started twice")
+        self._since = time.perf_counter(), time.process_time()
+
+    def stop(self) -> None:
+        """End the running stretch; without one, nothing happens."""
+        self._wall, self._cpu, self._since = self.wall, self.cpu, None
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Run during the block."""
+        self.start()
+        try:
+            yield
+        finally:
+            self.stop()
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Stand still during the block; goes on afterwards if it was running before."""
+        was_running = self._since is not None
+        self.stop()
+        try:
+            yield
+        finally:
+            if was_running:
+                self.start()
+
+
+class StageTimes:
+    """One stopwatch a stage, in the order of first use."""
+
+    def __init__(self) -> None:
+        self._stages: dict[str, Stopwatch] = {}
+
+    def __getitem__(self, name: str) -> Stopwatch:
+        return self._stages.setdefault(name, Stopwatch())
+
+    def as_data(self) -> dict[str, dict[str, float]]:
+        """stage -> {"wall": seconds, "cpu": seconds}."""
+        return {name: {"wall": watch.wall, "cpu": watch.cpu} for name, watch in self._stages.items()}

@@ -1,0 +1,202 @@
+"""Scoring a method on a dataset's test views: quickly along the curve, fully at the end."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from dofbench.contracts import Method, NonFinite
+from dofbench.files import sha256_file
+from dofbench.harness.error_maps import error_map
+from dofbench.harness.plan import RunPlan
+from dofbench.harness.protocol import AIF_PREFIX, LENS_COLUMNS, Protocol
+from dofbench.harness.result import ViewLens, ViewScores
+from dofbench.images import from_8bit, to_8bit, write_png
+from dofbench.lens import Lens
+from dofbench.metrics import score_image
+from dofbench.metrics.lens_errors import do_nothing_errors, lens_errors
+from dofbench.synthesis.dataset import Dataset, DatasetView
+
+CURVE_METRICS = ("psnr", "ssim")  # cheap enough to be taken a dozen times during training
+SPEED_VIEWS = 8                   # test views that are rendered to measure the speed
+SPEED_REPEATS = 3                 # renderings of each of them
+
+Kind = Literal["refocus", "all_in_focus"]
+PREFIX: dict[Kind, str] = {"refocus": "", "all_in_focus": AIF_PREFIX}
+
+
+@dataclass(eq=False)
+class Evaluation:
+    """What the final scoring found: means by column, per-view values, files by name with sha256."""
+
+    scores: dict[str, float] = field(default_factory=dict)
+    views: list[ViewScores] = field(default_factory=list)
+    lens: list[ViewLens] = field(default_factory=list)
+    predictions: dict[str, str] = field(default_factory=dict)
+    nonfinite: list[NonFinite] = field(default_factory=list)
+    left_out: dict[str, str] = field(default_factory=dict)
+
+
+class Evaluator:
+    """Scores `method`, which may still be training, on the dataset's test views as the plan says."""
+
+    def __init__(self, method: Method, dataset: Dataset, protocol: Protocol, plan: RunPlan):
+        self._method, self._dataset, self._protocol, self._plan = method, dataset, protocol, plan
+        self._test = [view for view in dataset.views if view.split == "test"]
+        self._train = [view for view in dataset.views if view.split == "train"]
+        self._truth: dict[tuple[Kind, str], np.ndarray] = {}
+        self._refused: str | None = None
+
+    def quick(self) -> dict[str, float]:
+        """Mean PSNR and SSIM of the kinds that are scored, and the lens errors, by column."""
+        scores: dict[str, float] = {}
+        for kind in self._possible_kinds():
+            metrics = [metric for metric in CURVE_METRICS if metric in self._metrics(kind)]
+            rows = [self._score(self._predict(kind, view), kind, view, metrics) for view in self._test]
+            scores |= _means(rows)
+        errors, _ = self._lens_errors(with_radius=False)
+        return scores | errors
+
+    def final(self, folder: Path) -> Evaluation:
+        """Score everything that the plan names; write predictions and error maps to `folder`/predictions."""
+        found = Evaluation()
+        rows: dict[str, dict[str, float]] = {view.name: {} for view in self._test}
+        kinds = self._possible_kinds()
+        if self._refused is not None:
+            reason = f"the method refused to refocus: {self._refused}"
+            found.left_out |= dict.fromkeys(self._protocol.refocus_columns, reason)
+        for kind in kinds:
+            for view in self._test:
+                image = self._predict(kind, view)
+                bad = int(image.size - np.count_nonzero(np.isfinite(image)))
+                if bad:
+                    detail = f"{bad} of {image.size} values of the prediction"
+                    found.nonfinite.append(NonFinite(step=0, view=view.name, stage=f"render {kind}", detail=detail))
+                    rows[view.name] |= {PREFIX[kind] + metric: math.nan for metric in self._metrics(kind)}
+                    continue
+                rows[view.name] |= self._score(image, kind, view, self._metrics(kind))
+                self._write(folder, kind, view, image, found)
+        found.views = [ViewScores(name=name, scores=scores) for name, scores in rows.items()]
+        found.scores = _means(list(rows.values()))
+        errors, found.lens = self._lens_errors(with_radius=True)
+        found.scores |= errors
+        if not errors and any(column in self._plan.columns for column in LENS_COLUMNS):
+            found.left_out |= dict.fromkeys(LENS_COLUMNS, "the method gave no lens estimates")
+        return found
+
+    def do_nothing(self) -> dict[str, float]:
+        """Lens errors of a predictor that always says A = F = 0.5, by column; none if the protocol has none."""
+        if not self._protocol.lens:
+            return {}
+        errors = do_nothing_errors(self._true_lenses(), self._dataset.disparity_range, self._width(), self._depths())
+        return {"delta_a": errors.delta_a, "delta_f": errors.delta_f, "delta_r": errors.delta_r}
+
+    def frames_per_second(self) -> float | None:
+        """1 / median time of rendering a test view without a lens, at the test view's size.
+
+        Each of the first `SPEED_VIEWS` test views is rendered `SPEED_REPEATS` times, after one
+        rendering that isn't counted. None without test views.
+        """
+        cameras = [view.camera for view in self._test[:SPEED_VIEWS]]
+        if not cameras:
+            return None
+        self._method.render(cameras[0], None)
+        seconds = []
+        for camera in cameras * SPEED_REPEATS:
+            start = time.perf_counter()
+            self._method.render(camera, None)
+            seconds.append(time.perf_counter() - start)
+        return 1.0 / max(statistics.median(seconds), time.get_clock_info("perf_counter").resolution)
+
+    def _possible_kinds(self) -> list[Kind]:
+        """The kinds to be scored. A method whose options switched its lens off says so by ValueError
+        (`Method.render`): then its refocus scores are left out, with its words as the reason."""
+        kinds: list[Kind] = [kind for kind in PREFIX if self._metrics(kind) and self._test]
+        if "refocus" in kinds and self._refused is None:
+            try:
+                self._method.render(self._test[0].camera, self._test[0].physical_lens)
+            except ValueError as error:
+                self._refused = str(error)
+        return [kind for kind in kinds if kind != "refocus" or self._refused is None]
+
+    def _metrics(self, kind: Kind) -> list[str]:
+        metrics = self._protocol.refocus if kind == "refocus" else self._protocol.all_in_focus
+        return [metric for metric in metrics if PREFIX[kind] + metric in self._plan.columns]
+
+    def _predict(self, kind: Kind, view: DatasetView) -> np.ndarray:
+        """Rendering rounded to 8 bits, (H, W, 3) float32; as it is where it isn't finite."""
+        lens = view.physical_lens if kind == "refocus" else None
+        image = np.asarray(self._method.render(view.camera, lens).image)
+        expected = (view.camera.height, view.camera.width, 3)
+        if image.shape != expected:
+            raise ValueError(f"render: expected an image of shape {expected}, found {image.shape}")
+        return from_8bit(to_8bit(image)) if np.isfinite(image).all() else image
+
+    def _score(self, image: np.ndarray, kind: Kind, view: DatasetView, metrics: list[str]) -> dict[str, float]:
+        if not np.isfinite(image).all():
+            return {PREFIX[kind] + metric: math.nan for metric in metrics}
+        scores = score_image(image, self._true_image(kind, view), metrics)
+        return {PREFIX[kind] + metric: float(scores[metric]) for metric in metrics}
+
+    def _true_image(self, kind: Kind, view: DatasetView) -> np.ndarray:
+        key = kind, view.name
+        if key not in self._truth:
+            read = self._dataset.image if kind == "refocus" else self._dataset.all_in_focus
+            self._truth[key] = read(view)
+        return self._truth[key]
+
+    def _write(self, folder: Path, kind: Kind, view: DatasetView, image: np.ndarray, found: Evaluation) -> None:
+        picture = error_map(image, self._true_image(kind, view))
+        for name, pixels in ((kind, image), (f"{kind}_error", picture)):
+            relative = f"predictions/{name}/{view.name}.png"
+            write_png(folder / relative, pixels)
+            found.predictions[relative] = sha256_file(folder / relative)
+
+    def _lens_errors(self, with_radius: bool) -> tuple[dict[str, float], list[ViewLens]]:
+        """(means by column, per view). with_radius: delta_r too, which needs every training view's depth."""
+        if not any(column in self._plan.columns for column in LENS_COLUMNS):
+            return {}, []
+        estimated = self._method.lens_estimates()
+        if estimated is None:
+            return {}, []
+        true, disparity_range = self._true_lenses(), self._dataset.disparity_range
+        if not with_radius:
+            found = [Lens.from_physical(estimated[name], disparity_range) for name in true]
+            pairs = list(zip(true.values(), found, strict=True))
+            return {
+                "delta_a": math.fsum(abs(t.aperture - e.aperture) for t, e in pairs) / len(pairs),
+                "delta_f": math.fsum(abs(t.focus - e.focus) for t, e in pairs) / len(pairs),
+            }, []
+        errors = lens_errors(true, estimated, disparity_range, self._width(), self._depths())
+        views = []
+        for name, lens in true.items():
+            guess = Lens.from_physical(estimated[name], disparity_range)
+            delta_a, delta_f, delta_r = errors.per_view[name]
+            views.append(ViewLens(
+                name=name, aperture=lens.aperture, focus=lens.focus,
+                aperture_estimated=guess.aperture, focus_estimated=guess.focus,
+                delta_a=delta_a, delta_f=delta_f, delta_r=delta_r,
+            ))
+        return {"delta_a": errors.delta_a, "delta_f": errors.delta_f, "delta_r": errors.delta_r}, views
+
+
+    def _true_lenses(self) -> dict[str, Lens]:
+        return {view.name: view.lens for view in self._train}
+
+    def _width(self) -> int:
+        return self._train[0].camera.width
+
+    def _depths(self) -> dict[str, np.ndarray]:
+        return {view.name: self._dataset.depth(view) for view in self._train}
+
+
+def _means(rows: list[dict[str, float]]) -> dict[str, float]:
+    """Mean of each column over the views. A NaN stays in it: a view that failed isn't left out."""
+    columns = list(rows[0]) if rows else []
+    return {column: float(np.mean([row[column] for row in rows])) for column in columns}

@@ -1,0 +1,74 @@
+"""Named, versioned sets of choices under which results may stand side by side in one table."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from dofbench.errors import InputError
+from dofbench.harness.settings import Inputs
+
+AIF_PREFIX = "aif_"
+LENS_COLUMNS = ("delta_a", "delta_f", "delta_r")
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """How a result is scored. Any change of a choice is a new version, hence a new id.
+
+    id: name and version. inputs: what the method trains on. split: who says which views are test
+    views. levels: predictions are rounded to so many levels before scoring, as a PNG keeps them.
+    refocus: metrics of predictions rendered with the test view's true lens, against its shallow
+    photograph. all_in_focus: metrics of predictions rendered without a lens, against the sharp
+    original; their columns carry `aif_`. lens: errors of the learned lens, over the training
+    views, in the units of the dataset's disparity range. mean: how images make one number.
+    """
+
+    id: str
+    inputs: Inputs
+    split: str
+    levels: int
+    refocus: tuple[str, ...]
+    all_in_focus: tuple[str, ...]
+    lens: tuple[str, ...]
+    mean: str
+
+    @property
+    def refocus_columns(self) -> tuple[str, ...]:
+        """Column ids of the refocus metrics."""
+        return self.refocus
+
+    @property
+    def all_in_focus_columns(self) -> tuple[str, ...]:
+        """Column ids of the all-in-focus metrics."""
+        return tuple(AIF_PREFIX + metric for metric in self.all_in_focus)
+
+    def as_data(self) -> dict[str, Any]:
+        """Plain data, for the result."""
+        return asdict(self)
+
+
+_SHARED = dict(
+    split="the dataset's test views",
+    levels=256,
+    refocus=("psnr", "ssim", "ms_ssim", "flip", "gmsd", "delta_e"),
+    all_in_focus=("psnr", "ssim", "flip"),
+    mean="arithmetic mean of the per-image values",
+)
+
+PROTOCOLS: dict[str, Protocol] = {
+    protocol.id: protocol
+    for protocol in (
+        Protocol(id="refocus-v1", inputs="shallow", lens=LENS_COLUMNS, **_SHARED),
+        # Sharp photographs carry no lens to be learned, so there is none to be compared.
+        Protocol(id="sharp-inputs-v1", inputs="all-in-focus", lens=(), **_SHARED),
+    )
+}
+
+
+def protocol_for(inputs: Inputs) -> Protocol:
+    """The current protocol for what a method trains on. Raises InputError for unknown inputs."""
+    for protocol in PROTOCOLS.values():
+        if protocol.inputs == inputs:
+            return protocol
+    raise InputError("inputs", repr(inputs), " or ".join(repr(p.inputs) for p in PROTOCOLS.values()))

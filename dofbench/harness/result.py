@@ -1,0 +1,203 @@
+"""The schema of result.json: what was run, what came out, and where it came from.
+
+Non-finite numbers are kept (as NaN, Infinity, -Infinity): a score that is NaN must be seen.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from dofbench.errors import InputError, Status
+from dofbench.files import canonical_json, sha256_text, write_json
+
+SCHEMA_VERSION = 1
+RESULT_FILE = "result.json"
+
+# Version -> function that turns a result of that version into one of the next: the plain JSON data
+# goes in and out. Whoever raises SCHEMA_VERSION adds the step here, so that old results stay readable.
+MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True, protected_namespaces=())
+
+
+class Spec(_Model):
+    """Everything that decides a result, and nothing else; its hash is the cache key.
+
+    options: the preset's with the plan's and the user's changes; overrides: the user's alone.
+    budget: as `--budget` takes it. dataset: its name. dataset_checksum: sha256 over its files.
+    code: `<version>+<sha256>` of the sources (`provenance.code_version`).
+    """
+
+    method: str
+    preset: str
+    overrides: dict[str, Any]
+    options: dict[str, Any]
+    budget: str
+    dataset: str
+    dataset_checksum: str
+    protocol: str
+    seed: int
+    device: str
+    code: str
+
+    @property
+    def key(self) -> str:
+        """sha256 of the spec as canonical JSON."""
+        return sha256_text(canonical_json(self.model_dump(mode="json")))
+
+    @property
+    def folder(self) -> Path:
+        """Where the result of this spec stands, relative to the folder of results."""
+        return Path(self.dataset) / f"{self.method}-{self.preset}-seed{self.seed}-{self.key[:8]}"
+
+
+class StageTime(_Model):
+    """Seconds that one stage took: wall, and CPU over all threads."""
+
+    wall: float
+    cpu: float
+
+
+class CurvePoint(_Model):
+    """Scores (column -> value) at one moment of training.
+
+    train_s: training seconds, evaluation excluded. loss: mean of the training loss since the point
+    before; None if no step was taken since.
+    """
+
+    train_s: float
+    steps: int
+    loss: float | None
+    scores: dict[str, float]
+
+
+class ViewScores(_Model):
+    """Scores (column -> value) of one test view."""
+
+    name: str
+    scores: dict[str, float]
+
+
+class ViewLens(_Model):
+    """True and estimated lens of one training view, in the dataset's units, and their errors."""
+
+    name: str
+    aperture: float
+    focus: float
+    aperture_estimated: float
+    focus_estimated: float
+    delta_a: float
+    delta_f: float
+    delta_r: float
+
+
+class Event(_Model):
+    """A NaN or infinity: the step and the place where it appeared."""
+
+    step: int
+    view: str
+    stage: str
+    detail: str
+
+
+class Git(_Model):
+    """Commit of the checkout, and whether it had changes that no commit holds."""
+
+    commit: str
+    dirty: bool
+
+
+class Result(_Model):
+    """One run.
+
+    scores: the leaderboard's columns that were measured, column -> value. left_out: the columns
+    that were not, column -> reason. left_out_stages: parts of the method that were switched off or
+    not needed, with the reason. do_nothing: errors of a predictor that always says A = F = 0.5.
+    stages: the harness's stages; method_stages: the method's own, wall seconds within "train".
+    predictions: file, relative to the result's folder -> sha256. data: the dataset's folder, as
+    it was given. plan, protocol: as plain data. git is None outside a checkout.
+    """
+
+    schema_version: int
+    key: str
+    spec: Spec
+    protocol: dict[str, Any]
+    plan: dict[str, Any]
+    status: Status
+    message: str
+    traceback: str
+    scene: str
+    data: str
+    command: str
+    started: str
+    ended: str
+    scores: dict[str, float]
+    left_out: dict[str, str]
+    left_out_stages: dict[str, str]
+    do_nothing: dict[str, float]
+    views: list[ViewScores]
+    lens: list[ViewLens]
+    curve: list[CurvePoint]
+    stages: dict[str, StageTime]
+    method_stages: dict[str, float]
+    description: dict[str, float]
+    nonfinite: list[Event]
+    predictions: dict[str, str]
+    git: Git | None
+    machine: dict[str, str | int | float]
+    packages: dict[str, str]
+
+    @property
+    def finished(self) -> bool:
+        """Whether the outcome belongs to the spec, so that running again would only repeat it. A
+        crash, or too little memory or time, may be the machine's."""
+        return self.status in (Status.OK, Status.DIVERGED)
+
+
+def write_result(folder: Path, result: Result) -> None:
+    """Write `folder`/result.json, atomically."""
+    write_json(folder / RESULT_FILE, result.model_dump(mode="python"))
+
+
+def read_result(path: Path) -> Result:
+    """Read a result.json (or the one in a folder), bringing an older schema up to date.
+
+    Raises InputError when the file is missing, no JSON, of a newer schema or incomplete.
+    """
+    path = Path(path)
+    path = path / RESULT_FILE if path.is_dir() else path
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(path, "no such file", "a result that `dofbench run` wrote") from None
+    except (OSError, ValueError) as error:
+        raise InputError(path, f"nothing readable ({error})", "JSON") from None
+    try:
+        return Result.model_validate(migrate(data, path))
+    except ValidationError as error:
+        problems = [f"{'.'.join(map(str, e['loc'])) or 'the whole'}: {e['msg']}" for e in error.errors()]
+        raise InputError(path, "; ".join(problems), f"a result of schema version {SCHEMA_VERSION}") from None
+
+
+def migrate(data: Any, path: Path) -> dict[str, Any]:
+    """Apply `MIGRATIONS` until the data are of `SCHEMA_VERSION`. Raises InputError if that can't be."""
+    version = data.get("schema_version") if isinstance(data, dict) else None
+    expected = f"schema_version 1 ... {SCHEMA_VERSION}"
+    if not isinstance(version, int):
+        raise InputError(path, "no schema_version", expected)
+    if version > SCHEMA_VERSION:
+        raise InputError(path, f"schema_version {version}, written by a newer dofbench", expected)
+    while version < SCHEMA_VERSION:
+        if version not in MIGRATIONS:
+            raise InputError(path, f"schema_version {version}", expected)
+        data = MIGRATIONS[version](data)
+        version += 1
+        data["schema_version"] = version
+    return data

@@ -1,0 +1,321 @@
+"""One run: plan, train, score, write the result."""
+
+from __future__ import annotations
+
+import shutil
+import traceback
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from rich.console import Console
+
+from dofbench.contracts import Budget, FitOutcome, Method
+from dofbench.errors import InputError, Status
+from dofbench.files import read_json, write_json
+from dofbench.harness import provenance
+from dofbench.harness.clock import StageTimes
+from dofbench.harness.evaluate import Evaluation, Evaluator
+from dofbench.harness.lock import locked
+from dofbench.harness.methods import MethodEntry, find_method
+from dofbench.harness.observer import TrainingObserver
+from dofbench.harness.plan import RunPlan, make_plan
+from dofbench.harness.progress import TrainingProgress, print_result
+from dofbench.harness.protocol import Protocol, protocol_for
+from dofbench.harness.result import RESULT_FILE, CurvePoint, Event, Result, Spec, read_result, write_result
+from dofbench.harness.settings import Run, parse_budget, parse_overrides
+from dofbench.metrics import METRICS
+from dofbench.synthesis.dataset import Dataset
+
+MODEL_FOLDER, PREDICTIONS_FOLDER = "model", "predictions"
+TRAINED_FILE = "trained.json"
+
+
+@dataclass(frozen=True)
+class RunEnd:
+    """How a call of `run` ended. status: None for a dry run. True when nothing failed."""
+
+    folder: Path
+    status: Status | None
+    reused: bool = False
+
+    def __bool__(self) -> bool:
+        return self.status in (None, Status.OK)
+
+
+@dataclass(eq=False)
+class _Trained:
+    """The end of training, kept on disk until the result is written, so that it can go on from there."""
+
+    outcome: FitOutcome
+    curve: list[CurvePoint]
+    seconds: float
+    peak_mb: float
+    stages: dict[str, dict[str, float]]
+
+
+def run(settings: Run, console: Console | None = None) -> RunEnd:
+    """Train, score and write `<out>/<dataset>/<method>-<preset>-seed<k>-<key>/result.json`.
+
+    A finished result of the same key is reused. A run that fails still writes its result, with a typed
+    status. Raises InputError when the call is wrong, and KeyboardInterrupt when it was interrupted
+    (after writing a result that says so).
+    """
+    console = console or Console()
+    entry = find_method(settings.method)
+    preset, options, budget = entry.preset(settings.preset)
+    overrides = parse_overrides(settings.set)
+    budget = _budget(settings, budget, {**options, **overrides}, f"preset {preset} of {entry.id}")
+    protocol = protocol_for(settings.inputs)
+    device = _device(settings.device, entry)
+    data = settings.data
+    if data is None:
+        data = _builtin_dataset(settings.dry_run, console)
+        if data is None:
+            return RunEnd(settings.out, None)
+
+    dataset = Dataset.load(data)
+    plan = make_plan(entry, preset, options, overrides, budget, dataset, protocol,
+                     seed=settings.seed, device=device, force_all=settings.force_all)
+    spec = Spec(
+        method=entry.id, preset=preset, overrides=overrides, options=plan.options, budget=plan.budget,
+        dataset=dataset.name, dataset_checksum=dataset.checksum, protocol=protocol.id, seed=settings.seed,
+        device=device, code=provenance.code_version(entry.folder),
+    )
+    folder = settings.out / spec.folder
+    method = entry.create(dict(plan.options), settings.seed, device)  # raises for an unknown option
+    for line in plan.lines():
+        _say(console, line)
+    if settings.dry_run:
+        return RunEnd(folder, None)
+
+    with locked(folder, spec, dataset.scene, _now()):
+        if not settings.rerun and (earlier := _finished(folder, spec)) is not None:
+            _say(console, f"the same run is finished already, reusing it (--rerun runs again): {folder}")
+            print_result(console, earlier)
+            return RunEnd(folder, earlier.status, reused=True)
+        return _Execution(settings, console, entry, method, dataset, data, protocol, plan, spec, budget, folder).go()
+
+
+class _Execution:
+    """The part of a run that writes: everything that `run` decided goes in, a result comes out."""
+
+    def __init__(
+        self, settings: Run, console: Console, entry: MethodEntry, method: Method, dataset: Dataset, data: Path,
+        protocol: Protocol, plan: RunPlan, spec: Spec, budget: Budget, folder: Path,
+    ):
+        self.settings, self.console, self.entry, self.method = settings, console, entry, method
+        self.dataset, self.data, self.protocol, self.plan = dataset, data, protocol, plan
+        self.spec, self.budget, self.folder = spec, budget, folder
+        self.stages = StageTimes()
+        self.evaluator = Evaluator(method, dataset, protocol, plan)
+        self.observer: TrainingObserver | None = None
+        self.do_nothing: dict[str, float] = {}
+        self.started = _now()
+
+    def go(self) -> RunEnd:
+        """Train and score; whatever happens, a result is written."""
+        if self.settings.rerun:
+            (self.folder / TRAINED_FILE).unlink(missing_ok=True)
+        provenance.reset_peak_memory()
+        trained: _Trained | None = None
+        found = Evaluation()
+        trace = ""
+        try:
+            self.do_nothing = self.evaluator.do_nothing()
+            trained = self._resumed() or self._train()
+            status, message = trained.outcome.status, trained.outcome.message
+            if status is Status.OK:
+                found = self._score()
+                if found.nonfinite:
+                    status = Status.DIVERGED
+                    message = f"{found.nonfinite[0].detail} of view {found.nonfinite[0].view} aren't finite"
+        except InputError:
+            raise
+        except KeyboardInterrupt:
+            self._finish(Status.CRASHED, f"interrupted after {self._steps(trained)} steps", "", trained, Evaluation())
+            raise
+        except Exception as error:
+            status, message = classify(error)
+            trace = traceback.format_exc()
+            found = Evaluation()
+        result = self._finish(status, message, trace, trained, found)
+        (self.folder / TRAINED_FILE).unlink(missing_ok=True)
+        if status is not Status.OK:
+            _say(self.console, f"{self.spec.method} on {self.spec.dataset}: {status}: {message}")
+        print_result(self.console, result)
+        _say(self.console, f"result {self.folder / RESULT_FILE}")
+        return RunEnd(self.folder, status)
+
+    def _train(self) -> _Trained:
+        # An earlier result's files go before they are written anew: if this run dies, none is left half.
+        (self.folder / RESULT_FILE).unlink(missing_ok=True)
+        for name in (MODEL_FOLDER, PREDICTIONS_FOLDER):
+            shutil.rmtree(self.folder / name, ignore_errors=True)
+        with self.stages["load data"].running():
+            training_set = self.dataset.training_set(self.settings.inputs)
+        clock, evaluating = self.stages["train"], self.stages["evaluate during training"]
+        with TrainingProgress(self.console, self.budget) as progress:
+            observer = TrainingObserver(self.budget, clock, evaluating, self.evaluator.quick, progress)
+            self.observer = observer
+            with clock.running():
+                outcome = self.method.fit(training_set, self.budget, observer)
+        failure = observer.failure()
+        if failure is not None and outcome.status is Status.OK:
+            outcome = FitOutcome(failure[0], outcome.steps, failure[1], outcome.nonfinite, outcome.stages,
+                                 outcome.left_out)
+        if outcome.status is Status.OK:
+            observer.finish(outcome.steps)
+            with self.stages["save model"].running():
+                (self.folder / MODEL_FOLDER).mkdir(parents=True, exist_ok=True)
+                self.method.save(self.folder / MODEL_FOLDER)
+        trained = _Trained(outcome, observer.curve, clock.wall, provenance.peak_memory_mb(), self.stages.as_data())
+        if outcome.status is Status.OK:
+            write_json(self.folder / TRAINED_FILE, {
+                "key": self.spec.key, "started": self.started, "steps": outcome.steps, "message": outcome.message,
+                "method_stages": outcome.stages, "left_out": outcome.left_out,
+                "curve": [point.model_dump() for point in trained.curve],
+                "seconds": trained.seconds, "peak_mb": trained.peak_mb, "stages": trained.stages,
+            })
+        return trained
+
+    def _resumed(self) -> _Trained | None:
+        """The finished training of an earlier call that was interrupted while it scored; else None."""
+        file = self.folder / TRAINED_FILE
+        if not file.is_file():
+            return None
+        data = read_json(file)
+        if data["key"] != self.spec.key:  # another key with the same first eight digits
+            return None
+        _say(self.console, "training is done already, going on with the scores")
+        with self.stages["load model"].running():
+            self.method.load(self.folder / MODEL_FOLDER)
+        self.started = data["started"]
+        outcome = FitOutcome(Status.OK, data["steps"], data["message"], (), data["method_stages"], data["left_out"])
+        curve = [CurvePoint.model_validate(point) for point in data["curve"]]
+        return _Trained(outcome, curve, data["seconds"], data["peak_mb"], data["stages"])
+
+    def _score(self) -> Evaluation:
+        with self.stages["score"].running():
+            found = self.evaluator.final(self.folder)
+        with self.stages["measure speed"].running():
+            frames = self.evaluator.frames_per_second()
+        if frames is None:
+            found.left_out["render_fps"] = "the dataset has no test views"
+        else:
+            found.scores["render_fps"] = frames
+        return found
+
+    def _steps(self, trained: _Trained | None) -> int:
+        if trained is not None:
+            return trained.outcome.steps
+        return self.observer.steps if self.observer else 0
+
+    def _finish(
+        self, status: Status, message: str, trace: str, trained: _Trained | None, found: Evaluation
+    ) -> Result:
+        observer, outcome = self.observer, trained.outcome if trained else None
+        seconds = trained.seconds if trained else self.stages["train"].wall
+        scores, left_out = dict(found.scores), {**self.plan.left_out, **found.left_out}
+        scores |= {"train_s": seconds, "steps": self._steps(trained)}
+        scores["peak_mb"] = max(provenance.peak_memory_mb(), trained.peak_mb if trained else 0.0)
+        description: dict[str, float] = {}
+        if status is Status.OK:
+            description = {name: float(value) for name, value in self.method.describe().items()}
+            if "gaussians" in description:
+                scores["gaussians"] = description["gaussians"]
+            else:
+                left_out["gaussians"] = f"{self.entry.card.name} has no Gaussians"
+        events = [*(observer.nonfinite if observer else ()), *(outcome.nonfinite if outcome else ()), *found.nonfinite]
+        result = Result(
+            schema_version=1, key=self.spec.key, spec=self.spec,
+            protocol={**self.protocol.as_data(), "metrics": {entry.id: entry.note for entry in METRICS.values()}},
+            plan=self.plan.as_data(), status=status, message=message, traceback=trace,
+            scene=self.dataset.scene, data=str(self.data), command=self.settings.command(),
+            started=self.started, ended=_now(), scores=scores, left_out=left_out,
+            left_out_stages={**{stage.name: stage.reason for stage in self.plan.stages if not stage.runs},
+                             **(outcome.left_out if outcome else {})},
+            do_nothing=self.do_nothing, views=found.views, lens=found.lens,
+            curve=trained.curve if trained else observer.curve if observer else [],
+            stages={**(trained.stages if trained else {}), **self.stages.as_data()},
+            method_stages=outcome.stages if outcome else {}, description=description,
+            nonfinite=[Event(**asdict(event)) for event in events], predictions=found.predictions,
+            git=provenance.git_state(), machine=provenance.machine(self.spec.device),
+            packages=provenance.package_versions(),
+        )
+        write_result(self.folder, result)
+        return result
+
+
+def classify(error: Exception) -> tuple[Status, str]:
+    """The typed status of an exception out of a method, and one line about it."""
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    # torch raises its own kinds: OutOfMemoryError on a GPU, a plain RuntimeError by its CPU allocator.
+    memory = isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError"
+    if memory or (isinstance(error, RuntimeError) and "DefaultCPUAllocator" in str(error)):
+        return Status.OUT_OF_MEMORY, text
+    if isinstance(error, FloatingPointError):
+        return Status.DIVERGED, text
+    return Status.CRASHED, text
+
+
+def _finished(folder: Path, spec: Spec) -> Result | None:
+    if not (folder / RESULT_FILE).is_file():
+        return None
+    earlier = read_result(folder)
+    return earlier if earlier.key == spec.key and earlier.finished else None
+
+
+def _budget(settings: Run, preset: Budget | None, options: dict, subject: str) -> Budget:
+    """The call's budget, else the preset's, else the preset's option `steps`."""
+    if settings.budget is not None:
+        return parse_budget(settings.budget)
+    if preset is not None:
+        return preset
+    steps = options.get("steps")
+    if not isinstance(steps, int):
+        raise InputError(subject, "neither budget nor steps", "one of them, or --budget on the command line")
+    return parse_budget(f"{steps}it")
+
+
+def _device(wanted: str, entry: MethodEntry) -> str:
+    devices = entry.card.devices
+    if wanted == "auto":
+        wanted = "cuda" if "cuda" in devices and _has_cuda() else "cpu"
+    kind = wanted.split(":")[0]
+    if kind not in devices:
+        raise InputError("--device", repr(wanted), f"auto or what {entry.id} runs on: {', '.join(devices)}")
+    if kind == "cuda" and not _has_cuda():
+        raise InputError("--device", f"{wanted!r}, and no CUDA device here", "cpu or auto")
+    return wanted
+
+
+def _has_cuda() -> bool:
+    import torch
+
+    return torch.cuda.is_available()
+
+
+def _builtin_dataset(dry_run: bool, console: Console) -> Path | None:
+    """The built-in dataset's folder, made if it isn't there; None when a dry run would have to make it."""
+    from dofbench.synthesis import builtin_folder, make_dataset
+    from dofbench.synthesis.settings import MakeDataset
+
+    folder = builtin_folder()
+    if (folder / "dataset.json").is_file():
+        return folder
+    if dry_run:
+        _say(console, f"would first make the built-in dataset in {folder}; the plan depends on it")
+        return None
+    _say(console, f"making the built-in dataset in {folder}")
+    make_dataset(MakeDataset(out=folder))
+    return folder
+
+
+def _say(console: Console, line: str) -> None:
+    """Print one line as it is: rich would colour numbers, read brackets as markup and break paths."""
+    console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")

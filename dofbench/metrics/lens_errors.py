@@ -1,0 +1,85 @@
+"""How far the learned lens is from the true one: delta_A, delta_F and what they do together, delta_R.
+
+delta_A and delta_F are those of DoF-Gaussian's table of learned lenses, over the training views;
+delta_R is ours. An estimate is converted to the dataset's units, and nothing is fitted to it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from dofbench.lens import DisparityRange, Lens, PhysicalLens
+
+DO_NOTHING = Lens(aperture=0.5, focus=0.5)  # what a method says that learns nothing
+
+
+class ViewLensErrors(NamedTuple):
+    """One view's |A - Â|, |F - F̂| (normalised) and mean |R - R̂| (px; NaN when no depth is known)."""
+
+    delta_a: float
+    delta_f: float
+    delta_r: float
+
+
+@dataclass(frozen=True)
+class LensErrors:
+    """delta_a, delta_f: means over views, normalised. delta_r: mean over all pixels of all views, px."""
+
+    delta_a: float
+    delta_f: float
+    delta_r: float
+    per_view: dict[str, ViewLensErrors]
+
+
+def lens_errors(
+    true: Mapping[str, Lens],
+    estimated: Mapping[str, PhysicalLens | None],
+    disparity_range: DisparityRange,
+    width: int,
+    depths: Mapping[str, np.ndarray],
+) -> LensErrors:
+    """Errors of the `estimated` lenses of the views named in `true`.
+
+    disparity_range: of the dataset, which gives A and F their meaning. width: of the images,
+    pixels; radii are in its pixels. depths: (H, W) by view, scene units, 0 where unknown; such
+    pixels have no radius and are left out of delta_r. Estimates of other views are not looked at.
+    Raises ValueError when there is no view, or a view has no estimate or no depth.
+    """
+    if not true:
+        raise ValueError("lens errors: expected at least one view, found none")
+    per_view: dict[str, ViewLensErrors] = {}
+    radius_sum, pixels = 0.0, 0
+    for name, lens in true.items():
+        guess, depth = estimated.get(name), depths.get(name)
+        if guess is None or depth is None:
+            raise ValueError(f"lens errors: expected an estimate and a depth for view {name}, found none")
+        found = Lens.from_physical(guess, disparity_range)
+        disparity = 1.0 / depth[depth != 0].astype(np.float64)
+        radius = np.abs(lens.physical(disparity_range, width).signed_radius(disparity, width))
+        errors = np.abs(radius - np.abs(guess.signed_radius(disparity, width)))
+        total = float(errors.sum())
+        per_view[name] = ViewLensErrors(
+            delta_a=abs(lens.aperture - found.aperture),
+            delta_f=abs(lens.focus - found.focus),
+            delta_r=total / errors.size if errors.size else math.nan,
+        )
+        radius_sum, pixels = radius_sum + total, pixels + errors.size
+    return LensErrors(
+        delta_a=math.fsum(view.delta_a for view in per_view.values()) / len(per_view),
+        delta_f=math.fsum(view.delta_f for view in per_view.values()) / len(per_view),
+        delta_r=radius_sum / pixels if pixels else math.nan,
+        per_view=per_view,
+    )
+
+
+def do_nothing_errors(
+    true: Mapping[str, Lens], disparity_range: DisparityRange, width: int, depths: Mapping[str, np.ndarray]
+) -> LensErrors:
+    """Errors of saying A = F = 0.5 for every view: what a method must beat. Arguments as in `lens_errors`."""
+    guess = DO_NOTHING.physical(disparity_range, width)
+    return lens_errors(true, dict.fromkeys(true, guess), disparity_range, width, depths)

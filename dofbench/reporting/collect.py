@@ -1,0 +1,129 @@
+"""Finding results, and saying which of them belong together."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dofbench.errors import InputError, Status
+from dofbench.files import canonical_json
+from dofbench.harness.lock import LOCK_FILE, is_running, read_lock
+from dofbench.harness.result import RESULT_FILE, Result, Spec, read_result
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One run. result: None when the process died before it could write one."""
+
+    folder: Path
+    spec: Spec
+    scene: str
+    status: Status
+    message: str
+    result: Result | None
+
+    @property
+    def scores(self) -> dict[str, float]:
+        """Column -> value of what was measured."""
+        return self.result.scores if self.result else {}
+
+    @property
+    def left_out(self) -> dict[str, str]:
+        """Column -> why it wasn't measured."""
+        return self.result.left_out if self.result else {}
+
+    @property
+    def preset(self) -> str:
+        """The preset, with the options that the user changed: without them a number says nothing."""
+        return " ".join([self.spec.preset, *(f"{key}={_text(value)}" for key, value in self.spec.overrides.items())])
+
+    @property
+    def board(self) -> tuple[str, str, str]:
+        """(dataset, its checksum, protocol): only runs that share all three may share a table."""
+        return self.spec.dataset, self.spec.dataset_checksum, self.spec.protocol
+
+    @property
+    def variant(self) -> tuple[str, ...]:
+        """What runs must share to be called seeds of one another."""
+        spec = self.spec
+        return spec.method, spec.preset, canonical_json(spec.overrides), spec.budget, spec.device, spec.code
+
+
+@dataclass(frozen=True)
+class Collection:
+    """entries: sorted. unreadable: one line for each result that can't be read. running: folders at
+    work right now, which are no result yet."""
+
+    entries: tuple[Entry, ...]
+    unreadable: tuple[str, ...]
+    running: tuple[Path, ...]
+
+
+def collect(folder: Path) -> Collection:
+    """Every result below `folder`. Raises InputError when there is none."""
+    if not folder.is_dir():
+        raise InputError(folder, "no such folder", "a folder of results, as `dofbench run` writes it")
+    entries, unreadable, running = [], [], []
+    for file in sorted(folder.rglob(RESULT_FILE)):
+        try:
+            result = read_result(file)
+        except InputError as error:
+            unreadable.append(str(error))
+            continue
+        entries.append(Entry(file.parent, result.spec, result.scene, result.status, result.message, result))
+    for file in sorted(folder.rglob(LOCK_FILE)):
+        if is_running(file.parent):
+            running.append(file.parent)
+        elif not (file.parent / RESULT_FILE).is_file():
+            try:
+                spec, scene, started = read_lock(file.parent)
+            except InputError as error:
+                unreadable.append(str(error))
+                continue
+            message = f"started {started}, and the process died without a word (killed, or out of memory)"
+            entries.append(Entry(file.parent, spec, scene, Status.CRASHED, message, None))
+    if not entries and not unreadable:
+        raise InputError(folder, f"no {RESULT_FILE} in it or below", "results of `dofbench run`")
+    entries.sort(key=lambda entry: (*entry.board, *entry.variant, entry.spec.seed, entry.spec.key))
+    return Collection(tuple(entries), tuple(unreadable), tuple(running))
+
+
+def grouped(entries: tuple[Entry, ...] | list[Entry], attribute: str) -> dict[tuple[str, ...], list[Entry]]:
+    """Entries by their `board` or `variant`, in their order."""
+    groups: dict[tuple[str, ...], list[Entry]] = {}
+    for entry in entries:
+        groups.setdefault(getattr(entry, attribute), []).append(entry)
+    return groups
+
+
+def board_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], str]:
+    """A name for each board's dataset: its own, with the checksum where one name means two datasets."""
+    boards = list(grouped(entries, "board"))
+    checksums: dict[str, set[str]] = {}
+    for dataset, checksum, _ in boards:
+        checksums.setdefault(dataset, set()).add(checksum)
+    return {
+        board: board[0] if len(checksums[board[0]]) == 1 else f"{board[0]}@{board[1][:8]}" for board in boards
+    }
+
+
+def variant_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], tuple[str, str]]:
+    """(method, preset) to show for each variant, with budget, device or code added to the preset where
+    two variants would otherwise look alike."""
+    first = {variant: found[0] for variant, found in grouped(entries, "variant").items()}
+    names = {variant: (entry.spec.method, entry.preset) for variant, entry in first.items()}
+    for detail in (lambda spec: spec.budget, lambda spec: spec.device, lambda spec: f"code {spec.code[-64:][:8]}"):
+        alike: dict[tuple[str, str], list[tuple[str, ...]]] = {}
+        for variant, name in names.items():
+            alike.setdefault(name, []).append(variant)
+        for (method, preset), variants in alike.items():
+            details = {variant: detail(first[variant].spec) for variant in variants}
+            if len(set(details.values())) > 1:
+                names |= {variant: (method, f"{preset}, {details[variant]}") for variant in variants}
+    return names
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)

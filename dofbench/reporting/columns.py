@@ -1,0 +1,73 @@
+"""The leaderboard's columns: what they are called, which way is better, how many digits say something."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from dofbench.harness.protocol import AIF_PREFIX
+from dofbench.metrics import METRICS
+
+IDENTITY = ("method", "preset", "dataset", "scene", "protocol", "seed", "status")
+REFOCUS = ("psnr", "ssim", "ms_ssim", "flip", "gmsd", "delta_e")
+ALL_IN_FOCUS = ("aif_psnr", "aif_ssim", "aif_flip")
+LENS = ("delta_a", "delta_f", "delta_r")
+COST = ("train_s", "steps", "render_fps", "peak_mb", "gaussians")
+SCORES = (*REFOCUS, *ALL_IN_FOCUS, *LENS, *COST)
+
+_DIGITS = {
+    "psnr": 2, "ssim": 4, "ms_ssim": 4, "flip": 4, "gmsd": 4, "delta_e": 3, "delta_a": 3, "delta_f": 3, "delta_r": 3,
+    "train_s": 1, "steps": 0, "render_fps": 1, "peak_mb": 0, "gaussians": 0,
+}
+_COSTS = {
+    "train_s": ("training", "s", None, "wall time of training, evaluation excluded"),
+    "steps": ("steps", "", None, "training steps taken"),
+    "render_fps": ("rendering", "frames/s", True, "1 / median time of rendering a test view without a lens"),
+    "peak_mb": ("peak memory", "MB", None, "largest resident memory of the whole process, 10^6 bytes"),
+    "gaussians": ("Gaussians", "", None, "at the end of training"),
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """higher_is_better: None where neither way is better by itself. note: how it is measured."""
+
+    id: str
+    label: str
+    unit: str
+    higher_is_better: bool | None
+    digits: int
+    note: str
+
+    @property
+    def heading(self) -> str:
+        """Label with unit and an arrow that points the better way."""
+        arrow = {True: " ↑", False: " ↓", None: ""}[self.higher_is_better]
+        return self.label + (f" [{self.unit}]" if self.unit else "") + arrow
+
+    def text(self, value: float) -> str:
+        """The value, rounded; NaN and infinities by name."""
+        return f"{value:.{self.digits}f}" if math.isfinite(value) else str(value)
+
+    def best(self, values: list[float]) -> str | None:
+        """The best of several values as `text` shows it; None where there is no best."""
+        finite = [value for value in values if not math.isnan(value)]
+        if self.higher_is_better is None or len(finite) < 2:
+            return None
+        return self.text(max(finite) if self.higher_is_better else min(finite))
+
+
+def _column(column: str) -> Column:
+    metric = column.removeprefix(AIF_PREFIX)
+    digits = _DIGITS[metric]
+    if column in _COSTS:
+        label, unit, higher_is_better, note = _COSTS[column]
+        return Column(column, label, unit, higher_is_better, digits, note)
+    entry = METRICS[metric]
+    label, note = entry.label, entry.note
+    if column.startswith(AIF_PREFIX):
+        label, note = f"all-in-focus {label}", f"{label} of a rendering without a lens against the sharp original"
+    return Column(column, label, entry.unit, entry.higher_is_better, digits, note)
+
+
+COLUMNS: dict[str, Column] = {column: _column(column) for column in SCORES}

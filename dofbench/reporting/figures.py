@@ -1,0 +1,49 @@
+"""What every figure shares: colours, deterministic files, names."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dofbench.files import replacing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's palette, told apart under every kind of colour blindness (yellow left out: too pale
+# on white). Line styles change too, so that a grey print can be read, and ten methods can be shown.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+STYLES = ("-", "--", "-.", ":")
+NEUTRAL = "#767676"
+DPI = 150
+
+_FIXED = {"svg.hashsalt": "dofbench", "svg.fonttype": "path", "font.size": 10, "axes.grid": True, "grid.alpha": 0.3}
+
+
+def look(index: int) -> dict[str, str]:
+    """Colour and line style of the `index`-th line of a plot."""
+    return {"color": COLOURS[index % len(COLOURS)], "linestyle": STYLES[index // len(COLOURS) % len(STYLES)]}
+
+
+def file_name(*parts: str) -> str:
+    """A file name of these parts that every file system takes and a Markdown link needs no escaping for."""
+    return "-".join(re.sub(r"[^A-Za-z0-9._@-]+", "_", part) for part in parts)
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure in the format that the suffix says; the same figure gives the same bytes."""
+    import matplotlib
+
+    undated = {"Date": None} if path.suffix == ".svg" else {"Software": None}
+    with matplotlib.rc_context(_FIXED), replacing(path) as temporary:
+        figure.savefig(temporary, dpi=DPI, metadata=undated)
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure, inches; without pyplot, which keeps figures alive and wants a display."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(_FIXED):
+        return Figure(figsize=(width, height), layout="constrained")

@@ -1,0 +1,155 @@
+"""leaderboard.md: tables that explain every gap, and say how each number was made."""
+
+from __future__ import annotations
+
+from dofbench.harness.methods import find_method, method_files
+from dofbench.reporting.collect import Collection, Entry, board_names, grouped, variant_names
+from dofbench.reporting.columns import COLUMNS, SCORES
+from dofbench.reporting.footnotes import Footnotes, table
+from dofbench.reporting.summary import (
+    Cell,
+    Line,
+    best_texts,
+    do_nothing_line,
+    scene_mean,
+    sorted_lines,
+    variant_line,
+)
+
+_INTRODUCTION = """\
+Best in bold. Where runs differ only in their seed, a cell is mean ± sample standard deviation over the
+seeds. A cell that a method can't have is –, with the reason below; a run that failed shows how. Results
+of different protocols, or of different versions of a dataset, never share a table. The do-nothing line
+is what a predictor of the lens scores that learns nothing; an error above it is worse than no learning."""
+
+
+def leaderboard_markdown(collection: Collection, pictures: dict[tuple[str, ...], list[tuple[str, str]]]) -> str:
+    """The page. pictures: board -> (caption, path relative to the page)."""
+    entries = collection.entries
+    notes = Footnotes()
+    names, boards = variant_names(entries), board_names(entries)
+    page = ["# Leaderboard", "", _INTRODUCTION, ""]
+    by_protocol: dict[str, dict[str, dict[tuple[str, ...], Line]]] = {}
+    for board, members in grouped(entries, "board").items():
+        lines = {variant: variant_line(seeds, names, list(SCORES))
+                 for variant, seeds in grouped(members, "variant").items()}
+        by_protocol.setdefault(board[2], {})[boards[board]] = lines
+        shown = list(lines.values())
+        if (nothing := do_nothing_line(members, list(SCORES))) is not None:
+            shown.append(nothing)
+        page += [f"## {boards[board]}, {board[2]}", "",
+                 f"Scene {members[0].scene}; dataset checksum {board[1][:16]}.", "", *_board(shown, notes), ""]
+        for caption, path in pictures.get(board, []):
+            page += [f"![{caption}]({path})", ""]
+    for protocol, scenes in by_protocol.items():
+        if len(scenes) > 1:
+            page += [f"## Means over scenes, {protocol}", "", f"Scenes: {', '.join(scenes)}.", "",
+                     *_scene_means(scenes, notes), ""]
+    page += _claims(entries, notes)
+    page += ["## What the columns say", "",
+             *(f"- {column.label} ({column.id}): {column.note}." for column in COLUMNS.values()), ""]
+    page += _how_made(entries, boards, names)
+    if collection.unreadable:
+        page += ["## Results that can't be read", "", *(f"- {problem}" for problem in collection.unreadable), ""]
+    return "\n".join([*page, *notes.lines()]).rstrip() + "\n"
+
+
+def _board(lines: list[Line], notes: Footnotes) -> list[str]:
+    columns = list(SCORES)
+    lines, best = sorted_lines(lines), best_texts(lines, columns)
+    heading = ["method", "preset", "seeds", *(COLUMNS[column].heading for column in columns)]
+    rows = [
+        [line.method, _plain(line.preset), line.seeds,
+         *(_cell(line, column, best[column], notes) for column in columns)]
+        for line in lines
+    ]
+    return table(heading, rows, left=3)
+
+
+def _cell(line: Line, column: str, best: str | None, notes: Footnotes) -> str:
+    cell: Cell = line.cells[column]
+    if cell.value is None:
+        return (cell.failure or "–") + notes.mark(cell.reason)
+    text = COLUMNS[column].text(cell.value)
+    shown = text if cell.spread is None else f"{text} ± {COLUMNS[column].text(cell.spread)}"
+    return f"**{shown}**" if line.competes and text == best else shown
+
+
+def _scene_means(scenes: dict[str, dict[tuple[str, ...], Line]], notes: Footnotes) -> list[str]:
+    columns = list(SCORES)
+    variants = sorted({variant for lines in scenes.values() for variant in lines})
+    means = []
+    for variant in variants:
+        own = {scene: lines[variant] for scene, lines in scenes.items() if variant in lines}
+        some = next(iter(own.values()))
+        cells = {column: scene_mean(own, list(scenes), column) for column in columns}
+        means.append(Line(some.method, some.preset, f"{len(own)} of {len(scenes)}", cells))
+    best = best_texts(means, columns)
+    heading = ["method", "preset", "scenes", *(COLUMNS[column].heading for column in columns)]
+    rows = [
+        [line.method, _plain(line.preset), line.seeds,
+         *(_cell(line, column, best[column], notes) for column in columns)]
+        for line in sorted_lines(means)
+    ]
+    return table(heading, rows, left=3)
+
+
+def _claims(entries: tuple[Entry, ...], notes: Footnotes) -> list[str]:
+    """What the authors say of their methods; a table of its own, as data and metrics aren't ours."""
+    installed = method_files()
+    used = sorted({entry.spec.method for entry in entries})
+    cards = {method: find_method(method).card for method in used if method in installed}
+    claims = {method: card.claims for method, card in cards.items() if card.claims is not None}
+    if not claims:
+        return []
+    columns = list(dict.fromkeys(
+        column for claim in claims.values() for row in claim.rows.values() for column in row))
+    rows = []
+    for method, claim in claims.items():
+        silent = f"{claim.source} gives no such figure"
+        for measured_on, values in claim.rows.items():
+            figures = [f"{values[column]:g}" if column in values else f"–{notes.mark(silent)}" for column in columns]
+            rows.append([method, _plain(measured_on), *figures, _plain(claim.source)])
+    labels = [COLUMNS[column].heading if column in COLUMNS else column for column in columns]
+    return ["## Published by the authors, on their own data", "",
+            "Not measured here, and not comparable with the tables above digit by digit.", "",
+            *table(["method", "measured on", *labels, "source"], rows, left=2), ""]
+
+
+def _how_made(
+    entries: tuple[Entry, ...], boards: dict[tuple[str, ...], str], names: dict[tuple[str, ...], tuple[str, str]]
+) -> list[str]:
+    """Command, code and machine of every run; the rest is in its result.json."""
+    machines: dict[str, int] = {}
+    rows = []
+    for entry in entries:
+        method, preset = names[entry.variant]
+        machine = commit = "unknown"
+        command = "unknown"
+        if entry.result is not None:
+            described = _machine(entry)
+            machine = str(machines.setdefault(described, len(machines) + 1))
+            command = f"`{entry.result.command}`"
+            git = entry.result.git
+            commit = "no checkout" if git is None else git.commit[:12] + (" + changes" if git.dirty else "")
+        rows.append([boards[entry.board], method, _plain(preset), str(entry.spec.seed), str(entry.status),
+                     entry.spec.budget, _plain(command), entry.spec.key[:8], entry.spec.code.rpartition("+")[2][:8],
+                     commit, machine])
+    heading = ["dataset", "method", "preset", "seed", "status", "budget", "command", "key", "code", "commit", "machine"]
+    lines = ["## How these were made", "", *table(heading, rows, left=len(heading)), ""]
+    lines += [f"- Machine {number}: {described}" for described, number in machines.items()]
+    return [*lines, ""]
+
+
+def _machine(entry: Entry) -> str:
+    assert entry.result is not None
+    facts = entry.result.machine
+    parts = [f"{facts['cpu']}, {facts['cores']} cores, {facts['memory_gib']} GiB", str(facts["os"]),
+             f"Python {facts['python']}"]
+    if "accelerator" in facts:
+        parts.append(str(facts["accelerator"]))
+    return ", ".join(parts)
+
+
+def _plain(text: str) -> str:
+    return text.replace("|", "\\|")

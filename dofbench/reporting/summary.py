@@ -1,0 +1,110 @@
+"""From runs to the cells of a table: means over seeds, means over scenes, failures and gaps by name."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from dataclasses import dataclass
+
+from dofbench.errors import Status
+from dofbench.reporting.collect import Entry
+from dofbench.reporting.columns import COLUMNS
+
+DO_NOTHING = "do nothing (Â = F̂ = 0.5)"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """value: a number, or None with the typed failure or the reason that stands in its place.
+
+    spread: sample standard deviation over seeds, None for a single seed. failure: a status to be
+    shown by name. reason: for the footnote.
+    """
+
+    value: float | None
+    spread: float | None = None
+    failure: str = ""
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of a table: cells by column. competes: whether it can be the best."""
+
+    method: str
+    preset: str
+    seeds: str
+    cells: dict[str, Cell]
+    competes: bool = True
+
+
+def seed_cell(entries: list[Entry], column: str) -> Cell:
+    """One column over the seeds of one variant. Seeds that failed aren't left out of a mean: then
+    there is no mean."""
+    failed = [entry for entry in entries if entry.status is not Status.OK]
+    if failed:
+        kinds = ", ".join(sorted({str(entry.status) for entry in failed}))
+        count = f" ({len(failed)} of {len(entries)} seeds)" if len(entries) > 1 else ""
+        return Cell(None, failure=kinds + count, reason=failed[0].message or "no message")
+    values = [entry.scores[column] for entry in entries if column in entry.scores]
+    if len(values) < len(entries):
+        gap = next(entry for entry in entries if column not in entry.scores)
+        return Cell(None, reason=gap.left_out.get(column, "the result holds no such score, nor a reason"))
+    spread = statistics.stdev(values) if len(values) > 1 and all(map(math.isfinite, values)) else None
+    return Cell(math.fsum(values) / len(values), spread)
+
+
+def variant_line(entries: list[Entry], names: dict[tuple[str, ...], tuple[str, str]], columns: list[str]) -> Line:
+    """The line of one variant: all of its seeds on one dataset."""
+    method, preset = names[entries[0].variant]
+    cells = {column: seed_cell(entries, column) for column in columns}
+    return Line(method, preset, ", ".join(str(entry.spec.seed) for entry in entries), cells)
+
+
+def do_nothing_line(entries: list[Entry], columns: list[str]) -> Line | None:
+    """What a predictor of the lens scores that learns nothing; None where no result has it."""
+    known = next((entry.result.do_nothing for entry in entries if entry.result and entry.result.do_nothing), None)
+    if known is None:
+        return None
+    gap = Cell(None, reason="not a method: it only says that every lens is A = F = 0.5")
+    cells = {column: Cell(known[column]) if column in known else gap for column in columns}
+    return Line(DO_NOTHING, "", "", cells, competes=False)
+
+
+def sorted_lines(lines: list[Line]) -> list[Line]:
+    """Best refocus PSNR first; then those without one, by all-in-focus PSNR; failures at the end."""
+
+    def place(line: Line) -> tuple:
+        refocus, sharp = (line.cells[column].value for column in ("psnr", "aif_psnr"))
+        return (
+            not line.competes, refocus is None and sharp is None, refocus is None,
+            -_number(refocus), -_number(sharp), line.method, line.preset,
+        )
+
+    return sorted(lines, key=place)
+
+
+def best_texts(lines: list[Line], columns: list[str]) -> dict[str, str | None]:
+    """For each column the best value as it is shown, so that what looks equal is marked equally."""
+    return {
+        column: COLUMNS[column].best(
+            [value for line in lines if line.competes and (value := line.cells[column].value) is not None])
+        for column in columns
+    }
+
+
+def scene_mean(lines: dict[str, Line], scenes: list[str], column: str) -> Cell:
+    """Mean over scenes of one variant (scene -> its line), only where every scene has a value."""
+    missing = [scene for scene in scenes if scene not in lines or lines[scene].cells[column].value is None]
+    if missing:
+        reasons = {lines[scene].cells[column].reason for scene in missing if scene in lines}
+        if len(missing) == len(scenes) and len(reasons) == 1:
+            return Cell(None, reason=reasons.pop())  # it has no such score anywhere, for one reason
+        return Cell(None, reason=f"no mean over an incomplete set: {', '.join(missing)} missing "
+                                 f"of {len(scenes)} scenes")
+    values = [lines[scene].cells[column].value for scene in scenes]
+    return Cell(math.fsum(value for value in values if value is not None) / len(values))
+
+
+def _number(value: float | None) -> float:
+    return -math.inf if value is None or math.isnan(value) else value

@@ -1,0 +1,178 @@
+"""Write cameras and points in the layouts that other programs read: COLMAP, LLFF, nerfstudio.
+
+Everything is written atomically, and the same input gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dofbench.cameras import Camera
+from dofbench.contracts import PointCloud
+from dofbench.files import replacing, write_json
+from dofbench.images import to_8bit
+from dofbench.scenes.poses import opencv_to_llff, opengl_to_opencv
+from dofbench.scenes.types import Split
+
+_MODEL_FILES = ("cameras.bin", "images.bin", "points3D.bin")
+
+
+def write_colmap(root: Path, file_names: Sequence[str], cameras: Sequence[Camera], points: PointCloud | None) -> None:
+    """Write `root/sparse/0/{cameras,images,points3D}.bin`, the binary layout that 3DGS and COLMAP read.
+
+    file_names: a view's image file, relative to the image folder. One PINHOLE camera for every
+    distinct size and intrinsics, in order of appearance; camera, image and point ids count from 1 in
+    the order given. points.views, where known, index the views: they become tracks, and the
+    2D points are the projections. The rig and frame files of newer COLMAP are left out: it
+    makes them up itself, and older readers don't know them.
+    """
+    import pycolmap
+
+    _check_equal(len(file_names), len(cameras), "file_names", "cameras")
+    model = pycolmap.Reconstruction()
+    lens_ids: dict[tuple, int] = {}
+    sightings = _sightings(points, len(cameras))
+    for index, (name, camera) in enumerate(zip(file_names, cameras, strict=True)):
+        lens = (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
+        if lens not in lens_ids:
+            lens_ids[lens] = len(lens_ids) + 1
+            model.add_camera_with_trivial_rig(
+                pycolmap.Camera(
+                    camera_id=lens_ids[lens], model="PINHOLE", width=lens[0], height=lens[1], params=list(lens[2:])
+                )
+            )
+        pixels = np.empty((0, 2))
+        if points is not None and len(sightings[index]):
+            pixels, _ = camera.project(points.xyz[sightings[index]])
+            if not np.isfinite(pixels).all():
+                raise ValueError(f"points.views: view {index} ({name}) sees a point behind its camera")
+        image = pycolmap.Image(name, pixels, camera_id=lens_ids[lens], image_id=index + 1)
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(camera.world_to_camera[:3]))
+    if points is not None:
+        _add_points(model, points, sightings)
+    folder = root / "sparse" / "0"
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".model.", dir=folder) as unfinished:
+        model.write_binary(unfinished)
+        for name in _MODEL_FILES:
+            with replacing(folder / name) as temporary:
+                temporary.write_bytes(Path(unfinished, name).read_bytes())
+
+
+def write_poses_bounds(path: Path, cameras: Sequence[Camera], near_far: np.ndarray) -> list[str]:
+    """Write LLFF's `poses_bounds.npy`: (N, 17) float64, cameras in the order of the sorted image files.
+
+    near_far: (N, 2), scene units. The layout has one focal length and the principal point in the
+    middle: what is lost of the cameras is returned, one note a kind of loss, and fx, fy become their mean.
+    """
+    near_far = np.asarray(near_far, dtype=np.float64)
+    if near_far.shape != (len(cameras), 2):
+        raise ValueError(f"near_far: expected shape ({len(cameras)}, 2), found {near_far.shape}")
+    rows = np.empty((len(cameras), 17))
+    for row, camera, bounds in zip(rows, cameras, near_far, strict=True):
+        size = (camera.height, camera.width, 0.5 * (camera.fx + camera.fy))
+        row[:15] = np.column_stack([opencv_to_llff(camera.camera_to_world), size]).ravel()
+        row[15:] = bounds
+    with replacing(path) as temporary, open(temporary, "wb") as stream:
+        np.save(stream, rows)
+    stretch = max((abs(camera.fx / camera.fy - 1) for camera in cameras), default=0.0)
+    offset = max((max(abs(c.cx - c.width / 2), abs(c.cy - c.height / 2)) for c in cameras), default=0.0)
+    notes = []
+    if stretch > 0:
+        notes.append(f"{path.name}: fx and fy differ by up to {stretch:.3%}; LLFF has one focal length, their mean")
+    if offset > 0:
+        notes.append(f"{path.name}: principal points up to {offset:.3g} px off the middle, where LLFF has them")
+    return notes
+
+
+def write_transforms(
+    path: Path,
+    file_paths: Sequence[str],
+    cameras: Sequence[Camera],
+    *,
+    depth_paths: Sequence[str] | None = None,
+    splits: Sequence[Split] | None = None,
+    extra: Sequence[Mapping[str, Any]] | None = None,
+    ply_path: str | None = None,
+) -> None:
+    """Write nerfstudio's `transforms.json`, with OpenGL camera axes.
+
+    Paths are relative to the file's folder. Intrinsics stand once where all cameras share them,
+    else in every frame. depth_paths: z-depth in scene units, float EXR. splits give train_filenames
+    and test_filenames. extra: more entries for each frame; they must not clash with the layout's own.
+    """
+    _check_equal(len(file_paths), len(cameras), "file_paths", "cameras")
+    lenses = [_lens(camera) for camera in cameras]
+    shared = lenses[0] if lenses and all(lens == lenses[0] for lens in lenses) else {}
+    content: dict[str, Any] = {"camera_model": "PINHOLE", **shared}
+    if depth_paths is not None:
+        _check_equal(len(depth_paths), len(cameras), "depth_paths", "cameras")
+        content["depth_unit_scale_factor"] = 1.0
+    if ply_path is not None:
+        content["ply_file_path"] = ply_path
+    frames = []
+    for index, (file_path, camera) in enumerate(zip(file_paths, cameras, strict=True)):
+        frame = {"file_path": file_path, **({} if shared else lenses[index])}
+        frame["transform_matrix"] = opengl_to_opencv(camera.camera_to_world).tolist()
+        if depth_paths is not None:
+            frame["depth_file_path"] = depth_paths[index]
+        if extra is not None:
+            clash = sorted(frame.keys() & extra[index].keys())
+            if clash:
+                raise ValueError(f"extra: {', '.join(clash)} belong to the layout")
+            frame |= extra[index]
+        frames.append(frame)
+    content["frames"] = frames
+    if splits is not None:
+        _check_equal(len(splits), len(cameras), "splits", "cameras")
+        for wanted in ("train", "test"):
+            content[f"{wanted}_filenames"] = [
+                name for name, split in zip(file_paths, splits, strict=True) if split == wanted
+            ]
+    write_json(path, content)
+
+
+def _lens(camera: Camera) -> dict[str, float]:
+    return {
+        "w": camera.width, "h": camera.height,
+        "fl_x": float(camera.fx), "fl_y": float(camera.fy), "cx": float(camera.cx), "cy": float(camera.cy),
+    }
+
+
+def _sightings(points: PointCloud | None, views: int) -> list[np.ndarray]:
+    """The points that each view saw, by index, in order; empty where tracks are unknown."""
+    if points is None or points.views is None:
+        return [np.empty(0, dtype=np.int64)] * views
+    lengths = [len(track) for track in points.views]
+    seen_by = np.concatenate([np.asarray(track, dtype=np.int64) for track in points.views] or [np.empty(0, np.int64)])
+    if len(seen_by) and not (0 <= seen_by.min() and seen_by.max() < views):
+        raise ValueError(f"points.views: expected indices from 0 to {views - 1}")
+    which = np.repeat(np.arange(len(points)), lengths)
+    order = np.argsort(seen_by, kind="stable")
+    ends = np.searchsorted(seen_by[order], np.arange(views + 1))
+    return [which[order[ends[view] : ends[view + 1]]] for view in range(views)]
+
+
+def _add_points(model: Any, points: PointCloud, sightings: Sequence[np.ndarray]) -> None:
+    import pycolmap
+
+    tracks: list[list[pycolmap.TrackElement]] = [[] for _ in range(len(points))]
+    for view, seen in enumerate(sightings):
+        for place, point in enumerate(seen):
+            tracks[point].append(pycolmap.TrackElement(view + 1, place))
+    rgb = to_8bit(points.rgb)
+    error = np.where(np.isfinite(points.error), points.error, -1.0)
+    for index, track in enumerate(tracks):
+        point = pycolmap.Point3D(xyz=points.xyz[index], color=rgb[index], error=float(error[index]))
+        point.track = pycolmap.Track(track)
+        model.add_point3D_with_id(index + 1, point)
+
+
+def _check_equal(found: int, expected: int, name: str, other: str) -> None:
+    if found != expected:
+        raise ValueError(f"{name}: expected {expected}, as many as {other}, found {found}")

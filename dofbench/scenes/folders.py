@@ -1,0 +1,142 @@
+"""Which image folder of a scene to read, which file belongs to which camera, what the views are called."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path, PurePosixPath
+
+from dofbench.errors import InputError
+from dofbench.images import image_size
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".exr")
+_HOLD = re.compile(r"hold=(\d+)")
+_SEVERAL = 3
+
+
+def listed(names: Iterable[str]) -> str:
+    """A few names for a message: 'a, b, c and 5 more'."""
+    names = list(names)
+    more = f" and {len(names) - _SEVERAL} more" if len(names) > _SEVERAL else ""
+    return ", ".join(names[:_SEVERAL]) + more
+
+
+def image_files(folder: Path) -> list[Path]:
+    """Image files under `folder`, with sub-folders, sorted by relative path; hidden ones are left out."""
+    found = []
+    for parent, folders, names in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        found += [
+            Path(parent, name)
+            for name in names
+            if not name.startswith(".") and Path(name).suffix.lower() in IMAGE_SUFFIXES
+        ]
+    return sorted(found, key=lambda path: path.relative_to(folder).as_posix())
+
+
+def image_folders(root: Path, base: str = "images") -> dict[int, Path]:
+    """Folders `base` (factor 1) and `base_N` (factor N) that hold an image, by factor."""
+    pattern = re.compile(rf"{re.escape(PurePosixPath(base).name)}(?:_(\d+))?")
+    parent = root / PurePosixPath(base).parent
+    folders = {}
+    for folder in sorted(parent.iterdir()) if parent.is_dir() else []:
+        match = pattern.fullmatch(folder.name)
+        if match and folder.is_dir() and image_files(folder):
+            folders[int(match[1] or 1)] = folder
+    return folders
+
+
+def choose_folder(
+    root: Path, *, width: int | None, images: str | None, habit: Sequence[int], base: str = "images"
+) -> Path:
+    """The folder to read images from.
+
+    `images` names it. Otherwise with `width`, pixels: the one with the smallest images that are
+    all at least so wide. Otherwise the first factor of `habit` that is there, or the one with the
+    smallest factor. Raises InputError where there is none, or none is wide enough.
+    """
+    if images is not None:
+        folder = root / images
+        if not folder.is_dir():
+            raise InputError(folder, "no such folder", f"a folder of images; here are {contents(root)}")
+        if not image_files(folder):
+            raise InputError(folder, "no images", f"images ({', '.join(IMAGE_SUFFIXES)})")
+        return folder
+    folders = image_folders(root, base)
+    if not folders:
+        raise InputError(root, contents(root), f"a folder {base} or {base}_N with images")
+    if width is None:
+        return next((folders[factor] for factor in habit if factor in folders), folders[min(folders)])
+    narrowest = {folder: min(image_size(file)[0] for file in image_files(folder)) for folder in folders.values()}
+    wide_enough = [folder for folder, pixels in narrowest.items() if pixels >= width]
+    if not wide_enough:
+        largest = max(narrowest, key=narrowest.__getitem__)
+        raise InputError(
+            largest, f"images {narrowest[largest]} pixels wide", f"at least the {width} asked for: nothing is enlarged"
+        )
+    return min(wide_enough, key=lambda folder: (narrowest[folder], folder.name))
+
+
+def match_files(folder: Path, names: Sequence[str], subject: object, *, by_order: bool = False) -> list[Path]:
+    """The file in `folder` of every name in `names` (paths relative to the image folder, '/' between parts).
+
+    By the name itself; where any is missing, all by the name without suffix, since smaller copies
+    often have another format. With `by_order` (LLFF, whose smaller copies may be renumbered), where no
+    name is found either way and there are as many files as names: both in sorted order. Raises InputError.
+    """
+    files = {path.relative_to(folder).as_posix(): path for path in image_files(folder)}
+    if all(name in files for name in names):
+        return [files[name] for name in names]
+    stems: dict[str, list[Path]] = {}
+    for name, path in files.items():
+        stems.setdefault(_without_suffix(name), []).append(path)
+    found = [[files[name]] if name in files else stems.get(_without_suffix(name), []) for name in names]
+    if all(len(paths) == 1 for paths in found):
+        return [paths[0] for paths in found]
+    if by_order and len(files) == len(names) and not any(found):
+        ranks = {name: rank for rank, name in enumerate(sorted(names))}
+        ordered = list(files.values())
+        return [ordered[ranks[name]] for name in names]
+    missing = [name for name, paths in zip(names, found, strict=True) if not paths]
+    if missing:
+        raise InputError(folder, f"no image for {listed(missing)}", f"every image that {subject} names")
+    several = [name for name, paths in zip(names, found, strict=True) if len(paths) > 1]
+    raise InputError(folder, f"several images for {listed(several)}", f"one image for every name in {subject}")
+
+
+def view_names(files: Sequence[str]) -> list[str]:
+    """One unique view name a file (paths with '/' between parts): the stem where stems are unique.
+
+    Otherwise, for all files alike, the whole path with '_' for '/', without suffix, then with it
+    as '_png'; what still clashes is numbered in order.
+    """
+    paths = [PurePosixPath(file) for file in files]
+    relative = ["_".join(part for part in path.parts if part not in ("/", "..")) for path in paths]
+    candidates = (
+        [path.stem for path in paths],
+        [name[: len(name) - len(path.suffix)] for name, path in zip(relative, paths, strict=True)],
+        [name.replace(".", "_") for name in relative],
+    )
+    for names in candidates:
+        if len(set(names)) == len(names):
+            return names
+    digits = len(str(len(files)))
+    return [f"{name}_{index:0{digits}d}" for index, name in enumerate(candidates[-1])]
+
+
+def marked_hold(root: Path) -> int | None:
+    """N of a marker file `hold=N` in the scene folder (Deblur-NeRF's habit); None without one."""
+    found = [int(match[1]) for path in root.iterdir() if (match := _HOLD.fullmatch(path.name))]
+    if len(found) > 1:
+        raise InputError(root, f"{len(found)} marker files hold=N", "one at most")
+    return found[0] if found else None
+
+
+def contents(root: Path) -> str:
+    """What a folder holds, for a message."""
+    return listed(sorted(path.name for path in root.iterdir() if not path.name.startswith("."))) or "an empty folder"
+
+
+def _without_suffix(name: str) -> str:
+    return PurePosixPath(name).with_suffix("").as_posix()

@@ -1,0 +1,263 @@
+"""nerfstudio's transforms.json (and instant-ngp's, which it grew from)."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from dofbench.contracts import PointCloud
+from dofbench.errors import InputError
+from dofbench.images import image_size
+from dofbench.scenes.colmap import find_model, read_model
+from dofbench.scenes.folders import IMAGE_SUFFIXES, choose_folder, image_folders, listed, match_files
+from dofbench.scenes.ply import read_ply
+from dofbench.scenes.poses import invert, opengl_to_opencv, rigid
+from dofbench.scenes.types import Scene, Split
+from dofbench.scenes.undistort import Intrinsics
+from dofbench.scenes.views import Frame, assemble, check_inside
+
+_FILE = "transforms.json"
+_FISHEYE = ("OPENCV_FISHEYE",)
+_PERSPECTIVE = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
+# nerfstudio reads 16-bit depth as millimetres unless told otherwise; a float map is in scene units.
+_PNG_UNIT = 1e-3
+
+
+def fits(root: Path) -> bool:
+    """Whether the folder has transforms.json."""
+    return (root / _FILE).is_file()
+
+
+def read(root: Path, *, width: int | None, images: str | None) -> tuple[Scene, bool]:
+    """Read the layout; see `load_scene`. The second value says whether the file has a split.
+
+    transform_matrix is camera-to-world with OpenGL axes. fl_x fl_y cx cy w h k1 k2 k3 p1 p2 stand
+    in a frame or for all frames; camera_angle_x, camera_angle_y where there is no focal length.
+    depth_file_path: z-depth, times `depth_unit_scale_factor` (default 0.001 for PNG, 1 for EXR).
+    Points: ply_file_path, else the COLMAP model beside the file, taken into the file's frame by
+    applied_transform and applied_scale. Views in val_filenames alone are left out.
+    """
+    file = root / _FILE
+    content = _parse(file)
+    aside = _set_aside(content, file)
+    entries = [entry for entry in content["frames"] if _path(entry, file) not in aside]
+    paths = [_path(entry, file) for entry in entries]
+    files = _images(root, paths, width, images, file)
+    splits = _splits(content, paths, file)
+    frames = [
+        _frame(root, content, entry, PurePosixPath(path).as_posix(), image, file)
+        for entry, path, image in zip(entries, paths, files, strict=True)
+    ]
+    if splits is not None:
+        frames = [replace(frame, split=split) for frame, split in zip(frames, splits, strict=True)]
+    points, origin = _points(root, content, files, paths, file)
+    scene = assemble(root, "nerfstudio", frames, points, width=width, subject=file)
+    check_inside(scene, origin)
+    return scene, splits is not None
+
+
+def _parse(file: Path) -> dict[str, Any]:
+    if not file.is_file():
+        raise InputError(file, "no such file", "a file transforms.json")
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise InputError(file, f"no JSON ({error})", "a JSON object with frames") from None
+    frames = content.get("frames") if isinstance(content, dict) else None
+    if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
+        raise InputError(file, "no list of frames", 'a JSON object with "frames", one object a view')
+    paths = [_path(frame, file) for frame in frames]
+    if len(set(paths)) < len(paths):
+        twice = sorted({path for path in paths if paths.count(path) > 1})
+        raise InputError(file, f"several frames for {listed(twice)}", "one frame an image")
+    return content
+
+
+def _path(entry: Mapping[str, Any], file: Path) -> str:
+    path = entry.get("file_path")
+    if not isinstance(path, str) or not path:
+        raise InputError(file, f"file_path {path!r}", "the path of an image")
+    return PurePosixPath(path.replace("\\", "/")).as_posix()
+
+
+def _number(value: Any, name: str, file: Path) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(file, f"{name} {value!r}", "a finite number")
+    return float(value)
+
+
+def _images(root: Path, paths: Sequence[str], width: int | None, images: str | None, file: Path) -> list[Path]:
+    """The image file of every frame: as written, or its counterpart in the folder asked for or wide enough."""
+    first = {PurePosixPath(path).parts[0] for path in paths}
+    inside = all(len(PurePosixPath(path).parts) > 1 for path in paths)
+    base = first.pop() if len(first) == 1 and inside else ""
+    if base in ("", "/", "..") and images is not None:
+        raise InputError(file, f"images in {listed(sorted(first | {base}))}", f"one folder, to read {images} instead")
+    if images is None and (width is None or base in ("", "/", "..") or len(image_folders(root, base)) < 2):
+        return [_with_suffix(root, path, file) for path in paths]
+    names = [PurePosixPath(path).relative_to(base).as_posix() for path in paths]
+    return match_files(choose_folder(root, width=width, images=images, habit=(1,), base=base), names, file)
+
+
+def _with_suffix(root: Path, path: str, file: Path) -> Path:
+    if (root / path).is_file():
+        return root / path
+    for suffix in IMAGE_SUFFIXES:
+        if (root / f"{path}{suffix}").is_file():
+            return root / f"{path}{suffix}"
+    raise InputError(root / path, "no such file", f"the image that {file} names")
+
+
+def _frame(
+    root: Path, content: Mapping[str, Any], entry: Mapping[str, Any], name: str, image: Path, file: Path
+) -> Frame:
+    matrix = entry.get("transform_matrix")
+    try:
+        pose = np.array(matrix, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(file, f"no numbers in the transform_matrix of {name}", "a 4x4 matrix") from None
+    depth_path = entry.get("depth_file_path")
+    unit = 1.0
+    if depth_path is not None:
+        default = _PNG_UNIT if str(depth_path).lower().endswith(".png") else 1.0
+        unit = _number(content.get("depth_unit_scale_factor", default), "depth_unit_scale_factor", file)
+    return Frame(
+        name=name,
+        file=image,
+        intrinsics=_intrinsics({**content, **entry}, image, file),
+        world_to_camera=invert(opengl_to_opencv(rigid(pose, file, name))),
+        depth_file=None if depth_path is None else root / str(depth_path),
+        unit=unit,
+    )
+
+
+def _intrinsics(values: Mapping[str, Any], image: Path, file: Path) -> Intrinsics:
+    def given(name: str) -> float | None:
+        return None if values.get(name) is None else _number(values[name], name, file)
+
+    def number(name: str, default: float = 0.0) -> float:
+        value = given(name)
+        return default if value is None else value
+
+    model = values.get("camera_model") or ("OPENCV_FISHEYE" if values.get("is_fisheye") else "OPENCV")
+    if model not in (*_FISHEYE, *_PERSPECTIVE):
+        raise InputError(file, f"camera_model {model}", f"one of {', '.join([*_PERSPECTIVE, *_FISHEYE])}")
+    width, height = given("w"), given("h")
+    if width is None or height is None:
+        width, height = image_size(image)
+    if min(width, height) < 1 or width != int(width) or height != int(height):
+        raise InputError(file, f"w {width}, h {height}", "whole pixels")
+    fx, fy = _focal_lengths(given, width, height)
+    if fx is None or fy is None or min(fx, fy) <= 0:
+        raise InputError(file, f"focal lengths {fx}, {fy} for {image.name}", "fl_x or camera_angle_x, positive")
+    k1, k2, k3, k4, k5, k6, p1, p2 = (number(name) for name in ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"))
+    fisheye = model in _FISHEYE
+    if not fisheye and k4 and model != "FULL_OPENCV":
+        raise InputError(file, f"k4 {k4} for camera_model {model}", "k1 k2 k3 p1 p2, or OPENCV_FISHEYE")
+    distortion = (k1, k2, k3, k4) if fisheye else (k1, k2, p1, p2, k3, k4, k5, k6)
+    cx, cy = number("cx", width / 2), number("cy", height / 2)
+    return Intrinsics(int(width), int(height), fx, fy, cx, cy, distortion, fisheye)
+
+
+def _focal_lengths(
+    given: Callable[[str], float | None], width: float, height: float
+) -> tuple[float | None, float | None]:
+    """(fx, fy), pixels: fl_x, fl_y, else of the fields of view (radians); the one that is missing is the other."""
+    focal: list[float | None] = []
+    for axis, size in (("x", width), ("y", height)):
+        length, angle = given(f"fl_{axis}"), given(f"camera_angle_{axis}")
+        focal.append(0.5 * size / math.tan(0.5 * angle) if length is None and angle else length)
+    fx, fy = focal
+    if given("fl_x") is not None and given("fl_y") is None:
+        # A field of view beside a focal length is derived from it, by whoever wrote the file, and less exact.
+        fy = fx
+    return (fy if fx is None else fx), (fx if fy is None else fy)
+
+
+def _listed_paths(content: Mapping[str, Any], key: str, file: Path) -> set[str] | None:
+    names = content.get(key)
+    if names is None:
+        return None
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise InputError(file, f"{key} that is no list of paths", "a list of the frames' file_path")
+    paths = {PurePosixPath(name.replace("\\", "/")).as_posix() for name in names}
+    unknown = sorted(paths - {_path(frame, file) for frame in content["frames"]})
+    if unknown:
+        raise InputError(file, f"{listed(unknown)} in {key}, which no frame has", "a list of the frames' file_path")
+    return paths
+
+
+def _set_aside(content: Mapping[str, Any], file: Path) -> set[str]:
+    """Views for validation only: neither trained on nor scored."""
+    train, test = _listed_paths(content, "train_filenames", file), _listed_paths(content, "test_filenames", file)
+    if train is None or test is None:
+        return set()
+    return (_listed_paths(content, "val_filenames", file) or set()) - train - test
+
+
+def _splits(content: Mapping[str, Any], paths: Sequence[str], file: Path) -> list[Split] | None:
+    """train_filenames and test_filenames; with one of the two, the other views are the other's. None without."""
+    train, test = _listed_paths(content, "train_filenames", file), _listed_paths(content, "test_filenames", file)
+    if train is None:
+        if test is None:
+            return None
+        train = set(paths) - test
+    if test is None:
+        test = set(paths) - train
+    if train & test:
+        raise InputError(file, f"{listed(sorted(train & test))} in both lists", "a view in one of train and test")
+    nowhere = [path for path in paths if path not in train | test]
+    if nowhere:
+        raise InputError(file, f"{listed(nowhere)} in neither list", "every view in train_filenames or test_filenames")
+    return ["test" if path in test else "train" for path in paths]
+
+
+def _points(
+    root: Path, content: Mapping[str, Any], files: Sequence[Path], paths: Sequence[str], file: Path
+) -> tuple[PointCloud | None, Path]:
+    """The points in the frame of the poses, tracks by frame, and where they come from."""
+    ply = content.get("ply_file_path")
+    if ply is not None:
+        # nerfstudio writes these points in the frame of transforms.json already.
+        return read_ply(root / str(ply)), root / str(ply)
+    folder = find_model(root)
+    if folder is None:
+        return None, file
+    model = read_model(folder)
+    if model.points is None:
+        return None, folder
+    xyz = model.points.xyz
+    if "applied_transform" in content:
+        try:
+            applied = np.array(content["applied_transform"], dtype=np.float64)
+        except (TypeError, ValueError):
+            applied = np.empty(0)
+        applied = rigid(applied, file, "applied_transform")
+        xyz = xyz @ applied[:3, :3].T + applied[:3, 3]
+    xyz = xyz * _number(content.get("applied_scale", 1.0), "applied_scale", file)
+    return replace(model.points, xyz=xyz, views=_tracks(model.points, model.names, paths)), folder
+
+
+def _tracks(points: PointCloud, names: Sequence[str], paths: Sequence[str]) -> tuple[np.ndarray, ...] | None:
+    """Tracks over COLMAP's images turned to tracks over the frames; None where the names don't belong together."""
+    if points.views is None:
+        return None
+    places: dict[str, list[int]] = {}
+    for index, path in enumerate(paths):
+        places.setdefault(PurePosixPath(path).stem, []).append(index)
+    rank = np.full(len(names), -1, dtype=np.int64)
+    for index, name in enumerate(names):
+        candidates = places.get(PurePosixPath(name).stem, [])
+        # The same stem in several folders: the one whose path ends as COLMAP's name does.
+        ending = str(PurePosixPath(name).with_suffix(""))
+        exact = [c for c in candidates if f"/{PurePosixPath(paths[c]).with_suffix('')}".endswith(f"/{ending}")]
+        if len(exact or candidates) == 1:
+            rank[index] = (exact or candidates)[0]
+    tracks = tuple(np.sort(rank[track][rank[track] >= 0]) for track in points.views)
+    return tracks if any(len(track) for track in tracks) else None

@@ -1,0 +1,91 @@
+"""Coloured points from a PLY file: vertices alone, ASCII or binary."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from dofbench.contracts import PointCloud
+from dofbench.errors import InputError
+
+_TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
+    "float": "f4", "double": "f8",
+    "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
+    "float32": "f4", "float64": "f8",
+}
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_COLOURS = ("red", "green", "blue")
+
+
+def read_ply(file: Path) -> PointCloud:
+    """Points x, y, z with red, green, blue (uchar, or floats in [0, 1]); mid-grey where the file has no colour.
+
+    Error and tracks are unknown. Raises InputError for another format, a truncated file, NaN.
+    """
+    if not file.is_file():
+        raise InputError(file, "no such file", "a PLY file with points")
+    content = file.read_bytes()
+    head, mark, body = content.partition(b"end_header")
+    if not content.startswith(b"ply") or not mark:
+        raise InputError(file, "no PLY header", "a PLY file with points")
+    order, count, fields = _header(head.decode("ascii", "replace"), file)
+    kind = np.dtype([(name, (order or "=") + code) for name, code in fields])
+    body = body[2:] if body.startswith(b"\r\n") else body[1:]
+    rows = _ascii(body, count, kind, file) if not order else _binary(body, count, kind, file)
+    xyz = np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    if not np.isfinite(xyz).all():
+        raise InputError(file, "points with NaN or infinity", "finite coordinates")
+    rgb = np.full((count, 3), 0.5, dtype=np.float32)
+    if all(name in (kind.names or ()) for name in _COLOURS):
+        rgb = np.stack([rows[name].astype(np.float32) for name in _COLOURS], axis=1)
+        if kind["red"].kind == "u":
+            rgb /= np.float32(np.iinfo(kind["red"]).max)
+    return PointCloud(xyz, rgb, np.full(count, np.nan, dtype=np.float32))
+
+
+def _header(text: str, file: Path) -> tuple[str, int, list[tuple[str, str]]]:
+    """(byte order or "", number of vertices, their properties); the vertices must come first."""
+    order, count, fields, element = None, None, [], None
+    for words in (line.split() for line in text.splitlines()[1:]):
+        match words:
+            case ["format", name, _]:
+                order = _ORDERS.get(name)
+            case ["element", name, number] if number.isdigit():
+                if count is None and name != "vertex":
+                    raise InputError(file, f"element {name} first", "the vertices first")
+                element, count = name, int(number) if name == "vertex" else count
+            case ["property", code, name] if element == "vertex" and code in _TYPES:
+                fields.append((name, _TYPES[code]))
+            case ["property", *rest] if element == "vertex":
+                raise InputError(file, f"vertex property {' '.join(rest)}", "numbers")
+    if order is None or count is None:
+        raise InputError(file, "a PLY header without format or vertices", "a PLY file with points")
+    names = [name for name, _ in fields]
+    if not {"x", "y", "z"} <= set(names) or len(set(names)) < len(names):
+        raise InputError(file, f"vertex properties {', '.join(names) or 'none'}", "x, y, z, each once")
+    return order, count, fields
+
+
+def _binary(body: bytes, count: int, kind: np.dtype, file: Path) -> np.ndarray:
+    if len(body) < count * kind.itemsize:
+        raise InputError(file, f"{len(body)} bytes of vertices", f"{count * kind.itemsize}")
+    return np.frombuffer(body, dtype=kind, count=count)
+
+
+def _ascii(body: bytes, count: int, kind: np.dtype, file: Path) -> np.ndarray:
+    lines = body.decode("ascii", "replace").splitlines()[:count]
+    rows = [line.split() for line in lines]
+    width = len(kind.names or ())
+    if len(rows) < count or any(len(row) != width for row in rows):
+        found = f"{len(rows)} lines of vertices or a line cut short"
+        raise InputError(file, found, f"{count} lines of {width} numbers")
+    try:
+        values = np.array(rows, dtype=np.float64).reshape(count, width)
+    except ValueError as error:
+        raise InputError(file, str(error), "numbers") from None
+    table = np.empty(count, dtype=kind)
+    for column, name in enumerate(kind.names or ()):
+        table[name] = values[:, column]
+    return table

@@ -1,0 +1,65 @@
+"""Poses: checking that they are rigid, and the axes of LLFF and OpenGL against OpenCV's."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dofbench.errors import InputError
+
+# Text files keep five or six digits of a rotation. What is farther from a rotation than this is no rounding.
+_RIGID = 1e-4
+# A rotation nearer than this is left as it is, so that exact files are read exactly.
+_EXACT = 1e-12
+
+# Columns of a camera-to-world rotation, from OpenGL's (right, up, backwards) to OpenCV's (right, down, forward).
+_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def rigid(matrix: np.ndarray, subject: object, which: str) -> np.ndarray:
+    """Check a (3, 4) or (4, 4) pose and return it as (4, 4) float64 with an exact rotation.
+
+    A rotation that is off by the rounding of a text file is replaced by the nearest one. Raises
+    InputError about `subject` (the file) and `which` (the view) for NaN, scale, shear, reflection.
+    """
+    matrix = np.asarray(matrix, dtype=np.float64)
+    if matrix.shape not in ((3, 4), (4, 4)):
+        raise InputError(subject, f"a pose of shape {matrix.shape} for {which}", "shape (3, 4) or (4, 4)")
+    if not np.isfinite(matrix).all():
+        raise InputError(subject, f"a pose with NaN or infinity for {which}", "finite numbers")
+    if matrix.shape == (4, 4) and np.abs(matrix[3] - (0.0, 0.0, 0.0, 1.0)).max() > _RIGID:
+        raise InputError(subject, f"last row {matrix[3].tolist()} in the pose of {which}", "0 0 0 1")
+    pose = np.eye(4)
+    pose[:3] = matrix[:3]
+    rotation = pose[:3, :3]
+    away = np.abs(rotation.T @ rotation - np.eye(3)).max()
+    if away > _RIGID:
+        raise InputError(subject, f"a pose that is no rotation (off by {away:.2g}) for {which}", "orthonormal columns")
+    if np.linalg.det(rotation) < 0:
+        raise InputError(subject, f"a mirrored pose for {which}", "a rotation with determinant +1")
+    if away > _EXACT:
+        left, _, right = np.linalg.svd(rotation)
+        pose[:3, :3] = left @ right
+    return pose
+
+
+def invert(pose: np.ndarray) -> np.ndarray:
+    """(4, 4) inverse of a rigid (4, 4) pose, without the rounding of a general inverse."""
+    inverse = np.eye(4)
+    inverse[:3, :3] = pose[:3, :3].T
+    inverse[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
+    return inverse
+
+
+def llff_to_opencv(pose: np.ndarray) -> np.ndarray:
+    """Camera-to-world (3, 4) with columns (down, right, backwards, position) to (right, down, forward, position)."""
+    return np.stack([pose[:, 1], pose[:, 0], -pose[:, 2], pose[:, 3]], axis=1)
+
+
+def opencv_to_llff(pose: np.ndarray) -> np.ndarray:
+    """Inverse of `llff_to_opencv`, for the first three rows of a camera-to-world matrix."""
+    return np.stack([pose[:3, 1], pose[:3, 0], -pose[:3, 2], pose[:3, 3]], axis=1)
+
+
+def opengl_to_opencv(pose: np.ndarray) -> np.ndarray:
+    """Camera-to-world (4, 4) with OpenGL camera axes to OpenCV's; the same function is its inverse."""
+    return pose @ _OPENGL

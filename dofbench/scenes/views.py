@@ -1,0 +1,166 @@
+"""From what a reader found in the files to a `Scene`: checks, sizes, names, order. Images stay on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from dofbench.contracts import PointCloud
+from dofbench.errors import InputError
+from dofbench.images import image_size, read_image, resize
+from dofbench.scenes.depth_files import read_depth
+from dofbench.scenes.folders import view_names
+from dofbench.scenes.types import Scene, SceneView, Split
+from dofbench.scenes.undistort import Intrinsics, sample_depth, undistort_image, undistorted
+
+# Sizes rounded down a pyramid leave the aspect ratio off by a pixel: 1 % is more than that, and less than a crop.
+_ASPECT = 0.01
+# Points are matched to poses by eye of the lens: a wrong frame leaves next to none inside.
+_INSIDE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One photograph as a reader found it.
+
+    name: its path inside the scene, for the view's name. intrinsics: at the size of the camera
+    file, which need not be the image's. world_to_camera: (4, 4), OpenCV axes. unit: scene units a
+    number in the depth file. split: where the layout says it.
+    """
+
+    name: str
+    file: Path
+    intrinsics: Intrinsics
+    world_to_camera: np.ndarray
+    depth_file: Path | None = None
+    unit: float = 1.0
+    split: Split | None = None
+
+
+@dataclass(frozen=True)
+class ImageOnDisk:
+    """Reads an image, takes the distortion out, resizes: (height, width, 3) float32, encoded.
+
+    A class, not a closure, so that a view can be sent to another process.
+    """
+
+    file: Path
+    intrinsics: Intrinsics
+    width: int
+    height: int
+
+    def __call__(self) -> np.ndarray:
+        image = read_image(self.file)
+        expected = (self.intrinsics.height, self.intrinsics.width)
+        if image.shape[:2] != expected:
+            size = f"{image.shape[1]}x{image.shape[0]} pixels"
+            raise InputError(self.file, size, f"{expected[1]}x{expected[0]}, as when the scene was loaded")
+        return resize(undistort_image(image, self.intrinsics), self.width, self.height)
+
+
+@dataclass(frozen=True)
+class DepthOnDisk:
+    """Reads a z-depth map and samples it (nearest) at the view's pixel centres: (height, width) float32, 0 unknown."""
+
+    file: Path
+    unit: float
+    intrinsics: Intrinsics
+    width: int
+    height: int
+
+    def __call__(self) -> np.ndarray:
+        target = undistorted(self.intrinsics).resized(self.width, self.height)
+        return sample_depth(read_depth(self.file, self.unit), self.intrinsics, target)
+
+
+def assemble(
+    root: Path, layout: str, frames: Sequence[Frame], points: PointCloud | None, *, width: int | None, subject: object
+) -> Scene:
+    """Check every frame and make the scene: views sorted by name, points.views turned to that order.
+
+    width: of every view, pixels; None keeps the images' own. Raises InputError about `subject`
+    (the file with the poses) or about the image that is missing, unreadable, of another shape, too narrow.
+    A track loses the views that the point lies behind: no camera can have made such a sighting.
+    """
+    if not frames:
+        raise InputError(subject, "no views", "at least one")
+    names = view_names([frame.name for frame in frames])
+    views = [_view(frame, name, width, subject) for frame, name in zip(frames, names, strict=True)]
+    order = sorted(range(len(views)), key=names.__getitem__)
+    if points is not None and points.views is not None:
+        rank = np.empty(len(views), dtype=np.int64)
+        rank[order] = np.arange(len(views))
+        in_front = np.stack([views[index].camera.project(points.xyz)[1] > 0 for index in order])
+        tracks = (np.sort(rank[track]) for track in points.views)
+        points = replace(points, views=tuple(track[in_front[track, point]] for point, track in enumerate(tracks)))
+    return Scene(root.resolve().name, root, layout, tuple(views[index] for index in order), points)
+
+
+def check_inside(scene: Scene, subject: object) -> None:
+    """Raise InputError unless at least half of the points lie where the poses see them.
+
+    With tracks: half of the sightings fall inside their image. Without: half of the points fall
+    inside at least one. Points from another frame than the poses' fail this.
+    """
+    points = scene.points
+    if points is None:
+        return
+    inside = np.stack([_inside(view, points.xyz) for view in scene.views])
+    if points.views is None:
+        share = inside.any(axis=0).mean()
+    else:
+        seen = np.concatenate(points.views)
+        which = np.repeat(np.arange(len(points)), [len(track) for track in points.views])
+        share = inside[seen, which].mean() if len(seen) else 0.0
+    if share < _INSIDE:
+        expected = f"at least {_INSIDE:.0%}: points and poses in one frame"
+        raise InputError(subject, f"{share:.0%} of the points inside the images that should see them", expected)
+
+
+def _inside(view: SceneView, xyz: np.ndarray) -> np.ndarray:
+    pixels, _ = view.camera.project(xyz)
+    # NaN, behind the camera, compares false.
+    return np.all((pixels >= 0) & (pixels <= (view.camera.width, view.camera.height)), axis=1)
+
+
+def _view(frame: Frame, name: str, width: int | None, subject: object) -> SceneView:
+    if not frame.file.is_file():
+        raise InputError(frame.file, "no such file", f"the image that {subject} names")
+    file_width, file_height = image_size(frame.file)
+    given = frame.intrinsics
+    _check_aspect(frame.file, (file_width, file_height), given, subject)
+    if width is not None and width > file_width:
+        raise InputError(
+            frame.file, f"an image {file_width} pixels wide", f"at least the {width} asked for: nothing is enlarged"
+        )
+    lens = given.resized(file_width, file_height)
+    try:
+        straight = undistorted(lens)
+    except InputError as error:
+        raise InputError(subject, error.found, error.expected) from None
+    out_width = width or file_width
+    out_height = max(1, int(file_height * out_width / file_width + 0.5))
+    depth = None
+    if frame.depth_file is not None:
+        if not frame.depth_file.is_file():
+            raise InputError(frame.depth_file, "no such file", f"the depth map that {subject} names")
+        _check_aspect(frame.depth_file, image_size(frame.depth_file), given, subject)
+        depth = DepthOnDisk(frame.depth_file, frame.unit, lens, out_width, out_height)
+    return SceneView(
+        name=name,
+        camera=straight.camera(frame.world_to_camera).resized(out_width, out_height),
+        image=ImageOnDisk(frame.file, lens, out_width, out_height),
+        source=frame.file,
+        split=frame.split or "train",
+        depth=depth,
+    )
+
+
+def _check_aspect(file: Path, size: tuple[int, int], given: Intrinsics, subject: object) -> None:
+    ratio = (size[0] / size[1]) / (given.width / given.height)
+    if abs(ratio - 1) > _ASPECT:
+        expected = f"the shape of its camera, {given.width}x{given.height} in {subject}"
+        raise InputError(file, f"{size[0]}x{size[1]} pixels", expected)

@@ -1,0 +1,180 @@
+"""Reading a dataset: for methods only what they may see, for the harness everything."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from dofbench.cameras import Camera
+from dofbench.contracts import PointCloud, TrainingSet, TrainingView
+from dofbench.errors import InputError
+from dofbench.files import sha256_file
+from dofbench.images import read_exr, read_image
+from dofbench.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
+from dofbench.scenes import load_scene
+from dofbench.scenes.types import Split
+from dofbench.synthesis import write
+from dofbench.synthesis.schema import MANIFEST, LensFile, Manifest, read_lens_file, read_manifest
+
+Inputs = Literal["shallow", "all-in-focus"]
+
+
+@dataclass(frozen=True, eq=False)
+class DatasetView:
+    """One view with its true lens, in the units of the scene's disparity range and in scene units.
+
+    max_coc_px: largest CoC radius among its pixels.
+    """
+
+    name: str
+    split: Split
+    camera: Camera
+    lens: Lens
+    physical_lens: PhysicalLens
+    max_coc_px: float
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """A dataset folder, as `make_dataset` writes it. Images and depth are read when asked for."""
+
+    folder: Path
+    manifest: Manifest
+    lenses: LensFile
+    views: tuple[DatasetView, ...]
+    points: PointCloud | None
+    checksum: str
+
+    @staticmethod
+    def load(folder: Path) -> Dataset:
+        """Open a dataset; reads its manifest, lenses, cameras and points, and no image.
+
+        Raises InputError, one line, when the folder is no dataset, is unfinished, is of another
+        schema version, or its parts don't fit together.
+        """
+        folder = Path(folder)
+        manifest, lenses = read_manifest(folder), read_lens_file(folder)
+        scene = load_scene(folder, layout="nerfstudio")
+        views = {view.name: view for view in scene.views}
+        records = {record.name: record for record in lenses.views}
+        if views.keys() != records.keys():
+            different = sorted(views.keys() ^ records.keys())
+            raise InputError(folder, f"views in only one of {write.TRANSFORMS} and lens.json: {', '.join(different)}",
+                             "the same views in both")
+        moved = [name for name, view in sorted(views.items()) if view.split != records[name].split]
+        if moved:
+            raise InputError(folder, f"another split in {write.TRANSFORMS} than in lens.json for {', '.join(moved)}",
+                             "the same split in both")
+        disparity_range = lenses.range()
+        found = tuple(
+            DatasetView(
+                name=name, split=record.split, camera=views[name].camera, lens=record.lens,
+                physical_lens=record.lens.physical(disparity_range, views[name].camera.width),
+                max_coc_px=record.max_coc_px,
+            )
+            for name, record in sorted(records.items())
+        )
+        return Dataset(folder, manifest, lenses, found, scene.points, sha256_file(folder / MANIFEST))
+
+    @property
+    def name(self) -> str:
+        """The dataset's name, which is its scene's; `checksum` tells apart datasets of one scene."""
+        return self.manifest.name
+
+    @property
+    def scene(self) -> str:
+        """Name of the scene that it was made from."""
+        return self.manifest.source.scene
+
+    @property
+    def disparity_range(self) -> DisparityRange:
+        """What the views' aperture and focus refer to."""
+        return self.lenses.range()
+
+    @property
+    def gamma(self) -> float:
+        """Exponent of the display encoding."""
+        return self.lenses.gamma
+
+    @property
+    def alpha(self) -> float:
+        """Hardness of the blur disc's edge, per pixel."""
+        return self.lenses.alpha
+
+    @property
+    def shape(self) -> ApertureShape:
+        """Shape of the aperture."""
+        return self.lenses.shape.shape()
+
+    @property
+    def has_points(self) -> bool:
+        """Whether there are sparse points."""
+        return self.points is not None and len(self.points) > 0
+
+    def view(self, name: str) -> DatasetView:
+        """The view of that name. Raises InputError when there is none."""
+        for view in self.views:
+            if view.name == name:
+                return view
+        raise InputError(self.folder, f"no view {name!r}", f"one of {len(self.views)}, {self.views[0].name} first")
+
+    def training_views(self) -> tuple[DatasetView, ...]:
+        """The views to train on, by name."""
+        return tuple(view for view in self.views if view.split == "train")
+
+    def test_views(self) -> tuple[DatasetView, ...]:
+        """The views held back, by name."""
+        return tuple(view for view in self.views if view.split == "test")
+
+    def lens(self, view: DatasetView | str) -> Lens:
+        """The view's true lens, in the units of `disparity_range`."""
+        return (self.view(view) if isinstance(view, str) else view).lens
+
+    def image(self, view: DatasetView | str) -> np.ndarray:
+        """The shallow photograph: (H, W, 3) float32, encoded, [0, 1], at 8-bit levels."""
+        return read_image(write.shallow_path(self.folder, _name(view)))
+
+    def linear(self, view: DatasetView | str) -> np.ndarray:
+        """The shallow photograph before encoding: (H, W, 3) float32, linear."""
+        return read_exr(write.linear_path(self.folder, _name(view)))
+
+    def all_in_focus(self, view: DatasetView | str) -> np.ndarray:
+        """The sharp original: (H, W, 3) float32, encoded, [0, 1], at 8-bit levels."""
+        return read_image(write.sharp_path(self.folder, _name(view)))
+
+    def depth(self, view: DatasetView | str) -> np.ndarray:
+        """True z-depth: (H, W) float32, scene units, 0 where unknown."""
+        return read_exr(write.depth_path(self.folder, _name(view)))
+
+    def training_set(self, inputs: Inputs = "shallow") -> TrainingSet:
+        """All that a method may see: training photographs, cameras, points; no lens, no depth, no test view.
+
+        inputs: the shallow photographs, or the sharp originals (a protocol of its own). Points that
+        only test views saw are left out; tracks name training views alone.
+        """
+        if inputs not in ("shallow", "all-in-focus"):
+            raise InputError("inputs", repr(inputs), "shallow or all-in-focus")
+        read = self.image if inputs == "shallow" else self.all_in_focus
+        views = tuple(TrainingView(view.name, view.camera, read(view)) for view in self.training_views())
+        return TrainingSet(views, self._training_points())
+
+    def _training_points(self) -> PointCloud | None:
+        if self.points is None or self.points.views is None:
+            return self.points
+        place = np.full(len(self.views), -1)
+        training = [index for index, view in enumerate(self.views) if view.split == "train"]
+        place[training] = np.arange(len(training))
+        tracks = [place[track] for track in self.points.views]
+        tracks = [track[track >= 0] for track in tracks]
+        kept = np.array([len(track) > 0 for track in tracks], dtype=bool)
+        return replace(
+            self.points, xyz=self.points.xyz[kept], rgb=self.points.rgb[kept], error=self.points.error[kept],
+            views=tuple(track for track in tracks if len(track)),
+        )
+
+
+def _name(view: DatasetView | str) -> str:
+    return view if isinstance(view, str) else view.name

@@ -1,0 +1,198 @@
+"""The run of make-dataset: read the scene, then stage after stage, each keeping what is already there."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from dofbench import __version__, depth
+from dofbench.content import content_folder
+from dofbench.errors import InputError
+from dofbench.files import canonical_json, read_json, sha256_file, sha256_text, write_json
+from dofbench.images import read_exr, read_image, to_8bit, write_exr, write_png
+from dofbench.lens import DisparityRange
+from dofbench.scenes import load_scene
+from dofbench.scenes.types import Scene, SceneView
+from dofbench.synthesis import write
+from dofbench.synthesis.disparity import scene_range
+from dofbench.synthesis.plan import Plan, make_plan
+from dofbench.synthesis.progress import Progress
+from dofbench.synthesis.render import Blur, shallow_image, view_record
+from dofbench.synthesis.schema import DepthRecord, SourceImage, SourceRecord, ViewRecord
+from dofbench.synthesis.settings import MakeDataset
+from dofbench.synthesis.work import DEPTH_RECORD, WORK, finish, only_writer, prepare
+
+BUILT_IN = "tabletop"
+_BOUNDS = (0.1, 99.9)  # percentiles of depth that LLFF calls near and far
+
+
+def find_scene(scene: str | None) -> Path:
+    """The folder that a scene argument means: itself, or the built-in scene of that name; None is the built-in one.
+
+    Raises InputError when it is neither.
+    """
+    built_in = content_folder("datasets")
+    if scene is None:
+        return built_in / BUILT_IN
+    if Path(scene).is_dir():
+        return Path(scene)
+    if Path(scene).name == scene and (built_in / scene).is_dir():
+        return built_in / scene
+    raise InputError(scene, "no such folder and no built-in scene of that name", f"a scene folder or {BUILT_IN}")
+
+
+def default_folder(scene_name: str) -> Path:
+    """Where the dataset of a scene goes when the user doesn't say."""
+    return Path("data") / scene_name
+
+
+def make(settings: MakeDataset, progress: Progress) -> Path:
+    """Make the dataset, or finish it, or find that it is complete; returns its folder. See `make_dataset`."""
+    root = find_scene(settings.scene)
+    scene = load_scene(
+        root, width=settings.width, images=settings.images, layout=settings.layout, hold=settings.hold
+    )
+    plan = make_plan(
+        [(view.name, view.split) for view in scene.views],
+        focus=settings.focus_values, aperture=settings.aperture_values, seed=settings.seed,
+    )
+    source_id = depth.resolve(settings.depth, scene)
+    source = _source_record(scene, with_depth=source_id == "given")
+    identity = sha256_text(canonical_json({
+        "settings": settings.recipe(), "depth": source_id, "plan": plan.hash, "source": source.model_dump(mode="json"),
+        "dofbench": __version__,
+    }))
+    out = settings.out or default_folder(scene.name)
+    with only_writer(out):
+        if prepare(out, identity) == "complete":
+            progress.finished(out, "up to date")
+            return out
+        _all_in_focus(scene, out, progress)
+        depth_record = _depth(scene, source_id, settings, out, progress)
+        blur = Blur(
+            disparity_range=_disparity_range(scene, out), per_view=settings.normaliser == "view",
+            gamma=settings.gamma, alpha=settings.alpha, shape=settings.aperture_shape, energy=settings.energy,
+        )
+        records = _shallow(plan, out, blur, half=settings.linear == "exr-half", progress=progress)
+        notes = write.geometry(out, scene, _near_far(scene, out, blur.disparity_range))
+        write.lens_file(out, blur, records)
+        write.sheet(out, f"{scene.name}: {len(records)} views with a known lens", records, blur.disparity_range)
+        write.readme(out, scene, settings, depth_record, records, notes)
+        write.manifest(
+            out, name=scene.name, settings=settings, source=source, depth=depth_record, identity=identity
+        )
+        finish(out)
+    progress.finished(out, f"{len(records)} views")
+    return out
+
+
+def _source_record(scene: Scene, with_depth: bool) -> SourceRecord:
+    digest = hashlib.sha256()
+    for view in scene.views:
+        camera = view.camera
+        digest.update(canonical_json({
+            "name": view.name, "split": view.split, "size": [camera.width, camera.height],
+            "intrinsics": [camera.fx, camera.fy, camera.cx, camera.cy],
+            "world_to_camera": camera.world_to_camera.tolist(),
+        }).encode())
+        if with_depth and view.depth is not None:
+            digest.update(np.ascontiguousarray(view.depth(), dtype=np.float32).tobytes())
+    if scene.points is not None:
+        for array in (scene.points.xyz, scene.points.rgb, scene.points.error, *(scene.points.views or ())):
+            digest.update(np.ascontiguousarray(array).tobytes() + b"|")
+    return SourceRecord(
+        scene=scene.name, layout=scene.layout, geometry=digest.hexdigest(),
+        images=tuple(SourceImage(view=view.name, sha256=sha256_file(view.source)) for view in scene.views),
+    )
+
+
+def _all_in_focus(scene: Scene, out: Path, progress: Progress) -> None:
+    with progress.stage("all-in-focus", len(scene.views)) as advance:
+        for index, view in enumerate(scene.views):
+            path = write.sharp_path(out, view.name)
+            if not path.is_file():
+                write_png(path, _encoded(view))
+            advance(index + 1)
+
+
+def _encoded(view: SceneView) -> np.ndarray:
+    """The view's image in 8 bits. Raises InputError when it isn't encoded, in [0, 1], of its camera's size."""
+    image = view.image()
+    size = (view.camera.height, view.camera.width, 3)
+    if image.shape != size:
+        raise InputError(view.source, f"an image of shape {image.shape}", f"{size}, as its camera")
+    if not np.isfinite(image).all() or image.min() < 0 or image.max() > 1:
+        raise InputError(view.source, f"values from {image.min():g} to {image.max():g}", "an encoded image in [0, 1]")
+    return to_8bit(image)
+
+
+def _depth(
+    scene: Scene, source_id: depth.SourceId, settings: MakeDataset, out: Path, progress: Progress
+) -> DepthRecord:
+    paths = [write.depth_path(out, view.name) for view in scene.views]
+    kept = out / WORK / DEPTH_RECORD
+    if kept.is_file() and all(path.is_file() for path in paths):
+        return DepthRecord.model_validate(read_json(kept))
+    if source_id == "given":
+        source = depth.open_source(source_id, scene, steps=settings.depth_steps, seed=settings.seed, work=out / WORK)
+    else:
+        with progress.stage("reconstruction", settings.depth_steps) as advance:
+            source = depth.open_source(
+                source_id, scene, steps=settings.depth_steps, seed=settings.seed, work=out / WORK,
+                progress=lambda step, steps: advance(step),
+            )
+    with progress.stage("depth", len(paths)) as advance:
+        for index, (view, path) in enumerate(zip(scene.views, paths, strict=True)):
+            if not path.is_file():
+                write_exr(path, source.depth(view))
+            advance(index + 1)
+    record = DepthRecord(source=source.id, provenance=source.provenance())
+    write_json(kept, record.model_dump(mode="json"))
+    return record
+
+
+def _disparity_range(scene: Scene, out: Path) -> DisparityRange:
+    def maps() -> Iterator[np.ndarray]:
+        return (read_exr(write.depth_path(out, view.name)) for view in scene.views)
+
+    try:
+        return scene_range(maps)
+    except ValueError:
+        raise InputError(scene.root, "no pixel of known depth in any view", "depth to blur by") from None
+
+
+def _near_far(scene: Scene, out: Path, disparity_range: DisparityRange) -> np.ndarray:
+    """(N, 2) depth bounds of every view, scene units; the scene's where a view has no known pixel."""
+    bounds = []
+    for view in scene.views:
+        depth_map = read_exr(write.depth_path(out, view.name))
+        known = depth_map[depth_map > 0]
+        bounds.append(
+            np.percentile(known, _BOUNDS) if known.size else (1 / disparity_range.q_max, 1 / disparity_range.q_min)
+        )
+    return np.array(bounds)
+
+
+def _shallow(plan: Plan, out: Path, blur: Blur, *, half: bool, progress: Progress) -> list[ViewRecord]:
+    records = []
+    with progress.stage("blur", len(plan.views)) as advance:
+        for index, planned in enumerate(plan.views):
+            depth_map = read_exr(write.depth_path(out, planned.name))
+            try:
+                record = view_record(planned, depth_map, blur)
+            except ValueError:
+                raise InputError(
+                    f"view {planned.name}", "no pixel of known depth", "some, for a normaliser of its own"
+                ) from None
+            records.append(record)
+            linear_path, path = write.linear_path(out, planned.name), write.shallow_path(out, planned.name)
+            if not (linear_path.is_file() and path.is_file()):
+                sharp = to_8bit(read_image(write.sharp_path(out, planned.name)))
+                encoded, linear = shallow_image(sharp, depth_map, record, blur)
+                write_exr(linear_path, linear, half=half)
+                write_png(path, encoded)
+            advance(index + 1)
+    return records

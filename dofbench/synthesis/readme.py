@@ -1,0 +1,116 @@
+"""The README that goes into a dataset: what it is, how it was made, how to read it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dofbench import __version__
+from dofbench.scenes.types import Scene
+from dofbench.synthesis.schema import DepthRecord, ViewRecord
+from dofbench.synthesis.settings import MakeDataset
+
+# What people call the file that says where a scene is from and under which terms.
+_NOTES = ("CITATION.cff", "LICENCE", "LICENCE.md", "LICENCE.txt", "LICENSE", "LICENSE.md", "LICENSE.txt",
+          "README.md", "README.txt", "SOURCE.md")
+
+_DEPTH_TEXT = {
+    "given": "the scene's own depth maps",
+    "splat": "a Gaussian reconstruction of all all-in-focus views (settings in dataset.json)",
+}
+
+_TEXT = """\
+# {name}: shallow depth of field with a known lens
+
+{count} views ({train} to train on, {test} to test on), {size}. Every image in `images/` is a photograph of an
+all-in-focus scene, blurred as a lens of known aperture and focus would. `lens.json` holds that lens, so what a
+method learns from the images can be compared with the truth.
+
+Made by dofbench {version}:
+
+    {command}
+
+Running it again on the same scene gives the same bytes. `dofbench check` compares every file with its checksum in
+`dataset.json`, and blurs a part of a view again.
+
+## Files
+
+| file | what it is |
+| --- | --- |
+| `images/VIEW.png` | shallow depth of field, encoded, 8 bit: what a method trains on |
+| `images_linear/VIEW.exr` | the same in linear light, before encoding and rounding, {linear} |
+| `all_in_focus/VIEW.png` | the original at this size, encoded, 8 bit: the truth for all-in-focus renders |
+| `depth/VIEW.exr` | z-depth in scene units, float32, 0 where unknown; from {depth} |
+| `lens.json` | aperture and focus of every view, and what they refer to |
+| `transforms.json` | cameras, split and depth in nerfstudio's layout (OpenGL axes) |
+| `poses_bounds.npy` | the same cameras in LLFF's layout |
+| `sparse/0/` | the same cameras and the sparse points as a COLMAP model |
+| `contact_sheet.png` | a few views: original, depth, CoC radius, shallow image |
+| `dataset.json` | source, settings, sha256 and size of every other file |
+
+## Lens
+
+With `[q_min, q_max] = disparity_range` of `lens.json` and a pixel's depth z:
+
+    d = (1 / z - q_min) / (q_max - q_min)        normalised disparity, 0 far ... 1 near, not clipped
+    R = k_px |d - focus|                         radius of its circle of confusion, pixels
+    k_px = 0.02 * image width * aperture
+
+The same in scene units: `R = aperture_scene |1 / focus_scene - 1 / z|`. Blurring is done in linear light,
+`linear = encoded ** {gamma:g}`: each pixel i of colour c is spread over its neighbours j at distance l with the weight
+
+    w_ij = (1/2 + 1/2 tanh({alpha:g} (R_i - l))){area}
+
+and a target's colour is `sum_i w_ij c_i / sum_i w_ij`{shape}. A view with aperture 0 is the original, untouched.
+Who computes this from `all_in_focus`, `depth` and `lens.json` gets `images` to within the rounding to 8 bits.
+Where the depth is unknown, 1 / z counts as 0: infinitely far.
+{normaliser}
+The lenses were dealt from focus {focus} and aperture {aperture}; the largest radius is {largest:.1f} pixels.
+
+## Reading it
+
+    from dofbench.synthesis import Dataset
+    dataset = Dataset.load("{name}")
+    training_set = dataset.training_set()        # shallow images, cameras, points; nothing of the lens or depth
+    view = dataset.test_views()[0]
+    dataset.image(view), dataset.all_in_focus(view), dataset.depth(view), view.lens
+
+Depth and 8-bit images open in any image library that knows EXR and PNG; `transforms.json` and `sparse/0` open in
+nerfstudio, gsplat, COLMAP and their like. Views in `test_filenames` of `transforms.json` are not for training.
+{lost}
+## Source
+
+The all-in-focus images are those of the scene "{scene}" ({layout} layout); their sha256 are in `dataset.json`.
+{notes}
+"""
+
+_PER_VIEW = """
+The lens of every view was dealt in the view's own units (minimum and 95th percentile of its disparity; `dealt` in
+`lens.json`), and is given in the scene's units as everywhere, so `aperture` and `focus` differ from view to view.
+"""
+
+
+def readme_text(
+    scene: Scene, settings: MakeDataset, depth: DepthRecord, records: Sequence[ViewRecord], lost: Sequence[str]
+) -> str:
+    """The text, without anything of the machine or the time. lost: what a layout can't hold of the cameras."""
+    sizes = sorted({(view.camera.width, view.camera.height) for view in scene.views})
+    notes = [name for name in _NOTES if (scene.root / name).is_file()]
+    where = " and ".join(f"`{name}`" for name in notes)
+    shape = settings.aperture_shape
+    return _TEXT.format(
+        name=scene.name, scene=scene.name, layout=scene.layout, version=__version__,
+        command=settings.command(scene.name), count=len(records),
+        train=sum(record.split == "train" for record in records),
+        test=sum(record.split == "test" for record in records),
+        size=" and ".join(f"{width}x{height}" for width, height in sizes) + " pixels",
+        linear="half" if settings.linear == "exr-half" else "float", depth=_DEPTH_TEXT[depth.source],
+        gamma=settings.gamma, alpha=settings.alpha, area=" / (R_i^2 + 0.2)" if settings.energy == "area" else "",
+        shape="" if shape.is_disc else "; R_i is scaled by direction to the aperture's `shape`",
+        normaliser=_PER_VIEW if settings.normaliser == "view" else "",
+        largest=max(record.max_coc_px for record in records),
+        focus=", ".join(f"{value:g}" for value in settings.focus_values),
+        aperture=", ".join(f"{value:g}" for value in settings.aperture_values),
+        lost="".join(f"\nCareful: {note}.\n" for note in lost),
+        notes=f"Their terms and whom to cite: see {where} of that scene." if notes else
+        "The scene's folder says nothing of their licence: find out before you share them, and cite their authors.",
+    )

@@ -1,0 +1,192 @@
+"""What dataset.json and lens.json hold, checked on the way in and out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, ValidationError
+
+from dofbench.errors import InputError
+from dofbench.files import read_json
+from dofbench.lens import ApertureShape, DisparityRange, Energy, Lens, PhysicalLens
+from dofbench.scenes.types import Split
+
+SCHEMA = "dofbench-dataset"
+VERSION = 1
+MANIFEST = "dataset.json"
+LENS_FILE = "lens.json"
+
+Checksum = Field(pattern=r"^[0-9a-f]{64}$")
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ShapeRecord(_Record):
+    """The aperture's shape, as `ApertureShape`: rotation in radians."""
+
+    blades: int
+    rotation: FiniteFloat
+    curvature: FiniteFloat
+    obstruction: FiniteFloat
+
+    def shape(self) -> ApertureShape:
+        """The value type. Raises ValueError for an impossible shape."""
+        return ApertureShape(self.blades, self.rotation, self.curvature, self.obstruction)
+
+
+class DealtRecord(_Record):
+    """Only with a per-view normaliser: the lens as it was dealt, and the range that it refers to."""
+
+    disparity_range: tuple[FiniteFloat, FiniteFloat]
+    aperture: FiniteFloat
+    focus: FiniteFloat
+
+
+class ViewRecord(_Record):
+    """One view's lens. aperture and focus always refer to the scene's disparity range.
+
+    k_px: CoC radius in pixels per unit of normalised disparity. aperture_scene: pixels * scene unit.
+    focus_scene: scene units. max_coc_px: largest CoC radius among the
+    view's pixels; unknown depth counts as infinitely far, as it does for the blur.
+    """
+
+    name: str
+    split: Split
+    aperture: FiniteFloat = Field(ge=0)
+    focus: FiniteFloat
+    k_px: FiniteFloat = Field(ge=0)
+    aperture_scene: FiniteFloat = Field(ge=0)
+    focus_scene: FiniteFloat = Field(gt=0)
+    max_coc_px: FiniteFloat = Field(ge=0)
+    dealt: DealtRecord | None = None
+
+    @property
+    def lens(self) -> Lens:
+        """The view's lens in the units of the scene's disparity range."""
+        return Lens(aperture=self.aperture, focus=self.focus)
+
+    def physical(self, width: int) -> PhysicalLens:
+        """The view's lens in scene units, for its image `width` pixels wide."""
+        return PhysicalLens(aperture=self.aperture_scene, focus_disparity=1.0 / self.focus_scene, width=width)
+
+
+class LensFile(_Record):
+    """lens.json: all that is needed to blur the all-in-focus images again. disparity_range: 1 / scene unit."""
+
+    disparity_range: tuple[FiniteFloat, FiniteFloat]
+    normaliser: Literal["scene", "view"]
+    gamma: FiniteFloat = Field(gt=0)
+    alpha: FiniteFloat = Field(gt=0)
+    energy: Energy
+    shape: ShapeRecord
+    renderer: Literal["scatter"]
+    views: tuple[ViewRecord, ...]
+
+    def range(self) -> DisparityRange:
+        """The scene's disparity range. Raises ValueError when it is empty."""
+        return DisparityRange(*self.disparity_range)
+
+
+class SourceImage(_Record):
+    """The file that a view came from, by content."""
+
+    view: str
+    sha256: str = Checksum
+
+
+class SourceRecord(_Record):
+    """The scene that the dataset was made from. geometry: sha256 of its cameras, split and points."""
+
+    scene: str
+    layout: str
+    images: tuple[SourceImage, ...]
+    geometry: str = Checksum
+
+
+class DepthRecord(_Record):
+    """Where the depth came from, and how it was made."""
+
+    source: Literal["given", "splat"]
+    provenance: dict
+
+
+class FileRecord(_Record):
+    """A file of the dataset by content: size in bytes."""
+
+    sha256: str = Checksum
+    size: int = Field(ge=0)
+
+
+class Manifest(_Record):
+    """dataset.json: written last, so that a folder with a manifest is complete.
+
+    identity: sha256 of everything that decides the content (settings, source, lens plan, version).
+    """
+
+    schema_name: Literal["dofbench-dataset"] = Field(alias="schema")
+    version: PositiveInt
+    name: str
+    dofbench: str
+    command: str
+    identity: str = Checksum
+    seed: int
+    settings: dict
+    source: SourceRecord
+    depth: DepthRecord
+    files: dict[str, FileRecord]
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Read dataset.json of a dataset folder.
+
+    Raises InputError, one line, when the folder is no dataset, is unfinished, is of another schema
+    version, or the manifest is damaged.
+    """
+    path = folder / MANIFEST
+    if not path.is_file():
+        if not folder.is_dir():
+            raise InputError(folder, "no such folder", "a dataset folder")
+        if (folder / ".work").is_dir():
+            raise InputError(folder, f"an unfinished dataset (no {MANIFEST})", "a finished one: run make-dataset again")
+        raise InputError(folder, f"no {MANIFEST}", "a dataset folder, as make-dataset writes it")
+    raw = read_json(path)
+    if not isinstance(raw, dict) or raw.get("schema") != SCHEMA:
+        raise InputError(path, "another kind of JSON", f'a manifest with "schema": "{SCHEMA}"')
+    if raw.get("version") != VERSION:
+        raise InputError(path, f"schema version {raw.get('version')}", f"version {VERSION}")
+    return _validate(path, raw, Manifest)
+
+
+def read_lens_file(folder: Path) -> LensFile:
+    """Read lens.json of a dataset folder. Raises InputError, one line, when it is missing or damaged."""
+    path = folder / LENS_FILE
+    if not path.is_file():
+        raise InputError(path, "no such file", "the lens of every view")
+    lenses = _validate(path, read_json(path), LensFile)
+    try:
+        lenses.range()
+        lenses.shape.shape()
+    except ValueError as error:
+        raise InputError(path, str(error), "a possible lens") from None
+    return lenses
+
+
+def as_json(record: BaseModel) -> dict:
+    """The record as plain data for `write_json`, with the names that the files use and without absent parts."""
+    return record.model_dump(mode="json", by_alias=True, exclude_none=True)
+
+
+def _validate(path: Path, raw: object, model: type[Model]) -> Model:
+    try:
+        return model.model_validate(raw)
+    except ValidationError as error:
+        problems = "; ".join(
+            f"{'.'.join(map(str, problem['loc'])) or 'file'}: {problem['msg']}" for problem in error.errors()
+        )
+        raise InputError(path, problems, f"a {path.name} of schema version {VERSION}") from None

@@ -1,0 +1,167 @@
+"""The options of `make-dataset`: what a user types, and what it means once checked."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from dofbench.errors import InputError
+from dofbench.lens import ALPHA, GAMMA, ApertureShape, Energy
+
+DepthSource = Literal["auto", "given", "splat"]
+Normaliser = Literal["scene", "view"]
+Assign = Literal["per-view", "fixed"]
+LinearFormat = Literal["exr-half", "exr-float"]
+
+
+@dataclass(frozen=True)
+class MakeDataset:
+    """Make a shallow depth-of-field dataset whose lens is known from an all-in-focus scene."""
+
+    scene: Annotated[str | None, tyro.conf.Positional] = None
+    """Scene folder in any supported layout, or a built-in name; without it, the built-in scene."""
+
+    focus: str = "0.2,0.5,0.8"
+    """Focus values, comma-separated: normalised disparity, 0 far to 1 near."""
+
+    aperture: str = "0.5,1.0"
+    """Aperture values, comma-separated: 1 blurs by 2 % of the width per unit of disparity, 0 not at all."""
+
+    width: int | None = None
+    """Image width in pixels; without it, the scene's own."""
+
+    hold: int | None = None
+    """Every hold-th view, from the first, is a test view; without it, the scene's own split, or 8."""
+
+    depth: DepthSource = "auto"
+    """Where depth comes from: the scene (given), a reconstruction (splat), or given if there is any (auto)."""
+
+    depth_steps: int = 3000
+    """Training steps of the reconstruction behind --depth splat."""
+
+    gamma: float = GAMMA
+    """Display encoding: linear light is the encoded image to this power."""
+
+    alpha: float = ALPHA
+    """Hardness of the blur disc's edge, per pixel."""
+
+    shape: str = "disc"
+    """Aperture shape: disc, or N-gon with N blades, such as 5-gon."""
+
+    shape_rotation: float = 0.0
+    """Direction of the polygon's first corner, degrees from right towards down."""
+
+    shape_curvature: float = 0.0
+    """How far the polygon's blades bulge: 0 straight to 1 a disc."""
+
+    shape_obstruction: float = 0.0
+    """Radius of a central stop as a share of the aperture's, 0 to below 1."""
+
+    energy: Energy = "area"
+    """Scatter weight: divided by the disc's area, or as printed in the paper's Algorithm 1."""
+
+    normaliser: Normaliser = "scene"
+    """What focus and aperture refer to: one disparity range for the scene, or one for every view."""
+
+    assign: Assign = "per-view"
+    """Deal the grid of focus and aperture over the views, or give all views the one lens."""
+
+    linear: LinearFormat = "exr-half"
+    """Format of the images before encoding."""
+
+    seed: int = 0
+    """Seed of the deal and of the reconstruction."""
+
+    images: str | None = None
+    """Folder of images inside the scene; without it, the one that the layout prefers."""
+
+    layout: str = "auto"
+    """Layout of the scene folder: nerfstudio, llff, colmap, or auto to find out."""
+
+    out: Path | None = None
+    """Folder to write; without it, data/<scene name>."""
+
+    def __post_init__(self) -> None:
+        lenses = len(self.focus_values), len(self.aperture_values)
+        if self.assign == "fixed" and lenses != (1, 1):
+            raise InputError("--assign fixed", f"{lenses[0]} focus and {lenses[1]} aperture values", "one of each")
+        for option, value, lowest in (("--width", self.width, 8), ("--hold", self.hold, 2),
+                                      ("--depth-steps", self.depth_steps, 1), ("--seed", self.seed, 0)):
+            if value is not None and value < lowest:
+                raise InputError(option, str(value), f"at least {lowest}")
+        for option, number in (("--gamma", self.gamma), ("--alpha", self.alpha)):
+            if not (math.isfinite(number) and number > 0):
+                raise InputError(option, str(number), "a positive number")
+        _ = self.aperture_shape
+
+    @property
+    def focus_values(self) -> tuple[float, ...]:
+        """The focus values, in the order given. Raises InputError for anything but distinct numbers in [0, 1]."""
+        return _numbers("--focus", self.focus)
+
+    @property
+    def aperture_values(self) -> tuple[float, ...]:
+        """The aperture values, in the order given. Raises InputError as `focus_values` does."""
+        return _numbers("--aperture", self.aperture)
+
+    @property
+    def aperture_shape(self) -> ApertureShape:
+        """The shape that the four shape options describe. Raises InputError for an impossible one."""
+        match = re.fullmatch(r"(\d+)-gon", self.shape)
+        if self.shape != "disc" and match is None:
+            raise InputError("--shape", repr(self.shape), "disc or N-gon, such as 5-gon")
+        blades = int(match[1]) if match else 0
+        if match and blades < 3:
+            raise InputError("--shape", repr(self.shape), "a polygon with at least 3 corners")
+        if not match and (self.shape_rotation or self.shape_curvature):
+            raise InputError("--shape disc", "a rotation or a curvature", "neither, as a disc has no corners")
+        if not math.isfinite(self.shape_rotation):
+            raise InputError("--shape-rotation", str(self.shape_rotation), "degrees")
+        if not 0 <= self.shape_curvature <= 1:
+            raise InputError("--shape-curvature", str(self.shape_curvature), "0 to 1")
+        if not 0 <= self.shape_obstruction < 1:
+            raise InputError("--shape-obstruction", str(self.shape_obstruction), "0 to below 1")
+        return ApertureShape(blades, math.radians(self.shape_rotation), self.shape_curvature, self.shape_obstruction)
+
+    def recipe(self) -> dict[str, object]:
+        """Everything that decides the dataset's content, as plain data: no path, nothing of this machine."""
+        return {
+            "focus": list(self.focus_values), "aperture": list(self.aperture_values),
+            "width": self.width, "hold": self.hold, "depth": self.depth, "depth_steps": self.depth_steps,
+            "gamma": self.gamma, "alpha": self.alpha,
+            "shape": self.shape, "shape_rotation": self.shape_rotation,
+            "shape_curvature": self.shape_curvature, "shape_obstruction": self.shape_obstruction,
+            "energy": self.energy, "normaliser": self.normaliser, "assign": self.assign, "linear": self.linear,
+            "seed": self.seed, "images": self.images, "layout": self.layout,
+        }
+
+    def command(self, scene_name: str) -> str:
+        """The command line that makes this dataset, with the scene called by its name."""
+        words = ["dofbench make-dataset", scene_name]
+        default = MakeDataset().recipe()
+        for key, value in self.recipe().items():
+            if value != default[key]:
+                text = ",".join(f"{number:g}" for number in value) if isinstance(value, list) else str(value)
+                words.append(f"--{key.replace('_', '-')} {text}")
+        return " ".join(words)
+
+
+def _numbers(option: str, text: str) -> tuple[float, ...]:
+    entries = [entry.strip() for entry in text.split(",")]
+    values = []
+    for entry in entries:
+        try:
+            value = float(entry)
+        except ValueError:
+            raise InputError(option, repr(text), "numbers separated by commas, such as 0.2,0.5") from None
+        if not 0 <= value <= 1:  # also catches NaN
+            raise InputError(option, entry, "numbers from 0 to 1")
+        values.append(value)
+    if len(set(values)) < len(values):
+        raise InputError(option, repr(text), "every value once")
+    return tuple(values)

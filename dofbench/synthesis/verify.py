@@ -1,0 +1,156 @@
+"""Is a dataset folder what it says it is? Schema, checksums, lens arithmetic, split, and the blur itself."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from dofbench.errors import InputError
+from dofbench.files import sha256_file
+from dofbench.images import decode, encode, read_exr, read_image
+from dofbench.lens import Lens
+from dofbench.synthesis import write
+from dofbench.synthesis.dataset import Dataset
+from dofbench.synthesis.disparity import disparity_of
+from dofbench.synthesis.plan import PlannedView
+from dofbench.synthesis.render import Blur, view_record
+from dofbench.synthesis.schema import MANIFEST, LensFile, Manifest, ViewRecord, read_lens_file, read_manifest
+
+RECOMPUTED_PSNR = 55.0  # dB; rounding to 8 bits alone leaves 58.9
+_WINDOW = 64            # pixels, side of the part of a view that is blurred again
+_AGREEMENT = 1e-9       # relative, between the numbers of lens.json, which are float64
+
+
+def check_dataset(folder: Path) -> list[str]:
+    """Everything wrong with a dataset folder, one line each; empty when it is what it says.
+
+    Every file is read and compared with its checksum; the lens of every view is computed again; a
+    part of the most blurred view is scattered again in float64. Raises InputError only when there
+    is no manifest to check against.
+    """
+    folder = Path(folder)
+    manifest = read_manifest(folder)
+    problems = _check_files(folder, manifest)
+    try:
+        lenses = read_lens_file(folder)
+    except InputError as error:
+        return [*problems, str(error)]
+    problems += _check_lenses(folder, lenses, manifest)
+    if problems:
+        return problems
+    try:
+        Dataset.load(folder)
+    except InputError as error:
+        return [str(error)]
+    return _check_blur(folder, lenses)
+
+
+def blurred_again(
+    sharp: np.ndarray, depth: np.ndarray, record: ViewRecord, lenses: LensFile, rows: slice, columns: slice
+) -> np.ndarray:
+    """A window of a view's shallow photograph by the definition: float64, direct sum, straight from the files.
+
+    sharp: (H, W, 3) encoded, [0, 1]; depth: (H, W), scene units. Returns (h, w, 3) float64, encoded, unrounded.
+    Only the sources that reach the window are summed.
+    """
+    import torch
+
+    from dofbench.kernels import load
+
+    width = sharp.shape[1]
+    radius = record.physical(width).signed_radius(disparity_of(depth), width)
+    if record.aperture == 0:
+        return sharp[rows, columns].astype(np.float64)
+    # Beyond its radius a source's weight falls by exp(-2 alpha) a pixel: 40 / (2 alpha) is out of sight.
+    reach = math.ceil(np.abs(radius).max() + 40 / (2 * lenses.alpha))
+    top, left = max(0, rows.start - reach), max(0, columns.start - reach)
+    around = np.s_[top : rows.stop + reach, left : columns.stop + reach]
+    blurred = load("scatter", "reference")(
+        torch.from_numpy(decode(sharp[around].astype(np.float64), lenses.gamma)),
+        torch.from_numpy(np.ascontiguousarray(radius[around])),
+        alpha=lenses.alpha, shape=lenses.shape.shape(), energy=lenses.energy,
+    ).numpy()
+    inside = np.s_[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
+    return encode(blurred[inside], lenses.gamma)
+
+
+def _check_files(folder: Path, manifest: Manifest) -> list[str]:
+    problems = []
+    for name, record in manifest.files.items():
+        path = folder / name
+        if not path.is_file():
+            problems.append(f"{name}: missing")
+        elif path.stat().st_size != record.size:
+            problems.append(f"{name}: {path.stat().st_size} bytes, {record.size} in {MANIFEST}")
+        elif sha256_file(path) != record.sha256:
+            problems.append(f"{name}: content differs from its checksum in {MANIFEST}")
+    found = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    problems += [f"{name}: not in {MANIFEST}" for name in sorted(found - manifest.files.keys() - {MANIFEST})]
+    names = [image.view for image in manifest.source.images]
+    expected = set(write.expected_files(folder, names))
+    problems += [f"{name}: not listed in {MANIFEST}" for name in sorted(expected - manifest.files.keys() - found)]
+    return problems
+
+
+def _check_lenses(folder: Path, lenses: LensFile, manifest: Manifest) -> list[str]:
+    names = [record.name for record in lenses.views]
+    problems = []
+    if sorted(names) != sorted(image.view for image in manifest.source.images):
+        problems.append(f"lens.json: {len(names)} views, not those of the {len(manifest.source.images)} source images")
+    if lenses.normaliser != manifest.settings.get("normaliser"):
+        problems.append(f"lens.json: normaliser {lenses.normaliser}, {manifest.settings.get('normaliser')} in settings")
+    for record in lenses.views:
+        depth_path, image_path = write.depth_path(folder, record.name), write.shallow_path(folder, record.name)
+        if depth_path.is_file() and image_path.is_file():
+            problems += _check_lens(record, lenses, read_exr(depth_path))
+    problems += _check_split(lenses, manifest)
+    return problems
+
+
+def _check_lens(record: ViewRecord, lenses: LensFile, depth: np.ndarray) -> list[str]:
+    """The view's numbers against each other, and its largest radius against its depth."""
+    blur = Blur(
+        lenses.range(), record.dealt is not None, lenses.gamma, lenses.alpha, lenses.shape.shape(), lenses.energy
+    )
+    dealt = record.dealt or record
+    again = view_record(PlannedView(record.name, record.split, Lens(dealt.aperture, dealt.focus)), depth, blur)
+    problems = []
+    for field in ("aperture", "focus", "k_px", "aperture_scene", "focus_scene", "max_coc_px"):
+        stored, expected = getattr(record, field), getattr(again, field)
+        if not math.isclose(stored, expected, rel_tol=_AGREEMENT, abs_tol=_AGREEMENT):
+            problems.append(f"lens.json: view {record.name}: {field} {stored:.9g}, computed {expected:.9g}")
+    return problems
+
+
+def _check_split(lenses: LensFile, manifest: Manifest) -> list[str]:
+    """No photograph, by content, may be on both sides of the split."""
+    digest = {
+        record.name: manifest.files[write.relative(write.sharp_path, record.name)].sha256
+        for record in lenses.views if write.relative(write.sharp_path, record.name) in manifest.files
+    }
+    training = {digest[view.name]: view.name for view in lenses.views if view.split == "train" and view.name in digest}
+    return [
+        f"view {view.name}, to test on: the same photograph as view {training[digest[view.name]]}, to train on"
+        for view in lenses.views
+        if view.split == "test" and view.name in digest and digest[view.name] in training
+    ]
+
+
+def _check_blur(folder: Path, lenses: LensFile) -> list[str]:
+    record = max(lenses.views, key=lambda view: view.max_coc_px)
+    sharp, depth = read_image(write.sharp_path(folder, record.name)), read_exr(write.depth_path(folder, record.name))
+    shallow = read_image(write.shallow_path(folder, record.name))
+    rows, columns = (_middle(size) for size in sharp.shape[:2])
+    again = blurred_again(sharp, depth, record, lenses, rows, columns)
+    squared = np.mean((again - shallow[rows, columns]) ** 2)
+    psnr = math.inf if squared == 0 else -10 * math.log10(squared)
+    if psnr < RECOMPUTED_PSNR:
+        return [f"images/{record.name}.png: {psnr:.1f} dB from the blur computed again, expected {RECOMPUTED_PSNR:g}"]
+    return []
+
+
+def _middle(size: int) -> slice:
+    side = min(size, _WINDOW)
+    return slice((size - side) // 2, (size - side) // 2 + side)

@@ -1,0 +1,113 @@
+"""Starting, resuming and finishing a dataset folder, so that a killed run costs only its last view."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
+
+from dofbench.errors import InputError
+from dofbench.files import read_json, sha256_file, write_json
+from dofbench.synthesis.schema import MANIFEST, Manifest, read_manifest
+
+WORK = ".work"
+DEPTH_RECORD = "depth.json"
+_STATE = "state.json"
+
+
+def prepare(root: Path, identity: str) -> Literal["complete", "open"]:
+    """Make `root` ready for the dataset `identity`, keeping what an earlier run of the same finished.
+
+    "complete" means that it is all there, by its manifest and the files' sizes. A finished dataset
+    that lost or damaged files is opened again with those files taken out. Raises InputError when the
+    folder holds anything else.
+    """
+    work = root / WORK
+    if (root / MANIFEST).is_file():
+        manifest = read_manifest(root)
+        if manifest.identity != identity:
+            raise _holds_another(root)
+        # The previous run may have been killed between writing the manifest and tidying up.
+        shutil.rmtree(work, ignore_errors=True)
+        if all((root / name).is_file() and (root / name).stat().st_size == record.size
+               for name, record in manifest.files.items()):
+            return "complete"
+        _begin(root, identity)
+        # Where the depth is whole, it need not be made again to say how it was made.
+        write_json(work / DEPTH_RECORD, manifest.depth.model_dump(mode="json"))
+        _drop_damaged(root, manifest)
+        (root / MANIFEST).unlink()
+        return "open"
+    if (work / _STATE).is_file():
+        _drop_temporary_files(root)
+        state = read_json(work / _STATE)
+        if isinstance(state, dict) and state.get("identity") == identity:
+            return "open"
+        if [path for path in root.rglob("*") if path.is_file()] != [work / _STATE]:
+            raise _holds_another(root)
+        # A run that ended before it finished anything, on an input that has been put right since.
+        _begin(root, identity)
+        return "open"
+    if root.is_dir() and any(entry.name != WORK for entry in root.iterdir()):
+        raise InputError(root, "files that are no dataset", "an empty or a new folder")
+    _begin(root, identity)
+    return "open"
+
+
+def finish(root: Path) -> None:
+    """Take the work folder away, the last step of all."""
+    shutil.rmtree(root / WORK)
+
+
+@contextmanager
+def only_writer(root: Path) -> Iterator[None]:
+    """Hold the folder against a second run on it. Raises InputError when another one has it.
+
+    The lock dies with the process. Without file locks (Windows) the folder is not guarded.
+    """
+    if root.exists() and not root.is_dir():
+        raise InputError(root, "a file", "a folder to write the dataset to")
+    root.mkdir(parents=True, exist_ok=True)
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    handle = os.open(root, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(root, "another run that is writing it", "one run at a time") from None
+        yield
+    finally:
+        os.close(handle)
+
+
+def _begin(root: Path, identity: str) -> None:
+    write_json(root / WORK / _STATE, {"identity": identity})
+
+
+def _holds_another(root: Path) -> InputError:
+    return InputError(root, "another dataset", "the same one (scene, settings, version), or another --out")
+
+
+def _drop_damaged(root: Path, manifest: Manifest) -> None:
+    for name, record in manifest.files.items():
+        path = root / name
+        if path.is_file() and (path.stat().st_size != record.size or sha256_file(path) != record.sha256):
+            path.unlink()
+
+
+def _drop_temporary_files(root: Path) -> None:
+    # A killed run leaves the hidden file, or folder, that it was writing; see files.replacing.
+    for path in sorted(root.rglob(".*")):
+        if path == root / WORK:
+            continue
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)

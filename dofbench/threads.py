@@ -1,0 +1,40 @@
+"""How many threads the numerical libraries may use: as many as this process has cores, unless told."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+
+_CGROUP = Path("/sys/fs/cgroup")
+
+
+def available_cores(cgroup: Path = _CGROUP) -> int:
+    """Cores that this process may really use: the scheduler's affinity, cut by a container's CPU quota."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    quota = _cgroup_quota(cgroup)
+    return cores if quota is None else max(1, min(cores, math.ceil(quota)))
+
+
+def configure_threads() -> None:
+    """Give torch, BLAS and numba `available_cores()` threads each, where the user has said nothing.
+
+    The libraries read these variables when they are first imported, so call it before that.
+    OMP_NUM_THREADS alone holds for all of them; NUMBA_NUM_THREADS overrides it for the kernels.
+    """
+    cores = os.environ.setdefault("OMP_NUM_THREADS", str(available_cores()))
+    # OMP_NUM_THREADS may list a number for every nesting level ("4,2"); numba knows only one.
+    os.environ.setdefault("NUMBA_NUM_THREADS", cores.split(",")[0])
+
+
+def _cgroup_quota(cgroup: Path) -> float | None:
+    """The CPU quota in cores, of cgroup v2 (cpu.max) or v1 (cpu.cfs_*); None where there is none."""
+    try:
+        if (unified := cgroup / "cpu.max").is_file():
+            quota, period = unified.read_text().split()
+        else:
+            quota = (cgroup / "cpu" / "cpu.cfs_quota_us").read_text().strip()
+            period = (cgroup / "cpu" / "cpu.cfs_period_us").read_text().strip()
+        return None if quota in ("max", "-1") else int(quota) / int(period)
+    except (OSError, ValueError):  # no Linux, no cgroup mounted here, or one that says something else
+        return None

@@ -1,0 +1,198 @@
+"""`rasterize` on the CPU: numba kernels behind one autograd function; float32.
+
+Stages: project (cpu_project), sort and deal out to tiles (cpu_bin), blend (cpu_blend). The backward pass
+blends front to back once more, leaves one small record per intersection of a Gaussian with a tile, and sums
+those in a fixed order (cpu_project_backward): no atomics, so every run gives the same bits on any number
+of threads.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import torch
+from torch import Tensor
+
+from dofbench.cameras import Camera
+
+from . import cpu_layout as layout
+from .cpu_bin import depth_order, fill_tiles
+from .cpu_blend import blend, blend_backward
+from .cpu_project import project
+from .cpu_project_backward import project_backward
+from .types import GEOMETRIES, Geometry, Raster, ViewStatistics
+
+NAMES = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
+_EMPTY2 = np.empty((0, 0), np.float32)
+_EMPTY3 = np.empty((0, 0, 3), np.float32)
+_NOTHING = np.empty(0, np.float32)
+
+
+def rasterize(
+    means: Tensor, log_scales: Tensor, quaternions: Tensor, opacity_logits: Tensor, sh_dc: Tensor, sh_rest: Tensor, *,
+    camera: Camera, filter_3d: Tensor | None = None, sh_degree: int = 3, background: Tensor | None = None,
+    filter_2d: float = 0.1, geometry: Geometry = "depth", near: float = 0.2, statistics: ViewStatistics | None = None,
+) -> Raster:
+    """Render N Gaussians from `camera`, with gradients by the first six arguments from every output.
+
+    means: (N, 3), world, scene units. log_scales: (N, 3), natural logarithm of scene units. quaternions: (N, 4),
+    w first, any length; zero means no rotation. opacity_logits: (N,). sh_dc: (N, 3) and sh_rest: (N, K, 3),
+    K = 0, 3, 8 or 15: spherical harmonics in 3DGS' basis; colour is 1/2 + their sum, clamped at 0 from below.
+    All are contiguous float32 on the CPU.
+
+    filter_3d: (N,), scene units, or None: Mip-Splatting's 3D filter, added to the scales in quadrature, the
+    opacity lowered to match; it gets no gradient. sh_degree: highest degree used (what K holds, if that is less).
+    background: (3,), None for black; it gets no gradient. filter_2d: px**2, added to the footprint's
+    covariance with Mip-Splatting's loss of opacity; 0 turns both off. near: scene units; Gaussians whose centre
+    is not beyond it are left out. statistics: filled in if given.
+
+    geometry: "none" gives colour and alpha, "depth" adds depth, "full" adds median depth and normals. These
+    are RaDe-GS': a Gaussian's ray length at a pixel is that of its plane of largest density, affine in the
+    pixel, at least `near` (where held there it passes no gradient on); blended, then turned into z by the pixel's
+    cosine. Seen exactly edge-on a Gaussian has no such plane: its ray length is that of its centre, its normal zero.
+    The median is the last Gaussian's before which more than half of the light is left.
+
+    A Gaussian counts at a pixel where its alpha, at most 0.99, is at least 1/255, and the transmittance before it at
+    least 1e-4; one whose unfiltered footprint has a determinant of at most 1e-6 px**4 is left out.
+
+    Raises ValueError for arguments of the wrong shape or type, FloatingPointError naming the argument and the
+    Gaussian where a Gaussian in front of the camera has a NaN or an infinity.
+    """
+    parameters = (means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest)
+    _check(parameters, filter_3d, background, geometry)
+    degree = min(sh_degree, math.isqrt(sh_rest.shape[1] + 1) - 1)
+    settings = _Settings(camera, degree, filter_2d, near, GEOMETRIES.index(geometry), filter_3d, background)
+    color, alpha, depth, median, normal = _Rasterize.apply(settings, statistics, *parameters)
+    return Raster(color, alpha, depth, median, normal)
+
+
+def _check(parameters, filter_3d, background, geometry) -> None:
+    if geometry not in GEOMETRIES:
+        raise ValueError(f"geometry: expected one of {', '.join(GEOMETRIES)}, found {geometry!r}")
+    n = parameters[0].shape[0] if parameters[0].ndim else 0
+    rest = parameters[5].shape[1] if parameters[5].ndim == 3 and parameters[5].shape[1] in (0, 3, 8, 15) else "0|3|8|15"
+    shapes = ((n, 3), (n, 3), (n, 4), (n,), (n, 3), (n, rest, 3), (n,), (3,))
+    for name, value, shape in zip((*NAMES, "filter_3d", "background"), (*parameters, filter_3d, background), shapes,
+                                  strict=True):
+        if value is None:
+            continue
+        if tuple(value.shape) != shape:
+            raise ValueError(f"{name}: expected shape {shape}, found {tuple(value.shape)}")
+        if value.dtype != torch.float32 or value.device.type != "cpu" or not value.is_contiguous():
+            raise ValueError(
+                f"{name}: expected contiguous float32 on cpu, found "
+                f"{'' if value.is_contiguous() else 'not '}contiguous {value.dtype} on {value.device}".replace("torch.", "")
+            )
+        if name in ("filter_3d", "background") and value.requires_grad:
+            raise ValueError(f"{name}: expected a tensor without gradient, found requires_grad=True")
+
+
+class _Settings:
+    """What doesn't take part in differentiation, as the kernels want it."""
+
+    def __init__(self, camera, degree, filter_2d, near, geometry, filter_3d, background):
+        self.degree, self.geometry = degree, geometry
+        self.width, self.height = camera.width, camera.height
+        self.columns = -(-camera.width // layout.TILE_WIDTH)
+        self.rows = -(-camera.height // layout.TILE_HEIGHT)
+        self.features = (0,) * geometry
+        self.filter_3d = _NOTHING if filter_3d is None else filter_3d.numpy()
+        self.background = np.zeros(3, np.float32) if background is None else background.numpy()
+        margin_x, margin_y = 0.15 * camera.width, 0.15 * camera.height
+        self.view = view = np.zeros(layout.VIEW, np.float32)
+        view[layout.ROTATION:layout.TRANSLATION] = camera.world_to_camera[:3, :3].ravel()
+        view[layout.TRANSLATION:layout.CENTRE] = camera.world_to_camera[:3, 3]
+        view[layout.CENTRE:layout.FX] = camera.centre
+        view[layout.FX:layout.V_HIGH + 1] = (
+            camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, near, filter_2d,
+            (-camera.cx - margin_x) / camera.fx, (camera.width - camera.cx + margin_x) / camera.fx,
+            (-camera.cy - margin_y) / camera.fy, (camera.height - camera.cy + margin_y) / camera.fy,
+        )
+
+
+class _Rasterize(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, settings, statistics, *parameters):
+        n = parameters[0].shape[0]
+        rest = parameters[5].shape[1]
+        flat = [parameter.detach().numpy().reshape(-1) for parameter in parameters]
+        padded = -(-n // 8) * 8
+        records = np.empty(padded * layout.RECORD, np.float32)
+        depths, radii = np.empty(padded, np.float32), np.empty(padded, np.float32)
+        visible, counts = np.empty(padded, np.bool_), np.empty(padded, np.int32)
+        threads = numba.get_num_threads()
+        bad = project(*flat, rest, settings.filter_3d, settings.degree, settings.geometry, settings.view,
+                      records, depths, radii, visible, counts)
+        if bad >= 0:
+            raise FloatingPointError(_describe(bad, parameters, settings.filter_3d))
+        order = depth_order(depths, counts, n)
+        starts, ids, spans, offsets, places = fill_tiles(records, counts, n, order, settings.view, settings.columns,
+                                                 settings.rows, threads)
+        height, width, geometry = settings.height, settings.width, settings.geometry
+        color, alpha = np.empty((height, width, 3), np.float32), np.empty((height, width), np.float32)
+        depth = np.empty((height, width), np.float32) if geometry > 0 else _EMPTY2
+        median, at = (np.empty((height, width), np.float32) if geometry > 1 else _EMPTY2 for _ in range(2))
+        normal = np.empty((height, width, 3), np.float32) if geometry > 1 else _EMPTY3
+        looked_at = np.empty(settings.columns * settings.rows, np.int32)
+        blend(settings.features, records, starts, ids, spans, settings.view, settings.columns, settings.background,
+              color, alpha, depth, median, at, normal, looked_at, 4 * threads)
+        if statistics is not None:
+            statistics.visible = torch.from_numpy(visible[:n])
+            statistics.radii = torch.from_numpy(radii[:n])
+        outputs = [torch.from_numpy(image) for image in (color, alpha, depth, median, normal)]
+        ctx.settings, ctx.statistics = settings, statistics
+        ctx.tiles = (records, starts, ids, spans, offsets, places, looked_at, at)
+        ctx.set_materialize_grads(False)
+        ctx.save_for_backward(*parameters, *outputs)
+        return tuple(outputs[k] if k < 2 + (geometry > 0) + 2 * (geometry > 1) else None for k in range(5))
+
+    @staticmethod
+    def backward(ctx, *output_gradients):
+        settings, statistics = ctx.settings, ctx.statistics
+        saved = [tensor.detach().numpy() for tensor in ctx.saved_tensors]
+        parameters, (color, alpha, depth, _, normal) = saved[:6], saved[6:]
+        records, starts, ids, spans, offsets, places, looked_at, at = ctx.tiles
+        empty = (_EMPTY3, _EMPTY2, _EMPTY2, _EMPTY2, _EMPTY3)
+        arrays = [nothing if g is None else g.contiguous().numpy()
+                  for g, nothing in zip(output_gradients, empty, strict=True)]
+        # Outputs that the loss doesn't use cost nothing here.
+        features = settings.features
+        if arrays[3].size == 0 and arrays[4].size == 0:
+            features = features[:1]
+            if arrays[2].size == 0:
+                features = ()
+        want_abs = statistics is not None and statistics.want_abs
+        width = 24 if len(features) > 1 else 16
+        gradients = np.empty(ids.size * width, np.float32)
+        threads = numba.get_num_threads()
+        blend_backward(features, (0,) * want_abs, records, starts, ids, spans, settings.view, settings.columns,
+                       looked_at, color, alpha, depth, normal, at, *arrays, gradients, 4 * threads)
+        n, rest = parameters[0].shape[0], parameters[5].shape[1]
+        results = [torch.empty(parameter.shape) for parameter in parameters]
+        grad_2d = np.empty((n, 2) if statistics is not None else (0, 2), np.float32)
+        abs_grad_2d = np.empty((n, 2) if want_abs else (0, 2), np.float32)
+        project_backward(*(parameter.reshape(-1) for parameter in parameters), rest, settings.filter_3d,
+                         settings.degree, len(features), settings.view, gradients, width, offsets, places, want_abs,
+                         *(result.numpy().reshape(-1) for result in results), grad_2d.reshape(-1),
+                         abs_grad_2d.reshape(-1))
+        if statistics is not None:
+            statistics.grad_2d = torch.from_numpy(grad_2d)
+            if want_abs:
+                statistics.abs_grad_2d = torch.from_numpy(abs_grad_2d)
+        return None, None, *results
+
+
+def _describe(index: int, parameters, filter_3d) -> str:
+    """Which argument made Gaussian `index` non-finite."""
+    for name, parameter in zip(NAMES, parameters, strict=True):
+        row = parameter[index].detach()
+        if not bool(torch.isfinite(row).all()):
+            return f"{name}[{index}]: found {row.flatten().tolist()}, expected finite numbers"
+    if filter_3d.size and not np.isfinite(filter_3d[index]):
+        return f"filter_3d[{index}]: found {filter_3d[index]}, expected a finite number"
+    return (
+        f"Gaussian {index}: its projection overflows float32; mean {parameters[0][index].tolist()}, "
+        f"log_scales {parameters[1][index].tolist()}"
+    )

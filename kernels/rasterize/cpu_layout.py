@@ -1,0 +1,44 @@
+"""Sizes and array layouts that the compiled stages share."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dofbench.numba_math import LANES
+
+TILE_VECTORS = 1
+TILE_WIDTH = TILE_VECTORS * LANES
+TILE_HEIGHT = 16
+
+# One Gaussian's record, a cache line of 16 floats. At pixel offset (dx, dy) = pixel - mean,
+#   log2(alpha) = log2(opacity) - (L11 dx + L21 dy)**2 - (L22 dy)**2
+# which is the Gaussian's exponent in Cholesky form and base 2: it can't become positive by rounding,
+# as the expanded quadratic form of a needle does. Ray length there: T0 - TX dx - TY dy.
+RECORD = 16
+MX, MY, L11, L21, L22, LOG2_OPACITY, RED, GREEN, BLUE, T0, TX, TY, NX, NY, NZ = range(15)
+
+# What the blending's backward leaves for each intersection of a Gaussian with a tile.
+# Q: dL/d(exponent) summed over pixels; QX … QYY its moments in (dx, dy); S_*: sums by feature.
+# Sixteen floats, or 24 with normals.
+SLOT = 24
+Q, QX, QXX, QY, QXY, QYY, S_RED, S_GREEN, S_BLUE, S_T, S_TX, S_TY, ABS_X, ABS_Y, S_NX, S_NY, S_NZ = range(17)
+
+# The camera and the constants of one view, one float32 each.
+VIEW = 32
+ROTATION = 0
+TRANSLATION = 9
+CENTRE = 12
+FX, FY, CX, CY, WIDTH, HEIGHT, NEAR, FILTER_2D, U_LOW, U_HIGH, V_LOW, V_HIGH = range(15, 27)
+
+MAX_ALPHA = np.float32(0.99)
+MIN_ALPHA = 1.0 / 255.0
+LOG2_MAX_ALPHA = np.float32(math.log2(0.99))
+LOG2_MIN_ALPHA = np.float32(math.log2(MIN_ALPHA))
+MIN_TRANSMITTANCE = np.float32(1e-4)
+MIN_DETERMINANT = np.float32(1e-6)
+EDGE_ON = np.float32(1e-7)
+# sqrt(log2(e) / 2): from standard deviations to the records' base-2 exponent.
+EXPONENT_SCALE = np.float32(math.sqrt(math.log2(math.e) / 2))
+

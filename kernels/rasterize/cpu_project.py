@@ -1,0 +1,266 @@
+"""From raw parameters to screen-space records, eight Gaussians at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+from dofbench.numba_math import (
+    LANES, abs8, any8, bits8, exp8, floor8, gather8, load8, log2_8, max8, min8, scatter8, select8, splat8, sqrt8,
+    store8,
+)
+
+from .cpu_bin import count_tiles
+from .cpu_layout import (
+    BLUE, CENTRE, CX, CY, EDGE_ON, EXPONENT_SCALE, FILTER_2D, FX, FY, GREEN, HEIGHT, L11, L21, L22,
+    LOG2_MIN_ALPHA, LOG2_OPACITY, MIN_DETERMINANT, MX, MY, NEAR, NX, NY, NZ, RECORD, RED, ROTATION, T0, TRANSLATION,
+    TX, TY, U_HIGH, U_LOW, V_HIGH, V_LOW, WIDTH,
+)
+from .cpu_sh import color8
+
+ONE = np.float32(1.0)
+HALF = np.float32(0.5)
+ZERO = np.float32(0.0)
+TINY = np.float32(1e-30)
+
+
+@njit(forceinline=True)
+def dot3(ax, ay, az, bx, by, bz):
+    return ax * bx + (ay * by + az * bz)
+
+
+@njit(forceinline=True)
+def to_camera8(view, x, y, z):
+    """World position to camera position."""
+    r = ROTATION
+    t = TRANSLATION
+    return (
+        view[r] * x + (view[r + 1] * y + (view[r + 2] * z + view[t])),
+        view[r + 3] * x + (view[r + 4] * y + (view[r + 5] * z + view[t + 1])),
+        view[r + 6] * x + (view[r + 7] * y + (view[r + 8] * z + view[t + 2])),
+    )
+
+
+@njit(forceinline=True)
+def unit_quaternion8(quaternions, i):
+    """The normalised quaternion (identity for a zero one) and 1 / norm (0 for a zero one)."""
+    w, x, y, z = (gather8(quaternions, 4 * i, 4), gather8(quaternions, 4 * i + 1, 4),
+                  gather8(quaternions, 4 * i + 2, 4), gather8(quaternions, 4 * i + 3, 4))
+    # Scaling by the largest entry first keeps the squares from overflowing or vanishing.
+    largest = max8(max8(abs8(w), abs8(x)), max8(abs8(y), abs8(z)))
+    zero = largest == ZERO
+    scale = ONE / select8(zero, ONE, largest)
+    w, x, y, z = w * scale, x * scale, y * scale, z * scale
+    inverse = ONE / sqrt8(select8(zero, ONE, w * w + x * x + (y * y + z * z)))
+    w = select8(zero, ONE, w * inverse)
+    return w, x * inverse, y * inverse, z * inverse, select8(zero, ZERO, inverse * scale)
+
+
+@njit(forceinline=True)
+def axes8(view, w, x, y, z):
+    """The Gaussian's three axes in camera coordinates, axis by axis: (m0x, m0y, m0z, m1x, …)."""
+    two = np.float32(2.0)
+    c0x, c0y, c0z = ONE - two * (y * y + z * z), two * (x * y + w * z), two * (x * z - w * y)
+    c1x, c1y, c1z = two * (x * y - w * z), ONE - two * (x * x + z * z), two * (y * z + w * x)
+    c2x, c2y, c2z = two * (x * z + w * y), two * (y * z - w * x), ONE - two * (x * x + y * y)
+    r00, r01, r02 = view[ROTATION], view[ROTATION + 1], view[ROTATION + 2]
+    r10, r11, r12 = view[ROTATION + 3], view[ROTATION + 4], view[ROTATION + 5]
+    r20, r21, r22 = view[ROTATION + 6], view[ROTATION + 7], view[ROTATION + 8]
+    return (
+        r00 * c0x + (r01 * c0y + r02 * c0z), r10 * c0x + (r11 * c0y + r12 * c0z), r20 * c0x + (r21 * c0y + r22 * c0z),
+        r00 * c1x + (r01 * c1y + r02 * c1z), r10 * c1x + (r11 * c1y + r12 * c1z), r20 * c1x + (r21 * c1y + r22 * c1z),
+        r00 * c2x + (r01 * c2y + r02 * c2z), r10 * c2x + (r11 * c2y + r12 * c2z), r20 * c2x + (r21 * c2y + r22 * c2z),
+    )
+
+
+@njit(forceinline=True)
+def sizes8(log_scales, filter_3d, i):
+    """Per axis the scale s, and the filtered scale e = sqrt(s**2 + f**2): (s0, s1, s2, e0, e1, e2)."""
+    s0 = exp8(gather8(log_scales, 3 * i, 3))
+    s1 = exp8(gather8(log_scales, 3 * i + 1, 3))
+    s2 = exp8(gather8(log_scales, 3 * i + 2, 3))
+    if filter_3d.size == 0:
+        return s0, s1, s2, s0, s1, s2
+    f = load8(filter_3d, i)
+    f2 = f * f
+    return s0, s1, s2, sqrt8(s0 * s0 + f2), sqrt8(s1 * s1 + f2), sqrt8(s2 * s2 + f2)
+
+
+@njit(forceinline=True)
+def ratio8(a, b):
+    """a / b, and 1 for 0 / 0: a <= b are a scale before and after the 3D filter."""
+    return select8(a == b, ONE, a / b)
+
+
+@njit(forceinline=True)
+def minor8(ax, ay, bx, by):
+    return ax * by - ay * bx
+
+
+@njit(forceinline=True)
+def weights8(e0, e1, e2):
+    """(e_min / e_i)**2: the inverse covariance up to a factor that the plane doesn't depend on."""
+    least = min8(e0, min8(e1, e2))
+    w0, w1, w2 = ratio8(least, e0), ratio8(least, e1), ratio8(least, e2)
+    return w0 * w0, w1 * w1, w2 * w2
+
+
+@njit(error_model="numpy")
+def project_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, degree, geometry,
+                  view, i, records, depths, radii, visible, out):
+    """Project Gaussians i … i + 7 of the inputs into places out … out + 7; returns the lanes gone non-finite."""
+    px, py, pz = gather8(means, 3 * i, 3), gather8(means, 3 * i + 1, 3), gather8(means, 3 * i + 2, 3)
+    x, y, z = to_camera8(view, px, py, pz)
+    fx, fy = view[FX], view[FY]
+    in_front = z > view[NEAR]
+    # The sum of the differences is 0 exactly where every term is finite.
+    finite = (x - x) + (y - y) + (z - z) == ZERO
+    store8(depths, out, z)
+    if not any8(in_front):
+        for lane in range(LANES):
+            visible[out + lane] = False
+            radii[out + lane] = ZERO
+        return bits8(~finite)
+
+    safe_z = select8(in_front, z, ONE)
+    iz = ONE / safe_z
+    u, v = x * iz, y * iz
+    cu = min8(max8(u, view[U_LOW]), view[U_HIGH])
+    cv = min8(max8(v, view[V_LOW]), view[V_HIGH])
+
+    w, qx, qy, qz, _ = unit_quaternion8(quaternions, i)
+    m0x, m0y, m0z, m1x, m1y, m1z, m2x, m2y, m2z = axes8(view, w, qx, qy, qz)
+    s0, s1, s2, e0, e1, e2 = sizes8(log_scales, filter_3d, i)
+
+    # The footprint's covariance is A A^T with A = J M diag(e); its determinant is the sum of the squared
+    # minors of A, which has no cancellation.
+    kx, ky = fx * iz, fy * iz
+    a0x, a0y = kx * e0 * (m0x - cu * m0z), ky * e0 * (m0y - cv * m0z)
+    a1x, a1y = kx * e1 * (m1x - cu * m1z), ky * e1 * (m1y - cv * m1z)
+    a2x, a2y = kx * e2 * (m2x - cu * m2z), ky * e2 * (m2y - cv * m2z)
+    sxx, sxy, syy = dot3(a0x, a1x, a2x, a0x, a1x, a2x), dot3(a0x, a1x, a2x, a0y, a1y, a2y), dot3(
+        a0y, a1y, a2y, a0y, a1y, a2y)
+    n01, n02, n12 = minor8(a0x, a0y, a1x, a1y), minor8(a0x, a0y, a2x, a2y), minor8(a1x, a1y, a2x, a2y)
+    det_bare = dot3(n01, n02, n12, n01, n02, n12)
+    blur = view[FILTER_2D]
+    det = det_bare + blur * (sxx + syy + blur)
+    fxx, fyy = sxx + blur, syy + blur
+
+    opacity = ONE / (ONE + exp8(-load8(opacity_logits, i)))
+    opacity = opacity * (ratio8(s0, e0) * ratio8(s1, e1) * ratio8(s2, e2))
+    if blur > ZERO:
+        opacity = opacity * sqrt8(det_bare / (det + MIN_DETERMINANT) + MIN_DETERMINANT)
+    # A logit of +inf makes exp 0 and the opacity 1, a scale of 0 only an opacity of 0: both are finite.
+    finite = finite & ((~in_front) | ((det - det) + (opacity - opacity) == ZERO))
+
+    seen = in_front & finite & (det_bare > MIN_DETERMINANT) & (opacity > np.float32(1.0 / 255.0))
+    det = select8(seen, det, ONE)
+    fxx, fyy = select8(seen, fxx, ONE), select8(seen, fyy, ONE)
+    sxy = select8(seen, sxy, ZERO)
+    log2_opacity = log2_8(select8(seen, opacity, ONE))
+    l11 = EXPONENT_SCALE * sqrt8(fyy / det)
+    l21 = EXPONENT_SCALE * (-sxy / sqrt8(fyy * det))
+    l22 = EXPONENT_SCALE / sqrt8(fyy)
+
+    mx, my = fx * u + view[CX], fy * v + view[CY]
+    # alpha >= 1/255 where the base-2 exponent's quadratic part is at most `reach`.
+    reach = sqrt8(log2_opacity - LOG2_MIN_ALPHA)
+    half_x, half_y = reach / EXPONENT_SCALE * sqrt8(fxx), reach / EXPONENT_SCALE * sqrt8(fyy)
+    first_x, last_x = max8(-floor8(half_x + HALF - mx), ZERO), min8(floor8(mx + half_x - HALF), view[WIDTH] - ONE)
+    first_y, last_y = max8(-floor8(half_y + HALF - my), ZERO), min8(floor8(my + half_y - HALF), view[HEIGHT] - ONE)
+    seen = seen & (first_x <= last_x) & (first_y <= last_y)
+
+    mean = HALF * (fxx + fyy)
+    spread = HALF * (fxx - fyy)
+    major = mean + sqrt8(spread * spread + sxy * sxy)
+    store8(radii, out, select8(seen, np.float32(3.0) * sqrt8(major), ZERO))
+    bits = bits8(seen)
+    for lane in range(LANES):
+        visible[out + lane] = (bits >> lane) & 1 != 0
+    if bits == 0:
+        return bits8(~finite)
+
+    base = out * RECORD
+    scatter8(records, base + MX, RECORD, mx)
+    scatter8(records, base + MY, RECORD, my)
+    scatter8(records, base + L11, RECORD, l11)
+    scatter8(records, base + L21, RECORD, l21)
+    scatter8(records, base + L22, RECORD, l22)
+    scatter8(records, base + LOG2_OPACITY, RECORD, log2_opacity)
+
+    red, green, blue = color8(sh_dc, sh_rest, rest, degree, i,
+                              px - view[CENTRE], py - view[CENTRE + 1], pz - view[CENTRE + 2])
+    finite = finite & ((~seen) | ((red - red) + (green - green) + (blue - blue) == ZERO))
+    scatter8(records, base + RED, RECORD, max8(red, ZERO))
+    scatter8(records, base + GREEN, RECORD, max8(green, ZERO))
+    scatter8(records, base + BLUE, RECORD, max8(blue, ZERO))
+
+    if geometry > 0:
+        # RaDe-GS, current version: the plane of largest density along each ray, in ray length.
+        w0, w1, w2 = weights8(e0, e1, e2)
+        k0, k1, k2 = m0x * cu + (m0y * cv + m0z), m1x * cu + (m1y * cv + m1z), m2x * cu + (m2y * cv + m2z)
+        b0, b1, b2 = w0 * k0, w1 * k1, w2 * k2
+        hx, hy, hz = dot3(b0, b1, b2, m0x, m1x, m2x), dot3(b0, b1, b2, m0y, m1y, m2y), dot3(b0, b1, b2, m0z, m1z, m2z)
+        along = dot3(b0, b1, b2, k0, k1, k2)
+        length = sqrt8(dot3(hx, hy, hz, hx, hy, hz))
+        edge_on = along <= EDGE_ON * length
+        inverse_along = ONE / select8(edge_on, ONE, along)
+        ig = ONE / (cu * cu + (cv * cv + ONE))
+        distance = sqrt8(dot3(x, y, z, x, y, z))
+        scatter8(records, base + T0, RECORD, distance)
+        scatter8(records, base + TX, RECORD,
+                 select8(edge_on, ZERO, distance * (hx * inverse_along - cu * ig) / fx))
+        scatter8(records, base + TY, RECORD,
+                 select8(edge_on, ZERO, distance * (hy * inverse_along - cv * ig) / fy))
+        if geometry > 1:
+            unit = select8(edge_on, ZERO, -ONE / select8(edge_on, ONE, length))
+            scatter8(records, base + NX, RECORD, hx * unit)
+            scatter8(records, base + NY, RECORD, hy * unit)
+            scatter8(records, base + NZ, RECORD, hz * unit)
+    return bits8(~finite)
+
+
+@njit(error_model="numpy")
+def tail_of(array, width):
+    """The rows of a flat (N, width) array after the last full block of eight, padded with zeros to eight."""
+    padded = np.zeros(LANES * width, np.float32)
+    rows = array.size // width if width > 0 else 0
+    start = rows // LANES * LANES * width
+    for k in range(start, array.size):
+        padded[k - start] = array[k]
+    return padded
+
+
+@njit(parallel=True, error_model="numpy", cache=True)
+def project(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, degree, geometry, view,
+            records, depths, radii, visible, counts):
+    """Fill records, depths, radii, visible and counts (tiles met) of every Gaussian.
+
+    Inputs are flat; `rest` is the number of SH coefficients beyond the first. geometry: 0 none, 1 depth,
+    2 full. The outputs have room for N rounded up to a multiple of eight. Returns the index of a Gaussian
+    that is not finite, or -1.
+    """
+    n = opacity_logits.size
+    blocks = (n + LANES - 1) // LANES
+    chunks = min(blocks, 64)
+    bad = np.full(max(chunks, 1), -1)
+    t_means, t_scales, t_quaternions = tail_of(means, 3), tail_of(log_scales, 3), tail_of(quaternions, 4)
+    t_logits, t_dc, t_rest = tail_of(opacity_logits, 1), tail_of(sh_dc, 3), tail_of(sh_rest, 3 * rest)
+    t_filter = tail_of(filter_3d, 1) if filter_3d.size > 0 else filter_3d
+    for chunk in prange(chunks):
+        for block in range(chunk * blocks // chunks, (chunk + 1) * blocks // chunks):
+            i = block * LANES
+            if i + LANES <= n:
+                lost = project_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d,
+                                     degree, geometry, view, i, records, depths, radii, visible, i)
+            else:
+                lost = project_block(t_means, t_scales, t_quaternions, t_logits, t_dc, t_rest, rest, t_filter,
+                                     degree, geometry, view, 0, records, depths, radii, visible, i)
+            for lane in range(min(LANES, n - i)):
+                if (lost >> lane) & 1:
+                    bad[chunk] = i + lane
+                counts[i + lane] = count_tiles(records, i + lane, view) if visible[i + lane] else 0
+            for k in range(n, i + LANES):
+                visible[k] = False
+                counts[k] = 0
+    return bad.max()

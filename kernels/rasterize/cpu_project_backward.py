@@ -1,0 +1,280 @@
+"""The gradient of projection: from sums over pixels to the raw parameters, eight Gaussians at a time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from dofbench.numba_math import LANES, any8, exp8, gather8, load8, mask8_of, prefetch, scatter8, select8, splat8, sqrt8, store8
+
+from .cpu_layout import (
+    ABS_X, ABS_Y, CENTRE, EDGE_ON, FILTER_2D, FX, FY, MIN_DETERMINANT, Q, QX, QXX, QXY, QY, QYY, ROTATION, S_BLUE,
+    S_GREEN, S_NX, S_NY, S_NZ, S_RED, S_T, S_TX, S_TY, SLOT, U_HIGH, U_LOW, V_HIGH, V_LOW,
+)
+from .cpu_project import (
+    HALF, ONE, ZERO, axes8, dot3, minor8, ratio8, sizes8, tail_of, to_camera8, unit_quaternion8, weights8,
+)
+from .cpu_sh import color_backward8
+
+TWO = np.float32(2.0)
+
+
+@njit(forceinline=True)
+def quaternion_backward8(w, x, y, z, inverse, g):
+    """dL/d(raw quaternion) from dL/d(rotation matrix), g column by column; w … z normalised, inverse 1 / norm."""
+    c0x, c0y, c0z, c1x, c1y, c1z, c2x, c2y, c2z = g
+    gw = TWO * (x * (c1z - c2y) + y * (c2x - c0z) + z * (c0y - c1x))
+    gx = TWO * (y * (c0y + c1x) + z * (c0z + c2x) + w * (c1z - c2y) - TWO * x * (c1y + c2z))
+    gy = TWO * (x * (c0y + c1x) + z * (c1z + c2y) + w * (c2x - c0z) - TWO * y * (c0x + c2z))
+    gz = TWO * (x * (c0z + c2x) + y * (c1z + c2y) + w * (c0y - c1x) - TWO * z * (c0x + c1y))
+    along = w * gw + x * gx + (y * gy + z * gz)
+    return (gw - w * along) * inverse, (gx - x * along) * inverse, (gy - y * along) * inverse, (gz - z * along) * inverse
+
+
+@njit(error_model="numpy")
+def backward_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, degree, geometry,
+                   view, i, seen_bits, sums, d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, grad_2d, out):
+    """Gradients of Gaussians i … i + 7, written to places out … out + 7. seen_bits: which have any."""
+    seen = mask8_of(seen_bits)
+    px, py, pz = gather8(means, 3 * i, 3), gather8(means, 3 * i + 1, 3), gather8(means, 3 * i + 2, 3)
+    x, y, z = to_camera8(view, px, py, pz)
+    fx, fy = view[FX], view[FY]
+    # The lanes not seen compute with harmless numbers and are masked when written.
+    x, y, z = select8(seen, x, ZERO), select8(seen, y, ZERO), select8(seen, z, ONE)
+    iz = ONE / z
+    u, v = x * iz, y * iz
+    u_free, v_free = (u > view[U_LOW]) & (u < view[U_HIGH]), (v > view[V_LOW]) & (v < view[V_HIGH])
+    cu = select8(u_free, u, select8(u <= view[U_LOW], view[U_LOW], view[U_HIGH]))
+    cv = select8(v_free, v, select8(v <= view[V_LOW], view[V_LOW], view[V_HIGH]))
+
+    w, qx, qy, qz, inverse_norm = unit_quaternion8(quaternions, i)
+    m0x, m0y, m0z, m1x, m1y, m1z, m2x, m2y, m2z = axes8(view, w, qx, qy, qz)
+    s0, s1, s2, e0, e1, e2 = sizes8(log_scales, filter_3d, i)
+    kx, ky = fx * iz, fy * iz
+    k0x, k1x, k2x, k0y, k1y, k2y = kx * e0, kx * e1, kx * e2, ky * e0, ky * e1, ky * e2
+    a0x, a0y = k0x * (m0x - cu * m0z), k0y * (m0y - cv * m0z)
+    a1x, a1y = k1x * (m1x - cu * m1z), k1y * (m1y - cv * m1z)
+    a2x, a2y = k2x * (m2x - cu * m2z), k2y * (m2y - cv * m2z)
+    sxx, sxy, syy = dot3(a0x, a1x, a2x, a0x, a1x, a2x), dot3(a0x, a1x, a2x, a0y, a1y, a2y), dot3(
+        a0y, a1y, a2y, a0y, a1y, a2y)
+    n01, n02, n12 = minor8(a0x, a0y, a1x, a1y), minor8(a0x, a0y, a2x, a2y), minor8(a1x, a1y, a2x, a2y)
+    det_bare = dot3(n01, n02, n12, n01, n02, n12)
+    blur = view[FILTER_2D]
+    det = select8(seen, det_bare + blur * (sxx + syy + blur), ONE)
+    fxx, fyy = select8(seen, sxx + blur, ONE), select8(seen, syy + blur, ONE)
+
+    # The inverse of the footprint's covariance is L L^T with L^T = [[l11, l21], [0, l22]].
+    l11, l22 = sqrt8(fyy / det), ONE / sqrt8(fyy)
+    l21 = -sxy / sqrt8(fyy * det)
+    q0 = gather8(sums, Q, SLOT)
+    q_x, q_y = gather8(sums, QX, SLOT), gather8(sums, QY, SLOT)
+    q_xx, q_xy, q_yy = gather8(sums, QXX, SLOT), gather8(sums, QXY, SLOT), gather8(sums, QYY, SLOT)
+    # Whitened moments first: L^T m and L^T M L are of the size of the sums, without cancellation.
+    n_x, n_y = l11 * q_x + l21 * q_y, l22 * q_y
+    g_mx, g_my = l11 * n_x, l21 * n_x + l22 * n_y
+    n_xx = l11 * (l11 * q_xx + l21 * q_xy) + l21 * (l11 * q_xy + l21 * q_yy)
+    n_xy, n_yy = l22 * (l11 * q_xy + l21 * q_yy), l22 * l22 * q_yy
+    h_xx, h_xy = l11 * n_xx, l11 * n_xy
+    h_yx, h_yy = l21 * n_xx + l22 * n_xy, l21 * n_xy + l22 * n_yy
+    g_xx, g_xy, g_yy = HALF * h_xx * l11, HALF * (h_xx * l21 + h_xy * l22), HALF * (h_yx * l21 + h_yy * l22)
+
+    opacity = ONE / (ONE + exp8(-load8(opacity_logits, i)))
+    store8(d_logits, out, select8(seen, q0 * (ONE - opacity), ZERO))
+    if blur > ZERO:
+        padded = det + MIN_DETERMINANT
+        ratio = det_bare / padded
+        to_ratio = HALF * q0 / (ratio + MIN_DETERMINANT)
+        to_bare = to_ratio * (ONE - ratio) / padded
+        to_trace = -to_ratio * ratio / padded * blur
+        g_xx += to_bare * syy + to_trace
+        g_yy += to_bare * sxx + to_trace
+        g_xy += -to_bare * sxy
+
+    b0x, b0y = TWO * (g_xx * a0x + g_xy * a0y), TWO * (g_xy * a0x + g_yy * a0y)
+    b1x, b1y = TWO * (g_xx * a1x + g_xy * a1y), TWO * (g_xy * a1x + g_yy * a1y)
+    b2x, b2y = TWO * (g_xx * a2x + g_xy * a2y), TWO * (g_xy * a2x + g_yy * a2y)
+    g_e0, g_e1, g_e2 = b0x * a0x + b0y * a0y, b1x * a1x + b1y * a1y, b2x * a2x + b2y * a2y
+    g_z = -(g_e0 + g_e1 + g_e2) * iz
+    g0x, g0y, g1x, g1y, g2x, g2y = b0x * k0x, b0y * k0y, b1x * k1x, b1y * k1y, b2x * k2x, b2y * k2y
+    g0z, g1z, g2z = -(cu * g0x + cv * g0y), -(cu * g1x + cv * g1y), -(cu * g2x + cv * g2y)
+    g_u, g_v = -dot3(g0x, g1x, g2x, m0z, m1z, m2z), -dot3(g0y, g1y, g2y, m0z, m1z, m2z)
+    g_x, g_y = splat8(ZERO), splat8(ZERO)
+
+    if geometry > 0:
+        w0, w1, w2 = weights8(e0, e1, e2)
+        k0, k1, k2 = m0x * cu + (m0y * cv + m0z), m1x * cu + (m1y * cv + m1z), m2x * cu + (m2y * cv + m2z)
+        b0, b1, b2 = w0 * k0, w1 * k1, w2 * k2
+        hx, hy, hz = dot3(b0, b1, b2, m0x, m1x, m2x), dot3(b0, b1, b2, m0y, m1y, m2y), dot3(b0, b1, b2, m0z, m1z, m2z)
+        along = dot3(b0, b1, b2, k0, k1, k2)
+        length = sqrt8(dot3(hx, hy, hz, hx, hy, hz))
+        plane = seen & (along > EDGE_ON * length)
+        ia = select8(plane, ONE / along, ZERO)
+        ig = ONE / (cu * cu + (cv * cv + ONE))
+        distance = sqrt8(dot3(x, y, z, x, y, z))
+        sum_t = gather8(sums, S_T, SLOT)
+        g_tx, g_ty = -gather8(sums, S_TX, SLOT), -gather8(sums, S_TY, SLOT)
+        slope_x = select8(plane, (hx * ia - cu * ig) / fx, ZERO)
+        slope_y = select8(plane, (hy * ia - cv * ig) / fy, ZERO)
+        g_mx += distance * slope_x * sum_t
+        g_my += distance * slope_y * sum_t
+        g_distance = (sum_t + g_tx * slope_x + g_ty * slope_y) / distance
+        g_x += g_distance * x
+        g_y += g_distance * y
+        g_z += g_distance * z
+        # m = h / (r . h), slope = (m - r / |r|**2) / focal length, in x and y; r = (cu, cv, 1).
+        p_x, p_y = select8(plane, g_tx * distance / fx, ZERO), select8(plane, g_ty * distance / fy, ZERO)
+        pull = TWO * (p_x * cu + p_y * cv) * ig * ig
+        g_u += pull * cu - p_x * ig
+        g_v += pull * cv - p_y * ig
+        h_x, h_y = p_x * ia, p_y * ia
+        g_along = -(h_x * hx + h_y * hy) * ia
+        g_u += g_along * hx
+        g_v += g_along * hy
+        h_x, h_y, h_z = h_x + g_along * cu, h_y + g_along * cv, g_along
+        if geometry > 1:
+            il = select8(plane, ONE / length, ZERO)
+            nx, ny, nz = hx * il, hy * il, hz * il
+            to_nx, to_ny, to_nz = gather8(sums, S_NX, SLOT), gather8(sums, S_NY, SLOT), gather8(sums, S_NZ, SLOT)
+            radial = dot3(nx, ny, nz, to_nx, to_ny, to_nz)
+            h_x += (nx * radial - to_nx) * il
+            h_y += (ny * radial - to_ny) * il
+            h_z += (nz * radial - to_nz) * il
+        # h = sum of w_i k_i m_i with k_i = m_i . r.
+        t0, t1, t2 = dot3(h_x, h_y, h_z, m0x, m0y, m0z), dot3(h_x, h_y, h_z, m1x, m1y, m1z), dot3(
+            h_x, h_y, h_z, m2x, m2y, m2z)
+        g_e0 += -TWO * w0 * k0 * t0
+        g_e1 += -TWO * w1 * k1 * t1
+        g_e2 += -TWO * w2 * k2 * t2
+        c0, c1, c2 = w0 * t0, w1 * t1, w2 * t2
+        g0x, g0y, g0z = g0x + b0 * h_x + c0 * cu, g0y + b0 * h_y + c0 * cv, g0z + b0 * h_z + c0
+        g1x, g1y, g1z = g1x + b1 * h_x + c1 * cu, g1y + b1 * h_y + c1 * cv, g1z + b1 * h_z + c1
+        g2x, g2y, g2z = g2x + b2 * h_x + c2 * cu, g2y + b2 * h_y + c2 * cv, g2z + b2 * h_z + c2
+        g_u += dot3(c0, c1, c2, m0x, m1x, m2x)
+        g_v += dot3(c0, c1, c2, m0y, m1y, m2y)
+
+    store8(grad_2d, 0, g_mx)
+    store8(grad_2d, LANES, g_my)
+    g_u = select8(u_free, g_u, ZERO) + g_mx * fx
+    g_v = select8(v_free, g_v, ZERO) + g_my * fy
+    g_x += g_u * iz
+    g_y += g_v * iz
+    g_z += -(g_u * u + g_v * v) * iz
+
+    # Log scales: through the filtered scale, and through the opacity's factor s / e.
+    r0, r1, r2 = ratio8(s0, e0), ratio8(s1, e1), ratio8(s2, e2)
+    r0, r1, r2 = r0 * r0, r1 * r1, r2 * r2
+    scatter8(d_scales, 3 * out, 3, select8(seen, g_e0 * r0 + q0 * (ONE - r0), ZERO))
+    scatter8(d_scales, 3 * out + 1, 3, select8(seen, g_e1 * r1 + q0 * (ONE - r1), ZERO))
+    scatter8(d_scales, 3 * out + 2, 3, select8(seen, g_e2 * r2 + q0 * (ONE - r2), ZERO))
+
+    r00, r01, r02 = view[ROTATION], view[ROTATION + 1], view[ROTATION + 2]
+    r10, r11, r12 = view[ROTATION + 3], view[ROTATION + 4], view[ROTATION + 5]
+    r20, r21, r22 = view[ROTATION + 6], view[ROTATION + 7], view[ROTATION + 8]
+    g_rotation = (
+        r00 * g0x + (r10 * g0y + r20 * g0z), r01 * g0x + (r11 * g0y + r21 * g0z), r02 * g0x + (r12 * g0y + r22 * g0z),
+        r00 * g1x + (r10 * g1y + r20 * g1z), r01 * g1x + (r11 * g1y + r21 * g1z), r02 * g1x + (r12 * g1y + r22 * g1z),
+        r00 * g2x + (r10 * g2y + r20 * g2z), r01 * g2x + (r11 * g2y + r21 * g2z), r02 * g2x + (r12 * g2y + r22 * g2z),
+    )
+    g_w, g_i, g_j, g_k = quaternion_backward8(w, qx, qy, qz, inverse_norm, g_rotation)
+    scatter8(d_quaternions, 4 * out, 4, select8(seen, g_w, ZERO))
+    scatter8(d_quaternions, 4 * out + 1, 4, select8(seen, g_i, ZERO))
+    scatter8(d_quaternions, 4 * out + 2, 4, select8(seen, g_j, ZERO))
+    scatter8(d_quaternions, 4 * out + 3, 4, select8(seen, g_k, ZERO))
+
+    to_red, to_green, to_blue = gather8(sums, S_RED, SLOT), gather8(sums, S_GREEN, SLOT), gather8(sums, S_BLUE, SLOT)
+    dx, dy, dz = color_backward8(sh_dc, sh_rest, rest, degree, i, seen,
+                                 px - view[CENTRE], py - view[CENTRE + 1], pz - view[CENTRE + 2],
+                                 to_red, to_green, to_blue, d_dc, d_rest, out)
+    scatter8(d_means, 3 * out, 3, select8(seen, r00 * g_x + (r10 * g_y + r20 * g_z) + dx, ZERO))
+    scatter8(d_means, 3 * out + 1, 3, select8(seen, r01 * g_x + (r11 * g_y + r21 * g_z) + dy, ZERO))
+    scatter8(d_means, 3 * out + 2, 3, select8(seen, r02 * g_x + (r12 * g_y + r22 * g_z) + dz, ZERO))
+
+
+@njit(forceinline=True)
+def zero_rows(array, width, first, count):
+    for k in range(width * first, width * (first + count)):
+        array[k] = ZERO
+
+
+@njit(forceinline=True)
+def reduce_places(gradients, width, places, first, last, sums, lane):
+    """The sum over one Gaussian's intersections, in the order of its tiles, into its row of `sums`."""
+    low, middle, high = splat8(ZERO), splat8(ZERO), splat8(ZERO)
+    for k in range(first, last):
+        base = np.int64(places[k]) * width
+        low += load8(gradients, base)
+        middle += load8(gradients, base + LANES)
+        if width > 2 * LANES:
+            high += load8(gradients, base + 2 * LANES)
+    store8(sums, lane * SLOT, low)
+    store8(sums, lane * SLOT + LANES, middle)
+    store8(sums, lane * SLOT + 2 * LANES, high)
+
+
+@njit(parallel=True, error_model="numpy", cache=True)
+def project_backward(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, degree, geometry,
+                     view, gradients, width, offsets, places, want_abs,
+                     d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, grad_2d, abs_grad_2d):
+    """Reduce the intersections' gradients (`width` floats each) to Gaussians and on to the parameters (flat)."""
+    n = opacity_logits.size
+    blocks = (n + LANES - 1) // LANES
+    chunks = min(blocks, 64)
+    t_means, t_scales, t_quaternions = tail_of(means, 3), tail_of(log_scales, 3), tail_of(quaternions, 4)
+    t_logits, t_dc, t_rest = tail_of(opacity_logits, 1), tail_of(sh_dc, 3), tail_of(sh_rest, 3 * rest)
+    t_filter = tail_of(filter_3d, 1) if filter_3d.size > 0 else filter_3d
+    for chunk in prange(chunks):
+        sums = np.empty(LANES * SLOT, np.float32)
+        mean_2d = np.empty(2 * LANES, np.float32)
+        for block in range(chunk * blocks // chunks, (chunk + 1) * blocks // chunks):
+            i = block * LANES
+            count = min(LANES, n - i)
+            seen = 0
+            for lane in range(count):
+                if offsets[i + lane + 1] > offsets[i + lane]:
+                    seen |= 1 << lane
+            if seen == 0:
+                zero_rows(d_means, 3, i, count)
+                zero_rows(d_scales, 3, i, count)
+                zero_rows(d_quaternions, 4, i, count)
+                zero_rows(d_logits, 1, i, count)
+                zero_rows(d_dc, 3, i, count)
+                zero_rows(d_rest, 3 * rest, i, count)
+                if grad_2d.size > 0:
+                    zero_rows(grad_2d, 2, i, count)
+                if want_abs:
+                    zero_rows(abs_grad_2d, 2, i, count)
+                continue
+            sums[:] = ZERO
+            # The next block's intersections lie scattered; asking now hides the wait behind this block.
+            for k in range(np.int64(offsets[i + count]), np.int64(offsets[min(i + 2 * LANES, n)])):
+                prefetch(gradients, np.int64(places[k]) * width)
+            for lane in range(count):
+                reduce_places(gradients, width, places, np.int64(offsets[i + lane]), np.int64(offsets[i + lane + 1]), sums, lane)
+            if count == LANES:
+                backward_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d,
+                               degree, geometry, view, i, seen, sums, d_means, d_scales, d_quaternions, d_logits,
+                               d_dc, d_rest, mean_2d, i)
+            else:
+                o_means, o_scales = np.empty(3 * LANES, np.float32), np.empty(3 * LANES, np.float32)
+                o_quaternions, o_logits = np.empty(4 * LANES, np.float32), np.empty(LANES, np.float32)
+                o_dc, o_rest = np.empty(3 * LANES, np.float32), np.empty(3 * rest * LANES, np.float32)
+                backward_block(t_means, t_scales, t_quaternions, t_logits, t_dc, t_rest, rest, t_filter,
+                               degree, geometry, view, 0, seen, sums, o_means, o_scales, o_quaternions, o_logits,
+                               o_dc, o_rest, mean_2d, 0)
+                d_means[3 * i:] = o_means[:3 * count]
+                d_scales[3 * i:] = o_scales[:3 * count]
+                d_quaternions[4 * i:] = o_quaternions[:4 * count]
+                d_logits[i:] = o_logits[:count]
+                d_dc[3 * i:] = o_dc[:3 * count]
+                d_rest[3 * rest * i:] = o_rest[:3 * rest * count]
+            if grad_2d.size > 0:
+                for lane in range(count):
+                    met = (seen >> lane) & 1 != 0
+                    grad_2d[2 * (i + lane)] = mean_2d[lane] if met else ZERO
+                    grad_2d[2 * (i + lane) + 1] = mean_2d[LANES + lane] if met else ZERO
+            if want_abs:
+                for lane in range(count):
+                    abs_grad_2d[2 * (i + lane)] = sums[lane * SLOT + ABS_X]
+                    abs_grad_2d[2 * (i + lane) + 1] = sums[lane * SLOT + ABS_Y]

@@ -1,0 +1,201 @@
+"""The definition of `rasterize` in plain torch, for any floating type; gradients by autograd.
+
+Gaussians are splatted with the EWA projection and Mip-Splatting's two filters; depth and normals follow the
+current RaDe-GS. Every Gaussian is evaluated at every pixel, so it is for small scenes only.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from dofbench.cameras import Camera
+
+from .types import Geometry, Raster, ViewStatistics
+
+MAX_ALPHA = 0.99
+MIN_ALPHA = 1 / 255
+MIN_TRANSMITTANCE = 1e-4
+MIN_DETERMINANT = 1e-6
+EDGE_ON = 1e-7
+
+
+def rotation_matrices(quaternions: Tensor) -> Tensor:
+    """(N, 3, 3) from quaternions (N, 4), w first, any length; a zero quaternion gives the identity."""
+    zero = (quaternions == 0).all(dim=1, keepdim=True)
+    identity = torch.tensor([1.0, 0.0, 0.0, 0.0]).to(quaternions)
+    w, x, y, z = torch.nn.functional.normalize(torch.where(zero, identity, quaternions), dim=1, eps=0.0).unbind(1)
+    rows = [
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+    ]
+    return torch.stack(rows, 1).reshape(-1, 3, 3)
+
+
+def spherical_harmonics(directions: Tensor) -> Tensor:
+    """(N, 16): 3DGS' real basis up to degree 3 in unit directions (N, 3), with its signs."""
+    x, y, z = directions.unbind(1)
+    xx, yy, zz = x * x, y * y, z * z
+    return torch.stack([
+        torch.full_like(x, 0.28209479177387814),
+        -0.4886025119029199 * y, 0.4886025119029199 * z, -0.4886025119029199 * x,
+        1.0925484305920792 * x * y, -1.0925484305920792 * y * z, 0.31539156525252005 * (2 * zz - xx - yy),
+        -1.0925484305920792 * x * z, 0.5462742152960396 * (xx - yy),
+        -0.5900435899266435 * y * (3 * xx - yy), 2.890611442640554 * x * y * z,
+        -0.4570457994644658 * y * (4 * zz - xx - yy), 0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy),
+        -0.4570457994644658 * x * (4 * zz - xx - yy), 1.445305721320277 * z * (xx - yy),
+        -0.5900435899266435 * x * (xx - 3 * yy),
+    ], 1)
+
+
+class _Absolute(torch.autograd.Function):
+    """The identity on one Gaussian's offsets (P, 2); adds the absolute values of its gradient to `total` (2,)."""
+
+    @staticmethod
+    def forward(ctx, offsets: Tensor, total: Tensor) -> Tensor:
+        ctx.total = total
+        return offsets.clone()
+
+    @staticmethod
+    def backward(ctx, gradient: Tensor):
+        ctx.total += gradient.abs().sum(0)
+        return gradient, None
+
+
+def rasterize(
+    means: Tensor, log_scales: Tensor, quaternions: Tensor, opacity_logits: Tensor, sh_dc: Tensor, sh_rest: Tensor, *,
+    camera: Camera, filter_3d: Tensor | None = None, sh_degree: int = 3, background: Tensor | None = None,
+    filter_2d: float = 0.1, geometry: Geometry = "depth", near: float = 0.2, statistics: ViewStatistics | None = None,
+) -> Raster:
+    """Same arguments, results and conventions as `cpu.rasterize`, which documents them."""
+    to = {"dtype": means.dtype, "device": means.device}
+    world_to_camera = torch.tensor(camera.world_to_camera, **to)
+    rotation = world_to_camera[:3, :3]
+    centre = torch.tensor(camera.centre.copy(), **to)
+    width, height, fx, fy, cx, cy = camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy
+
+    # Projection. Gaussians at or behind the near plane are left out from here on.
+    local = means @ rotation.T + world_to_camera[:3, 3]
+    index = torch.nonzero(local[:, 2] > near).squeeze(1)
+    x, y, z = local[index].unbind(1)
+    u, v = x / z, y / z
+    # The Jacobian is held at 0.3 half image sizes outside of the image, as in 3DGS.
+    u_bounded = u.clamp((-cx - 0.15 * width) / fx, (width - cx + 0.15 * width) / fx)
+    v_bounded = v.clamp((-cy - 0.15 * height) / fy, (height - cy + 0.15 * height) / fy)
+    projected = torch.stack([fx * u + cx, fy * v + cy], 1)
+    if projected.requires_grad:
+        projected.retain_grad()
+
+    axes = rotation @ rotation_matrices(quaternions)[index]
+    bare_scales = log_scales[index].exp()
+    filters = torch.zeros_like(means[:, 0]) if filter_3d is None else filter_3d.detach()
+    scales = (bare_scales**2 + filters[index, None] ** 2).sqrt()
+    zero = torch.zeros_like(z)
+    jacobian = torch.stack([
+        torch.stack([fx / z, zero, -fx * u_bounded / z], 1),
+        torch.stack([zero, fy / z, -fy * v_bounded / z], 1),
+    ], 1)
+    factor = jacobian @ axes * scales[:, None, :]
+    covariance = factor @ factor.mT
+    filtered = covariance + filter_2d * torch.eye(2, **to)
+    determinant, filtered_determinant = torch.linalg.det(covariance), torch.linalg.det(filtered)
+
+    # Opacity: logistic, Mip-Splatting's 3D filter, then its 2D filter (methods.md 8.1).
+    shrink = torch.where(bare_scales == scales, torch.ones_like(scales), bare_scales / scales)
+    opacity = torch.sigmoid(opacity_logits[index]) * shrink.prod(1)
+    drawn = determinant > MIN_DETERMINANT
+    if filter_2d > 0:
+        ratio = determinant / (filtered_determinant + MIN_DETERMINANT) + MIN_DETERMINANT
+        opacity = opacity * torch.where(drawn, ratio, 1.0).sqrt()
+
+    # Which Gaussians can reach alpha = 1/255 at a pixel centre.
+    with torch.no_grad():
+        drawn = drawn & (opacity > MIN_ALPHA)
+        reach = (2 * torch.log(opacity.clamp(min=MIN_ALPHA) / MIN_ALPHA)).sqrt()
+        half = reach[:, None] * filtered.diagonal(dim1=1, dim2=2).sqrt()
+        size = torch.tensor([width, height], **to)
+        first = torch.ceil(projected - half - 0.5).clamp(min=0)
+        last = torch.minimum(torch.floor(projected + half - 0.5), size - 1)
+        drawn = drawn & (first <= last).all(1)
+        longest = torch.linalg.eigvalsh(filtered)[:, 1]
+
+    degree = min(sh_degree, math.isqrt(sh_rest.shape[1] + 1) - 1)
+    terms = (degree + 1) ** 2
+    coefficients = torch.cat([sh_dc[:, None], sh_rest[:, : terms - 1]], 1)[index]
+    directions = torch.nn.functional.normalize(means[index] - centre, dim=1, eps=0.0)
+    colors = (0.5 + (spherical_harmonics(directions)[:, :terms, None] * coefficients).sum(1)).clamp(min=0)
+
+    # RaDe-GS (methods.md 8.2): the plane of largest density, as ray length affine in the pixel.
+    ray = torch.stack([u_bounded, v_bounded, torch.ones_like(z)], 1)
+    shape = scales.amin(1, keepdim=True) / scales
+    inverse = axes @ ((shape**2)[:, :, None] * axes.mT)
+    h = (inverse @ ray[:, :, None]).squeeze(2)
+    along = (h * ray).sum(1)
+    length = h.norm(dim=1)
+    edge_on = along <= EDGE_ON * length
+    m = torch.where(edge_on[:, None], 0.0, h / torch.where(edge_on, 1.0, along)[:, None])
+    g = (ray**2).sum(1)
+    uv = u_bounded * v_bounded
+    p = torch.where(edge_on, 0.0, (v_bounded**2 + 1) * m[:, 0] - uv * m[:, 1] - u_bounded * m[:, 2])
+    q = torch.where(edge_on, 0.0, (u_bounded**2 + 1) * m[:, 1] - uv * m[:, 0] - v_bounded * m[:, 2])
+    distance = torch.stack([x, y, z], 1).norm(dim=1)
+    slopes = torch.stack([distance / g * p / fx, distance / g * q / fy], 1)
+    normals = torch.where(edge_on[:, None], 0.0, -h / torch.where(edge_on, 1.0, length)[:, None])
+
+    # Blending, front to back; a Gaussian takes part where the transmittance before it is at least 1e-4.
+    rows, columns = torch.meshgrid(torch.arange(height, **to) + 0.5, torch.arange(width, **to) + 0.5, indexing="ij")
+    pixels = torch.stack([columns, rows], 2).reshape(-1, 2)
+    total_abs = torch.zeros(len(means), 2, **to)
+    transmittance = torch.ones_like(pixels[:, 0])
+    color, normal = (torch.zeros(len(pixels), 3, **to) for _ in range(2))
+    alpha_sum, depth_sum, median = (torch.zeros_like(transmittance) for _ in range(3))
+    order = torch.argsort(z.detach(), stable=True)
+    for k in order[drawn[order]]:
+        offsets = projected[k] - pixels
+        if statistics is not None and statistics.want_abs and offsets.requires_grad:
+            offsets = _Absolute.apply(offsets, total_abs[index[k]])
+        power = -0.5 * (offsets * torch.linalg.solve(filtered[k], offsets.T).T).sum(1)
+        alpha = (opacity[k] * power.exp()).clamp(max=MAX_ALPHA)
+        taken = (alpha >= MIN_ALPHA) & (transmittance >= MIN_TRANSMITTANCE)
+        alpha = torch.where(taken, alpha, 0.0)
+        weight = transmittance * alpha
+        t = (distance[k] + offsets @ slopes[k]).clamp(min=near)
+        color = color + weight[:, None] * colors[k]
+        normal = normal + weight[:, None] * normals[k]
+        alpha_sum = alpha_sum + weight
+        depth_sum = depth_sum + weight * t
+        median = torch.where(taken & (transmittance > 0.5), t, median)
+        transmittance = transmittance - weight
+    if background is not None:
+        color = color + transmittance[:, None] * background
+    cosine = 1 / (((columns - cx) / fx) ** 2 + ((rows - cy) / fy) ** 2 + 1).sqrt()
+    empty = alpha_sum == 0
+    depth = torch.where(empty, 0.0, depth_sum / torch.where(empty, 1.0, alpha_sum)).reshape(height, width) * cosine
+
+    if statistics is not None:
+        _fill(statistics, means, index, drawn, 3 * longest.sqrt(), projected, total_abs)
+    full = geometry == "full"
+    return Raster(
+        color.reshape(height, width, 3), alpha_sum.reshape(height, width), depth if geometry != "none" else None,
+        median.reshape(height, width) * cosine if full else None, normal.reshape(height, width, 3) if full else None,
+    )
+
+
+def _fill(statistics, means, index, drawn, radii, projected, total_abs) -> None:
+    statistics.visible = torch.zeros(len(means), dtype=torch.bool, device=means.device)
+    statistics.visible[index] = drawn
+    statistics.radii = torch.zeros_like(means[:, 0]).detach()
+    statistics.radii[index] = torch.where(drawn, radii, 0.0)
+    if not projected.requires_grad:
+        return
+
+    def keep(gradient: Tensor) -> None:
+        statistics.grad_2d = torch.zeros_like(total_abs)
+        statistics.grad_2d[index] = torch.where(drawn[:, None], gradient, 0.0)
+        if statistics.want_abs:
+            statistics.abs_grad_2d = total_abs
+
+    projected.register_hook(keep)

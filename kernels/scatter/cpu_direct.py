@@ -1,0 +1,168 @@
+"""Forward sums. Direct form: every source visits every pixel of its circle of confusion, O(R^2) a pixel.
+
+A row of sources is gathered into vectors of targets, one row offset at a time; for a disc the same sums
+serve the target row as far above as below. Bands of source rows write to buffers of their own, merged in
+a fixed order: no atomics, and the same bits whatever the number of threads. The linear form differs in
+what it leaves to visit: see cpu_linear.py.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+from dofbench.numba_math import exp2_fast8, load8, max8, min8, store8
+
+from .cpu_linear import add_run, split_at_runs
+from .cpu_pack import BLOCK, COLOURS, EXPONENTIAL, PLANES, RATIONAL, SUMS, Edges, Geometry, half_width
+
+STRIP = 64  # columns of a task: the target rows of one strip that a source row writes to stay in the cache
+LANES = 8
+_ONE = np.float32(1.0)
+_LIMIT = np.float32(100.0)  # 1 / (1 + 2 ** +-100) is 0 or 1 in float32
+
+
+@njit(cache=True, error_model="numpy")
+def logistic2(x):
+    """1 / (1 + 2 ** x)."""
+    return _ONE / (_ONE + exp2_fast8(max8(min8(x, _LIMIT), -_LIMIT)))
+
+
+@njit(cache=True, error_model="numpy")
+def _accumulate(sums, weight, planes, at, stride):
+    return (sums[0] + weight * load8(planes, at + stride), sums[1] + weight * load8(planes, at + 2 * stride),
+            sums[2] + weight * load8(planes, at + 3 * stride), sums[3] + weight * load8(planes, at + 4 * stride))
+
+
+@njit(cache=True, error_model="numpy")
+def _gather_rational(sums, planes, at, stride, low, high, outer, entry):
+    for dx in range(low, high + 1):
+        weight = _ONE / (_ONE + load8(planes, at + dx) * outer[entry + dx])
+        sums = _accumulate(sums, weight, planes, at + dx, stride)
+    return sums
+
+
+@njit(cache=True, error_model="numpy")
+def _gather_exponential(sums, planes, at, stride, low, high, outer, slope, entry):
+    for dx in range(low, high + 1):
+        weight = logistic2(outer[entry + dx] - slope[entry + dx] * load8(planes, at + dx))
+        sums = _accumulate(sums, weight, planes, at + dx, stride)
+    return sums
+
+
+@njit(cache=True, error_model="numpy")
+def _gather_stopped(sums, planes, at, stride, low, high, outer, slope, entry, stop, opacity):
+    for dx in range(low, high + 1):
+        radius, start, steep = load8(planes, at + dx), outer[entry + dx], slope[entry + dx]
+        hole = logistic2(start - (stop * steep) * radius)
+        weight = logistic2(start - steep * radius) * (_ONE - opacity * hole)
+        sums = _accumulate(sums, weight, planes, at + dx, stride)
+    return sums
+
+
+@njit(cache=True, error_model="numpy")
+def _add(buffer, at, sums):
+    store8(buffer, at, load8(buffer, at) + sums[0])
+    store8(buffer, at + STRIP, load8(buffer, at + STRIP) + sums[1])
+    store8(buffer, at + 2 * STRIP, load8(buffer, at + 2 * STRIP) + sums[2])
+    store8(buffer, at + 3 * STRIP, load8(buffer, at + 3 * STRIP) + sums[3])
+
+
+@njit(cache=True, error_model="numpy")
+def farthest_reach(reach, y, block, around):
+    """Largest reach of the sources of row y that reach the targets of `block` at all, pixels; negative for none."""
+    farthest = np.float32(-1.0)
+    for other in range(max(0, block - around), min(reach.shape[1], block + around + 1)):
+        if reach[y, other] > farthest and reach[y, other] >= (abs(other - block) - 1) * BLOCK + 1:
+            farthest = reach[y, other]
+    return farthest
+
+
+@njit(parallel=True, cache=True, error_model="numpy")
+def _spread(planes, reach, core, prefix, sizes, rows, linear, kind, folded, outer, slope, stop, opacity):
+    """Buffers (bands of `rows` source rows, strips, target rows of the band, SUMS, STRIP)."""
+    height, width, stride, pad, reach_y, reach_x, _, _ = sizes
+    strips, bands = -(-width // STRIP), -(-height // rows)
+    buffers = np.empty((bands, strips, (rows + 2 * reach_y) * SUMS * STRIP), np.float32)
+    around = -(-reach_x // BLOCK) + 1
+    columns = 2 * reach_x + 1
+    first = 0 if folded else -reach_y
+    for task in prange(strips * bands):
+        strip, part = task % strips, task // strips
+        buffer = buffers[part, strip]
+        buffer[:] = 0
+        run_sums = np.zeros(SUMS * BLOCK, np.float32)
+        soft = np.empty((4 * around + 4, 2), np.int64)
+        runs = np.empty((2 * around + 2, 2), np.int64)
+        for y in range(part * rows, min(height, part * rows + rows)):
+            for x in range(strip * STRIP, min(width, strip * STRIP + STRIP), BLOCK):
+                block = (pad + x) // BLOCK
+                farthest = farthest_reach(reach, y, block, around)
+                at = y * PLANES * stride + pad + x
+                for dy in range(first, reach_y + 1):
+                    half = min(half_width(farthest, dy), reach_x)
+                    below, above = y + dy < height and y + dy >= 0, folded and dy > 0 and y - dy >= 0
+                    if half < 0 or not (below or above):
+                        continue
+                    soft[0, 0], soft[0, 1] = max(-half, 1 - BLOCK - x), min(half, width - 1 - x)
+                    pieces = 1
+                    if linear:
+                        pieces, run_count = split_at_runs(soft, runs, reach, core, y, block, dy)
+                        run_sums[:] = 0
+                        for k in range(run_count):
+                            add_run(run_sums, prefix, y * SUMS * stride + pad + x, stride, runs[k, 0], runs[k, 1])
+                    entry = (dy - first) * columns + reach_x
+                    to = (y + dy - part * rows + reach_y) * SUMS * STRIP + x - strip * STRIP
+                    for i in range(0, BLOCK, LANES):
+                        sums = (load8(run_sums, i), load8(run_sums, BLOCK + i),
+                                load8(run_sums, 2 * BLOCK + i), load8(run_sums, 3 * BLOCK + i))
+                        for k in range(pieces):
+                            low, high = soft[k, 0], soft[k, 1]
+                            if kind == RATIONAL:
+                                sums = _gather_rational(sums, planes, at + i, stride, low, high, outer, entry)
+                            elif kind == EXPONENTIAL:
+                                sums = _gather_exponential(sums, planes, at + i, stride, low, high, outer, slope, entry)
+                            else:
+                                sums = _gather_stopped(sums, planes, at + i, stride, low, high, outer, slope, entry,
+                                                       stop, opacity)
+                        if below:
+                            _add(buffer, to + i, sums)
+                        if above:
+                            _add(buffer, to + i - 2 * dy * SUMS * STRIP, sums)
+    return buffers
+
+
+@njit(parallel=True, cache=True, error_model="numpy")
+def _merge(buffers, height, width, rows, reach_y):
+    """Sum the buffers that cover each row, in order, and divide: blurred (H, W, COLOURS), total (H, W)."""
+    blurred = np.empty((height, width, COLOURS), np.float32)
+    total = np.empty((height, width), np.float32)
+    bands, strips = buffers.shape[0], buffers.shape[1]
+    for y in prange(height):
+        line = np.empty(SUMS * STRIP, np.float32)
+        first, last = max(0, (y - reach_y) // rows), min(bands - 1, (y + reach_y) // rows)
+        for strip in range(strips):
+            line[:] = 0
+            for part in range(first, last + 1):
+                at = (y - part * rows + reach_y) * SUMS * STRIP
+                line += buffers[part, strip, at:at + SUMS * STRIP]
+            for column in range(min(STRIP, width - strip * STRIP)):
+                x = strip * STRIP + column
+                weight = line[COLOURS * STRIP + column]
+                total[y, x] = weight
+                for channel in range(COLOURS):
+                    blurred[y, x, channel] = line[channel * STRIP + column] / weight
+    return blurred, total
+
+
+def forward(planes: np.ndarray, reach: np.ndarray, core: np.ndarray, prefix: np.ndarray, sizes: Geometry,
+            edge: Edges) -> tuple[np.ndarray, np.ndarray]:
+    """Blurred colours (H, W, COLOURS) and total weight (H, W).
+
+    planes, reach, core: from `pack_sources`. prefix: running sums of the sources for the linear form; empty for the direct one.
+    """
+    # A band of this height makes little overlap to merge, and still leaves work for several threads.
+    rows = max(48, 2 * sizes.reach_y)
+    buffers = _spread(planes, reach, core, prefix, sizes, rows, prefix.size > 0, edge.kind, edge.folded, edge.outer,
+                      edge.slope, edge.stop, edge.opacity)
+    return _merge(buffers, sizes.height, sizes.width, rows, sizes.reach_y)

@@ -1,0 +1,147 @@
+"""What the CPU scatter prepares: padded planes of the sources, extreme radii of blocks, tables of the soft edge.
+
+Planes are (H, PLANES, stride) float32, flattened: the edge plane, then colour and 1, both times the
+area term. A row has `pad` empty pixels on either side, so that no inner loop tests for the image's border.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+from dofbench.lens import AREA_EPSILON, ApertureShape
+
+from .reference import STOP_OPACITY
+
+BLOCK = 16       # pixels of a block: sources whose reach is known, targets done together
+COLOURS = 3      # channels done at a time
+SUMS = COLOURS + 1
+PLANES = COLOURS + 2
+NOWHERE = np.float32(-1e9)  # the reach of a block without sources
+
+# The soft edge is followed until exp(-12) = 6e-6 of the full weight: 1.5 px at alpha = 4.
+BAND_EXPONENT = 12.0
+# Near focus the tail is all there is of the gradient by radius: to exp(-16) whatever the radius.
+FOCUS_EXPONENT = 16.0
+# exp(+-80) is far enough from the ends of float32 to be multiplied by weights.
+LARGEST_EXPONENT = 80.0
+
+RATIONAL, EXPONENTIAL, STOPPED = 0, 1, 2
+
+
+class Geometry(NamedTuple):
+    """Sizes that every kernel needs, in pixels or elements. Sources are followed to max(R + band, least)."""
+
+    height: int
+    width: int
+    stride: int
+    pad: int
+    reach_y: int
+    reach_x: int
+    band: float
+    least: float
+
+
+@dataclass(frozen=True)
+class Edges:
+    """How the weight of a source falls off at its rim, tabulated by offset.
+
+    kind RATIONAL: 1 / (1 + outer * edge), edge = exp(-2 alpha (R - base)) a plane. Otherwise
+    1 / (1 + 2 ** (outer - slope * edge)) with edge = R. Tables are (rows, 2 reach_x + 1), flattened: rows are
+    target row minus source row, from 0 where `folded` (the shape is the same above and below), else
+    from -reach_y; columns are source column minus target column. inscribed: share of the radius
+    within which no direction is cut short; zero with a central stop.
+    """
+
+    kind: int
+    folded: bool
+    base: float
+    outer: np.ndarray
+    slope: np.ndarray
+    stop: np.float32
+    opacity: np.float32
+    inscribed: np.float32
+
+
+def geometry(height: int, width: int, largest: float, alpha: float) -> Geometry:
+    """Sizes for an image whose largest radius is `largest` pixels."""
+    # Sources that spread far beyond a small image leave it dark: the tails of sharper ones count for more there.
+    spill = max(1.0, largest**2 / (height * width))
+    band = (BAND_EXPONENT + math.log(spill)) / (2.0 * alpha)
+    least = FOCUS_EXPONENT / (2.0 * alpha)
+    reach = math.ceil(min(max(largest + band, least), height + width))
+    reach_x, reach_y = min(reach, width - 1), min(reach, height - 1)
+    pad = BLOCK * (math.ceil(reach_x / BLOCK) + 1)
+    stride = pad + BLOCK * math.ceil(width / BLOCK) + pad
+    return Geometry(height, width, stride, pad, reach_y, reach_x, band, least)
+
+
+def edges(sizes: Geometry, largest: float, alpha: float, shape: ApertureShape) -> Edges:
+    """Tables for this aperture; the rational form where the exponents of the whole image fit in float32."""
+    folded = shape.is_disc
+    rows = np.arange(0 if folded else -sizes.reach_y, sizes.reach_y + 1, dtype=np.float64)[:, None]
+    columns = np.arange(-sizes.reach_x, sizes.reach_x + 1, dtype=np.float64)[None, :]
+    distance = np.hypot(rows, columns)
+    base = 0.5 * largest
+    farthest = min(max(largest + sizes.band, sizes.least), float(distance.max()))
+    if folded and 2.0 * alpha * max(base, farthest - base) <= LARGEST_EXPONENT:
+        exponent = np.minimum(2.0 * alpha * (distance - base), LARGEST_EXPONENT)
+        outer = np.exp(exponent).astype(np.float32).ravel()
+        nothing = np.float32(0.0)
+        return Edges(RATIONAL, True, base, outer, np.zeros(1, np.float32), nothing, nothing, np.float32(1.0))
+    factor = np.where(distance > 0, shape.radius_factor(np.arctan2(rows, -columns)), 1.0)
+    scale = 2.0 * alpha * math.log2(math.e)
+    stopped = shape.obstruction > 0
+    return Edges(
+        kind=STOPPED if stopped else EXPONENTIAL,
+        folded=folded,
+        base=0.0,
+        outer=(scale * distance).astype(np.float32).ravel(),
+        slope=(scale * factor).astype(np.float32).ravel(),
+        stop=np.float32(shape.obstruction),
+        opacity=np.float32(STOP_OPACITY if stopped else 0.0),
+        inscribed=np.float32(0.0 if stopped else factor.min()),
+    )
+
+
+@njit(parallel=True, cache=True, error_model="numpy")
+def pack_sources(image, signed_radius, sizes, rational, steepness, base, area, inscribed):
+    """Planes of the sources, flat; and of every block of a row, (H, stride / BLOCK), its reach and its core.
+
+    image: (H, W, COLOURS). steepness: 2 alpha. Beyond `reach` no source of the block gives anything,
+    within `core` all of them give their full weight, pixels.
+    """
+    height, width, stride, pad = sizes.height, sizes.width, sizes.stride, sizes.pad
+    band, least = np.float32(sizes.band), np.float32(sizes.least)
+    planes = np.zeros((height, PLANES, stride), np.float32)
+    reach = np.full((height, stride // BLOCK), NOWHERE, np.float32)
+    core = np.full((height, stride // BLOCK), -NOWHERE, np.float32)
+    for y in prange(height):
+        for x in range(width):
+            radius = abs(signed_radius[y, x])
+            planes[y, 0, pad + x] = np.exp(-steepness * (radius - base)) if rational else radius
+            share = np.float32(1.0)
+            if area:
+                share = np.float32(1.0) / (radius * radius + np.float32(AREA_EPSILON))
+            for channel in range(COLOURS):
+                planes[y, 1 + channel, pad + x] = share * image[y, x, channel]
+            planes[y, PLANES - 1, pad + x] = share
+        for start in range(0, width, BLOCK):
+            largest, smallest = np.float32(0.0), -NOWHERE
+            for x in range(start, min(width, start + BLOCK)):
+                radius = abs(signed_radius[y, x])
+                largest, smallest = max(largest, radius), min(smallest, radius)
+            reach[y, (pad + start) // BLOCK] = max(largest + band, least)
+            core[y, (pad + start) // BLOCK] = smallest * inscribed - band
+    return planes.reshape(-1), reach, core
+
+
+@njit(cache=True, error_model="numpy")
+def half_width(radius, dy):
+    """Half of the chord at `dy` from the centre, whole pixels; -1 where the circle doesn't reach that far."""
+    rest = radius * radius - np.float32(dy) * np.float32(dy)
+    return int(np.sqrt(rest)) if radius >= 0 and rest >= 0 else -1

@@ -1,0 +1,83 @@
+"""The definition of the scatter, in plain torch: any floating type, any device, autograd for gradients.
+
+A source pixel i of radius R_i = |s_i| gives a target pixel j at distance l (between centres, pixels)
+the weight
+
+    w_ij = S(R_i rho - l) / (R_i^2 + 0.2),    S(t) = 1/2 + 1/2 tanh(alpha t),
+
+where rho is the aperture's radius factor in the direction from i to j, 1 for a disc and at l = 0
+(DoF-Gaussian, Eq. 6, with the area term of the public renderers; conventions.md, "Lens").
+The result is `sum_i w_ij c_i / sum_i w_ij`: order-independent, without occlusion.
+
+A central stop of relative radius o takes the light out of the middle:
+
+    w_ij = S(R_i rho - l) (1 - STOP_OPACITY S(o R_i rho - l)) / (R_i^2 + 0.2).
+
+Where the two edges are farther apart than their softness this is the difference of the two
+confusion functions. The product, and an opacity a little below 1, keep every weight positive:
+the plain difference vanishes at R = 0, where the division would then be 0 / 0.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dofbench.lens import ALPHA, AREA_EPSILON, ApertureShape, Energy
+
+STOP_OPACITY = 0.999
+# exp(-48) = 1e-21: what is farther beyond the rim than 48 / (2 alpha) is lost even in float64.
+TAIL_EXPONENT = 48.0
+
+
+def scatter(
+    image: Tensor,
+    signed_radius: Tensor,
+    *,
+    alpha: float = ALPHA,
+    shape: ApertureShape = ApertureShape(),
+    energy: Energy = "area",
+    form: Literal["auto", "direct", "linear"] = "auto",
+) -> Tensor:
+    """Blur `image`, (H, W, C) linear light, by `signed_radius`, (H, W) pixels; (H, W, C).
+
+    Differentiable by both, with d|s|/ds = +1 at s = 0. `form` is part of the op's signature and
+    means nothing here: there is one way to sum. Raises FloatingPointError for a radius that isn't finite.
+    """
+    if not bool(torch.isfinite(signed_radius).all()):
+        raise FloatingPointError("signed_radius: expected finite values, found NaN or infinity")
+    height, width, _ = image.shape
+    radius = torch.where(signed_radius >= 0, signed_radius, -signed_radius)
+    share = 1.0 / (radius * radius + AREA_EPSILON) if energy == "area" else torch.ones_like(radius)
+    reach = math.ceil(float(radius.detach().max()) + TAIL_EXPONENT / (2.0 * alpha))
+
+    blurred = torch.zeros_like(image)
+    total = torch.zeros_like(radius)
+    for dy in range(-min(reach, height - 1), min(reach, height - 1) + 1):
+        rows, rows_to = _overlap(dy, height)
+        for dx in range(-min(reach, width - 1), min(reach, width - 1) + 1):
+            columns, columns_to = _overlap(dx, width)
+            weight = _confusion(radius[rows, columns], dx, dy, alpha, shape) * share[rows, columns]
+            blurred[rows_to, columns_to] += weight[..., None] * image[rows, columns]
+            total[rows_to, columns_to] += weight
+    return blurred / total[..., None]
+
+
+def _overlap(offset: int, size: int) -> tuple[slice, slice]:
+    """Sources whose target, `offset` away, lies inside the image; and these targets."""
+    return slice(max(0, -offset), size - max(0, offset)), slice(max(0, offset), size + min(0, offset))
+
+
+def _confusion(radius: Tensor, dx: int, dy: int, alpha: float, shape: ApertureShape) -> Tensor:
+    distance = math.hypot(dx, dy)
+    factor = float(shape.radius_factor(np.arctan2(dy, dx))) if distance > 0 else 1.0
+    # sigmoid(2 x) is 1/2 + 1/2 tanh(x), without its cancellation where the tail is small.
+    weight = torch.sigmoid(2.0 * alpha * (radius * factor - distance))
+    if shape.obstruction > 0:
+        weight = weight * (1.0 - STOP_OPACITY * torch.sigmoid(
+            2.0 * alpha * (radius * (factor * shape.obstruction) - distance)))
+    return weight

@@ -1,0 +1,130 @@
+"""Structural similarity for the CPU: `ssim` and `l1_ssim` with their gradients, float32, one autograd function.
+
+With d = prediction - target, 2ab - a^2 - b^2 = -(a - b)^2 turns both factors of SSIM into
+
+    S = (1 - E[d]^2 / B1) (1 - var(d) / B2),   B1 = E[p]^2 + E[t]^2 + C1,   B2 = var(p) + var(t) + C2,
+
+which needs four filtered maps (E[p], E[t], E[p^2 + t^2], E[d^2]) instead of five and, unlike the
+usual form, loses no digits where prediction and target are close: where training ends up. So the
+kernels (`_kernels.py`) add up 1 - S.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from ._kernels import BAND, build
+from .reference import K1, K2, Border, check_images, check_weight, gaussian_window
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """What `ssim` was asked for; with_l1: whether the L1 mean is wanted too."""
+
+    border: Border
+    window: int
+    sigma: float
+    data_range: float
+    with_l1: bool
+
+
+class _Compare(torch.autograd.Function):
+    """(mean of 1 - S, mean of weight times |prediction - target|), both differentiable by the prediction."""
+
+    @staticmethod
+    def forward(context, prediction: Tensor, target: Tensor, weight: Tensor | None, settings: _Settings):
+        height, width, channels = prediction.shape
+        p, t = (image.detach().contiguous().view(height, width * channels).numpy() for image in (prediction, target))
+        w = np.empty((0, 0), dtype=np.float32) if weight is None else weight.detach().contiguous().numpy()
+        window = gaussian_window(settings.window, settings.sigma)
+        taps = np.asarray(window, dtype=np.float32)
+        frame_y = _frame(height, window, settings.border)
+        frame_x = np.repeat(_frame(width, window, settings.border), channels, axis=1)
+        # Squares of numbers around zero lose fewer digits than squares of numbers around one half.
+        centre = np.float32(0.5 * settings.data_range)
+        c1, c2 = (np.float32((k * settings.data_range) ** 2) for k in (K1, K2))
+        maps = np.empty((3, height, width * channels), dtype=np.float32)
+        sums = np.empty((-(-height // BAND), 2))
+        forward, context.kernel = build(settings.window // 2, channels)
+        forward(p, t, w, taps, frame_y, frame_x, centre, c1, c2, settings.with_l1, maps, sums)
+        counted = float(frame_y[1].sum(dtype=np.float64)) * float(frame_x[1].sum(dtype=np.float64))
+        # Kept for its check that nobody has written to them by the time of the backward pass.
+        context.save_for_backward(prediction, target, weight)
+        context.call = p, t, w, taps, centre, settings.with_l1, maps
+        context.counts = counted, p.size
+        context.shape = prediction.shape
+        unlike, l1 = sums.sum(axis=0)
+        return prediction.new_tensor(unlike / counted), prediction.new_tensor(l1 / p.size)
+
+    @staticmethod
+    @once_differentiable
+    def backward(context, by_unlike: Tensor, by_l1: Tensor):
+        context.saved_tensors  # noqa: B018 (raises if one was changed in place)
+        counted, size = context.counts
+        gradient = np.empty_like(context.call[0])
+        scale, scale_l1 = np.float32(-float(by_unlike) / counted), np.float32(float(by_l1) / size)
+        context.kernel(*context.call, scale, scale_l1, gradient)
+        return torch.from_numpy(gradient).view(context.shape), None, None, None
+
+
+def _frame(size: int, window: list[float], border: Border) -> np.ndarray:
+    """(2, size) float32 along one axis: the share of the window inside the image; 1 where a pixel counts, else 0."""
+    radius = len(window) // 2
+    frame = np.ones((2, size))
+    for index in {*range(min(radius, size)), *range(max(size - radius, 0), size)}:
+        frame[0, index] = sum(w for k, w in enumerate(window, index - radius) if 0 <= k < size)
+        frame[1, index] = border == "same"
+    return frame.astype(np.float32)
+
+
+def _check_device(*images: Tensor | None) -> None:
+    for image in images:
+        if image is not None and (image.dtype != torch.float32 or image.device.type != "cpu"):
+            raise ValueError(f"ssim on the CPU: expected float32 on cpu, found {image.dtype} on {image.device}")
+
+
+def ssim(
+    prediction: Tensor,
+    target: Tensor,
+    *,
+    border: Border = "same",
+    window: int = 11,
+    sigma: float = 1.5,
+    data_range: float = 1.0,
+) -> Tensor:
+    """Mean structural similarity; see `reference.ssim`. float32 on the CPU, differentiable by `prediction`.
+
+    Raises ValueError for what it can't take.
+    """
+    check_images(prediction, target, border, window, sigma, data_range)
+    _check_device(prediction, target)
+    settings = _Settings(border, window, sigma, data_range, with_l1=False)
+    return 1 - _Compare.apply(prediction, target, None, settings)[0]
+
+
+def l1_ssim(
+    prediction: Tensor,
+    target: Tensor,
+    *,
+    ssim_weight: float,
+    weight: Tensor | None = None,
+    border: Border = "same",
+    window: int = 11,
+    sigma: float = 1.5,
+    data_range: float = 1.0,
+) -> Tensor:
+    """(1 - ssim_weight) L1 + ssim_weight (1 - SSIM) in one pass; see `reference.l1_ssim`. float32 on the CPU.
+
+    Raises ValueError for what it can't take.
+    """
+    check_images(prediction, target, border, window, sigma, data_range)
+    check_weight(prediction, weight)
+    _check_device(prediction, target, weight)
+    settings = _Settings(border, window, sigma, data_range, with_l1=True)
+    unlike, l1 = _Compare.apply(prediction, target, weight, settings)
+    return (1 - ssim_weight) * l1 + ssim_weight * unlike

@@ -1,0 +1,75 @@
+"""Time of a whole training step, and how much of it is kernels.
+
+    python tests/bench/training_step.py SCENE [--width 504] [--steps 60]
+
+SCENE is an all-in-focus scene with sparse points. Its photographs are trained on directly (what
+the pixels show doesn't change the cost), from the sparse points, with the lens on: everything
+that a step does is in the figure. A circle of confusion of realistic size comes from setting the
+aperture to `--aperture` and leaving it there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import time
+from pathlib import Path
+
+from dofbench.contracts import Budget, TrainingSet, TrainingView
+from dofbench.gaussians.options import TrainerOptions
+from dofbench.gaussians.trainer import Trainer
+from dofbench.scenes import load_scene
+
+# The parts of a step that run in our kernels; the lens and loss stages are scatter and SSIM plus
+# the few element-wise tensor operations around them, which the profile below keeps apart.
+KERNEL_STAGES = ("rasterise", "rasterise, backward", "lens", "loss", "loss and lens, backward")
+
+
+class Clock:
+    """Records the time of every step."""
+
+    def __init__(self):
+        self.times, self._last = [], time.perf_counter()
+
+    def seconds(self) -> float:
+        return 0.0
+
+    def after_step(self, step: int, loss: float) -> bool:
+        now = time.perf_counter()
+        self.times.append(now - self._last)
+        self._last = now
+        return True
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene", type=Path)
+    parser.add_argument("--width", type=int, default=504)
+    parser.add_argument("--steps", type=int, default=60)
+    parser.add_argument("--aperture", type=float, default=0.75)
+    parser.add_argument("--normals", action="store_true")
+    arguments = parser.parse_args()
+    scene = load_scene(arguments.scene, width=arguments.width)
+    views = tuple(TrainingView(v.name, v.camera, v.image()) for v in scene.views)
+    options = TrainerOptions().with_overrides({
+        "densify_until": 0.0, "reset_every": 0.0, "lens_init_aperture": arguments.aperture, "lens_lr": 1e-12,
+        "lens_lr_final": 1e-12, "sh_every": 0.0, "adaptation": "off",
+        "normal_weight": 0.05 if arguments.normals else 0.0})
+    trainer = Trainer(TrainingSet(views, scene.points), options, 0)
+    trainer.fit(Budget(steps=5), Clock())  # compiles the kernels
+    trainer.stages.clear()
+    clock = Clock()
+    outcome = trainer.fit(Budget(steps=arguments.steps), clock)
+    times = sorted(clock.times[1:])
+    total = sum(clock.times)
+    print(f"{len(trainer.gaussians)} Gaussians, {views[0].camera.width}x{views[0].camera.height}: "
+          f"median {1e3 * statistics.median(times):.1f} ms a step (min {1e3 * times[0]:.1f}, max {1e3 * times[-1]:.1f})")
+    print("| stage | ms a step | share |\n| --- | --- | --- |")
+    for stage, seconds in outcome.stages.items():
+        print(f"| {stage} | {1e3 * seconds / arguments.steps:.2f} | {seconds / total:.0%} |")
+    kernels = sum(outcome.stages.get(stage, 0.0) for stage in KERNEL_STAGES)
+    print(f"| stages that are kernels | {1e3 * kernels / arguments.steps:.2f} | {kernels / total:.0%} |")
+
+
+if __name__ == "__main__":
+    main()

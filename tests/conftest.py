@@ -1,0 +1,44 @@
+"""What every test shares: thread counts, hypothesis settings, and the way to the real scenes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import hypothesis
+import pytest
+
+from dofbench.threads import configure_threads
+
+configure_threads()  # before any test imports torch or numba
+
+# A first call compiles a kernel, so one example's time says nothing: no deadline. In CI the examples
+# are the same every time, so that a red run is red because of the change.
+hypothesis.settings.register_profile("dofbench", deadline=None, max_examples=25, derandomize="CI" in os.environ)
+hypothesis.settings.load_profile("dofbench")
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def repository() -> Path:
+    """The root of the checkout that holds these tests."""
+    return REPOSITORY
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Callable[[str], Path]:
+    """`real_data("llff_fern")`: the folder of a real scene. Skips the test, saying why, where it is absent.
+
+    The folder that holds the scenes is DOFBENCH_DATA, or else `../shared/data` beside the checkout.
+    """
+    root = Path(os.environ.get("DOFBENCH_DATA") or REPOSITORY.parent / "shared" / "data")
+
+    def find(name: str) -> Path:
+        folder = root / name
+        if not folder.is_dir():
+            pytest.skip(f"real data {name!r} is not in {root}; set DOFBENCH_DATA to the folder that holds it")
+        return folder
+
+    return find

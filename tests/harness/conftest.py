@@ -1,0 +1,17 @@
+"""A fake method and a fake dataset, and a way to run the one on the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from harness_fakes import fake_run
+
+from dofbench.harness.run import RunEnd
+
+
+@pytest.fixture
+def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., RunEnd]:
+    """`call(set=("noise=0.2",), …)` runs the fake method on the fake dataset, into tmp_path/results."""
+    return fake_run(tmp_path, monkeypatch)

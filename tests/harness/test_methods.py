@@ -1,0 +1,103 @@
+"""Finding and loading method folders."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from harness_fakes import METHOD_TOML, write_method
+
+from dofbench.contracts import Budget
+from dofbench.errors import InputError
+from dofbench.harness.methods import available_methods, find_method
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    root = write_method(tmp_path / "methods")
+    monkeypatch.setenv("DOFBENCH_METHODS", str(root))
+    return root / "fake"
+
+
+def test_the_shipped_methods_describe_themselves() -> None:
+    methods = available_methods()
+    assert {"dofgaussian", "mipsplatting"} <= set(methods)
+    assert methods["dofgaussian"].card.capabilities.refocus
+    assert not methods["mipsplatting"].card.capabilities.refocus
+    for entry in methods.values():
+        for name in entry.card.presets:
+            entry.preset(name)
+
+
+def test_relative_imports_work(folder: Path) -> None:
+    method = find_method("fake").create({"noise": 0.5}, 7, "cpu")
+    assert method.options["noise"] == 0.5
+    assert type(method).__module__ == "dofbench.methods.fake.trainer"
+
+
+def test_another_folder_of_the_same_id_is_loaded_anew(folder: Path, tmp_path: Path, monkeypatch) -> None:
+    first = type(find_method("fake").create({}, 0, "cpu"))
+    other = write_method(tmp_path / "others")
+    code = other / "fake" / "trainer.py"
+    code.write_text(code.read_text() + "\n\nFake.mark = 'other'\n")
+    monkeypatch.setenv("DOFBENCH_METHODS", str(other))
+    second = type(find_method("fake").create({}, 0, "cpu"))
+    assert second.mark == "other" and not hasattr(first, "mark")
+
+
+def test_presets(folder: Path) -> None:
+    entry = find_method("fake")
+    assert entry.preset(None) == ("quick", {}, Budget(steps=8))
+    assert entry.preset("slow") == ("slow", {"steps": 12, "noise": 0.2}, None)
+    with pytest.raises(InputError, match="'fast', expected one of quick, slow"):
+        entry.preset("fast")
+
+
+def test_unknown_method_lists_what_there_is(folder: Path) -> None:
+    with pytest.raises(InputError, match="'none', expected one of .*fake"):
+        find_method("none")
+
+
+def test_unknown_option_lists_the_known_ones(folder: Path) -> None:
+    with pytest.raises(InputError, match="option nose.*lens, noise"):
+        find_method("fake").create({"nose": 1}, 0, "cpu")
+
+
+def test_one_id_in_two_folders_is_refused(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    other = write_method(tmp_path / "others")
+    monkeypatch.setenv("DOFBENCH_METHODS", os.pathsep.join([str(folder.parent), str(other)]))
+    with pytest.raises(InputError, match="one folder of that name"):
+        available_methods()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        ("refocus = ", "refocuss = ", "capabilities.refocus: Field required"),
+        ('class = "trainer:Fake"', 'class = "trainer"', "class"),
+        ('default_preset = "quick"', 'default_preset = "fast"', "one of quick, slow"),
+        ("[leave_out.lens]", "[leave_out.lenses]", "unknown stage"),
+        ("name =", "name", "no TOML"),
+    ],
+)
+def test_a_wrong_method_toml_is_one_line(folder: Path, old: str, new: str, match: str) -> None:
+    file = folder / "method.toml"
+    file.write_text(file.read_text().replace(old, new, 1))
+    with pytest.raises(InputError, match=match) as caught:
+        find_method("fake")
+    assert "method.toml" in caught.value.subject
+
+
+def test_a_class_without_the_contract_is_refused(folder: Path) -> None:
+    code = folder / "trainer.py"
+    code.write_text(code.read_text().replace("def lens_estimates", "def estimates"))
+    with pytest.raises(InputError, match="no lens_estimates"):
+        find_method("fake").create({}, 0, "cpu")
+
+
+def test_a_missing_class_is_refused(folder: Path) -> None:
+    (folder / "method.toml").write_text(
+        METHOD_TOML.format(name="Fake", refocus="true", learns_lens="true").replace("trainer:Fake", "trainer:Fakir"))
+    with pytest.raises(InputError, match="trainer:Fakir"):
+        find_method("fake").create({}, 0, "cpu")

@@ -1,0 +1,109 @@
+"""The result's schema: key, round trip, migration."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dofbench.errors import InputError, Status
+from dofbench.harness import result as module
+from dofbench.harness.result import Result, Spec, read_result, write_result
+
+
+def make_spec(**changes) -> Spec:
+    values = {
+        "method": "fake", "preset": "quick", "overrides": {}, "options": {"noise": 0.1}, "budget": "8it",
+        "dataset": "waves", "dataset_checksum": "a" * 64, "protocol": "refocus-v1", "seed": 0, "device": "cpu",
+        "code": "0.1.0+" + "b" * 64,
+    }
+    return Spec(**{**values, **changes})
+
+
+def make_result(**changes) -> Result:
+    spec = changes.pop("spec", make_spec())
+    values = {
+        "schema_version": 1, "key": spec.key, "spec": spec, "protocol": {}, "plan": {}, "status": "ok", "message": "",
+        "traceback": "", "scene": "waves", "data": "data", "command": "dofbench run --method fake", "started": "now",
+        "ended": "then", "scores": {}, "left_out": {}, "left_out_stages": {}, "do_nothing": {}, "views": [],
+        "lens": [], "curve": [], "stages": {}, "method_stages": {}, "description": {}, "nonfinite": [],
+        "predictions": {}, "git": None, "machine": {}, "packages": {},
+    }
+    return Result(**{**values, **changes})
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"method": "other"}, {"preset": "slow"}, {"overrides": {"noise": 0.2}}, {"options": {"noise": 0.2}},
+        {"budget": "9it"}, {"dataset_checksum": "c" * 64}, {"protocol": "sharp-inputs-v1"}, {"seed": 1},
+        {"device": "cuda"}, {"code": "0.1.0+" + "d" * 64}, {"dataset": "other"},
+    ],
+)
+def test_the_key_depends_on_everything(change: dict) -> None:
+    assert make_spec(**change).key != make_spec().key
+
+
+def test_the_key_does_not_depend_on_the_order_of_options() -> None:
+    assert make_spec(options={"a": 1, "b": 2}).key == make_spec(options={"b": 2, "a": 1}).key
+
+
+def same(one: float, two: float) -> bool:
+    return one == two or (math.isnan(one) and math.isnan(two))
+
+
+@given(st.dictionaries(st.sampled_from(["psnr", "ssim", "delta_a"]), st.floats()))
+def test_non_finite_numbers_survive(tmp_path_factory: pytest.TempPathFactory, scores: dict[str, float]) -> None:
+    folder = tmp_path_factory.mktemp("result")
+    write_result(folder, make_result(scores=scores))
+    read = read_result(folder)
+    assert read.scores.keys() == scores.keys()
+    assert all(same(read.scores[column], value) for column, value in scores.items())
+
+
+def test_a_result_reads_back(tmp_path: Path) -> None:
+    git = {"commit": "e" * 40, "dirty": True}
+    written = make_result(status=Status.DIVERGED, message="loss is nan at step 3", git=git)
+    write_result(tmp_path, written)
+    assert read_result(tmp_path) == written
+    assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+
+
+def test_old_results_are_migrated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_result(tmp_path, make_result())
+    data = json.loads((tmp_path / "result.json").read_text())
+    data["schema_version"] = -1
+    data["title"] = data.pop("command")
+    (tmp_path / "result.json").write_text(json.dumps(data))
+    with pytest.raises(InputError, match="schema_version -1"):
+        read_result(tmp_path)
+
+    def rename(old: dict) -> dict:
+        return {**{key: value for key, value in old.items() if key != "title"}, "command": old["title"]}
+
+    monkeypatch.setattr(module, "MIGRATIONS", {-1: rename, 0: lambda data: {**data, "message": "migrated"}})
+    assert read_result(tmp_path).command == "dofbench run --method fake"
+    assert read_result(tmp_path).message == "migrated"
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("{", "JSON"), ("[]", "no schema_version"), ("{}", "no schema_version"),
+        ('{"schema_version": 2}', "newer dofbench"), ('{"schema_version": 1}', "key: Field required"),
+        ("\xff", "JSON"),
+    ],
+)
+def test_a_damaged_result_is_one_line(tmp_path: Path, text: str, match: str) -> None:
+    (tmp_path / "result.json").write_text(text, encoding="latin-1")
+    with pytest.raises(InputError, match=match):
+        read_result(tmp_path)
+
+
+def test_a_missing_result_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        read_result(tmp_path)

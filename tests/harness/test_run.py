@@ -1,0 +1,282 @@
+"""Runs from beginning to end: good ones, failing ones, reused and resumed ones."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from harness_fakes import FakeDataset, write_dataset
+from rich.console import Console
+
+from dofbench.errors import InputError, Status
+from dofbench.harness import evaluate
+from dofbench.harness.evaluate import Evaluator
+from dofbench.harness.lock import is_running, locked, read_lock
+from dofbench.harness.protocol import LENS_COLUMNS, PROTOCOLS
+from dofbench.harness.result import read_result
+from dofbench.images import read_image
+
+OPEN = PROTOCOLS["refocus-v1"]
+
+
+def text_console() -> tuple[Console, io.StringIO]:
+    stream = io.StringIO()
+    return Console(file=stream, width=200), stream
+
+
+def test_a_good_run(call, tmp_path: Path) -> None:
+    end = call()
+    assert end and end.status is Status.OK and not end.reused
+    assert end.folder.parent == tmp_path / "results" / "waves"
+    result = read_result(end.folder)
+    assert end.folder.name == f"fake-quick-seed0-{result.key[:8]}"
+    assert set(result.scores) == {*OPEN.refocus_columns, *OPEN.all_in_focus_columns, *LENS_COLUMNS,
+                                  "train_s", "steps", "render_fps", "peak_mb", "gaussians"}
+    assert result.scores["steps"] == 8 and result.scores["gaussians"] == 80
+    assert result.scores["psnr"] > 30 and result.scores["peak_mb"] > 10
+    assert [point.steps for point in result.curve][::len(result.curve) - 1] == [1, 8]
+    assert result.curve[-1].scores["psnr"] > result.curve[0].scores["psnr"] + 10
+    assert {"psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f"} == set(result.curve[0].scores)
+    assert result.left_out_stages == {"normals": "a fake has none"} and result.method_stages == {"guess": 0.01}
+    assert {"train", "score", "evaluate during training"} <= set(result.stages)
+    assert (end.folder / "model" / "model.json").is_file()
+    assert sorted(path.name for path in end.folder.iterdir()) == ["model", "predictions", "result.json"]
+
+
+def test_scores_are_of_what_was_saved(call, tmp_path: Path) -> None:
+    end = call()
+    result, data = read_result(end.folder), FakeDataset(tmp_path / "data")
+    for view in data.test_views():
+        scored = next(found for found in result.views if found.name == view.name)
+        saved = read_image(end.folder / "predictions" / "refocus" / f"{view.name}.png")
+        error = np.mean((saved.astype(np.float64) - data.image(view)) ** 2)
+        assert scored.scores["psnr"] == pytest.approx(-10 * math.log10(error), abs=1e-3)
+    mean = np.mean([view.scores["psnr"] for view in result.views])
+    assert result.scores["psnr"] == pytest.approx(mean)
+
+
+def test_lens_errors_of_every_training_view(call) -> None:
+    result = read_result(call().folder)
+    assert [lens.name for lens in result.lens] == ["v2", "v3", "v4", "v5"]
+    for lens in result.lens:
+        assert lens.delta_a == pytest.approx(abs(lens.aperture - lens.aperture_estimated))
+        assert lens.delta_f == pytest.approx(abs(lens.focus - lens.focus_estimated))
+    assert result.curve[-1].scores["delta_a"] == pytest.approx(result.scores["delta_a"])
+    true = [(0.5, 0.8), (1.0, 0.2), (0.5, 0.5), (1.0, 0.8)]
+    assert result.do_nothing["delta_a"] == pytest.approx(np.mean([abs(a - 0.5) for a, _ in true]))
+    assert result.do_nothing["delta_f"] == pytest.approx(np.mean([abs(f - 0.5) for _, f in true]))
+
+
+def test_same_seed_same_scores(call) -> None:
+    one = read_result(call().folder)
+    two = read_result(call(rerun=True).folder)
+    timed = {"train_s", "render_fps", "peak_mb"}
+    assert {k: v for k, v in one.scores.items() if k not in timed} == {
+        k: v for k, v in two.scores.items() if k not in timed}
+    assert one.predictions == two.predictions
+
+
+def test_a_budget_of_seconds(call) -> None:
+    result = read_result(call(budget="0.3s", set=("pause=0.02",)).folder)
+    assert 0.3 <= result.scores["train_s"] < 1.0
+    assert 5 <= result.scores["steps"] <= 16
+
+
+def test_the_preset_says_steps_where_it_has_no_budget(call) -> None:
+    assert read_result(call(preset="slow").folder).spec.budget == "12it"
+    with pytest.raises(InputError, match="budget"):
+        call(preset="slow", set=("steps=many",))
+
+
+def test_a_finished_result_is_reused(call) -> None:
+    first = call()
+    before = (first.folder / "result.json").read_bytes()
+    console, stream = text_console()
+    again = call(console)
+    assert again.reused and again.folder == first.folder
+    assert "finished already" in stream.getvalue()
+    assert (first.folder / "result.json").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "change", [{"set": ("noise=0.2",)}, {"seed": 1}, {"budget": "9it"}, {"inputs": "all-in-focus"}])
+def test_any_change_is_another_result(call, change: dict) -> None:
+    first, other = call(), call(**change)
+    assert not other.reused and other.folder != first.folder
+
+
+def test_other_data_or_code_is_another_result(call, tmp_path: Path) -> None:
+    first = call()
+    write_dataset(tmp_path / "data", seed=2)
+    second = call()
+    code = tmp_path / "methods" / "fake" / "behaviour.py"
+    code.write_text(code.read_text() + "\n# changed\n")
+    third = call()
+    assert not second.reused and not third.reused
+    assert len({first.folder, second.folder, third.folder}) == 3
+
+
+@pytest.mark.parametrize(
+    ("trouble", "status", "message"),
+    [
+        ("lost", Status.DIVERGED, "loss is nan at step 3"),
+        ("crash", Status.CRASHED, "RuntimeError: something broke"),
+        ("memory", Status.OUT_OF_MEMORY, "MemoryError: no more"),
+        ("overflow", Status.DIVERGED, "FloatingPointError: overflow in exp"),
+        ("deaf", Status.CRASHED, "told to stop"),
+    ],
+)
+def test_a_failing_run_leaves_a_typed_result(call, trouble: str, status: Status, message: str) -> None:
+    console, stream = text_console()
+    end = call(console, set=(f"trouble={trouble}",))
+    assert not end and end.status is status
+    result = read_result(end.folder)
+    assert result.status is status and message in result.message
+    assert message in stream.getvalue()
+    assert "psnr" not in result.scores and result.scores["steps"] >= 2 and result.curve
+    raised = trouble != "lost"
+    assert ("Traceback" in result.traceback) == raised
+    assert bool(result.nonfinite) == (trouble == "lost")
+
+
+def test_out_of_time(call) -> None:
+    end = call(budget="0.01s", set=("pause=0.05",))
+    assert end.status is Status.OUT_OF_TIME
+
+
+def test_a_non_finite_prediction_is_a_divergence_and_its_nan_is_kept(call) -> None:
+    end = call(set=("trouble=hole",))
+    result = read_result(end.folder)
+    assert result.status is Status.DIVERGED and "1 of" in result.message
+    assert math.isnan(result.scores["psnr"]) and math.isnan(result.curve[0].scores["psnr"])
+    assert result.nonfinite[0].stage == "render refocus"
+
+
+def test_a_wrong_input_found_while_training_is_passed_on(call, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="points"):
+        call(set=("trouble=input",))
+    assert not list((tmp_path / "results").rglob("result.json"))
+
+
+def test_a_crash_is_tried_again_and_a_divergence_is_not(call) -> None:
+    assert not call(set=("trouble=crash",)).reused and not call(set=("trouble=crash",)).reused
+    assert not call(set=("trouble=lost",)).reused and call(set=("trouble=lost",)).reused
+
+
+def test_an_interrupted_run_says_so(call, tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        call(set=("trouble=interrupt",))
+    (file,) = (tmp_path / "results").rglob("result.json")
+    result = read_result(file)
+    assert result.status is Status.CRASHED and result.message == "interrupted after 2 steps"
+
+
+def test_a_run_interrupted_while_it_scores_goes_on_from_there(call, monkeypatch: pytest.MonkeyPatch) -> None:
+    reference = call()
+    expected = read_result(reference.folder)
+
+    def interrupted(self, folder):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(Evaluator, "final", interrupted)
+        call(rerun=True)
+    console, stream = text_console()
+    end = call(console)
+    result = read_result(end.folder)
+    assert "going on with the scores" in stream.getvalue()
+    assert end.status is Status.OK and result.predictions == expected.predictions
+    assert result.scores["steps"] == 8 and [p.steps for p in result.curve] == [p.steps for p in expected.curve]
+    assert {"train", "load model", "score"} <= set(result.stages)
+    assert not (end.folder / "trained.json").exists()
+
+
+def test_a_method_that_refuses_to_refocus_leaves_it_out(call) -> None:
+    result = read_result(call(set=("lens=false",)).folder)
+    assert result.status is Status.OK
+    assert "no lens here" in result.left_out["psnr"] and "psnr" not in result.scores
+    assert result.left_out["delta_a"] == "the method gave no lens estimates"
+    assert result.scores["aif_psnr"] > 30
+
+
+def test_leaving_out_a_needless_lens_changes_no_other_score(call, tmp_path: Path) -> None:
+    write_dataset(tmp_path / "data", coc=0.1)
+    left_out, forced = (read_result(call(force_all=force).folder) for force in (False, True))
+    assert left_out.left_out_stages["lens"].startswith("the largest CoC radius is 0.10 px")
+    assert left_out.scores["aif_psnr"] == forced.scores["aif_psnr"]
+    assert "delta_a" in forced.scores and "delta_a" not in left_out.scores
+
+
+def test_without_test_views_there_are_only_lens_errors(call, tmp_path: Path) -> None:
+    write_dataset(tmp_path / "data", test=0)
+    result = read_result(call().folder)
+    assert result.status is Status.OK and result.views == []
+    assert "psnr" not in result.scores and result.left_out["render_fps"] == "the dataset has no test views"
+
+
+def test_a_dry_run_writes_nothing(call, tmp_path: Path) -> None:
+    console, stream = text_console()
+    assert call(console, dry_run=True).status is None
+    assert "budget 8it" in stream.getvalue()
+    assert not (tmp_path / "results").exists()
+    with pytest.raises(InputError, match="nose"):
+        call(dry_run=True, set=("nose=1",))
+
+
+@pytest.mark.parametrize(("change", "match"), [
+    ({"device": "tpu"}, "--device"), ({"device": "cuda"}, "--device"), ({"inputs": "blurry"}, "inputs"),
+    ({"data": Path("nowhere")}, "nowhere"),
+])
+def test_wrong_calls(call, change: dict, match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        call(**change)
+
+
+def test_two_processes_never_write_one_result(call) -> None:
+    end = call()
+    spec = read_result(end.folder).spec
+    with locked(end.folder, spec, "waves", "now"):
+        assert is_running(end.folder)
+        with pytest.raises(InputError, match="another process"):
+            call()
+    assert not is_running(end.folder)
+    assert not (end.folder / "running.lock").exists()
+
+
+def test_a_killed_process_leaves_a_trace(call, tmp_path: Path) -> None:
+    spec = read_result(call().folder).spec
+    script = (
+        "import json, sys, time\nfrom pathlib import Path\nfrom dofbench.harness.lock import locked\n"
+        "from dofbench.harness.result import Spec\n"
+        "with locked(Path(sys.argv[1]), Spec(**json.loads(sys.argv[2])), 'waves', 'noon'):\n"
+        "    print('ready', flush=True)\n    time.sleep(60)\n"
+    )
+    folder = tmp_path / "killed"
+    process = subprocess.Popen([sys.executable, "-c", script, str(folder), json.dumps(spec.model_dump())],
+                               stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "ready\n"
+    assert is_running(folder)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    process.stdout.close()
+    deadline = time.monotonic() + 5
+    while is_running(folder) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert not is_running(folder)
+    assert read_lock(folder) == (spec, "waves", "noon")
+
+
+def test_predictions_of_a_wrong_shape_are_a_crash(call, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(evaluate, "to_8bit", lambda image: image)
+    monkeypatch.setattr(evaluate, "from_8bit", lambda image: image)
+    monkeypatch.setattr(evaluate, "score_image", lambda *_: {})
+    assert call().status is Status.CRASHED

@@ -1,0 +1,54 @@
+"""Budgets, overrides, and the command line that a result repeats."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import pytest
+import tyro
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dofbench.contracts import Budget
+from dofbench.errors import InputError
+from dofbench.harness.settings import Run, format_budget, parse_budget, parse_overrides
+
+STEPS = st.integers(1, 10**6)
+SECONDS = st.integers(1, 99_999).map(lambda tenths: tenths / 10)
+
+
+@given(steps=st.none() | STEPS, seconds=st.none() | SECONDS)
+def test_a_budget_reads_back(steps: int | None, seconds: float | None) -> None:
+    budget = Budget(steps, seconds)
+    if steps is None and seconds is None:
+        return
+    assert parse_budget(format_budget(budget)) == budget
+
+
+def test_budget_takes_both_in_either_order() -> None:
+    assert parse_budget("7000it, 300s") == parse_budget("300s,7000it") == Budget(7000, 300.0)
+
+
+@pytest.mark.parametrize("text", ["", "lots", "0s", "-1it", "nans", "infs", "1.5it", "3s,4s", "1it,2it", "300", ","])
+def test_a_wrong_budget_is_one_line(text: str) -> None:
+    with pytest.raises(InputError, match="budget"):
+        parse_budget(text)
+
+
+def test_overrides_are_typed() -> None:
+    read = parse_overrides(("a=1", "b=1e-3", "c=true", "d=word", 'e="1"', "f=", "g=[1, 2]", "h=x=y"))
+    assert read == {"a": 1, "b": 0.001, "c": True, "d": "word", "e": "1", "f": "", "g": [1, 2], "h": "x=y"}
+
+
+@pytest.mark.parametrize("pairs", [("a",), ("=1",), ("a=1", "a=2")])
+def test_wrong_overrides(pairs: tuple[str, ...]) -> None:
+    with pytest.raises(InputError, match="--set"):
+        parse_overrides(pairs)
+
+
+def test_the_command_says_the_same_run() -> None:
+    settings = Run(method="fake", data=Path("some data"), set=("a=1", "b=x y"), seed=3, force_all=True, budget="5s")
+    words = shlex.split(settings.command())
+    assert words[:2] == ["dofbench", "run"]
+    assert tyro.cli(Run, args=words[2:]) == settings

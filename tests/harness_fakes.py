@@ -1,0 +1,258 @@
+"""A method folder and a dataset that cost nothing, for the tests of the harness and of the reports."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from dofbench.cameras import Camera
+from dofbench.contracts import PointCloud, TrainingSet, TrainingView
+from dofbench.errors import InputError
+from dofbench.files import sha256_file
+from dofbench.harness import check as check_module
+from dofbench.harness import run as run_module
+from dofbench.harness.run import RunEnd
+from dofbench.harness.settings import Run
+from dofbench.images import from_8bit, to_8bit
+from dofbench.lens import DisparityRange, Lens, PhysicalLens
+from dofbench.metrics import METRICS
+from dofbench.reporting import comparison as comparison_module
+
+WIDTH, HEIGHT = 64, 48
+
+
+@dataclass(frozen=True, eq=False)
+class FakeView:
+    """As `dofbench.synthesis.dataset.DatasetView`."""
+
+    name: str
+    split: str
+    camera: Camera
+    lens: Lens
+    physical_lens: PhysicalLens
+    max_coc_px: float
+
+
+class FakeDataset:
+    """As `dofbench.synthesis.dataset.Dataset`; its folder holds a dataset.json with these few choices.
+
+    The image of a view is smooth noise; its shallow photograph is the sharp one, darkened by the aperture.
+    """
+
+    def __init__(self, folder: Path):
+        self.folder = Path(folder)
+        if not (self.folder / "dataset.json").is_file():
+            raise InputError(folder, "no dataset.json", "a dataset folder")
+        choices = json.loads((self.folder / "dataset.json").read_text())
+        self.name, self.scene = choices["name"], choices["name"].split("_")[0]
+        self.checksum = sha256_file(self.folder / "dataset.json")
+        self.has_points = choices["points"]
+        self.disparity_range = DisparityRange(0.1, 0.6)
+        self._seed = choices["seed"]
+        self.views = tuple(
+            self._view(f"v{index}", "test" if index < choices["test"] else "train", choices["coc"], index)
+            for index in range(choices["test"] + choices["train"])
+        )
+
+    load = classmethod(lambda cls, folder: cls(folder))
+
+    def _view(self, name: str, split: str, coc: float, index: int) -> FakeView:
+        pose = np.eye(4)
+        pose[0, 3] = index
+        camera = Camera(WIDTH, HEIGHT, 200.0, 200.0, WIDTH / 2, HEIGHT / 2, pose)
+        lens = Lens(aperture=(0.5, 1.0)[index % 2], focus=(0.2, 0.5, 0.8)[index % 3])
+        return FakeView(name, split, camera, lens, lens.physical(self.disparity_range, WIDTH), coc)
+
+    def test_views(self) -> tuple[FakeView, ...]:
+        return tuple(view for view in self.views if view.split == "test")
+
+    def all_in_focus(self, view: FakeView) -> np.ndarray:
+        return sharp_image(self._seed, view.camera)
+
+    def image(self, view: FakeView) -> np.ndarray:
+        return from_8bit(to_8bit(self.all_in_focus(view) * (1 - 0.1 * view.lens.aperture)))
+
+    def depth(self, view: FakeView) -> np.ndarray:
+        return np.linspace(2.0, 9.0, WIDTH * HEIGHT, dtype=np.float32).reshape(HEIGHT, WIDTH)
+
+    def training_set(self, inputs: str = "shallow") -> TrainingSet:
+        read = self.image if inputs == "shallow" else self.all_in_focus
+        views = tuple(TrainingView(v.name, v.camera, read(v)) for v in self.views if v.split == "train")
+        few = PointCloud(np.zeros((3, 3)), np.zeros((3, 3), np.float32), np.zeros(3, np.float32))
+        return TrainingSet(views, few if self.has_points else None)
+
+
+def sharp_image(seed: int, camera: Camera) -> np.ndarray:
+    """What the fake scene looks like from a camera; the fake method knows it too."""
+    x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    phase = seed + camera.world_to_camera[0, 3]
+    waves = [np.sin(x / (7 + 3 * c) + phase) * np.cos(y / (9 - 2 * c) - phase) for c in range(3)]
+    return from_8bit(to_8bit(0.5 + 0.4 * np.stack(waves, axis=2)))
+
+
+def write_dataset(
+    folder: Path, *, name: str = "waves", seed: int = 1, train: int = 4, test: int = 2, coc: float = 4.0,
+    points: bool = True,
+) -> Path:
+    """Write the dataset.json that `FakeDataset` reads; returns the folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    choices = {"name": name, "seed": seed, "train": train, "test": test, "coc": coc, "points": points}
+    (folder / "dataset.json").write_text(json.dumps(choices))
+    return folder
+
+
+METHOD_TOML = """\
+name = "{name}"
+summary = "A fake"
+paper = "Nobody, 2020"
+class = "trainer:Fake"
+default_preset = "quick"
+
+[capabilities]
+refocus = {refocus}
+learns_lens = {learns_lens}
+needs_points = true
+
+[presets.quick]
+budget = "8it"
+
+[presets.slow]
+steps = 12
+noise = 0.2
+
+[leave_out.lens]
+lens = false
+
+[claims]
+source = "Nobody 2020, Table 1"
+rows = {{ "their own data" = {{ psnr = 28.7, delta_a = 0.126 }} }}
+"""
+
+METHOD_CODE = '''\
+"""A method that knows the answer and adds noise that shrinks while it trains."""
+
+import json
+
+import numpy as np
+from harness_fakes import sharp_image
+
+from dofbench.contracts import FitOutcome, Rendering
+from dofbench.errors import InputError, Status
+from dofbench.lens import PhysicalLens
+
+from .behaviour import misbehave
+
+DEFAULTS = {"steps": 8, "noise": 0.1, "lens": True, "trouble": "", "at": 3, "scene": 1, "pause": 0.0}
+
+
+class Fake:
+    def __init__(self, options, seed, device):
+        unknown = sorted(set(options) - set(DEFAULTS))
+        if unknown:
+            raise InputError(f"option {unknown[0]}", "an unknown name", f"one of {', '.join(sorted(DEFAULTS))}")
+        self.options = {**DEFAULTS, **options}
+        self.seed, self.step, self.widths = seed, 0, {}
+
+    def fit(self, training_set, budget, observer):
+        self.widths = {view.name: view.camera.width for view in training_set.views}
+        for step in range(1, (budget.steps or 10**9) + 2):
+            self.step = step
+            loss = misbehave(self.options, step, 1.0 / step)
+            if not observer.after_step(step, loss) and self.options["trouble"] != "deaf":
+                break
+        return FitOutcome(Status.OK, step, stages={"guess": 0.01}, left_out={"normals": "a fake has none"})
+
+    def render(self, camera, lens):
+        if lens is not None and not self.options["lens"]:
+            raise ValueError("no lens here")
+        image = sharp_image(self.options["scene"], camera).astype(np.float32)
+        if lens is not None:
+            image = image * (1 - 0.1 * round(lens.aperture / (0.02 * lens.width / 0.5), 3))
+        random = np.random.default_rng(self.seed)
+        image = image + random.normal(0, self.options["noise"] / max(self.step, 1), image.shape)
+        if self.options["trouble"] == "hole":
+            image[0, 0, 0] = np.nan
+        return Rendering(image.astype(np.float32), np.ones(image.shape[:2], np.float32))
+
+    def lens_estimates(self):
+        if not self.options["lens"]:
+            return None
+        return {name: PhysicalLens(5.0, 0.3, width) for name, width in self.widths.items()}
+
+    def describe(self):
+        return {"gaussians": 10.0 * self.step}
+
+    def save(self, folder):
+        (folder / "model.json").write_text(json.dumps([self.step, self.widths]))
+
+    def load(self, folder):
+        self.step, self.widths = json.loads((folder / "model.json").read_text())
+'''
+
+BEHAVIOUR_CODE = '''\
+"""How a fake goes wrong, by the option `trouble`."""
+
+import math
+import time
+
+from dofbench.errors import InputError
+
+
+def misbehave(options, step, loss):
+    time.sleep(options["pause"])
+    if step < options["at"]:
+        return loss
+    match options["trouble"]:
+        case "lost":
+            return math.nan
+        case "crash":
+            raise RuntimeError("something broke")
+        case "memory":
+            raise MemoryError("no more")
+        case "overflow":
+            raise FloatingPointError("overflow in exp")
+        case "interrupt":
+            raise KeyboardInterrupt
+        case "input":
+            raise InputError("points", "none", "some")
+    return loss
+'''
+
+
+def write_method(
+    root: Path, method: str = "fake", *, refocus: bool = True, learns_lens: bool = True, toml: str = METHOD_TOML
+) -> Path:
+    """Write a method folder below `root`; returns `root`, for DOFBENCH_METHODS."""
+    folder = root / method
+    folder.mkdir(parents=True)
+    words = {"name": method.capitalize(), "refocus": str(refocus).lower(), "learns_lens": str(learns_lens).lower()}
+    (folder / "method.toml").write_text(toml.format(**words))
+    (folder / "trainer.py").write_text(METHOD_CODE)
+    (folder / "behaviour.py").write_text(BEHAVIOUR_CODE)
+    return root
+
+
+def fake_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., RunEnd]:
+    """A function that runs the fake method (or, with method="pinhole", one without a lens) on the fake
+    dataset in `folder`/data, into `folder`/results; keywords replace those of `Run`."""
+    methods = write_method(folder / "methods")
+    write_method(methods, "pinhole", refocus=False, learns_lens=False)
+    monkeypatch.setenv("DOFBENCH_METHODS", str(methods))
+    for module in (check_module, comparison_module, run_module):
+        monkeypatch.setattr(module, "Dataset", FakeDataset)
+    # FLIP takes a third of a second however small the image; what it says is tested elsewhere.
+    quick = replace(METRICS["flip"], function=lambda prediction, truth: float(np.abs(prediction - truth).mean()))
+    monkeypatch.setitem(METRICS, "flip", quick)
+    data = write_dataset(folder / "data")
+
+    def call(console: Console | None = None, **changes) -> RunEnd:
+        settings = Run(**{"method": "fake", "data": data, "out": folder / "results", **changes})
+        return run_module.run(settings, console or Console(quiet=True))
+
+    return call

@@ -1,0 +1,247 @@
+"""SSIM kernels: the definition against scikit-image, the CPU kernel against the definition."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+import torch
+from hypothesis import example, given
+from hypothesis import strategies as st
+from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE, FLOAT64_VALUE, SSIM_NEAR_ONE
+
+from dofbench.kernels import load
+
+reference, kernel = load("ssim", "reference"), load("ssim", "cpu")
+reference_l1, kernel_l1 = (load("ssim", backend, function="l1_ssim") for backend in ("reference", "cpu"))
+
+
+def pair(height: int, width: int, noise: float, seed: int = 0, channels: int = 3) -> tuple[torch.Tensor, torch.Tensor]:
+    """(prediction, target), float32: smooth waves with a flat patch, and the same with noise outside it."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:height, :width]
+    phase = rng.uniform(0, 6, channels)
+    target = 0.5 + 0.4 * np.sin(x[..., None] / 4 + phase) * np.cos(y[..., None] / 5 + phase)
+    prediction = np.clip(target + noise * rng.standard_normal(target.shape), 0, 1)
+    flat = slice(height // 3, height // 2), slice(width // 3, width // 2)
+    target[flat] = prediction[flat] = 0.9
+    return torch.tensor(prediction, dtype=torch.float32), torch.tensor(target, dtype=torch.float32)
+
+
+def value_and_gradient(function, prediction, target, **options) -> tuple[float, torch.Tensor]:
+    prediction = prediction.clone().requires_grad_()
+    value = function(prediction, target, **options)
+    value.backward()
+    return value.item(), prediction.grad.double()
+
+
+def assert_agrees(function, definition, prediction, target, **options) -> None:
+    """Value and gradient of a float32 function against the definition in float64."""
+    exact_options = {name: o.double() if torch.is_tensor(o) else o for name, o in options.items()}
+    value, gradient = value_and_gradient(function, prediction, target, **options)
+    exact, exact_gradient = value_and_gradient(definition, prediction.double(), target.double(), **exact_options)
+    assert value == pytest.approx(exact, abs=FLOAT32_VALUE)
+    scale = exact_gradient.abs().max().item()
+    torch.testing.assert_close(gradient, exact_gradient, rtol=0, atol=FLOAT32_GRADIENT * scale)
+
+
+# ---- the definition ----
+
+
+def test_reference_equals_scikit_image() -> None:
+    from skimage.metrics import structural_similarity
+
+    prediction, target = (image.double() for image in pair(40, 57, 0.1))
+    expected = structural_similarity(
+        prediction.numpy(), target.numpy(), gaussian_weights=True, use_sample_covariance=False, data_range=1.0,
+        channel_axis=2,
+    )
+    assert reference(prediction, target, border="valid").item() == pytest.approx(expected, abs=FLOAT64_VALUE)
+
+
+def test_same_border_pads_with_zeros() -> None:
+    """Images laid into a wide black frame: the pixels of the image alone have the padded mean."""
+    prediction, target = (image.double() for image in pair(20, 23, 0.1))
+    framed = [torch.nn.functional.pad(image, (0, 0, 10, 10, 10, 10)) for image in (prediction, target)]
+    inner = [image[5:-5, 5:-5] for image in framed]
+    # Cropping the 5-pixel border off the inner frame leaves the windows centred on the image's own pixels.
+    expected = reference(prediction, target).item()
+    assert reference(*inner, border="valid").item() == pytest.approx(expected, abs=FLOAT64_VALUE)
+
+
+@pytest.mark.parametrize("border", ["same", "valid"])
+def test_reference_gradient_is_the_derivative(border: str) -> None:
+    prediction, target = (image.double() for image in pair(13, 12, 0.1, channels=1))
+    weight = torch.rand(13, 12, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    prediction.requires_grad_()
+    functions = (
+        lambda p: reference(p, target, border=border),
+        lambda p: reference_l1(p, target, ssim_weight=0.3, weight=weight, border=border),
+    )
+    for function in functions:
+        assert torch.autograd.gradcheck(function, prediction, fast_mode=True)
+
+
+# ---- the CPU kernel ----
+
+
+@given(
+    height=st.integers(1, 40),
+    width=st.integers(1, 30) | st.sampled_from([255, 256, 257, 300]),  # a tile is 256 pixels wide
+    noise=st.sampled_from([0.0, 1e-3, 0.05, 1.0]),
+    border=st.sampled_from(["same", "valid"]),
+    weighted=st.booleans(),
+    seed=st.integers(0, 99),
+)
+@example(height=16, width=512, noise=0.05, border="valid", weighted=True, seed=0)
+@example(height=33, width=257, noise=0.05, border="same", weighted=False, seed=0)
+@example(height=11, width=11, noise=0.05, border="valid", weighted=False, seed=0)
+def test_kernel_agrees_with_the_definition(height, width, noise, border, weighted, seed) -> None:
+    if border == "valid":
+        height, width = max(height, 11), max(width, 11)
+    prediction, target = pair(height, width, noise, seed)
+    if not noise:
+        # Equal images have gradient zero, which leaves no scale to compare by: off by one step, everywhere.
+        target = target + 0.01
+    weight = torch.rand(height, width, generator=torch.Generator().manual_seed(seed)) if weighted else None
+    assert_agrees(kernel, reference, prediction, target, border=border)
+    assert_agrees(kernel_l1, reference_l1, prediction, target, border=border, ssim_weight=0.2, weight=weight)
+
+
+@pytest.mark.parametrize("border", ["same", "valid"])
+def test_kernel_agrees_at_other_settings(border: str) -> None:
+    prediction, target = (255 * image for image in pair(21, 34, 0.1, channels=1))
+    assert_agrees(kernel, reference, prediction, target, border=border, window=7, sigma=1.0, data_range=255.0)
+
+
+def test_upstream_gradient_scales() -> None:
+    prediction, target = pair(20, 20, 0.1)
+    _, once = value_and_gradient(kernel_l1, prediction, target, ssim_weight=0.2)
+    _, thrice = value_and_gradient(lambda *a, **k: 3 * kernel_l1(*a, **k), prediction, target, ssim_weight=0.2)
+    torch.testing.assert_close(thrice, 3 * once, rtol=FLOAT32_VALUE, atol=0)
+
+
+def test_equal_images() -> None:
+    image, _ = pair(30, 30, 0.1)
+    value, gradient = value_and_gradient(kernel, image, image.clone())
+    assert value == 1.0
+    assert gradient.abs().max() == 0.0
+
+
+def test_loss_keeps_its_digits_near_convergence() -> None:
+    prediction, target = pair(64, 64, 0.002)
+    loss = kernel_l1(prediction, target, ssim_weight=1.0).item()
+    exact = reference_l1(prediction.double(), target.double(), ssim_weight=1.0).item()
+    assert exact < 1e-3
+    assert loss == pytest.approx(exact, rel=SSIM_NEAR_ONE)
+
+
+def test_noncontiguous_images() -> None:
+    prediction, target = pair(20, 24, 0.1)
+    turned = [image.transpose(0, 1) for image in (prediction, target)]
+    assert_agrees(kernel, reference, *turned)
+
+
+def test_number_of_threads_changes_no_bit() -> None:
+    prediction, target = pair(70, 300, 0.1)
+    found = set()
+    threads = numba.get_num_threads()
+    try:
+        for count in {1, threads}:
+            numba.set_num_threads(count)
+            value, gradient = value_and_gradient(kernel_l1, prediction, target, ssim_weight=0.2)
+            found.add((value, gradient.numpy().tobytes()))
+    finally:
+        numba.set_num_threads(threads)
+    assert len(found) == 1
+
+
+def test_kernel_from_the_cache_gives_the_same_bits(tmp_path: Path) -> None:
+    """With fastmath, a kernel fresh from the compiler and the same one from numba's cache differed."""
+    script = (
+        "import hashlib, torch; from dofbench.kernels import load\n"
+        "p, t = torch.rand(2, 40, 260, 3, generator=torch.Generator().manual_seed(0)); p.requires_grad_()\n"
+        "loss = load('ssim', 'cpu', function='l1_ssim')(p, t, ssim_weight=0.2); loss.backward()\n"
+        "print(loss.item().hex(), hashlib.sha256(p.grad.numpy().tobytes()).hexdigest())"
+    )
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    runs = [
+        subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
+        for _ in range(2)
+    ]
+    assert list(tmp_path.rglob("*.nbc"))
+    assert runs[0].stdout == runs[1].stdout
+
+
+def test_a_changed_target_is_seen() -> None:
+    prediction, target = pair(20, 20, 0.1)
+    before = kernel(prediction, target).item()
+    target.numpy()[:] = 0.25  # behind torch's back: no version counter moves
+    assert kernel(prediction, target).item() == pytest.approx(
+        reference(prediction.double(), target.double()).item(), abs=FLOAT32_VALUE
+    )
+    assert kernel(prediction, target).item() != before
+
+
+def test_a_prediction_changed_before_the_backward_pass_is_an_error() -> None:
+    prediction, target = pair(20, 20, 0.1)
+    leaf = prediction.requires_grad_()
+    image = leaf * 1.0
+    value = kernel(image, target)
+    image.mul_(2.0)
+    with pytest.raises(RuntimeError, match="modified by an inplace operation"):
+        value.backward()
+
+
+@pytest.mark.parametrize("border", ["same", "valid"])
+@pytest.mark.parametrize("place", [(0, 0, 0), (10, 15, 2)])
+def test_nan_comes_through(border: str, place: tuple[int, int, int]) -> None:
+    prediction, target = pair(20, 30, 0.1)
+    prediction[place] = torch.nan
+    for function in (kernel, reference):
+        value, gradient = value_and_gradient(function, prediction, target, border=border)
+        assert np.isnan(value)
+        assert gradient[place].isnan()
+
+
+@pytest.mark.parametrize("function", [kernel, reference])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda p, t: ((p[1:], t), {}), "one shape"),
+        (lambda p, t: ((p[..., 0], t[..., 0]), {}), r"\(H, W, C\)"),
+        (lambda p, t: ((p, t.double()), {}), "one floating type"),
+        (lambda p, t: ((p.byte(), t.byte()), {}), "one floating type"),
+        (lambda p, t: ((p, t.requires_grad_()), {}), "without gradient"),
+        (lambda p, t: ((p[:10], t[:10]), {"border": "valid"}), "at least 11 x 11"),
+        (lambda p, t: ((p, t), {"border": "reflect"}), "'same' or 'valid'"),
+        (lambda p, t: ((p, t), {"window": 10}), "odd"),
+        (lambda p, t: ((p, t), {"sigma": 0.0}), "sigma: expected a positive"),
+        (lambda p, t: ((p, t), {"data_range": -1.0}), "data range: expected a positive"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(function, change, message) -> None:
+    arguments, options = change(*pair(20, 20, 0.1))
+    with pytest.raises(ValueError, match=message):
+        function(*arguments, **options)
+
+
+@pytest.mark.parametrize("function", [kernel_l1, reference_l1])
+def test_weights_that_do_not_fit_are_refused(function) -> None:
+    prediction, target = pair(20, 20, 0.1)
+    for weight in (torch.ones(20, 20, 3), torch.ones(20, 19), torch.ones(20, 20, dtype=torch.float64)):
+        with pytest.raises(ValueError, match="l1_ssim weight"):
+            function(prediction, target, ssim_weight=0.2, weight=weight)
+    with pytest.raises(ValueError, match="without gradient"):
+        function(prediction, target, ssim_weight=0.2, weight=torch.ones(20, 20, requires_grad=True))
+
+
+def test_the_kernel_takes_float32_alone() -> None:
+    prediction, target = (image.double() for image in pair(20, 20, 0.1))
+    with pytest.raises(ValueError, match="expected float32 on cpu, found torch.float64"):
+        kernel(prediction, target)

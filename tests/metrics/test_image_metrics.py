@@ -1,0 +1,262 @@
+"""Each image metric against an independent computation or a value known by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tolerances import DELTA_E_BY_FORMULA, FLOAT32_VALUE, FLOAT64_VALUE, PUBLISHED_DELTA_E
+
+from dofbench.metrics.delta_e import delta_e
+from dofbench.metrics.flip import PIXELS_PER_DEGREE, flip
+from dofbench.metrics.gmsd import gmsd
+from dofbench.metrics.ms_ssim import ms_ssim, scale_count
+from dofbench.metrics.psnr import psnr
+from dofbench.metrics.ssim import ssim
+
+
+def pair(height: int, width: int, noise: float = 0.1, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """(prediction, truth) in [0, 1]: blotches of several sizes, and the same with noise."""
+    from scipy.ndimage import gaussian_filter
+
+    rng = np.random.default_rng(seed)
+    truth = sum(gaussian_filter(rng.standard_normal((height, width, 3)), (size, size, 0)) * size for size in (1, 3, 9))
+    truth = np.clip(0.5 + 0.2 * truth, 0, 1)
+    return np.clip(truth + noise * rng.standard_normal(truth.shape), 0, 1), truth
+
+
+def level(*colour: float) -> np.ndarray:
+    """A small image of one colour."""
+    return np.broadcast_to(np.array(colour, dtype=np.float64), (16, 20, 3)).copy()
+
+
+# ---- PSNR ----
+
+
+@given(seed=st.integers(0, 99), noise=st.sampled_from([0.001, 0.1, 1.0]))
+def test_psnr_equals_scikit_image(seed: int, noise: float) -> None:
+    from skimage.metrics import peak_signal_noise_ratio
+
+    prediction, truth = pair(13, 17, noise, seed)
+    expected = peak_signal_noise_ratio(truth, prediction, data_range=1.0)
+    assert psnr(prediction, truth) == pytest.approx(expected, rel=FLOAT64_VALUE)
+
+
+def test_psnr_by_hand() -> None:
+    assert psnr(level(0.5, 0.5, 0.5), level(0.6, 0.6, 0.6)) == pytest.approx(20.0, rel=FLOAT64_VALUE)
+    assert psnr(level(0, 0, 0), level(1, 1, 1)) == 0.0
+    assert psnr(level(0.2, 0.4, 0.6), level(0.2, 0.4, 0.6)) == math.inf
+
+
+# ---- SSIM ----
+
+
+@given(
+    height=st.integers(11, 40),
+    width=st.integers(11, 40),
+    noise=st.sampled_from([0.001, 0.1, 1.0]),
+    seed=st.integers(0, 99),
+    dtype=st.sampled_from([np.float32, np.float64]),
+)
+def test_ssim_equals_scikit_image(height: int, width: int, noise: float, seed: int, dtype: type) -> None:
+    from skimage.metrics import structural_similarity
+
+    prediction, truth = (image.astype(dtype) for image in pair(height, width, noise, seed))
+    expected = structural_similarity(
+        prediction.astype(np.float64), truth.astype(np.float64), gaussian_weights=True, use_sample_covariance=False,
+        data_range=1.0, channel_axis=2,
+    )
+    assert ssim(prediction, truth) == pytest.approx(expected, abs=FLOAT64_VALUE)
+
+
+def test_ssim_of_flat_images_by_hand() -> None:
+    a, b, c1 = 0.2, 0.7, 0.01**2
+    expected = (2 * a * b + c1) / (a * a + b * b + c1)
+    assert ssim(level(a, a, a), level(b, b, b)) == pytest.approx(expected, abs=FLOAT64_VALUE)
+
+
+# ---- MS-SSIM ----
+
+
+def plain_ms_ssim(prediction: np.ndarray, truth: np.ndarray) -> float:
+    """Written out from the paper with two-dimensional windows and no shared code."""
+    from scipy.signal import convolve2d
+
+    y, x = np.mgrid[-5:6, -5:6]
+    window = np.exp(-(x**2 + y**2) / (2 * 1.5**2))
+    window /= window.sum()
+    weights = [0.0448, 0.2856, 0.3001, 0.2363, 0.1333]
+    values = []
+    for channel in range(3):
+        a, b, factors = prediction[..., channel], truth[..., channel], []
+        while min(a.shape) >= 11 and len(factors) < 5:
+            mean_a, mean_b, aa, bb, ab = (convolve2d(m, window, "valid") for m in (a, b, a * a, b * b, a * b))
+            structure = (2 * (ab - mean_a * mean_b) + 9e-4) / (aa - mean_a**2 + bb - mean_b**2 + 9e-4)
+            luminance = (2 * mean_a * mean_b + 1e-4) / (mean_a**2 + mean_b**2 + 1e-4)
+            factors.append((structure.mean(), (luminance * structure).mean()))
+            a, b = (
+                convolve2d(m, np.full((2, 2), 0.25), "valid")[::2, ::2] for m in (a, b)
+            )
+        used = weights[: len(factors)]
+        terms = [factor for factor, _ in factors[:-1]] + [factors[-1][1]]
+        values.append(math.prod(term ** (w / sum(used)) for term, w in zip(terms, used, strict=True)))
+    return sum(values) / 3
+
+
+@pytest.mark.parametrize("size", [(176, 180), (177, 191), (175, 200), (50, 47), (22, 23), (21, 40), (11, 12)])
+def test_ms_ssim_equals_the_plain_one(size: tuple[int, int]) -> None:
+    prediction, truth = pair(*size, noise=0.1)
+    assert ms_ssim(prediction, truth) == pytest.approx(plain_ms_ssim(prediction, truth), abs=FLOAT64_VALUE)
+
+
+def test_ms_ssim_scales() -> None:
+    sides = {10: 0, 11: 1, 21: 1, 22: 2, 87: 3, 88: 4, 175: 4, 176: 5, 4000: 5}
+    assert {side: scale_count(side, 5000) for side in sides} == sides
+
+
+def test_ms_ssim_with_one_scale_is_ssim_by_channel() -> None:
+    prediction, truth = pair(20, 30)
+    assert ms_ssim(prediction, truth) == pytest.approx(ssim(prediction, truth), abs=FLOAT64_VALUE)
+
+
+def test_ms_ssim_of_a_negative_is_zero() -> None:
+    stripes = np.zeros((64, 64, 3))
+    stripes[:, ::2] = 1
+    assert ms_ssim(1 - stripes, stripes) == 0.0
+
+
+# ---- GMSD ----
+
+
+def plain_gmsd(prediction: np.ndarray, truth: np.ndarray) -> float:
+    """As the authors' program does it: 'same' convolutions of values of 0 ... 255."""
+    from scipy.signal import convolve2d
+
+    across = np.array([[1, 0, -1]] * 3) / 3
+    gradients = []
+    for image in (prediction, truth):
+        luma = 255 * (0.299 * image[..., 0] + 0.587 * image[..., 1] + 0.114 * image[..., 2])
+        # Full convolution cut so that entry (0, 0) covers pixels 0 and 1, MATLAB's "same" for an even kernel.
+        small = convolve2d(luma, np.full((2, 2), 0.25))[1:, 1:][::2, ::2]
+        gx, gy = (convolve2d(small, kernel, "same") for kernel in (across, across.T))
+        gradients.append(np.sqrt(gx**2 + gy**2))
+    a, b = gradients
+    return float(np.std((2 * a * b + 170) / (a**2 + b**2 + 170), ddof=1))
+
+
+@pytest.mark.parametrize("size", [(40, 60), (41, 33), (3, 3)])
+def test_gmsd_equals_the_plain_one(size: tuple[int, int]) -> None:
+    prediction, truth = pair(*size)
+    assert gmsd(prediction, truth) == pytest.approx(plain_gmsd(prediction, truth), abs=FLOAT64_VALUE)
+
+
+def test_gmsd_sees_blur() -> None:
+    from scipy.ndimage import gaussian_filter
+
+    _, truth = pair(60, 60)
+    scores = [gmsd(gaussian_filter(truth, (s, s, 0)), truth) for s in (0.5, 1.0, 2.0)]
+    assert 0 < scores[0] < scores[1] < scores[2]
+
+
+# ---- FLIP ----
+
+
+def test_flip_extremes() -> None:
+    black, white = level(0, 0, 0), level(1, 1, 1)
+    assert flip(white, white) == 0.0
+    assert 0.95 < flip(black, white) <= 1.0
+    assert flip(black, white) == flip(white, black)
+
+
+def test_flip_is_the_mean_of_the_packages_map() -> None:
+    import flip_evaluator
+
+    prediction, truth = (image.astype(np.float32) for image in pair(40, 50))
+    _, mean, parameters = flip_evaluator.evaluate(truth, prediction, "LDR")
+    assert flip(prediction, truth) == pytest.approx(mean, rel=FLOAT32_VALUE)
+    assert parameters["ppd"] == pytest.approx(PIXELS_PER_DEGREE, rel=FLOAT32_VALUE)
+
+
+def test_flip_averages_over_the_eye_not_over_pixels() -> None:
+    """A fine chequerboard against its mean is less visible than a coarse one of the same PSNR."""
+    y, x = np.mgrid[:64, :64]
+    boards = [np.repeat((((x // n + y // n) % 2) * 0.5 + 0.25)[..., None], 3, axis=2) for n in (1, 16)]
+    grey = np.full((64, 64, 3), 0.5)
+    assert flip(boards[0], grey) < flip(boards[1], grey)
+
+
+# ---- CIEDE2000 ----
+
+# Sharma, Wu, Dalal 2005, table 1: L a b, L a b, difference.
+PUBLISHED = np.array([
+    [50, 2.6772, -79.7751, 50, 0, -82.7485, 2.0425],
+    [50, 3.1571, -77.2803, 50, 0, -82.7485, 2.8615],
+    [50, 2.8361, -74.0200, 50, 0, -82.7485, 3.4412],
+    [50, -1.3802, -84.2814, 50, 0, -82.7485, 1.0000],
+    [50, -1.1848, -84.8006, 50, 0, -82.7485, 1.0000],
+    [50, -0.9009, -85.5211, 50, 0, -82.7485, 1.0000],
+    [50, 0, 0, 50, -1, 2, 2.3669],
+    [50, -1, 2, 50, 0, 0, 2.3669],
+    [50, 2.4900, -0.0010, 50, -2.4900, 0.0009, 7.1792],
+    [50, 2.4900, -0.0010, 50, -2.4900, 0.0010, 7.1792],
+    [50, 2.4900, -0.0010, 50, -2.4900, 0.0011, 7.2195],
+    [50, 2.4900, -0.0010, 50, -2.4900, 0.0012, 7.2195],
+    [50, -0.0010, 2.4900, 50, 0.0009, -2.4900, 4.8045],
+    [50, -0.0010, 2.4900, 50, 0.0010, -2.4900, 4.8045],
+    [50, -0.0010, 2.4900, 50, 0.0011, -2.4900, 4.7461],
+    [50, 2.5, 0, 50, 0, -2.5, 4.3065],
+    [50, 2.5, 0, 73, 25, -18, 27.1492],
+    [50, 2.5, 0, 61, -5, 29, 22.8977],
+    [50, 2.5, 0, 56, -27, -3, 31.9030],
+    [50, 2.5, 0, 58, 24, 15, 19.4535],
+    [50, 2.5, 0, 50, 3.1736, 0.5854, 1.0000],
+    [50, 2.5, 0, 50, 3.2972, 0, 1.0000],
+    [50, 2.5, 0, 50, 1.8634, 0.5757, 1.0000],
+    [50, 2.5, 0, 50, 3.2592, 0.3350, 1.0000],
+    [60.2574, -34.0099, 36.2677, 60.4626, -34.1751, 39.4387, 1.2644],
+    [63.0109, -31.0961, -5.8663, 62.8187, -29.7946, -4.0864, 1.2630],
+    [61.2901, 3.7196, -5.3901, 61.4292, 2.2480, -4.9620, 1.8731],
+    [35.0831, -44.1164, 3.7933, 35.0232, -40.0716, 1.5901, 1.8645],
+    [22.7233, 20.0904, -46.6940, 23.0331, 14.9730, -42.5619, 2.0373],
+    [36.4612, 47.8580, 18.3852, 36.2715, 50.5065, 21.2231, 1.4146],
+    [90.8027, -2.0831, 1.4410, 91.1528, -1.6435, 0.0447, 1.4441],
+    [90.9257, -0.5406, -0.9208, 88.6381, -0.8985, -0.7239, 1.5381],
+    [6.7747, -0.2908, -2.4247, 5.8714, -0.0985, -2.2286, 0.6377],
+    [2.0776, 0.0795, -1.1350, 0.9033, -0.0636, -0.5514, 0.9082],
+])
+
+
+def test_the_package_gives_the_published_differences() -> None:
+    import colour
+
+    found = colour.difference.delta_E_CIE2000(PUBLISHED[:, :3], PUBLISHED[:, 3:6])
+    np.testing.assert_allclose(found, PUBLISHED[:, 6], rtol=0, atol=PUBLISHED_DELTA_E)
+
+
+def lab_of_srgb(encoded: np.ndarray) -> np.ndarray:
+    """IEC 61966-2-1 and CIE 1976, written out."""
+    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    matrix = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+    ratio = linear @ matrix.T / np.array([0.3127 / 0.3290, 1.0, (1 - 0.3127 - 0.3290) / 0.3290])
+    f = np.where(ratio > (6 / 29) ** 3, np.cbrt(ratio), ratio * (29 / 6) ** 2 / 3 + 4 / 29)
+    return np.stack([116 * f[..., 1] - 16, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])], axis=-1)
+
+
+def test_delta_e_reads_pixels_as_srgb() -> None:
+    import colour
+
+    prediction, truth = pair(20, 20)
+    expected = colour.difference.delta_E_CIE2000(lab_of_srgb(prediction), lab_of_srgb(truth)).mean()
+    assert delta_e(prediction, truth) == pytest.approx(expected, abs=DELTA_E_BY_FORMULA)
+
+
+def test_delta_e_of_greys_by_hand() -> None:
+    """Neutral colours differ in lightness alone, so the formula shrinks to dL / S_L; black on white has 100."""
+    assert delta_e(level(0, 0, 0), level(1, 1, 1)) == pytest.approx(100.0, abs=DELTA_E_BY_FORMULA)
+    dark, light = lab_of_srgb(level(0.3, 0.3, 0.3))[0, 0, 0], lab_of_srgb(level(0.6, 0.6, 0.6))[0, 0, 0]
+    middle = ((dark + light) / 2 - 50) ** 2
+    expected = (light - dark) / (1 + 0.015 * middle / math.sqrt(20 + middle))
+    assert delta_e(level(0.3, 0.3, 0.3), level(0.6, 0.6, 0.6)) == pytest.approx(expected, abs=DELTA_E_BY_FORMULA)

@@ -1,0 +1,305 @@
+"""From results to tables, curves and pictures."""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import json
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from harness_fakes import fake_run, write_dataset
+from rich.console import Console
+
+from dofbench.errors import InputError
+from dofbench.harness.lock import locked
+from dofbench.harness.result import read_result
+from dofbench.reporting import board, curves, report
+from dofbench.reporting.board import Written, write_report
+from dofbench.reporting.settings import Report
+
+HEADER = (
+    "method,preset,dataset,scene,protocol,seed,status,psnr,ssim,ms_ssim,flip,gmsd,delta_e,aif_psnr,aif_ssim,aif_flip,"
+    "delta_a,delta_f,delta_r,train_s,steps,render_fps,peak_mb,gaussians"
+)
+
+
+@pytest.fixture
+def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable:
+    return fake_run(tmp_path, monkeypatch)
+
+
+@pytest.fixture
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No figures: they take most of the time, and most tests look at tables."""
+    monkeypatch.setattr(board, "write_curves", lambda *_: {})
+    monkeypatch.setattr(board, "write_strip", lambda *_: "this test wants none")
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> Callable[..., tuple[Written, Path, str]]:
+    """`made()` writes the report of tmp_path/results; returns what was written, where, and what was said."""
+
+    def made(out: str = "board") -> tuple[Written, Path, str]:
+        stream = io.StringIO()
+        written = write_report(Report(tmp_path / "results", tmp_path / out), Console(file=stream, width=400))
+        return written, tmp_path / out, stream.getvalue()
+
+    return made
+
+
+def rows(file: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(file.read_text())))
+
+
+def table_rows(page: str, heading: str) -> list[dict[str, str]]:
+    """The rows of the first table below a heading, by column heading."""
+    after = page.split(f"## {heading}\n", 1)[1].splitlines()
+    start = next(index for index, line in enumerate(after) if line.startswith("| "))
+    lines = list(itertools.takewhile(lambda line: line.startswith("| "), after[start:]))
+    cells = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines]
+    return [dict(zip(cells[0], row, strict=True)) for row in cells[2:]]
+
+
+def notes(page: str, cell: str) -> str:
+    """The footnote that a cell points to."""
+    number = re.search(r"\[\^(\d+)\]", cell)[1]
+    return re.search(rf"^\[\^{number}\]: (.*)$", page, re.MULTILINE)[1]
+
+
+def test_the_header_is_exact_and_one_row_a_run(plain, call, made) -> None:
+    ends = [call(), call(seed=1), call(method="pinhole")]
+    _, out, _ = made()
+    assert (out / "leaderboard.csv").read_text().splitlines()[0] == HEADER
+    table = rows(out / "leaderboard.csv")
+    assert len(table) == len(ends)
+    first = read_result(ends[0].folder)
+    row = next(row for row in table if row["method"] == "fake" and row["seed"] == "0")
+    assert (row["preset"], row["dataset"], row["protocol"], row["status"]) == ("quick", "waves", "refocus-v1", "ok")
+    for column, value in first.scores.items():
+        assert float(row[column]) == pytest.approx(value, rel=1e-7)
+    pinhole = next(row for row in table if row["method"] == "pinhole")
+    assert pinhole["psnr"] == pinhole["delta_a"] == "" and float(pinhole["aif_psnr"]) > 20
+
+
+def test_the_page_explains_every_gap(plain, call, made) -> None:
+    call()
+    call(method="pinhole")
+    _, out, _ = made()
+    page = (out / "leaderboard.md").read_text()
+    fake, pinhole, nothing = table_rows(page, "waves, refocus-v1")
+    assert fake["method"] == "fake" and pinhole["method"] == "pinhole" and nothing["method"].startswith("do nothing")
+    assert pinhole["PSNR [dB] ↑"].startswith("–[^")
+    assert notes(page, pinhole["PSNR [dB] ↑"]) == "Pinhole has no lens to refocus with"
+    assert notes(page, pinhole["δ_A ↓"]) == "Pinhole learns no lens"
+    assert nothing["δ_A ↓"] == "0.250" and nothing["δ_F ↓"] == "0.225"
+    assert nothing["PSNR [dB] ↑"].startswith("–[^")
+    assert "–" not in "".join(fake.values())
+    marks = re.findall(r"(?<!^)\[\^(\d+)\]", page, re.MULTILINE)
+    assert set(marks) == set(re.findall(r"^\[\^(\d+)\]:", page, re.MULTILINE))
+
+
+def test_a_failed_run_shows_how_it_failed(plain, call, made) -> None:
+    call(set=("trouble=lost",))
+    call(set=("trouble=crash",))
+    _, out, _ = made()
+    assert sorted(row["status"] for row in rows(out / "leaderboard.csv")) == ["crashed", "diverged"]
+    assert {row["psnr"] for row in rows(out / "leaderboard.csv")} == {""}
+    page = (out / "leaderboard.md").read_text()
+    shown = {row["preset"]: row for row in table_rows(page, "waves, refocus-v1")}
+    assert shown["quick trouble=lost"]["PSNR [dB] ↑"].startswith("diverged[^")
+    assert notes(page, shown["quick trouble=lost"]["PSNR [dB] ↑"]) == "loss is nan at step 3"
+    assert notes(page, shown["quick trouble=crash"]["δ_A ↓"]) == "RuntimeError: something broke"
+
+
+def test_a_nan_is_shown(plain, call, made) -> None:
+    end = call()
+    data = json.loads((end.folder / "result.json").read_text())
+    data["scores"]["flip"] = math.nan
+    (end.folder / "result.json").write_text(json.dumps(data))
+    _, out, _ = made()
+    assert rows(out / "leaderboard.csv")[0]["flip"] == "nan"
+    assert table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v1")[0]["FLIP ↓"] == "nan"
+
+
+def test_seeds_have_a_spread_and_a_failed_seed_is_not_left_out_of_a_mean(plain, call, made) -> None:
+    values = [read_result(call(seed=seed).folder).scores["psnr"] for seed in (0, 1, 2)]
+    _, out, _ = made()
+    (row, _) = table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v1")
+    mean = sum(values) / 3
+    spread = math.sqrt(sum((value - mean) ** 2 for value in values) / 2)
+    assert row["seeds"] == "0, 1, 2" and row["PSNR [dB] ↑"] == f"{mean:.2f} ± {spread:.2f}"
+
+    file = next((out.parent / "results").rglob("*seed2*/result.json"))
+    data = json.loads(file.read_text())
+    data.update(status="diverged", message="loss is nan at step 3")
+    file.write_text(json.dumps(data))
+    _, out, _ = made()
+    page = (out / "leaderboard.md").read_text()
+    cell = table_rows(page, "waves, refocus-v1")[0]["PSNR [dB] ↑"]
+    assert cell.startswith("diverged (1 of 3 seeds)[^") and notes(page, cell) == "loss is nan at step 3"
+
+
+def test_the_best_is_bold_and_only_there(plain, call, made) -> None:
+    call(set=("noise=0.5",))
+    call(set=("noise=0.01",))
+    _, out, _ = made()
+    good, bad, nothing = table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v1")
+    assert good["preset"] == "quick noise=0.01"  # sorted, best first
+    assert good["PSNR [dB] ↑"].startswith("**") and not bad["PSNR [dB] ↑"].startswith("**")
+    assert good["δ_A ↓"].startswith("**") and bad["δ_A ↓"].startswith("**")  # a tie
+    assert not any(value.startswith("**") for value in nothing.values())
+    assert not good["steps"].startswith("**")
+
+
+def test_protocols_never_share_a_table(plain, call, made) -> None:
+    call()
+    call(inputs="all-in-focus")
+    _, out, _ = made()
+    page = (out / "leaderboard.md").read_text()
+    for protocol in ("refocus-v1", "sharp-inputs-v1"):
+        methods = [row["method"] for row in table_rows(page, f"waves, {protocol}")]
+        assert methods.count("fake") == 1
+    sharp = table_rows(page, "waves, sharp-inputs-v1")
+    assert [row["method"] for row in sharp] == ["fake"]  # no lens, so no do-nothing line
+    assert "sharp photographs" in notes(page, sharp[0]["δ_A ↓"])
+    assert {row["protocol"] for row in rows(out / "leaderboard.csv")} == {"refocus-v1", "sharp-inputs-v1"}
+
+
+def test_two_versions_of_a_dataset_never_share_a_table(plain, call, made, tmp_path: Path) -> None:
+    first = read_result(call().folder).spec.dataset_checksum
+    write_dataset(tmp_path / "data", test=3)
+    second = read_result(call().folder).spec.dataset_checksum
+    _, out, _ = made()
+    page = (out / "leaderboard.md").read_text()
+    for checksum in (first, second):
+        assert len(table_rows(page, f"waves@{checksum[:8]}, refocus-v1")) == 2
+    assert {row["dataset"] for row in rows(out / "leaderboard.csv")} == {f"waves@{c[:8]}" for c in (first, second)}
+
+
+def test_what_looks_alike_is_told_apart(plain, call, made, tmp_path: Path) -> None:
+    call()
+    call(budget="9it")
+    code = tmp_path / "methods" / "fake" / "behaviour.py"
+    code.write_text(code.read_text() + "\n# changed\n")
+    call()
+    _, out, _ = made()
+    presets = [row["preset"] for row in table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v1")][:3]
+    assert len(set(presets)) == 3
+    assert "quick, 9it" in presets and all(re.fullmatch(r"quick, (9it|8it, code [0-9a-f]{8})", p) for p in presets)
+
+
+def test_means_only_over_complete_sets_of_scenes(plain, call, made, tmp_path: Path) -> None:
+    other = write_dataset(tmp_path / "other", name="ripples", seed=1)
+    scores = [read_result(call(data=data).folder).scores["psnr"] for data in (tmp_path / "data", other)]
+    call(method="pinhole")
+    _, out, _ = made()
+    page = (out / "leaderboard.md").read_text()
+    means = {row["method"]: row for row in table_rows(page, "Means over scenes, refocus-v1")}
+    assert means["fake"]["PSNR [dB] ↑"] == f"{sum(scores) / 2:.2f}"
+    gap = means["pinhole"]["all-in-focus PSNR [dB] ↑"]
+    assert notes(page, gap) == "no mean over an incomplete set: ripples missing of 2 scenes"
+
+
+def test_claims_stand_apart_with_their_source(plain, call, made) -> None:
+    call()
+    _, out, _ = made()
+    page = (out / "leaderboard.md").read_text()
+    (row,) = table_rows(page, "Published by the authors, on their own data")
+    assert (row["method"], row["measured on"], row["source"]) == ("fake", "their own data", "Nobody 2020, Table 1")
+    assert row["PSNR [dB] ↑"] == "28.7" and row["δ_A ↓"] == "0.126"
+
+
+def test_the_page_says_how_it_was_made(plain, call, made) -> None:
+    end = call(set=("noise=0.2",))
+    _, out, _ = made()
+    page = (out / "leaderboard.md").read_text()
+    (row,) = table_rows(page, "How these were made")
+    result = read_result(end.folder)
+    assert row["command"] == f"`{result.command}`" and "--set noise=0.2" in result.command
+    assert row["key"] == result.key[:8] and row["machine"] == "1"
+    assert f"- Machine 1: {result.machine['cpu']}" in page
+
+
+def test_per_view_and_curve_tables(plain, call, made) -> None:
+    result = read_result(call().folder)
+    _, out, _ = made()
+    views = rows(out / "per_view.csv")
+    assert [(row["view"], row["split"]) for row in views] == [
+        *((view.name, "test") for view in result.views), *((view.name, "train") for view in result.lens)]
+    assert float(views[0]["psnr"]) == pytest.approx(result.views[0].scores["psnr"], rel=1e-7)
+    assert float(views[-1]["aperture_estimated"]) == pytest.approx(result.lens[-1].aperture_estimated, rel=1e-7)
+    taken = rows(out / "curves.csv")
+    assert list(taken[0])[:7] == ["method", "preset", "dataset", "protocol", "seed", "train_s", "steps"]
+    assert [int(row["steps"]) for row in taken] == [point.steps for point in result.curve]
+
+
+def test_figures_are_there_and_linked(call, made) -> None:
+    call()
+    call(method="pinhole")
+    written, out, _ = made()
+    assert written and all(path.is_file() for path in written)
+    page = (out / "leaderboard.md").read_text()
+    links = re.findall(r"!\[[^]]*\]\(([^)]+)\)", page)
+    assert {f"curves/waves-refocus-v1-{c}.svg" for c in ("psnr", "aif_psnr", "delta_a", "delta_f")} < set(links)
+    assert "comparison/waves-refocus-v1.png" in links
+    assert all((out / link).is_file() for link in links)
+    assert {path.suffix for path in (out / "curves").iterdir()} == {".svg", ".png"}
+
+
+def test_the_same_results_give_the_same_files(call, made, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(curves, "PLOTTED", ("psnr",))
+    call()
+    call(set=("trouble=lost",))
+    (_, one, _), (_, two, _) = made("one"), made("two")
+    files = sorted(path.relative_to(one) for path in one.rglob("*") if path.is_file())
+    assert files == sorted(path.relative_to(two) for path in two.rglob("*") if path.is_file())
+    for file in files:
+        assert (one / file).read_bytes() == (two / file).read_bytes(), file
+
+
+def test_an_unreadable_result_is_named_and_fails_the_call(plain, call, made, tmp_path: Path) -> None:
+    call()
+    broken = tmp_path / "results" / "waves" / "broken"
+    broken.mkdir()
+    (broken / "result.json").write_text("{")
+    written, out, said = made()
+    assert not written and len(written.unreadable) == 1
+    assert f"skipped: {broken / 'result.json'}" in said
+    assert "Results that can't be read" in (out / "leaderboard.md").read_text()
+    assert len(rows(out / "leaderboard.csv")) == 1
+
+
+def test_a_run_that_died_is_a_row_and_one_at_work_is_not(plain, call, made, tmp_path: Path) -> None:
+    spec = read_result(call().folder).spec
+    dead, alive = (tmp_path / "results" / "waves" / name for name in ("dead", "alive"))
+    with locked(dead, spec.model_copy(update={"seed": 7}), "waves", "noon"):
+        lock = (dead / "running.lock").read_bytes()
+    (dead / "running.lock").write_bytes(lock)  # what a killed process leaves
+    with locked(alive, spec.model_copy(update={"seed": 8}), "waves", "noon"):
+        _, out, said = made()
+    assert f"a run is at work there: {alive}" in said
+    assert [(row["seed"], row["status"]) for row in rows(out / "leaderboard.csv")] == [("0", "ok"), ("7", "crashed")]
+    assert "started noon, and the process died" in (out / "leaderboard.md").read_text()
+
+
+def test_no_dataset_means_no_pictures_but_a_report(
+    call, made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(curves, "PLOTTED", ())
+    call()
+    (tmp_path / "data" / "dataset.json").unlink()
+    written, out, said = made()
+    assert written and "no pictures of waves, refocus-v1" in said
+    assert not (out / "comparison").exists()
+
+
+def test_no_results_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such folder"):
+        report(Report(tmp_path / "nowhere", tmp_path / "out"))
+    with pytest.raises(InputError, match="no result.json"):
+        report(Report(tmp_path, tmp_path / "out"))

@@ -1,0 +1,76 @@
+"""Small made-up scenes for the readers' tests: cameras around a cloud of points, with images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dofbench.cameras import Camera
+from dofbench.contracts import PointCloud
+from dofbench.images import write_png
+
+SIZE = (48, 36)
+
+
+def _rotation(axis_angle: np.ndarray) -> np.ndarray:
+    angle = np.linalg.norm(axis_angle)
+    if angle == 0:
+        return np.eye(3)
+    x, y, z = axis_angle / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def _cameras(count: int = 5, *, seed: int = 0, size: tuple[int, int] = SIZE, square: bool = True) -> list[Camera]:
+    rng = np.random.default_rng(seed)
+    width, height = size
+    cameras = []
+    for _ in range(count):
+        pose = np.eye(4)
+        pose[:3, :3] = _rotation(rng.normal(0, 0.05, 3))
+        pose[:3, 3] = rng.normal(0, 0.2, 3)
+        f = 1.1 * width
+        cx, cy = (width / 2, height / 2) if square else (0.47 * width, 0.52 * height)
+        cameras.append(Camera(width, height, f, f if square else 1.02 * f, cx, cy, pose))
+    return cameras
+
+
+def _cloud(cameras: Sequence[Camera], count: int = 40, *, tracks: bool = True, seed: int = 1) -> PointCloud:
+    rng = np.random.default_rng(seed)
+    xyz = np.column_stack([rng.uniform(-0.5, 0.5, (count, 2)), rng.uniform(4, 6, count)])
+    views = None
+    if tracks:
+        inside = []
+        for camera in cameras:
+            pixels, _ = camera.project(xyz)
+            inside.append(((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(axis=1))
+        views = tuple(np.flatnonzero(seen) for seen in np.array(inside).T)
+    rgb = rng.integers(0, 256, (count, 3)).astype(np.float32) / np.float32(255)
+    return PointCloud(xyz, rgb, rng.uniform(0, 1, count).astype(np.float32), views)
+
+
+def _write_images(folder: Path, names: Sequence[str], size: tuple[int, int] = SIZE) -> None:
+    for index, name in enumerate(names):
+        image = np.full((size[1], size[0], 3), index / max(1, len(names)), dtype=np.float32)
+        write_png(folder / name, image)
+
+
+@pytest.fixture(scope="session")
+def make_cameras() -> Callable[..., list[Camera]]:
+    """`make_cameras(count, seed=, size=, square=)`: cameras that look along z, a little apart."""
+    return _cameras
+
+
+@pytest.fixture(scope="session")
+def make_cloud() -> Callable[..., PointCloud]:
+    """`make_cloud(cameras, count, tracks=)`: points in front of these cameras."""
+    return _cloud
+
+
+@pytest.fixture(scope="session")
+def write_images() -> Callable[..., None]:
+    """`write_images(folder, names, size)`: one grey PNG a name."""
+    return _write_images

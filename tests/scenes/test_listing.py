@@ -1,0 +1,63 @@
+"""`dofbench scenes`: what is here, and why something isn't a scene."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dofbench import cli
+from dofbench.errors import InputError
+from dofbench.scenes.listing import Listed, list_scenes
+
+
+@pytest.fixture
+def scene(tmp_path: Path, write_images: Callable[..., None]) -> Path:
+    """A folder that holds one scene, of five views, and a folder that is none."""
+    root = tmp_path / "shelf" / "little"
+    names = [f"{index}.png" for index in range(5)]
+    write_images(root / "images", names, (20, 10))
+    frames = [{"file_path": f"images/{name}", "transform_matrix": np.eye(4).tolist()} for name in names]
+    camera = {"w": 20, "h": 10, "fl_x": 22.0, "fl_y": 22.0, "cx": 10.0, "cy": 5.0}
+    (root / "transforms.json").write_text(json.dumps({**camera, "frames": frames}))
+    (tmp_path / "shelf" / "notes").mkdir()
+    return root
+
+
+def given(folder: Path) -> list[Listed]:
+    """What the list has for a folder, built-in scenes left out."""
+    return [listed for listed in list_scenes([folder]) if Path(listed.name).is_absolute()]
+
+
+def test_a_scene_and_the_folder_that_holds_it_are_listed_alike(scene: Path) -> None:
+    expected = Listed(str(scene), layout="nerfstudio", training=4, test=1, width=20, height=10)
+    assert given(scene) == [expected]
+    assert given(scene.parent) == [expected]
+
+
+def test_a_folder_without_a_scene_is_named_with_the_reason(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = scene.parent / "notes"
+    (listed,) = given(folder)
+    assert str(folder) in listed.problem and "expected" in listed.problem
+    assert cli.main(["scenes", str(folder)]) == 1
+    assert f"no scene: {folder}" in capsys.readouterr().out
+
+
+def test_a_missing_folder_is_a_wrong_input(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such folder"):
+        list_scenes([tmp_path / "absent"])
+
+
+def test_built_in_scenes_are_readable_and_have_truth() -> None:
+    built_in = list_scenes()
+    assert "tabletop" in [listed.name for listed in built_in]
+    assert not [listed.problem for listed in built_in if listed.problem]
+    assert all(listed.depth and listed.points and listed.test for listed in built_in)
+
+
+def test_a_real_scene_is_listed(real_data: Callable[[str], Path]) -> None:
+    (listed,) = given(real_data("llff_fern").resolve())
+    assert (listed.layout, listed.training, listed.test, listed.points) == ("llff", 17, 3, 10091)

@@ -1,0 +1,315 @@
+"""transforms.json: intrinsics, distortion, depth, splits, points, and every way to get it wrong."""
+
+import json
+import math
+
+import cv2
+import numpy as np
+import pytest
+from tolerances import FLOAT32_VALUE, FLOAT64_VALUE, LEVEL_8BIT, POSE_ROUND_TRIP
+
+from dofbench.errors import InputError
+from dofbench.images import write_exr
+from dofbench.scenes import load_scene
+from dofbench.scenes.export import write_colmap, write_transforms
+from dofbench.scenes.undistort import Intrinsics, undistorted
+
+FILES = [f"images/{index}.png" for index in range(4)]
+
+
+@pytest.fixture
+def folder(tmp_path, make_cameras, write_images):
+    """Four views of 48x36 with shared intrinsics."""
+    write_images(tmp_path, FILES)
+    write_transforms(tmp_path / "transforms.json", FILES, make_cameras(4))
+    return tmp_path
+
+
+def edit(folder, change):
+    """Change the parsed file in place and write it back."""
+    file = folder / "transforms.json"
+    content = json.loads(file.read_text())
+    change(content)
+    file.write_text(json.dumps(content))
+
+
+def test_views(folder, make_cameras):
+    scene = load_scene(folder)
+    assert scene.layout == "nerfstudio" and scene.points is None
+    assert [view.split for view in scene.views] == ["test", "train", "train", "train"]
+    for view, camera in zip(scene.views, make_cameras(4), strict=True):
+        np.testing.assert_allclose(view.camera.world_to_camera, camera.world_to_camera, atol=POSE_ROUND_TRIP)
+        assert view.image().shape == (36, 48, 3) and view.depth is None
+
+
+def test_field_of_view_instead_of_a_focal_length(folder):
+    def change(content):
+        for name in ("fl_x", "fl_y", "cx", "cy", "w", "h"):
+            del content[name]
+        content["camera_angle_x"] = 0.8
+
+    edit(folder, change)
+    camera = load_scene(folder).views[0].camera
+    focal = 24 / math.tan(0.4)
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == pytest.approx((focal, focal, 24, 18), rel=FLOAT64_VALUE)
+    edit(folder, lambda content: content.update(camera_angle_y=0.7))
+    assert load_scene(folder).views[0].camera.fy == pytest.approx(18 / math.tan(0.35), rel=FLOAT64_VALUE)
+
+
+def test_intrinsics_of_a_frame_win(folder):
+    edit(folder, lambda content: content["frames"][2].update(fl_x=61.0, cx=20.0))
+    views = load_scene(folder).views
+    assert (views[2].camera.fx, views[2].camera.cx) == (61.0, 20.0)
+    assert (views[1].camera.fx, views[1].camera.cx) == (pytest.approx(52.8), 24.0)
+
+
+@pytest.mark.parametrize(
+    ("entries", "distortion", "fisheye"),
+    [
+        ({"k1": 0.05, "k2": -0.08, "p1": -0.001, "p2": 0.002}, (0.05, -0.08, -0.001, 0.002), False),
+        ({"k1": 0.05, "k3": 0.01, "camera_model": "OPENCV"}, (0.05, 0.0, 0.0, 0.0, 0.01), False),
+        ({"k1": 0.05, "k4": 0.01, "camera_model": "FULL_OPENCV"}, (0.05, 0.0, 0.0, 0.0, 0.0, 0.01), False),
+        ({"k1": 0.03, "k4": 0.01, "camera_model": "OPENCV_FISHEYE"}, (0.03, 0.0, 0.0, 0.01), True),
+        ({"k1": 0.03, "is_fisheye": True, "camera_model": None}, (0.03,), True),
+    ],
+)
+def test_distortion(folder, entries, distortion, fisheye):
+    edit(folder, lambda content: content.update(entries))
+    given = Intrinsics(48, 36, 1.1 * 48, 1.1 * 48, 24, 18, distortion, fisheye)
+    camera = load_scene(folder).views[0].camera
+    expected = undistorted(given)
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == pytest.approx(
+        (expected.fx, expected.fy, expected.cx, expected.cy), rel=FLOAT64_VALUE
+    )
+    assert camera.fx != given.fx
+
+
+def test_file_path_without_suffix_and_with_a_dot(folder):
+    def change(content):
+        for frame in content["frames"]:
+            frame["file_path"] = "./" + frame["file_path"].removesuffix(".png")
+
+    edit(folder, change)
+    scene = load_scene(folder)
+    assert [view.name for view in scene.views] == ["0", "1", "2", "3"]
+    assert [view.source.name for view in scene.views] == ["0.png", "1.png", "2.png", "3.png"]
+
+
+def test_smaller_folder_for_a_smaller_width(folder, write_images, make_cameras):
+    write_images(folder, [name.replace("images", "images_2") for name in FILES], (24, 18))
+    for options, source, width in (
+        ({}, "images", 48), ({"width": 24}, "images_2", 24), ({"width": 20}, "images_2", 20),
+        ({"width": 30}, "images", 30), ({"images": "images_2"}, "images_2", 24),
+    ):
+        view = load_scene(folder, **options).views[1]
+        assert view.source.parent.name == source
+        assert view.camera.width == width and view.image().shape[1] == width
+        assert view.camera.fx == pytest.approx(make_cameras(4)[1].fx * width / 48)
+    with pytest.raises(InputError, match="nothing is enlarged"):
+        load_scene(folder, width=49)
+
+
+def test_images_beside_the_file(tmp_path, make_cameras, write_images):
+    write_images(tmp_path, ["a.png", "b.png"])
+    write_transforms(tmp_path / "transforms.json", ["a.png", "b.png"], make_cameras(2))
+    assert load_scene(tmp_path, width=24).views[0].camera.width == 24
+    with pytest.raises(InputError, match="one folder, to read images_2 instead"):
+        load_scene(tmp_path, images="images_2")
+
+
+def test_depth_from_exr_png_and_several_channels(folder, make_cameras):
+    rng = np.random.default_rng(0)
+    depth = rng.uniform(1, 9, (36, 48)).astype(np.float32)
+    depth[0, :4] = (0.0, -1.0, np.nan, np.inf)
+    levels = rng.integers(0, 65536, (36, 48)).astype(np.uint16)
+    write_exr(folder / "depth" / "0.exr", depth)
+    write_exr(folder / "depth" / "1.exr", np.repeat(depth[..., None], 3, axis=2))
+    cv2.imwrite(str(folder / "depth" / "2.png"), levels)
+
+    def change(content):
+        for index, name in enumerate(("0.exr", "1.exr", "2.png")):
+            content["frames"][index]["depth_file_path"] = f"depth/{name}"
+
+    edit(folder, change)
+    views = load_scene(folder).views
+    known = np.where(np.isfinite(depth) & (depth > 0), depth, 0)
+    assert np.array_equal(views[0].depth(), known)
+    assert np.array_equal(views[1].depth(), known)
+    np.testing.assert_allclose(views[2].depth(), levels * np.float32(1e-3), rtol=FLOAT32_VALUE)
+    assert views[3].depth is None
+    edit(folder, lambda content: content.update(depth_unit_scale_factor=0.25))
+    views = load_scene(folder).views
+    assert np.array_equal(views[0].depth(), known * np.float32(0.25))
+    assert np.array_equal(views[2].depth(), levels * np.float32(0.25))
+    half = load_scene(folder, width=24).views[0].depth()
+    assert half.shape == (18, 24) and set(np.unique(half)) <= set(np.unique(known * np.float32(0.25)))
+
+
+def test_depth_follows_the_undistorted_image(folder):
+    """Image and depth are the same ramp: they stay the same ramp after undistortion."""
+    from dofbench.images import write_png
+
+    ramp = np.tile(np.linspace(0.2, 0.8, 48, dtype=np.float32), (36, 1))
+    write_png(folder / FILES[0], np.repeat(ramp[..., None], 3, axis=2))
+    write_exr(folder / "depth.exr", ramp)
+
+    def change(content):
+        content.update(k1=0.1, k2=-0.05, p1=0.01)
+        content["frames"][0]["depth_file_path"] = "depth.exr"
+
+    edit(folder, change)
+    view = load_scene(folder).views[0]
+    step = 0.6 / 47
+    # The nearest depth is half a pixel away at most.
+    assert np.abs(view.image()[..., 0] - view.depth())[6:-6, 6:-6].max() < 0.5 * step + LEVEL_8BIT
+
+
+@pytest.mark.parametrize(
+    ("lists", "expected"),
+    [
+        ({"train_filenames": FILES[:2], "test_filenames": FILES[2:]}, ["train", "train", "test", "test"]),
+        ({"train_filenames": FILES[:3]}, ["train", "train", "train", "test"]),
+        ({"test_filenames": [f"./{FILES[1]}"]}, ["train", "test", "train", "train"]),
+        (
+            {"train_filenames": FILES[:2], "val_filenames": FILES[2:3], "test_filenames": FILES[3:]},
+            ["train", "train", "test"],  # a view for validation alone is neither trained on nor scored
+        ),
+        (
+            {"train_filenames": FILES[:2], "val_filenames": FILES[2:], "test_filenames": FILES[2:]},
+            ["train", "train", "test", "test"],
+        ),
+    ],
+)
+def test_splits(folder, lists, expected):
+    edit(folder, lambda content: content.update(lists))
+    assert [view.split for view in load_scene(folder).views] == expected
+    by_hold = [view.split for view in load_scene(folder, hold=2).views]
+    assert by_hold == ["test", "train", "test", "train"][: len(expected)], "a hold that is asked for wins"
+
+
+def test_points_of_a_ply_file(folder, make_cameras, make_cloud):
+    xyz = make_cloud(make_cameras(4)).xyz
+    rows = "\n".join(" ".join(map(str, row)) for row in xyz)
+    properties = "".join(f"property double {axis}\n" for axis in "xyz")
+    (folder / "points.ply").write_text(
+        f"ply\nformat ascii 1.0\nelement vertex {len(xyz)}\n{properties}end_header\n{rows}\n"
+    )
+    edit(folder, lambda content: content.update(ply_file_path="points.ply"))
+    points = load_scene(folder).points
+    np.testing.assert_allclose(points.xyz, xyz)
+    assert points.views is None
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.25])
+def test_points_of_a_model_follow_the_applied_transform(folder, make_cameras, make_cloud, scale):
+    cameras = make_cameras(4)
+    cloud = make_cloud(cameras)
+    write_colmap(folder, [f"{index}.png" for index in range(4)], cameras, cloud)
+    scene = load_scene(folder)
+    np.testing.assert_array_equal(scene.points.xyz, cloud.xyz)
+    assert all(np.array_equal(a, b) for a, b in zip(scene.points.views, cloud.views, strict=True))
+    # nerfstudio turns the world and may scale it; poses in the file are in the new frame, the model's are not.
+    turn = np.array([[0.0, 1, 0, 0.5], [0, 0, 1, -2], [1, 0, 0, 3]])
+
+    def change(content):
+        content["applied_transform"] = turn.tolist()
+        content["applied_scale"] = scale
+        for frame in content["frames"]:
+            pose = np.vstack([turn, [0, 0, 0, 1]]) @ np.array(frame["transform_matrix"])
+            pose[:3, 3] *= scale
+            frame["transform_matrix"] = pose.tolist()
+
+    edit(folder, change)
+    moved = load_scene(folder)
+    np.testing.assert_allclose(moved.points.xyz, scale * (cloud.xyz @ turn[:, :3].T + turn[:, 3]))
+    for before, after in zip(scene.views, moved.views, strict=True):
+        a, _ = before.camera.project(scene.points.xyz)
+        b, _ = after.camera.project(moved.points.xyz)
+        np.testing.assert_allclose(a, b, atol=POSE_ROUND_TRIP)
+
+
+def test_points_from_another_frame_are_refused(folder, make_cameras, make_cloud):
+    cameras = make_cameras(4)
+    write_colmap(folder, [f"{index}.png" for index in range(4)], cameras, make_cloud(cameras))
+    edit(folder, lambda content: content.update(applied_transform=np.diag([-1.0, 1, -1, 1])[:3].tolist()))
+    with pytest.raises(InputError, match="0% of the points inside"):
+        load_scene(folder)
+
+
+def test_a_model_of_other_images_gives_points_without_tracks(folder, make_cameras, make_cloud):
+    cameras = make_cameras(4)
+    write_colmap(folder, [f"frame{index}.png" for index in range(4)], cameras, make_cloud(cameras))
+    points = load_scene(folder).points
+    assert points is not None and points.views is None
+
+
+def _first(content):
+    return content["frames"][0]
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (lambda c: c.update(frames=[]), "no list of frames"),
+        (lambda c: c.update(frames={"a": 1}), "no list of frames"),
+        (lambda c: _first(c).pop("file_path"), "file_path None"),
+        (lambda c: _first(c).update(file_path=3), "file_path 3"),
+        (lambda c: _first(c).update(file_path="images/1.png"), "several frames for images/1.png"),
+        (lambda c: _first(c).update(file_path="images/nothing"), "images/nothing: found no such file"),
+        (lambda c: _first(c).pop("transform_matrix"), r"a pose of shape \(\)"),
+        (lambda c: _first(c).update(transform_matrix=[[1, 2], [3]]), "no numbers"),
+        (lambda c: _first(c).update(transform_matrix=np.zeros((4, 4)).tolist()), "last row"),
+        (lambda c: _first(c).update(transform_matrix=np.diag([1, 1, 3, 1]).tolist()), "no rotation"),
+        (lambda c: _first(c).update(transform_matrix=np.diag([1, 1, -1, 1]).tolist()), "mirrored"),
+        (lambda c: _first(c).update(transform_matrix=np.full((4, 4), math.nan).tolist()), "NaN"),
+        (lambda c: (c.pop("fl_x"), c.pop("fl_y")), "focal lengths None"),
+        (lambda c: c.update(fl_x=-3), "focal lengths -3.0"),
+        (lambda c: c.update(fl_x="wide"), "fl_x 'wide'"),
+        (lambda c: c.update(w=48.5), "w 48.5"),
+        (lambda c: c.update(h=48), "48x36 pixels, expected the shape of its camera, 48x48"),
+        (lambda c: c.update(camera_model="EQUIRECTANGULAR"), "camera_model EQUIRECTANGULAR"),
+        (lambda c: c.update(k4=0.1), "k4 0.1"),
+        (lambda c: c.update(k1=-5.0), "folds"),
+        (lambda c: c.update(train_filenames="all"), "no list of paths"),
+        (lambda c: c.update(train_filenames=["x.png"]), "x.png in train_filenames"),
+        (lambda c: c.update(train_filenames=FILES, test_filenames=FILES[:1]), "images/0.png in both lists"),
+        (lambda c: c.update(train_filenames=FILES[:2], test_filenames=FILES[2:3]), "images/3.png in neither list"),
+        (lambda c: _first(c).update(depth_file_path="d.exr"), "d.exr: found no such file"),
+        (lambda c: c.update(ply_file_path="p.ply"), "p.ply: found no such file"),
+    ],
+)
+def test_wrong_contents_are_named(folder, change, found):
+    edit(folder, change)
+    with pytest.raises(InputError, match=found) as caught:
+        load_scene(folder)
+    assert str(folder) in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '"frames"', "{}"])
+def test_files_that_are_no_transforms(folder, text):
+    (folder / "transforms.json").write_text(text)
+    with pytest.raises(InputError, match=r"transforms.json: found no (JSON|list of frames)"):
+        load_scene(folder)
+
+
+def test_wrong_depth_files_are_named(folder, write_images):
+    write_images(folder, ["eight.png", "wrong.png"])
+    write_images(folder, ["wrong.png"], (48, 40))
+    (folder / "depth.tiff").write_bytes((folder / "eight.png").read_bytes())
+    colours = np.random.default_rng(0).random((36, 48, 3)).astype(np.float32)
+    write_exr(folder / "colours.exr", colours)
+    for name, found in (
+        ("eight.png", "a PNG of uint8"), ("colours.exr", "3 different channels"), ("depth.tiff", "suffix .tiff"),
+    ):
+        edit(folder, lambda content, name=name: _first(content).update(depth_file_path=name))
+        view = load_scene(folder).views[0]
+        with pytest.raises(InputError, match=found):
+            view.depth()
+    edit(folder, lambda content: _first(content).update(depth_file_path="wrong.png"))
+    with pytest.raises(InputError, match=r"wrong.png: found 48x40 pixels"):
+        load_scene(folder)
+
+
+def test_layout_that_is_not_there(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        load_scene(tmp_path, layout="nerfstudio")

@@ -1,0 +1,51 @@
+"""Options: what they mean, and one line for each wrong one."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from dofbench.errors import InputError
+from dofbench.synthesis.settings import MakeDataset
+
+
+def test_lists_are_numbers_in_the_order_given():
+    settings = MakeDataset(focus="0.8, 0.2", aperture="1")
+    assert settings.focus_values == (0.8, 0.2) and settings.aperture_values == (1.0,)
+
+
+def test_polygon():
+    shape = MakeDataset(shape="5-gon", shape_rotation=90, shape_curvature=0.25, shape_obstruction=0.1).aperture_shape
+    assert (shape.blades, shape.curvature, shape.obstruction) == (5, 0.25, 0.1)
+    assert shape.rotation == pytest.approx(math.pi / 2)
+
+
+@pytest.mark.parametrize(
+    "options, word",
+    [
+        ({"focus": "0.2,,0.5"}, "--focus"), ({"focus": ""}, "--focus"), ({"focus": "near"}, "--focus"),
+        ({"focus": "nan"}, "--focus"), ({"aperture": "1.5"}, "--aperture"), ({"aperture": "-0.1"}, "--aperture"),
+        ({"aperture": "0.5,0.50"}, "every value once"), ({"width": 2}, "--width"), ({"hold": 1}, "--hold"),
+        ({"depth_steps": 0}, "--depth-steps"), ({"gamma": 0.0}, "--gamma"), ({"alpha": math.inf}, "--alpha"),
+        ({"seed": -1}, "--seed"), ({"shape": "square"}, "--shape"), ({"shape": "2-gon"}, "--shape"),
+        ({"shape_rotation": 10.0}, "--shape"), ({"shape": "6-gon", "shape_curvature": 2.0}, "--shape-curvature"),
+        ({"shape_obstruction": 1.0}, "--shape-obstruction"),
+        ({"shape": "6-gon", "shape_rotation": math.nan}, "degrees"),
+        ({"assign": "fixed"}, "--assign fixed"),
+    ],
+)
+def test_a_wrong_option_is_one_line(options, word):
+    with pytest.raises(InputError) as caught:
+        MakeDataset(**options)
+    assert word in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_fixed_takes_one_lens():
+    assert MakeDataset(assign="fixed", focus="0.5", aperture="1").focus_values == (0.5,)
+
+
+def test_the_command_says_what_differs_from_the_defaults():
+    assert MakeDataset().command("planes") == "dofbench make-dataset planes"
+    text = MakeDataset(scene="/somewhere/planes", focus="0.5", hold=4, out="elsewhere").command("planes")
+    assert text == "dofbench make-dataset planes --focus 0.5 --hold 4"

@@ -1,0 +1,185 @@
+"""The command line: what is typed, what it means, how it ends, and that help loads nothing heavy."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dofbench import __version__, cli
+from dofbench.errors import InputError
+
+HEAVY = (
+    "torch", "numba", "cv2", "OpenImageIO", "pycolmap", "matplotlib", "scipy", "skimage", "colour", "mitsuba",
+    "flip_evaluator", "pandas",
+)
+
+
+def test_typical_calls_mean_what_they_say() -> None:
+    scene = "../shared/data/llff_fern"
+    made = cli.parse(f"make-dataset {scene} --focus 0.2,0.5,0.8 --aperture 0.5,1.0 --out data/fern".split())
+    assert isinstance(made, cli.MakeDataset)
+    assert (made.scene, made.out) == (scene, Path("data/fern"))
+    assert (made.focus_values, made.aperture_values) == ((0.2, 0.5, 0.8), (0.5, 1.0))
+
+    run = cli.parse("run --method dofgaussian --data data/fern --out results".split())
+    assert isinstance(run, cli.Run)
+    assert (run.method, run.data, run.out) == ("dofgaussian", Path("data/fern"), Path("results"))
+    assert cli.parse(["run", "--method", "dofgaussian"]).data is None
+
+    report = cli.parse("report results --out reports".split())
+    assert isinstance(report, cli.Report)
+    assert (report.results, report.out) == (Path("results"), Path("reports"))
+    assert cli.parse(["report"]).results == Path("results")
+
+    assert cli.parse(["check", "data/fern"]) == cli.Check(Path("data/fern"))
+    assert cli.parse(["scenes"]) == cli.Scenes()
+    assert cli.parse(["scenes", "a", "b"]) == cli.Scenes((Path("a"), Path("b")))
+    assert cli.parse(["make-dataset"]).scene is None
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    ["", "frobnicate", "run", "run --method", "run --method a --bogus 1", "make-dataset --seed x", "check", "check a b",
+     "make-dataset --depth guess"],
+)
+def test_a_wrong_call_ends_with_2_and_says_so(arguments: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        cli.main(arguments.split())
+    printed = capsys.readouterr()
+    assert end.value.code == 2
+    assert printed.err.strip() and not printed.out
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    ["make-dataset --assign fixed", "make-dataset --shape round", "make-dataset --width 1",
+     "make-dataset no/such/folder --out never", "make-dataset --focus 7 --out never", "make-dataset --aperture a,b",
+     "run --method nobodys", "run --method dofgaussian --data no/such/folder", "run --method dofgaussian --budget lots",
+     "report no/such/folder", "check no/such/folder", "scenes no/such/folder"],
+)
+def test_a_wrong_input_is_one_line_with_what_was_expected(
+    arguments: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(arguments.split()) == 2
+    printed = capsys.readouterr()
+    assert re.fullmatch(r"dofbench: .+: found .+, expected .+\n", printed.err)
+    assert not printed.out
+    assert not list(tmp_path.iterdir())
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"dofbench {__version__}\n"
+
+
+@pytest.mark.parametrize("command", ["make-dataset", "run", "report", "check", "scenes"])
+def test_help_names_every_option_with_a_sentence(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        cli.main([command, "--help"])
+    printed = capsys.readouterr().out
+    assert end.value.code == 0
+    # An option without a docstring has nothing but its default to say.
+    assert not re.search(r"(STR|INT|FLOAT|PATH|\}|--[a-z-]+)\s*│?\s*│?\s*\((default|required)", printed)
+    assert command in printed
+
+
+# ---- how a command ends ----
+
+
+def ending(monkeypatch: pytest.MonkeyPatch, outcome: Any) -> int:
+    """Exit status of a command that returns `outcome`, or raises it."""
+
+    def execute(settings: Any) -> int:
+        if isinstance(outcome, BaseException):
+            raise outcome
+        return outcome
+
+    monkeypatch.setattr(cli, "execute", execute)
+    return cli.main(["scenes"])
+
+
+@pytest.mark.parametrize(
+    ("outcome", "status", "line"),
+    [
+        (0, 0, ""),
+        (1, 1, ""),
+        (InputError("a.json", "no\nnumber", "one"), 2, "dofbench: a.json: found no number, expected one\n"),
+        (KeyboardInterrupt(), 130, "dofbench: interrupted; the same command goes on from what is finished\n"),
+        (OSError(errno.ENOSPC, "No space left on device", "out"), 1, "dofbench: out: No space left on device\n"),
+        (PermissionError(errno.EACCES, "Permission denied", "out"), 1, "dofbench: out: Permission denied\n"),
+    ],
+)
+def test_ending(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], outcome: Any, status: int, line: str
+) -> None:
+    assert ending(monkeypatch, outcome) == status
+    assert capsys.readouterr().err == line
+
+
+@pytest.mark.parametrize("bug", [ValueError("shapes"), FileNotFoundError(errno.ENOENT, "no such file", "x")])
+def test_a_bug_shows_its_traceback(monkeypatch: pytest.MonkeyPatch, bug: Exception) -> None:
+    with pytest.raises(type(bug)):
+        ending(monkeypatch, bug)
+
+
+def test_sigterm_unwinds_the_command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    cleaned = []
+
+    def execute(settings: Any) -> int:
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+            raise AssertionError("the signal did not arrive")
+        finally:
+            cleaned.append(True)
+
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(cli, "execute", execute)
+    assert cli.main(["scenes"]) == 128 + signal.SIGTERM
+    assert cleaned == [True]
+    assert signal.getsignal(signal.SIGTERM) is before
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_reader_that_leaves_is_no_failure() -> None:
+    """`dofbench scenes | head` must not end in a complaint."""
+    script = (
+        "import sys; from dofbench import cli\n"
+        "def execute(settings):\n"
+        "    while True: print('line', flush=True)\n"
+        "cli.execute = execute; sys.exit(cli.main(['scenes']))"
+    )
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.stderr.read() == b""
+        assert process.wait() == 128 + signal.SIGPIPE
+
+
+# ---- what help costs ----
+
+
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["run", "--help"], ["make-dataset", "--help"]], ids=" ".join)
+def test_help_loads_nothing_heavy(arguments: list[str]) -> None:
+    script = (
+        "import sys, dofbench.cli\n"
+        f"try: dofbench.cli.main({arguments!r}) if {arguments!r} else None\n"
+        "except SystemExit as end: assert end.code == 0\n"
+        f"loaded = [name for name in {HEAVY!r} if name in sys.modules]\n"
+        "assert not loaded, loaded"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_python_dash_m_is_the_command() -> None:
+    done = subprocess.run([sys.executable, "-m", "dofbench", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"dofbench {__version__}\n"
