@@ -91,8 +91,7 @@ def execute(settings: Any) -> int:
         case Report():
             from dofbench.reporting import report
 
-            report(settings)
-            return DONE
+            return DONE if report(settings) else FAILED
         case Check():
             from dofbench.harness.check import check
 

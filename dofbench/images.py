@@ -13,6 +13,8 @@ from dofbench.errors import InputError
 from dofbench.files import replacing
 from dofbench.lens import GAMMA
 
+_NO_DATE = "1970:01:01 00:00:00"
+
 
 def decode(encoded: np.ndarray, gamma: float = GAMMA) -> np.ndarray:
     """Encoded to linear light: `encoded ** gamma`, the paper's pure power."""
@@ -138,9 +140,10 @@ def _write(path: Path, pixels: np.ndarray, kind: str, attributes: dict, names: l
         spec.channelnames = tuple(names)
     for key, value in attributes.items():
         spec.attribute(key, value)
-    # A date in the header would make two identical runs differ in their bytes.
-    spec.attribute("DateTime", "")
-    spec.erase_attribute("DateTime")
+    if path.suffix.lower() == ".exr":
+        # The writer puts in the time of day (capDate) where the image has none, so that two
+        # identical runs would differ in their bytes.
+        spec.attribute("DateTime", _NO_DATE)
     with replacing(path) as temporary:
         output = oiio.ImageOutput.create(str(temporary))
         if output is None or not output.open(str(temporary), spec):

@@ -25,6 +25,10 @@ def configure_threads() -> None:
     cores = os.environ.setdefault("OMP_NUM_THREADS", str(available_cores()))
     # OMP_NUM_THREADS may list a number for every nesting level ("4,2"); numba knows only one.
     os.environ.setdefault("NUMBA_NUM_THREADS", cores.split(",")[0])
+    # torch and numba each bring an OpenMP runtime of their own. After a parallel region its threads
+    # spin for a while by default, on the very cores that the other one wants next: a training step
+    # took 4 times as long beside other work, and some never came back. Sleeping costs microseconds.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
 def _cgroup_quota(cgroup: Path) -> float | None:

@@ -164,7 +164,8 @@ class Fake:
         for step in range(1, (budget.steps or 10**9) + 2):
             self.step = step
             loss = misbehave(self.options, step, 1.0 / step)
-            if not observer.after_step(step, loss) and self.options["trouble"] != "deaf":
+            deaf = self.options["trouble"] == "deaf" and step >= self.options["at"]
+            if not observer.after_step(step, loss) and not deaf:
                 break
         return FitOutcome(Status.OK, step, stages={"guess": 0.01}, left_out={"normals": "a fake has none"})
 

@@ -11,17 +11,18 @@ from __future__ import annotations
 import tempfile
 import time
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import tyro
 from maker import path, props, render, sparse
 
-from dofbench.cameras import Camera
 from dofbench.errors import InputError
 from dofbench.files import sha256_file, write_json, write_text
 from dofbench.images import encode, read_exr, read_image, write_exr, write_png
 from dofbench.lens import GAMMA
+from dofbench.scenes.export import write_transforms
 
 # Depth is kept in steps of 2 ** -11 units: files a third smaller, and no circle of confusion moves by more than
 # two thousandths of a pixel.
@@ -83,7 +84,10 @@ def main(settings: Settings) -> None:
     depths = [read_exr(out / "depth" / f"{name}.exr") for name in names]
     errors = sparse.depth_errors(cameras, model, depths)
 
-    write_json(out / "transforms.json", transforms(cameras, names))
+    write_transforms(
+        out / "transforms.json", [f"images/{file}" for file in files], cameras,
+        depth_paths=[f"depth/{name}.exr" for name in names],
+    )
     write_json(out / "scene.json", {
         "name": "tabletop",
         "origin": "synthetic; textures, props and path are procedural, made by datasets/tabletop/make.py",
@@ -95,7 +99,7 @@ def main(settings: Settings) -> None:
             "mean_encoded": round(float(np.mean([read_image(out / "images" / name).mean() for name in files])), 4),
         },
         "render": {
-            "mitsuba": _version("mitsuba"), "variant": variant, "sampler": "multijitter", "filter": "box",
+            "mitsuba": version("mitsuba"), "variant": variant, "sampler": "multijitter", "filter": "box",
             "samples_per_pixel": [settings.samples or part.samples for part in passes],
             "noise_rms_8bit_levels": round(float(noise.std()), 3),
             "noise_p95_8bit_levels": round(float(np.percentile(np.abs(noise), 95)), 3),
@@ -105,7 +109,7 @@ def main(settings: Settings) -> None:
             "min": float(min(z.min() for z in depths)), "max": float(max(z.max() for z in depths)),
         },
         "sparse": {
-            "pycolmap": _version("pycolmap"), "points": model.num_points3D(),
+            "pycolmap": version("pycolmap"), "points": model.num_points3D(),
             "mean_track_length": round(model.compute_mean_track_length(), 3),
             "mean_reprojection_error_px": round(model.compute_mean_reprojection_error(), 4),
             "median_relative_depth_error": round(float(np.median(errors)), 6),
@@ -117,30 +121,6 @@ def main(settings: Settings) -> None:
     lines = [f"{sha256_file(file)}  {file.relative_to(out).as_posix()}\n" for file in listed]
     write_text(out / "SHA256SUMS", "".join(lines))
     print(f"{out}: {len(cameras)} views, {model.num_points3D()} points, noise {noise.std():.2f} of 255 levels")
-
-
-def transforms(cameras: list[Camera], names: list[str]) -> dict[str, object]:
-    """The poses in nerfstudio's layout: camera to world, OpenGL axes (x right, y up, z backwards)."""
-    first = cameras[0]
-    return {
-        "camera_model": "PINHOLE",
-        "w": first.width, "h": first.height,
-        "fl_x": first.fx, "fl_y": first.fy, "cx": first.cx, "cy": first.cy,
-        "frames": [
-            {
-                "file_path": f"images/{name}.png",
-                "depth_file_path": f"depth/{name}.exr",
-                "transform_matrix": (camera.camera_to_world @ np.diag([1.0, -1.0, -1.0, 1.0])).tolist(),
-            }
-            for camera, name in zip(cameras, names, strict=True)
-        ],
-    }
-
-
-def _version(package: str) -> str:
-    from importlib.metadata import version
-
-    return version(package)
 
 
 if __name__ == "__main__":

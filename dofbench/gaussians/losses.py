@@ -14,11 +14,7 @@ from dofbench.kernels import load
 
 def reconstruction(prediction: Tensor, target: Tensor, ssim_weight: float, weight: Tensor | None) -> Tensor:
     """Eq. 7: (1 - lambda) L1 + lambda (1 - SSIM); `weight` (H, W) acts on the L1 term."""
-    difference = (prediction - target).abs()
-    if weight is not None:
-        difference = difference * weight[..., None]
-    ssim = load("ssim")(prediction, target)
-    return (1 - ssim_weight) * difference.mean() + ssim_weight * (1 - ssim)
+    return load("ssim", function="l1_ssim")(prediction, target, ssim_weight=ssim_weight, weight=weight)
 
 
 def step_function(x: Tensor, options: TrainerOptions) -> Tensor:

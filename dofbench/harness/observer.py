@@ -104,3 +104,17 @@ class TrainingObserver:
         loss = math.fsum(self._losses) / len(self._losses) if self._losses else None
         self._losses.clear()
         self.curve.append(CurvePoint(train_s=seconds, steps=step, loss=loss, scores=scores))
+
+
+class OneStep:
+    """An observer that ends a training after its first step and looks at nothing."""
+
+    def seconds(self) -> float:
+        """No clock runs."""
+        return 0.0
+
+    def after_step(self, step: int, loss: float) -> bool:
+        """Stop. Raises RuntimeError when the method goes on all the same."""
+        if step > 1:
+            raise RuntimeError(f"the method took step {step} after it was told to stop")
+        return False

@@ -64,4 +64,4 @@ def print_result(console: Console, result: Result) -> None:
     for column, reason in result.left_out.items():
         reasons.setdefault(reason, []).append(column)
     for reason, columns in reasons.items():
-        console.print(f"no {', '.join(columns)}: {reason}", highlight=False, markup=False)
+        console.print(f"no {', '.join(columns)}: {reason}", highlight=False, markup=False, soft_wrap=True)

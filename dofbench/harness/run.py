@@ -18,11 +18,20 @@ from dofbench.harness.clock import StageTimes
 from dofbench.harness.evaluate import Evaluation, Evaluator
 from dofbench.harness.lock import locked
 from dofbench.harness.methods import MethodEntry, find_method
-from dofbench.harness.observer import TrainingObserver
+from dofbench.harness.observer import OneStep, TrainingObserver
 from dofbench.harness.plan import RunPlan, make_plan
 from dofbench.harness.progress import TrainingProgress, print_result
 from dofbench.harness.protocol import Protocol, protocol_for
-from dofbench.harness.result import RESULT_FILE, CurvePoint, Event, Result, Spec, read_result, write_result
+from dofbench.harness.result import (
+    RESULT_FILE,
+    SCHEMA_VERSION,
+    CurvePoint,
+    Event,
+    Result,
+    Spec,
+    read_result,
+    write_result,
+)
 from dofbench.harness.settings import Run, parse_budget, parse_overrides
 from dofbench.metrics import METRICS
 from dofbench.synthesis.dataset import Dataset
@@ -104,20 +113,20 @@ class _Execution:
         self, settings: Run, console: Console, entry: MethodEntry, method: Method, dataset: Dataset, data: Path,
         protocol: Protocol, plan: RunPlan, spec: Spec, budget: Budget, folder: Path,
     ):
-        self.settings, self.console, self.entry, self.method = settings, console, entry, method
+        self.settings, self.console, self.entry = settings, console, entry
         self.dataset, self.data, self.protocol, self.plan = dataset, data, protocol, plan
         self.spec, self.budget, self.folder = spec, budget, folder
         self.stages = StageTimes()
-        self.evaluator = Evaluator(method, dataset, protocol, plan)
+        self._use(method)
         self.observer: TrainingObserver | None = None
         self.do_nothing: dict[str, float] = {}
+        self.description: dict[str, float] = {}
         self.started = _now()
 
     def go(self) -> RunEnd:
         """Train and score; whatever happens, a result is written."""
         if self.settings.rerun:
             (self.folder / TRAINED_FILE).unlink(missing_ok=True)
-        provenance.reset_peak_memory()
         trained: _Trained | None = None
         found = Evaluation()
         trace = ""
@@ -154,6 +163,13 @@ class _Execution:
             shutil.rmtree(self.folder / name, ignore_errors=True)
         with self.stages["load data"].running():
             training_set = self.dataset.training_set(self.settings.inputs)
+        _say(self.console, "warming up: the first call compiles kernels, which isn't counted")
+        with self.stages["warm up"].running():
+            # Kernels compile at their first call, for a minute or for none, as their cache has it. A first
+            # step that isn't counted keeps that out of the training time, and of a budget in seconds.
+            self.method.fit(training_set, self.budget, OneStep())
+        self._use(self.entry.create(dict(self.plan.options), self.spec.seed, self.spec.device))
+        provenance.reset_peak_memory()
         clock, evaluating = self.stages["train"], self.stages["evaluate during training"]
         with TrainingProgress(self.console, self.budget) as progress:
             observer = TrainingObserver(self.budget, clock, evaluating, self.evaluator.quick, progress)
@@ -178,6 +194,10 @@ class _Execution:
                 "seconds": trained.seconds, "peak_mb": trained.peak_mb, "stages": trained.stages,
             })
         return trained
+
+    def _use(self, method: Method) -> None:
+        self.method = method
+        self.evaluator = Evaluator(method, self.dataset, self.protocol, self.plan)
 
     def _resumed(self) -> _Trained | None:
         """The finished training of an earlier call that was interrupted while it scored; else None."""
@@ -204,6 +224,11 @@ class _Execution:
             found.left_out["render_fps"] = "the dataset has no test views"
         else:
             found.scores["render_fps"] = frames
+        self.description = {name: float(value) for name, value in self.method.describe().items()}
+        if "gaussians" in self.description:
+            found.scores["gaussians"] = self.description["gaussians"]
+        else:
+            found.left_out["gaussians"] = f"{self.entry.card.name} has no Gaussians"
         return found
 
     def _steps(self, trained: _Trained | None) -> int:
@@ -219,16 +244,9 @@ class _Execution:
         scores, left_out = dict(found.scores), {**self.plan.left_out, **found.left_out}
         scores |= {"train_s": seconds, "steps": self._steps(trained)}
         scores["peak_mb"] = max(provenance.peak_memory_mb(), trained.peak_mb if trained else 0.0)
-        description: dict[str, float] = {}
-        if status is Status.OK:
-            description = {name: float(value) for name, value in self.method.describe().items()}
-            if "gaussians" in description:
-                scores["gaussians"] = description["gaussians"]
-            else:
-                left_out["gaussians"] = f"{self.entry.card.name} has no Gaussians"
         events = [*(observer.nonfinite if observer else ()), *(outcome.nonfinite if outcome else ()), *found.nonfinite]
         result = Result(
-            schema_version=1, key=self.spec.key, spec=self.spec,
+            schema_version=SCHEMA_VERSION, key=self.spec.key, spec=self.spec,
             protocol={**self.protocol.as_data(), "metrics": {entry.id: entry.note for entry in METRICS.values()}},
             plan=self.plan.as_data(), status=status, message=message, traceback=trace,
             scene=self.dataset.scene, data=str(self.data), command=self.settings.command(),
@@ -238,7 +256,7 @@ class _Execution:
             do_nothing=self.do_nothing, views=found.views, lens=found.lens,
             curve=trained.curve if trained else observer.curve if observer else [],
             stages={**(trained.stages if trained else {}), **self.stages.as_data()},
-            method_stages=outcome.stages if outcome else {}, description=description,
+            method_stages=outcome.stages if outcome else {}, description=self.description,
             nonfinite=[Event(**asdict(event)) for event in events], predictions=found.predictions,
             git=provenance.git_state(), machine=provenance.machine(self.spec.device),
             packages=provenance.package_versions(),

@@ -52,6 +52,9 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
     for folder in collection.running:
         say(f"not counted, a run is at work there: {folder}")
 
+    for folder in collection.doubles:
+        say(f"not counted, a copy of another result: {folder}")
+
     files = [out / name for name in ("leaderboard.csv", "per_view.csv", "curves.csv")]
     tables.write_leaderboard_csv(files[0], entries)
     tables.write_per_view_csv(files[1], entries)

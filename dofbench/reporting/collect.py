@@ -54,24 +54,33 @@ class Entry:
 @dataclass(frozen=True)
 class Collection:
     """entries: sorted. unreadable: one line for each result that can't be read. running: folders at
-    work right now, which are no result yet."""
+    work right now, which are no result yet. doubles: copies of a run that is counted already."""
 
     entries: tuple[Entry, ...]
     unreadable: tuple[str, ...]
     running: tuple[Path, ...]
+    doubles: tuple[Path, ...]
 
 
 def collect(folder: Path) -> Collection:
     """Every result below `folder`. Raises InputError when there is none."""
     if not folder.is_dir():
         raise InputError(folder, "no such folder", "a folder of results, as `dofbench run` writes it")
-    entries, unreadable, running = [], [], []
+    entries: list[Entry] = []
+    unreadable: list[str] = []
+    running: list[Path] = []
+    doubles: list[Path] = []
+    keys: set[str] = set()
     for file in sorted(folder.rglob(RESULT_FILE)):
         try:
             result = read_result(file)
         except InputError as error:
             unreadable.append(str(error))
             continue
+        if result.key in keys:  # counted twice, a run would be a second seed without any spread
+            doubles.append(file.parent)
+            continue
+        keys.add(result.key)
         entries.append(Entry(file.parent, result.spec, result.scene, result.status, result.message, result))
     for file in sorted(folder.rglob(LOCK_FILE)):
         if is_running(file.parent):
@@ -87,7 +96,7 @@ def collect(folder: Path) -> Collection:
     if not entries and not unreadable:
         raise InputError(folder, f"no {RESULT_FILE} in it or below", "results of `dofbench run`")
     entries.sort(key=lambda entry: (*entry.board, *entry.variant, entry.spec.seed, entry.spec.key))
-    return Collection(tuple(entries), tuple(unreadable), tuple(running))
+    return Collection(tuple(entries), tuple(unreadable), tuple(running), tuple(doubles))
 
 
 def grouped(entries: tuple[Entry, ...] | list[Entry], attribute: str) -> dict[tuple[str, ...], list[Entry]]:

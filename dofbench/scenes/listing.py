@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dofbench.content import content_folder
@@ -16,6 +17,7 @@ class Listed:
     """One line of the list. problem: why the scene can't be read, empty where it can.
 
     name: what to give to make-dataset: a built-in name or a folder. width, height: of the first view, pixels.
+    title: what a built-in scene shows.
     """
 
     name: str
@@ -26,6 +28,7 @@ class Listed:
     height: int = 0
     points: int = 0
     depth: bool = False
+    title: str = ""
     problem: str = ""
 
 
@@ -35,8 +38,7 @@ def list_scenes(folders: Sequence[Path] = ()) -> list[Listed]:
     A given folder with no scene in it is listed with the reason; beside scenes, other folders are
     passed over. Raises InputError for a folder that isn't there.
     """
-    built_in = content_folder("datasets")
-    listed = [_describe(path, path.name) for path in _folders(built_in)]
+    listed = _built_in()
     for folder in folders:
         if not folder.is_dir():
             raise InputError(folder, "no such folder", "a scene, or a folder of scenes")
@@ -50,11 +52,11 @@ def list_scenes(folders: Sequence[Path] = ()) -> list[Listed]:
 def print_scenes(folders: Sequence[Path] = ()) -> bool:
     """Print `list_scenes` as a table, and what can't be read. False when there is any of that."""
     listed = list_scenes(folders)
-    rows = [("scene", "layout", "views", "size", "points", "depth")]
+    rows = [("scene", "layout", "views", "size", "points", "depth", "what")]
     rows += [
         (
             scene.name, scene.layout, f"{scene.training} + {scene.test} test", f"{scene.width}x{scene.height}",
-            str(scene.points), "given" if scene.depth else "-",
+            str(scene.points), "given" if scene.depth else "-", scene.title,
         )
         for scene in listed if not scene.problem
     ]
@@ -66,6 +68,12 @@ def print_scenes(folders: Sequence[Path] = ()) -> bool:
             print(f"no scene: {scene.problem}")
     print(f"\nA scene is a built-in name or a folder in one of the layouts {', '.join(LAYOUTS)}.")
     return not any(scene.problem for scene in listed)
+
+
+def _built_in() -> list[Listed]:
+    root = content_folder("datasets")
+    entries = [tomllib.loads(path.read_text(encoding="utf-8")) for path in sorted(root.glob("*.toml"))]
+    return [replace(_describe(root / entry["folder"], entry["id"]), title=entry["title"]) for entry in entries]
 
 
 def _folders(parent: Path) -> list[Path]:

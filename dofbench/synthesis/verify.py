@@ -67,11 +67,17 @@ def blurred_again(
     reach = math.ceil(np.abs(radius).max() + 40 / (2 * lenses.alpha))
     top, left = max(0, rows.start - reach), max(0, columns.start - reach)
     around = np.s_[top : rows.stop + reach, left : columns.stop + reach]
-    blurred = load("scatter", "reference")(
-        torch.from_numpy(decode(sharp[around].astype(np.float64), lenses.gamma)),
-        torch.from_numpy(np.ascontiguousarray(radius[around])),
-        alpha=lenses.alpha, shape=lenses.shape.shape(), energy=lenses.energy,
-    ).numpy()
+    # Hundreds of sums over a small window: more threads only wait for each other, badly so on a busy machine.
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        blurred = load("scatter", "reference")(
+            torch.from_numpy(decode(sharp[around].astype(np.float64), lenses.gamma)),
+            torch.from_numpy(np.ascontiguousarray(radius[around])),
+            alpha=lenses.alpha, shape=lenses.shape.shape(), energy=lenses.energy,
+        ).numpy()
+    finally:
+        torch.set_num_threads(threads)
     inside = np.s_[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
     return encode(blurred[inside], lenses.gamma)
 

@@ -137,7 +137,7 @@ class _Rasterize(torch.autograd.Function):
         normal = np.empty((height, width, 3), np.float32) if geometry > 1 else _EMPTY3
         looked_at = np.empty(settings.columns * settings.rows, np.int32)
         blend(settings.features, records, starts, ids, spans, settings.view, settings.columns, settings.background,
-              color, alpha, depth, median, at, normal, looked_at, 4 * threads)
+              *(image.reshape(-1) for image in (color, alpha, depth, median, at, normal)), looked_at, 4 * threads)
         if statistics is not None:
             statistics.visible = torch.from_numpy(visible[:n])
             statistics.radii = torch.from_numpy(radii[:n])
@@ -151,12 +151,10 @@ class _Rasterize(torch.autograd.Function):
     @staticmethod
     def backward(ctx, *output_gradients):
         settings, statistics = ctx.settings, ctx.statistics
-        saved = [tensor.detach().numpy() for tensor in ctx.saved_tensors]
+        saved = [tensor.detach().numpy().reshape(-1) for tensor in ctx.saved_tensors]
         parameters, (color, alpha, depth, _, normal) = saved[:6], saved[6:]
         records, starts, ids, spans, offsets, places, looked_at, at = ctx.tiles
-        empty = (_EMPTY3, _EMPTY2, _EMPTY2, _EMPTY2, _EMPTY3)
-        arrays = [nothing if g is None else g.contiguous().numpy()
-                  for g, nothing in zip(output_gradients, empty, strict=True)]
+        arrays = [_NOTHING if g is None else g.contiguous().numpy().reshape(-1) for g in output_gradients]
         # Outputs that the loss doesn't use cost nothing here.
         features = settings.features
         if arrays[3].size == 0 and arrays[4].size == 0:
@@ -169,11 +167,11 @@ class _Rasterize(torch.autograd.Function):
         threads = numba.get_num_threads()
         blend_backward(features, (0,) * want_abs, records, starts, ids, spans, settings.view, settings.columns,
                        looked_at, color, alpha, depth, normal, at, *arrays, gradients, 4 * threads)
-        n, rest = parameters[0].shape[0], parameters[5].shape[1]
-        results = [torch.empty(parameter.shape) for parameter in parameters]
+        n, rest = parameters[3].size, ctx.saved_tensors[5].shape[1]
+        results = [torch.empty(parameter.shape) for parameter in ctx.saved_tensors[:6]]
         grad_2d = np.empty((n, 2) if statistics is not None else (0, 2), np.float32)
         abs_grad_2d = np.empty((n, 2) if want_abs else (0, 2), np.float32)
-        project_backward(*(parameter.reshape(-1) for parameter in parameters), rest, settings.filter_3d,
+        project_backward(*parameters, rest, settings.filter_3d,
                          settings.degree, len(features), settings.view, gradients, width, offsets, places, want_abs,
                          *(result.numpy().reshape(-1) for result in results), grad_2d.reshape(-1),
                          abs_grad_2d.reshape(-1))

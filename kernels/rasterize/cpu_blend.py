@@ -12,22 +12,18 @@ from dofbench.numba_math import (
 )
 
 from .cpu_layout import (
-    BLUE, CX, CY, FX, FY, GREEN, HEIGHT, L11, L21, L22, LOG2_MAX_ALPHA, LOG2_MIN_ALPHA, LOG2_OPACITY,
-    MAX_ALPHA, MIN_TRANSMITTANCE, MX, MY, NEAR, NX, NY, NZ, RECORD, RED, T0, TILE_HEIGHT, TILE_VECTORS, TILE_WIDTH, TX, TY, WIDTH,
+    BLUE, GREEN, L11, L21, L22, LOG2_MAX_ALPHA, LOG2_MIN_ALPHA, LOG2_OPACITY, MAX_ALPHA, MIN_TRANSMITTANCE, MX, MY,
+    NEAR, NX, NY, NZ, RECORD, RED, T0, TILE_HEIGHT, TILE_WIDTH, TX, TY,
+)
+from .cpu_tiles import (
+    P_BLUE, P_DEPTH, P_G_ALPHA, P_G_DEPTH, P_G_MEDIAN, P_G_NX, P_G_NY, P_G_NZ, P_GREEN, P_LEFT, P_MEDIAN, P_MEDIAN_AT,
+    P_NX, P_NY, P_NZ, P_RED, P_T, P_WEIGHT, PLANE, SCRATCH, clear_tile, read_tile, write_tile,
 )
 
 _ZERO = np.float32(0.0)
 _HALF = np.float32(0.5)
 _ONE = np.float32(1.0)
 _TWO_LN2 = np.float32(2 * math.log(2))
-
-# A tile's scratch memory is a row of planes of TILE_HEIGHT x TILE_WIDTH pixels.
-_PLANE = TILE_HEIGHT * TILE_WIDTH
-# Transmittance first, then sums of weight times feature.
-_T, _RED, _GREEN, _BLUE, _DEPTH, _WEIGHT, _NX, _NY, _NZ, _MEDIAN, _MEDIAN_AT = (_PLANE * k for k in range(11))
-# In the backward pass: what is left of the pixel's loss, then the loss by each output.
-_LEFT, _G_ALPHA, _G_DEPTH, _G_NX, _G_NY, _G_NZ, _G_MEDIAN = (_PLANE * k for k in (4, 5, 6, 7, 8, 9, 11))
-_SCRATCH = 12 * _PLANE
 
 # How many Gaussians go by between two tests whether the whole tile is opaque.
 _TEST_EVERY = 8
@@ -38,21 +34,9 @@ _AHEAD = 8
 @njit(forceinline=True)
 def _is_opaque(scratch):
     highest = splat8(_ZERO)
-    for k in range(0, _PLANE, LANES):
-        highest = max8(load8(scratch, _T + k), highest)
+    for k in range(0, PLANE, LANES):
+        highest = max8(load8(scratch, P_T + k), highest)
     return not any8(highest >= MIN_TRANSMITTANCE)
-
-
-@njit(forceinline=True)
-def _clear(scratch, left, top, width, height, planes):
-    """Transmittance 1 inside the image and 0 outside of it; `planes` further planes set to 0."""
-    for row in range(TILE_HEIGHT):
-        for vector in range(TILE_VECTORS):
-            place = row * TILE_WIDTH + vector * LANES
-            inside = lanes8() + np.float32(left + vector * LANES) < np.float32(width)
-            store8(scratch, _T + place, select8(inside, _ONE if top + row < height else _ZERO, _ZERO))
-    for k in range(_PLANE, (planes + 1) * _PLANE, LANES):
-        store8(scratch, k, splat8(_ZERO))
 
 
 @njit(error_model="numpy")
@@ -66,123 +50,42 @@ def _forward_tile(features, records, ids, spans, begin, end, left, top, near, sc
         log2_opacity = load1(records, base + LOG2_OPACITY)
         red, green, blue = load1(records, base + RED), load1(records, base + GREEN), load1(records, base + BLUE)
         my = load1(records, base + MY)
-        for vector in range(TILE_VECTORS):
-            dx = lanes8() + (np.float32(left + vector * LANES) + _HALF - load1(records, base + MX))
-            ldx = dx * l11
+        dx = lanes8() + (np.float32(left) + _HALF - load1(records, base + MX))
+        ldx = dx * l11
+        if len(features) > 0:
+            t_row = load1(records, base + T0) - dx * load1(records, base + TX)
+            ty = load1(records, base + TY)
+        dy = np.float32(top + first) + (_HALF - my)
+        for row in range(first, stop):
+            place = row * LANES
+            e = l22 * dy
+            d = ldx + l21 * dy
+            exponent = (log2_opacity - e * e) - d * d
+            transmittance = load8(scratch, P_T + place)
+            taken = (exponent >= LOG2_MIN_ALPHA) & (transmittance >= MIN_TRANSMITTANCE)
+            alpha = select8(taken, min8(exp2_fast8(exponent), MAX_ALPHA), _ZERO)
+            weight = alpha * transmittance
+            store8(scratch, P_T + place, transmittance - weight)
+            store8(scratch, P_RED + place, load8(scratch, P_RED + place) + weight * red)
+            store8(scratch, P_GREEN + place, load8(scratch, P_GREEN + place) + weight * green)
+            store8(scratch, P_BLUE + place, load8(scratch, P_BLUE + place) + weight * blue)
             if len(features) > 0:
-                t_row = load1(records, base + T0) - dx * load1(records, base + TX)
-                ty = load1(records, base + TY)
-            dy = np.float32(top + first) + (_HALF - my)
-            for row in range(first, stop):
-                place = row * TILE_WIDTH + vector * LANES
-                e = l22 * dy
-                d = ldx + l21 * dy
-                exponent = (log2_opacity - e * e) - d * d
-                transmittance = load8(scratch, _T + place)
-                taken = (exponent >= LOG2_MIN_ALPHA) & (transmittance >= MIN_TRANSMITTANCE)
-                alpha = select8(taken, min8(exp2_fast8(exponent), MAX_ALPHA), _ZERO)
-                weight = alpha * transmittance
-                store8(scratch, _T + place, transmittance - weight)
-                store8(scratch, _RED + place, load8(scratch, _RED + place) + weight * red)
-                store8(scratch, _GREEN + place, load8(scratch, _GREEN + place) + weight * green)
-                store8(scratch, _BLUE + place, load8(scratch, _BLUE + place) + weight * blue)
-                if len(features) > 0:
-                    t = max8(t_row - ty * dy, near)
-                    store8(scratch, _DEPTH + place, load8(scratch, _DEPTH + place) + weight * t)
-                    store8(scratch, _WEIGHT + place, load8(scratch, _WEIGHT + place) + weight)
-                    if len(features) > 1:
-                        nx, ny, nz = load1(records, base + NX), load1(records, base + NY), load1(records, base + NZ)
-                        store8(scratch, _NX + place, load8(scratch, _NX + place) + weight * nx)
-                        store8(scratch, _NY + place, load8(scratch, _NY + place) + weight * ny)
-                        store8(scratch, _NZ + place, load8(scratch, _NZ + place) + weight * nz)
-                        upper = taken & (transmittance > _HALF)
-                        store8(scratch, _MEDIAN + place, select8(upper, t, load8(scratch, _MEDIAN + place)))
-                        at = np.float32(k - begin + 1)
-                        store8(scratch, _MEDIAN_AT + place, select8(upper, at, load8(scratch, _MEDIAN_AT + place)))
-                dy += _ONE
+                t = max8(t_row - ty * dy, near)
+                store8(scratch, P_DEPTH + place, load8(scratch, P_DEPTH + place) + weight * t)
+                store8(scratch, P_WEIGHT + place, load8(scratch, P_WEIGHT + place) + weight)
+                if len(features) > 1:
+                    nx, ny, nz = load1(records, base + NX), load1(records, base + NY), load1(records, base + NZ)
+                    store8(scratch, P_NX + place, load8(scratch, P_NX + place) + weight * nx)
+                    store8(scratch, P_NY + place, load8(scratch, P_NY + place) + weight * ny)
+                    store8(scratch, P_NZ + place, load8(scratch, P_NZ + place) + weight * nz)
+                    upper = taken & (transmittance > _HALF)
+                    store8(scratch, P_MEDIAN + place, select8(upper, t, load8(scratch, P_MEDIAN + place)))
+                    at = np.float32(k - begin + 1)
+                    store8(scratch, P_MEDIAN_AT + place, select8(upper, at, load8(scratch, P_MEDIAN_AT + place)))
+            dy += _ONE
         if (k - begin) % _TEST_EVERY == _TEST_EVERY - 1 and _is_opaque(scratch):
             return k + 1 - begin
     return end - begin
-
-
-@njit(error_model="numpy")
-def _write_tile(features, scratch, left, top, view, background, color, alpha, depth, median, median_at, normal):
-    width, height = np.int64(view[WIDTH]), np.int64(view[HEIGHT])
-    for row in range(min(TILE_HEIGHT, height - top)):
-        y = top + row
-        v = (np.float32(y) + _HALF - view[CY]) / view[FY]
-        for column in range(min(TILE_WIDTH, width - left)):
-            x = left + column
-            place = row * TILE_WIDTH + column
-            rest = scratch[_T + place]
-            color[y, x, 0] = scratch[_RED + place] + rest * background[0]
-            color[y, x, 1] = scratch[_GREEN + place] + rest * background[1]
-            color[y, x, 2] = scratch[_BLUE + place] + rest * background[2]
-            alpha[y, x] = _ONE - rest
-            if len(features) > 0:
-                u = (np.float32(x) + _HALF - view[CX]) / view[FX]
-                cosine = _ONE / math.sqrt(u * u + v * v + _ONE)
-                weight = scratch[_WEIGHT + place]
-                depth[y, x] = scratch[_DEPTH + place] / weight * cosine if weight > _ZERO else _ZERO
-                if len(features) > 1:
-                    median[y, x] = scratch[_MEDIAN + place] * cosine
-                    median_at[y, x] = scratch[_MEDIAN_AT + place]
-                    normal[y, x, 0] = scratch[_NX + place]
-                    normal[y, x, 1] = scratch[_NY + place]
-                    normal[y, x, 2] = scratch[_NZ + place]
-
-
-@njit(error_model="numpy")
-def _read_tile(features, scratch, left, top, view, color, alpha, depth, normal, median_at,
-               g_color, g_alpha, g_depth, g_median, g_normal):
-    """The planes of the backward pass. An output whose gradient is empty (size 0) has none.
-
-    The pixel's loss to first order is S = sum of weight times s over its Gaussians, plus the background's part,
-    with s = colour . g_color + g_alpha' + t g_t + n . g_normal. Expected depth doesn't change when all
-    weights are scaled, so its part of S vanishes and S follows from the outputs alone.
-    """
-    width, height = np.int64(view[WIDTH]), np.int64(view[HEIGHT])
-    for row in range(TILE_HEIGHT):
-        y = top + row
-        v = (np.float32(y) + _HALF - view[CY]) / view[FY]
-        for column in range(TILE_WIDTH):
-            x = left + column
-            place = row * TILE_WIDTH + column
-            inside = y < height and x < width
-            scratch[_T + place] = _ONE if inside else _ZERO
-            for plane in range(1, 12):
-                scratch[plane * _PLANE + place] = _ZERO
-            if not inside:
-                continue
-            total = _ZERO
-            covered = alpha[y, x]
-            to_alpha = _ZERO
-            if g_color.size > 0:
-                for c in range(3):
-                    g = g_color[y, x, c]
-                    scratch[_RED + c * _PLANE + place] = g
-                    total += g * color[y, x, c]
-            if g_alpha.size > 0:
-                to_alpha = g_alpha[y, x]
-                total += to_alpha * covered
-            if len(features) > 0:
-                u = (np.float32(x) + _HALF - view[CX]) / view[FX]
-                cosine = _ONE / math.sqrt(u * u + v * v + _ONE)
-                if g_depth.size > 0 and covered > _ZERO:
-                    g = g_depth[y, x] / covered
-                    scratch[_G_DEPTH + place] = g * cosine
-                    to_alpha -= g * depth[y, x]
-                if len(features) > 1:
-                    if g_median.size > 0:
-                        scratch[_G_MEDIAN + place] = g_median[y, x] * cosine
-                        scratch[_MEDIAN_AT + place] = median_at[y, x]
-                    if g_normal.size > 0:
-                        for c in range(3):
-                            g = g_normal[y, x, c]
-                            scratch[_G_NX + c * _PLANE + place] = g
-                            total += g * normal[y, x, c]
-            scratch[_G_ALPHA + place] = to_alpha
-            scratch[_LEFT + place] = total
 
 
 @njit(error_model="numpy")
@@ -197,73 +100,71 @@ def _backward_tile(features, absolute, width, records, ids, spans, begin, end, l
         log2_opacity = load1(records, base + LOG2_OPACITY)
         red, green, blue = load1(records, base + RED), load1(records, base + GREEN), load1(records, base + BLUE)
         my = load1(records, base + MY)
-        low, middle, high = zero, zero, zero
-        for vector in range(TILE_VECTORS):
-            dx = lanes8() + (np.float32(left + vector * LANES) + _HALF - load1(records, base + MX))
-            ldx = dx * l11
-            if len(features) > 0:
-                t_row = load1(records, base + T0) - dx * load1(records, base + TX)
-                tx, ty = load1(records, base + TX), load1(records, base + TY)
-                if len(features) > 1:
-                    nx, ny, nz = load1(records, base + NX), load1(records, base + NY), load1(records, base + NZ)
-            # Sums over the rows, lane by lane; dx is constant in a lane, so its moments can wait.
-            q0, q1, q2 = zero, zero, zero
-            sum_red, sum_green, sum_blue = zero, zero, zero
-            sum_t, sum_ty, sum_nx, sum_ny, sum_nz = zero, zero, zero, zero, zero
-            abs_x, abs_y = zero, zero
-            dy = np.float32(top + first) + (_HALF - my)
-            for row in range(first, stop):
-                place = row * TILE_WIDTH + vector * LANES
-                e = l22 * dy
-                d = ldx + l21 * dy
-                exponent = (log2_opacity - e * e) - d * d
-                transmittance = load8(scratch, _T + place)
-                taken = (exponent >= LOG2_MIN_ALPHA) & (transmittance >= MIN_TRANSMITTANCE)
-                alpha = select8(taken, min8(exp2_fast8(exponent), MAX_ALPHA), _ZERO)
-                weight = alpha * transmittance
-                store8(scratch, _T + place, transmittance - weight)
-                g_red, g_green = load8(scratch, _RED + place), load8(scratch, _GREEN + place)
-                g_blue = load8(scratch, _BLUE + place)
-                s = load8(scratch, _G_ALPHA + place) + g_red * red + g_green * green + g_blue * blue
-                sum_red += weight * g_red
-                sum_green += weight * g_green
-                sum_blue += weight * g_blue
-                if len(features) > 0:
-                    t = t_row - ty * dy
-                    g_depth = load8(scratch, _G_DEPTH + place)
-                    s += g_depth * max8(t, near)
-                    g_t = weight * g_depth
-                    if len(features) > 1:
-                        at = load8(scratch, _MEDIAN_AT + place) == np.float32(k - begin + 1)
-                        g_t += select8(at, load8(scratch, _G_MEDIAN + place), _ZERO)
-                        g_nx, g_ny = load8(scratch, _G_NX + place), load8(scratch, _G_NY + place)
-                        g_nz = load8(scratch, _G_NZ + place)
-                        s += g_nx * nx + g_ny * ny + g_nz * nz
-                        sum_nx += weight * g_nx
-                        sum_ny += weight * g_ny
-                        sum_nz += weight * g_nz
-                    g_t = select8(t > near, g_t, _ZERO)
-                    sum_t += g_t
-                    sum_ty += g_t * dy
-                rest = load8(scratch, _LEFT + place) - weight * s
-                store8(scratch, _LEFT + place, rest)
-                by_alpha = transmittance * s - rest / (_ONE - alpha)
-                q = select8(exponent < LOG2_MAX_ALPHA, by_alpha * alpha, _ZERO)
-                q0 += q
-                q1 += q * dy
-                q2 += q * dy * dy
-                if len(absolute) > 0:
-                    g_x, g_y = q * (_TWO_LN2 * l11) * d, q * _TWO_LN2 * (d * l21 + l22 * e)
-                    if len(features) > 0:
-                        g_x += g_t * tx
-                        g_y += g_t * ty
-                    abs_x += abs8(g_x)
-                    abs_y += abs8(g_y)
-                dy += _ONE
-            low += sums8(q0, q0 * dx, q0 * dx * dx, q1, q1 * dx, q2, sum_red, sum_green)
-            middle += sums8(sum_blue, sum_t, sum_t * dx, sum_ty, abs_x, abs_y, sum_nx, sum_ny)
+        dx = lanes8() + (np.float32(left) + _HALF - load1(records, base + MX))
+        ldx = dx * l11
+        if len(features) > 0:
+            t_row = load1(records, base + T0) - dx * load1(records, base + TX)
+            tx, ty = load1(records, base + TX), load1(records, base + TY)
             if len(features) > 1:
-                high += sums8(sum_nz, zero, zero, zero, zero, zero, zero, zero)
+                nx, ny, nz = load1(records, base + NX), load1(records, base + NY), load1(records, base + NZ)
+        # Sums over the rows, lane by lane; dx is constant in a lane, so its moments can wait.
+        q0, q1, q2 = zero, zero, zero
+        sum_red, sum_green, sum_blue = zero, zero, zero
+        sum_t, sum_ty, sum_nx, sum_ny, sum_nz = zero, zero, zero, zero, zero
+        abs_x, abs_y = zero, zero
+        dy = np.float32(top + first) + (_HALF - my)
+        for row in range(first, stop):
+            place = row * LANES
+            e = l22 * dy
+            d = ldx + l21 * dy
+            exponent = (log2_opacity - e * e) - d * d
+            transmittance = load8(scratch, P_T + place)
+            taken = (exponent >= LOG2_MIN_ALPHA) & (transmittance >= MIN_TRANSMITTANCE)
+            alpha = select8(taken, min8(exp2_fast8(exponent), MAX_ALPHA), _ZERO)
+            weight = alpha * transmittance
+            store8(scratch, P_T + place, transmittance - weight)
+            g_red, g_green = load8(scratch, P_RED + place), load8(scratch, P_GREEN + place)
+            g_blue = load8(scratch, P_BLUE + place)
+            s = load8(scratch, P_G_ALPHA + place) + g_red * red + g_green * green + g_blue * blue
+            sum_red += weight * g_red
+            sum_green += weight * g_green
+            sum_blue += weight * g_blue
+            if len(features) > 0:
+                t = t_row - ty * dy
+                g_depth = load8(scratch, P_G_DEPTH + place)
+                s += g_depth * max8(t, near)
+                g_t = weight * g_depth
+                if len(features) > 1:
+                    at = load8(scratch, P_MEDIAN_AT + place) == np.float32(k - begin + 1)
+                    g_t += select8(at, load8(scratch, P_G_MEDIAN + place), _ZERO)
+                    g_nx, g_ny = load8(scratch, P_G_NX + place), load8(scratch, P_G_NY + place)
+                    g_nz = load8(scratch, P_G_NZ + place)
+                    s += g_nx * nx + g_ny * ny + g_nz * nz
+                    sum_nx += weight * g_nx
+                    sum_ny += weight * g_ny
+                    sum_nz += weight * g_nz
+                g_t = select8(t > near, g_t, _ZERO)
+                sum_t += g_t
+                sum_ty += g_t * dy
+            rest = load8(scratch, P_LEFT + place) - weight * s
+            store8(scratch, P_LEFT + place, rest)
+            by_alpha = transmittance * s - rest / (_ONE - alpha)
+            q = select8(exponent < LOG2_MAX_ALPHA, by_alpha * alpha, _ZERO)
+            q0 += q
+            q1 += q * dy
+            q2 += q * dy * dy
+            if len(absolute) > 0:
+                g_x, g_y = q * (_TWO_LN2 * l11) * d, q * _TWO_LN2 * (d * l21 + l22 * e)
+                if len(features) > 0:
+                    g_x += g_t * tx
+                    g_y += g_t * ty
+                abs_x += abs8(g_x)
+                abs_y += abs8(g_y)
+            dy += _ONE
+        low = sums8(q0, q0 * dx, q0 * dx * dx, q1, q1 * dx, q2, sum_red, sum_green)
+        middle = sums8(sum_blue, sum_t, sum_t * dx, sum_ty, abs_x, abs_y, sum_nx, sum_ny)
+        if len(features) > 1:
+            high = sums8(sum_nz, zero, zero, zero, zero, zero, zero, zero)
         place = np.int64(k) * width
         store8(out, place, low)
         store8(out, place + 8, middle)
@@ -278,21 +179,21 @@ def _backward_tile(features, absolute, width, records, ids, spans, begin, end, l
 @njit(parallel=True, error_model="numpy", cache=True)
 def blend(features, records, starts, ids, spans, view, columns, background, color, alpha, depth, median, median_at, normal,
           looked_at, workers):
-    """Composite every tile, writing the images and how many Gaussians each tile looked at.
+    """Composite every tile, writing the images (flat) and how many Gaussians each tile looked at.
 
     features: an empty tuple for colour and alpha, one entry to add depth, two to add median depth and normals
     (its length is known when compiling). Images that the features leave out may be empty.
     """
     tiles = looked_at.size
     for worker in prange(workers):
-        scratch = np.empty(_SCRATCH, np.float32)
+        scratch = np.empty(SCRATCH, np.float32)
         # Neighbours cost alike, so dealing the tiles out one by one shares the work evenly.
         for tile in range(worker, tiles, workers):
             left, top = tile % columns * TILE_WIDTH, tile // columns * TILE_HEIGHT
-            _clear(scratch, left, top, np.int64(view[WIDTH]), np.int64(view[HEIGHT]), 10)
+            clear_tile(scratch, left, top, view)
             looked_at[tile] = _forward_tile(features, records, ids, spans, starts[tile], starts[tile + 1], left, top,
                                             view[NEAR], scratch)
-            _write_tile(features, scratch, left, top, view, background, color, alpha, depth, median, median_at, normal)
+            write_tile(features, scratch, left, top, view, background, color, alpha, depth, median, median_at, normal)
 
 
 @njit(parallel=True, error_model="numpy", cache=True)
@@ -305,11 +206,11 @@ def blend_backward(features, absolute, records, starts, ids, spans, view, column
     tiles = looked_at.size
     width = 24 if len(features) > 1 else 16
     for worker in prange(workers):
-        scratch = np.empty(_SCRATCH, np.float32)
+        scratch = np.empty(SCRATCH, np.float32)
         for tile in range(worker, tiles, workers):
             left, top = tile % columns * TILE_WIDTH, tile // columns * TILE_HEIGHT
             if looked_at[tile] > 0:
-                _read_tile(features, scratch, left, top, view, color, alpha, depth, normal, median_at,
+                read_tile(features, scratch, left, top, view, color, alpha, depth, normal, median_at,
                            g_color, g_alpha, g_depth, g_median, g_normal)
             _backward_tile(features, absolute, width, records, ids, spans, starts[tile], starts[tile + 1],
                            looked_at[tile], left, top, view[NEAR], scratch, out)

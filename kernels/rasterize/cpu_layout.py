@@ -8,9 +8,9 @@ import numpy as np
 
 from dofbench.numba_math import LANES
 
-TILE_VECTORS = 1
-TILE_WIDTH = TILE_VECTORS * LANES
-TILE_HEIGHT = 16
+# One vector wide: wider tiles waste lanes at the sides of small Gaussians. As many pixels as 16 x 16.
+TILE_WIDTH = LANES
+TILE_HEIGHT = 32
 
 # One Gaussian's record, a cache line of 16 floats. At pixel offset (dx, dy) = pixel - mean,
 #   log2(alpha) = log2(opacity) - (L11 dx + L21 dy)**2 - (L22 dy)**2

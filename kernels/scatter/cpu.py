@@ -10,13 +10,11 @@ from torch import Tensor
 
 from dofbench.lens import ALPHA, ApertureShape, Energy
 
-from . import cpu_direct, cpu_direct_backward
-from .cpu_linear import prefix_sums
-from .cpu_pack import COLOURS, PLANES, RATIONAL, SUMS, edges, geometry, pack_sources
+from . import cpu_direct, cpu_direct_backward, cpu_linear
+from .cpu_pack import COLOURS, RATIONAL, edges, geometry, pack_sources
 
 # Largest radius, pixels, from which "auto" takes the linear form.
 LINEAR_FROM = 12.0
-_NO_PREFIX = np.empty(0, np.float64)
 
 
 def scatter(
@@ -67,9 +65,9 @@ def _check(image: Tensor, signed_radius: Tensor, alpha: float, energy: str, form
 
 def _is_linear(form: str, largest: float, shape: ApertureShape) -> bool:
     if form == "auto":
-        return shape.obstruction == 0 and largest >= LINEAR_FROM
-    if form == "linear" and shape.obstruction > 0:
-        raise ValueError("form: expected 'auto' or 'direct' for an aperture with a central stop, found 'linear'")
+        return shape.is_disc and largest >= LINEAR_FROM
+    if form == "linear" and not shape.is_disc:
+        raise ValueError("form: expected 'auto' or 'direct' for an aperture that is no full disc, found 'linear'")
     return form == "linear"
 
 
@@ -79,28 +77,36 @@ class _Scatter(torch.autograd.Function):
     @staticmethod
     def forward(context, image, signed_radius, alpha, shape, area, form):
         colours, radii = image.numpy(), signed_radius.numpy()
-        largest_radius = float(np.abs(radii).max())
-        if not np.isfinite(largest_radius):
+        largest = float(np.abs(radii).max())
+        if not np.isfinite(largest):
             raise FloatingPointError("signed_radius: expected finite values, found NaN or infinity")
-        linear = _is_linear(form, largest_radius, shape)
-        sizes = geometry(*radii.shape, largest_radius, alpha)
-        edge = edges(sizes, largest_radius, alpha, shape)
-        packed = pack_sources(colours, radii, sizes, edge.kind == RATIONAL, np.float32(2.0 * alpha),
-                              np.float32(edge.base), area, edge.inscribed)
-        prefix = prefix_sums(packed[0], sizes.height, PLANES, 1, sizes.stride) if linear else _NO_PREFIX
-        blurred, total = cpu_direct.forward(*packed, prefix, sizes, edge)
+        sizes = geometry(*radii.shape, largest, alpha)
         context.save_for_backward(image, signed_radius)
-        context.kept = (blurred, total, packed, linear, sizes, edge, alpha, area)
+        context.options = sizes, alpha, area
+        if _is_linear(form, largest, shape):
+            blurred, total = cpu_linear.forward(colours, radii, sizes, alpha, area)
+            context.packed = None
+        else:
+            edge = edges(sizes, largest, alpha, shape)
+            packed = pack_sources(colours, radii, sizes, edge.kind == RATIONAL, np.float32(2.0 * alpha),
+                                  np.float32(edge.base), area)
+            blurred, total = cpu_direct.forward(*packed, sizes, edge)
+            context.packed = *packed, edge
+        context.sums = blurred, total
         return torch.from_numpy(blurred)
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(context, gradient):
-        image, signed_radius = context.saved_tensors
-        blurred, total, packed, linear, sizes, edge, alpha, area = context.kept
-        by_sums, own = cpu_direct_backward.pack_gradient(
-            gradient.contiguous().numpy(), image.numpy(), blurred, total, sizes)
-        prefix = prefix_sums(by_sums, sizes.height, SUMS, 0, sizes.stride) if linear else _NO_PREFIX
-        by_colour, by_radius = cpu_direct_backward.backward(
-            *packed, signed_radius.numpy(), by_sums, own, prefix, sizes, edge, alpha, area)
+        image, radii = (tensor.numpy() for tensor in context.saved_tensors)
+        gradient = gradient.contiguous().numpy()
+        blurred, total = context.sums
+        sizes, alpha, area = context.options
+        if context.packed is None:
+            by_colour, by_radius = cpu_linear.backward(gradient, image, radii, blurred, total, sizes, alpha, area)
+        else:
+            sources, reach, edge = context.packed
+            by_sums, own = cpu_direct_backward.pack_gradient(gradient, image, blurred, total, sizes)
+            by_colour, by_radius = cpu_direct_backward.backward(
+                sources, reach, radii, by_sums, own, sizes, edge, alpha, area)
         return torch.from_numpy(by_colour), torch.from_numpy(by_radius), None, None, None, None

@@ -1,9 +1,8 @@
-"""Forward sums. Direct form: every source visits every pixel of its circle of confusion, O(R^2) a pixel.
+"""The direct form: every source visits every pixel of its circle of confusion, O(R^2) a pixel.
 
 A row of sources is gathered into vectors of targets, one row offset at a time; for a disc the same sums
 serve the target row as far above as below. Bands of source rows write to buffers of their own, merged in
-a fixed order: no atomics, and the same bits whatever the number of threads. The linear form differs in
-what it leaves to visit: see cpu_linear.py.
+a fixed order: no atomics, and the same bits whatever the number of threads.
 """
 
 from __future__ import annotations
@@ -11,21 +10,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.numba_math import exp2_fast8, load8, max8, min8, store8
+from dofbench.numba_math import load8, splat8, store8
 
-from .cpu_linear import add_run, split_at_runs
-from .cpu_pack import BLOCK, COLOURS, EXPONENTIAL, PLANES, RATIONAL, SUMS, Edges, Geometry, half_width
+from .cpu_edge import half_width, logistic2
+from .cpu_pack import BLOCK, COLOURS, EXPONENTIAL, PLANES, RATIONAL, SUMS, Edges, Geometry
 
 STRIP = 64  # columns of a task: the target rows of one strip that a source row writes to stay in the cache
 LANES = 8
 _ONE = np.float32(1.0)
-_LIMIT = np.float32(100.0)  # 1 / (1 + 2 ** +-100) is 0 or 1 in float32
-
-
-@njit(cache=True, error_model="numpy")
-def logistic2(x):
-    """1 / (1 + 2 ** x)."""
-    return _ONE / (_ONE + exp2_fast8(max8(min8(x, _LIMIT), -_LIMIT)))
 
 
 @njit(cache=True, error_model="numpy")
@@ -79,7 +71,7 @@ def farthest_reach(reach, y, block, around):
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def _spread(planes, reach, core, prefix, sizes, rows, linear, kind, folded, outer, slope, stop, opacity):
+def _spread(planes, reach, sizes, rows, kind, folded, outer, slope, stop, opacity):
     """Buffers (bands of `rows` source rows, strips, target rows of the band, SUMS, STRIP)."""
     height, width, stride, pad, reach_y, reach_x, _, _ = sizes
     strips, bands = -(-width // STRIP), -(-height // rows)
@@ -91,9 +83,6 @@ def _spread(planes, reach, core, prefix, sizes, rows, linear, kind, folded, oute
         strip, part = task % strips, task // strips
         buffer = buffers[part, strip]
         buffer[:] = 0
-        run_sums = np.zeros(SUMS * BLOCK, np.float32)
-        soft = np.empty((4 * around + 4, 2), np.int64)
-        runs = np.empty((2 * around + 2, 2), np.int64)
         for y in range(part * rows, min(height, part * rows + rows)):
             for x in range(strip * STRIP, min(width, strip * STRIP + STRIP), BLOCK):
                 block = (pad + x) // BLOCK
@@ -104,27 +93,19 @@ def _spread(planes, reach, core, prefix, sizes, rows, linear, kind, folded, oute
                     below, above = y + dy < height and y + dy >= 0, folded and dy > 0 and y - dy >= 0
                     if half < 0 or not (below or above):
                         continue
-                    soft[0, 0], soft[0, 1] = max(-half, 1 - BLOCK - x), min(half, width - 1 - x)
-                    pieces = 1
-                    if linear:
-                        pieces, run_count = split_at_runs(soft, runs, reach, core, y, block, dy)
-                        run_sums[:] = 0
-                        for k in range(run_count):
-                            add_run(run_sums, prefix, y * SUMS * stride + pad + x, stride, runs[k, 0], runs[k, 1])
+                    low, high = max(-half, 1 - BLOCK - x), min(half, width - 1 - x)
                     entry = (dy - first) * columns + reach_x
                     to = (y + dy - part * rows + reach_y) * SUMS * STRIP + x - strip * STRIP
                     for i in range(0, BLOCK, LANES):
-                        sums = (load8(run_sums, i), load8(run_sums, BLOCK + i),
-                                load8(run_sums, 2 * BLOCK + i), load8(run_sums, 3 * BLOCK + i))
-                        for k in range(pieces):
-                            low, high = soft[k, 0], soft[k, 1]
-                            if kind == RATIONAL:
-                                sums = _gather_rational(sums, planes, at + i, stride, low, high, outer, entry)
-                            elif kind == EXPONENTIAL:
-                                sums = _gather_exponential(sums, planes, at + i, stride, low, high, outer, slope, entry)
-                            else:
-                                sums = _gather_stopped(sums, planes, at + i, stride, low, high, outer, slope, entry,
-                                                       stop, opacity)
+                        zero = splat8(np.float32(0.0))
+                        sums = (zero, zero, zero, zero)
+                        if kind == RATIONAL:
+                            sums = _gather_rational(sums, planes, at + i, stride, low, high, outer, entry)
+                        elif kind == EXPONENTIAL:
+                            sums = _gather_exponential(sums, planes, at + i, stride, low, high, outer, slope, entry)
+                        else:
+                            sums = _gather_stopped(sums, planes, at + i, stride, low, high, outer, slope, entry,
+                                                   stop, opacity)
                         if below:
                             _add(buffer, to + i, sums)
                         if above:
@@ -155,14 +136,10 @@ def _merge(buffers, height, width, rows, reach_y):
     return blurred, total
 
 
-def forward(planes: np.ndarray, reach: np.ndarray, core: np.ndarray, prefix: np.ndarray, sizes: Geometry,
-            edge: Edges) -> tuple[np.ndarray, np.ndarray]:
-    """Blurred colours (H, W, COLOURS) and total weight (H, W).
-
-    planes, reach, core: from `pack_sources`. prefix: running sums of the sources for the linear form; empty for the direct one.
-    """
+def forward(planes: np.ndarray, reach: np.ndarray, sizes: Geometry, edge: Edges) -> tuple[np.ndarray, np.ndarray]:
+    """Blurred colours (H, W, COLOURS) and total weight (H, W); planes, reach: from `pack_sources`."""
     # A band of this height makes little overlap to merge, and still leaves work for several threads.
     rows = max(48, 2 * sizes.reach_y)
-    buffers = _spread(planes, reach, core, prefix, sizes, rows, prefix.size > 0, edge.kind, edge.folded, edge.outer,
-                      edge.slope, edge.stop, edge.opacity)
+    buffers = _spread(planes, reach, sizes, rows, edge.kind, edge.folded, edge.outer, edge.slope, edge.stop,
+                      edge.opacity)
     return _merge(buffers, sizes.height, sizes.width, rows, sizes.reach_y)

@@ -5,8 +5,7 @@ With g_j the gradient by the target's sums (colours and weight), D_ij = q_i (c_i
     dL/dc_i = q_i sum_j S_ij g_j,   dL/dR_i = sum_j S'_ij D_ij - 2 R_i q_i sum_j S_ij D_ij,   S' = dS/dR.
 
 For a disc the targets above and below, left and right of the source have the same S: their gradients
-are added first, rows once for a strip of sources, columns in the inner loop. In the linear form the
-inside of the disc, where S = 1 and S' = 0, is a difference of running sums.
+are added first, rows once for a strip of sources, columns in the inner loop.
 
 D_ii is a plane of its own: near focus blurred and sharp colour agree to many digits there, and c_i . g_i
 would cancel to noise, while their difference is exact.
@@ -20,11 +19,10 @@ import numpy as np
 from numba import njit, prange
 
 from dofbench.lens import AREA_EPSILON
-from dofbench.numba_math import load8, splat8, store8
+from dofbench.numba_math import load8, store8
 
-from .cpu_direct import logistic2
-from .cpu_linear import add_run
-from .cpu_pack import BLOCK, COLOURS, PLANES, RATIONAL, SUMS, Edges, Geometry, half_width
+from .cpu_edge import half_width, logistic2
+from .cpu_pack import BLOCK, COLOURS, PLANES, RATIONAL, SUMS, Edges, Geometry
 
 STRIP = 64       # sources of a task in x
 ROWS = 16        # and in y
@@ -129,13 +127,12 @@ def _exponential(radius, outer, slope, stop, opacity):
 
 
 @njit(cache=True, error_model="numpy")
-def _visit_rational(sums, lines, at, count, source, own, own_at, dy, first, last, outer, entry):
-    if first == 0:
-        gradient = _load4(lines, at, count)
-        weight, slope = _rational(source[0], outer[entry])
-        product = source[4] * load8(own, own_at) if dy == 0 else _product(gradient, source)
-        sums = _collect(sums, weight, slope, gradient, product)
-    for dx in range(max(1, first), last + 1):
+def _visit_rational(sums, lines, at, count, source, own, own_at, dy, last, outer, entry):
+    gradient = _load4(lines, at, count)
+    weight, slope = _rational(source[0], outer[entry])
+    product = source[4] * load8(own, own_at) if dy == 0 else _product(gradient, source)
+    sums = _collect(sums, weight, slope, gradient, product)
+    for dx in range(1, last + 1):
         gradient = _load4_mirrored(lines, at, dx, count)
         weight, slope = _rational(source[0], outer[entry + dx])
         sums = _collect(sums, weight, slope, gradient, _product(gradient, source))
@@ -143,21 +140,20 @@ def _visit_rational(sums, lines, at, count, source, own, own_at, dy, first, last
 
 
 @njit(cache=True, error_model="numpy")
-def _visit_exponential(sums, lines, at, count, source, own, own_at, dy, first, last, outer, slope, entry, stop,
+def _visit_exponential(sums, lines, at, count, source, own, own_at, dy, last, outer, slope, entry, stop,
                        opacity, folded):
     # Tables are by source column minus target column; here the target is at +dx.
-    if first == 0:
-        gradient = _load4(lines, at, count)
-        weight, steep = _exponential(source[0], outer[entry], slope[entry], stop, opacity)
-        product = source[4] * load8(own, own_at) if dy == 0 else _product(gradient, source)
-        sums = _collect(sums, weight, steep, gradient, product)
+    gradient = _load4(lines, at, count)
+    weight, steep = _exponential(source[0], outer[entry], slope[entry], stop, opacity)
+    product = source[4] * load8(own, own_at) if dy == 0 else _product(gradient, source)
+    sums = _collect(sums, weight, steep, gradient, product)
     if folded:
-        for dx in range(max(1, first), last + 1):
+        for dx in range(1, last + 1):
             gradient = _load4_mirrored(lines, at, dx, count)
             weight, steep = _exponential(source[0], outer[entry + dx], slope[entry + dx], stop, opacity)
             sums = _collect(sums, weight, steep, gradient, _product(gradient, source))
         return sums
-    for dx in range(max(1, first), last + 1):
+    for dx in range(1, last + 1):
         gradient = _load4(lines, at + dx, count)
         weight, steep = _exponential(source[0], outer[entry - dx], slope[entry - dx], stop, opacity)
         sums = _collect(sums, weight, steep, gradient, _product(gradient, source))
@@ -168,7 +164,7 @@ def _visit_exponential(sums, lines, at, count, source, own, own_at, dy, first, l
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def _gather(sources, reach, core, gradient, own, prefix, sizes, linear, kind, folded, outer, slope, stop, opacity):
+def _gather(sources, reach, gradient, own, sizes, kind, folded, outer, slope, stop, opacity):
     """Sums (H, strips, 5, STRIP): by colour without the area term, of S D, and of S' D."""
     height, width, stride, pad, reach_y, reach_x, _, _ = sizes
     strips, bands = -(-width // STRIP), -(-height // ROWS)
@@ -178,7 +174,6 @@ def _gather(sources, reach, core, gradient, own, prefix, sizes, linear, kind, fo
     for task in prange(strips * bands):
         strip, part = task % strips, task // strips
         lines = np.empty(SUMS * (STRIP + 2 * BLOCK * -(-reach_x // BLOCK)), np.float32)
-        run = np.zeros(SUMS * BLOCK, np.float32)
         left = pad + strip * STRIP
         end = min(STRIP, BLOCK * -(-(width - strip * STRIP) // BLOCK))
         for y in range(part * ROWS, min(height, part * ROWS + ROWS)):
@@ -201,27 +196,15 @@ def _gather(sources, reach, core, gradient, own, prefix, sizes, linear, kind, fo
                     last = min(half_width(reach[y, block], dy), reach_x)
                     if last < 0:
                         continue
-                    full = -1
-                    if linear:
-                        full = min(half_width(core[y, block], dy), last)
-                    if full >= 0:
-                        run[:] = 0
-                        if below:
-                            add_run(run, prefix, (y + dy) * SUMS * stride + left + start, stride, -full, full)
-                        if above:
-                            add_run(run, prefix, (y - dy) * SUMS * stride + left + start, stride, -full, full)
                     for i in range(start, start + BLOCK, LANES):
                         source = _load5(sources, y * PLANES * stride + left + i, stride)
                         sums = _load5(running, i, STRIP)
-                        if full >= 0:
-                            inside = _load4(run, i - start, BLOCK)
-                            sums = _collect(sums, splat8(_ONE), splat8(_NONE), inside, _product(inside, source))
                         if kind == RATIONAL:
                             sums = _visit_rational(sums, lines, around + i, count, source, own,
-                                                   y * stride + left + i, dy, full + 1, last, outer, entry)
+                                                   y * stride + left + i, dy, last, outer, entry)
                         else:
                             sums = _visit_exponential(sums, lines, around + i, count, source, own,
-                                                      y * stride + left + i, dy, full + 1, last, outer, slope, entry,
+                                                      y * stride + left + i, dy, last, outer, slope, entry,
                                                       stop, opacity, folded)
                         _store5(running, i, STRIP, sums)
     return result
@@ -248,16 +231,14 @@ def _finish(sums, signed_radius, steepness, area_epsilon, area):
     return by_colour, by_radius
 
 
-def backward(sources: np.ndarray, reach: np.ndarray, core: np.ndarray, signed_radius: np.ndarray,
-             gradient: np.ndarray, own: np.ndarray, prefix: np.ndarray, sizes: Geometry, edge: Edges,
-             alpha: float, area: bool) -> tuple[np.ndarray, np.ndarray]:
+def backward(sources: np.ndarray, reach: np.ndarray, signed_radius: np.ndarray, gradient: np.ndarray,
+             own: np.ndarray, sizes: Geometry, edge: Edges, alpha: float, area: bool) -> tuple[np.ndarray, np.ndarray]:
     """Gradients by the image (H, W, COLOURS) and by the signed radius (H, W).
 
-    sources, reach, core: from `pack_sources`; gradient, own: from `pack_gradient`; prefix: running sums of `gradient` for
-    the linear form, empty for the direct one.
+    sources, reach: from `pack_sources`; gradient, own: from `pack_gradient`.
     """
-    sums = _gather(sources, reach, core, gradient, own, prefix, sizes, prefix.size > 0, edge.kind, edge.folded,
-                   edge.outer, edge.slope, edge.stop, edge.opacity)
+    sums = _gather(sources, reach, gradient, own, sizes, edge.kind, edge.folded, edge.outer, edge.slope, edge.stop,
+                   edge.opacity)
     # The rational form leaves dS/dR = 2 alpha S (1 - S) without its constant; the other's tables are powers of 2.
     steepness = 2.0 * alpha if edge.kind == RATIONAL else math.log(2.0)
     return _finish(sums, signed_radius, np.float32(steepness), np.float32(AREA_EPSILON), area)

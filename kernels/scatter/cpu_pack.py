@@ -53,8 +53,7 @@ class Edges:
     kind RATIONAL: 1 / (1 + outer * edge), edge = exp(-2 alpha (R - base)) a plane. Otherwise
     1 / (1 + 2 ** (outer - slope * edge)) with edge = R. Tables are (rows, 2 reach_x + 1), flattened: rows are
     target row minus source row, from 0 where `folded` (the shape is the same above and below), else
-    from -reach_y; columns are source column minus target column. inscribed: share of the radius
-    within which no direction is cut short; zero with a central stop.
+    from -reach_y; columns are source column minus target column.
     """
 
     kind: int
@@ -64,7 +63,6 @@ class Edges:
     slope: np.ndarray
     stop: np.float32
     opacity: np.float32
-    inscribed: np.float32
 
 
 def geometry(height: int, width: int, largest: float, alpha: float) -> Geometry:
@@ -92,7 +90,7 @@ def edges(sizes: Geometry, largest: float, alpha: float, shape: ApertureShape) -
         exponent = np.minimum(2.0 * alpha * (distance - base), LARGEST_EXPONENT)
         outer = np.exp(exponent).astype(np.float32).ravel()
         nothing = np.float32(0.0)
-        return Edges(RATIONAL, True, base, outer, np.zeros(1, np.float32), nothing, nothing, np.float32(1.0))
+        return Edges(RATIONAL, True, base, outer, np.zeros(1, np.float32), nothing, nothing)
     factor = np.where(distance > 0, shape.radius_factor(np.arctan2(rows, -columns)), 1.0)
     scale = 2.0 * alpha * math.log2(math.e)
     stopped = shape.obstruction > 0
@@ -104,22 +102,19 @@ def edges(sizes: Geometry, largest: float, alpha: float, shape: ApertureShape) -
         slope=(scale * factor).astype(np.float32).ravel(),
         stop=np.float32(shape.obstruction),
         opacity=np.float32(STOP_OPACITY if stopped else 0.0),
-        inscribed=np.float32(0.0 if stopped else factor.min()),
     )
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def pack_sources(image, signed_radius, sizes, rational, steepness, base, area, inscribed):
-    """Planes of the sources, flat; and of every block of a row, (H, stride / BLOCK), its reach and its core.
+def pack_sources(image, signed_radius, sizes, rational, steepness, base, area):
+    """Planes of the sources, flat; and for every block of a row how far its sources reach, (H, stride / BLOCK) pixels.
 
-    image: (H, W, COLOURS). steepness: 2 alpha. Beyond `reach` no source of the block gives anything,
-    within `core` all of them give their full weight, pixels.
+    image: (H, W, COLOURS). steepness: 2 alpha.
     """
     height, width, stride, pad = sizes.height, sizes.width, sizes.stride, sizes.pad
     band, least = np.float32(sizes.band), np.float32(sizes.least)
     planes = np.zeros((height, PLANES, stride), np.float32)
     reach = np.full((height, stride // BLOCK), NOWHERE, np.float32)
-    core = np.full((height, stride // BLOCK), -NOWHERE, np.float32)
     for y in prange(height):
         for x in range(width):
             radius = abs(signed_radius[y, x])
@@ -131,17 +126,8 @@ def pack_sources(image, signed_radius, sizes, rational, steepness, base, area, i
                 planes[y, 1 + channel, pad + x] = share * image[y, x, channel]
             planes[y, PLANES - 1, pad + x] = share
         for start in range(0, width, BLOCK):
-            largest, smallest = np.float32(0.0), -NOWHERE
+            largest = np.float32(0.0)
             for x in range(start, min(width, start + BLOCK)):
-                radius = abs(signed_radius[y, x])
-                largest, smallest = max(largest, radius), min(smallest, radius)
+                largest = max(largest, abs(signed_radius[y, x]))
             reach[y, (pad + start) // BLOCK] = max(largest + band, least)
-            core[y, (pad + start) // BLOCK] = smallest * inscribed - band
-    return planes.reshape(-1), reach, core
-
-
-@njit(cache=True, error_model="numpy")
-def half_width(radius, dy):
-    """Half of the chord at `dy` from the centre, whole pixels; -1 where the circle doesn't reach that far."""
-    rest = radius * radius - np.float32(dy) * np.float32(dy)
-    return int(np.sqrt(rest)) if radius >= 0 and rest >= 0 else -1
+    return planes.reshape(-1), reach

@@ -17,8 +17,8 @@ import pytest
 from harness_fakes import FakeDataset, write_dataset
 from rich.console import Console
 
+from dofbench import synthesis
 from dofbench.errors import InputError, Status
-from dofbench.harness import evaluate
 from dofbench.harness.evaluate import Evaluator
 from dofbench.harness.lock import is_running, locked, read_lock
 from dofbench.harness.protocol import LENS_COLUMNS, PROTOCOLS
@@ -89,6 +89,16 @@ def test_a_budget_of_seconds(call) -> None:
     result = read_result(call(budget="0.3s", set=("pause=0.02",)).folder)
     assert 0.3 <= result.scores["train_s"] < 1.0
     assert 5 <= result.scores["steps"] <= 16
+
+
+def test_compilation_is_not_training_time(call, tmp_path: Path) -> None:
+    code = tmp_path / "methods" / "fake" / "behaviour.py"
+    compiling = "compiled = []\n\n\ndef misbehave(options, step, loss):\n" \
+        "    if not compiled:\n        compiled.append(time.sleep(0.5))\n"
+    code.write_text(code.read_text().replace("def misbehave(options, step, loss):\n", compiling))
+    result = read_result(call(budget="0.3s", set=("pause=0.02",)).folder)
+    assert result.status is Status.OK and result.scores["steps"] >= 5
+    assert result.stages["warm up"].wall >= 0.5
 
 
 def test_the_preset_says_steps_where_it_has_no_budget(call) -> None:
@@ -275,8 +285,34 @@ def test_a_killed_process_leaves_a_trace(call, tmp_path: Path) -> None:
     assert read_lock(folder) == (spec, "waves", "noon")
 
 
-def test_predictions_of_a_wrong_shape_are_a_crash(call, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(evaluate, "to_8bit", lambda image: image)
-    monkeypatch.setattr(evaluate, "from_8bit", lambda image: image)
-    monkeypatch.setattr(evaluate, "score_image", lambda *_: {})
-    assert call().status is Status.CRASHED
+def test_a_prediction_of_a_wrong_size_is_a_crash(call, tmp_path: Path) -> None:
+    code = tmp_path / "methods" / "fake" / "trainer.py"
+    code.write_text(code.read_text().replace("return Rendering(image.", "return Rendering(image[1:]."))
+    result = read_result(call().folder)
+    assert result.status is Status.CRASHED
+    assert "expected an image of shape (48, 64, 3), found (47, 64, 3)" in result.message
+
+
+def test_a_terminal_gets_a_bar_and_the_files_place(call) -> None:
+    stream = io.StringIO()
+    end = call(Console(file=stream, width=300, force_terminal=True, color_system=None))
+    shown = stream.getvalue()
+    assert "training" in shown and "step 8" in shown
+    assert f"result {end.folder / 'result.json'}" in shown
+
+
+def test_a_log_gets_plain_lines(call) -> None:
+    console, stream = text_console()
+    call(console)
+    assert "step 8, loss 0.1250" in stream.getvalue() and "\x1b" not in stream.getvalue()
+
+
+def test_without_data_the_builtin_dataset_is_made_first(call, tmp_path: Path, monkeypatch) -> None:
+    folder = tmp_path / "builtin"
+    monkeypatch.setattr(synthesis, "builtin_folder", lambda: folder)
+    monkeypatch.setattr(synthesis, "make_dataset", lambda settings: write_dataset(settings.out))
+    console, stream = text_console()
+    assert call(console, data=None, dry_run=True).status is None
+    assert "would first make the built-in dataset" in stream.getvalue() and not folder.exists()
+    end = call(data=None)
+    assert end.status is Status.OK and read_result(end.folder).data == str(folder)

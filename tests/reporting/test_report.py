@@ -8,6 +8,7 @@ import itertools
 import json
 import math
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -303,3 +304,11 @@ def test_no_results_is_an_error(tmp_path: Path) -> None:
         report(Report(tmp_path / "nowhere", tmp_path / "out"))
     with pytest.raises(InputError, match="no result.json"):
         report(Report(tmp_path, tmp_path / "out"))
+
+
+def test_a_copy_of_a_result_is_no_second_seed(plain, call, made) -> None:
+    folder = call().folder
+    shutil.copytree(folder, folder.with_name("backup"))
+    _, out, said = made()
+    assert "a copy of another result" in said
+    assert len(rows(out / "leaderboard.csv")) == 1

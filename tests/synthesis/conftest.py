@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from dofbench.cameras import Camera
 from dofbench.contracts import PointCloud
@@ -46,6 +47,15 @@ def _render(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     front = near_x < 0.1
     x, y = np.where(front, near_x, far_x), np.where(front, near_y, far_y)
     return _texture(x, y, front.astype(float)), np.where(front, near, far).astype(np.float32)
+
+
+@pytest.fixture
+def one_torch_thread() -> Iterator[None]:
+    """The reference scatter on images this small spends its time waking threads, the more the busier the machine."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
 
 
 @pytest.fixture(scope="session")

@@ -43,5 +43,5 @@ def test_view_range_is_minimum_and_95th_percentile():
     depth = np.linspace(1, 5, 101, dtype=np.float32)[None]
     found = view_range(depth)
     disparity = 1 / depth[0].astype(np.float64)
-    assert found.q_min == pytest.approx(0.2)
+    assert found.q_min == pytest.approx(0.2, rel=FLOAT64_VALUE)
     assert found.q_max == pytest.approx(np.percentile(disparity, 95), rel=FLOAT64_VALUE)

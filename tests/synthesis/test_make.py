@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+from datetime import datetime
+from functools import partial
 
 import numpy as np
 import pytest
 import torch
+from tolerances import FLOAT32_VALUE, FLOAT64_VALUE, LEVEL_8BIT, POSE_ROUND_TRIP, RECOMPUTED_PSNR
 
 from dofbench import depth
 from dofbench.errors import InputError
@@ -17,8 +20,9 @@ from dofbench.scenes import load_scene
 from dofbench.synthesis import check_dataset, make_dataset
 from dofbench.synthesis.progress import Silent, Terminal
 from dofbench.synthesis.settings import MakeDataset
-from dofbench.synthesis.verify import RECOMPUTED_PSNR
 
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+near = partial(pytest.approx, rel=FLOAT64_VALUE)
 VIEWS = [f"v{index:02d}" for index in range(6)]
 
 
@@ -76,18 +80,17 @@ def test_every_view_can_be_recomputed(make, options):
     folder = make(aperture="1", **options)
     lenses = lens_file(folder)
     assert min(recomputed_psnr(folder, record, lenses) for record in lenses["views"]) >= RECOMPUTED_PSNR
-    assert check_dataset(folder) == []
 
 
 def test_lens_numbers_agree_with_each_other(dataset_folder):
     lenses = lens_file(dataset_folder)
     q_min, q_max = lenses["disparity_range"]
     every = np.stack([read_exr(dataset_folder / "depth" / f"{name}.exr") for name in VIEWS]).astype(np.float64)
-    assert (q_min, q_max) == pytest.approx(tuple(np.percentile(1 / every, [1, 99])))
+    assert (q_min, q_max) == near(tuple(np.percentile(1 / every, [1, 99])))
     for record in lenses["views"]:
-        assert record["k_px"] == pytest.approx(0.02 * 128 * record["aperture"])
-        assert record["aperture_scene"] == pytest.approx(record["k_px"] / (q_max - q_min))
-        assert 1 / record["focus_scene"] == pytest.approx(q_min + record["focus"] * (q_max - q_min))
+        assert record["k_px"] == near(0.02 * 128 * record["aperture"])
+        assert record["aperture_scene"] == near(record["k_px"] / (q_max - q_min))
+        assert 1 / record["focus_scene"] == near(q_min + record["focus"] * (q_max - q_min))
 
 
 def test_what_goes_in_comes_out(dataset_folder, scene):
@@ -95,7 +98,7 @@ def test_what_goes_in_comes_out(dataset_folder, scene):
     assert [view.split for view in given.views] == [view.split for view in made.views]
     for before, after in zip(given.views, made.views, strict=True):
         np.testing.assert_array_equal(before.depth(), after.depth())
-        np.testing.assert_allclose(before.camera.world_to_camera, after.camera.world_to_camera, atol=1e-12)
+        np.testing.assert_allclose(before.camera.world_to_camera, after.camera.world_to_camera, atol=POSE_ROUND_TRIP)
         np.testing.assert_array_equal(
             before.image(), read_image(dataset_folder / "all_in_focus" / f"{before.name}.png")
         )
@@ -107,7 +110,7 @@ def test_other_programs_layouts_hold_the_same_cameras(dataset_folder, layout):
     reference, other = load_scene(dataset_folder), load_scene(dataset_folder, layout=layout, images="images")
     for one, two in zip(reference.views, other.views, strict=True):
         assert one.name == two.name
-        np.testing.assert_allclose(one.camera.world_to_camera, two.camera.world_to_camera, atol=1e-12)
+        np.testing.assert_allclose(one.camera.world_to_camera, two.camera.world_to_camera, atol=POSE_ROUND_TRIP)
         np.testing.assert_allclose(one.camera.intrinsics, two.camera.intrinsics)
 
 
@@ -118,10 +121,10 @@ def test_per_view_normaliser_is_converted_to_the_scenes_units(make):
     for record in lenses["views"]:
         z = read_exr(folder / "depth" / f"{record['name']}.exr").astype(np.float64)
         low, high = (1 / z).min(), np.percentile(1 / z, 95)
-        assert record["dealt"] == {"aperture": 1, "focus": 0.8, "disparity_range": pytest.approx([low, high])}
-        assert 1 / record["focus_scene"] == pytest.approx(low + 0.8 * (high - low))
-        assert record["aperture_scene"] == pytest.approx(0.02 * 128 / (high - low))
-        assert record["focus"] == pytest.approx((1 / record["focus_scene"] - q_min) / (q_max - q_min))
+        assert record["dealt"] == {"aperture": 1, "focus": 0.8, "disparity_range": near([low, high])}
+        assert 1 / record["focus_scene"] == near(low + 0.8 * (high - low))
+        assert record["aperture_scene"] == near(0.02 * 128 / (high - low))
+        assert record["focus"] == near((1 / record["focus_scene"] - q_min) / (q_max - q_min))
 
 
 def test_a_closed_aperture_gives_the_original_bit_for_bit(make):
@@ -138,7 +141,7 @@ def test_options_take_effect(make):
     linear, encoded = (read(folder / name) for read, name in (
         (read_exr, "images_linear/v01.exr"), (read_image, "images/v01.png")))
     assert linear.shape == (48, 64, 3)
-    assert np.abs(linear ** (1 / 2.2) - encoded).max() <= 0.5001 / 255
+    assert np.abs(linear ** (1 / 2.2) - encoded).max() <= 0.5 * LEVEL_8BIT + FLOAT32_VALUE
     assert "--assign fixed" in json.loads((folder / "dataset.json").read_text())["command"]
 
 
@@ -152,14 +155,15 @@ def test_unknown_depth_blurs_as_infinitely_far(write_scene, tmp_path):
     record = lenses["views"][1]
     assert (read_exr(folder / "depth/v01.exr") == 0).sum() == 300
     at_infinity = record["aperture_scene"] / record["focus_scene"]
-    assert record["max_coc_px"] >= at_infinity * 0.999
+    assert record["max_coc_px"] >= at_infinity * (1 - FLOAT64_VALUE)
     assert recomputed_psnr(folder, record, lenses) >= RECOMPUTED_PSNR
     assert check_dataset(folder) == []
 
 
 def test_nothing_of_the_machine_is_written(dataset_folder, scene, contents):
+    today = datetime.now().strftime("%Y:%m:%d")  # as image headers write it
     for name, data in contents(dataset_folder).items():
-        for secret in (str(scene.parent), str(dataset_folder.parent)):
+        for secret in (str(scene.parent), str(dataset_folder.parent), today):
             assert secret.encode() not in data, name
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from tolerances import FLOAT64_VALUE
 
 from dofbench.errors import InputError
 from dofbench.synthesis.settings import MakeDataset
@@ -18,7 +19,7 @@ def test_lists_are_numbers_in_the_order_given():
 def test_polygon():
     shape = MakeDataset(shape="5-gon", shape_rotation=90, shape_curvature=0.25, shape_obstruction=0.1).aperture_shape
     assert (shape.blades, shape.curvature, shape.obstruction) == (5, 0.25, 0.1)
-    assert shape.rotation == pytest.approx(math.pi / 2)
+    assert shape.rotation == pytest.approx(math.pi / 2, rel=FLOAT64_VALUE)
 
 
 @pytest.mark.parametrize(

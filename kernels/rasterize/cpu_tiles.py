@@ -1,0 +1,137 @@
+"""Between images and a tile's scratch memory, one row of eight pixels at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from dofbench.numba_math import LANES, gather8, lanes8, scatter8, select8, splat8, sqrt8, store8
+
+from .cpu_layout import CX, CY, FX, FY, HEIGHT, TILE_HEIGHT, WIDTH
+
+ZERO = np.float32(0.0)
+HALF = np.float32(0.5)
+ONE = np.float32(1.0)
+
+# Scratch memory is a row of planes of TILE_HEIGHT rows of one vector. Transmittance comes first; then the
+# forward pass has the sums of weight times feature, and the median with the place of its Gaussian in the list.
+PLANE = TILE_HEIGHT * LANES
+P_T, P_RED, P_GREEN, P_BLUE, P_DEPTH, P_WEIGHT, P_NX, P_NY, P_NZ, P_MEDIAN, P_MEDIAN_AT = (
+    PLANE * k for k in range(11)
+)
+# The backward pass has the loss by each output instead (colour's in the colour planes), and what is left of
+# the pixel's loss.
+P_LEFT, P_G_ALPHA, P_G_DEPTH, P_G_NX, P_G_NY, P_G_NZ, P_G_MEDIAN = (PLANE * k for k in (4, 5, 9, 6, 7, 8, 11))
+SCRATCH = 12 * PLANE
+
+
+@njit(forceinline=True)
+def get_row(image, index, stride, count):
+    """`count` <= 8 pixels of a flat image; the lanes beyond are zero."""
+    if count >= LANES:
+        return gather8(image, index, stride)
+    buffer = np.zeros(LANES, np.float32)
+    for lane in range(count):
+        buffer[lane] = image[index + lane * stride]
+    return gather8(buffer, 0, 1)
+
+
+@njit(forceinline=True)
+def put_row(image, index, stride, count, value):
+    """Write the first `count` <= 8 lanes to pixels of a flat image."""
+    if count >= LANES:
+        scatter8(image, index, stride, value)
+        return
+    buffer = np.empty(LANES, np.float32)
+    store8(buffer, 0, value)
+    for lane in range(count):
+        image[index + lane * stride] = buffer[lane]
+
+
+@njit(forceinline=True)
+def cosines(left, y, view):
+    """Cosine between the optical axis and the ray of each of eight pixels: z-depth over ray length."""
+    v = (np.float32(y) + HALF - view[CY]) / view[FY]
+    u = (lanes8() + (np.float32(left) + HALF - view[CX])) / view[FX]
+    return ONE / sqrt8(u * u + (v * v + ONE))
+
+
+@njit(error_model="numpy")
+def clear_tile(scratch, left, top, view):
+    """Transmittance 1 inside the image and 0 outside of it, all else 0."""
+    inside = lanes8() + np.float32(left) < view[WIDTH]
+    for k in range(PLANE, SCRATCH, LANES):
+        store8(scratch, k, splat8(ZERO))
+    for row in range(TILE_HEIGHT):
+        store8(scratch, P_T + row * LANES, select8(inside, ONE if top + row < view[HEIGHT] else ZERO, ZERO))
+
+
+@njit(error_model="numpy")
+def write_tile(features, scratch, left, top, view, background, color, alpha, depth, median, median_at, normal):
+    """From the forward pass' sums to the images (flat)."""
+    width, height = np.int64(view[WIDTH]), np.int64(view[HEIGHT])
+    count = width - left
+    for row in range(min(TILE_HEIGHT, height - top)):
+        place = row * LANES
+        at = (top + row) * width + left
+        rest = gather8(scratch, P_T + place, 1)
+        put_row(color, 3 * at, 3, count, gather8(scratch, P_RED + place, 1) + rest * background[0])
+        put_row(color, 3 * at + 1, 3, count, gather8(scratch, P_GREEN + place, 1) + rest * background[1])
+        put_row(color, 3 * at + 2, 3, count, gather8(scratch, P_BLUE + place, 1) + rest * background[2])
+        put_row(alpha, at, 1, count, ONE - rest)
+        if len(features) > 0:
+            cosine = cosines(left, top + row, view)
+            weight = gather8(scratch, P_WEIGHT + place, 1)
+            mean = gather8(scratch, P_DEPTH + place, 1) / weight * cosine
+            put_row(depth, at, 1, count, select8(weight == ZERO, ZERO, mean))
+            if len(features) > 1:
+                put_row(median, at, 1, count, gather8(scratch, P_MEDIAN + place, 1) * cosine)
+                put_row(median_at, at, 1, count, gather8(scratch, P_MEDIAN_AT + place, 1))
+                put_row(normal, 3 * at, 3, count, gather8(scratch, P_NX + place, 1))
+                put_row(normal, 3 * at + 1, 3, count, gather8(scratch, P_NY + place, 1))
+                put_row(normal, 3 * at + 2, 3, count, gather8(scratch, P_NZ + place, 1))
+
+
+@njit(error_model="numpy")
+def read_tile(features, scratch, left, top, view, color, alpha, depth, normal, median_at,
+              g_color, g_alpha, g_depth, g_median, g_normal):
+    """Fill the planes of the backward pass from flat images. An output whose gradient is empty has none.
+
+    The pixel's loss to first order is S = sum of weight times s over its Gaussians, plus the background's part,
+    with s = colour . g_color + g_alpha' + t g_t + n . g_normal. The mean depth doesn't change when all
+    weights are scaled, so its part of S vanishes and S follows from the outputs alone.
+    """
+    clear_tile(scratch, left, top, view)
+    width, height = np.int64(view[WIDTH]), np.int64(view[HEIGHT])
+    count = width - left
+    for row in range(min(TILE_HEIGHT, height - top)):
+        place = row * LANES
+        at = (top + row) * width + left
+        covered = get_row(alpha, at, 1, count)
+        total, to_alpha = splat8(ZERO), splat8(ZERO)
+        if g_color.size > 0:
+            for channel in range(3):
+                g = get_row(g_color, 3 * at + channel, 3, count)
+                store8(scratch, P_RED + channel * PLANE + place, g)
+                total += g * get_row(color, 3 * at + channel, 3, count)
+        if g_alpha.size > 0:
+            to_alpha = get_row(g_alpha, at, 1, count)
+            total += to_alpha * covered
+        if len(features) > 0:
+            cosine = cosines(left, top + row, view)
+            if g_depth.size > 0:
+                g = get_row(g_depth, at, 1, count)
+                g = select8(covered > ZERO, g / covered, ZERO)
+                store8(scratch, P_G_DEPTH + place, g * cosine)
+                to_alpha -= g * get_row(depth, at, 1, count)
+            if len(features) > 1:
+                if g_median.size > 0:
+                    store8(scratch, P_G_MEDIAN + place, get_row(g_median, at, 1, count) * cosine)
+                    store8(scratch, P_MEDIAN_AT + place, get_row(median_at, at, 1, count))
+                if g_normal.size > 0:
+                    for channel in range(3):
+                        g = get_row(g_normal, 3 * at + channel, 3, count)
+                        store8(scratch, P_G_NX + channel * PLANE + place, g)
+                        total += g * get_row(normal, 3 * at + channel, 3, count)
+        store8(scratch, P_G_ALPHA + place, to_alpha)
+        store8(scratch, P_LEFT + place, total)

@@ -1,0 +1,99 @@
+"""Depth sources: which one is taken, what it refuses, and that a reconstruction is trained only once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dofbench import gaussians
+from dofbench.cameras import Camera
+from dofbench.depth import open_source, resolve
+from dofbench.errors import InputError
+from dofbench.scenes.types import Scene, SceneView
+
+CAMERA = Camera(4, 3, 4.0, 4.0, 2.0, 1.5, np.eye(4))
+
+
+def scene(*maps: np.ndarray | None) -> Scene:
+    """A scene with one view per depth map; None is a view without one."""
+    views = tuple(
+        SceneView(f"v{index}", CAMERA, lambda: np.zeros((3, 4, 3), np.float32), Path(f"v{index}.png"),
+                  depth=None if depth is None else lambda depth=depth: depth)
+        for index, depth in enumerate(maps)
+    )
+    return Scene("scene", Path("scene"), "made up", views, None)
+
+
+PLANE = np.full((3, 4), 2.0, np.float32)
+
+
+def test_auto_takes_given_depth_only_where_every_view_has_it():
+    assert resolve("auto", scene(PLANE, PLANE)) == "given"
+    assert resolve("auto", scene(PLANE, None)) == "splat"
+    assert resolve("splat", scene(PLANE)) == "splat"
+    assert resolve("given", scene(PLANE)) == "given"
+    with pytest.raises(InputError, match=r"no depth for 1 of 2 views \(v1 first\)"):
+        resolve("given", scene(PLANE, None))
+
+
+def test_given_depth_is_passed_on(tmp_path):
+    there = scene(PLANE)
+    source = open_source("given", there, steps=1, seed=0, work=tmp_path)
+    np.testing.assert_array_equal(source.depth(there.views[0]), PLANE)
+    assert source.id == "given" and source.provenance()
+
+
+@pytest.mark.parametrize("wrong, word", [
+    (np.ones((4, 3), np.float32), "shape"), (-PLANE, "negative"), (PLANE * np.nan, "NaN"),
+])
+def test_given_depth_that_can_be_none(tmp_path, wrong, word):
+    there = scene(wrong)
+    with pytest.raises(InputError, match=word):
+        open_source("given", there, steps=1, seed=0, work=tmp_path).depth(there.views[0])
+
+
+class FakeReconstruction:
+    """A plane at the depth that the file says."""
+
+    def __init__(self, z: float):
+        self.z = z
+
+    def depth(self, camera: Camera) -> np.ndarray:
+        return np.full((camera.height, camera.width), self.z, np.float32)
+
+    def settings(self):
+        return {"made": "up"}
+
+    def save(self, path: Path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(str(self.z))
+
+    @staticmethod
+    def load(path: Path, *, steps: int) -> FakeReconstruction:
+        return FakeReconstruction(float(path.read_text()))
+
+
+def test_a_reconstruction_is_made_once(monkeypatch, tmp_path):
+    calls, told = [], []
+
+    def reconstruct(scene, *, steps, seed, progress):
+        calls.append((len(scene.views), steps, seed))
+        progress(steps, steps)
+        return FakeReconstruction(3.0)
+
+    monkeypatch.setattr(gaussians, "reconstruct", reconstruct, raising=False)
+    monkeypatch.setattr(gaussians, "Reconstruction", FakeReconstruction, raising=False)
+    there = scene(None, None)
+    for _ in range(2):
+        source = open_source("splat", there, steps=7, seed=5, work=tmp_path / "work",
+                             progress=lambda step, steps: told.append((step, steps)))
+        assert source.depth(there.views[1]).tolist() == np.full((3, 4), 3.0).tolist()
+        assert source.provenance()["steps"] == 7 and source.provenance()["options"] == {"made": "up"}
+    assert calls == [(2, 7, 5)] and told == [(7, 7)]
+
+
+def test_a_scene_without_points_cannot_be_reconstructed(tmp_path):
+    with pytest.raises(InputError, match="points"):
+        open_source("splat", scene(None), steps=1, seed=0, work=tmp_path)

@@ -1,0 +1,73 @@
+"""Code version, machine, memory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dofbench.harness import provenance
+from dofbench.harness.error_maps import FULL_SCALE, error_map
+
+
+@pytest.fixture
+def sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A small copy of the tree: dofbench/, kernels/, method/."""
+    for name in ("dofbench/a.py", "dofbench/reporting/b.py", "dofbench/cli.py", "kernels/k/cpu.py", "method/m.py"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("x = 1\n")
+    monkeypatch.setattr(provenance, "_PACKAGE", tmp_path / "dofbench")
+    monkeypatch.setattr(provenance, "content_folder", lambda name: tmp_path / name)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "name", ["dofbench/a.py", "kernels/k/cpu.py", "method/m.py", "method/method.toml", "kernels/new.py"])
+def test_the_code_version_follows_what_can_change_a_score(sources: Path, name: str) -> None:
+    before = provenance.code_version(sources / "method")
+    (sources / name).write_text("x = 2\n")
+    assert provenance.code_version(sources / "method") != before
+
+
+@pytest.mark.parametrize("name", ["dofbench/reporting/b.py", "dofbench/cli.py", "method/notes.md", "method/m.pyc"])
+def test_the_code_version_ignores_what_cannot(sources: Path, name: str) -> None:
+    before = provenance.code_version(sources / "method")
+    (sources / name).write_text("x = 2\n")
+    assert provenance.code_version(sources / "method") == before
+
+
+def test_moving_code_between_files_is_another_version(sources: Path) -> None:
+    before = provenance.code_version(sources / "method")
+    (sources / "method" / "m.py").rename(sources / "method" / "n.py")
+    assert provenance.code_version(sources / "method") != before
+
+
+def test_no_checkout_no_commit(sources: Path) -> None:
+    assert provenance.git_state() is None
+    (sources / ".git").mkdir()  # not a repository that git knows
+    assert provenance.git_state() is None
+
+
+def test_the_peak_is_the_run_s_own_where_the_system_can_tell() -> None:
+    provenance.reset_peak_memory()
+    before = provenance.peak_memory_mb()
+    block = np.ones(40_000_000, dtype=np.uint8)
+    after = provenance.peak_memory_mb()
+    assert after - before > 30 and block[-1] == 1
+
+
+def test_machine_and_packages() -> None:
+    machine = provenance.machine("cpu")
+    assert machine["cores"] >= 1 and machine["memory_gib"] > 0 and machine["device"] == "cpu"
+    assert {"dofbench", "numpy", "torch"} <= set(provenance.package_versions())
+
+
+def test_error_map_is_black_where_nothing_is_wrong_and_brightest_at_full_scale() -> None:
+    truth = np.zeros((2, 3, 3), dtype=np.float32)
+    prediction = truth.copy()
+    prediction[0, 1], prediction[0, 2], prediction[1, 0] = FULL_SCALE / 2, FULL_SCALE, 1.0
+    shown = error_map(prediction, truth).astype(int).sum(axis=2)
+    assert shown[1, 1] < 10 < shown[0, 1] < shown[0, 2] == shown[1, 0]
+    with pytest.raises(ValueError, match="one shape"):
+        error_map(prediction, truth[1:])

@@ -1,0 +1,133 @@
+"""The reader: what a method sees, what the harness sees, and which folders it refuses."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+
+import numpy as np
+import pytest
+from tolerances import FLOAT64_VALUE
+
+from dofbench.contracts import PointCloud, TrainingSet, TrainingView
+from dofbench.errors import InputError
+from dofbench.files import sha256_file, write_json
+from dofbench.images import read_exr, read_image
+from dofbench.lens import Lens
+from dofbench.scenes import load_scene
+from dofbench.synthesis import Dataset, builtin_folder, make_dataset
+from dofbench.synthesis.progress import Silent
+from dofbench.synthesis.settings import MakeDataset
+
+
+@pytest.fixture(scope="module")
+def dataset(dataset_folder):
+    return Dataset.load(dataset_folder)
+
+
+def test_the_harness_sees_everything(dataset, dataset_folder):
+    assert dataset.name == dataset.scene == "planes"
+    assert [view.name for view in dataset.test_views()] == ["v00", "v03"]
+    assert len(dataset.training_views()) == 4 and dataset.has_points
+    assert (dataset.gamma, dataset.alpha, dataset.shape.is_disc) == (2.2, 4.0, True)
+    assert dataset.checksum == sha256_file(dataset_folder / "dataset.json")
+    lenses = json.loads((dataset_folder / "lens.json").read_text())
+    assert dataset.disparity_range.q_min == lenses["disparity_range"][0]
+    for view, record in zip(dataset.views, lenses["views"], strict=True):
+        assert view.lens == Lens(record["aperture"], record["focus"]) == dataset.lens(view.name)
+        assert view.physical_lens.aperture == pytest.approx(record["aperture_scene"], rel=FLOAT64_VALUE)
+        assert view.physical_lens.focus_depth == pytest.approx(record["focus_scene"], rel=FLOAT64_VALUE)
+        assert view.physical_lens.width == view.camera.width == 128
+        assert view.max_coc_px == record["max_coc_px"]
+
+
+def test_images_are_the_files(dataset, dataset_folder):
+    view = dataset.views[2]
+    np.testing.assert_array_equal(dataset.image(view), read_image(dataset_folder / "images/v02.png"))
+    np.testing.assert_array_equal(dataset.linear("v02"), read_exr(dataset_folder / "images_linear/v02.exr"))
+    np.testing.assert_array_equal(dataset.all_in_focus(view), read_image(dataset_folder / "all_in_focus/v02.png"))
+    np.testing.assert_array_equal(dataset.depth(view), read_exr(dataset_folder / "depth/v02.exr"))
+
+
+def test_a_method_sees_photographs_cameras_and_points(dataset, dataset_folder, scene):
+    training = dataset.training_set()
+    # Nothing else can hide in these types: no lens, no depth, no path.
+    assert {field.name for field in dataclasses.fields(TrainingSet)} == {"views", "points"}
+    assert {field.name for field in dataclasses.fields(TrainingView)} == {"name", "camera", "image"}
+    assert [view.name for view in training.views] == ["v01", "v02", "v04", "v05"]
+    for view in training.views:
+        np.testing.assert_array_equal(view.image, read_image(dataset_folder / f"images/{view.name}.png"))
+    # Points 0 ... 3 are seen by the test views alone; the others by v00, v01, v02, v04.
+    every = load_scene(scene).points
+    np.testing.assert_allclose(training.points.xyz, every.xyz[4:])
+    assert isinstance(training.points, PointCloud) and len(training.points) == 16
+    assert all(track.tolist() == [0, 1, 2] for track in training.points.views)
+
+
+def test_sharp_training_photographs_are_a_protocol_of_their_own(dataset, dataset_folder):
+    sharp = dataset.training_set("all-in-focus")
+    for view in sharp.views:
+        np.testing.assert_array_equal(view.image, read_image(dataset_folder / f"all_in_focus/{view.name}.png"))
+    with pytest.raises(InputError, match="all-in-focus"):
+        dataset.training_set("all_in_focus")
+
+
+def test_a_scene_without_points(write_scene, tmp_path):
+    root = write_scene(tmp_path / "bare", points=False)
+    dataset = Dataset.load(make_dataset(MakeDataset(scene=str(root), out=tmp_path / "out"), progress=Silent()))
+    assert not dataset.has_points and len(dataset.training_set().views) == 4
+
+
+def test_an_unknown_view(dataset):
+    with pytest.raises(InputError, match="no view 'v99'"):
+        dataset.view("v99")
+
+
+def test_where_the_built_in_dataset_is():
+    assert builtin_folder().as_posix() == "data/tabletop"
+
+
+# ---- folders that are refused ----
+
+
+@pytest.fixture
+def folder(dataset_folder, tmp_path):
+    return shutil.copytree(dataset_folder, tmp_path / "copy")
+
+
+def manifest_with(folder, **values):
+    content = json.loads((folder / "dataset.json").read_text())
+    write_json(folder / "dataset.json", content | values)
+
+
+@pytest.mark.parametrize("spoil, word", [
+    (lambda folder: shutil.rmtree(folder), "no such folder"),
+    (lambda folder: (folder / "dataset.json").unlink(), "as make-dataset writes it"),
+    (lambda folder: ((folder / "dataset.json").unlink(), (folder / ".work").mkdir()), "run make-dataset again"),
+    (lambda folder: (folder / "dataset.json").write_text("{"), "JSON"),
+    (lambda folder: (folder / "dataset.json").write_text("[]"), "another kind of JSON"),
+    (lambda folder: manifest_with(folder, version=2), "schema version 2"),
+    (lambda folder: manifest_with(folder, seed="lucky"), "seed"),
+    (lambda folder: (folder / "lens.json").unlink(), "lens.json"),
+    (lambda folder: (folder / "transforms.json").unlink(), "transforms.json"),
+])
+def test_a_folder_that_is_no_dataset(folder, spoil, word):
+    spoil(folder)
+    with pytest.raises(InputError) as caught:
+        Dataset.load(folder)
+    assert word in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("change, word", [
+    (lambda lenses: lenses["views"].pop(), "v05"),
+    (lambda lenses: lenses["views"][0].update(split="train"), "another split"),
+    (lambda lenses: lenses.update(disparity_range=[1.0, 0.5]), "disparity range"),
+    (lambda lenses: lenses["shape"].update(blades=2), "blades"),
+])
+def test_parts_that_do_not_fit_together(folder, change, word):
+    lenses = json.loads((folder / "lens.json").read_text())
+    change(lenses)
+    write_json(folder / "lens.json", lenses)
+    with pytest.raises(InputError, match=word):
+        Dataset.load(folder)

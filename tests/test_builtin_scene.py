@@ -1,0 +1,192 @@
+"""The built-in scene: files as listed, poses, depth, images and points that agree, and a render that repeats."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+import tomllib
+from collections.abc import Iterator
+from types import ModuleType
+
+import numpy as np
+import pytest
+from tolerances import (
+    BUILT_IN_POINT_DEPTH,
+    BUILT_IN_RENDER_PSNR,
+    BUILT_IN_SAME_SURFACE,
+    BUILT_IN_SILHOUETTE,
+    BUILT_IN_WARPED_IMAGE,
+)
+
+from dofbench.cameras import Camera
+from dofbench.content import content_folder
+from dofbench.files import sha256_file
+from dofbench.images import encode, read_exr, read_image, to_8bit
+from dofbench.scenes import load_scene
+from dofbench.scenes.types import Scene
+
+ENTRY = tomllib.loads((content_folder("datasets") / "tabletop.toml").read_text())
+ROOT = content_folder("datasets") / ENTRY["folder"]
+MADE = json.loads((ROOT / "scene.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return load_scene(ROOT)
+
+
+def sampled(values: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """Bilinear samples of values (H, W[, C]) at image coordinates (P, 2), pixel centres at half-integers."""
+    x, y = xy.T - 0.5
+    x0, y0 = (np.clip(np.floor(v).astype(int), 0, size - 2) for v, size in ((x, values.shape[1]), (y, values.shape[0])))
+    shape = (-1, *(1,) * (values.ndim - 2))
+    fx, fy = (x - x0).reshape(shape), (y - y0).reshape(shape)
+    top = values[y0, x0] * (1 - fx) + values[y0, x0 + 1] * fx
+    return top * (1 - fy) + (values[y0 + 1, x0] * (1 - fx) + values[y0 + 1, x0 + 1] * fx) * fy
+
+
+def lifted(camera: Camera, depth: np.ndarray) -> np.ndarray:
+    """World points (H * W, 3) behind the pixel centres."""
+    x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
+    rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], axis=-1)
+    local = (rays * depth[..., None]).reshape(-1, 3)
+    return local @ camera.camera_to_world[:3, :3].T + camera.centre
+
+
+def test_every_file_is_as_listed() -> None:
+    assert sha256_file(ROOT / "SHA256SUMS") == ENTRY["sums_sha256"]
+    listed = dict(reversed(line.split("  ", 1)) for line in (ROOT / "SHA256SUMS").read_text().splitlines())
+    data = {path for part in ("images", "depth", "sparse") for path in (ROOT / part).rglob("*") if path.is_file()}
+    data |= {ROOT / "transforms.json", ROOT / "scene.json"}
+    assert {path.relative_to(ROOT).as_posix() for path in data} == set(listed)
+    assert {name: sha256_file(ROOT / name) for name in listed} == listed
+    assert sum(path.stat().st_size for path in data) < 6e6
+
+
+def test_the_entry_says_what_is_there(scene: Scene) -> None:
+    assert len(scene.views) == ENTRY["views"] == MADE["images"]["views"]
+    assert {(view.camera.width, view.camera.height) for view in scene.views} == {(ENTRY["width"], ENTRY["height"])}
+    assert [view.split for view in scene.views] == [
+        "test" if index % ENTRY["hold"] == 0 else "train" for index in range(ENTRY["views"])
+    ]
+    assert scene.points is not None and len(scene.points) == MADE["sparse"]["points"] >= 1000
+    assert ENTRY["licence"] == MADE["licence"]
+
+
+def test_content_is_spread_over_the_disparity_range(scene: Scene) -> None:
+    """Every band of normalised disparity has pixels, and pixels with contrast; nearly none are black or clipped."""
+    disparity = np.stack([1 / view.depth() for view in scene.views])
+    images = np.stack([view.image() for view in scene.views])
+    low, high = np.percentile(disparity, [1, 99])
+    assert 4 < high / low < 5.5
+    normalised = (disparity - low) / (high - low)
+    grey = images.mean(axis=-1)
+    for focus in (0.2, 0.5, 0.8):
+        band = np.abs(normalised - focus) < 0.12
+        assert band.mean() > 0.05
+        assert grey[band].std() > 0.1
+    assert ((images.max(axis=-1) > 0.999).mean()) < 0.03
+    assert 0.35 < images.mean() < 0.6
+
+
+@pytest.mark.parametrize(("first", "second"), [(0, 1), (3, 11), (16, 19)])
+def test_depth_poses_and_images_agree(scene: Scene, first: int, second: int) -> None:
+    """A view carried to another by its depth lands on the other's depth, and on its colours."""
+    here, there = scene.views[first], scene.views[second]
+    xy, z = there.camera.project(lifted(here.camera, here.depth()))
+    inside = ((xy > 1) & (xy < (there.camera.width - 1, there.camera.height - 1))).all(axis=1)
+    # Bilinear depth is exact on a plane in disparity; where it isn't, an edge or an occlusion is near.
+    other = 1 / sampled(1 / there.depth(), xy[inside])
+    error = np.abs(z[inside] / other - 1)
+    seen = error < 0.01
+    assert inside.mean() > 0.6 and seen.mean() > 0.75
+    assert np.median(error[seen]) < BUILT_IN_SAME_SURFACE
+    colours = here.image().reshape(-1, 3)[inside][seen]
+    carried = sampled(there.image(), xy[inside][seen])
+    assert np.abs(colours - carried).mean() < BUILT_IN_WARPED_IMAGE
+    # The same by a pixel's offset must be clearly worse, or the test would not see a shifted camera.
+    shifted = sampled(there.image(), xy[inside][seen] + (1.0, 0.0))
+    assert np.abs(colours - shifted).mean() > 1.5 * np.abs(colours - carried).mean()
+
+
+def test_points_lie_on_the_depth_maps(scene: Scene) -> None:
+    points = scene.points
+    assert points is not None and points.views is not None
+    errors = []
+    for index, view in enumerate(scene.views):
+        own = np.array([index in track for track in points.views])
+        xy, z = view.camera.project(points.xyz[own])
+        inside = ((xy > 1) & (xy < (view.camera.width - 1, view.camera.height - 1))).all(axis=1)
+        errors.append(np.abs(z[inside] * sampled(1 / view.depth(), xy[inside]) - 1))
+    assert np.median(np.concatenate(errors)) < BUILT_IN_POINT_DEPTH
+    assert min(len(track) for track in points.views) >= 2
+
+
+def test_colmap_model_has_the_same_cameras(scene: Scene) -> None:
+    again = load_scene(ROOT, layout="colmap")
+    for one, other in zip(scene.views, again.views, strict=True):
+        assert one.name == other.name
+        np.testing.assert_allclose(one.camera.world_to_camera, other.camera.world_to_camera, atol=1e-9)
+        np.testing.assert_allclose(one.camera.intrinsics, other.camera.intrinsics)
+
+
+# ---- the script that makes it ----
+
+
+@pytest.fixture(scope="module")
+def maker() -> Iterator[ModuleType]:
+    """The package beside make.py, under the name that the script uses; gone again afterwards."""
+    spec = importlib.util.spec_from_file_location(
+        "maker", ROOT / "maker" / "__init__.py", submodule_search_locations=[str(ROOT / "maker")]
+    )
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["maker"] = module
+    spec.loader.exec_module(module)
+    yield module
+    for name in [name for name in sys.modules if name == "maker" or name.startswith("maker.")]:
+        del sys.modules[name]
+
+
+def test_camera_path_is_the_one_that_was_rendered(scene: Scene, maker: ModuleType) -> None:
+    path = importlib.import_module("maker.path")
+    made = path.cameras(ENTRY["views"], ENTRY["width"], ENTRY["height"], MADE["seed"])
+    for view, camera in zip(scene.views, made, strict=True):
+        np.testing.assert_allclose(view.camera.world_to_camera, camera.world_to_camera, atol=1e-9)
+        np.testing.assert_allclose(view.camera.intrinsics, camera.intrinsics)
+
+
+def test_text_fills_its_box(maker: ModuleType) -> None:
+    ink = importlib.import_module("maker.ink")
+    sheet = np.ones((80, 300, 3))
+    ink.text(sheet, "BOKEH", (20, 10, 240, 60), (0.0, 0.0, 0.0))
+    rows, columns = np.nonzero(sheet.min(axis=2) < 0.5)
+    assert abs(rows.min() - 10) <= 1 and abs(rows.max() - 69) <= 1
+    assert abs(columns.min() - 20) <= 1 and abs(columns.max() - 259) <= 1
+
+
+def test_drawing_outside_the_image_is_left_out(maker: ModuleType) -> None:
+    ink = importlib.import_module("maker.ink")
+    sheet = np.ones((20, 30, 3))
+    ink.disc(sheet, (-50, 5), 8, (0.0, 0.0, 0.0))
+    ink.stroke(sheet, (100, 100), (120, 90), 3, (0.0, 0.0, 0.0))
+    ink.ring(sheet, (15, 300), 5, 2, (0.0, 0.0, 0.0))
+    assert (sheet == 1).all()
+
+
+@pytest.mark.slow
+def test_a_render_repeats_depth_and_image(scene: Scene, maker: ModuleType) -> None:
+    """One view rendered again, with a tenth of the samples: the same depth, the same image but for noise."""
+    pytest.importorskip("mitsuba", reason="mitsuba is not installed (extra: render)")
+    props, render = importlib.import_module("maker.props"), importlib.import_module("maker.render")
+    render.choose_variant()
+    passes = render.load(props.stage(MADE["seed"]))
+    camera = scene.views[5].camera
+    shipped = read_exr(ROOT / "depth" / f"{scene.views[5].name}.exr")
+    error = np.abs(render.depth(passes, camera) - shipped)
+    # Another ray tracer may decide otherwise where a ray grazes an edge; elsewhere only the step of the files is lost.
+    assert (error > 0.51 * MADE["depth"]["step"]).mean() < BUILT_IN_SILHOUETTE
+    again = to_8bit(encode(render.colour(passes, camera, seed=999, samples=25)))
+    difference = again / 255.0 - read_image(ROOT / "images" / f"{scene.views[5].name}.png")
+    assert -10 * np.log10(np.mean(difference**2)) > BUILT_IN_RENDER_PSNR
