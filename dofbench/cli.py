@@ -111,8 +111,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return DONE
     configure_threads()
     try:
+        settings = parse(arguments)
+        if isinstance(settings, MakeDataset | Run | Check):
+            # Its import puts a handler of its own on SIGTERM, which prints a stack and dies. These commands need
+            # it anyway, so it comes first and ours replaces it.
+            import pycolmap  # noqa: F401
         with _signals_as_exceptions():
-            return execute(parse(arguments))
+            return execute(settings)
     except InputError as mistake:
         return _end(WRONG_CALL, " ".join(str(mistake).split()))
     except KeyboardInterrupt as stop:

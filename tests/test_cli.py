@@ -149,6 +149,23 @@ def test_sigterm_unwinds_the_command(monkeypatch: pytest.MonkeyPatch, capsys: py
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.parametrize("arguments", [["make-dataset"], ["run", "--method", "a"], ["check", "."]], ids=" ".join)
+def test_sigterm_unwinds_after_pycolmap_was_loaded(arguments: list[str]) -> None:
+    """Importing pycolmap takes SIGTERM over for the whole process: it printed a stack and died without clean-up."""
+    script = (
+        "import os, signal, sys; from dofbench import cli\n"
+        "def execute(settings):\n"
+        "    import pycolmap\n"
+        "    try: os.kill(os.getpid(), signal.SIGTERM)\n"
+        "    finally: print('cleaned up')\n"
+        f"cli.execute = execute; sys.exit(cli.main({arguments!r}))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 128 + signal.SIGTERM
+    assert done.stdout == "cleaned up\n"
+    assert done.stderr == "dofbench: interrupted; the same command goes on from what is finished\n"
+
+
 def test_a_reader_that_leaves_is_no_failure() -> None:
     """`dofbench scenes | head` must not end in a complaint."""
     script = (

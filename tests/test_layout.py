@@ -197,7 +197,12 @@ def test_no_large_file() -> None:
 
 def test_nothing_is_left_for_later() -> None:
     words = re.compile(rb"\b(" + b"|".join([b"TO" + b"DO", b"FIX" + b"ME", b"XX" + b"X", b"HA" + b"CK"]) + rb")\b")
-    assert [str(path) for path in tracked_files() if words.search(path.read_bytes())] == []
+    found = []
+    for path in tracked_files():
+        content = path.read_bytes()
+        if b"\0" not in content and words.search(content):  # in an image any three letters turn up by chance
+            found.append(str(path))
+    assert found == []
 
 
 def test_test_folders_are_no_packages() -> None:

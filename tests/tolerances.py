@@ -35,15 +35,15 @@ SAME_POSE = 1e-8
 PUBLISHED_DELTA_E = 6e-5
 # sRGB's matrix and white point are standardised to four digits; programs differ in the next.
 DELTA_E_BY_FORMULA = 2e-3
-# PSNR (dB) of a dataset's 8-bit images against the float64 blur: conventions.md, "A dataset folder". Rounding leaves 58.9.
+# PSNR (dB) of 8-bit images against the float64 blur: conventions.md, "A dataset folder". Rounding alone leaves 58.9.
 RECOMPUTED_PSNR = 55.0
-# The built-in scene. A triangulated point's z against the depth map, relative, median: 0.6 % was measured; a keypoint is
-# good to 0.2 pixels and the baseline is a sixth of the distance.
+# The built-in scene. A triangulated point's z against the depth map, relative, median: 0.6 % was measured, as a
+# keypoint is good to 0.2 pixels and the baseline is a sixth of the distance.
 BUILT_IN_POINT_DEPTH = 1e-2
 # One surface in two depth maps, relative, median: they are kept in steps of 2 ** -11 units; 3e-5 was measured.
 BUILT_IN_SAME_SURFACE = 1e-4
-# Its colours in two views, mean: bilinear samples of fine print lose contrast. 0.019 was measured, and 0.030 with half a
-# pixel of offset.
+# Its colours in two views, mean: bilinear samples of fine print lose contrast. 0.019 was measured, and 0.030 with half
+# a pixel of offset.
 BUILT_IN_WARPED_IMAGE = 0.024
 # The part of the pixels where a render may see another surface than the shipped depth has.
 BUILT_IN_SILHOUETTE = 5e-3

@@ -8,6 +8,7 @@ run agrees with the first.
 
 from __future__ import annotations
 
+import sys
 import tempfile
 import time
 from dataclasses import dataclass
@@ -127,4 +128,5 @@ if __name__ == "__main__":
     try:
         main(tyro.cli(Settings))
     except InputError as mistake:
-        raise SystemExit(f"error: {mistake}") from None
+        print(f"error: {mistake}", file=sys.stderr)
+        sys.exit(2)

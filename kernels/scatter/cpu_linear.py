@@ -18,86 +18,108 @@ import numpy as np
 from numba import njit, prange
 
 from dofbench.lens import AREA_EPSILON
-from dofbench.numba_math import load8, store8
+from dofbench.numba_math import any8, floor8, load8, max8, min8, select8, splat8, sqrt8, store8
 
 from .cpu_edge import half_width, logistic2
 from .cpu_pack import COLOURS, Geometry
 from .double4 import load4, splat4, store4
 
 WAYS = COLOURS + 1  # lanes of a pixel
-LANES = 8
-MARGIN = 8          # offsets visited beyond the last one that counts, as whole vectors are done
+LANES = 8           # sources whose soft ends are worked out together
+_ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
 
 @njit(cache=True, error_model="numpy")
-def _soft_end(weights, radius, distances, entry, dy, steepness, band, least, farthest):
-    """The soft end of one source's row: weights[e] = S at k = first + e, e = 0 ... count, the last one 0.
+def _half_width8(radius, dy):
+    """Half of the chord at `dy` from the centre, whole pixels, eight lanes; -1 where the circle doesn't reach that far."""
+    rest = radius * radius - dy * dy
+    return select8((radius >= _ZERO) & (rest >= _ZERO), floor8(sqrt8(max8(rest, _ZERO))), -_ONE)
 
-    Returns first and count. S at `first` stands for all that is inside of it; first = -1 where nothing is.
+
+@njit(cache=True, error_model="numpy")
+def _soft_ends(weights, slopes, cores, radius, dy, steepness, band, least, farthest):
+    """Soft ends of eight sources at row `dy`: weights[8 e + lane] = d_k, slopes likewise d'_k, at k = cores[lane] + e.
+
+    Before the soft end, up to k = core, S is 1; core = -1 where nothing is inside. Returns how many e there are.
     """
-    core = min(half_width(radius - band, dy), farthest)
-    last = min(half_width(max(radius + band, least), dy), farthest)
-    count = last - core + 1
-    for e in range(0, count - 1, LANES):
-        store8(weights, 1 + e, logistic2((load8(distances, entry + core + 1 + e) - radius) * steepness))
-    weights[count] = np.float32(0.0)
-    # Without an inside there is no step from it either.
-    weights[0] = np.float32(1.0) if core >= 0 else weights[1]
-    return core, count
+    core = min8(_half_width8(radius - band, dy), farthest)
+    last = min8(_half_width8(max8(radius + band, least), dy), farthest)
+    store8(cores, 0, core)
+    k = core
+    inside = core >= _ZERO
+    here, here_slope = select8(inside, _ONE, _ZERO), splat8(_ZERO)
+    count = 0
+    while any8(k <= last):
+        k = k + _ONE
+        further = logistic2((sqrt8(k * k + dy * dy) - radius) * steepness)
+        further = select8(k <= last, further, _ZERO)
+        further_slope = further - further * further
+        if count == 0:
+            # Where nothing is inside there is no step from it either.
+            here, here_slope = select8(inside, here, further), select8(inside, here_slope, further_slope)
+        store8(weights, count * LANES, here - further)
+        store8(slopes, count * LANES, here_slope - further_slope)
+        here, here_slope = further, further_slope
+        count += 1
+    return count
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
 def _pack(image, signed_radius, area):
-    """Colour and 1, both times the area term, (H, W * WAYS); and the largest radius of every row, (H,)."""
+    """Colour and 1, both times the area term, (H, W, WAYS), flat; radii (H, columns of whole vectors); each row's largest."""
     height, width = signed_radius.shape
-    sources = np.empty((height, width * WAYS), np.float32)
+    sources = np.empty((height, width, WAYS), np.float32)
+    radii = np.zeros((height, LANES * -(-width // LANES)), np.float32)
     largest = np.empty(height, np.float32)
     for y in prange(height):
         most = np.float32(0.0)
         for x in range(width):
             radius = abs(signed_radius[y, x])
+            radii[y, x] = radius
             most = max(most, radius)
             share = np.float32(1.0)
             if area:
                 share = np.float32(1.0) / (radius * radius + np.float32(AREA_EPSILON))
             for channel in range(COLOURS):
-                sources[y, x * WAYS + channel] = share * image[y, x, channel]
-            sources[y, x * WAYS + COLOURS] = share
+                sources[y, x, channel] = share * image[y, x, channel]
+            sources[y, x, COLOURS] = share
         largest[y] = most
-    return sources, largest
+    return sources.reshape(-1), radii.reshape(-1), largest
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def _spread(sources, largest, signed_radius, sizes, rows, distances, steepness):
+def _spread(sources, radii, largest, sizes, rows, steepness):
     """Sums by bands of `rows` source rows: (bands, target rows of the band, W * WAYS)."""
     height, width, reach_y, reach_x = sizes.height, sizes.width, sizes.reach_y, sizes.reach_x
     band, least = np.float32(sizes.band), np.float32(sizes.least)
     bands, pad = -(-height // rows), reach_x + 1
     buffers = np.empty((bands, (rows + 2 * reach_y) * width * WAYS), np.float32)
-    columns = distances.shape[1]
-    table = distances.reshape(-1)
+    columns = LANES * -(-width // LANES)
     for part in prange(bands):
         buffer = buffers[part]
         buffer[:] = 0
         steps = np.empty((width + 2 * pad) * WAYS, np.float64)
-        weights = np.empty(reach_x + 3 + 2 * LANES, np.float32)
+        weights, slopes = np.empty((reach_x + 3) * LANES, np.float32), np.empty((reach_x + 3) * LANES, np.float32)
+        cores = np.empty(LANES, np.float32)
         for y in range(part * rows, min(height, part * rows + rows)):
             for dy in range(min(reach_y, half_width(max(largest[y] + band, least), 0)) + 1):
                 below, above = y + dy < height, dy > 0 and y - dy >= 0
                 if not (below or above):
                     continue
                 steps[:] = 0
-                for x in range(width):
-                    core, count = _soft_end(weights, abs(signed_radius[y, x]), table, dy * columns, dy, steepness,
-                                            band, least, reach_x)
-                    source = load4(sources[y], x * WAYS)
-                    left, right = (pad + x - core) * WAYS, (pad + x + core + 1) * WAYS
-                    for e in range(count):
-                        part_of = splat4(np.float64(weights[e] - weights[e + 1])) * source
-                        store4(steps, left, load4(steps, left) + part_of)
-                        store4(steps, right, load4(steps, right) - part_of)
-                        left -= WAYS
-                        right += WAYS
+                for start in range(0, width, LANES):
+                    count = _soft_ends(weights, slopes, cores, load8(radii, y * columns + start), np.float32(dy),
+                                       steepness, band, least, np.float32(reach_x))
+                    for lane in range(min(LANES, width - start)):
+                        x, core = start + lane, int(cores[lane])
+                        source = load4(sources, (y * width + x) * WAYS)
+                        left, right = (pad + x - core) * WAYS, (pad + x + core + 1) * WAYS
+                        for e in range(min(count, reach_x - core + 1)):
+                            step = splat4(np.float64(weights[e * LANES + lane])) * source
+                            store4(steps, left, load4(steps, left) + step)
+                            store4(steps, right, load4(steps, right) - step)
+                            left -= WAYS
+                            right += WAYS
                 running = splat4(0.0)
                 for x in range(pad):
                     running = running + load4(steps, x * WAYS)
@@ -160,81 +182,65 @@ def _prefix(gradient, image, blurred, total, pad):
         for x in range(pad + width, width + 2 * pad):
             for way in range(WAYS):
                 sums[y, x * WAYS + way] = running[way]
-    return sums, correction
+    return sums.reshape(-1), correction
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def _gather(image, signed_radius, sums, correction, sizes, distances, steepness, slope, area):
+def _gather(image, signed_radius, radii, largest, sums, correction, sizes, steepness, slope, area):
     """Gradients by colour (H, W, COLOURS) and by signed radius (H, W). slope: 2 alpha."""
     height, width, reach_y, reach_x = sizes.height, sizes.width, sizes.reach_y, sizes.reach_x
     band, least = np.float32(sizes.band), np.float32(sizes.least)
     pad = reach_x + 1
-    columns = distances.shape[1]
-    table = distances.reshape(-1)
+    columns, in_row = LANES * -(-width // LANES), (width + 2 * pad) * WAYS
     by_colour = np.empty((height, width, COLOURS), np.float32)
     by_radius = np.empty((height, width), np.float32)
     for y in prange(height):
-        line = np.empty((width + 2 * pad) * WAYS, np.float64)
-        weights = np.empty(reach_x + 3 + 2 * LANES, np.float32)
-        values = np.zeros(width * WAYS, np.float64)
-        slopes = np.zeros(width * WAYS, np.float64)
-        centre = np.empty(width, np.float32)
-        most = np.float32(0.0)
-        for x in range(width):
-            most = max(most, abs(signed_radius[y, x]))
-        for dy in range(min(reach_y, half_width(max(most + band, least), 0)) + 1):
+        line = np.empty(in_row, np.float64)
+        weights, slopes = np.empty((reach_x + 3) * LANES, np.float32), np.empty((reach_x + 3) * LANES, np.float32)
+        cores = np.empty(LANES, np.float32)
+        values, edges = np.zeros(width * WAYS, np.float64), np.zeros(width * WAYS, np.float64)
+        for dy in range(min(reach_y, half_width(max(largest[y] + band, least), 0)) + 1):
             below, above = y + dy < height, dy > 0 and y - dy >= 0
-            if below and above:
-                for i in range(0, line.size, WAYS):
-                    store4(line, i, load4(sums[y + dy], i) + load4(sums[y - dy], i))
-            elif below:
-                line[:] = sums[y + dy]
-            elif above:
-                line[:] = sums[y - dy]
-            else:
+            if not (below or above):
                 continue
-            for x in range(width):
-                core, count = _soft_end(weights, abs(signed_radius[y, x]), table, dy * columns, dy, steepness,
-                                        band, least, reach_x)
-                if dy == 0:
-                    centre[x] = weights[0] if core < 0 else np.float32(1.0)
-                left, right = (pad + x - core) * WAYS, (pad + x + core + 1) * WAYS
-                value, by_edge = load4(values, x * WAYS), load4(slopes, x * WAYS)
-                here = weights[0]
-                here_slope = here - here * here
-                for e in range(count):
-                    further = weights[e + 1]
-                    further_slope = further - further * further
-                    run = load4(line, right) - load4(line, left)
-                    value = value + splat4(np.float64(here - further)) * run
-                    by_edge = by_edge + splat4(np.float64(here_slope - further_slope)) * run
-                    here, here_slope = further, further_slope
-                    left -= WAYS
-                    right += WAYS
-                store4(values, x * WAYS, value)
-                store4(slopes, x * WAYS, by_edge)
+            for i in range(0, in_row, WAYS):
+                gradient = splat4(0.0)
+                if below:
+                    gradient = gradient + load4(sums, (y + dy) * in_row + i)
+                if above:
+                    gradient = gradient + load4(sums, (y - dy) * in_row + i)
+                store4(line, i, gradient)
+            for start in range(0, width, LANES):
+                count = _soft_ends(weights, slopes, cores, load8(radii, y * columns + start), np.float32(dy),
+                                   steepness, band, least, np.float32(reach_x))
+                for lane in range(min(LANES, width - start)):
+                    x, core = start + lane, int(cores[lane])
+                    left, right = (pad + x - core) * WAYS, (pad + x + core + 1) * WAYS
+                    value, edge = load4(values, x * WAYS), load4(edges, x * WAYS)
+                    for e in range(min(count, reach_x - core + 1)):
+                        run = load4(line, right) - load4(line, left)
+                        value = value + splat4(np.float64(weights[e * LANES + lane])) * run
+                        edge = edge + splat4(np.float64(slopes[e * LANES + lane])) * run
+                        left -= WAYS
+                        right += WAYS
+                    store4(values, x * WAYS, value)
+                    store4(edges, x * WAYS, edge)
         for x in range(width):
             radius = abs(signed_radius[y, x])
             share = np.float32(1.0) / (radius * radius + np.float32(AREA_EPSILON)) if area else np.float32(1.0)
-            inside, edge = values[x * WAYS + COLOURS], slopes[x * WAYS + COLOURS]
+            inside, rim = values[x * WAYS + COLOURS], edges[x * WAYS + COLOURS]
             for channel in range(COLOURS):
                 inside += values[x * WAYS + channel] * image[y, x, channel]
-                edge += slopes[x * WAYS + channel] * image[y, x, channel]
+                rim += edges[x * WAYS + channel] * image[y, x, channel]
                 by_colour[y, x, channel] = share * values[x * WAYS + channel]
-            inside += centre[x] * correction[y, x]
-            edge += (centre[x] - centre[x] * centre[x]) * correction[y, x]
-            total = share * slope * edge
+            centre = _ONE / (_ONE + np.exp(-slope * radius))
+            inside += centre * correction[y, x]
+            rim += (centre - centre * centre) * correction[y, x]
+            total = share * slope * rim
             if area:
                 total -= np.float32(2.0) * radius * share * share * inside
             by_radius[y, x] = total if signed_radius[y, x] >= 0 else -total
     return by_colour, by_radius
-
-
-def _distances(sizes: Geometry) -> np.ndarray:
-    """(reach_y + 1, columns) distance of the offset (row, column) from the centre, float32."""
-    rows = np.arange(sizes.reach_y + 1, dtype=np.float64)[:, None]
-    columns = np.arange(sizes.reach_x + 2 + LANES, dtype=np.float64)[None, :]
-    return np.hypot(rows, columns).astype(np.float32)
 
 
 def forward(image: np.ndarray, signed_radius: np.ndarray, sizes: Geometry, alpha: float,
@@ -242,9 +248,8 @@ def forward(image: np.ndarray, signed_radius: np.ndarray, sizes: Geometry, alpha
     """Blurred colours (H, W, COLOURS) and total weight (H, W)."""
     # Bands of this height keep the overlap to merge below three times the image.
     rows = max(32, sizes.reach_y)
-    sources, largest = _pack(image, signed_radius, area)
-    steepness = np.float32(2.0 * alpha * math.log2(math.e))
-    buffers = _spread(sources, largest, signed_radius, sizes, rows, _distances(sizes), steepness)
+    sources, radii, largest = _pack(image, signed_radius, area)
+    buffers = _spread(sources, radii, largest, sizes, rows, np.float32(2.0 * alpha * math.log2(math.e)))
     return _merge(buffers, sizes.height, sizes.width, rows, sizes.reach_y)
 
 
@@ -252,6 +257,6 @@ def backward(gradient: np.ndarray, image: np.ndarray, signed_radius: np.ndarray,
              total: np.ndarray, sizes: Geometry, alpha: float, area: bool) -> tuple[np.ndarray, np.ndarray]:
     """Gradients by the image (H, W, COLOURS) and by the signed radius (H, W)."""
     sums, correction = _prefix(gradient, image, blurred, total, sizes.reach_x + 1)
-    steepness = np.float32(2.0 * alpha * math.log2(math.e))
-    return _gather(image, signed_radius, sums, correction, sizes, _distances(sizes), steepness,
-                   np.float32(2.0 * alpha), area)
+    _, radii, largest = _pack(image, signed_radius, area)
+    return _gather(image, signed_radius, radii, largest, sums, correction, sizes,
+                   np.float32(2.0 * alpha * math.log2(math.e)), np.float32(2.0 * alpha), area)

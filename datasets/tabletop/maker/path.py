@@ -10,7 +10,7 @@ from dofbench.cameras import Camera
 FOCAL = 0.875
 EYE = np.array([0.0, 0.0, 1.12])
 TARGET = np.array([0.0, 3.4, 0.52])
-# Half-extents of the path (right, forward, up): the baseline is 0.6 units, 17 % of the distance to the middle.
+# Half-extents of the path (right, forward, up): 20 views span 0.53 units, 16 % of the distance to the middle.
 EXTENT = np.array([0.30, 0.05, 0.20])
 ROLL_DEGREES = 1.5
 AIM = 0.06
