@@ -6,6 +6,8 @@ synthesis, methods and evaluation, so that all of them mean the same lens.
 
 from __future__ import annotations
 
+from importlib import import_module
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -61,7 +63,7 @@ def defocus(
     """
     if bool((signed_radius == 0).all()):
         return image.clone()
-    return encode(_blur(decode(image, gamma), signed_radius, alpha, shape, energy, backend, form), gamma)
+    return _blur(image, signed_radius, gamma, alpha, shape, energy, backend, form)[0]
 
 
 def defocus_numpy(
@@ -86,13 +88,18 @@ def defocus_numpy(
     radius = torch.from_numpy(lens.signed_radius(disparity, image.shape[1]).astype(np.float32))
     with torch.no_grad():
         sharp = torch.from_numpy(np.ascontiguousarray(image, dtype=np.float32))
-        linear = decode(sharp, gamma)
         if bool((radius == 0).all()):
-            return sharp.numpy().copy(), linear.numpy()
-        linear = _blur(linear, radius, alpha, shape, energy, backend, form)
-        return encode(linear, gamma).numpy(), linear.numpy()
+            return sharp.numpy().copy(), decode(sharp, gamma).numpy()
+        encoded, linear = _blur(sharp, radius, gamma, alpha, shape, energy, backend, form)
+        return encoded.numpy(), linear.numpy()
 
 
-def _blur(linear, radius, alpha, shape, energy, backend, form):
-    scatter = load("scatter", backend, linear.device.type)
-    return scatter(linear, radius, alpha=alpha, shape=shape, energy=energy, form=form)
+def _blur(image, radius, gamma, alpha, shape, energy, backend, form):
+    """(encoded, linear) blurred image. float32 on the CPU takes compiled powers: torch's cost more than the scatter."""
+    scatter = load("scatter", backend, image.device.type)
+    compiled = backend != "reference" and image.device.type == "cpu" and image.dtype == torch.float32
+    if compiled:
+        power = import_module("dofbench.kernels.scatter.cpu_tone").power_with_toe
+    linear = power(image, gamma, TOE) if compiled else decode(image, gamma)
+    linear = scatter(linear, radius, alpha=alpha, shape=shape, energy=energy, form=form)
+    return (power(linear, 1.0 / gamma, TOE**gamma) if compiled else encode(linear, gamma)), linear

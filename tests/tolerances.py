@@ -49,3 +49,18 @@ BUILT_IN_WARPED_IMAGE = 0.024
 BUILT_IN_SILHOUETTE = 5e-3
 # A render with few samples against the shipped image, dB; as the same scene with another shadow or texture wouldn't be.
 BUILT_IN_RENDER_PSNR = 36.0
+# Sums of scatter weights are published with two decimals (methods.md, 1.4).
+SCATTER_ENERGY = 6e-3
+# Gradient by the radius where it is all but zero (a pixel alone, radii beyond the image): float32 noise of terms of
+# order 1 that cancel, as a share of the incoming gradient.
+SCATTER_DARK = 1e-2
+# Every pixel around a highlight 1e6 times as bright, relative to itself.
+HIGHLIGHT = 1e-4
+# Light of a disc 16 pixels wide on stripes one pixel wide: which of them its rim cuts off is not exactly half.
+HALF_LIT = 1e-2
+# Gradients of Gaussians a thousand times longer than wide: the moments' terms cancel to a thousandth in float32.
+NEEDLE_GRADIENT = 5e-3
+# A plane's depth by an expression affine in the pixel: second order in the angle, up to 5 pixels of 1/400 at 50 degrees.
+PLANE_DEPTH = 5e-4
+# The same float32 sums with pixel coordinates counted from another corner.
+TILING = 5e-5

@@ -46,8 +46,7 @@ class GaussianMethod:
         """Render; ValueError for a lens when the method has none."""
         if lens is not None and not self.options.lens:
             raise ValueError("this method has no lens: it can't refocus")
-        degree = self._trainer.sh_degree if self._trainer else self.options.sh_degree
-        return render_view(self._trained(), camera, self.options, sh_degree=degree, lens=lens)
+        return render_view(self._trained(), camera, self.options, lens=lens)
 
     def lens_estimates(self) -> dict[str, PhysicalLens] | None:
         """The learned lens of every training view, None without a lens."""

@@ -36,6 +36,7 @@ class TrainerOptions:
         lens_activation: "relu" (released) or "log" (the aperture's logarithm is learned).
         lens_update: "view" keeps Adam's moments of each view by its own visits, "dense" runs one
         Adam over the vectors (released). lens_lr, lens_lr_final: rate at the start and the end.
+        lens_from: share of the training before which the lens stays as it was initialised.
         blur_to_depth: whether the blur's gradient reaches the geometry.
     Depth supervision by sparse points (Eq. 9)
         depth_weight: w_d, 0 switches it off. depth_norm: "l1" or "l2"; depth_space: "depth" (scene
@@ -87,6 +88,7 @@ class TrainerOptions:
     lens_update: Literal["view", "dense"] = "view"
     lens_lr: float = 5e-4
     lens_lr_final: float = 5e-4
+    lens_from: float = 0.0
     lens_init_aperture: float = 0.5
     lens_init_focus: float = 0.5
     blur_to_depth: bool = False

@@ -18,12 +18,16 @@ from dofbench.lens import PhysicalLens
 SURFACE_ALPHA = 0.1
 
 
-def rasterise(gaussians: Gaussians, camera: Camera, options: TrainerOptions, *, sh_degree: int,
+def rasterise(gaussians: Gaussians, camera: Camera, options: TrainerOptions, *, sh_degree: int | None = None,
               geometry: Geometry = "depth", statistics: ViewStatistics | None = None) -> Raster:
-    """The rasteriser kernel with the method's filters and background."""
+    """The rasteriser kernel with the method's filters and background.
+
+    Without `sh_degree` all harmonics count; those that training hasn't reached yet are zero.
+    """
+    degree = options.sh_degree if sh_degree is None else sh_degree
     background = torch.full((3,), options.background) if options.background else None
     return load("rasterize")(
-        **gaussians.parameters, camera=camera, sh_degree=sh_degree, geometry=geometry,
+        **gaussians.parameters, camera=camera, sh_degree=degree, geometry=geometry,
         filter_3d=gaussians.filter_3d if options.filter_3d else None,
         filter_2d=options.filter_2d, background=background, statistics=statistics,
     )
@@ -44,10 +48,10 @@ def surface_disparity(depth: Tensor, alpha: Tensor) -> Tensor:
 
 
 @torch.no_grad()
-def render_view(gaussians: Gaussians, camera: Camera, options: TrainerOptions, *, sh_degree: int,
+def render_view(gaussians: Gaussians, camera: Camera, options: TrainerOptions, *,
                 lens: PhysicalLens | None) -> Rendering:
     """Image and depth at any camera; all in focus when `lens` is None."""
-    raster = rasterise(gaussians, camera, options, sh_degree=sh_degree)
+    raster = rasterise(gaussians, camera, options)
     image = raster.color
     if lens is not None:
         radius = lens.signed_radius(surface_disparity(raster.depth, raster.alpha), camera.width)

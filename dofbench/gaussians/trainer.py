@@ -70,7 +70,6 @@ class Trainer:
         self.lenses = LearnedLenses(len(self._views), self.range, options) if options.lens else None
         self._optimiser = GaussianOptimiser(self.gaussians, options, self._extent)
         self._density = DensityControl(self.gaussians, self._optimiser, options, self._extent, self._generator)
-        self.sh_degree = options.sh_degree
         self.stages: dict[str, float] = {}
         self.gaussians.update_filter_3d(self._cameras)
 
@@ -92,6 +91,10 @@ class Trainer:
                 if not order:
                     order = list(self._random.permutation(len(full)))
                 views = coarse if progress < self.options.coarse_until else full
+                if views[0].camera.width != self._cameras[0].width:
+                    # The sampling interval of the 3D filter is that of the images trained on.
+                    self._cameras = [view.camera for view in views]
+                    self.gaussians.update_filter_3d(self._cameras)
                 step += 1
                 loss = self._step(step, progress, views[order.pop()])
                 if not observer.after_step(step, loss):
@@ -99,7 +102,7 @@ class Trainer:
         except NonFiniteError as error:
             event = error.event
             self._optimiser.discard_gradients()
-        self.gaussians.update_filter_3d(self._cameras)
+        self.gaussians.update_filter_3d([view.camera for view in self._views])
         status = Status.DIVERGED if event else Status.OK
         return FitOutcome(
             status=status, steps=step, message=str(event) if event else "",
@@ -125,7 +128,6 @@ class Trainer:
         """One optimisation step on one view; returns the loss."""
         options = self.options
         degree = min(options.sh_degree, int(progress / options.sh_every)) if options.sh_every > 0 else options.sh_degree
-        self.sh_degree = degree
         with_normals = options.normal_weight > 0 and progress >= options.normal_from
         adapting = options.adaptation != "off" or options.adaptation_aperture
         adapting = adapting and self.lenses is not None and progress >= options.adaptation_from
@@ -185,7 +187,7 @@ class Trainer:
 
         with self._timed("optimiser"):
             self._optimiser.step(progress)
-            if self.lenses is not None:
+            if self.lenses is not None and progress >= options.lens_from:
                 self.lenses.step(view.index, progress)
         with self._timed("density control"):
             gradient_2d = statistics.abs_grad_2d if options.grow_absolute else statistics.grad_2d
@@ -224,7 +226,7 @@ class Trainer:
 
     def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
         """Render at any camera; with a lens the image is defocused, without it is all in focus."""
-        return render_view(self.gaussians, camera, self.options, sh_degree=self.sh_degree, lens=lens)
+        return render_view(self.gaussians, camera, self.options, lens=lens)
 
     @torch.no_grad()
     def lens_estimates(self) -> dict[str, PhysicalLens] | None:
@@ -234,7 +236,7 @@ class Trainer:
         estimates = {}
         for index, view in enumerate(self._views):
             if self.options.lens_range == "render":
-                raster = rasterise(self.gaussians, view.camera, self.options, sh_degree=self.sh_degree)
+                raster = rasterise(self.gaussians, view.camera, self.options)
                 disparity = surface_disparity(raster.depth, raster.alpha)
                 self.lenses.ranges[index] = _rendered_range(disparity, raster.alpha, self.range)
             estimates[view.name] = self.lenses.estimate(index, view.camera.width)

@@ -61,14 +61,20 @@ def rasterize(
     Gaussian where a Gaussian in front of the camera has a NaN or an infinity.
     """
     parameters = (means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest)
-    _check(parameters, filter_3d, background, geometry)
+    _check(parameters, filter_3d, background, geometry, sh_degree, filter_2d, near)
     degree = min(sh_degree, math.isqrt(sh_rest.shape[1] + 1) - 1)
     settings = _Settings(camera, degree, filter_2d, near, GEOMETRIES.index(geometry), filter_3d, background)
     color, alpha, depth, median, normal = _Rasterize.apply(settings, statistics, *parameters)
     return Raster(color, alpha, depth, median, normal)
 
 
-def _check(parameters, filter_3d, background, geometry) -> None:
+def _check(parameters, filter_3d, background, geometry, sh_degree, filter_2d, near) -> None:
+    if not 0 <= sh_degree <= 3:
+        raise ValueError(f"sh_degree: expected 0, 1, 2 or 3, found {sh_degree}")
+    if not filter_2d >= 0:
+        raise ValueError(f"filter_2d: expected at least 0, found {filter_2d}")
+    if not near > 0:
+        raise ValueError(f"near: expected more than 0, found {near}")
     if geometry not in GEOMETRIES:
         raise ValueError(f"geometry: expected one of {', '.join(GEOMETRIES)}, found {geometry!r}")
     n = parameters[0].shape[0] if parameters[0].ndim else 0
@@ -81,10 +87,8 @@ def _check(parameters, filter_3d, background, geometry) -> None:
         if tuple(value.shape) != shape:
             raise ValueError(f"{name}: expected shape {shape}, found {tuple(value.shape)}")
         if value.dtype != torch.float32 or value.device.type != "cpu" or not value.is_contiguous():
-            raise ValueError(
-                f"{name}: expected contiguous float32 on cpu, found "
-                f"{'' if value.is_contiguous() else 'not '}contiguous {value.dtype} on {value.device}".replace("torch.", "")
-            )
+            found = f"{'' if value.is_contiguous() else 'not '}contiguous {value.dtype} on {value.device}"
+            raise ValueError(f"{name}: expected contiguous torch.float32 on cpu, found {found}")
         if name in ("filter_3d", "background") and value.requires_grad:
             raise ValueError(f"{name}: expected a tensor without gradient, found requires_grad=True")
 
@@ -143,7 +147,7 @@ class _Rasterize(torch.autograd.Function):
             statistics.radii = torch.from_numpy(radii[:n])
         outputs = [torch.from_numpy(image) for image in (color, alpha, depth, median, normal)]
         ctx.settings, ctx.statistics = settings, statistics
-        ctx.tiles = (records, starts, ids, spans, offsets, places, looked_at, at)
+        ctx.tiles = (records, starts, ids, spans, offsets, places, looked_at, at.reshape(-1))
         ctx.set_materialize_grads(False)
         ctx.save_for_backward(*parameters, *outputs)
         return tuple(outputs[k] if k < 2 + (geometry > 0) + 2 * (geometry > 1) else None for k in range(5))
@@ -171,10 +175,9 @@ class _Rasterize(torch.autograd.Function):
         results = [torch.empty(parameter.shape) for parameter in ctx.saved_tensors[:6]]
         grad_2d = np.empty((n, 2) if statistics is not None else (0, 2), np.float32)
         abs_grad_2d = np.empty((n, 2) if want_abs else (0, 2), np.float32)
-        project_backward(*parameters, rest, settings.filter_3d,
-                         settings.degree, len(features), settings.view, gradients, width, offsets, places, want_abs,
-                         *(result.numpy().reshape(-1) for result in results), grad_2d.reshape(-1),
-                         abs_grad_2d.reshape(-1))
+        outputs = (*(result.numpy().reshape(-1) for result in results), grad_2d.reshape(-1), abs_grad_2d.reshape(-1))
+        project_backward(*parameters, rest, settings.filter_3d, settings.degree, len(features), settings.view,
+                         records, gradients, width, offsets, places, outputs)
         if statistics is not None:
             statistics.grad_2d = torch.from_numpy(grad_2d)
             if want_abs:

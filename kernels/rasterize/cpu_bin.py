@@ -7,11 +7,22 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from dofbench.numba_math import LANES, bits8, floor8, floor_int, lanes8, load1, max8, min8, splat8, sqrt8, store8
-
-from .cpu_layout import (
-    HEIGHT, L11, L21, L22, LOG2_MIN_ALPHA, LOG2_OPACITY, MX, MY, RECORD, TILE_HEIGHT, TILE_WIDTH, WIDTH,
+from dofbench.numba_math import (
+    LANES,
+    bits8,
+    cached,
+    floor8,
+    floor_int,
+    lanes8,
+    load1,
+    max8,
+    min8,
+    splat8,
+    sqrt8,
+    store8,
 )
+
+from . import cpu_layout as layout
 
 # Bounds are widened by this much, so that rounding never leaves out a pixel that blending would take:
 # absolute in the base-2 exponent, and in pixels.
@@ -19,27 +30,28 @@ _SLACK = np.float32(1e-3)
 _HALF = np.float32(0.5)
 _ONE = np.float32(1.0)
 _ZERO = np.float32(0.0)
-_TILE_WIDTH = np.float32(TILE_WIDTH)
-_TILE_HEIGHT = np.float32(TILE_HEIGHT)
+_TILE_WIDTH = np.float32(layout.TILE_WIDTH)
+_TILE_HEIGHT = np.float32(layout.TILE_HEIGHT)
 
 
 @njit(forceinline=True, error_model="numpy")
 def ellipse_box(records, i, view):
     """The tiles around the ellipse of alpha >= 1/255: first column, first row, columns, rows (0 if outside)."""
-    base = i * RECORD
-    mx, my = load1(records, base + MX), load1(records, base + MY)
-    l11, l21, l22 = load1(records, base + L11), load1(records, base + L21), load1(records, base + L22)
-    reach = math.sqrt(load1(records, base + LOG2_OPACITY) - LOG2_MIN_ALPHA + _SLACK)
+    base = i * layout.RECORD
+    mx, my = load1(records, base + layout.MX), load1(records, base + layout.MY)
+    l11, l21 = load1(records, base + layout.L11), load1(records, base + layout.L21)
+    l22 = load1(records, base + layout.L22)
+    reach = math.sqrt(load1(records, base + layout.LOG2_OPACITY) - layout.LOG2_MIN_ALPHA + _SLACK)
     half_y = reach / l22 + _SLACK
     half_x = half_y * math.sqrt(l21 * l21 + l22 * l22) / l11 + _SLACK
     left = max(-floor_int(half_x + _HALF - mx), 0)
-    right = min(floor_int(mx + half_x - _HALF), np.int64(view[WIDTH]) - 1)
+    right = min(floor_int(mx + half_x - _HALF), np.int64(view[layout.WIDTH]) - 1)
     top = max(-floor_int(half_y + _HALF - my), 0)
-    bottom = min(floor_int(my + half_y - _HALF), np.int64(view[HEIGHT]) - 1)
+    bottom = min(floor_int(my + half_y - _HALF), np.int64(view[layout.HEIGHT]) - 1)
     if right < left or bottom < top:
         return 0, 0, 0, 0
-    column, row = left // TILE_WIDTH, top // TILE_HEIGHT
-    return column, row, right // TILE_WIDTH - column + 1, bottom // TILE_HEIGHT - row + 1
+    column, row = left // layout.TILE_WIDTH, top // layout.TILE_HEIGHT
+    return column, row, right // layout.TILE_WIDTH - column + 1, bottom // layout.TILE_HEIGHT - row + 1
 
 
 @njit(forceinline=True, error_model="numpy")
@@ -52,10 +64,11 @@ def ellipse_rows(records, i, view, column, row, columns, cell):
     extremes lie at dx = +- l21 sqrt(reach2) / (l11 l22): so over a tile's columns the extreme is at
     the nearest dx to that.
     """
-    base = i * RECORD
-    mx, my = load1(records, base + MX), load1(records, base + MY)
-    l11, l21, l22 = load1(records, base + L11), load1(records, base + L21), load1(records, base + L22)
-    reach2 = load1(records, base + LOG2_OPACITY) - LOG2_MIN_ALPHA + _SLACK
+    base = i * layout.RECORD
+    mx, my = load1(records, base + layout.MX), load1(records, base + layout.MY)
+    l11, l21 = load1(records, base + layout.L11), load1(records, base + layout.L21)
+    l22 = load1(records, base + layout.L22)
+    reach2 = load1(records, base + layout.LOG2_OPACITY) - layout.LOG2_MIN_ALPHA + _SLACK
     n = l21 * l21 + l22 * l22
     reach = math.sqrt(reach2)
     widest = reach * math.sqrt(n) / (l11 * l22)
@@ -74,7 +87,7 @@ def ellipse_rows(records, i, view, column, row, columns, cell):
     at = min8(max8(splat8(-highest), low), high)
     first = (-sqrt8(max8(n * reach2 - (l11 * l22 * at) * (l11 * l22 * at), _ZERO)) - l11 * l21 * at) * inverse
     first = max8(-floor8(-(first + (my - _HALF - _SLACK) - top)), _ZERO)
-    bottom = min8(view[HEIGHT] - top, _TILE_HEIGHT)
+    bottom = min8(view[layout.HEIGHT] - top, _TILE_HEIGHT)
     stop = min8(floor8(last + (my - _HALF + _SLACK) - top) + _ONE, bottom)
     met = (low <= high) & (first < stop)
     return first, stop, met
@@ -119,7 +132,8 @@ def list_tiles(records, i, view, tiles_across, slot, tiles, spans, buffer):
     return slot
 
 
-@njit(error_model="numpy", cache=True)
+@cached
+@njit(error_model="numpy")
 def depth_order(depths, counts, n):
     """Indices of the Gaussians that meet a tile, nearest first, equal depths in index order (int32).
 
@@ -160,7 +174,8 @@ def depth_order(depths, counts, n):
     return order
 
 
-@njit(parallel=True, error_model="numpy", cache=True)
+@cached
+@njit(parallel=True, error_model="numpy")
 def fill_tiles(records, counts, n, order, view, columns, rows, chunks):
     """Every tile's list of Gaussians, nearest first.
 

@@ -8,17 +8,26 @@ import numpy as np
 from numba import njit, prange
 
 from dofbench.numba_math import (
-    LANES, abs8, any8, exp2_fast8, lanes8, load1, load8, max8, min8, prefetch, select8, splat8, store8, sums8,
+    LANES,
+    abs8,
+    any8,
+    cached,
+    exp2_fast8,
+    lanes8,
+    load1,
+    load8,
+    max8,
+    min8,
+    prefetch,
+    select8,
+    splat8,
+    store8,
+    sums8,
 )
 
-from .cpu_layout import (
-    BLUE, GREEN, L11, L21, L22, LOG2_MAX_ALPHA, LOG2_MIN_ALPHA, LOG2_OPACITY, MAX_ALPHA, MIN_TRANSMITTANCE, MX, MY,
-    NEAR, NX, NY, NZ, RECORD, RED, T0, TILE_HEIGHT, TILE_WIDTH, TX, TY,
-)
-from .cpu_tiles import (
-    P_BLUE, P_DEPTH, P_G_ALPHA, P_G_DEPTH, P_G_MEDIAN, P_G_NX, P_G_NY, P_G_NZ, P_GREEN, P_LEFT, P_MEDIAN, P_MEDIAN_AT,
-    P_NX, P_NY, P_NZ, P_RED, P_T, P_WEIGHT, PLANE, SCRATCH, clear_tile, read_tile, write_tile,
-)
+from . import cpu_layout as layout
+from . import cpu_tiles as planes
+from .cpu_tiles import clear_tile, read_tile, write_tile
 
 _ZERO = np.float32(0.0)
 _HALF = np.float32(0.5)
@@ -32,56 +41,61 @@ _AHEAD = 8
 
 
 @njit(forceinline=True)
+def _load3(array, index):
+    return load1(array, index), load1(array, index + 1), load1(array, index + 2)
+
+
+@njit(forceinline=True)
 def _is_opaque(scratch):
     highest = splat8(_ZERO)
-    for k in range(0, PLANE, LANES):
-        highest = max8(load8(scratch, P_T + k), highest)
-    return not any8(highest >= MIN_TRANSMITTANCE)
+    for k in range(0, planes.PLANE, LANES):
+        highest = max8(load8(scratch, planes.T + k), highest)
+    return not any8(highest >= layout.MIN_TRANSMITTANCE)
 
 
 @njit(error_model="numpy")
 def _forward_tile(features, records, ids, spans, begin, end, left, top, near, scratch):
     """Blend one tile into `scratch`; returns how many of its Gaussians were looked at."""
     for k in range(begin, end):
-        base = np.int64(ids[k]) * RECORD
-        prefetch(records, np.int64(ids[min(k + _AHEAD, end - 1)]) * RECORD)
+        base = np.int64(ids[k]) * layout.RECORD
+        prefetch(records, np.int64(ids[min(k + _AHEAD, end - 1)]) * layout.RECORD)
         first, stop = np.int64(spans[k]) & 255, np.int64(spans[k]) >> 8
-        l11, l21, l22 = load1(records, base + L11), load1(records, base + L21), load1(records, base + L22)
-        log2_opacity = load1(records, base + LOG2_OPACITY)
-        red, green, blue = load1(records, base + RED), load1(records, base + GREEN), load1(records, base + BLUE)
-        my = load1(records, base + MY)
-        dx = lanes8() + (np.float32(left) + _HALF - load1(records, base + MX))
+        l11, l21, l22 = _load3(records, base + layout.L11)
+        log2_opacity = load1(records, base + layout.LOG2_OPACITY)
+        red, green, blue = _load3(records, base + layout.RED)
+        my = load1(records, base + layout.MY)
+        dx = lanes8() + (np.float32(left) + _HALF - load1(records, base + layout.MX))
         ldx = dx * l11
         if len(features) > 0:
-            t_row = load1(records, base + T0) - dx * load1(records, base + TX)
-            ty = load1(records, base + TY)
+            t0, tx, ty = _load3(records, base + layout.T0)
+            t_row = t0 - dx * tx
         dy = np.float32(top + first) + (_HALF - my)
         for row in range(first, stop):
             place = row * LANES
             e = l22 * dy
             d = ldx + l21 * dy
             exponent = (log2_opacity - e * e) - d * d
-            transmittance = load8(scratch, P_T + place)
-            taken = (exponent >= LOG2_MIN_ALPHA) & (transmittance >= MIN_TRANSMITTANCE)
-            alpha = select8(taken, min8(exp2_fast8(exponent), MAX_ALPHA), _ZERO)
+            transmittance = load8(scratch, planes.T + place)
+            taken = (exponent >= layout.LOG2_MIN_ALPHA) & (transmittance >= layout.MIN_TRANSMITTANCE)
+            alpha = select8(taken, min8(exp2_fast8(exponent), layout.MAX_ALPHA), _ZERO)
             weight = alpha * transmittance
-            store8(scratch, P_T + place, transmittance - weight)
-            store8(scratch, P_RED + place, load8(scratch, P_RED + place) + weight * red)
-            store8(scratch, P_GREEN + place, load8(scratch, P_GREEN + place) + weight * green)
-            store8(scratch, P_BLUE + place, load8(scratch, P_BLUE + place) + weight * blue)
+            store8(scratch, planes.T + place, transmittance - weight)
+            store8(scratch, planes.RED + place, load8(scratch, planes.RED + place) + weight * red)
+            store8(scratch, planes.GREEN + place, load8(scratch, planes.GREEN + place) + weight * green)
+            store8(scratch, planes.BLUE + place, load8(scratch, planes.BLUE + place) + weight * blue)
             if len(features) > 0:
                 t = max8(t_row - ty * dy, near)
-                store8(scratch, P_DEPTH + place, load8(scratch, P_DEPTH + place) + weight * t)
-                store8(scratch, P_WEIGHT + place, load8(scratch, P_WEIGHT + place) + weight)
+                store8(scratch, planes.DEPTH + place, load8(scratch, planes.DEPTH + place) + weight * t)
+                store8(scratch, planes.WEIGHT + place, load8(scratch, planes.WEIGHT + place) + weight)
                 if len(features) > 1:
-                    nx, ny, nz = load1(records, base + NX), load1(records, base + NY), load1(records, base + NZ)
-                    store8(scratch, P_NX + place, load8(scratch, P_NX + place) + weight * nx)
-                    store8(scratch, P_NY + place, load8(scratch, P_NY + place) + weight * ny)
-                    store8(scratch, P_NZ + place, load8(scratch, P_NZ + place) + weight * nz)
+                    nx, ny, nz = _load3(records, base + layout.NX)
+                    store8(scratch, planes.NX + place, load8(scratch, planes.NX + place) + weight * nx)
+                    store8(scratch, planes.NY + place, load8(scratch, planes.NY + place) + weight * ny)
+                    store8(scratch, planes.NZ + place, load8(scratch, planes.NZ + place) + weight * nz)
                     upper = taken & (transmittance > _HALF)
-                    store8(scratch, P_MEDIAN + place, select8(upper, t, load8(scratch, P_MEDIAN + place)))
-                    at = np.float32(k - begin + 1)
-                    store8(scratch, P_MEDIAN_AT + place, select8(upper, at, load8(scratch, P_MEDIAN_AT + place)))
+                    store8(scratch, planes.MEDIAN + place, select8(upper, t, load8(scratch, planes.MEDIAN + place)))
+                    at = select8(upper, np.float32(k - begin + 1), load8(scratch, planes.MEDIAN_AT + place))
+                    store8(scratch, planes.MEDIAN_AT + place, at)
             dy += _ONE
         if (k - begin) % _TEST_EVERY == _TEST_EVERY - 1 and _is_opaque(scratch):
             return k + 1 - begin
@@ -89,24 +103,25 @@ def _forward_tile(features, records, ids, spans, begin, end, left, top, near, sc
 
 
 @njit(error_model="numpy")
-def _backward_tile(features, absolute, width, records, ids, spans, begin, end, looked_at, left, top, near, scratch, out):
+def _backward_tile(features, absolute, width, records, ids, spans, begin, end, looked_at, left, top, near, scratch,
+                   out):
     """One tile's share of the gradient, written to `out` at each intersection's place (`width` floats)."""
     zero = splat8(_ZERO)
     for k in range(begin, begin + looked_at):
-        base = np.int64(ids[k]) * RECORD
-        prefetch(records, np.int64(ids[min(k + _AHEAD, end - 1)]) * RECORD)
+        base = np.int64(ids[k]) * layout.RECORD
+        prefetch(records, np.int64(ids[min(k + _AHEAD, end - 1)]) * layout.RECORD)
         first, stop = np.int64(spans[k]) & 255, np.int64(spans[k]) >> 8
-        l11, l21, l22 = load1(records, base + L11), load1(records, base + L21), load1(records, base + L22)
-        log2_opacity = load1(records, base + LOG2_OPACITY)
-        red, green, blue = load1(records, base + RED), load1(records, base + GREEN), load1(records, base + BLUE)
-        my = load1(records, base + MY)
-        dx = lanes8() + (np.float32(left) + _HALF - load1(records, base + MX))
+        l11, l21, l22 = _load3(records, base + layout.L11)
+        log2_opacity = load1(records, base + layout.LOG2_OPACITY)
+        red, green, blue = _load3(records, base + layout.RED)
+        my = load1(records, base + layout.MY)
+        dx = lanes8() + (np.float32(left) + _HALF - load1(records, base + layout.MX))
         ldx = dx * l11
         if len(features) > 0:
-            t_row = load1(records, base + T0) - dx * load1(records, base + TX)
-            tx, ty = load1(records, base + TX), load1(records, base + TY)
+            t0, tx, ty = _load3(records, base + layout.T0)
+            t_row = t0 - dx * tx
             if len(features) > 1:
-                nx, ny, nz = load1(records, base + NX), load1(records, base + NY), load1(records, base + NZ)
+                nx, ny, nz = _load3(records, base + layout.NX)
         # Sums over the rows, lane by lane; dx is constant in a lane, so its moments can wait.
         q0, q1, q2 = zero, zero, zero
         sum_red, sum_green, sum_blue = zero, zero, zero
@@ -118,27 +133,27 @@ def _backward_tile(features, absolute, width, records, ids, spans, begin, end, l
             e = l22 * dy
             d = ldx + l21 * dy
             exponent = (log2_opacity - e * e) - d * d
-            transmittance = load8(scratch, P_T + place)
-            taken = (exponent >= LOG2_MIN_ALPHA) & (transmittance >= MIN_TRANSMITTANCE)
-            alpha = select8(taken, min8(exp2_fast8(exponent), MAX_ALPHA), _ZERO)
+            transmittance = load8(scratch, planes.T + place)
+            taken = (exponent >= layout.LOG2_MIN_ALPHA) & (transmittance >= layout.MIN_TRANSMITTANCE)
+            alpha = select8(taken, min8(exp2_fast8(exponent), layout.MAX_ALPHA), _ZERO)
             weight = alpha * transmittance
-            store8(scratch, P_T + place, transmittance - weight)
-            g_red, g_green = load8(scratch, P_RED + place), load8(scratch, P_GREEN + place)
-            g_blue = load8(scratch, P_BLUE + place)
-            s = load8(scratch, P_G_ALPHA + place) + g_red * red + g_green * green + g_blue * blue
+            store8(scratch, planes.T + place, transmittance - weight)
+            g_red, g_green = load8(scratch, planes.RED + place), load8(scratch, planes.GREEN + place)
+            g_blue = load8(scratch, planes.BLUE + place)
+            s = load8(scratch, planes.G_ALPHA + place) + g_red * red + g_green * green + g_blue * blue
             sum_red += weight * g_red
             sum_green += weight * g_green
             sum_blue += weight * g_blue
             if len(features) > 0:
                 t = t_row - ty * dy
-                g_depth = load8(scratch, P_G_DEPTH + place)
+                g_depth = load8(scratch, planes.G_DEPTH + place)
                 s += g_depth * max8(t, near)
                 g_t = weight * g_depth
                 if len(features) > 1:
-                    at = load8(scratch, P_MEDIAN_AT + place) == np.float32(k - begin + 1)
-                    g_t += select8(at, load8(scratch, P_G_MEDIAN + place), _ZERO)
-                    g_nx, g_ny = load8(scratch, P_G_NX + place), load8(scratch, P_G_NY + place)
-                    g_nz = load8(scratch, P_G_NZ + place)
+                    at = load8(scratch, planes.MEDIAN_AT + place) == np.float32(k - begin + 1)
+                    g_t += select8(at, load8(scratch, planes.G_MEDIAN + place), _ZERO)
+                    g_nx, g_ny = load8(scratch, planes.G_NX + place), load8(scratch, planes.G_NY + place)
+                    g_nz = load8(scratch, planes.G_NZ + place)
                     s += g_nx * nx + g_ny * ny + g_nz * nz
                     sum_nx += weight * g_nx
                     sum_ny += weight * g_ny
@@ -146,10 +161,10 @@ def _backward_tile(features, absolute, width, records, ids, spans, begin, end, l
                 g_t = select8(t > near, g_t, _ZERO)
                 sum_t += g_t
                 sum_ty += g_t * dy
-            rest = load8(scratch, P_LEFT + place) - weight * s
-            store8(scratch, P_LEFT + place, rest)
+            rest = load8(scratch, planes.LEFT + place) - weight * s
+            store8(scratch, planes.LEFT + place, rest)
             by_alpha = transmittance * s - rest / (_ONE - alpha)
-            q = select8(exponent < LOG2_MAX_ALPHA, by_alpha * alpha, _ZERO)
+            q = select8(exponent < layout.LOG2_MAX_ALPHA, by_alpha * alpha, _ZERO)
             q0 += q
             q1 += q * dy
             q2 += q * dy * dy
@@ -176,9 +191,10 @@ def _backward_tile(features, absolute, width, records, ids, spans, begin, end, l
             store8(out, place + part, zero)
 
 
-@njit(parallel=True, error_model="numpy", cache=True)
-def blend(features, records, starts, ids, spans, view, columns, background, color, alpha, depth, median, median_at, normal,
-          looked_at, workers):
+@cached
+@njit(parallel=True, error_model="numpy")
+def blend(features, records, starts, ids, spans, view, columns, background, color, alpha, depth, median, median_at,
+          normal, looked_at, workers):
     """Composite every tile, writing the images (flat) and how many Gaussians each tile looked at.
 
     features: an empty tuple for colour and alpha, one entry to add depth, two to add median depth and normals
@@ -186,17 +202,18 @@ def blend(features, records, starts, ids, spans, view, columns, background, colo
     """
     tiles = looked_at.size
     for worker in prange(workers):
-        scratch = np.empty(SCRATCH, np.float32)
+        scratch = np.empty(planes.SCRATCH, np.float32)
         # Neighbours cost alike, so dealing the tiles out one by one shares the work evenly.
         for tile in range(worker, tiles, workers):
-            left, top = tile % columns * TILE_WIDTH, tile // columns * TILE_HEIGHT
+            left, top = tile % columns * layout.TILE_WIDTH, tile // columns * layout.TILE_HEIGHT
             clear_tile(scratch, left, top, view)
             looked_at[tile] = _forward_tile(features, records, ids, spans, starts[tile], starts[tile + 1], left, top,
-                                            view[NEAR], scratch)
+                                            view[layout.NEAR], scratch)
             write_tile(features, scratch, left, top, view, background, color, alpha, depth, median, median_at, normal)
 
 
-@njit(parallel=True, error_model="numpy", cache=True)
+@cached
+@njit(parallel=True, error_model="numpy")
 def blend_backward(features, absolute, records, starts, ids, spans, view, columns, looked_at,
                    color, alpha, depth, normal, median_at, g_color, g_alpha, g_depth, g_median, g_normal, out, workers):
     """Every intersection's share of the gradient, at its place in `out` (see cpu_layout).
@@ -206,11 +223,11 @@ def blend_backward(features, absolute, records, starts, ids, spans, view, column
     tiles = looked_at.size
     width = 24 if len(features) > 1 else 16
     for worker in prange(workers):
-        scratch = np.empty(SCRATCH, np.float32)
+        scratch = np.empty(planes.SCRATCH, np.float32)
         for tile in range(worker, tiles, workers):
-            left, top = tile % columns * TILE_WIDTH, tile // columns * TILE_HEIGHT
+            left, top = tile % columns * layout.TILE_WIDTH, tile // columns * layout.TILE_HEIGHT
             if looked_at[tile] > 0:
                 read_tile(features, scratch, left, top, view, color, alpha, depth, normal, median_at,
                            g_color, g_alpha, g_depth, g_median, g_normal)
             _backward_tile(features, absolute, width, records, ids, spans, starts[tile], starts[tile + 1],
-                           looked_at[tile], left, top, view[NEAR], scratch, out)
+                           looked_at[tile], left, top, view[layout.NEAR], scratch, out)

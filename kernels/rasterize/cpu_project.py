@@ -6,22 +6,34 @@ import numpy as np
 from numba import njit, prange
 
 from dofbench.numba_math import (
-    LANES, abs8, any8, bits8, exp8, floor8, gather8, load8, log2_8, max8, min8, scatter8, select8, splat8, sqrt8,
+    LANES,
+    abs8,
+    any8,
+    bits8,
+    cached,
+    exp8,
+    floor8,
+    gather8,
+    load8,
+    log2_8,
+    max8,
+    min8,
+    scatter8,
+    select8,
+    sqrt8,
     store8,
 )
 
+from . import cpu_layout as layout
 from .cpu_bin import count_tiles
-from .cpu_layout import (
-    BLUE, CENTRE, CX, CY, EDGE_ON, EXPONENT_SCALE, FILTER_2D, FX, FY, GREEN, HEIGHT, L11, L21, L22,
-    LOG2_MIN_ALPHA, LOG2_OPACITY, MIN_DETERMINANT, MX, MY, NEAR, NX, NY, NZ, RECORD, RED, ROTATION, T0, TRANSLATION,
-    TX, TY, U_HIGH, U_LOW, V_HIGH, V_LOW, WIDTH,
-)
-from .cpu_sh import color8
+from .cpu_sh import TERMS, color8
 
 ONE = np.float32(1.0)
 HALF = np.float32(0.5)
 ZERO = np.float32(0.0)
-TINY = np.float32(1e-30)
+# Pieces that the Gaussians are dealt out in: enough for many threads, few enough to cost nothing.
+CHUNKS = 64
+MIN_ALPHA = np.float32(layout.MIN_ALPHA)
 
 
 @njit(forceinline=True)
@@ -32,8 +44,8 @@ def dot3(ax, ay, az, bx, by, bz):
 @njit(forceinline=True)
 def to_camera8(view, x, y, z):
     """World position to camera position."""
-    r = ROTATION
-    t = TRANSLATION
+    r = layout.ROTATION
+    t = layout.TRANSLATION
     return (
         view[r] * x + (view[r + 1] * y + (view[r + 2] * z + view[t])),
         view[r + 3] * x + (view[r + 4] * y + (view[r + 5] * z + view[t + 1])),
@@ -63,9 +75,9 @@ def axes8(view, w, x, y, z):
     c0x, c0y, c0z = ONE - two * (y * y + z * z), two * (x * y + w * z), two * (x * z - w * y)
     c1x, c1y, c1z = two * (x * y - w * z), ONE - two * (x * x + z * z), two * (y * z + w * x)
     c2x, c2y, c2z = two * (x * z + w * y), two * (y * z - w * x), ONE - two * (x * x + y * y)
-    r00, r01, r02 = view[ROTATION], view[ROTATION + 1], view[ROTATION + 2]
-    r10, r11, r12 = view[ROTATION + 3], view[ROTATION + 4], view[ROTATION + 5]
-    r20, r21, r22 = view[ROTATION + 6], view[ROTATION + 7], view[ROTATION + 8]
+    r00, r01, r02 = view[layout.ROTATION], view[layout.ROTATION + 1], view[layout.ROTATION + 2]
+    r10, r11, r12 = view[layout.ROTATION + 3], view[layout.ROTATION + 4], view[layout.ROTATION + 5]
+    r20, r21, r22 = view[layout.ROTATION + 6], view[layout.ROTATION + 7], view[layout.ROTATION + 8]
     return (
         r00 * c0x + (r01 * c0y + r02 * c0z), r10 * c0x + (r11 * c0y + r12 * c0z), r20 * c0x + (r21 * c0y + r22 * c0z),
         r00 * c1x + (r01 * c1y + r02 * c1z), r10 * c1x + (r11 * c1y + r12 * c1z), r20 * c1x + (r21 * c1y + r22 * c1z),
@@ -83,7 +95,8 @@ def sizes8(log_scales, filter_3d, i):
         return s0, s1, s2, s0, s1, s2
     f = load8(filter_3d, i)
     f2 = f * f
-    return s0, s1, s2, sqrt8(s0 * s0 + f2), sqrt8(s1 * s1 + f2), sqrt8(s2 * s2 + f2)
+    # The square of a scale below 1e-19 vanishes in float32; the filtered one must not be smaller than the scale.
+    return s0, s1, s2, max8(sqrt8(s0 * s0 + f2), s0), max8(sqrt8(s1 * s1 + f2), s1), max8(sqrt8(s2 * s2 + f2), s2)
 
 
 @njit(forceinline=True)
@@ -107,12 +120,12 @@ def weights8(e0, e1, e2):
 
 @njit(error_model="numpy")
 def project_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, degree, geometry,
-                  view, i, records, depths, radii, visible, out):
+                  view, i, records, depths, radii, visible, out, basis):
     """Project Gaussians i … i + 7 of the inputs into places out … out + 7; returns the lanes gone non-finite."""
     px, py, pz = gather8(means, 3 * i, 3), gather8(means, 3 * i + 1, 3), gather8(means, 3 * i + 2, 3)
     x, y, z = to_camera8(view, px, py, pz)
-    fx, fy = view[FX], view[FY]
-    in_front = z > view[NEAR]
+    fx, fy = view[layout.FX], view[layout.FY]
+    in_front = z > view[layout.NEAR]
     # The sum of the differences is 0 exactly where every term is finite.
     finite = (x - x) + (y - y) + (z - z) == ZERO
     store8(depths, out, z)
@@ -125,8 +138,8 @@ def project_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest
     safe_z = select8(in_front, z, ONE)
     iz = ONE / safe_z
     u, v = x * iz, y * iz
-    cu = min8(max8(u, view[U_LOW]), view[U_HIGH])
-    cv = min8(max8(v, view[V_LOW]), view[V_HIGH])
+    cu = min8(max8(u, view[layout.U_LOW]), view[layout.U_HIGH])
+    cv = min8(max8(v, view[layout.V_LOW]), view[layout.V_HIGH])
 
     w, qx, qy, qz, _ = unit_quaternion8(quaternions, i)
     m0x, m0y, m0z, m1x, m1y, m1z, m2x, m2y, m2z = axes8(view, w, qx, qy, qz)
@@ -138,37 +151,38 @@ def project_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest
     a0x, a0y = kx * e0 * (m0x - cu * m0z), ky * e0 * (m0y - cv * m0z)
     a1x, a1y = kx * e1 * (m1x - cu * m1z), ky * e1 * (m1y - cv * m1z)
     a2x, a2y = kx * e2 * (m2x - cu * m2z), ky * e2 * (m2y - cv * m2z)
-    sxx, sxy, syy = dot3(a0x, a1x, a2x, a0x, a1x, a2x), dot3(a0x, a1x, a2x, a0y, a1y, a2y), dot3(
-        a0y, a1y, a2y, a0y, a1y, a2y)
+    sxx, sxy = dot3(a0x, a1x, a2x, a0x, a1x, a2x), dot3(a0x, a1x, a2x, a0y, a1y, a2y)
+    syy = dot3(a0y, a1y, a2y, a0y, a1y, a2y)
     n01, n02, n12 = minor8(a0x, a0y, a1x, a1y), minor8(a0x, a0y, a2x, a2y), minor8(a1x, a1y, a2x, a2y)
     det_bare = dot3(n01, n02, n12, n01, n02, n12)
-    blur = view[FILTER_2D]
+    blur = view[layout.FILTER_2D]
     det = det_bare + blur * (sxx + syy + blur)
     fxx, fyy = sxx + blur, syy + blur
 
     opacity = ONE / (ONE + exp8(-load8(opacity_logits, i)))
     opacity = opacity * (ratio8(s0, e0) * ratio8(s1, e1) * ratio8(s2, e2))
     if blur > ZERO:
-        opacity = opacity * sqrt8(det_bare / (det + MIN_DETERMINANT) + MIN_DETERMINANT)
+        opacity = opacity * sqrt8(det_bare / (det + layout.MIN_DETERMINANT) + layout.MIN_DETERMINANT)
     # A logit of +inf makes exp 0 and the opacity 1, a scale of 0 only an opacity of 0: both are finite.
     finite = finite & ((~in_front) | ((det - det) + (opacity - opacity) == ZERO))
 
-    seen = in_front & finite & (det_bare > MIN_DETERMINANT) & (opacity > np.float32(1.0 / 255.0))
+    seen = in_front & finite & (det_bare > layout.MIN_DETERMINANT) & (opacity > MIN_ALPHA)
     det = select8(seen, det, ONE)
     fxx, fyy = select8(seen, fxx, ONE), select8(seen, fyy, ONE)
     sxy = select8(seen, sxy, ZERO)
     log2_opacity = log2_8(select8(seen, opacity, ONE))
-    l11 = EXPONENT_SCALE * sqrt8(fyy / det)
-    l21 = EXPONENT_SCALE * (-sxy / sqrt8(fyy * det))
-    l22 = EXPONENT_SCALE / sqrt8(fyy)
+    l11 = layout.EXPONENT_SCALE * sqrt8(fyy / det)
+    l21 = layout.EXPONENT_SCALE * (-sxy / sqrt8(fyy * det))
+    l22 = layout.EXPONENT_SCALE / sqrt8(fyy)
 
-    mx, my = fx * u + view[CX], fy * v + view[CY]
+    mx, my = fx * u + view[layout.CX], fy * v + view[layout.CY]
     # alpha >= 1/255 where the base-2 exponent's quadratic part is at most `reach`.
-    reach = sqrt8(log2_opacity - LOG2_MIN_ALPHA)
-    half_x, half_y = reach / EXPONENT_SCALE * sqrt8(fxx), reach / EXPONENT_SCALE * sqrt8(fyy)
-    first_x, last_x = max8(-floor8(half_x + HALF - mx), ZERO), min8(floor8(mx + half_x - HALF), view[WIDTH] - ONE)
-    first_y, last_y = max8(-floor8(half_y + HALF - my), ZERO), min8(floor8(my + half_y - HALF), view[HEIGHT] - ONE)
-    seen = seen & (first_x <= last_x) & (first_y <= last_y)
+    reach = sqrt8(log2_opacity - layout.LOG2_MIN_ALPHA)
+    half_x, half_y = reach / layout.EXPONENT_SCALE * sqrt8(fxx), reach / layout.EXPONENT_SCALE * sqrt8(fyy)
+    left, top = max8(-floor8(half_x + HALF - mx), ZERO), max8(-floor8(half_y + HALF - my), ZERO)
+    right = min8(floor8(mx + half_x - HALF), view[layout.WIDTH] - ONE)
+    bottom = min8(floor8(my + half_y - HALF), view[layout.HEIGHT] - ONE)
+    seen = seen & (left <= right) & (top <= bottom)
 
     mean = HALF * (fxx + fyy)
     spread = HALF * (fxx - fyy)
@@ -180,20 +194,21 @@ def project_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest
     if bits == 0:
         return bits8(~finite)
 
-    base = out * RECORD
-    scatter8(records, base + MX, RECORD, mx)
-    scatter8(records, base + MY, RECORD, my)
-    scatter8(records, base + L11, RECORD, l11)
-    scatter8(records, base + L21, RECORD, l21)
-    scatter8(records, base + L22, RECORD, l22)
-    scatter8(records, base + LOG2_OPACITY, RECORD, log2_opacity)
+    base = out * layout.RECORD
+    scatter8(records, base + layout.MX, layout.RECORD, mx)
+    scatter8(records, base + layout.MY, layout.RECORD, my)
+    scatter8(records, base + layout.L11, layout.RECORD, l11)
+    scatter8(records, base + layout.L21, layout.RECORD, l21)
+    scatter8(records, base + layout.L22, layout.RECORD, l22)
+    scatter8(records, base + layout.LOG2_OPACITY, layout.RECORD, log2_opacity)
 
+    eye = layout.CENTRE
     red, green, blue = color8(sh_dc, sh_rest, rest, degree, i,
-                              px - view[CENTRE], py - view[CENTRE + 1], pz - view[CENTRE + 2])
+                              px - view[eye], py - view[eye + 1], pz - view[eye + 2], basis)
     finite = finite & ((~seen) | ((red - red) + (green - green) + (blue - blue) == ZERO))
-    scatter8(records, base + RED, RECORD, max8(red, ZERO))
-    scatter8(records, base + GREEN, RECORD, max8(green, ZERO))
-    scatter8(records, base + BLUE, RECORD, max8(blue, ZERO))
+    scatter8(records, base + layout.RED, layout.RECORD, max8(red, ZERO))
+    scatter8(records, base + layout.GREEN, layout.RECORD, max8(green, ZERO))
+    scatter8(records, base + layout.BLUE, layout.RECORD, max8(blue, ZERO))
 
     if geometry > 0:
         # RaDe-GS, current version: the plane of largest density along each ray, in ray length.
@@ -203,35 +218,71 @@ def project_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest
         hx, hy, hz = dot3(b0, b1, b2, m0x, m1x, m2x), dot3(b0, b1, b2, m0y, m1y, m2y), dot3(b0, b1, b2, m0z, m1z, m2z)
         along = dot3(b0, b1, b2, k0, k1, k2)
         length = sqrt8(dot3(hx, hy, hz, hx, hy, hz))
-        edge_on = along <= EDGE_ON * length
+        edge_on = along <= layout.EDGE_ON * length
         inverse_along = ONE / select8(edge_on, ONE, along)
         ig = ONE / (cu * cu + (cv * cv + ONE))
         distance = sqrt8(dot3(x, y, z, x, y, z))
-        scatter8(records, base + T0, RECORD, distance)
-        scatter8(records, base + TX, RECORD,
+        scatter8(records, base + layout.T0, layout.RECORD, distance)
+        scatter8(records, base + layout.TX, layout.RECORD,
                  select8(edge_on, ZERO, distance * (hx * inverse_along - cu * ig) / fx))
-        scatter8(records, base + TY, RECORD,
+        scatter8(records, base + layout.TY, layout.RECORD,
                  select8(edge_on, ZERO, distance * (hy * inverse_along - cv * ig) / fy))
         if geometry > 1:
             unit = select8(edge_on, ZERO, -ONE / select8(edge_on, ONE, length))
-            scatter8(records, base + NX, RECORD, hx * unit)
-            scatter8(records, base + NY, RECORD, hy * unit)
-            scatter8(records, base + NZ, RECORD, hz * unit)
+            scatter8(records, base + layout.NX, layout.RECORD, hx * unit)
+            scatter8(records, base + layout.NY, layout.RECORD, hy * unit)
+            scatter8(records, base + layout.NZ, layout.RECORD, hz * unit)
     return bits8(~finite)
 
 
 @njit(error_model="numpy")
-def tail_of(array, width):
-    """The rows of a flat (N, width) array after the last full block of eight, padded with zeros to eight."""
+def tail_of(array, n):
+    """The rows of a flat array of n rows after the last full block of eight, padded with zeros to eight."""
+    width = array.size // n if n > 0 else 0
     padded = np.zeros(LANES * width, np.float32)
-    rows = array.size // width if width > 0 else 0
-    start = rows // LANES * LANES * width
-    for k in range(start, array.size):
+    start = n // LANES * LANES * width
+    for k in range(start, n * width):
         padded[k - start] = array[k]
     return padded
 
 
-@njit(parallel=True, error_model="numpy", cache=True)
+@njit(error_model="numpy")
+def tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d):
+    """The last, incomplete block of every input."""
+    n = opacity_logits.size
+    return (tail_of(means, n), tail_of(log_scales, n), tail_of(quaternions, n), tail_of(opacity_logits, n),
+            tail_of(sh_dc, n), tail_of(sh_rest, n), tail_of(filter_3d, n))
+
+
+@njit(error_model="numpy")
+def project_blocks(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, tails, degree,
+                   geometry, view, first, stop, records, depths, radii, visible, counts):
+    """Project the blocks first … stop - 1; returns the index of a Gaussian that is not finite, or -1."""
+    n = opacity_logits.size
+    bad = -1
+    basis = np.empty(TERMS * LANES, np.float32)
+    for block in range(first, stop):
+        i = block * LANES
+        # One call with chosen arguments: a second call would be a second copy to compile.
+        if i + LANES <= n:
+            place, a, b, c, d, e, f, g = (
+                i, means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d)
+        else:
+            place, (a, b, c, d, e, f, g) = 0, tails
+        lost = project_block(a, b, c, d, e, f, rest, g, degree, geometry, view, place,
+                             records, depths, radii, visible, i, basis)
+        for lane in range(min(LANES, n - i)):
+            if (lost >> lane) & 1:
+                bad = i + lane
+            counts[i + lane] = count_tiles(records, i + lane, view) if visible[i + lane] else 0
+        for k in range(n, i + LANES):
+            visible[k] = False
+            counts[k] = 0
+    return bad
+
+
+@cached
+@njit(parallel=True, error_model="numpy")
 def project(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, degree, geometry, view,
             records, depths, radii, visible, counts):
     """Fill records, depths, radii, visible and counts (tiles met) of every Gaussian.
@@ -240,27 +291,12 @@ def project(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest
     2 full. The outputs have room for N rounded up to a multiple of eight. Returns the index of a Gaussian
     that is not finite, or -1.
     """
-    n = opacity_logits.size
-    blocks = (n + LANES - 1) // LANES
-    chunks = min(blocks, 64)
+    blocks = (opacity_logits.size + LANES - 1) // LANES
+    chunks = min(blocks, CHUNKS)
     bad = np.full(max(chunks, 1), -1)
-    t_means, t_scales, t_quaternions = tail_of(means, 3), tail_of(log_scales, 3), tail_of(quaternions, 4)
-    t_logits, t_dc, t_rest = tail_of(opacity_logits, 1), tail_of(sh_dc, 3), tail_of(sh_rest, 3 * rest)
-    t_filter = tail_of(filter_3d, 1) if filter_3d.size > 0 else filter_3d
+    tails = tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d)
     for chunk in prange(chunks):
-        for block in range(chunk * blocks // chunks, (chunk + 1) * blocks // chunks):
-            i = block * LANES
-            if i + LANES <= n:
-                lost = project_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d,
-                                     degree, geometry, view, i, records, depths, radii, visible, i)
-            else:
-                lost = project_block(t_means, t_scales, t_quaternions, t_logits, t_dc, t_rest, rest, t_filter,
-                                     degree, geometry, view, 0, records, depths, radii, visible, i)
-            for lane in range(min(LANES, n - i)):
-                if (lost >> lane) & 1:
-                    bad[chunk] = i + lane
-                counts[i + lane] = count_tiles(records, i + lane, view) if visible[i + lane] else 0
-            for k in range(n, i + LANES):
-                visible[k] = False
-                counts[k] = 0
+        bad[chunk] = project_blocks(
+            means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, tails, degree, geometry,
+            view, chunk * blocks // chunks, (chunk + 1) * blocks // chunks, records, depths, radii, visible, counts)
     return bad.max()

@@ -2,23 +2,45 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba import njit, prange
 
-from dofbench.numba_math import LANES, any8, exp8, gather8, load8, mask8_of, prefetch, scatter8, select8, splat8, sqrt8, store8
+from dofbench.numba_math import (
+    LANES,
+    cached,
+    exp8,
+    gather8,
+    load8,
+    mask8_of,
+    prefetch,
+    scatter8,
+    select8,
+    splat8,
+    sqrt8,
+    store8,
+)
 
-from .cpu_layout import (
-    ABS_X, ABS_Y, CENTRE, EDGE_ON, FILTER_2D, FX, FY, MIN_DETERMINANT, Q, QX, QXX, QXY, QY, QYY, ROTATION, S_BLUE,
-    S_GREEN, S_NX, S_NY, S_NZ, S_RED, S_T, S_TX, S_TY, SLOT, U_HIGH, U_LOW, V_HIGH, V_LOW,
-)
+from . import cpu_layout as layout
 from .cpu_project import (
-    HALF, ONE, ZERO, axes8, dot3, minor8, ratio8, sizes8, tail_of, to_camera8, unit_quaternion8, weights8,
+    CHUNKS,
+    HALF,
+    ONE,
+    ZERO,
+    axes8,
+    dot3,
+    minor8,
+    ratio8,
+    sizes8,
+    tail_of,
+    tails_of,
+    to_camera8,
+    unit_quaternion8,
+    weights8,
 )
-from .cpu_sh import color_backward8
+from .cpu_sh import TERMS, color_backward8
 
 TWO = np.float32(2.0)
+SLOT = layout.SLOT
 
 
 @njit(forceinline=True)
@@ -30,24 +52,27 @@ def quaternion_backward8(w, x, y, z, inverse, g):
     gy = TWO * (x * (c0y + c1x) + z * (c1z + c2y) + w * (c2x - c0z) - TWO * y * (c0x + c2z))
     gz = TWO * (x * (c0z + c2x) + y * (c1z + c2y) + w * (c0y - c1x) - TWO * z * (c0x + c1y))
     along = w * gw + x * gx + (y * gy + z * gz)
-    return (gw - w * along) * inverse, (gx - x * along) * inverse, (gy - y * along) * inverse, (gz - z * along) * inverse
+    return ((gw - w * along) * inverse, (gx - x * along) * inverse,
+            (gy - y * along) * inverse, (gz - z * along) * inverse)
 
 
 @njit(error_model="numpy")
-def backward_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, degree, geometry,
-                   view, i, seen_bits, sums, d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, grad_2d, out):
-    """Gradients of Gaussians i … i + 7, written to places out … out + 7. seen_bits: which have any."""
+def backward_block(means, log_scales, quaternions, opacity_logits, sh_rest, rest, filter_3d, degree, geometry,
+                   view, i, records, out, seen_bits, sums, d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest,
+                   grad_2d, basis, pulls):
+    """Gradients of Gaussians i … i + 7 of the inputs, with records out … out + 7; seen_bits: which have any."""
     seen = mask8_of(seen_bits)
     px, py, pz = gather8(means, 3 * i, 3), gather8(means, 3 * i + 1, 3), gather8(means, 3 * i + 2, 3)
     x, y, z = to_camera8(view, px, py, pz)
-    fx, fy = view[FX], view[FY]
+    fx, fy = view[layout.FX], view[layout.FY]
     # The lanes not seen compute with harmless numbers and are masked when written.
     x, y, z = select8(seen, x, ZERO), select8(seen, y, ZERO), select8(seen, z, ONE)
     iz = ONE / z
     u, v = x * iz, y * iz
-    u_free, v_free = (u > view[U_LOW]) & (u < view[U_HIGH]), (v > view[V_LOW]) & (v < view[V_HIGH])
-    cu = select8(u_free, u, select8(u <= view[U_LOW], view[U_LOW], view[U_HIGH]))
-    cv = select8(v_free, v, select8(v <= view[V_LOW], view[V_LOW], view[V_HIGH]))
+    u_free = (u > view[layout.U_LOW]) & (u < view[layout.U_HIGH])
+    v_free = (v > view[layout.V_LOW]) & (v < view[layout.V_HIGH])
+    cu = select8(u_free, u, select8(u <= view[layout.U_LOW], view[layout.U_LOW], view[layout.U_HIGH]))
+    cv = select8(v_free, v, select8(v <= view[layout.V_LOW], view[layout.V_LOW], view[layout.V_HIGH]))
 
     w, qx, qy, qz, inverse_norm = unit_quaternion8(quaternions, i)
     m0x, m0y, m0z, m1x, m1y, m1z, m2x, m2y, m2z = axes8(view, w, qx, qy, qz)
@@ -57,20 +82,21 @@ def backward_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_res
     a0x, a0y = k0x * (m0x - cu * m0z), k0y * (m0y - cv * m0z)
     a1x, a1y = k1x * (m1x - cu * m1z), k1y * (m1y - cv * m1z)
     a2x, a2y = k2x * (m2x - cu * m2z), k2y * (m2y - cv * m2z)
-    sxx, sxy, syy = dot3(a0x, a1x, a2x, a0x, a1x, a2x), dot3(a0x, a1x, a2x, a0y, a1y, a2y), dot3(
-        a0y, a1y, a2y, a0y, a1y, a2y)
+    sxx, sxy = dot3(a0x, a1x, a2x, a0x, a1x, a2x), dot3(a0x, a1x, a2x, a0y, a1y, a2y)
+    syy = dot3(a0y, a1y, a2y, a0y, a1y, a2y)
     n01, n02, n12 = minor8(a0x, a0y, a1x, a1y), minor8(a0x, a0y, a2x, a2y), minor8(a1x, a1y, a2x, a2y)
     det_bare = dot3(n01, n02, n12, n01, n02, n12)
-    blur = view[FILTER_2D]
+    blur = view[layout.FILTER_2D]
     det = select8(seen, det_bare + blur * (sxx + syy + blur), ONE)
-    fxx, fyy = select8(seen, sxx + blur, ONE), select8(seen, syy + blur, ONE)
+    fyy = select8(seen, syy + blur, ONE)
 
     # The inverse of the footprint's covariance is L L^T with L^T = [[l11, l21], [0, l22]].
     l11, l22 = sqrt8(fyy / det), ONE / sqrt8(fyy)
     l21 = -sxy / sqrt8(fyy * det)
-    q0 = gather8(sums, Q, SLOT)
-    q_x, q_y = gather8(sums, QX, SLOT), gather8(sums, QY, SLOT)
-    q_xx, q_xy, q_yy = gather8(sums, QXX, SLOT), gather8(sums, QXY, SLOT), gather8(sums, QYY, SLOT)
+    q0 = gather8(sums, layout.Q, SLOT)
+    q_x, q_y = gather8(sums, layout.QX, SLOT), gather8(sums, layout.QY, SLOT)
+    q_xx, q_xy = gather8(sums, layout.QXX, SLOT), gather8(sums, layout.QXY, SLOT)
+    q_yy = gather8(sums, layout.QYY, SLOT)
     # Whitened moments first: L^T m and L^T M L are of the size of the sums, without cancellation.
     n_x, n_y = l11 * q_x + l21 * q_y, l22 * q_y
     g_mx, g_my = l11 * n_x, l21 * n_x + l22 * n_y
@@ -81,11 +107,11 @@ def backward_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_res
     g_xx, g_xy, g_yy = HALF * h_xx * l11, HALF * (h_xx * l21 + h_xy * l22), HALF * (h_yx * l21 + h_yy * l22)
 
     opacity = ONE / (ONE + exp8(-load8(opacity_logits, i)))
-    store8(d_logits, out, select8(seen, q0 * (ONE - opacity), ZERO))
+    store8(d_logits, i, select8(seen, q0 * (ONE - opacity), ZERO))
     if blur > ZERO:
-        padded = det + MIN_DETERMINANT
+        padded = det + layout.MIN_DETERMINANT
         ratio = det_bare / padded
-        to_ratio = HALF * q0 / (ratio + MIN_DETERMINANT)
+        to_ratio = HALF * q0 / (ratio + layout.MIN_DETERMINANT)
         to_bare = to_ratio * (ONE - ratio) / padded
         to_trace = -to_ratio * ratio / padded * blur
         g_xx += to_bare * syy + to_trace
@@ -109,12 +135,12 @@ def backward_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_res
         hx, hy, hz = dot3(b0, b1, b2, m0x, m1x, m2x), dot3(b0, b1, b2, m0y, m1y, m2y), dot3(b0, b1, b2, m0z, m1z, m2z)
         along = dot3(b0, b1, b2, k0, k1, k2)
         length = sqrt8(dot3(hx, hy, hz, hx, hy, hz))
-        plane = seen & (along > EDGE_ON * length)
+        plane = seen & (along > layout.EDGE_ON * length)
         ia = select8(plane, ONE / along, ZERO)
         ig = ONE / (cu * cu + (cv * cv + ONE))
         distance = sqrt8(dot3(x, y, z, x, y, z))
-        sum_t = gather8(sums, S_T, SLOT)
-        g_tx, g_ty = -gather8(sums, S_TX, SLOT), -gather8(sums, S_TY, SLOT)
+        sum_t = gather8(sums, layout.S_T, SLOT)
+        g_tx, g_ty = -gather8(sums, layout.S_TX, SLOT), -gather8(sums, layout.S_TY, SLOT)
         slope_x = select8(plane, (hx * ia - cu * ig) / fx, ZERO)
         slope_y = select8(plane, (hy * ia - cv * ig) / fy, ZERO)
         g_mx += distance * slope_x * sum_t
@@ -136,7 +162,8 @@ def backward_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_res
         if geometry > 1:
             il = select8(plane, ONE / length, ZERO)
             nx, ny, nz = hx * il, hy * il, hz * il
-            to_nx, to_ny, to_nz = gather8(sums, S_NX, SLOT), gather8(sums, S_NY, SLOT), gather8(sums, S_NZ, SLOT)
+            to_nx, to_ny = gather8(sums, layout.S_NX, SLOT), gather8(sums, layout.S_NY, SLOT)
+            to_nz = gather8(sums, layout.S_NZ, SLOT)
             radial = dot3(nx, ny, nz, to_nx, to_ny, to_nz)
             h_x += (nx * radial - to_nx) * il
             h_y += (ny * radial - to_ny) * il
@@ -165,37 +192,38 @@ def backward_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_res
     # Log scales: through the filtered scale, and through the opacity's factor s / e.
     r0, r1, r2 = ratio8(s0, e0), ratio8(s1, e1), ratio8(s2, e2)
     r0, r1, r2 = r0 * r0, r1 * r1, r2 * r2
-    scatter8(d_scales, 3 * out, 3, select8(seen, g_e0 * r0 + q0 * (ONE - r0), ZERO))
-    scatter8(d_scales, 3 * out + 1, 3, select8(seen, g_e1 * r1 + q0 * (ONE - r1), ZERO))
-    scatter8(d_scales, 3 * out + 2, 3, select8(seen, g_e2 * r2 + q0 * (ONE - r2), ZERO))
+    scatter8(d_scales, 3 * i, 3, select8(seen, g_e0 * r0 + q0 * (ONE - r0), ZERO))
+    scatter8(d_scales, 3 * i + 1, 3, select8(seen, g_e1 * r1 + q0 * (ONE - r1), ZERO))
+    scatter8(d_scales, 3 * i + 2, 3, select8(seen, g_e2 * r2 + q0 * (ONE - r2), ZERO))
 
-    r00, r01, r02 = view[ROTATION], view[ROTATION + 1], view[ROTATION + 2]
-    r10, r11, r12 = view[ROTATION + 3], view[ROTATION + 4], view[ROTATION + 5]
-    r20, r21, r22 = view[ROTATION + 6], view[ROTATION + 7], view[ROTATION + 8]
+    r00, r01, r02 = view[layout.ROTATION], view[layout.ROTATION + 1], view[layout.ROTATION + 2]
+    r10, r11, r12 = view[layout.ROTATION + 3], view[layout.ROTATION + 4], view[layout.ROTATION + 5]
+    r20, r21, r22 = view[layout.ROTATION + 6], view[layout.ROTATION + 7], view[layout.ROTATION + 8]
     g_rotation = (
         r00 * g0x + (r10 * g0y + r20 * g0z), r01 * g0x + (r11 * g0y + r21 * g0z), r02 * g0x + (r12 * g0y + r22 * g0z),
         r00 * g1x + (r10 * g1y + r20 * g1z), r01 * g1x + (r11 * g1y + r21 * g1z), r02 * g1x + (r12 * g1y + r22 * g1z),
         r00 * g2x + (r10 * g2y + r20 * g2z), r01 * g2x + (r11 * g2y + r21 * g2z), r02 * g2x + (r12 * g2y + r22 * g2z),
     )
     g_w, g_i, g_j, g_k = quaternion_backward8(w, qx, qy, qz, inverse_norm, g_rotation)
-    scatter8(d_quaternions, 4 * out, 4, select8(seen, g_w, ZERO))
-    scatter8(d_quaternions, 4 * out + 1, 4, select8(seen, g_i, ZERO))
-    scatter8(d_quaternions, 4 * out + 2, 4, select8(seen, g_j, ZERO))
-    scatter8(d_quaternions, 4 * out + 3, 4, select8(seen, g_k, ZERO))
+    scatter8(d_quaternions, 4 * i, 4, select8(seen, g_w, ZERO))
+    scatter8(d_quaternions, 4 * i + 1, 4, select8(seen, g_i, ZERO))
+    scatter8(d_quaternions, 4 * i + 2, 4, select8(seen, g_j, ZERO))
+    scatter8(d_quaternions, 4 * i + 3, 4, select8(seen, g_k, ZERO))
 
-    to_red, to_green, to_blue = gather8(sums, S_RED, SLOT), gather8(sums, S_GREEN, SLOT), gather8(sums, S_BLUE, SLOT)
-    dx, dy, dz = color_backward8(sh_dc, sh_rest, rest, degree, i, seen,
-                                 px - view[CENTRE], py - view[CENTRE + 1], pz - view[CENTRE + 2],
-                                 to_red, to_green, to_blue, d_dc, d_rest, out)
-    scatter8(d_means, 3 * out, 3, select8(seen, r00 * g_x + (r10 * g_y + r20 * g_z) + dx, ZERO))
-    scatter8(d_means, 3 * out + 1, 3, select8(seen, r01 * g_x + (r11 * g_y + r21 * g_z) + dy, ZERO))
-    scatter8(d_means, 3 * out + 2, 3, select8(seen, r02 * g_x + (r12 * g_y + r22 * g_z) + dz, ZERO))
-
-
-@njit(forceinline=True)
-def zero_rows(array, width, first, count):
-    for k in range(width * first, width * (first + count)):
-        array[k] = ZERO
+    # A channel that was clamped at 0 passes nothing on.
+    base, step = out * layout.RECORD, layout.RECORD
+    red, green = gather8(records, base + layout.RED, step), gather8(records, base + layout.GREEN, step)
+    blue = gather8(records, base + layout.BLUE, step)
+    red = select8(seen & (red > ZERO), gather8(sums, layout.S_RED, SLOT), ZERO)
+    green = select8(seen & (green > ZERO), gather8(sums, layout.S_GREEN, SLOT), ZERO)
+    blue = select8(seen & (blue > ZERO), gather8(sums, layout.S_BLUE, SLOT), ZERO)
+    eye = layout.CENTRE
+    dx, dy, dz = color_backward8(sh_rest, rest, degree, i, seen,
+                                 px - view[eye], py - view[eye + 1], pz - view[eye + 2],
+                                 red, green, blue, d_dc, d_rest, basis, pulls)
+    scatter8(d_means, 3 * i, 3, select8(seen, r00 * g_x + (r10 * g_y + r20 * g_z) + dx, ZERO))
+    scatter8(d_means, 3 * i + 1, 3, select8(seen, r01 * g_x + (r11 * g_y + r21 * g_z) + dy, ZERO))
+    scatter8(d_means, 3 * i + 2, 3, select8(seen, r02 * g_x + (r12 * g_y + r22 * g_z) + dz, ZERO))
 
 
 @njit(forceinline=True)
@@ -213,68 +241,112 @@ def reduce_places(gradients, width, places, first, last, sums, lane):
     store8(sums, lane * SLOT + 2 * LANES, high)
 
 
-@njit(parallel=True, error_model="numpy", cache=True)
-def project_backward(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, degree, geometry,
-                     view, gradients, width, offsets, places, want_abs,
-                     d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, grad_2d, abs_grad_2d):
-    """Reduce the intersections' gradients (`width` floats each) to Gaussians and on to the parameters (flat)."""
+@njit(error_model="numpy")
+def zero_rows(array, n, i, count):
+    """Zeros in rows i … i + count - 1 of a flat array of n rows, which may be empty."""
+    width = array.size // n
+    for k in range(width * i, width * (i + count)):
+        array[k] = ZERO
+
+
+@njit(error_model="numpy")
+def zero_block(outputs, n, i, count):
+    """A block that no tile met."""
+    d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, grad_2d, abs_grad_2d = outputs
+    zero_rows(d_means, n, i, count)
+    zero_rows(d_scales, n, i, count)
+    zero_rows(d_quaternions, n, i, count)
+    zero_rows(d_logits, n, i, count)
+    zero_rows(d_dc, n, i, count)
+    zero_rows(d_rest, n, i, count)
+    zero_rows(grad_2d, n, i, count)
+    zero_rows(abs_grad_2d, n, i, count)
+
+
+@njit(error_model="numpy")
+def put_tail(array, n, tail):
+    """The inverse of `tail_of`."""
+    start = n // LANES * LANES * (array.size // n)
+    for k in range(start, array.size):
+        array[k] = tail[k - start]
+
+
+@njit(error_model="numpy")
+def met_lanes(offsets, i, count):
+    """Which of the Gaussians i … i + count - 1 met a tile; bit k is Gaussian i + k."""
+    bits = 0
+    for lane in range(count):
+        if offsets[i + lane + 1] > offsets[i + lane]:
+            bits |= 1 << lane
+    return bits
+
+
+@njit(error_model="numpy")
+def backward_blocks(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, tails, degree,
+                    geometry, view, records, gradients, width, offsets, places, first, stop, outputs):
+    """The blocks first … stop - 1."""
     n = opacity_logits.size
-    blocks = (n + LANES - 1) // LANES
-    chunks = min(blocks, 64)
-    t_means, t_scales, t_quaternions = tail_of(means, 3), tail_of(log_scales, 3), tail_of(quaternions, 4)
-    t_logits, t_dc, t_rest = tail_of(opacity_logits, 1), tail_of(sh_dc, 3), tail_of(sh_rest, 3 * rest)
-    t_filter = tail_of(filter_3d, 1) if filter_3d.size > 0 else filter_3d
+    d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, grad_2d, abs_grad_2d = outputs
+    sums = np.empty(LANES * SLOT, np.float32)
+    mean_2d = np.empty(2 * LANES, np.float32)
+    basis, pulls = np.empty(TERMS * LANES, np.float32), np.empty(TERMS * LANES, np.float32)
+    t_means, t_scales, t_quaternions = tail_of(d_means, n), tail_of(d_scales, n), tail_of(d_quaternions, n)
+    t_logits, t_dc, t_rest = tail_of(d_logits, n), tail_of(d_dc, n), tail_of(d_rest, n)
+    for block in range(first, stop):
+        i = block * LANES
+        count = min(LANES, n - i)
+        seen = met_lanes(offsets, i, count)
+        if seen == 0:
+            zero_block(outputs, n, i, count)
+            continue
+        for k in range(sums.size):
+            sums[k] = ZERO
+        # The next block's intersections lie scattered; asking now hides the wait behind this block.
+        for k in range(np.int64(offsets[i + count]), np.int64(offsets[min(i + 2 * LANES, n)])):
+            prefetch(gradients, np.int64(places[k]) * width)
+        for lane in range(count):
+            reduce_places(gradients, width, places, np.int64(offsets[i + lane]), np.int64(offsets[i + lane + 1]),
+                          sums, lane)
+        # One call with chosen arguments: a second call would be a second copy to compile.
+        if count == LANES:
+            place, a, b, c, d, e, f = i, means, log_scales, quaternions, opacity_logits, sh_rest, filter_3d
+            o_a, o_b, o_c, o_d, o_e, o_f = d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest
+        else:
+            place, (a, b, c, d, _, e, f) = 0, tails
+            o_a, o_b, o_c, o_d, o_e, o_f = t_means, t_scales, t_quaternions, t_logits, t_dc, t_rest
+        backward_block(a, b, c, d, e, rest, f, degree, geometry, view, place, records, i, seen, sums,
+                       o_a, o_b, o_c, o_d, o_e, o_f, mean_2d, basis, pulls)
+        if count < LANES:
+            put_tail(d_means, n, t_means)
+            put_tail(d_scales, n, t_scales)
+            put_tail(d_quaternions, n, t_quaternions)
+            put_tail(d_logits, n, t_logits)
+            put_tail(d_dc, n, t_dc)
+            put_tail(d_rest, n, t_rest)
+        if grad_2d.size > 0:
+            for lane in range(count):
+                met = (seen >> lane) & 1 != 0
+                grad_2d[2 * (i + lane)] = mean_2d[lane] if met else ZERO
+                grad_2d[2 * (i + lane) + 1] = mean_2d[LANES + lane] if met else ZERO
+        if abs_grad_2d.size > 0:
+            for lane in range(count):
+                abs_grad_2d[2 * (i + lane)] = sums[lane * SLOT + layout.ABS_X]
+                abs_grad_2d[2 * (i + lane) + 1] = sums[lane * SLOT + layout.ABS_Y]
+
+
+@cached
+@njit(parallel=True, error_model="numpy")
+def project_backward(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, degree, geometry,
+                     view, records, gradients, width, offsets, places, outputs):
+    """Reduce the intersections' gradients (`width` floats each) to Gaussians and on to the parameters.
+
+    outputs: the gradients of the six inputs, grad_2d and abs_grad_2d, all flat; the last two may be empty.
+    """
+    blocks = (opacity_logits.size + LANES - 1) // LANES
+    chunks = min(blocks, CHUNKS)
+    tails = tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d)
     for chunk in prange(chunks):
-        sums = np.empty(LANES * SLOT, np.float32)
-        mean_2d = np.empty(2 * LANES, np.float32)
-        for block in range(chunk * blocks // chunks, (chunk + 1) * blocks // chunks):
-            i = block * LANES
-            count = min(LANES, n - i)
-            seen = 0
-            for lane in range(count):
-                if offsets[i + lane + 1] > offsets[i + lane]:
-                    seen |= 1 << lane
-            if seen == 0:
-                zero_rows(d_means, 3, i, count)
-                zero_rows(d_scales, 3, i, count)
-                zero_rows(d_quaternions, 4, i, count)
-                zero_rows(d_logits, 1, i, count)
-                zero_rows(d_dc, 3, i, count)
-                zero_rows(d_rest, 3 * rest, i, count)
-                if grad_2d.size > 0:
-                    zero_rows(grad_2d, 2, i, count)
-                if want_abs:
-                    zero_rows(abs_grad_2d, 2, i, count)
-                continue
-            sums[:] = ZERO
-            # The next block's intersections lie scattered; asking now hides the wait behind this block.
-            for k in range(np.int64(offsets[i + count]), np.int64(offsets[min(i + 2 * LANES, n)])):
-                prefetch(gradients, np.int64(places[k]) * width)
-            for lane in range(count):
-                reduce_places(gradients, width, places, np.int64(offsets[i + lane]), np.int64(offsets[i + lane + 1]), sums, lane)
-            if count == LANES:
-                backward_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d,
-                               degree, geometry, view, i, seen, sums, d_means, d_scales, d_quaternions, d_logits,
-                               d_dc, d_rest, mean_2d, i)
-            else:
-                o_means, o_scales = np.empty(3 * LANES, np.float32), np.empty(3 * LANES, np.float32)
-                o_quaternions, o_logits = np.empty(4 * LANES, np.float32), np.empty(LANES, np.float32)
-                o_dc, o_rest = np.empty(3 * LANES, np.float32), np.empty(3 * rest * LANES, np.float32)
-                backward_block(t_means, t_scales, t_quaternions, t_logits, t_dc, t_rest, rest, t_filter,
-                               degree, geometry, view, 0, seen, sums, o_means, o_scales, o_quaternions, o_logits,
-                               o_dc, o_rest, mean_2d, 0)
-                d_means[3 * i:] = o_means[:3 * count]
-                d_scales[3 * i:] = o_scales[:3 * count]
-                d_quaternions[4 * i:] = o_quaternions[:4 * count]
-                d_logits[i:] = o_logits[:count]
-                d_dc[3 * i:] = o_dc[:3 * count]
-                d_rest[3 * rest * i:] = o_rest[:3 * rest * count]
-            if grad_2d.size > 0:
-                for lane in range(count):
-                    met = (seen >> lane) & 1 != 0
-                    grad_2d[2 * (i + lane)] = mean_2d[lane] if met else ZERO
-                    grad_2d[2 * (i + lane) + 1] = mean_2d[LANES + lane] if met else ZERO
-            if want_abs:
-                for lane in range(count):
-                    abs_grad_2d[2 * (i + lane)] = sums[lane * SLOT + ABS_X]
-                    abs_grad_2d[2 * (i + lane) + 1] = sums[lane * SLOT + ABS_Y]
+        backward_blocks(
+            means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, tails, degree, geometry,
+            view, records, gradients, width, offsets, places, chunk * blocks // chunks,
+            (chunk + 1) * blocks // chunks, outputs)

@@ -1,174 +1,121 @@
-"""Colour from spherical harmonics, eight Gaussians at a time; 3DGS' real basis and its signs."""
+"""Colour from spherical harmonics, eight Gaussians at a time; 3DGS' real basis and its signs.
+
+Term k = 0 … 15 of the series lies at buffer[8 k : 8 k + 8].
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-from dofbench.numba_math import gather8, scatter8, select8, splat8, sqrt8
+from dofbench.numba_math import LANES, gather8, load8, scatter8, select8, splat8, sqrt8, store8
 
+TERMS = 16
 C0 = np.float32(0.28209479177387814)
 C1 = np.float32(0.4886025119029199)
 C2A, C2B, C2C = np.float32(1.0925484305920792), np.float32(0.31539156525252005), np.float32(0.5462742152960396)
 C3A, C3B, C3C = np.float32(0.5900435899266435), np.float32(2.890611442640554), np.float32(0.4570457994644658)
 C3D, C3E = np.float32(0.3731763325901154), np.float32(1.445305721320277)
 ONE, TWO, THREE = np.float32(1.0), np.float32(2.0), np.float32(3.0)
-FOUR, FIVE, SIX, EIGHT = np.float32(4.0), np.float32(5.0), np.float32(6.0), np.float32(8.0)
+FOUR, SIX, EIGHT = np.float32(4.0), np.float32(6.0), np.float32(8.0)
 HALF = np.float32(0.5)
 ZERO = np.float32(0.0)
 
 
-@njit(forceinline=True)
-def basis2(x, y, z):
-    """The five functions of degree 2."""
-    return (C2A * x * y, -C2A * y * z, C2B * (TWO * z * z - x * x - y * y), -C2A * x * z, C2C * (x * x - y * y))
-
-
-@njit(forceinline=True)
-def basis3(x, y, z):
-    """The seven functions of degree 3."""
-    xx, yy, zz = x * x, y * y, z * z
-    return (
-        -C3A * y * (THREE * xx - yy), C3B * x * y * z, -C3C * y * (FOUR * zz - xx - yy),
-        C3D * z * (TWO * zz - THREE * xx - THREE * yy), -C3C * x * (FOUR * zz - xx - yy), C3E * z * (xx - yy),
-        -C3A * x * (xx - THREE * yy),
-    )
-
-
-@njit(forceinline=True)
-def add3(total, weight, coefficients, start, stride):
-    """total + weight * (the three channels of one coefficient)."""
-    return (total[0] + weight * gather8(coefficients, start, stride),
-            total[1] + weight * gather8(coefficients, start + 1, stride),
-            total[2] + weight * gather8(coefficients, start + 2, stride))
-
-
-@njit(forceinline=True)
-def color8(sh_dc, sh_rest, rest, degree, i, dx, dy, dz):
-    """1/2 + the sum of the series in direction (dx, dy, dz), any length; three channels, not clamped."""
-    dc = 3 * i
-    total = (HALF + C0 * gather8(sh_dc, dc, 3), HALF + C0 * gather8(sh_dc, dc + 1, 3),
-             HALF + C0 * gather8(sh_dc, dc + 2, 3))
+@njit(error_model="numpy")
+def fill_basis(buffer, degree, x, y, z):
+    """The basis functions in unit direction (x, y, z), up to `degree`."""
+    store8(buffer, 0 * LANES, splat8(C0))
     if degree > 0:
-        inverse = ONE / sqrt8(dx * dx + (dy * dy + dz * dz))
-        x, y, z = dx * inverse, dy * inverse, dz * inverse
-        stride = 3 * rest
-        start = stride * i
-        total = add3(total, -C1 * y, sh_rest, start, stride)
-        total = add3(total, C1 * z, sh_rest, start + 3, stride)
-        total = add3(total, -C1 * x, sh_rest, start + 6, stride)
-        if degree > 1:
-            b = basis2(x, y, z)
-            total = add3(total, b[0], sh_rest, start + 9, stride)
-            total = add3(total, b[1], sh_rest, start + 12, stride)
-            total = add3(total, b[2], sh_rest, start + 15, stride)
-            total = add3(total, b[3], sh_rest, start + 18, stride)
-            total = add3(total, b[4], sh_rest, start + 21, stride)
-        if degree > 2:
-            c = basis3(x, y, z)
-            total = add3(total, c[0], sh_rest, start + 24, stride)
-            total = add3(total, c[1], sh_rest, start + 27, stride)
-            total = add3(total, c[2], sh_rest, start + 30, stride)
-            total = add3(total, c[3], sh_rest, start + 33, stride)
-            total = add3(total, c[4], sh_rest, start + 36, stride)
-            total = add3(total, c[5], sh_rest, start + 39, stride)
-            total = add3(total, c[6], sh_rest, start + 42, stride)
-    return total
-
-
-@njit(forceinline=True)
-def put3(out, start, stride, weight, g):
-    """Write one coefficient's gradient, weight * g for each channel."""
-    scatter8(out, start, stride, weight * g[0])
-    scatter8(out, start + 1, stride, weight * g[1])
-    scatter8(out, start + 2, stride, weight * g[2])
-
-
-@njit(forceinline=True)
-def pull3(coefficients, start, stride, g):
-    """The gradient by a coefficient's basis function: coefficient . g over the channels."""
-    return (gather8(coefficients, start, stride) * g[0] + gather8(coefficients, start + 1, stride) * g[1]
-            + gather8(coefficients, start + 2, stride) * g[2])
-
-
-@njit(forceinline=True)
-def direction_backward2(x, y, z, f0, f1, f2, f3, f4):
-    """dL/d(direction) from dL/d(the five functions of degree 2)."""
-    gx = C2A * (f0 * y - f3 * z) - TWO * x * (C2B * f2 - C2C * f4)
-    gy = C2A * (f0 * x - f1 * z) - TWO * y * (C2B * f2 + C2C * f4)
-    gz = FOUR * C2B * f2 * z - C2A * (f1 * y + f3 * x)
-    return gx, gy, gz
-
-
-@njit(forceinline=True)
-def direction_backward3(x, y, z, f0, f1, f2, f3, f4, f5, f6):
-    """dL/d(direction) from dL/d(the seven functions of degree 3)."""
+        store8(buffer, 1 * LANES, -C1 * y)
+        store8(buffer, 2 * LANES, C1 * z)
+        store8(buffer, 3 * LANES, -C1 * x)
     xx, yy, zz = x * x, y * y, z * z
-    gx = (-SIX * C3A * f0 * x * y + C3B * f1 * y * z + TWO * C3C * f2 * x * y - SIX * C3D * f3 * x * z
-          - C3C * f4 * (FOUR * zz - THREE * xx - yy) + TWO * C3E * f5 * x * z - THREE * C3A * f6 * (xx - yy))
-    gy = (-THREE * C3A * f0 * (xx - yy) + C3B * f1 * x * z - C3C * f2 * (FOUR * zz - xx - THREE * yy)
-          - SIX * C3D * f3 * y * z + TWO * C3C * f4 * x * y - TWO * C3E * f5 * y * z + SIX * C3A * f6 * x * y)
-    gz = (C3B * f1 * x * y - EIGHT * C3C * f2 * y * z + C3D * f3 * (SIX * zz - THREE * xx - THREE * yy)
-          - EIGHT * C3C * f4 * x * z + C3E * f5 * (xx - yy))
+    if degree > 1:
+        store8(buffer, 4 * LANES, C2A * x * y)
+        store8(buffer, 5 * LANES, -C2A * y * z)
+        store8(buffer, 6 * LANES, C2B * (TWO * zz - xx - yy))
+        store8(buffer, 7 * LANES, -C2A * x * z)
+        store8(buffer, 8 * LANES, C2C * (xx - yy))
+    if degree > 2:
+        store8(buffer, 9 * LANES, -C3A * y * (THREE * xx - yy))
+        store8(buffer, 10 * LANES, C3B * x * y * z)
+        store8(buffer, 11 * LANES, -C3C * y * (FOUR * zz - xx - yy))
+        store8(buffer, 12 * LANES, C3D * z * (TWO * zz - THREE * xx - THREE * yy))
+        store8(buffer, 13 * LANES, -C3C * x * (FOUR * zz - xx - yy))
+        store8(buffer, 14 * LANES, C3E * z * (xx - yy))
+        store8(buffer, 15 * LANES, -C3A * x * (xx - THREE * yy))
+
+
+@njit(error_model="numpy")
+def direction_gradient(f, degree, x, y, z):
+    """dL/d(unit direction) from dL/d(each basis function), which the buffer f holds."""
+    gx, gy, gz = splat8(ZERO), splat8(ZERO), splat8(ZERO)
+    if degree > 0:
+        f1, f2, f3 = load8(f, 1 * LANES), load8(f, 2 * LANES), load8(f, 3 * LANES)
+        gx, gy, gz = -C1 * f3, -C1 * f1, C1 * f2
+    if degree > 1:
+        f4, f5, f6 = load8(f, 4 * LANES), load8(f, 5 * LANES), load8(f, 6 * LANES)
+        f7, f8 = load8(f, 7 * LANES), load8(f, 8 * LANES)
+        gx += C2A * (f4 * y - f7 * z) - TWO * x * (C2B * f6 - C2C * f8)
+        gy += C2A * (f4 * x - f5 * z) - TWO * y * (C2B * f6 + C2C * f8)
+        gz += FOUR * C2B * f6 * z - C2A * (f5 * y + f7 * x)
+    if degree > 2:
+        f9, f10, f11, f12 = load8(f, 9 * LANES), load8(f, 10 * LANES), load8(f, 11 * LANES), load8(f, 12 * LANES)
+        f13, f14, f15 = load8(f, 13 * LANES), load8(f, 14 * LANES), load8(f, 15 * LANES)
+        xx, yy, zz = x * x, y * y, z * z
+        gx += (TWO * C3C * f11 - SIX * C3A * f9) * x * y + C3B * f10 * y * z
+        gx += (TWO * C3E * f14 - SIX * C3D * f12) * x * z - THREE * C3A * f15 * (xx - yy)
+        gx += -C3C * f13 * (FOUR * zz - THREE * xx - yy)
+        gy += -THREE * C3A * f9 * (xx - yy) + C3B * f10 * x * z
+        gy += -C3C * f11 * (FOUR * zz - xx - THREE * yy)
+        gy += (TWO * C3C * f13 + SIX * C3A * f15) * x * y
+        gy += -(SIX * C3D * f12 + TWO * C3E * f14) * y * z
+        gz += C3B * f10 * x * y - EIGHT * C3C * (f11 * y + f13 * x) * z
+        gz += C3D * f12 * (SIX * zz - THREE * xx - THREE * yy) + C3E * f14 * (xx - yy)
     return gx, gy, gz
 
 
 @njit(forceinline=True)
-def color_backward8(sh_dc, sh_rest, rest, degree, i, seen, dx, dy, dz, red, green, blue, d_dc, d_rest, out):
-    """Write the coefficients' gradients; returns dL/d(dx, dy, dz). Lanes not `seen` get zeros.
-
-    A channel that was clamped at 0 passes nothing on, and coefficients beyond `degree` get zeros.
-    """
-    value = color8(sh_dc, sh_rest, rest, degree, i, dx, dy, dz)
-    g = (select8(seen & (value[0] > ZERO), red, ZERO), select8(seen & (value[1] > ZERO), green, ZERO),
-         select8(seen & (value[2] > ZERO), blue, ZERO))
-    scatter8(d_dc, 3 * out, 3, C0 * g[0])
-    scatter8(d_dc, 3 * out + 1, 3, C0 * g[1])
-    scatter8(d_dc, 3 * out + 2, 3, C0 * g[2])
-    gx, gy, gz = splat8(ZERO), splat8(ZERO), splat8(ZERO)
+def color8(sh_dc, sh_rest, rest, degree, i, dx, dy, dz, basis):
+    """1/2 + the sum of the series in direction (dx, dy, dz), any length; three channels, not clamped."""
+    inverse = ONE / sqrt8(dx * dx + (dy * dy + dz * dz))
+    fill_basis(basis, degree, dx * inverse, dy * inverse, dz * inverse)
+    red, green, blue = (HALF + C0 * gather8(sh_dc, 3 * i, 3), HALF + C0 * gather8(sh_dc, 3 * i + 1, 3),
+                        HALF + C0 * gather8(sh_dc, 3 * i + 2, 3))
     stride = 3 * rest
-    start, place = stride * i, stride * out
+    for term in range(1, (degree + 1) * (degree + 1)):
+        place = stride * i + 3 * (term - 1)
+        weight = load8(basis, term * LANES)
+        red += weight * gather8(sh_rest, place, stride)
+        green += weight * gather8(sh_rest, place + 1, stride)
+        blue += weight * gather8(sh_rest, place + 2, stride)
+    return red, green, blue
+
+
+@njit(forceinline=True)
+def color_backward8(sh_rest, rest, degree, i, seen, dx, dy, dz, red, green, blue, d_dc, d_rest, basis, pulls):
+    """Write the coefficients' gradients from dL/d(colour); returns dL/d(dx, dy, dz).
+
+    Lanes not `seen` and coefficients beyond `degree` get zeros. basis and pulls are working memory.
+    """
+    scatter8(d_dc, 3 * i, 3, C0 * red)
+    scatter8(d_dc, 3 * i + 1, 3, C0 * green)
+    scatter8(d_dc, 3 * i + 2, 3, C0 * blue)
     inverse = select8(seen, ONE / sqrt8(dx * dx + (dy * dy + dz * dz)), ZERO)
     x, y, z = dx * inverse, dy * inverse, dz * inverse
-    if degree > 0:
-        put3(d_rest, place, stride, -C1 * y, g)
-        put3(d_rest, place + 3, stride, C1 * z, g)
-        put3(d_rest, place + 6, stride, -C1 * x, g)
-        gy += -C1 * pull3(sh_rest, start, stride, g)
-        gz += C1 * pull3(sh_rest, start + 3, stride, g)
-        gx += -C1 * pull3(sh_rest, start + 6, stride, g)
-    if degree > 1:
-        b = basis2(x, y, z)
-        put3(d_rest, place + 9, stride, b[0], g)
-        put3(d_rest, place + 12, stride, b[1], g)
-        put3(d_rest, place + 15, stride, b[2], g)
-        put3(d_rest, place + 18, stride, b[3], g)
-        put3(d_rest, place + 21, stride, b[4], g)
-        p = direction_backward2(
-            x, y, z, pull3(sh_rest, start + 9, stride, g), pull3(sh_rest, start + 12, stride, g),
-            pull3(sh_rest, start + 15, stride, g), pull3(sh_rest, start + 18, stride, g),
-            pull3(sh_rest, start + 21, stride, g))
-        gx, gy, gz = gx + p[0], gy + p[1], gz + p[2]
-    if degree > 2:
-        c = basis3(x, y, z)
-        put3(d_rest, place + 24, stride, c[0], g)
-        put3(d_rest, place + 27, stride, c[1], g)
-        put3(d_rest, place + 30, stride, c[2], g)
-        put3(d_rest, place + 33, stride, c[3], g)
-        put3(d_rest, place + 36, stride, c[4], g)
-        put3(d_rest, place + 39, stride, c[5], g)
-        put3(d_rest, place + 42, stride, c[6], g)
-        r = direction_backward3(
-            x, y, z, pull3(sh_rest, start + 24, stride, g), pull3(sh_rest, start + 27, stride, g),
-            pull3(sh_rest, start + 30, stride, g), pull3(sh_rest, start + 33, stride, g),
-            pull3(sh_rest, start + 36, stride, g), pull3(sh_rest, start + 39, stride, g),
-            pull3(sh_rest, start + 42, stride, g))
-        gx, gy, gz = gx + r[0], gy + r[1], gz + r[2]
-    used = (degree + 1) * (degree + 1) - 1
-    for k in range(used, rest):
-        scatter8(d_rest, place + 3 * k, stride, splat8(ZERO))
-        scatter8(d_rest, place + 3 * k + 1, stride, splat8(ZERO))
-        scatter8(d_rest, place + 3 * k + 2, stride, splat8(ZERO))
+    fill_basis(basis, degree, x, y, z)
+    stride = 3 * rest
+    terms = (degree + 1) * (degree + 1)
+    for term in range(1, rest + 1):
+        place = stride * i + 3 * (term - 1)
+        weight = load8(basis, term * LANES) if term < terms else splat8(ZERO)
+        scatter8(d_rest, place, stride, weight * red)
+        scatter8(d_rest, place + 1, stride, weight * green)
+        scatter8(d_rest, place + 2, stride, weight * blue)
+        pull = gather8(sh_rest, place, stride) * red + gather8(sh_rest, place + 1, stride) * green
+        store8(pulls, term * LANES, pull + gather8(sh_rest, place + 2, stride) * blue)
+    gx, gy, gz = direction_gradient(pulls, degree, x, y, z)
     # Through the normalisation: only what is perpendicular to the direction passes.
     along = x * gx + (y * gy + z * gz)
     return (gx - x * along) * inverse, (gy - y * along) * inverse, (gz - z * along) * inverse

@@ -7,21 +7,21 @@ from numba import njit
 
 from dofbench.numba_math import LANES, gather8, lanes8, scatter8, select8, splat8, sqrt8, store8
 
-from .cpu_layout import CX, CY, FX, FY, HEIGHT, TILE_HEIGHT, WIDTH
+from . import cpu_layout as layout
 
 ZERO = np.float32(0.0)
 HALF = np.float32(0.5)
 ONE = np.float32(1.0)
 
-# Scratch memory is a row of planes of TILE_HEIGHT rows of one vector. Transmittance comes first; then the
+# Scratch memory is a row of planes of layout.TILE_HEIGHT rows of one vector. Transmittance comes first; then the
 # forward pass has the sums of weight times feature, and the median with the place of its Gaussian in the list.
-PLANE = TILE_HEIGHT * LANES
-P_T, P_RED, P_GREEN, P_BLUE, P_DEPTH, P_WEIGHT, P_NX, P_NY, P_NZ, P_MEDIAN, P_MEDIAN_AT = (
+PLANE = layout.TILE_HEIGHT * LANES
+T, RED, GREEN, BLUE, DEPTH, WEIGHT, NX, NY, NZ, MEDIAN, MEDIAN_AT = (
     PLANE * k for k in range(11)
 )
 # The backward pass has the loss by each output instead (colour's in the colour planes), and what is left of
 # the pixel's loss.
-P_LEFT, P_G_ALPHA, P_G_DEPTH, P_G_NX, P_G_NY, P_G_NZ, P_G_MEDIAN = (PLANE * k for k in (4, 5, 9, 6, 7, 8, 11))
+LEFT, G_ALPHA, G_DEPTH, G_NX, G_NY, G_NZ, G_MEDIAN = (PLANE * k for k in (4, 5, 9, 6, 7, 8, 11))
 SCRATCH = 12 * PLANE
 
 
@@ -51,45 +51,45 @@ def put_row(image, index, stride, count, value):
 @njit(forceinline=True)
 def cosines(left, y, view):
     """Cosine between the optical axis and the ray of each of eight pixels: z-depth over ray length."""
-    v = (np.float32(y) + HALF - view[CY]) / view[FY]
-    u = (lanes8() + (np.float32(left) + HALF - view[CX])) / view[FX]
+    v = (np.float32(y) + HALF - view[layout.CY]) / view[layout.FY]
+    u = (lanes8() + (np.float32(left) + HALF - view[layout.CX])) / view[layout.FX]
     return ONE / sqrt8(u * u + (v * v + ONE))
 
 
 @njit(error_model="numpy")
 def clear_tile(scratch, left, top, view):
     """Transmittance 1 inside the image and 0 outside of it, all else 0."""
-    inside = lanes8() + np.float32(left) < view[WIDTH]
+    inside = lanes8() + np.float32(left) < view[layout.WIDTH]
     for k in range(PLANE, SCRATCH, LANES):
         store8(scratch, k, splat8(ZERO))
-    for row in range(TILE_HEIGHT):
-        store8(scratch, P_T + row * LANES, select8(inside, ONE if top + row < view[HEIGHT] else ZERO, ZERO))
+    for row in range(layout.TILE_HEIGHT):
+        store8(scratch, T + row * LANES, select8(inside, ONE if top + row < view[layout.HEIGHT] else ZERO, ZERO))
 
 
 @njit(error_model="numpy")
 def write_tile(features, scratch, left, top, view, background, color, alpha, depth, median, median_at, normal):
     """From the forward pass' sums to the images (flat)."""
-    width, height = np.int64(view[WIDTH]), np.int64(view[HEIGHT])
+    width, height = np.int64(view[layout.WIDTH]), np.int64(view[layout.HEIGHT])
     count = width - left
-    for row in range(min(TILE_HEIGHT, height - top)):
+    for row in range(min(layout.TILE_HEIGHT, height - top)):
         place = row * LANES
         at = (top + row) * width + left
-        rest = gather8(scratch, P_T + place, 1)
-        put_row(color, 3 * at, 3, count, gather8(scratch, P_RED + place, 1) + rest * background[0])
-        put_row(color, 3 * at + 1, 3, count, gather8(scratch, P_GREEN + place, 1) + rest * background[1])
-        put_row(color, 3 * at + 2, 3, count, gather8(scratch, P_BLUE + place, 1) + rest * background[2])
+        rest = gather8(scratch, T + place, 1)
+        put_row(color, 3 * at, 3, count, gather8(scratch, RED + place, 1) + rest * background[0])
+        put_row(color, 3 * at + 1, 3, count, gather8(scratch, GREEN + place, 1) + rest * background[1])
+        put_row(color, 3 * at + 2, 3, count, gather8(scratch, BLUE + place, 1) + rest * background[2])
         put_row(alpha, at, 1, count, ONE - rest)
         if len(features) > 0:
             cosine = cosines(left, top + row, view)
-            weight = gather8(scratch, P_WEIGHT + place, 1)
-            mean = gather8(scratch, P_DEPTH + place, 1) / weight * cosine
+            weight = gather8(scratch, WEIGHT + place, 1)
+            mean = gather8(scratch, DEPTH + place, 1) / weight * cosine
             put_row(depth, at, 1, count, select8(weight == ZERO, ZERO, mean))
             if len(features) > 1:
-                put_row(median, at, 1, count, gather8(scratch, P_MEDIAN + place, 1) * cosine)
-                put_row(median_at, at, 1, count, gather8(scratch, P_MEDIAN_AT + place, 1))
-                put_row(normal, 3 * at, 3, count, gather8(scratch, P_NX + place, 1))
-                put_row(normal, 3 * at + 1, 3, count, gather8(scratch, P_NY + place, 1))
-                put_row(normal, 3 * at + 2, 3, count, gather8(scratch, P_NZ + place, 1))
+                put_row(median, at, 1, count, gather8(scratch, MEDIAN + place, 1) * cosine)
+                put_row(median_at, at, 1, count, gather8(scratch, MEDIAN_AT + place, 1))
+                put_row(normal, 3 * at, 3, count, gather8(scratch, NX + place, 1))
+                put_row(normal, 3 * at + 1, 3, count, gather8(scratch, NY + place, 1))
+                put_row(normal, 3 * at + 2, 3, count, gather8(scratch, NZ + place, 1))
 
 
 @njit(error_model="numpy")
@@ -102,9 +102,9 @@ def read_tile(features, scratch, left, top, view, color, alpha, depth, normal, m
     weights are scaled, so its part of S vanishes and S follows from the outputs alone.
     """
     clear_tile(scratch, left, top, view)
-    width, height = np.int64(view[WIDTH]), np.int64(view[HEIGHT])
+    width, height = np.int64(view[layout.WIDTH]), np.int64(view[layout.HEIGHT])
     count = width - left
-    for row in range(min(TILE_HEIGHT, height - top)):
+    for row in range(min(layout.TILE_HEIGHT, height - top)):
         place = row * LANES
         at = (top + row) * width + left
         covered = get_row(alpha, at, 1, count)
@@ -112,7 +112,7 @@ def read_tile(features, scratch, left, top, view, color, alpha, depth, normal, m
         if g_color.size > 0:
             for channel in range(3):
                 g = get_row(g_color, 3 * at + channel, 3, count)
-                store8(scratch, P_RED + channel * PLANE + place, g)
+                store8(scratch, RED + channel * PLANE + place, g)
                 total += g * get_row(color, 3 * at + channel, 3, count)
         if g_alpha.size > 0:
             to_alpha = get_row(g_alpha, at, 1, count)
@@ -122,16 +122,16 @@ def read_tile(features, scratch, left, top, view, color, alpha, depth, normal, m
             if g_depth.size > 0:
                 g = get_row(g_depth, at, 1, count)
                 g = select8(covered > ZERO, g / covered, ZERO)
-                store8(scratch, P_G_DEPTH + place, g * cosine)
+                store8(scratch, G_DEPTH + place, g * cosine)
                 to_alpha -= g * get_row(depth, at, 1, count)
             if len(features) > 1:
                 if g_median.size > 0:
-                    store8(scratch, P_G_MEDIAN + place, get_row(g_median, at, 1, count) * cosine)
-                    store8(scratch, P_MEDIAN_AT + place, get_row(median_at, at, 1, count))
+                    store8(scratch, G_MEDIAN + place, get_row(g_median, at, 1, count) * cosine)
+                    store8(scratch, MEDIAN_AT + place, get_row(median_at, at, 1, count))
                 if g_normal.size > 0:
                     for channel in range(3):
                         g = get_row(g_normal, 3 * at + channel, 3, count)
-                        store8(scratch, P_G_NX + channel * PLANE + place, g)
+                        store8(scratch, G_NX + channel * PLANE + place, g)
                         total += g * get_row(normal, 3 * at + channel, 3, count)
-        store8(scratch, P_G_ALPHA + place, to_alpha)
-        store8(scratch, P_LEFT + place, total)
+        store8(scratch, G_ALPHA + place, to_alpha)
+        store8(scratch, LEFT + place, total)

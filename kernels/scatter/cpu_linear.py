@@ -31,7 +31,7 @@ _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
 @njit(cache=True, error_model="numpy")
 def _half_width8(radius, dy):
-    """Half of the chord at `dy` from the centre, whole pixels, eight lanes; -1 where the circle doesn't reach that far."""
+    """`half_width` for eight lanes."""
     rest = radius * radius - dy * dy
     return select8((radius >= _ZERO) & (rest >= _ZERO), floor8(sqrt8(max8(rest, _ZERO))), -_ONE)
 
@@ -66,7 +66,7 @@ def _soft_ends(weights, slopes, cores, radius, dy, steepness, band, least, farth
 
 @njit(parallel=True, cache=True, error_model="numpy")
 def _pack(image, signed_radius, area):
-    """Colour and 1, both times the area term, (H, W, WAYS), flat; radii (H, columns of whole vectors); each row's largest."""
+    """Colour and 1, both times the area term, (H, W, WAYS); radii (H, whole vectors), both flat; each row's largest."""
     height, width = signed_radius.shape
     sources = np.empty((height, width, WAYS), np.float32)
     radii = np.zeros((height, LANES * -(-width // LANES)), np.float32)

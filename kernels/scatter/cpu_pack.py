@@ -1,4 +1,4 @@
-"""What the CPU scatter prepares: padded planes of the sources, extreme radii of blocks, tables of the soft edge.
+"""What the direct form prepares: padded planes of the sources, how far blocks of them reach, tables of the soft edge.
 
 Planes are (H, PLANES, stride) float32, flattened: the edge plane, then colour and 1, both times the
 area term. A row has `pad` empty pixels on either side, so that no inner loop tests for the image's border.
@@ -25,8 +25,10 @@ NOWHERE = np.float32(-1e9)  # the reach of a block without sources
 
 # The soft edge is followed until exp(-12) = 6e-6 of the full weight: 1.5 px at alpha = 4.
 BAND_EXPONENT = 12.0
-# Near focus the tail is all there is of the gradient by radius: to exp(-16) whatever the radius.
-FOCUS_EXPONENT = 16.0
+# Brightest over mean, linear light, of a photograph without bright highlights.
+USUAL_CONTRAST = 4.0
+# Near focus the tail is all there is of the gradient by radius: to exp(-18) whatever the radius.
+FOCUS_EXPONENT = 18.0
 # exp(+-80) is far enough from the ends of float32 to be multiplied by weights.
 LARGEST_EXPONENT = 80.0
 
@@ -65,11 +67,12 @@ class Edges:
     opacity: np.float32
 
 
-def geometry(height: int, width: int, largest: float, alpha: float) -> Geometry:
-    """Sizes for an image whose largest radius is `largest` pixels."""
-    # Sources that spread far beyond a small image leave it dark: the tails of sharper ones count for more there.
-    spill = max(1.0, largest**2 / (height * width))
-    band = (BAND_EXPONENT + math.log(spill)) / (2.0 * alpha)
+def geometry(height: int, width: int, largest: float, alpha: float, contrast: float) -> Geometry:
+    """Sizes for an image whose largest radius is `largest` pixels; contrast: brightest pixel over mean."""
+    # Tails count for more beside a highlight, and for sharper sources in an image that is small and dark
+    # because most sources spread far beyond it.
+    tail = max(1.0, contrast / USUAL_CONTRAST) * max(1.0, largest**2 / (height * width))
+    band = (BAND_EXPONENT + math.log(tail)) / (2.0 * alpha)
     least = FOCUS_EXPONENT / (2.0 * alpha)
     reach = math.ceil(min(max(largest + band, least), height + width))
     reach_x, reach_y = min(reach, width - 1), min(reach, height - 1)

@@ -7,5 +7,3 @@ from dofbench.gaussians.method import GaussianMethod
 
 class DoFGaussian(GaussianMethod):
     """Equations 1 to 13 of the paper on the shared trainer; presets are in method.toml."""
-
-    FORCED = {"lens": True}

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 import torch
+from tolerances import FLOAT32_VALUE
 
 from dofbench.gaussians.lenses import LearnedLenses
 from dofbench.gaussians.options import TrainerOptions
 from dofbench.lens import DisparityRange, Lens
-from tolerances import FLOAT32_VALUE
 
 RANGE = DisparityRange(0.02, 0.06)
 

@@ -64,7 +64,8 @@ def _options(**overrides):
 @pytest.mark.parametrize("overrides", [
     {"lens": False, "adaptation": "off"},
     {},
-    {"blur_to_depth": True, "adaptation": "psi", "adaptation_aperture": True, "normal_median": 0.6, "grow_absolute": True},
+    {"blur_to_depth": True, "adaptation": "psi", "adaptation_aperture": True, "normal_median": 0.6,
+     "grow_absolute": True},
     {"lens_range": "render", "lens_update": "dense", "lens_energy": "algorithm1", "coarse_until": 0.4,
      "depth_norm": "l1", "depth_space": "disparity", "prune_depth_graded": True, "filter_2d": 0.0},
 ])
