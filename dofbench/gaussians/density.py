@@ -68,7 +68,12 @@ class DensityControl:
         if options.prune_depth_graded and depth_of_means is not None:
             near, far = depth_of_means.min(), depth_of_means.max()
             threshold /= 1 + 2 * (depth_of_means - near) / (far - near).clamp(min=1e-12)
-        transparent = torch.sigmoid(parameters["opacity_logits"]) < threshold
+        opacity = torch.sigmoid(parameters["opacity_logits"])
+        transparent = opacity < threshold
+        if options.clone_opacity == "share":
+            # Two copies of 1 - sqrt(1 - o) in front of each other let through as much light as one of o.
+            shared = 1 - torch.sqrt(1 - opacity[clone])
+            parameters["opacity_logits"][clone] = torch.logit(shared, eps=1e-6)
         cloned = {name: value[clone & ~transparent] for name, value in parameters.items()}
         children = self._children({name: value[split & ~transparent] for name, value in parameters.items()})
         added = {name: torch.cat([cloned[name], children[name]]) for name in PARAMETERS}

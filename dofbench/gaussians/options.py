@@ -52,7 +52,9 @@ class TrainerOptions:
         densify_from, densify_until: shares of the training; densify_every: steps. grow_gradient:
         threshold on the mean 2D gradient, in 3DGS's NDC unit. grow_absolute: sum absolute
         per-pixel gradients instead (AbsGS). dense_share: split above, clone below this share of
-        the extent. prune_opacity: remove below. prune_depth_graded: divide that threshold by 1
+        the extent. clone_opacity: "keep" gives a clone its original's opacity (3DGS), which makes the
+        two more opaque than the one was; "share" divides it so that the rendering hardly changes
+        (Rota Bulo et al., Revising Densification in Gaussian Splatting). prune_opacity: remove below. prune_depth_graded: divide that threshold by 1
         (nearest) ... 3 (farthest), as the released code does. reset_every: opacity reset interval,
         share of the training, 0 for never.
     """
@@ -114,6 +116,7 @@ class TrainerOptions:
     grow_gradient: float = 2e-4
     grow_absolute: bool = False
     dense_share: float = 0.01
+    clone_opacity: Literal["keep", "share"] = "keep"
     prune_opacity: float = 0.005
     prune_depth_graded: bool = False
     reset_every: float = 0.1

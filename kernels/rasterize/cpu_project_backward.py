@@ -23,7 +23,6 @@ from dofbench.numba_math import (
 from . import cpu_layout as layout
 from .cpu_project import (
     CHUNKS,
-    HALF,
     ONE,
     ZERO,
     axes8,
@@ -97,31 +96,39 @@ def backward_block(means, log_scales, quaternions, opacity_logits, sh_rest, rest
     q_x, q_y = gather8(sums, layout.QX, SLOT), gather8(sums, layout.QY, SLOT)
     q_xx, q_xy = gather8(sums, layout.QXX, SLOT), gather8(sums, layout.QXY, SLOT)
     q_yy = gather8(sums, layout.QYY, SLOT)
-    # Whitened moments first: L^T m and L^T M L are of the size of the sums, without cancellation.
+    # All in whitened coordinates, L^T (dx, dy): there moments and axes are of order 1. Forming the gradient by
+    # the covariance instead loses every digit of a long needle.
     n_x, n_y = l11 * q_x + l21 * q_y, l22 * q_y
     g_mx, g_my = l11 * n_x, l21 * n_x + l22 * n_y
     n_xx = l11 * (l11 * q_xx + l21 * q_xy) + l21 * (l11 * q_xy + l21 * q_yy)
     n_xy, n_yy = l22 * (l11 * q_xy + l21 * q_yy), l22 * l22 * q_yy
-    h_xx, h_xy = l11 * n_xx, l11 * n_xy
-    h_yx, h_yy = l21 * n_xx + l22 * n_xy, l21 * n_xy + l22 * n_yy
-    g_xx, g_xy, g_yy = HALF * h_xx * l11, HALF * (h_xx * l21 + h_xy * l22), HALF * (h_yx * l21 + h_yy * l22)
+    w0x, w0y, w1x, w1y = l11 * a0x + l21 * a0y, l22 * a0y, l11 * a1x + l21 * a1y, l22 * a1y
+    w2x, w2y = l11 * a2x + l21 * a2y, l22 * a2y
+    v0x, v0y = n_xx * w0x + n_xy * w0y, n_xy * w0x + n_yy * w0y
+    v1x, v1y = n_xx * w1x + n_xy * w1y, n_xy * w1x + n_yy * w1y
+    v2x, v2y = n_xx * w2x + n_xy * w2y, n_xy * w2x + n_yy * w2y
+    # b: dL/d(columns of A); g_e: dL/d(log of the filtered scales).
+    b0x, b0y, b1x, b1y = l11 * v0x, l21 * v0x + l22 * v0y, l11 * v1x, l21 * v1x + l22 * v1y
+    b2x, b2y = l11 * v2x, l21 * v2x + l22 * v2y
+    g_e0, g_e1, g_e2 = w0x * v0x + w0y * v0y, w1x * v1x + w1y * v1y, w2x * v2x + w2y * v2y
 
     opacity = ONE / (ONE + exp8(-load8(opacity_logits, i)))
     store8(d_logits, i, select8(seen, q0 * (ONE - opacity), ZERO))
     if blur > ZERO:
         padded = det + layout.MIN_DETERMINANT
         ratio = det_bare / padded
-        to_ratio = HALF * q0 / (ratio + layout.MIN_DETERMINANT)
+        to_ratio = q0 / (ratio + layout.MIN_DETERMINANT)
         to_bare = to_ratio * (ONE - ratio) / padded
         to_trace = -to_ratio * ratio / padded * blur
-        g_xx += to_bare * syy + to_trace
-        g_yy += to_bare * sxx + to_trace
-        g_xy += -to_bare * sxy
-
-    b0x, b0y = TWO * (g_xx * a0x + g_xy * a0y), TWO * (g_xy * a0x + g_yy * a0y)
-    b1x, b1y = TWO * (g_xx * a1x + g_xy * a1y), TWO * (g_xy * a1x + g_yy * a1y)
-    b2x, b2y = TWO * (g_xx * a2x + g_xy * a2y), TWO * (g_xy * a2x + g_yy * a2y)
-    g_e0, g_e1, g_e2 = b0x * a0x + b0y * a0y, b1x * a1x + b1y * a1y, b2x * a2x + b2y * a2y
+        # The determinant is the sum of the squared minors.
+        b0x, b0y = b0x + to_bare * (a1y * n01 + a2y * n02), b0y - to_bare * (a1x * n01 + a2x * n02)
+        b1x, b1y = b1x + to_bare * (a2y * n12 - a0y * n01), b1y + to_bare * (a0x * n01 - a2x * n12)
+        b2x, b2y = b2x - to_bare * (a0y * n02 + a1y * n12), b2y + to_bare * (a0x * n02 + a1x * n12)
+        g_e0 += to_bare * (n01 * n01 + n02 * n02) + to_trace * (a0x * a0x + a0y * a0y)
+        g_e1 += to_bare * (n01 * n01 + n12 * n12) + to_trace * (a1x * a1x + a1y * a1y)
+        g_e2 += to_bare * (n02 * n02 + n12 * n12) + to_trace * (a2x * a2x + a2y * a2y)
+        b0x, b0y, b1x, b1y = b0x + to_trace * a0x, b0y + to_trace * a0y, b1x + to_trace * a1x, b1y + to_trace * a1y
+        b2x, b2y = b2x + to_trace * a2x, b2y + to_trace * a2y
     g_z = -(g_e0 + g_e1 + g_e2) * iz
     g0x, g0y, g1x, g1y, g2x, g2y = b0x * k0x, b0y * k0y, b1x * k1x, b1y * k1y, b2x * k2x, b2y * k2y
     g0z, g1z, g2z = -(cu * g0x + cv * g0y), -(cu * g1x + cv * g1y), -(cu * g2x + cv * g2y)

@@ -62,8 +62,9 @@ def main() -> None:
     outcome = trainer.fit(Budget(steps=arguments.steps), clock)
     times = sorted(clock.times[1:])
     total = sum(clock.times)
+    median, least, most = (1e3 * value for value in (statistics.median(times), times[0], times[-1]))
     print(f"{len(trainer.gaussians)} Gaussians, {views[0].camera.width}x{views[0].camera.height}: "
-          f"median {1e3 * statistics.median(times):.1f} ms a step (min {1e3 * times[0]:.1f}, max {1e3 * times[-1]:.1f})")
+          f"median {median:.1f} ms a step (min {least:.1f}, max {most:.1f})")
     print("| stage | ms a step | share |\n| --- | --- | --- |")
     for stage, seconds in outcome.stages.items():
         print(f"| {stage} | {1e3 * seconds / arguments.steps:.2f} | {seconds / total:.0%} |")

@@ -18,7 +18,8 @@ def _setup(count=12, **overrides):
     points = PointCloud(generator.normal(size=(count, 3)), generator.uniform(size=(count, 3)).astype(np.float32),
                         np.zeros(count, np.float32))
     gaussians = Gaussians.from_points(points, 1)
-    options = TrainerOptions().with_overrides({"densify_from": 0.0, "densify_every": 1, "reset_every": 0.0, **overrides})
+    options = TrainerOptions().with_overrides({
+        "densify_from": 0.0, "densify_every": 1, "reset_every": 0.0, **overrides})
     optimiser = GaussianOptimiser(gaussians, options, 1.0)
     for name in PARAMETERS:
         gaussians.parameters[name].grad = torch.ones_like(gaussians.parameters[name])

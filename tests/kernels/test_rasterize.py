@@ -9,14 +9,7 @@ import torch
 from dofbench.kernels.rasterize.types import ViewStatistics
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tolerances import (
-    FINITE_DIFFERENCE,
-    FLOAT32_GRADIENT,
-    FLOAT32_VALUE,
-    NEEDLE_GRADIENT,
-    PLANE_DEPTH,
-    TILING,
-)
+from tolerances import FINITE_DIFFERENCE, FLOAT32_GRADIENT, FLOAT32_VALUE, PLANE_DEPTH, TILING
 
 from dofbench.cameras import Camera
 from dofbench.kernels import load
@@ -77,7 +70,7 @@ def assert_close(found, expected, tolerance, what):
     assert error <= tolerance * scale, f"{what}: off by {error / scale:.2e} of the largest magnitude"
 
 
-def assert_agree(gaussians, gradient_tolerance=FLOAT32_GRADIENT, **options):
+def assert_agree(gaussians, **options):
     found = render(cpu, gaussians, torch.float32, **options)
     expected = render(reference, gaussians, torch.float64, **options)
     for name, a, b in zip(found[0]._fields, found[0], expected[0], strict=True):
@@ -85,11 +78,11 @@ def assert_agree(gaussians, gradient_tolerance=FLOAT32_GRADIENT, **options):
         if a is not None:
             assert_close(a, b, FLOAT32_VALUE, name)
     for name in NAMES:
-        assert_close(found[1][name], expected[1][name], gradient_tolerance, f"gradient of {name}")
+        assert_close(found[1][name], expected[1][name], FLOAT32_GRADIENT, f"gradient of {name}")
     assert torch.equal(found[2].visible, expected[2].visible)
     assert_close(found[2].radii, expected[2].radii, FLOAT32_VALUE, "radii")
-    assert_close(found[2].grad_2d, expected[2].grad_2d, gradient_tolerance, "grad_2d")
-    assert_close(found[2].abs_grad_2d, expected[2].abs_grad_2d, gradient_tolerance, "abs_grad_2d")
+    assert_close(found[2].grad_2d, expected[2].grad_2d, FLOAT32_GRADIENT, "grad_2d")
+    assert_close(found[2].abs_grad_2d, expected[2].abs_grad_2d, FLOAT32_GRADIENT, "abs_grad_2d")
     return found
 
 
@@ -123,14 +116,14 @@ def test_opaque_tiles_stop_early():
     gaussians = scene(400, 6, size=-0.5)
     gaussians["opacity_logits"] += 4
     outputs, _, _ = assert_agree(gaussians, camera=view(), geometry="full")
-    assert float(outputs.alpha.min()) > 0.999
+    assert (outputs.alpha > 0.999).all()
 
 
 def test_needles():
     gaussians = scene(40, 8)
     gaussians["log_scales"] = torch.tensor([[1.0, -6.0, -7.0]]).repeat(40, 1)
     gaussians["opacity_logits"] += 5
-    assert_agree(gaussians, NEEDLE_GRADIENT, camera=view(48, 40), geometry="full")
+    assert_agree(gaussians, camera=view(48, 40), geometry="full")
 
 
 def test_around_the_near_plane():
@@ -166,7 +159,7 @@ def test_no_gaussians():
 def test_empty_pixels_are_zero():
     gaussians = {name: value[:1] for name, value in scene(1, 11).items()}
     gaussians["means"] = torch.tensor([[0.0, 0.0, 4.0]])
-    gaussians["log_scales"] = torch.full((1, 3), -3.0)
+    gaussians["log_scales"] = torch.tensor([[-3.0, -2.5, -3.5]])
     gaussians["opacity_logits"] = torch.tensor([3.0])
     outputs, _, _ = assert_agree(gaussians, camera=view(pose=np.eye(4)), geometry="full")
     empty = outputs.alpha == 0

@@ -1,0 +1,237 @@
+"""The rasteriser's time by stage, and its blending against a plain C++ program on the same Gaussians.
+
+    python tests/bench/rasterize.py
+
+Needs g++ for the comparison (rasterize_peer.cpp). Every figure is the median of interleaved runs, in milliseconds;
+on a machine that does other things too, only the ratios mean anything.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from time import perf_counter
+
+from dofbench.threads import configure_threads
+
+configure_threads()
+
+# The libraries read their thread settings when imported.
+import numba  # noqa: E402
+import numpy as np  # noqa: E402
+import torch  # noqa: E402
+from dofbench.kernels.rasterize import cpu  # noqa: E402
+from dofbench.kernels.rasterize import cpu_layout as layout  # noqa: E402
+
+from dofbench.cameras import Camera  # noqa: E402
+
+RUNS = 15
+# Gaussians, width, height, standard deviation in pixels: about the intersections of 16 x 16 tiles in kernels.md.
+PEER_SIZES = ((10_000, 256, 192, 2.9), (30_000, 256, 192, 1.7), (50_000, 504, 384, 2.3))
+STAGE_SIZES = ((10_000, 504, 378, 4.0), (50_000, 504, 378, 2.3), (100_000, 504, 378, 1.8))
+STAGES = ("project", "depth_order", "fill_tiles", "blend", "blend_backward", "project_backward")
+
+
+def scene(n: int, width: int, height: int, pixels: float, seed: int = 0) -> tuple[list[torch.Tensor], Camera]:
+    """Random Gaussians, `pixels` wide on average, spread over the image and a little beyond."""
+    generator = torch.Generator().manual_seed(seed)
+    focal = 1.1 * width
+    u, v = (torch.rand(n, generator=generator) * 1.1 - 0.55 for _ in range(2))
+    z = 2 + 6 * torch.rand(n, generator=generator)
+    scales = torch.log(pixels * z / focal)[:, None] + 0.5 * torch.randn(n, 3, generator=generator)
+    parameters = [
+        torch.stack([u * width / focal * z, v * height / focal * z, z], 1), scales,
+        torch.randn(n, 4, generator=generator), torch.randn(n, generator=generator) * 1.5 - 0.5,
+        torch.randn(n, 3, generator=generator) * 0.5, torch.randn(n, 15, 3, generator=generator) * 0.1,
+    ]
+    return parameters, Camera(width, height, focal, focal, width / 2, height / 2, np.eye(4))
+
+
+class Clock:
+    """Stands in for the stages that `cpu` calls, and notes how long each takes."""
+
+    def __init__(self) -> None:
+        self.times: dict[str, list[float]] = {name: [] for name in (*STAGES, "forward", "backward")}
+        self.results: dict[str, object] = {}
+        self.arguments: dict[str, tuple] = {}
+        for name in STAGES:
+            setattr(cpu, name, self._timed(name, getattr(cpu, name)))
+
+    def _timed(self, name, stage):
+        def call(*arguments):
+            start = perf_counter()
+            result = stage(*arguments)
+            self.times[name].append(perf_counter() - start)
+            self.results[name], self.arguments[name] = result, arguments
+            return result
+
+        return call
+
+    def step(self, parameters, camera) -> None:
+        """One forward and backward pass with gradients of colour and depth."""
+        inputs = [parameter.clone().requires_grad_() for parameter in parameters]
+        start = perf_counter()
+        raster = cpu.rasterize(*inputs, camera=camera)
+        self.times["forward"].append(perf_counter() - start)
+        gradients = [torch.ones_like(raster.color), torch.ones_like(raster.depth)]
+        start = perf_counter()
+        torch.autograd.backward([raster.color, raster.depth], gradients)
+        self.times["backward"].append(perf_counter() - start)
+
+    def take(self) -> dict[str, float]:
+        """Median milliseconds by name; starts anew."""
+        medians = {name: 1e3 * float(np.median(times)) for name, times in self.times.items()}
+        for times in self.times.values():
+            times.clear()
+        return medians
+
+
+@numba.njit
+def tile_lists(order, gaussians, width, height):
+    """The C++ program's lists: 16 x 16 tiles that each ellipse's bounding box meets, nearest Gaussian first."""
+    columns, rows = (width + 15) // 16, (height + 15) // 16
+    counts = np.zeros(columns * rows + 1, np.int32)
+    starts, ids = np.zeros(columns * rows + 1, np.int32), np.empty(0, np.int32)
+    for fill in (False, True):
+        if fill:
+            starts[1:] = np.cumsum(counts)[:-1]
+            ids = np.empty(starts[-1], np.int32)
+            counts[:-1] = starts[:-1]
+        for i in order:
+            x, y, a, b, c, opacity = gaussians[i, :6]
+            reach = 2 * math.log(255 * opacity) / (a * c - b * b)
+            half_x, half_y = math.sqrt(reach * c), math.sqrt(reach * a)
+            left, right = max(math.ceil(x - half_x - 0.5), 0), min(math.floor(x + half_x - 0.5), width - 1)
+            top, bottom = max(math.ceil(y - half_y - 0.5), 0), min(math.floor(y + half_y - 0.5), height - 1)
+            if left > right or top > bottom:
+                continue
+            for row in range(top // 16, bottom // 16 + 1):
+                for column in range(left // 16, right // 16 + 1):
+                    tile = row * columns + column
+                    if fill:
+                        ids[counts[tile]] = i
+                    counts[tile] += 1
+    return starts, ids
+
+
+class Peer:
+    """The C++ program, fed with the records that our projection made."""
+
+    def __init__(self, library, records, order, camera: Camera) -> None:
+        self.library, self.camera = library, camera
+        r = records.reshape(-1, layout.RECORD)
+        l11, l21, l22 = (r[:, k] / layout.EXPONENT_SCALE for k in (layout.L11, layout.L21, layout.L22))
+        opacity = np.zeros(len(r), np.float32)
+        opacity[order] = np.exp2(r[order, layout.LOG2_OPACITY])
+        columns = [r[:, layout.MX], r[:, layout.MY], l11 * l11, l11 * l21, l21 * l21 + l22 * l22, opacity,
+                   r[:, layout.RED], r[:, layout.GREEN], r[:, layout.BLUE], r[:, layout.T0]]
+        self.gaussians = np.ascontiguousarray(np.stack(columns, 1), np.float32)
+        self.starts, self.ids = tile_lists(order, self.gaussians, camera.width, camera.height)
+        shape = (camera.height, camera.width)
+        self.color, self.depth, self.alpha = np.empty((*shape, 3), np.float32), *np.empty((2, *shape), np.float32)
+        self.looked_at, self.out = np.empty(len(self.starts), np.int32), np.empty((len(self.ids), 10), np.float32)
+        self.ones = np.ones((*shape, 3), np.float32), np.ones(shape, np.float32)
+
+    def _call(self, function, *arrays) -> float:
+        pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in arrays]
+        start = perf_counter()
+        function(*pointers[:3], self.camera.width, self.camera.height, *pointers[3:])
+        return perf_counter() - start
+
+    def forward(self) -> float:
+        """Seconds of one forward pass."""
+        return self._call(self.library.forward, self.gaussians, self.starts, self.ids, self.color, self.depth,
+                          self.alpha, self.looked_at)
+
+    def backward(self) -> float:
+        """Seconds of one backward pass."""
+        return self._call(self.library.backward, self.gaussians, self.starts, self.ids, self.looked_at, self.color,
+                          self.depth, *self.ones, self.out)
+
+
+def build_peer(folder: Path) -> ctypes.CDLL:
+    """Compile rasterize_peer.cpp."""
+    source = Path(__file__).with_name("rasterize_peer.cpp")
+    library = folder / "peer.so"
+    options = ["-O3", "-march=native", "-ffast-math", "-fopenmp", "-shared", "-fPIC"]
+    subprocess.run(["g++", *options, str(source), "-o", str(library)], check=True)
+    return ctypes.CDLL(str(library))
+
+
+def compare(clock: Clock, library: ctypes.CDLL) -> None:
+    """Print blending times beside the C++ program's."""
+    print("| scene | intersections (C++ 16 x 16) | forward | C++ | ratio | backward | C++ | ratio |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
+    for n, width, height, pixels in PEER_SIZES:
+        parameters, camera = scene(n, width, height, pixels)
+        clock.step(parameters, camera)
+        records = clock.arguments["fill_tiles"][0]
+        peer = Peer(library, records, clock.results["depth_order"], camera)
+        clock.take()
+        forward, backward = [], []
+        for _ in range(RUNS):
+            clock.step(parameters, camera)
+            forward.append(1e3 * peer.forward())
+            backward.append(1e3 * peer.backward())
+        ours = clock.take()
+        ids = clock.results["fill_tiles"][1]
+        theirs = float(np.median(forward)), float(np.median(backward))
+        print(
+            f"| {n} at {width} x {height} | {len(ids)} ({len(peer.ids)}) | {ours['blend']:.2f} | {theirs[0]:.2f} | "
+            f"{ours['blend'] / theirs[0]:.2f} | {ours['blend_backward']:.2f} | {theirs[1]:.2f} | "
+            f"{ours['blend_backward'] / theirs[1]:.2f} |"
+        )
+
+
+def by_stage(clock: Clock) -> None:
+    """Print the time of every stage, and of a whole forward and backward pass through autograd."""
+    names = (*STAGES, "forward", "backward")
+    print(f"| scene | {' | '.join(names)} |")
+    print("| --- " * (len(names) + 1) + "|")
+    for n, width, height, pixels in STAGE_SIZES:
+        parameters, camera = scene(n, width, height, pixels)
+        clock.step(parameters, camera)
+        clock.take()
+        for _ in range(RUNS):
+            clock.step(parameters, camera)
+        medians = clock.take()
+        print(f"| {n} at {width} x {height} | {' | '.join(f'{medians[name]:.2f}' for name in names)} |")
+
+
+def first_call() -> None:
+    """Print how long the first forward and backward pass takes in a new process, without and with a cache."""
+    program = (
+        "import sys, time; sys.path.insert(0, sys.argv[1]); import rasterize as bench; clock = bench.Clock();"
+        "start = time.perf_counter(); clock.step(*bench.scene(100, 64, 48, 2.0)); print(time.perf_counter() - start)"
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        for what in ("cold", "cached"):
+            command = [sys.executable, "-c", program, str(Path(__file__).parent)]
+            environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
+            done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+            print(f"first call, {what}: {float(done.stdout):.1f} s")
+
+
+def main() -> None:
+    """Print all tables."""
+    clock = Clock()
+    print(f"{numba.get_num_threads()} threads; milliseconds, medians of {RUNS}\n")
+    by_stage(clock)
+    print()
+    if shutil.which("g++"):
+        with tempfile.TemporaryDirectory() as folder:
+            compare(clock, build_peer(Path(folder)))
+    else:
+        print("g++ was not found on PATH: no comparison")
+    print()
+    first_call()
+
+
+if __name__ == "__main__":
+    main()
