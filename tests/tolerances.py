@@ -62,3 +62,6 @@ HALF_LIT = 1e-2
 PLANE_DEPTH = 5e-4
 # The same float32 sums with pixel coordinates counted from another corner.
 TILING = 5e-5
+# exp2_fast8: a polynomial of degree 5. exp8 and log2_8: two roundings of float32.
+EXP2_FAST = 2.5e-7
+EIGHT_LANES = 1.5e-7
