@@ -58,7 +58,8 @@ SCATTER_DARK = 1e-2
 HIGHLIGHT = 1e-4
 # Light of a disc 16 pixels wide on stripes one pixel wide: which of them its rim cuts off is not exactly half.
 HALF_LIT = 1e-2
-# A plane's depth by an expression affine in the pixel: second order in the angle, up to 5 pixels of 1/400 at 50 degrees.
+# A plane's depth by an expression affine in the pixel: second order in the angle, up to 5 pixels of 1/400 at
+# 50 degrees.
 PLANE_DEPTH = 5e-4
 # The same float32 sums with pixel coordinates counted from another corner.
 TILING = 5e-5

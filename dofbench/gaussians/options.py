@@ -54,8 +54,9 @@ class TrainerOptions:
         per-pixel gradients instead (AbsGS). dense_share: split above, clone below this share of
         the extent. clone_opacity: "keep" gives a clone its original's opacity (3DGS), which makes the
         two more opaque than the one was; "share" divides it so that the rendering hardly changes
-        (Rota Bulo et al., Revising Densification in Gaussian Splatting). prune_opacity: remove below. prune_depth_graded: divide that threshold by 1
-        (nearest) ... 3 (farthest), as the released code does. reset_every: opacity reset interval,
+        (Rota Bulo et al., Revising Densification in Gaussian Splatting). prune_opacity: remove below.
+        prune_depth_graded: divide that threshold by 1 (nearest) ... 3 (farthest), as the released
+        code does. reset_every: opacity reset interval,
         share of the training, 0 for never.
     """
 

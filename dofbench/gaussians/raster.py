@@ -1,4 +1,4 @@
-"""What the rasteriser kernel gives back, whatever its backend."""
+"""What every backend of `rasterize` gives back."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ from typing import Literal, NamedTuple
 from torch import Tensor
 
 Geometry = Literal["none", "depth", "full"]
+GEOMETRIES = ("none", "depth", "full")
 
 
 class Raster(NamedTuple):
-    """color (H, W, 3) encoded; alpha (H, W); depth (H, W) expected z, scene units, 0 where empty;
-    median_depth (H, W); normal (H, W, 3), camera frame, weighted sum, not normalised.
+    """One rendered view.
 
-    What the requested geometry leaves out is None.
+    color: (H, W, 3), composited over the background. alpha: (H, W), the sum of the blending weights.
+    depth: (H, W), z-depth in scene units, the weights' mean, 0 where alpha is 0. median_depth: (H, W),
+    z-depth in scene units, 0 where alpha is 0. normal: (H, W, 3), camera frame, towards the camera,
+    the weighted sum (its length is at most alpha). None where the `geometry` asked for leaves it out.
     """
 
     color: Tensor
@@ -24,13 +27,15 @@ class Raster(NamedTuple):
     normal: Tensor | None
 
 
-@dataclass
+@dataclass(eq=False)
 class ViewStatistics:
-    """Per-Gaussian numbers of one view that density control asks for.
+    """What density control wants to know about one view; filled in by `rasterize` and its backward.
 
-    The forward pass fills visible (N,) bool and radii (N,) float32 pixels; the backward pass
-    grad_2d (N, 2), the loss's gradient by the projected means in pixels, and with `want_abs`
-    abs_grad_2d (N, 2), the sum over pixels of its absolute contributions (AbsGS).
+    want_abs: also compute `abs_grad_2d`. After the forward pass: visible (N,) bool, whether the region
+    of alpha >= 1/255 may hold a pixel centre; radii (N,) float, pixels, three standard deviations along
+    the longer axis of the filtered footprint, 0 where invisible. After the backward pass: grad_2d
+    (N, 2), the loss by the projected mean in pixels, and abs_grad_2d (N, 2), the same with the absolute
+    value taken for each pixel before summing (AbsGS; Gaussian Opacity Fields).
     """
 
     want_abs: bool = False

@@ -21,12 +21,12 @@ from dofbench.scenes.types import Scene
 
 Progress = Callable[[int, int], None]
 
-# Depth is what counts here, so the points supervise it in disparity, where blur is linear, and
-# the normals keep surfaces smooth; both measured in reports/notes/splat-depth.md.
+# Depth is what counts here, so the points supervise it in disparity, where blur is linear.
 OPTIONS = TrainerOptions().with_overrides({
-    "lens": False, "sh_degree": 2, "depth_space": "disparity", "depth_norm": "l1", "depth_weight": 0.2,
-    "depth_decay": 0.3, "normal_weight": 0.05, "normal_from": 0.3, "coarse_until": 0.2, "reset_every": 0.0,
-    "densify_until": 0.6, "max_gaussians": 150_000,
+    "lens": False, "adaptation": "off", "sh_degree": 2, "means_lr": 4e-4, "means_lr_final": 4e-6,
+    "depth_space": "disparity", "depth_norm": "l1", "depth_weight": 0.2, "depth_decay": 0.3, "normal_weight": 0.0,
+    "coarse_until": 0.15, "reset_every": 0.0, "densify_from": 0.05, "densify_until": 0.6, "grow_gradient": 3e-4,
+    "clone_opacity": "share", "max_gaussians": 150_000,
 })
 
 

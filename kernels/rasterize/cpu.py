@@ -16,13 +16,13 @@ import torch
 from torch import Tensor
 
 from dofbench.cameras import Camera
+from dofbench.gaussians.raster import GEOMETRIES, Geometry, Raster, ViewStatistics
 
 from . import cpu_layout as layout
 from .cpu_bin import depth_order, fill_tiles
 from .cpu_blend import blend, blend_backward
 from .cpu_project import project
 from .cpu_project_backward import project_backward
-from .types import GEOMETRIES, Geometry, Raster, ViewStatistics
 
 NAMES = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
 _EMPTY2 = np.empty((0, 0), np.float32)

@@ -12,8 +12,7 @@ import torch
 from torch import Tensor
 
 from dofbench.cameras import Camera
-
-from .types import Geometry, Raster, ViewStatistics
+from dofbench.gaussians.raster import Geometry, Raster, ViewStatistics
 
 MAX_ALPHA = 0.99
 MIN_ALPHA = 1 / 255

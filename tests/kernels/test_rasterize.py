@@ -6,12 +6,12 @@ import numba
 import numpy as np
 import pytest
 import torch
-from dofbench.kernels.rasterize.types import ViewStatistics
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tolerances import FINITE_DIFFERENCE, FLOAT32_GRADIENT, FLOAT32_VALUE, PLANE_DEPTH, TILING
 
 from dofbench.cameras import Camera
+from dofbench.gaussians.raster import ViewStatistics
 from dofbench.kernels import load
 
 cpu, reference = load("rasterize", "cpu"), load("rasterize", "reference")
