@@ -133,6 +133,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _end(FAILED, f"{refusal.filename or 'a file'}: {refusal.strerror}")
 
 
+def console() -> None:
+    """The installed program: `main`, then an end without the interpreter's clean-up.
+
+    OpenImageIO's binding counts, at the very end, the objects that colour-science still holds, and
+    prints a page about them that no user can do anything about. Nothing here waits for that end:
+    every file is closed or renamed by then.
+    """
+    status = main()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
+
+
 def _end(status: int, message: str) -> int:
     print(f"dofbench: {message}", file=sys.stderr)
     return status

@@ -38,6 +38,7 @@ MIN_ALPHA = np.float32(layout.MIN_ALPHA)
 
 @njit(forceinline=True)
 def dot3(ax, ay, az, bx, by, bz):
+    """Scalar product of two triples."""
     return ax * bx + (ay * by + az * bz)
 
 
@@ -107,6 +108,7 @@ def ratio8(a, b):
 
 @njit(forceinline=True)
 def minor8(ax, ay, bx, by):
+    """a d - b c, the determinant of a two by two block."""
     return ax * by - ay * bx
 
 
