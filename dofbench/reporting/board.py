@@ -68,6 +68,8 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
         for column, paths in write_curves(out / "curves", members, name, names).items():
             files += paths
             shown.append((f"{COLUMNS[column].label} against training time", f"curves/{paths[0].name}"))
+        if not settings.pictures:
+            continue
         strip = out / "comparison" / f"{file_name(name, board[2])}.png"
         trouble = write_strip(strip, members, names)
         if trouble is None:

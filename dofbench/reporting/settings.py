@@ -17,3 +17,6 @@ class Report:
     """Folder of results, as `dofbench run` writes them."""
     out: Path = Path("reports/leaderboard")
     """Folder to write to."""
+    pictures: bool = True
+    """Strips of photographs and predictions; leave them out of a board that is published where the
+    photographs may not be."""

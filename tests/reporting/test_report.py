@@ -45,9 +45,10 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
 def made(tmp_path: Path) -> Callable[..., tuple[Written, Path, str]]:
     """`made()` writes the report of tmp_path/results; returns what was written, where, and what was said."""
 
-    def made(out: str = "board") -> tuple[Written, Path, str]:
+    def made(out: str = "board", pictures: bool = True) -> tuple[Written, Path, str]:
         stream = io.StringIO()
-        written = write_report(Report(tmp_path / "results", tmp_path / out), Console(file=stream, width=400))
+        settings = Report(tmp_path / "results", tmp_path / out, pictures)
+        written = write_report(settings, Console(file=stream, width=400))
         return written, tmp_path / out, stream.getvalue()
 
     return made
@@ -250,6 +251,13 @@ def test_figures_are_there_and_linked(call, made) -> None:
     assert "comparison/waves-refocus-v1.png" in links
     assert all((out / link).is_file() for link in links)
     assert {path.suffix for path in (out / "curves").iterdir()} == {".svg", ".png"}
+
+
+def test_a_board_without_pictures_has_none_and_links_none(call, made) -> None:
+    call()
+    _, out, _ = made(pictures=False)
+    assert not (out / "comparison").exists() and (out / "curves").is_dir()
+    assert "comparison/" not in (out / "leaderboard.md").read_text()
 
 
 def test_the_same_results_give_the_same_files(call, made, monkeypatch: pytest.MonkeyPatch) -> None:
