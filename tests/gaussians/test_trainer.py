@@ -1,5 +1,10 @@
 """The whole loop on a small scene: it learns, repeats bit for bit, and stops at the first bad number."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -128,3 +133,24 @@ def test_the_observer_can_stop_it():
 
 def test_a_budget_of_steps_sets_the_schedule():
     assert Trainer(_training_set(), _options(), 0).fit(Budget(steps=12), Recorder()).steps == 12
+
+
+@pytest.mark.slow  # compiles every kernel of a training step anew
+def test_freshly_compiled_kernels_train_to_the_same_bits_as_cached_ones(tmp_path):
+    script = (
+        "import hashlib\n"
+        "from test_trainer import Budget, Recorder, Trainer, _options, _training_set\n"
+        "trainer = Trainer(_training_set(), _options(normal_from=0.0, blur_to_depth=True, normal_median=0.6), 0)\n"
+        "trainer.fit(Budget(steps=8), Recorder())\n"
+        "digest = hashlib.sha256(repr(trainer.lens_estimates()).encode())\n"
+        "for name, value in trainer.gaussians.parameters.items():\n"
+        "    digest.update(value.detach().numpy().tobytes())\n"
+        "print(digest.hexdigest())\n"
+    )
+    paths = os.pathsep.join([str(Path(__file__).parent), str(Path(__file__).parents[1])])
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": paths}
+    command = [sys.executable, "-c", script]
+    found = [subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+             for _ in range(2)]
+    assert list(tmp_path.rglob("*.nbc")) and len(found[0]) == 65
+    assert found[0] == found[1]
