@@ -66,3 +66,11 @@ TILING = 5e-5
 # exp2_fast8: a polynomial of degree 5. exp8 and log2_8: two roundings of float32.
 EXP2_FAST = 2.5e-7
 EIGHT_LANES = 1.5e-7
+# Normals of an exact plane by float64 differences.
+PLANE_NORMAL = 1e-12
+# A handful of float32 operations on numbers of order 1, relative.
+FLOAT32_SCALAR = 1e-6
+# Where Adam with a falling rate comes to rest around the lens it is led to.
+LENS_FOUND = 0.01
+# Two planes at depths 3 and 6: the median of what 90 steps rebuild lies between their surroundings.
+ROUGH_DEPTH = 2.0

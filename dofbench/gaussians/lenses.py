@@ -41,7 +41,7 @@ class LearnedLenses:
             return torch.relu(raw[0]) + _RELU_FLOOR, torch.relu(raw[1]) + _RELU_FLOOR
         return torch.exp(raw[0]), raw[1]
 
-    def forward(self, index: int, width: int) -> tuple[Tensor, Tensor]:
+    def forward(self, index: int) -> tuple[Tensor, Tensor]:
         """Differentiable (A, F) of view `index`; remembers the leaf for `step`."""
         self._leaf = self._raw[index].clone().requires_grad_()
         return self.activated(self._leaf)
@@ -85,13 +85,8 @@ class LearnedLenses:
         )
 
     def state(self) -> dict[str, np.ndarray]:
-        """Raw parameters and ranges, for saving."""
+        """Raw parameters and disparity ranges of all views."""
         return {
             "raw": torch.stack(self._raw).numpy(),
             "ranges": np.array([[r.q_min, r.q_max] for r in self.ranges]),
         }
-
-    def restore(self, raw: np.ndarray, ranges: np.ndarray) -> None:
-        """Take over what `state` gave."""
-        self._raw = [torch.from_numpy(row.copy()) for row in raw]
-        self.ranges = [DisparityRange(float(low), float(high)) for low, high in ranges]

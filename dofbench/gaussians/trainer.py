@@ -207,7 +207,7 @@ class Trainer:
         if options.lens_range == "render":
             self.lenses.ranges[view.index] = _rendered_range(disparity, alpha, self.range)
         bounds = self.lenses.ranges[view.index]
-        aperture, focus = self.lenses.forward(view.index, view.camera.width)
+        aperture, focus = self.lenses.forward(view.index)
         normalised = bounds.normalise(disparity)
         radius = signed_radius(normalised, COC_FRACTION * view.camera.width * aperture, focus)
         out_of_focus = (normalised.detach() - focus.detach()).abs()

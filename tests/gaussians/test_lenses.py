@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import torch
-from tolerances import FLOAT32_VALUE
+from tolerances import FLOAT32_VALUE, LENS_FOUND
 
 from dofbench.gaussians.lenses import LearnedLenses
 from dofbench.gaussians.options import TrainerOptions
@@ -13,7 +13,7 @@ RANGE = DisparityRange(0.02, 0.06)
 def _train(lenses, target, steps, order):
     for step in range(steps):
         index = order[step % len(order)]
-        aperture, focus = lenses.forward(index, 504)
+        aperture, focus = lenses.forward(index)
         ((aperture - target[0]) ** 2 + (focus - target[1]) ** 2).backward()
         lenses.step(index, step / steps)
 
@@ -27,7 +27,7 @@ def test_each_view_finds_its_lens(activation, update):
     _train(lenses, (0.9, 0.2), 2000, [0, 1])
     for index in range(2):
         found = Lens.from_physical(lenses.estimate(index, 504), RANGE)
-        assert abs(found.aperture - 0.9) < 0.01 and abs(found.focus - 0.2) < 0.01
+        assert abs(found.aperture - 0.9) < LENS_FOUND and abs(found.focus - 0.2) < LENS_FOUND
 
 
 def test_dense_update_is_adam_over_the_whole_vector():
@@ -37,7 +37,7 @@ def test_dense_update_is_adam_over_the_whole_vector():
     adam = torch.optim.Adam([vector], lr=1e-2, eps=1e-15)
     for step in range(30):
         index = step % 3
-        aperture, focus = lenses.forward(index, 504)
+        aperture, focus = lenses.forward(index)
         ((aperture - 1) ** 2 + (focus - 0.1) ** 4).backward()
         lenses.step(index, 0.0)
         adam.zero_grad()

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from tolerances import FLOAT32_SCALAR, PLANE_NORMAL
 
 from dofbench.cameras import Camera
 from dofbench.gaussians import losses
@@ -23,7 +24,7 @@ def _plane_depth(normal, offset):
 def test_normals_of_a_plane_are_its_normal(normal):
     unit = np.array(normal) / np.linalg.norm(normal)
     found = losses.normals_from_depth(_plane_depth(unit, -5.0), CAMERA)
-    assert np.allclose(found.numpy(), unit, atol=1e-12)
+    assert np.allclose(found.numpy(), unit, atol=PLANE_NORMAL)
 
 
 def test_normal_consistency_is_zero_when_splats_lie_in_the_surface():
@@ -33,7 +34,7 @@ def test_normal_consistency_is_zero_when_splats_lie_in_the_surface():
     normal = alpha[..., None] * torch.from_numpy(unit)
     aligned = losses.normal_consistency(normal, alpha, depth, depth, CAMERA, 0.6)
     turned = losses.normal_consistency(-normal, alpha, depth, depth, CAMERA, 0.6)
-    assert float(aligned) == pytest.approx(0, abs=1e-12)
+    assert float(aligned) == pytest.approx(0, abs=PLANE_NORMAL)
     assert float(turned) == pytest.approx(1.6)
 
 
@@ -62,7 +63,7 @@ def test_sparse_depth_loss_by_hand(norm, space, expected):
     truth = SparseDepth(torch.tensor([1, 3]), torch.tensor([2, 0]), torch.tensor([2.0, 2.0]))
     options = TrainerOptions(depth_norm=norm, depth_space=space)
     loss = losses.sparse_depth_loss(depth, torch.ones(4, 4), truth, options, 0.5, None)
-    assert float(loss) == pytest.approx(expected, rel=1e-6)
+    assert float(loss) == pytest.approx(expected, rel=FLOAT32_SCALAR)
 
 
 def test_sparse_depth_says_nothing_where_there_is_no_surface():
