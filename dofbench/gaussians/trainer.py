@@ -25,6 +25,7 @@ from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.raster import ViewStatistics
 from dofbench.gaussians.render import SURFACE_ALPHA, rasterise, render_view, surface_disparity
 from dofbench.gaussians.supervision import SparseDepth, all_disparities, sparse_depth
+from dofbench.gaussians.warmup import compile_kernels
 from dofbench.images import resize
 from dofbench.lens import COC_FRACTION, DisparityRange, PhysicalLens
 
@@ -75,6 +76,7 @@ class Trainer:
 
     def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
         """Train until the budget, or the observer, ends it. A non-finite number ends it as diverged."""
+        compile_kernels(self.gaussians, self._cameras[0], self.options)
         total = budget.steps or self.options.steps
         step, event = 0, None
         order: list[int] = []

@@ -7,11 +7,11 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from dofbench.numba_math import (
+from dofbench.kernel_cache import cached
+from dofbench.simd import (
     LANES,
     abs8,
     any8,
-    cached,
     exp2_fast8,
     lanes8,
     load1,

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.numba_math import (
+from dofbench.kernel_cache import cached
+from dofbench.simd import (
     LANES,
     abs8,
     any8,
     bits8,
-    cached,
     exp8,
     floor8,
     gather8,

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.numba_math import load8, splat8, store8
+from dofbench.kernel_cache import cached
+from dofbench.simd import load8, splat8, store8
 
 from .cpu_edge import half_width, logistic2
 from .cpu_pack import BLOCK, COLOURS, EXPONENTIAL, PLANES, RATIONAL, SUMS, Edges, Geometry
@@ -20,13 +21,13 @@ LANES = 8
 _ONE = np.float32(1.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _accumulate(sums, weight, planes, at, stride):
     return (sums[0] + weight * load8(planes, at + stride), sums[1] + weight * load8(planes, at + 2 * stride),
             sums[2] + weight * load8(planes, at + 3 * stride), sums[3] + weight * load8(planes, at + 4 * stride))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _gather_rational(sums, planes, at, stride, low, high, outer, entry):
     for dx in range(low, high + 1):
         weight = _ONE / (_ONE + load8(planes, at + dx) * outer[entry + dx])
@@ -34,7 +35,7 @@ def _gather_rational(sums, planes, at, stride, low, high, outer, entry):
     return sums
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _gather_exponential(sums, planes, at, stride, low, high, outer, slope, entry):
     for dx in range(low, high + 1):
         weight = logistic2(outer[entry + dx] - slope[entry + dx] * load8(planes, at + dx))
@@ -42,7 +43,7 @@ def _gather_exponential(sums, planes, at, stride, low, high, outer, slope, entry
     return sums
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _gather_stopped(sums, planes, at, stride, low, high, outer, slope, entry, stop, opacity):
     for dx in range(low, high + 1):
         radius, start, steep = load8(planes, at + dx), outer[entry + dx], slope[entry + dx]
@@ -52,7 +53,7 @@ def _gather_stopped(sums, planes, at, stride, low, high, outer, slope, entry, st
     return sums
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _add(buffer, at, sums):
     store8(buffer, at, load8(buffer, at) + sums[0])
     store8(buffer, at + STRIP, load8(buffer, at + STRIP) + sums[1])
@@ -60,7 +61,7 @@ def _add(buffer, at, sums):
     store8(buffer, at + 3 * STRIP, load8(buffer, at + 3 * STRIP) + sums[3])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def farthest_reach(reach, y, block, around):
     """Largest reach of the sources of row y that reach the targets of `block` at all, pixels; negative for none."""
     farthest = np.float32(-1.0)
@@ -70,7 +71,8 @@ def farthest_reach(reach, y, block, around):
     return farthest
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@cached
+@njit(parallel=True, error_model="numpy")
 def _spread(planes, reach, sizes, rows, kind, folded, outer, slope, stop, opacity):
     """Buffers (bands of `rows` source rows, strips, target rows of the band, SUMS, STRIP)."""
     height, width, stride, pad, reach_y, reach_x, _, _ = sizes
@@ -113,7 +115,8 @@ def _spread(planes, reach, sizes, rows, kind, folded, outer, slope, stop, opacit
     return buffers
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@cached
+@njit(parallel=True, error_model="numpy")
 def _merge(buffers, height, width, rows, reach_y):
     """Sum the buffers that cover each row, in order, and divide: blurred (H, W, COLOURS), total (H, W)."""
     blurred = np.empty((height, width, COLOURS), np.float32)

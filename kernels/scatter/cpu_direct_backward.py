@@ -18,8 +18,9 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from dofbench.kernel_cache import cached
 from dofbench.lens import AREA_EPSILON
-from dofbench.numba_math import load8, store8
+from dofbench.simd import load8, store8
 
 from .cpu_edge import half_width, logistic2
 from .cpu_pack import BLOCK, COLOURS, PLANES, RATIONAL, SUMS, Edges, Geometry
@@ -30,7 +31,8 @@ LANES = 8
 _ONE, _NONE = np.float32(1.0), np.float32(0.0)
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@cached
+@njit(parallel=True, error_model="numpy")
 def pack_gradient(gradient, image, blurred, total, sizes):
     """Gradient by the sums before the division, planes (H, SUMS, stride), flat; and D_ii / q_i, (H, stride), flat."""
     height, width, pad = sizes.height, sizes.width, sizes.pad
@@ -50,7 +52,7 @@ def pack_gradient(gradient, image, blurred, total, sizes):
     return planes.reshape(-1), own.reshape(-1)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _add_rows(lines, planes, y, dy, height, stride, low, count, folded):
     """lines (SUMS, count) = gradient of row y + dy, plus that of y - dy where the shape is folded."""
     for plane in range(SUMS):
@@ -69,12 +71,12 @@ def _add_rows(lines, planes, y, dy, height, stride, low, count, folded):
                 store8(lines, to + i, load8(planes, above + i))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _load4(lines, at, count):
     return load8(lines, at), load8(lines, at + count), load8(lines, at + 2 * count), load8(lines, at + 3 * count)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _load4_mirrored(lines, at, dx, count):
     return (load8(lines, at + dx) + load8(lines, at - dx),
             load8(lines, at + count + dx) + load8(lines, at + count - dx),
@@ -82,13 +84,13 @@ def _load4_mirrored(lines, at, dx, count):
             load8(lines, at + 3 * count + dx) + load8(lines, at + 3 * count - dx))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _load5(planes, at, step):
     return (load8(planes, at), load8(planes, at + step), load8(planes, at + 2 * step), load8(planes, at + 3 * step),
             load8(planes, at + 4 * step))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _store5(to, at, step, values):
     store8(to, at, values[0])
     store8(to, at + step, values[1])
@@ -97,25 +99,25 @@ def _store5(to, at, step, values):
     store8(to, at + 4 * step, values[4])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _product(gradient, source):
     return source[1] * gradient[0] + (source[2] * gradient[1] + (source[3] * gradient[2] + source[4] * gradient[3]))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _collect(sums, weight, slope, gradient, product):
     """Add one offset: S times the gradient by three colours, S D and S' D."""
     return (sums[0] + weight * gradient[0], sums[1] + weight * gradient[1], sums[2] + weight * gradient[2],
             sums[3] + weight * product, sums[4] + slope * product)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _rational(edge, outer):
     weight = _ONE / (_ONE + outer * edge)
     return weight, weight - weight * weight
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _exponential(radius, outer, slope, stop, opacity):
     rim = logistic2(outer - slope * radius)
     by_radius = slope * (rim - rim * rim)
@@ -126,7 +128,7 @@ def _exponential(radius, outer, slope, stop, opacity):
     return rim, by_radius
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _visit_rational(sums, lines, at, count, source, own, own_at, dy, last, outer, entry):
     gradient = _load4(lines, at, count)
     weight, slope = _rational(source[0], outer[entry])
@@ -139,7 +141,7 @@ def _visit_rational(sums, lines, at, count, source, own, own_at, dy, last, outer
     return sums
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _visit_exponential(sums, lines, at, count, source, own, own_at, dy, last, outer, slope, entry, stop,
                        opacity, folded):
     # Tables are by source column minus target column; here the target is at +dx.
@@ -163,7 +165,8 @@ def _visit_exponential(sums, lines, at, count, source, own, own_at, dy, last, ou
     return sums
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@cached
+@njit(parallel=True, error_model="numpy")
 def _gather(sources, reach, gradient, own, sizes, kind, folded, outer, slope, stop, opacity):
     """Sums (H, strips, 5, STRIP): by colour without the area term, of S D, and of S' D."""
     height, width, stride, pad, reach_y, reach_x, _, _ = sizes
@@ -210,7 +213,8 @@ def _gather(sources, reach, gradient, own, sizes, kind, folded, outer, slope, st
     return result
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@cached
+@njit(parallel=True, error_model="numpy")
 def _finish(sums, signed_radius, steepness, area_epsilon, area):
     """Apply the area term and the sign: gradients by colour (H, W, COLOURS) and by signed radius (H, W)."""
     height, width = signed_radius.shape

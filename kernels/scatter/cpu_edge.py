@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from dofbench.numba_math import exp2_fast8, max8, min8
+from dofbench.simd import exp2_fast8, max8, min8
 
 _ONE = np.float32(1.0)
 _LIMIT = np.float32(100.0)  # 1 / (1 + 2 ** +-100) is 0 or 1 in float32
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def logistic2(x):
     """1 / (1 + 2 ** x), eight lanes."""
     return _ONE / (_ONE + exp2_fast8(max8(min8(x, _LIMIT), -_LIMIT)))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def half_width(radius, dy):
     """Half of the chord at `dy` from the centre, whole pixels; -1 where the circle doesn't reach that far."""
     rest = radius * radius - np.float32(dy) * np.float32(dy)

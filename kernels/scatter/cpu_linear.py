@@ -17,8 +17,9 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from dofbench.kernel_cache import cached
 from dofbench.lens import AREA_EPSILON
-from dofbench.numba_math import any8, floor8, load8, max8, min8, select8, splat8, sqrt8, store8
+from dofbench.simd import any8, floor8, load8, max8, min8, select8, splat8, sqrt8, store8
 
 from .cpu_edge import half_width, logistic2
 from .cpu_pack import COLOURS, Geometry
@@ -29,14 +30,14 @@ LANES = 8           # sources whose soft ends are worked out together
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _half_width8(radius, dy):
     """`half_width` for eight lanes."""
     rest = radius * radius - dy * dy
     return select8((radius >= _ZERO) & (rest >= _ZERO), floor8(sqrt8(max8(rest, _ZERO))), -_ONE)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _soft_ends(weights, slopes, cores, radius, dy, steepness, band, least, farthest):
     """Soft ends of eight sources at row `dy`: weights[8 e + lane] = d_k, slopes likewise d'_k, at k = cores[lane] + e.
 
@@ -64,7 +65,8 @@ def _soft_ends(weights, slopes, cores, radius, dy, steepness, band, least, farth
     return count
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@cached
+@njit(parallel=True, error_model="numpy")
 def _pack(image, signed_radius, area):
     """Colour and 1, both times the area term, (H, W, WAYS); radii (H, whole vectors), both flat; each row's largest."""
     height, width = signed_radius.shape
@@ -87,7 +89,8 @@ def _pack(image, signed_radius, area):
     return sources.reshape(-1), radii.reshape(-1), largest
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@cached
+@njit(parallel=True, error_model="numpy")
 def _spread(sources, radii, largest, sizes, rows, steepness):
     """Sums by bands of `rows` source rows: (bands, target rows of the band, W * WAYS)."""
     height, width, reach_y, reach_x = sizes.height, sizes.width, sizes.reach_y, sizes.reach_x
@@ -134,7 +137,8 @@ def _spread(sources, radii, largest, sizes, rows, steepness):
     return buffers
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@cached
+@njit(parallel=True, error_model="numpy")
 def _merge(buffers, height, width, rows, reach_y):
     """Sum the buffers that cover each row, in order, and divide: blurred (H, W, COLOURS), total (H, W)."""
     blurred = np.empty((height, width, COLOURS), np.float32)
@@ -151,7 +155,8 @@ def _merge(buffers, height, width, rows, reach_y):
     return blurred, total
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@cached
+@njit(parallel=True, error_model="numpy")
 def _prefix(gradient, image, blurred, total, pad):
     """Running sums of the gradient by the sums before the division, (H, (W + 2 pad) * WAYS); and D_ii's correction.
 
@@ -185,7 +190,8 @@ def _prefix(gradient, image, blurred, total, pad):
     return sums.reshape(-1), correction
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@cached
+@njit(parallel=True, error_model="numpy")
 def _gather(image, signed_radius, radii, largest, sums, correction, sizes, steepness, slope, area):
     """Gradients by colour (H, W, COLOURS) and by signed radius (H, W). slope: 2 alpha."""
     height, width, reach_y, reach_x = sizes.height, sizes.width, sizes.reach_y, sizes.reach_x

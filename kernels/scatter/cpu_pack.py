@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
+from dofbench.kernel_cache import cached
 from dofbench.lens import AREA_EPSILON, ApertureShape
 
 from .reference import STOP_OPACITY
@@ -108,7 +109,8 @@ def edges(sizes: Geometry, largest: float, alpha: float, shape: ApertureShape) -
     )
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@cached
+@njit(parallel=True, error_model="numpy")
 def pack_sources(image, signed_radius, sizes, rational, steepness, base, area):
     """Planes of the sources, flat; and for every block of a row how far its sources reach, (H, stride / BLOCK) pixels.
 

@@ -7,7 +7,8 @@ import torch
 from numba import njit, prange
 from torch import Tensor
 
-from dofbench.numba_math import exp2_fast8, load8, log2_8, max8, min8, select8, store8
+from dofbench.kernel_cache import cached
+from dofbench.simd import exp2_fast8, load8, log2_8, max8, min8, select8, store8
 
 _LANES = 8
 _CHUNK = 4096   # numbers of a task
@@ -40,7 +41,7 @@ class _Power(torch.autograd.Function):
         return torch.from_numpy(by_values).reshape(gradient.shape), None, None
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _power8(x, exponent, toe, line):
     scaled = log2_8(max8(min8(x, _INFINITY), toe)) * exponent
     curve = exp2_fast8(max8(min8(scaled, _LARGEST_EXPONENT), -_LARGEST_EXPONENT))
@@ -49,7 +50,8 @@ def _power8(x, exponent, toe, line):
     return select8(x >= toe, select8(x < _INFINITY, curve, x), x * line)
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@cached
+@njit(parallel=True, error_model="numpy")
 def _power(values, exponent, toe, line):
     result = np.empty_like(values)
     size = values.size
@@ -65,7 +67,8 @@ def _power(values, exponent, toe, line):
     return result
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@cached
+@njit(parallel=True, error_model="numpy")
 def _slope(gradient, values, powers, exponent, toe, line):
     result = np.empty_like(gradient)
     for i in prange(values.size):

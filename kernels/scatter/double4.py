@@ -1,6 +1,6 @@
 """Four float64 lanes as one numba value: three colours and a weight, accumulated together.
 
-`Float64x4` is LLVM's `<4 x double>`; as `dofbench.numba_math`, but for the running sums of the linear form,
+`Float64x4` is LLVM's `<4 x double>`; as `dofbench.simd`, but for the running sums of the linear form,
 which float32 would let drift. Values exist only inside compiled functions; `+ - *` work on them.
 """
 

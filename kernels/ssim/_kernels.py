@@ -20,6 +20,8 @@ from numba import njit, prange, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from dofbench.kernel_cache import cached
+
 BAND = 16         # rows of a tile
 _TILE_ROW = 768   # numbers (pixels times channels) in a row of a tile, rounded to whole pixels
 
@@ -88,7 +90,8 @@ def build(radius: int, channels: int):
     plane = (band + _TWO * reach) * stride
     by_row, in_row = stride, step
 
-    @njit(cache=True, error_model="numpy", parallel=True)
+    @cached
+    @njit(error_model="numpy", parallel=True)
     def forward(p, t, weight, taps_weights, frame_y, frame_x, centre, c1, c2, with_l1, maps, sums):
         """Add up 1 - S and weight |p - t|; write the derivatives of S that `backward` filters.
 
@@ -179,7 +182,8 @@ def build(radius: int, channels: int):
             sums[b, 0] = sum_unlike
             sums[b, 1] = sum_l1
 
-    @njit(cache=True, error_model="numpy", parallel=True)
+    @cached
+    @njit(error_model="numpy", parallel=True)
     def backward(p, t, weight, taps_weights, centre, with_l1, maps, scale, scale_l1, gradient):
         """Fill gradient (H, W C): scale times the derivative of sum S, plus scale_l1 times that of sum weight |p - t|.
 

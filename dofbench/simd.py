@@ -8,14 +8,11 @@ contracted to fused ones; nothing else is reordered, so NaN and infinity behave 
 
 from __future__ import annotations
 
-import hashlib
 import operator
-from pathlib import Path
 
 import numpy as np
 from llvmlite import ir
 from numba import njit, types
-from numba.core.caching import FunctionCache
 from numba.core.typing import signature
 from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 from numba.np.arrayobj import make_array
@@ -59,36 +56,6 @@ class _Float32x8Model(models.PrimitiveModel):
 class _Mask8Model(models.PrimitiveModel):
     def __init__(self, dmm, fe_type):
         super().__init__(dmm, fe_type, _BITS)
-
-
-class _SourceCache(FunctionCache):
-    """Numba's cache on disk, whose keys also hold a digest of every source that goes into the compiled code."""
-
-    def __init__(self, py_func, digest: str) -> None:
-        super().__init__(py_func)
-        self._digest = digest
-
-    def _index_key(self, sig, codegen):
-        return (*super()._index_key(sig, codegen), self._digest)
-
-
-def cached(dispatcher):
-    """Keep an `njit` function's machine code on disk; a decorator to put above `njit`.
-
-    Numba's own `cache=True` looks at the function's file only, and goes on using old code after a change in a module
-    that the function calls into or takes constants from. Here the code is also forgotten when any module beside
-    it, or this one, changes. Where nothing can be written, the function is compiled in every process.
-    """
-    here = Path(dispatcher.py_func.__code__.co_filename).parent
-    digest = hashlib.sha256()
-    for source in sorted({*here.glob("*.py"), Path(__file__)}):
-        digest.update(source.read_bytes())
-    try:
-        dispatcher._cache = _SourceCache(dispatcher.py_func, digest.hexdigest())
-    except RuntimeError:
-        # Numba's way to say that it found no writable folder.
-        pass
-    return dispatcher
 
 
 # ---------------------------------------------------------------------------------------------- building blocks

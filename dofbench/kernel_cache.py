@@ -1,0 +1,51 @@
+"""Compiled kernels on disk, forgotten when any source that they are made of changes."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from numba.core.caching import FunctionCache
+
+_SHARED = Path(__file__).with_name("simd.py")
+
+
+class _SourceCache(FunctionCache):
+    """Numba's cache, whose keys also hold a digest of the sources."""
+
+    def __init__(self, py_func, digest: str) -> None:
+        super().__init__(py_func)
+        self._digest = digest
+
+    def _index_key(self, sig, codegen):
+        return (*super()._index_key(sig, codegen), self._digest)
+
+
+def cached(dispatcher):
+    """Keep an `njit` function's machine code on disk; a decorator to put above `njit`.
+
+    Numba's own `cache=True` looks at the function's file only, and goes on using old code after a change in a module
+    that the function calls into or takes constants from. Here the code is also forgotten when any module beside
+    it, or `simd.py`, changes. Where nothing can be written, the function is compiled in every process.
+    """
+    here = Path(dispatcher.py_func.__code__.co_filename).parent
+    digest = hashlib.sha256()
+    for source in sorted({*here.glob("*.py"), _SHARED}):
+        digest.update(source.read_bytes())
+    try:
+        dispatcher._cache = _SourceCache(dispatcher.py_func, digest.hexdigest())
+    except RuntimeError:
+        # Numba's way to say that it found no writable folder.
+        pass
+    return dispatcher
+
+
+def is_compiled(dispatcher) -> bool:
+    """Whether code of a `cached` function, made of the present sources for any types, lies on disk.
+
+    Also true where nothing can be kept on disk: then no other process's work would help.
+    """
+    cache = dispatcher._cache
+    if not isinstance(cache, _SourceCache):
+        return True
+    return any(key[-1] == cache._digest for key in cache._cache_file._load_index())
