@@ -17,6 +17,7 @@ from tolerances import (
     BUILT_IN_SAME_SURFACE,
     BUILT_IN_SILHOUETTE,
     BUILT_IN_WARPED_IMAGE,
+    POSE_ROUND_TRIP,
 )
 
 from dofbench.cameras import Camera
@@ -127,7 +128,7 @@ def test_colmap_model_has_the_same_cameras(scene: Scene) -> None:
     again = load_scene(ROOT, layout="colmap")
     for one, other in zip(scene.views, again.views, strict=True):
         assert one.name == other.name
-        np.testing.assert_allclose(one.camera.world_to_camera, other.camera.world_to_camera, atol=1e-9)
+        np.testing.assert_allclose(one.camera.world_to_camera, other.camera.world_to_camera, atol=POSE_ROUND_TRIP)
         np.testing.assert_allclose(one.camera.intrinsics, other.camera.intrinsics)
 
 
@@ -153,7 +154,7 @@ def test_camera_path_is_the_one_that_was_rendered(scene: Scene, maker: ModuleTyp
     path = importlib.import_module("maker.path")
     made = path.cameras(ENTRY["views"], ENTRY["width"], ENTRY["height"], MADE["seed"])
     for view, camera in zip(scene.views, made, strict=True):
-        np.testing.assert_allclose(view.camera.world_to_camera, camera.world_to_camera, atol=1e-9)
+        np.testing.assert_allclose(view.camera.world_to_camera, camera.world_to_camera, atol=POSE_ROUND_TRIP)
         np.testing.assert_allclose(view.camera.intrinsics, camera.intrinsics)
 
 

@@ -74,3 +74,5 @@ FLOAT32_SCALAR = 1e-6
 LENS_FOUND = 0.01
 # Two planes at depths 3 and 6: the median of what 90 steps rebuild lies between their surroundings.
 ROUGH_DEPTH = 2.0
+# Numbers in a CSV file have eight digits.
+CSV_DIGITS = 1e-7

@@ -54,7 +54,7 @@ class LearnedLenses:
         """One Adam step on view `index`; with `lens_update="dense"` every view's moments decay too."""
         assert self._leaf is not None and self._leaf.grad is not None
         options = self._options
-        rate = options.lens_lr * (options.lens_lr_final / options.lens_lr) ** progress
+        rate = options.lens_lr * (options.lens_lr_final / options.lens_lr) ** progress * options.cooldown(progress)
         self._steps += 1
         self._visits[index] += 1
         beta1, beta2 = _BETAS

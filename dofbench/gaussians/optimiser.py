@@ -16,27 +16,25 @@ class GaussianOptimiser:
 
     def __init__(self, gaussians: Gaussians, options: TrainerOptions, extent: float):
         self.gaussians = gaussians
-        self._means_lr = (options.means_lr * extent, options.means_lr_final * extent)
-        rates = {
-            "means": self._means_lr[0],
+        self._options = options
+        self._rates = {
+            "means": options.means_lr * extent,
             "log_scales": options.scale_lr,
             "quaternions": options.rotation_lr,
             "opacity_logits": options.opacity_lr,
             "sh_dc": options.sh_dc_lr,
             "sh_rest": options.sh_rest_lr,
         }
-        groups = [
-            {"params": [parameter], "lr": rates[name], "name": name}
-            for name, parameter in gaussians.parameters.items()
-        ]
+        groups = [{"params": [parameter], "name": name} for name, parameter in gaussians.parameters.items()]
         self._adam = torch.optim.Adam(groups, lr=0.0, eps=1e-15, fused=True)
 
     def step(self, progress: float) -> None:
-        """One Adam step; the means' rate falls log-linearly with `progress` (0 ... 1)."""
-        first, last = self._means_lr
+        """One Adam step; the means' rate falls log-linearly with `progress` (0 ... 1), all of them in the cooldown."""
+        options = self._options
+        cooldown = options.cooldown(progress)
         for group in self._adam.param_groups:
-            if group["name"] == "means":
-                group["lr"] = first * (last / first) ** progress
+            decay = (options.means_lr_final / options.means_lr) ** progress if group["name"] == "means" else 1.0
+            group["lr"] = self._rates[group["name"]] * decay * cooldown
         self._adam.step()
         self._adam.zero_grad(set_to_none=True)
 

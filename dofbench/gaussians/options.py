@@ -27,6 +27,8 @@ class TrainerOptions:
     Filters
         filter_2d: Mip-Splatting's 2D filter, px^2 (0 switches it off). filter_3d: its 3D filter.
     Learning rates (3DGS names; means are scaled by the scene's extent)
+        cooldown_from: share of the training from which all rates, the lens's too, fall linearly to
+        cooldown_to of what they would be; 1 for never.
     Reconstruction loss (Eq. 7)
         ssim_weight: lambda.
     Lens (section 4.1)
@@ -79,6 +81,8 @@ class TrainerOptions:
     opacity_lr: float = 0.05
     scale_lr: float = 5e-3
     rotation_lr: float = 1e-3
+    cooldown_from: float = 1.0
+    cooldown_to: float = 0.1
 
     ssim_weight: float = 0.2
 
@@ -121,6 +125,12 @@ class TrainerOptions:
     prune_opacity: float = 0.005
     prune_depth_graded: bool = False
     reset_every: float = 0.1
+
+    def cooldown(self, progress: float) -> float:
+        """What all learning rates are multiplied by at `progress`, 0 to 1."""
+        if progress <= self.cooldown_from:
+            return 1.0
+        return 1.0 - (1.0 - self.cooldown_to) * (progress - self.cooldown_from) / (1.0 - self.cooldown_from)
 
     def with_overrides(self, overrides: Mapping[str, Any], subject: str = "option") -> TrainerOptions:
         """A copy with some options replaced; strings are converted to the option's type.

@@ -25,3 +25,9 @@ def test_every_option_is_documented():
                     if name not in text and not name.endswith(("_lr", "_lr_final"))
                     and name not in ("lens_init_aperture", "lens_init_focus")]
     assert not undocumented
+
+
+def test_rates_cool_down_at_the_end_only():
+    options = TrainerOptions(cooldown_from=0.8, cooldown_to=0.1)
+    assert [options.cooldown(p) for p in (0.0, 0.8, 0.9, 1.0)] == pytest.approx([1, 1, 0.55, 0.1])
+    assert TrainerOptions().cooldown(1.0) == 1.0
