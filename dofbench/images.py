@@ -75,8 +75,16 @@ def read_image(path: Path) -> np.ndarray:
     return np.ascontiguousarray(pixels)
 
 
-def write_png(path: Path, image: np.ndarray) -> None:
-    """Write an encoded image (float or uint8) as 8-bit PNG, atomically; the same pixels give the same bytes."""
+def to_16bit(image: np.ndarray) -> np.ndarray:
+    """Round an encoded image to the 65536 levels of a 16-bit PNG; uint16, values outside [0, 1] saturate."""
+    return np.floor(np.clip(image.astype(np.float64), 0.0, 1.0) * 65535.0 + 0.5).astype(np.uint16)
+
+
+def write_png(path: Path, image: np.ndarray, *, bits: int = 8) -> None:
+    """Write an encoded image (float, or uint8 for 8 bits) as PNG, atomically; the same pixels give the same bytes."""
+    if bits == 16:
+        _write(path, to_16bit(image), "uint16", {"png:compressionLevel": 6})
+        return
     pixels = image if image.dtype == np.uint8 else to_8bit(image)
     _write(path, pixels, "uint8", {"png:compressionLevel": 6})
 

@@ -76,3 +76,7 @@ LENS_FOUND = 0.01
 ROUGH_DEPTH = 2.0
 # Numbers in a CSV file have eight digits.
 CSV_DIGITS = 1e-7
+# A drawn lens is rounded to four decimals.
+FOUR_DECIMALS = 5.1e-5
+# A half float has eleven bits.
+FLOAT16_VALUE = 5e-4

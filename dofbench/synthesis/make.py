@@ -15,10 +15,10 @@ from dofbench.files import canonical_json, read_json, sha256_file, sha256_text, 
 from dofbench.images import read_exr, read_image, to_8bit, write_exr, write_png
 from dofbench.lens import DisparityRange
 from dofbench.scenes import load_scene
-from dofbench.scenes.types import Scene, SceneView
+from dofbench.scenes.types import Scene, SceneView, Split
 from dofbench.synthesis import write
 from dofbench.synthesis.disparity import scene_range
-from dofbench.synthesis.plan import Plan, make_plan
+from dofbench.synthesis.plan import Plan, deal_plan, draw_plan
 from dofbench.synthesis.progress import Progress
 from dofbench.synthesis.render import Blur, shallow_image, view_record
 from dofbench.synthesis.schema import DepthRecord, SourceImage, SourceRecord, ViewRecord
@@ -55,10 +55,7 @@ def make(settings: MakeDataset, progress: Progress) -> Path:
     scene = load_scene(
         root, width=settings.width, images=settings.images, layout=settings.layout, hold=settings.hold
     )
-    plan = make_plan(
-        [(view.name, view.split) for view in scene.views],
-        focus=settings.focus_values, aperture=settings.aperture_values, seed=settings.seed,
-    )
+    plan = _assigned([(view.name, view.split) for view in scene.views], settings)
     source_id = depth.resolve(settings.depth, scene)
     source = _source_record(scene, with_depth=source_id == "given")
     identity = sha256_text(canonical_json({
@@ -75,6 +72,7 @@ def make(settings: MakeDataset, progress: Progress) -> Path:
         blur = Blur(
             disparity_range=_disparity_range(scene, out), per_view=settings.normaliser == "view",
             gamma=settings.gamma, alpha=settings.alpha, shape=settings.aperture_shape, energy=settings.energy,
+            sensor=settings.sensor, bits=settings.bits,
         )
         records = _shallow(plan, out, blur, half=settings.linear == "exr-half", progress=progress)
         notes = write.geometry(out, scene, _near_far(scene, out, blur.disparity_range))
@@ -87,6 +85,12 @@ def make(settings: MakeDataset, progress: Progress) -> Path:
         finish(out)
     progress.finished(out, f"{len(records)} views")
     return out
+
+
+def _assigned(views: list[tuple[str, Split]], settings: MakeDataset) -> Plan:
+    if settings.assign == "continuous":
+        return draw_plan(views, settings.values, seed=settings.seed)
+    return deal_plan(views, settings.values, seed=settings.seed, held_out=settings.held_out_values)
 
 
 def _source_record(scene: Scene, with_depth: bool) -> SourceRecord:
@@ -193,6 +197,6 @@ def _shallow(plan: Plan, out: Path, blur: Blur, *, half: bool, progress: Progres
                 sharp = to_8bit(read_image(write.sharp_path(out, planned.name)))
                 encoded, linear = shallow_image(sharp, depth_map, record, blur)
                 write_exr(linear_path, linear, half=half)
-                write_png(path, encoded)
+                write_png(path, encoded, bits=blur.bits)
             advance(index + 1)
     return records

@@ -32,33 +32,69 @@ class Plan:
         return sha256_text(canonical_json(asdict(self)))
 
 
-def make_plan(
-    views: Sequence[tuple[str, Split]], *, focus: Sequence[float], aperture: Sequence[float], seed: int
-) -> Plan:
+@dataclass(frozen=True)
+class Values:
+    """Focus and aperture values to deal; two of each are the ends of a range when drawn from (`draw_plan`)."""
+
+    focus: tuple[float, ...]
+    aperture: tuple[float, ...]
+
+
+def deal_plan(views: Sequence[tuple[str, Split]], values: Values, *, seed: int, held_out: Values | None = None) -> Plan:
     """Deal the focus x aperture grid over the views, training views and test views each for themselves.
 
     views: (name, split) in name order. The cells are dealt in name order, round after round, so that
     within a split the cells' counts differ by at most one, and so do the focus values' counts even
     where there are fewer views than cells. The test views' deal goes on where the training views'
-    stopped. The same arguments give the same plan on every machine.
+    stopped; with `held_out` they are dealt that grid instead, from its start. The same arguments give
+    the same plan on every machine.
     """
-    cells = _shuffled_grid(focus, aperture, seed)
-    names = {split: [name for name, belongs in views if belongs == split] for split in ("train", "test")}
-    start = {"train": 0, "test": len(names["train"])}
-    lens_of = {
-        name: cells[(start[split] + index) % len(cells)] for split in names for index, name in enumerate(names[split])
-    }
+    names = _by_split(views)
+    train = test = _shuffled_grid(values, seed)
+    first_test = len(names["train"])
+    if held_out is not None:
+        test, first_test = _shuffled_grid(held_out, seed), 0
+    lens_of = {name: train[index % len(train)] for index, name in enumerate(names["train"])}
+    lens_of |= {name: test[(first_test + index) % len(test)] for index, name in enumerate(names["test"])}
+    return _plan(views, lens_of)
+
+
+def draw_plan(views: Sequence[tuple[str, Split]], values: Values, *, seed: int) -> Plan:
+    """Draw every view's focus and aperture from the ranges that the least and the largest value span.
+
+    Of n views of a split, each n-th of a range gets exactly one (a Latin hypercube), so that few views cover
+    it too. Rounded to four decimals. The same arguments give the same plan on every machine.
+    """
+    generator = random.Random(seed)
+    lens_of = {}
+    for names in _by_split(views).values():
+        focus, aperture = (_stratified(generator, len(names), min(v), max(v)) for v in (values.focus, values.aperture))
+        lens_of |= {name: Lens(aperture=a, focus=f) for name, f, a in zip(names, focus, aperture, strict=True)}
+    return _plan(views, lens_of)
+
+
+def _by_split(views: Sequence[tuple[str, Split]]) -> dict[Split, list[str]]:
+    return {split: [name for name, belongs in views if belongs == split] for split in ("train", "test")}
+
+
+def _plan(views: Sequence[tuple[str, Split]], lens_of: dict[str, Lens]) -> Plan:
     return Plan(tuple(PlannedView(name, split, lens_of[name]) for name, split in views))
 
 
-def _shuffled_grid(focus: Sequence[float], aperture: Sequence[float], seed: int) -> list[Lens]:
-    """All cells in an order whose every stretch of len(focus) cells has each focus once.
+def _stratified(generator: random.Random, count: int, low: float, high: float) -> list[float]:
+    strata = list(range(count))
+    generator.shuffle(strata)
+    return [round(low + (high - low) * (stratum + generator.random()) / count, 4) for stratum in strata]
+
+
+def _shuffled_grid(values: Values, seed: int) -> list[Lens]:
+    """All cells in an order whose every stretch of as many cells as there are focus values has each focus once.
 
     Rounds over the shuffled focus values; the aperture moves on by one from cell to cell and from
     round to round (a Latin square), so that the apertures spread too.
     """
     generator = random.Random(seed)
-    focus, aperture = list(focus), list(aperture)
+    focus, aperture = list(values.focus), list(values.aperture)
     generator.shuffle(focus)
     generator.shuffle(aperture)
     return [

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from dofbench import __version__
 from dofbench.scenes.types import Scene
+from dofbench.synthesis.plan import Values
 from dofbench.synthesis.schema import DepthRecord, ViewRecord
 from dofbench.synthesis.settings import MakeDataset
 
@@ -36,7 +37,7 @@ Running it again on the same scene gives the same bytes. `dofbench check` compar
 
 | file | what it is |
 | --- | --- |
-| `images/VIEW.png` | shallow depth of field, encoded, 8 bit: what a method trains on |
+| `images/VIEW.png` | shallow depth of field, encoded, {bits} bit: what a method trains on |
 | `images_linear/VIEW.exr` | the same in linear light, before encoding and rounding, {linear} |
 | `all_in_focus/VIEW.png` | the original at this size, encoded, 8 bit: the truth for all-in-focus renders |
 | `depth/VIEW.exr` | z-depth in scene units, float32, 0 where unknown; from {depth} |
@@ -61,10 +62,10 @@ The same in scene units: `R = aperture_scene |1 / focus_scene - 1 / z|`. Blurrin
     w_ij = (1/2 + 1/2 tanh({alpha:g} (R_i - l))){area}
 
 and a target's colour is `sum_i w_ij c_i / sum_i w_ij`{shape}. A view with aperture 0 is the original, untouched.
-Who computes this from `all_in_focus`, `depth` and `lens.json` gets `images` to within the rounding to 8 bits.
-Where the depth is unknown, 1 / z counts as 0: infinitely far.
+Who computes this from `all_in_focus`, `depth` and `lens.json` gets `images` to within the rounding to {bits} bits.
+Where the depth is unknown, 1 / z counts as 0: infinitely far.{sensor}
 {normaliser}
-The lenses were dealt from focus {focus} and aperture {aperture}; the largest radius is {largest:.1f} pixels.
+The lenses were {dealt}; the largest radius is {largest:.1f} pixels.
 
 ## Reading it
 
@@ -108,9 +109,31 @@ def readme_text(
         shape="" if shape.is_disc else "; R_i is scaled by direction to the aperture's `shape`",
         normaliser=_PER_VIEW if settings.normaliser == "view" else "",
         largest=max(record.max_coc_px for record in records),
-        focus=", ".join(f"{value:g}" for value in settings.focus_values),
-        aperture=", ".join(f"{value:g}" for value in settings.aperture_values),
+        dealt=_dealt_text(settings), bits=settings.bits, sensor=_sensor_text(settings),
         lost="".join(f"\nCareful: {note}.\n" for note in lost),
         notes=f"Their terms and whom to cite: see {where} of that scene." if notes else
         "The scene's folder says nothing of their licence: find out before you share them, and cite their authors.",
     )
+
+
+def _dealt_text(settings: MakeDataset) -> str:
+    if settings.assign == "continuous":
+        ends = (f"{min(values):g} to {max(values):g}" for values in (settings.focus_values, settings.aperture_values))
+        return "drawn from focus {} and aperture {}".format(*ends)
+    text = f"dealt from {_values_text(settings.values)}"
+    if settings.held_out_values is None:
+        return text
+    return f"{text} for the views to train on, from {_values_text(settings.held_out_values)} for those to test on"
+
+
+def _values_text(values: Values) -> str:
+    focus, aperture = (", ".join(f"{value:g}" for value in numbers) for numbers in (values.focus, values.aperture))
+    return f"focus {focus} and aperture {aperture}"
+
+
+def _sensor_text(settings: MakeDataset) -> str:
+    if not settings.sensor.is_noisy:
+        return ""
+    shot = f"x / {settings.photons:g} + " if settings.photons > 0 else ""
+    return (f"\nNoise of the variance {shot}{settings.read_noise:g} ** 2 at a linear signal x is on `images` and "
+            "`images_linear` (`sensor` in\n`lens.json`; `dofbench.synthesis.sensor` makes it again).")

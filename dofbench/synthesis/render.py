@@ -7,16 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from dofbench.defocus import defocus_numpy
-from dofbench.images import from_8bit
+from dofbench.images import encode, from_8bit
 from dofbench.lens import ApertureShape, DisparityRange, Energy, Lens
 from dofbench.synthesis.disparity import disparity_of, view_range
 from dofbench.synthesis.plan import PlannedView
 from dofbench.synthesis.schema import DealtRecord, ViewRecord
+from dofbench.synthesis.sensor import Sensor
 
 
 @dataclass(frozen=True)
 class Blur:
-    """What all views of a dataset share: the scene's disparity range, encoding, edge, shape, energy."""
+    """What all views of a dataset share: the scene's disparity range, encoding, edge, shape, energy, sensor."""
 
     disparity_range: DisparityRange
     per_view: bool
@@ -24,6 +25,8 @@ class Blur:
     alpha: float
     shape: ApertureShape
     energy: Energy
+    sensor: Sensor = Sensor()
+    bits: int = 8
 
 
 def view_record(planned: PlannedView, depth: np.ndarray, blur: Blur) -> ViewRecord:
@@ -53,13 +56,17 @@ def view_record(planned: PlannedView, depth: np.ndarray, blur: Blur) -> ViewReco
 def shallow_image(
     sharp: np.ndarray, depth: np.ndarray, record: ViewRecord, blur: Blur
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Blur one view by its lens, in linear light.
+    """Blur one view by its lens, in linear light, and add the sensor's noise.
 
     sharp: (H, W, 3) uint8, encoded, exactly what the dataset keeps as all_in_focus, so that anyone
     can recompute the result. depth: (H, W) float32, scene units. Returns (encoded, linear), both
     (H, W, 3) float32.
     """
     physical = record.lens.physical(blur.disparity_range, sharp.shape[1])
-    return defocus_numpy(
+    encoded, linear = defocus_numpy(
         from_8bit(sharp), depth, physical, gamma=blur.gamma, alpha=blur.alpha, shape=blur.shape, energy=blur.energy
     )
+    if not blur.sensor.is_noisy:
+        return encoded, linear
+    linear = blur.sensor.expose(linear, blur.sensor.standard_noise(record.name, linear.shape))
+    return encode(linear, blur.gamma), linear

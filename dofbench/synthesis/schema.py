@@ -11,6 +11,7 @@ from dofbench.errors import InputError
 from dofbench.files import read_json
 from dofbench.lens import ApertureShape, DisparityRange, Energy, Lens, PhysicalLens
 from dofbench.scenes.types import Split
+from dofbench.synthesis.sensor import Sensor
 
 SCHEMA = "dofbench-dataset"
 VERSION = 1
@@ -73,6 +74,19 @@ class ViewRecord(_Record):
         return PhysicalLens(aperture=self.aperture_scene, focus_disparity=1.0 / self.focus_scene, width=width)
 
 
+class SensorRecord(_Record):
+    """The noise on the photographs, as `Sensor`, and the bits per channel of the encoded ones."""
+
+    photons: FiniteFloat = Field(default=0.0, ge=0)
+    read_noise: FiniteFloat = Field(default=0.0, ge=0)
+    seed: int = 0
+    bits: Literal[8, 16] = 8
+
+    def sensor(self) -> Sensor:
+        """The value type."""
+        return Sensor(self.photons, self.read_noise, self.seed)
+
+
 class LensFile(_Record):
     """lens.json: all that is needed to blur the all-in-focus images again. disparity_range: 1 / scene unit."""
 
@@ -83,6 +97,7 @@ class LensFile(_Record):
     energy: Energy
     shape: ShapeRecord
     renderer: Literal["scatter"]
+    sensor: SensorRecord = SensorRecord()
     views: tuple[ViewRecord, ...]
 
     def range(self) -> DisparityRange:

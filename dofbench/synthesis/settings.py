@@ -12,10 +12,13 @@ import tyro
 
 from dofbench.errors import InputError
 from dofbench.lens import ALPHA, GAMMA, ApertureShape, Energy
+from dofbench.synthesis.plan import Values
+from dofbench.synthesis.sensor import Sensor
 
 DepthSource = Literal["auto", "given", "splat"]
 Normaliser = Literal["scene", "view"]
-Assign = Literal["per-view", "fixed"]
+Assign = Literal["per-view", "fixed", "held-out", "continuous"]
+Bits = Literal[8, 16]
 LinearFormat = Literal["exr-half", "exr-float"]
 
 
@@ -69,7 +72,23 @@ class MakeDataset:
     """What focus and aperture refer to: one disparity range for the scene, or one for every view."""
 
     assign: Assign = "per-view"
-    """Deal the grid of focus and aperture over the views, or give all views the one lens."""
+    """Deal the grid of focus and aperture over the views (per-view), give all views the one lens (fixed), deal the
+    test views a grid of their own (held-out), or draw from the ranges that the values span (continuous)."""
+
+    test_focus: str | None = None
+    """Focus values of the test views, none of them a training view's, for --assign held-out."""
+
+    test_aperture: str | None = None
+    """Aperture values of the test views for --assign held-out; without it, 0 and the training views'."""
+
+    photons: float = 0.0
+    """Shot noise: photons that a pixel at full scale collects, 0 for no such noise."""
+
+    read_noise: float = 0.0
+    """Read noise: standard deviation in linear light whose full scale is 1."""
+
+    bits: Bits = 8
+    """Bits per channel of the photographs that methods train on."""
 
     linear: LinearFormat = "exr-half"
     """Format of the images before encoding."""
@@ -97,7 +116,47 @@ class MakeDataset:
         for option, number in (("--gamma", self.gamma), ("--alpha", self.alpha)):
             if not (math.isfinite(number) and number > 0):
                 raise InputError(option, str(number), "a positive number")
-        _ = self.aperture_shape
+        _ = self.aperture_shape, self.sensor
+        self._check_assignment()
+
+    def _check_assignment(self) -> None:
+        if self.assign != "held-out":
+            for option, value in (("--test-focus", self.test_focus), ("--test-aperture", self.test_aperture)):
+                if value is not None:
+                    raise InputError(option, f"--assign {self.assign}", "--assign held-out, the only one that uses it")
+        elif self.test_focus is None:
+            raise InputError("--assign held-out", "no --test-focus", "focus values of the test views")
+        elif shared := sorted(set(self.held_out_values.focus) & set(self.focus_values)):
+            raise InputError("--test-focus", f"{shared[0]:g}, a training focus too", "values that no training view has")
+        if self.assign == "continuous":
+            for option, values in (("--focus", self.focus_values), ("--aperture", self.aperture_values)):
+                if len(values) > 2:
+                    raise InputError(f"{option} with --assign continuous", f"{len(values)} values",
+                                     "the two ends of a range, or one value")
+
+    @property
+    def values(self) -> Values:
+        """The focus and aperture values of the training views, and unless held out of the test views."""
+        return Values(self.focus_values, self.aperture_values)
+
+    @property
+    def held_out_values(self) -> Values | None:
+        """The test views' own values; None without --assign held-out. Raises InputError as `focus_values` does."""
+        if self.assign != "held-out" or self.test_focus is None:
+            return None
+        if self.test_aperture is not None:
+            aperture = _numbers("--test-aperture", self.test_aperture)
+        else:
+            aperture = (0.0, *(value for value in self.aperture_values if value > 0))
+        return Values(_numbers("--test-focus", self.test_focus), aperture)
+
+    @property
+    def sensor(self) -> Sensor:
+        """The sensor's noise. Raises InputError for a negative number."""
+        for option, value in (("--photons", self.photons), ("--read-noise", self.read_noise)):
+            if not (math.isfinite(value) and value >= 0):
+                raise InputError(option, str(value), "0 or a positive number")
+        return Sensor(self.photons, self.read_noise, self.seed)
 
     @property
     def focus_values(self) -> tuple[float, ...]:
@@ -136,7 +195,10 @@ class MakeDataset:
             "gamma": self.gamma, "alpha": self.alpha,
             "shape": self.shape, "shape_rotation": self.shape_rotation,
             "shape_curvature": self.shape_curvature, "shape_obstruction": self.shape_obstruction,
-            "energy": self.energy, "normaliser": self.normaliser, "assign": self.assign, "linear": self.linear,
+            "energy": self.energy, "normaliser": self.normaliser, "assign": self.assign,
+            "test_focus": _listed(self.held_out_values, "focus"),
+            "test_aperture": _listed(self.held_out_values, "aperture"),
+            "photons": self.photons, "read_noise": self.read_noise, "bits": self.bits, "linear": self.linear,
             "seed": self.seed, "images": self.images, "layout": self.layout,
         }
 
@@ -149,6 +211,10 @@ class MakeDataset:
                 text = ",".join(f"{number:g}" for number in value) if isinstance(value, list) else str(value)
                 words.append(f"--{key.replace('_', '-')} {text}")
         return " ".join(words)
+
+
+def _listed(values: Values | None, name: str) -> list[float] | None:
+    return None if values is None else list(getattr(values, name))
 
 
 def _numbers(option: str, text: str) -> tuple[float, ...]:

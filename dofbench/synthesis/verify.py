@@ -61,8 +61,11 @@ def blurred_again(
 
     width = sharp.shape[1]
     radius = record.physical(width).signed_radius(disparity_of(depth), width)
+    sensor = lenses.sensor.sensor()
+    noise = sensor.standard_noise(record.name, sharp.shape)[rows, columns] if sensor.is_noisy else None
     if record.aperture == 0:
-        return sharp[rows, columns].astype(np.float64)
+        inside = sharp[rows, columns].astype(np.float64)
+        return inside if noise is None else encode(sensor.expose(decode(inside, lenses.gamma), noise), lenses.gamma)
     # Beyond its radius a source's weight falls by exp(-2 alpha) a pixel: 40 / (2 alpha) is out of sight.
     reach = math.ceil(np.abs(radius).max() + 40 / (2 * lenses.alpha))
     top, left = max(0, rows.start - reach), max(0, columns.start - reach)
@@ -79,7 +82,8 @@ def blurred_again(
     finally:
         torch.set_num_threads(threads)
     inside = np.s_[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
-    return encode(blurred[inside], lenses.gamma)
+    linear = blurred[inside] if noise is None else sensor.expose(blurred[inside], noise)
+    return encode(linear, lenses.gamma)
 
 
 def _check_files(folder: Path, manifest: Manifest) -> list[str]:

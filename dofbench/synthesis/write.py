@@ -25,6 +25,7 @@ from dofbench.synthesis.schema import (
     FileRecord,
     LensFile,
     Manifest,
+    SensorRecord,
     ShapeRecord,
     SourceRecord,
     ViewRecord,
@@ -68,7 +69,8 @@ def lens_file(root: Path, blur: Blur, records: Sequence[ViewRecord]) -> None:
     lenses = LensFile(
         disparity_range=(blur.disparity_range.q_min, blur.disparity_range.q_max),
         normaliser="view" if blur.per_view else "scene", gamma=blur.gamma, alpha=blur.alpha, energy=blur.energy,
-        shape=ShapeRecord(**asdict(blur.shape)), renderer="scatter", views=tuple(records),
+        shape=ShapeRecord(**asdict(blur.shape)), renderer="scatter",
+        sensor=SensorRecord(**asdict(blur.sensor), bits=blur.bits), views=tuple(records),
     )
     write_json(root / LENS_FILE, as_json(lenses))
 

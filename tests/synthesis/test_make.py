@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 import torch
-from tolerances import FLOAT32_VALUE, FLOAT64_VALUE, LEVEL_8BIT, POSE_ROUND_TRIP, RECOMPUTED_PSNR
+from tolerances import FLOAT16_VALUE, FLOAT32_VALUE, FLOAT64_VALUE, LEVEL_8BIT, POSE_ROUND_TRIP, RECOMPUTED_PSNR
 
 from dofbench import depth
 from dofbench.errors import InputError
@@ -80,6 +80,39 @@ def test_every_view_can_be_recomputed(make, options):
     folder = make(aperture="1", **options)
     lenses = lens_file(folder)
     assert min(recomputed_psnr(folder, record, lenses) for record in lenses["views"]) >= RECOMPUTED_PSNR
+
+
+def test_noise_has_the_variance_asked_for(make):
+    clean, noisy = make(aperture="1"), make(aperture="1", photons=400.0, read_noise=0.01)
+    assert check_dataset(noisy) == []
+    standard = []
+    for name in VIEWS:
+        without, with_noise = (read_exr(folder / "images_linear" / f"{name}.exr") for folder in (clean, noisy))
+        # Where nothing was cut off at 0.
+        bright = without > 0.1
+        standard.append(((with_noise - without) / np.sqrt(without / 400 + 1e-4))[bright])
+        assert (with_noise >= 0).all()
+    standard = np.concatenate(standard)
+    # Three standard errors of the mean and the standard deviation.
+    assert abs(standard.mean()) < 3 / standard.size**0.5
+    assert abs(standard.std() - 1) < 3 / (2 * standard.size) ** 0.5 + FLOAT16_VALUE
+
+
+def test_sixteen_bits_keep_what_eight_round_away(make):
+    eight, sixteen = make(aperture="1"), make(aperture="1", bits=16)
+    assert check_dataset(sixteen) == []
+    a, b = (read_image(folder / "images" / f"{VIEWS[0]}.png") for folder in (eight, sixteen))
+    assert 0 < np.abs(a - b).max() <= 0.5 * LEVEL_8BIT + FLOAT32_VALUE
+    assert not np.array_equal(np.round(b * 255), b * 255)
+
+
+def test_held_out_and_continuous_lenses(make):
+    views = lens_file(make(assign="held-out", focus="0.2,0.8", test_focus="0.5"))["views"]
+    assert {view["focus"] for view in views if view["split"] == "test"} == {0.5}
+    assert {view["focus"] for view in views if view["split"] == "train"} == {0.2, 0.8}
+    drawn = lens_file(make(assign="continuous", focus="0.3,0.6", aperture="1"))["views"]
+    assert len({view["focus"] for view in drawn}) == len(drawn)
+    assert all(0.3 <= view["focus"] <= 0.6 for view in drawn)
 
 
 def test_lens_numbers_agree_with_each_other(dataset_folder):

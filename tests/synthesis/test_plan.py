@@ -6,8 +6,9 @@ from collections import Counter
 
 from hypothesis import given
 from hypothesis import strategies as st
+from tolerances import FOUR_DECIMALS
 
-from dofbench.synthesis.plan import make_plan
+from dofbench.synthesis.plan import Values, deal_plan, draw_plan
 
 values = st.lists(st.integers(0, 20).map(lambda n: n / 20), min_size=1, max_size=5, unique=True)
 splits = st.lists(st.sampled_from(["train", "test"]), min_size=1, max_size=40)
@@ -15,7 +16,7 @@ splits = st.lists(st.sampled_from(["train", "test"]), min_size=1, max_size=40)
 
 def deal(splits: list[str], focus: list[float], aperture: list[float], seed: int):
     views = [(f"v{i:03d}", split) for i, split in enumerate(splits)]
-    return make_plan(views, focus=focus, aperture=aperture, seed=seed)
+    return deal_plan(views, Values(tuple(focus), tuple(aperture)), seed=seed)
 
 
 def spread(counts: Counter, possible: int) -> int:
@@ -54,3 +55,32 @@ def test_seeds_deal_differently():
 def test_the_test_deal_goes_on_where_the_training_deal_stopped():
     plan = deal(["train", "train", "test"], [0.2, 0.5, 0.8], [1.0], 0)
     assert {view.lens.focus for view in plan.views} == {0.2, 0.5, 0.8}
+
+
+@given(splits, values, values, values, values, st.integers(0, 5))
+def test_held_out_values_go_to_the_test_views_alone(splits, focus, aperture, test_focus, test_aperture, seed):
+    views = [(f"v{i:03d}", split) for i, split in enumerate(splits)]
+    given, held_out = Values(tuple(focus), tuple(aperture)), Values(tuple(test_focus), tuple(test_aperture))
+    plan = deal_plan(views, given, seed=seed, held_out=held_out)
+    plain = deal_plan(views, given, seed=seed)
+    for view, without in zip(plan.views, plain.views, strict=True):
+        expected = held_out if view.split == "test" else given
+        assert view.lens.focus in expected.focus and view.lens.aperture in expected.aperture
+        assert view.split == "test" or view == without
+    tests = [view.lens for view in plan.views if view.split == "test"]
+    assert not tests or spread(Counter(tests), len(test_focus) * len(test_aperture)) <= 1
+
+
+@given(splits, st.tuples(st.floats(0, 1), st.floats(0, 1)), st.integers(0, 5))
+def test_drawn_values_cover_their_range_evenly(splits, ends, seed):
+    views = [(f"v{i:03d}", split) for i, split in enumerate(splits)]
+    plan = draw_plan(views, Values(ends, (0.5,)), seed=seed)
+    assert plan == draw_plan(views, Values(ends, (0.5,)), seed=seed)
+    low, high = min(ends), max(ends)
+    for split in set(splits):
+        drawn = sorted(view.lens.focus for view in plan.views if view.split == split)
+        for index, focus in enumerate(drawn):
+            start = low + (high - low) * index / len(drawn)
+            end = low + (high - low) * (index + 1) / len(drawn)
+            assert start - FOUR_DECIMALS <= focus <= end + FOUR_DECIMALS
+    assert {view.lens.aperture for view in plan.views} == {0.5}

@@ -34,6 +34,12 @@ def test_polygon():
         ({"shape_obstruction": 1.0}, "--shape-obstruction"),
         ({"shape": "6-gon", "shape_rotation": math.nan}, "degrees"),
         ({"assign": "fixed"}, "--assign fixed"),
+        ({"assign": "held-out"}, "--test-focus"), ({"test_focus": "0.5"}, "--assign held-out"),
+        ({"test_aperture": "0"}, "--assign held-out"),
+        ({"assign": "held-out", "test_focus": "0.2,0.4"}, "a training focus too"),
+        ({"assign": "held-out", "test_focus": "far"}, "--test-focus"),
+        ({"assign": "continuous"}, "two ends of a range"),
+        ({"photons": -1.0}, "--photons"), ({"read_noise": math.nan}, "--read-noise"),
     ],
 )
 def test_a_wrong_option_is_one_line(options, word):
@@ -50,3 +56,15 @@ def test_the_command_says_what_differs_from_the_defaults():
     assert MakeDataset().command("planes") == "dofbench make-dataset planes"
     text = MakeDataset(scene="/somewhere/planes", focus="0.5", hold=4, out="elsewhere").command("planes")
     assert text == "dofbench make-dataset planes --focus 0.5 --hold 4"
+
+
+def test_held_out_tests_at_aperture_zero_too_unless_told():
+    settings = MakeDataset(assign="held-out", focus="0.2,0.8", test_focus="0.5")
+    assert settings.held_out_values.focus == (0.5,) and settings.held_out_values.aperture == (0.0, 0.5, 1.0)
+    told = MakeDataset(assign="held-out", focus="0.2", test_focus="0.5", test_aperture="1")
+    assert told.held_out_values.aperture == (1.0,)
+    assert "--assign held-out --test-focus 0.5 --test-aperture 0,0.5,1" in settings.command("planes")
+
+
+def test_a_continuous_range_may_be_one_value():
+    assert MakeDataset(assign="continuous", focus="0.1,0.9", aperture="1").values.aperture == (1.0,)
