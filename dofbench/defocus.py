@@ -6,6 +6,7 @@ synthesis, methods and evaluation, so that all of them mean the same lens.
 
 from __future__ import annotations
 
+from functools import partial
 from importlib import import_module
 
 import numpy as np
@@ -13,7 +14,8 @@ import torch
 from torch import Tensor
 
 from dofbench.kernels import load
-from dofbench.lens import ALPHA, GAMMA, ApertureShape, Energy, PhysicalLens
+from dofbench.layered import layered_blur
+from dofbench.lens import ALPHA, GAMMA, LAYERS, ApertureShape, Energy, PhysicalLens, Renderer
 
 # Encoded values below this are decoded and encoded along straight lines through zero. The slope of
 # x ** (1 / gamma) is infinite at 0: one black pixel would turn the gradient into infinity or NaN, and a tiny
@@ -75,6 +77,8 @@ def defocus_numpy(
     alpha: float = ALPHA,
     shape: ApertureShape = ApertureShape(),
     energy: Energy = "area",
+    renderer: Renderer = "scatter",
+    layers: int = LAYERS,
     backend: str = "auto",
     form: str = "auto",
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -82,6 +86,7 @@ def defocus_numpy(
 
     image: (H, W, 3) float32, encoded. depth: (H, W), scene units; what is zero, negative or not
     finite is unknown and counts as infinitely far. With zero radius everywhere `encoded` is the image itself.
+    renderer: "scatter", the paper's, or "layered", which knows occlusion (`layered.py`), with so many layers.
     """
     known = np.isfinite(depth) & (depth > 0)
     disparity = np.where(known, 1.0 / np.where(known, depth, 1.0), 0.0)
@@ -90,16 +95,17 @@ def defocus_numpy(
         sharp = torch.from_numpy(np.ascontiguousarray(image, dtype=np.float32))
         if bool((radius == 0).all()):
             return sharp.numpy().copy(), decode(sharp, gamma).numpy()
-        encoded, linear = _blur(sharp, radius, gamma, alpha, shape, energy, backend, form)
+        encoded, linear = _blur(sharp, radius, gamma, alpha, shape, energy, backend, form,
+                                layers if renderer == "layered" else None)
         return encoded.numpy(), linear.numpy()
 
 
-def _blur(image, radius, gamma, alpha, shape, energy, backend, form):
+def _blur(image, radius, gamma, alpha, shape, energy, backend, form, layers=None):
     """(encoded, linear) blurred image. float32 on the CPU takes compiled powers: torch's cost more than the scatter."""
-    scatter = load("scatter", backend, image.device.type)
+    scatter = partial(load("scatter", backend, image.device.type), alpha=alpha, shape=shape, energy=energy, form=form)
     compiled = backend != "reference" and image.device.type == "cpu" and image.dtype == torch.float32
     if compiled:
         power = import_module("dofbench.kernels.scatter.cpu_tone").power_with_toe
     linear = power(image, gamma, TOE) if compiled else decode(image, gamma)
-    linear = scatter(linear, radius, alpha=alpha, shape=shape, energy=energy, form=form)
+    linear = scatter(linear, radius) if layers is None else layered_blur(linear, radius, scatter, layers=layers)
     return (power(linear, 1.0 / gamma, TOE**gamma) if compiled else encode(linear, gamma)), linear

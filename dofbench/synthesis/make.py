@@ -72,7 +72,7 @@ def make(settings: MakeDataset, progress: Progress) -> Path:
         blur = Blur(
             disparity_range=_disparity_range(scene, out), per_view=settings.normaliser == "view",
             gamma=settings.gamma, alpha=settings.alpha, shape=settings.aperture_shape, energy=settings.energy,
-            sensor=settings.sensor, bits=settings.bits,
+            renderer=settings.renderer, layers=settings.layers, sensor=settings.sensor, bits=settings.bits,
         )
         records = _shallow(plan, out, blur, half=settings.linear == "exr-half", progress=progress)
         notes = write.geometry(out, scene, _near_far(scene, out, blur.disparity_range))

@@ -61,7 +61,8 @@ The same in scene units: `R = aperture_scene |1 / focus_scene - 1 / z|`. Blurrin
 
     w_ij = (1/2 + 1/2 tanh({alpha:g} (R_i - l))){area}
 
-and a target's colour is `sum_i w_ij c_i / sum_i w_ij`{shape}. A view with aperture 0 is the original, untouched.
+and a target's colour is `sum_i w_ij c_i / sum_i w_ij`{shape}.{layered}
+A view with aperture 0 is the original, untouched.
 Who computes this from `all_in_focus`, `depth` and `lens.json` gets `images` to within the rounding to {bits} bits.
 Where the depth is unknown, 1 / z counts as 0: infinitely far.{sensor}
 {normaliser}
@@ -83,6 +84,10 @@ nerfstudio, gsplat, COLMAP and their like. Views in `test_filenames` of `transfo
 The all-in-focus images are those of the scene "{scene}" ({layout} layout); their sha256 are in `dataset.json`.
 {notes}
 """
+
+_LAYERED = """ This is done
+in {layers} layers of equal range of the signed radius, laid over each other from far to near, each going on behind the
+nearer ones (`dofbench/layered.py`)."""
 
 _PER_VIEW = """
 The lens of every view was dealt in the view's own units (minimum and 95th percentile of its disparity; `dealt` in
@@ -107,6 +112,7 @@ def readme_text(
         linear="half" if settings.linear == "exr-half" else "float", depth=_DEPTH_TEXT[depth.source],
         gamma=settings.gamma, alpha=settings.alpha, area=" / (R_i^2 + 0.2)" if settings.energy == "area" else "",
         shape="" if shape.is_disc else "; R_i is scaled by direction to the aperture's `shape`",
+        layered=_LAYERED.format(layers=settings.layers) if settings.renderer == "layered" else "",
         normaliser=_PER_VIEW if settings.normaliser == "view" else "",
         largest=max(record.max_coc_px for record in records),
         dealt=_dealt_text(settings), bits=settings.bits, sensor=_sensor_text(settings),

@@ -8,7 +8,7 @@ import numpy as np
 
 from dofbench.defocus import defocus_numpy
 from dofbench.images import encode, from_8bit
-from dofbench.lens import ApertureShape, DisparityRange, Energy, Lens
+from dofbench.lens import LAYERS, ApertureShape, DisparityRange, Energy, Lens, Renderer
 from dofbench.synthesis.disparity import disparity_of, view_range
 from dofbench.synthesis.plan import PlannedView
 from dofbench.synthesis.schema import DealtRecord, ViewRecord
@@ -17,7 +17,7 @@ from dofbench.synthesis.sensor import Sensor
 
 @dataclass(frozen=True)
 class Blur:
-    """What all views of a dataset share: the scene's disparity range, encoding, edge, shape, energy, sensor."""
+    """What all views of a dataset share: the scene's disparity range, encoding, edge, shape, renderer, sensor."""
 
     disparity_range: DisparityRange
     per_view: bool
@@ -25,6 +25,8 @@ class Blur:
     alpha: float
     shape: ApertureShape
     energy: Energy
+    renderer: Renderer = "scatter"
+    layers: int = LAYERS
     sensor: Sensor = Sensor()
     bits: int = 8
 
@@ -64,7 +66,8 @@ def shallow_image(
     """
     physical = record.lens.physical(blur.disparity_range, sharp.shape[1])
     encoded, linear = defocus_numpy(
-        from_8bit(sharp), depth, physical, gamma=blur.gamma, alpha=blur.alpha, shape=blur.shape, energy=blur.energy
+        from_8bit(sharp), depth, physical, gamma=blur.gamma, alpha=blur.alpha, shape=blur.shape, energy=blur.energy,
+        renderer=blur.renderer, layers=blur.layers,
     )
     if not blur.sensor.is_noisy:
         return encoded, linear

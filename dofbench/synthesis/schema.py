@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, Val
 
 from dofbench.errors import InputError
 from dofbench.files import read_json
-from dofbench.lens import ApertureShape, DisparityRange, Energy, Lens, PhysicalLens
+from dofbench.lens import ApertureShape, DisparityRange, Energy, Lens, PhysicalLens, Renderer
 from dofbench.scenes.types import Split
 from dofbench.synthesis.sensor import Sensor
 
@@ -88,7 +88,10 @@ class SensorRecord(_Record):
 
 
 class LensFile(_Record):
-    """lens.json: all that is needed to blur the all-in-focus images again. disparity_range: 1 / scene unit."""
+    """lens.json: all that is needed to blur the all-in-focus images again.
+
+    disparity_range: 1 / scene unit. layers: of the renderer "layered", else absent.
+    """
 
     disparity_range: tuple[FiniteFloat, FiniteFloat]
     normaliser: Literal["scene", "view"]
@@ -96,7 +99,8 @@ class LensFile(_Record):
     alpha: FiniteFloat = Field(gt=0)
     energy: Energy
     shape: ShapeRecord
-    renderer: Literal["scatter"]
+    renderer: Renderer
+    layers: int | None = Field(default=None, ge=1)
     sensor: SensorRecord = SensorRecord()
     views: tuple[ViewRecord, ...]
 

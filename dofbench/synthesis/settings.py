@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import tyro
 
 from dofbench.errors import InputError
-from dofbench.lens import ALPHA, GAMMA, ApertureShape, Energy
+from dofbench.lens import ALPHA, GAMMA, LAYERS, ApertureShape, Energy, Renderer
 from dofbench.synthesis.plan import Values
 from dofbench.synthesis.sensor import Sensor
 
@@ -68,6 +68,12 @@ class MakeDataset:
     energy: Energy = "area"
     """Scatter weight: divided by the disc's area, or as printed in the paper's Algorithm 1."""
 
+    renderer: Renderer = "scatter"
+    """scatter: as in the paper, blind to what hides what; layered: depth layers composited from back to front."""
+
+    layers: int = LAYERS
+    """Depth layers of --renderer layered."""
+
     normaliser: Normaliser = "scene"
     """What focus and aperture refer to: one disparity range for the scene, or one for every view."""
 
@@ -110,7 +116,8 @@ class MakeDataset:
         if self.assign == "fixed" and lenses != (1, 1):
             raise InputError("--assign fixed", f"{lenses[0]} focus and {lenses[1]} aperture values", "one of each")
         for option, value, lowest in (("--width", self.width, 8), ("--hold", self.hold, 2),
-                                      ("--depth-steps", self.depth_steps, 1), ("--seed", self.seed, 0)):
+                                      ("--depth-steps", self.depth_steps, 1), ("--seed", self.seed, 0),
+                                      ("--layers", self.layers, 1)):
             if value is not None and value < lowest:
                 raise InputError(option, str(value), f"at least {lowest}")
         for option, number in (("--gamma", self.gamma), ("--alpha", self.alpha)):
@@ -195,7 +202,8 @@ class MakeDataset:
             "gamma": self.gamma, "alpha": self.alpha,
             "shape": self.shape, "shape_rotation": self.shape_rotation,
             "shape_curvature": self.shape_curvature, "shape_obstruction": self.shape_obstruction,
-            "energy": self.energy, "normaliser": self.normaliser, "assign": self.assign,
+            "energy": self.energy, "renderer": self.renderer, "layers": self.layers,
+            "normaliser": self.normaliser, "assign": self.assign,
             "test_focus": _listed(self.held_out_values, "focus"),
             "test_aperture": _listed(self.held_out_values, "aperture"),
             "photons": self.photons, "read_noise": self.read_noise, "bits": self.bits, "linear": self.linear,

@@ -9,13 +9,13 @@ import numpy as np
 
 from dofbench.errors import InputError
 from dofbench.files import sha256_file
-from dofbench.images import decode, encode, read_exr, read_image
-from dofbench.lens import Lens
+from dofbench.images import decode, encode, read_exr, read_image, to_8bit
+from dofbench.lens import LAYERS, Lens
 from dofbench.synthesis import write
 from dofbench.synthesis.dataset import Dataset
 from dofbench.synthesis.disparity import disparity_of
 from dofbench.synthesis.plan import PlannedView
-from dofbench.synthesis.render import Blur, view_record
+from dofbench.synthesis.render import Blur, shallow_image, view_record
 from dofbench.synthesis.schema import MANIFEST, LensFile, Manifest, ViewRecord, read_lens_file, read_manifest
 
 RECOMPUTED_PSNR = 55.0  # dB; rounding to 8 bits alone leaves 58.9
@@ -27,8 +27,8 @@ def check_dataset(folder: Path) -> list[str]:
     """Everything wrong with a dataset folder, one line each; empty when it is what it says.
 
     Every file is read and compared with its checksum; the lens of every view is computed again; a
-    part of the most blurred view is scattered again in float64. Raises InputError only when there
-    is no manifest to check against.
+    part of the most blurred view is blurred again: scattered in float64, or by the renderer named.
+    Raises InputError only when there is no manifest to check against.
     """
     folder = Path(folder)
     manifest = read_manifest(folder)
@@ -121,17 +121,23 @@ def _check_lenses(folder: Path, lenses: LensFile, manifest: Manifest) -> list[st
 
 def _check_lens(record: ViewRecord, lenses: LensFile, depth: np.ndarray) -> list[str]:
     """The view's numbers against each other, and its largest radius against its depth."""
-    blur = Blur(
-        lenses.range(), record.dealt is not None, lenses.gamma, lenses.alpha, lenses.shape.shape(), lenses.energy
-    )
     dealt = record.dealt or record
-    again = view_record(PlannedView(record.name, record.split, Lens(dealt.aperture, dealt.focus)), depth, blur)
+    planned = PlannedView(record.name, record.split, Lens(dealt.aperture, dealt.focus))
+    again = view_record(planned, depth, _blur_of(lenses, record))
     problems = []
     for field in ("aperture", "focus", "k_px", "aperture_scene", "focus_scene", "max_coc_px"):
         stored, expected = getattr(record, field), getattr(again, field)
         if not math.isclose(stored, expected, rel_tol=_AGREEMENT, abs_tol=_AGREEMENT):
             problems.append(f"lens.json: view {record.name}: {field} {stored:.9g}, computed {expected:.9g}")
     return problems
+
+
+def _blur_of(lenses: LensFile, record: ViewRecord) -> Blur:
+    return Blur(
+        lenses.range(), record.dealt is not None, lenses.gamma, lenses.alpha, lenses.shape.shape(), lenses.energy,
+        renderer=lenses.renderer, layers=lenses.layers or LAYERS,
+        sensor=lenses.sensor.sensor(), bits=lenses.sensor.bits,
+    )
 
 
 def _check_split(lenses: LensFile, manifest: Manifest) -> list[str]:
@@ -153,7 +159,10 @@ def _check_blur(folder: Path, lenses: LensFile) -> list[str]:
     sharp, depth = read_image(write.sharp_path(folder, record.name)), read_exr(write.depth_path(folder, record.name))
     shallow = read_image(write.shallow_path(folder, record.name))
     rows, columns = (_middle(size) for size in sharp.shape[:2])
-    again = blurred_again(sharp, depth, record, lenses, rows, columns)
+    if lenses.renderer == "scatter":
+        again = blurred_again(sharp, depth, record, lenses, rows, columns)
+    else:
+        again = shallow_image(to_8bit(sharp), depth, record, _blur_of(lenses, record))[0][rows, columns]
     squared = np.mean((again - shallow[rows, columns]) ** 2)
     psnr = math.inf if squared == 0 else -10 * math.log10(squared)
     if psnr < RECOMPUTED_PSNR:

@@ -69,7 +69,8 @@ def lens_file(root: Path, blur: Blur, records: Sequence[ViewRecord]) -> None:
     lenses = LensFile(
         disparity_range=(blur.disparity_range.q_min, blur.disparity_range.q_max),
         normaliser="view" if blur.per_view else "scene", gamma=blur.gamma, alpha=blur.alpha, energy=blur.energy,
-        shape=ShapeRecord(**asdict(blur.shape)), renderer="scatter",
+        shape=ShapeRecord(**asdict(blur.shape)), renderer=blur.renderer,
+        layers=blur.layers if blur.renderer == "layered" else None,
         sensor=SensorRecord(**asdict(blur.sensor), bits=blur.bits), views=tuple(records),
     )
     write_json(root / LENS_FILE, as_json(lenses))

@@ -106,6 +106,17 @@ def test_sixteen_bits_keep_what_eight_round_away(make):
     assert not np.array_equal(np.round(b * 255), b * 255)
 
 
+def test_the_layered_renderer_keeps_the_background_off_the_foreground(make):
+    plain, layered = make(focus="1", aperture="1"), make(focus="1", aperture="1", renderer="layered", layers=4)
+    assert check_dataset(layered) == []
+    record = lens_file(layered)
+    assert (record["renderer"], record["layers"]) == ("layered", 4)
+    sharp, z = read_image(layered / "all_in_focus" / "v02.png"), read_exr(layered / "depth" / "v02.exr")
+    in_focus = z < z.min() + 0.1
+    error = [np.abs(read_image(folder / "images" / "v02.png") - sharp)[in_focus].mean() for folder in (plain, layered)]
+    assert error[1] < 0.5 * error[0]
+
+
 def test_held_out_and_continuous_lenses(make):
     views = lens_file(make(assign="held-out", focus="0.2,0.8", test_focus="0.5"))["views"]
     assert {view["focus"] for view in views if view["split"] == "test"} == {0.5}

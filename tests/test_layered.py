@@ -1,0 +1,117 @@
+"""The layered renderer against a thin lens in front of two planes, integrated lens point by lens point."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tolerances import FLOAT32_VALUE
+
+from dofbench.defocus import defocus_numpy
+from dofbench.kernels import load
+from dofbench.layered import layered_blur
+from dofbench.lens import PhysicalLens
+
+MARGIN, HEIGHT, WIDTH = 16, 96, 112
+
+
+def scatter(image, radius):
+    return load("scatter", "cpu")(image.contiguous(), radius.contiguous())
+
+
+def texture(seed: int, y: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(H, W, 3) smooth waves in [0, 1] at any coordinates."""
+    generator = np.random.default_rng(seed)
+    waves = [
+        sum(np.cos(generator.uniform(-0.4, 0.4) * y + generator.uniform(-0.4, 0.4) * x + generator.uniform(0, 6.3))
+            for _ in range(4))
+        for _ in range(3)
+    ]
+    return (np.stack(waves, axis=-1) + 4) / 8
+
+
+def covered(y: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Where the front plane is: a disc and a slanted bar, with an edge one pixel soft."""
+    disc = 22 - np.hypot(y - 60, x - 50)
+    bar = 5 - np.abs(x - 100 + 0.3 * y)
+    return np.clip(np.maximum(disc, bar) + 0.5, 0, 1)[..., None]
+
+
+def seen_through_pinhole(dy: float = 0.0, dx: float = 0.0, front: float = 0.0, back: float = 0.0) -> np.ndarray:
+    """The scene from a point (dy, dx) of the unit lens, where planes shift by their signed radii."""
+    y, x = np.mgrid[: HEIGHT + 2 * MARGIN, : WIDTH + 2 * MARGIN].astype(float)
+    mask = covered(y - front * dy, x - front * dx)
+    return (mask * texture(1, y - front * dy, x - front * dx)
+            + (1 - mask) * texture(2, y - back * dy, x - back * dx))
+
+
+def thin_lens(front: float, back: float, points: int = 400) -> np.ndarray:
+    """Mean over a sunflower of lens points, which covers the disc evenly."""
+    index = np.arange(points) + 0.5
+    rho, angle = np.sqrt(index / points), math.pi * (1 + 5**0.5) * index
+    views = (seen_through_pinhole(r * math.sin(a), r * math.cos(a), front, back)
+             for r, a in zip(rho, angle, strict=True))
+    return sum(views) / points
+
+
+def psnr(image: np.ndarray, truth: np.ndarray) -> float:
+    inside = np.s_[MARGIN:-MARGIN, MARGIN:-MARGIN]
+    return -10 * math.log10(np.mean((image[inside] - truth[inside]) ** 2))
+
+
+# In focus behind, in focus in front, the focus between: dB that knowing what hides what is worth at least. Where
+# neither side is sharp, the plain scatter's bleeding shows less.
+@pytest.mark.parametrize(("front", "back", "gain"), [(6.0, 0.0, 5.0), (0.0, -6.0, 5.0), (3.0, -3.0, 0.5)])
+def test_it_is_closer_to_a_thin_lens_than_the_plain_scatter(front, back, gain):
+    sharp = torch.from_numpy(seen_through_pinhole().astype(np.float32))
+    y, x = np.mgrid[: HEIGHT + 2 * MARGIN, : WIDTH + 2 * MARGIN].astype(float)
+    radius = torch.from_numpy(np.where(covered(y, x)[..., 0] > 0.5, front, back).astype(np.float32))
+    truth = thin_lens(front, back)
+    plain, layered = scatter(sharp, radius).numpy(), layered_blur(sharp, radius, scatter).numpy()
+    assert psnr(layered, truth) > psnr(plain, truth) + gain
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 20), st.floats(-6, 6), st.floats(-6, 6))
+def test_a_constant_stays_constant(seed, layers, low, high):
+    generator = np.random.default_rng(seed)
+    radius = torch.from_numpy(generator.uniform(min(low, high), max(low, high), (20, 24)).astype(np.float32))
+    blurred = layered_blur(torch.full((20, 24, 3), 0.7), radius, scatter, layers=layers)
+    assert torch.allclose(blurred, torch.tensor(0.7), rtol=0, atol=FLOAT32_VALUE)
+
+
+def test_one_layer_and_one_plane_are_the_plain_scatter():
+    generator = torch.Generator().manual_seed(0)
+    image = torch.rand((30, 40, 3), generator=generator)
+    radius = 4 * torch.rand((30, 40), generator=generator) - 2
+    assert torch.equal(layered_blur(image, radius, scatter, layers=1), scatter(image, radius))
+    flat = torch.full((30, 40), 3.0)
+    assert torch.equal(layered_blur(image, flat, scatter), scatter(image, flat))
+
+
+def test_a_sharp_foreground_is_left_alone_by_the_light_behind_it():
+    """A white wall far out of focus, and a black plate in focus: the plain scatter makes the plate grey."""
+    image = torch.ones((48, 64, 3))
+    radius = torch.full((48, 64), -8.0)
+    image[12:36, 16:48], radius[12:36, 16:48] = 0.0, 0.0
+    inside = np.s_[16:32, 20:44]
+    assert layered_blur(image, radius, scatter)[inside].max() < FLOAT32_VALUE
+    assert scatter(image, radius)[inside].max() > 10 * FLOAT32_VALUE
+
+
+def test_depth_decides_what_is_in_front():
+    """A near plate out of focus spreads over the wall in focus, and its own edge lets the wall through."""
+    image = np.full((48, 64, 3), 1.0, np.float32)
+    depth = np.full((48, 64), 4.0, np.float32)
+    image[:, 32:], depth[:, 32:] = 0.0, 1.0
+    lens = PhysicalLens(aperture=8.0, focus_disparity=0.25, width=64)
+    _, linear = defocus_numpy(image, depth, lens, renderer="layered")
+    ramp = linear[24, :, 0]
+    assert ramp[20] > 1 - FLOAT32_VALUE and ramp[44] < FLOAT32_VALUE
+    assert 0.4 < ramp[31:33].mean() < 0.6
+    with pytest.raises(ValueError, match="layers"):
+        defocus_numpy(image, depth, lens, renderer="layered", layers=0)
