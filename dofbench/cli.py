@@ -26,6 +26,7 @@ from dofbench.harness.settings import Run
 from dofbench.reporting.settings import Report
 from dofbench.synthesis.settings import MakeDataset
 from dofbench.threads import configure_threads
+from dofbench.validation.settings import ValidateRenderer
 
 DONE, FAILED, WRONG_CALL = 0, 1, 2
 
@@ -62,10 +63,11 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(number)
 
 
-def parse(arguments: Sequence[str]) -> MakeDataset | Run | Report | Check | Scenes:
+def parse(arguments: Sequence[str]) -> MakeDataset | Run | Report | Check | Scenes | ValidateRenderer:
     """The settings that the command line means. Raises InputError, or SystemExit after printing help or an error."""
     commands = {
         "make-dataset": MakeDataset, "run": Run, "report": Report, "check": Check, "scenes": Scenes,
+        "validate-renderer": ValidateRenderer,
     }
     named = tuple(Annotated[settings, tyro.conf.subcommand(name)] for name, settings in commands.items())
     look = (tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalMetavarFromFieldName)
@@ -100,6 +102,11 @@ def execute(settings: Any) -> int:
             from dofbench.scenes.listing import print_scenes
 
             return DONE if print_scenes(settings.folders) else FAILED
+        case ValidateRenderer():
+            from dofbench.validation.run import validate_renderer
+
+            validate_renderer(settings)
+            return DONE
     raise AssertionError(f"no command for {type(settings).__name__}")
 
 

@@ -90,7 +90,27 @@ def defocus_numpy(
     """
     known = np.isfinite(depth) & (depth > 0)
     disparity = np.where(known, 1.0 / np.where(known, depth, 1.0), 0.0)
-    radius = torch.from_numpy(lens.signed_radius(disparity, image.shape[1]).astype(np.float32))
+    return defocus_by_radius(
+        image, lens.signed_radius(disparity, image.shape[1]), gamma=gamma, alpha=alpha, shape=shape, energy=energy,
+        renderer=renderer, layers=layers, backend=backend, form=form,
+    )
+
+
+def defocus_by_radius(
+    image: np.ndarray,
+    signed_radius: np.ndarray,
+    *,
+    gamma: float = GAMMA,
+    alpha: float = ALPHA,
+    shape: ApertureShape = ApertureShape(),
+    energy: Energy = "area",
+    renderer: Renderer = "scatter",
+    layers: int = LAYERS,
+    backend: str = "auto",
+    form: str = "auto",
+) -> tuple[np.ndarray, np.ndarray]:
+    """As `defocus_numpy`, by the signed CoC radius, (H, W) pixels, positive nearer than the focus."""
+    radius = torch.from_numpy(signed_radius.astype(np.float32))
     with torch.no_grad():
         sharp = torch.from_numpy(np.ascontiguousarray(image, dtype=np.float32))
         if bool((radius == 0).all()):

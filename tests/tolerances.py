@@ -80,3 +80,5 @@ CSV_DIGITS = 1e-7
 FOUR_DECIMALS = 5.1e-5
 # A half float has eleven bits.
 FLOAT16_VALUE = 5e-4
+# Disparity by a plane sweep in steps of 0.02 pixels, median.
+SWEPT_DISPARITY = 0.01

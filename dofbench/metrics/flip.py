@@ -22,15 +22,21 @@ def flip(prediction: np.ndarray, truth: np.ndarray) -> float:
     prediction, truth: (H, W, 3), encoded (taken as sRGB), [0, 1]. Raises ValueError for shapes
     that don't fit.
     """
-    checked(prediction, truth)
     # The package turns a NaN pixel into a finite error.
     if np.isnan(prediction).any() or np.isnan(truth).any():
+        checked(prediction, truth)
         return math.nan
+    # The package's own mean is summed up in float32.
+    return float(np.mean(flip_map(prediction, truth), dtype=np.float64))
+
+
+def flip_map(prediction: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """(H, W) float32: what `flip` is the mean of; arguments as there, without NaN."""
+    checked(prediction, truth)
     import flip_evaluator
 
     reference, test = (np.ascontiguousarray(image, dtype=np.float32) for image in (truth, prediction))
     errors, _, _ = flip_evaluator.evaluate(
         reference, test, "LDR", applyMagma=False, computeMeanError=False, parameters={"ppd": PIXELS_PER_DEGREE}
     )
-    # The package's own mean is summed up in float32.
-    return float(np.mean(errors, dtype=np.float64))
+    return np.asarray(errors, dtype=np.float32).reshape(truth.shape[:2])

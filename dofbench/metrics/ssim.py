@@ -16,5 +16,10 @@ def ssim(prediction: np.ndarray, truth: np.ndarray) -> float:
     prediction, truth: (H, W, 3), encoded, [0, 1]. Raises ValueError for shapes that don't fit or
     sides under 11 pixels.
     """
+    return float(np.mean(ssim_map(prediction, truth)))
+
+
+def ssim_map(prediction: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """(H - 10, W - 10, 3): what `ssim` is the mean of, pixel (5, 5) of the images first; arguments as there."""
     luminance, structure = similarity_factors(*checked(prediction, truth, smallest=WINDOW))
-    return float(np.mean(luminance * structure))
+    return luminance * structure
