@@ -10,7 +10,7 @@ import numpy as np
 
 from dofbench.scenes.types import Scene, SceneView
 
-SourceId = Literal["given", "splat"]
+SourceId = Literal["given", "folder", "splat"]
 
 
 class DepthSource(Protocol):
@@ -25,7 +25,7 @@ class DepthSource(Protocol):
         """How the depth was made, as plain data for a manifest."""
 
 
-def resolve(choice: Literal["auto", "given", "splat"], scene: Scene) -> SourceId:
+def resolve(choice: Literal["auto", "given", "folder", "splat"], scene: Scene) -> SourceId:
     """The source that `choice` means for the scene: "auto" is the given depth if every view has it, else splat.
 
     Raises InputError for "given" when a view has no depth.
@@ -49,10 +49,10 @@ def open_source(
     made once; progress: called with (step, steps) while it is made. Raises InputError when the scene
     lacks what the source needs.
     """
-    if source == "given":
+    if source != "splat":
         from dofbench.depth.given import GivenDepth
 
-        return GivenDepth(scene)
+        return GivenDepth(scene, source)
     from dofbench.depth.splat import SplatDepth
 
     return SplatDepth.make(scene, steps=steps, seed=seed, work=work, progress=progress)

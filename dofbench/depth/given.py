@@ -1,14 +1,20 @@
-"""The depth that the scene itself comes with: rendered, scanned, or made by another program."""
+"""Depth that is there already: the scene's own, or maps in a folder; rendered, scanned, or another program's."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dofbench.depth import SourceId
 from dofbench.errors import InputError
+from dofbench.scenes.depth_files import read_depth
 from dofbench.scenes.types import Scene, SceneView
+
+_SUFFIXES = (".exr", ".png", ".npy", ".bin", ".geometric.bin", ".photometric.bin")
 
 
 def require_depth(scene: Scene) -> None:
@@ -21,12 +27,31 @@ def require_depth(scene: Scene) -> None:
         )
 
 
+def with_folder_depth(scene: Scene, folder: Path, unit: float) -> Scene:
+    """The scene with z-depth from a folder of maps in place of its own.
+
+    A view's map is VIEW or its image's file name, followed by .exr, .png, .npy, .bin, .geometric.bin or
+    .photometric.bin, of the view's size; times `unit` it is in scene units. Raises InputError for a folder that isn't
+    there and a view without a map, or with several.
+    """
+    if not folder.is_dir():
+        raise InputError(folder, "no such folder", "a folder of depth maps")
+    views = []
+    for view in scene.views:
+        names = (f"{stem}{suffix}" for stem in dict.fromkeys((view.name, view.source.name)) for suffix in _SUFFIXES)
+        maps = [folder / name for name in names if (folder / name).is_file()]
+        if len(maps) != 1:
+            found = " and ".join(path.name for path in maps) if maps else "no map"
+            raise InputError(folder, f"{found} for view {view.name}", f"one, such as {view.name}.exr")
+        views.append(replace(view, depth=partial(read_depth, maps[0], unit)))
+    return replace(scene, views=tuple(views))
+
+
 class GivenDepth:
-    """The scene's own depth maps. Raises InputError when a view has none."""
+    """The depth maps that the views have, their own or a folder's. Raises InputError when a view has none."""
 
-    id: SourceId = "given"
-
-    def __init__(self, scene: Scene):
+    def __init__(self, scene: Scene, source: SourceId = "given"):
+        self.id: SourceId = source
         require_depth(scene)
 
     def depth(self, view: SceneView) -> np.ndarray:
@@ -43,4 +68,4 @@ class GivenDepth:
 
     def provenance(self) -> dict[str, Any]:
         """Nothing to say but where it is from."""
-        return {"from": "the scene's own depth maps"}
+        return {"from": "the scene's own depth maps" if self.id == "given" else "a folder of depth maps"}

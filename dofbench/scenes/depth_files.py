@@ -1,4 +1,4 @@
-"""Depth maps of a scene: EXR or 16-bit PNG to z-depth in scene units."""
+"""Depth maps of a scene: EXR, 16-bit PNG, npy or COLMAP's .bin to z-depth in scene units."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _PNG_LEVELS = 65535
 
 
 def read_depth(file: Path, unit: float) -> np.ndarray:
-    """z-depth (H, W) float32, scene units, from a float EXR or an integer 16-bit PNG, times `unit`.
+    """z-depth (H, W) float32, scene units, from EXR, 16-bit PNG, npy or a map of COLMAP's dense stereo, times `unit`.
 
     Several channels are taken where they are equal (Blender writes depth so). What is not finite
     or not positive becomes 0, unknown. Raises InputError for anything else.
@@ -22,14 +22,45 @@ def read_depth(file: Path, unit: float) -> np.ndarray:
         values = read_exr(file)
     elif file.suffix.lower() == ".png":
         values = _read_png(file)
+    elif file.suffix.lower() == ".npy":
+        values = _read_npy(file)
+    elif file.suffix.lower() == ".bin":
+        values = _read_colmap(file)
     else:
-        raise InputError(file, f"a depth map with suffix {file.suffix or 'none'}", ".exr or 16-bit .png")
+        raise InputError(file, f"a depth map with suffix {file.suffix or 'none'}", ".exr, 16-bit .png, .npy or .bin")
     if values.ndim == 3:
         if not np.array_equal(values, np.broadcast_to(values[..., :1], values.shape), equal_nan=True):
             raise InputError(file, f"{values.shape[2]} different channels", "one channel of depth")
         values = values[..., 0]
     depth = values * np.float32(unit)
     return np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(0.0))
+
+
+def _read_npy(file: Path) -> np.ndarray:
+    try:
+        values = np.load(file, allow_pickle=False)
+    except (OSError, ValueError) as error:
+        raise InputError(file, f"no readable array ({error})", "an .npy file of depth") from None
+    if not isinstance(values, np.ndarray) or values.ndim not in (2, 3) or values.dtype.kind not in "fiu":
+        raise InputError(file, f"{getattr(values, 'dtype', 'an archive')} of shape {getattr(values, 'shape', '?')}",
+                         "numbers of shape (H, W)")
+    return values.astype(np.float32)
+
+
+def _read_colmap(file: Path) -> np.ndarray:
+    """COLMAP's map: "width&height&channels&" in ASCII, then float32, little-endian, columns running fastest."""
+    data = file.read_bytes()
+    parts = data[:64].split(b"&", 3)
+    try:
+        width, height, channels = (int(part) for part in parts[:3])
+        values = np.frombuffer(data[sum(len(part) + 1 for part in parts[:3]):], dtype="<f4")
+        values = values.reshape(channels, height, width)
+    except ValueError:
+        raise InputError(file, "no depth map of COLMAP, or a part of one", "width&height&1& and as many float32"
+                         ) from None
+    if channels != 1:
+        raise InputError(file, f"{channels} channels", "one channel of depth")
+    return values[0].astype(np.float32)
 
 
 def _read_png(file: Path) -> np.ndarray:

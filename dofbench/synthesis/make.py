@@ -10,6 +10,7 @@ import numpy as np
 
 from dofbench import __version__, depth
 from dofbench.content import content_folder
+from dofbench.depth.given import with_folder_depth
 from dofbench.errors import InputError
 from dofbench.files import canonical_json, read_json, sha256_file, sha256_text, write_json
 from dofbench.images import read_exr, read_image, to_8bit, write_exr, write_png
@@ -55,9 +56,12 @@ def make(settings: MakeDataset, progress: Progress) -> Path:
     scene = load_scene(
         root, width=settings.width, images=settings.images, layout=settings.layout, hold=settings.hold
     )
+    kind, folder = settings.depth_source
+    if folder is not None:
+        scene = with_folder_depth(scene, folder, settings.depth_unit)
     plan = _assigned([(view.name, view.split) for view in scene.views], settings)
-    source_id = depth.resolve(settings.depth, scene)
-    source = _source_record(scene, with_depth=source_id == "given")
+    source_id = depth.resolve(kind, scene)
+    source = _source_record(scene, with_depth=source_id != "splat")
     identity = sha256_text(canonical_json({
         "settings": settings.recipe(), "depth": source_id, "plan": plan.hash, "source": source.model_dump(mode="json"),
         "dofbench": __version__,
@@ -140,7 +144,7 @@ def _depth(
     kept = out / WORK / DEPTH_RECORD
     if kept.is_file() and all(path.is_file() for path in paths):
         return DepthRecord.model_validate(read_json(kept))
-    if source_id == "given":
+    if source_id != "splat":
         source = depth.open_source(source_id, scene, steps=settings.depth_steps, seed=settings.seed, work=out / WORK)
     else:
         with progress.stage("reconstruction", settings.depth_steps) as advance:

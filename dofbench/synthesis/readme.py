@@ -16,6 +16,7 @@ _NOTES = ("CITATION.cff", "LICENCE", "LICENCE.md", "LICENCE.txt", "LICENSE", "LI
 
 _DEPTH_TEXT = {
     "given": "the scene's own depth maps",
+    "folder": "depth maps of another program",
     "splat": "a Gaussian reconstruction of all all-in-focus views (settings in dataset.json)",
 }
 

@@ -128,7 +128,7 @@ class SourceRecord(_Record):
 class DepthRecord(_Record):
     """Where the depth came from, and how it was made."""
 
-    source: Literal["given", "splat"]
+    source: Literal["given", "folder", "splat"]
     provenance: dict
 
 

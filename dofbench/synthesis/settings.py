@@ -15,7 +15,7 @@ from dofbench.lens import ALPHA, GAMMA, LAYERS, ApertureShape, Energy, Renderer
 from dofbench.synthesis.plan import Values
 from dofbench.synthesis.sensor import Sensor
 
-DepthSource = Literal["auto", "given", "splat"]
+DepthSource = Literal["auto", "given", "folder", "splat"]
 Normaliser = Literal["scene", "view"]
 Assign = Literal["per-view", "fixed", "held-out", "continuous"]
 Bits = Literal[8, 16]
@@ -41,8 +41,12 @@ class MakeDataset:
     hold: int | None = None
     """Every hold-th view, from the first, is a test view; without it, the scene's own split, or 8."""
 
-    depth: DepthSource = "auto"
-    """Where depth comes from: the scene (given), a reconstruction (splat), or given if there is any (auto)."""
+    depth: str = "auto"
+    """Where depth comes from: the scene (given), maps of z-depth in a folder (folder:DIR), a reconstruction (splat), or
+    given if there is any, else splat (auto)."""
+
+    depth_unit: float = 1.0
+    """Scene units per unit of the maps of --depth folder:DIR."""
 
     depth_steps: int = 3000
     """Training steps of the reconstruction behind --depth splat."""
@@ -120,10 +124,10 @@ class MakeDataset:
                                       ("--layers", self.layers, 1)):
             if value is not None and value < lowest:
                 raise InputError(option, str(value), f"at least {lowest}")
-        for option, number in (("--gamma", self.gamma), ("--alpha", self.alpha)):
+        for option, number in (("--gamma", self.gamma), ("--alpha", self.alpha), ("--depth-unit", self.depth_unit)):
             if not (math.isfinite(number) and number > 0):
                 raise InputError(option, str(number), "a positive number")
-        _ = self.aperture_shape, self.sensor
+        _ = self.aperture_shape, self.sensor, self.depth_source
         self._check_assignment()
 
     def _check_assignment(self) -> None:
@@ -140,6 +144,16 @@ class MakeDataset:
                 if len(values) > 2:
                     raise InputError(f"{option} with --assign continuous", f"{len(values)} values",
                                      "the two ends of a range, or one value")
+
+    @property
+    def depth_source(self) -> tuple[DepthSource, Path | None]:
+        """The source's kind, and the folder of "folder". Raises InputError for anything else."""
+        kind, _, folder = self.depth.partition(":")
+        if kind == "folder" and folder:
+            return "folder", Path(folder)
+        if self.depth not in ("auto", "given", "splat"):
+            raise InputError("--depth", repr(self.depth), "auto, given, splat or folder:DIR")
+        return self.depth, None
 
     @property
     def values(self) -> Values:
@@ -194,11 +208,18 @@ class MakeDataset:
             raise InputError("--shape-obstruction", str(self.shape_obstruction), "0 to below 1")
         return ApertureShape(blades, math.radians(self.shape_rotation), self.shape_curvature, self.shape_obstruction)
 
+    @property
+    def _depth_name(self) -> str:
+        # Where the folder is doesn't decide the content: what is in it does, and the manifest's source holds that.
+        kind, folder = self.depth_source
+        return kind if folder is None else f"folder:{folder.name}"
+
     def recipe(self) -> dict[str, object]:
         """Everything that decides the dataset's content, as plain data: no path, nothing of this machine."""
         return {
             "focus": list(self.focus_values), "aperture": list(self.aperture_values),
-            "width": self.width, "hold": self.hold, "depth": self.depth, "depth_steps": self.depth_steps,
+            "width": self.width, "hold": self.hold,
+            "depth": self._depth_name, "depth_unit": self.depth_unit, "depth_steps": self.depth_steps,
             "gamma": self.gamma, "alpha": self.alpha,
             "shape": self.shape, "shape_rotation": self.shape_rotation,
             "shape_curvature": self.shape_curvature, "shape_obstruction": self.shape_obstruction,

@@ -39,6 +39,7 @@ def test_polygon():
         ({"assign": "held-out", "test_focus": "0.2,0.4"}, "a training focus too"),
         ({"assign": "held-out", "test_focus": "far"}, "--test-focus"),
         ({"assign": "continuous"}, "two ends of a range"),
+        ({"depth": "folder"}, "folder:DIR"), ({"depth": "magic"}, "--depth"), ({"depth_unit": 0.0}, "--depth-unit"),
         ({"photons": -1.0}, "--photons"), ({"read_noise": math.nan}, "--read-noise"),
     ],
 )
