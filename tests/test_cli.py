@@ -47,7 +47,8 @@ def test_typical_calls_mean_what_they_say() -> None:
 
 @pytest.mark.parametrize(
     "arguments",
-    ["", "frobnicate", "run", "run --method", "run --method a --bogus 1", "make-dataset --seed x", "check", "check a b"],
+    ["", "frobnicate", "run", "run --method", "run --method a --bogus 1", "make-dataset --seed x", "check",
+     "check a b"],
 )
 def test_a_wrong_call_ends_with_2_and_says_so(arguments: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
@@ -60,7 +61,8 @@ def test_a_wrong_call_ends_with_2_and_says_so(arguments: str, capsys: pytest.Cap
 @pytest.mark.parametrize(
     "arguments",
     ["make-dataset --assign fixed", "make-dataset --shape round", "make-dataset --width 1",
-     "make-dataset no/such/folder --out never", "make-dataset --focus 7 --out never", "make-dataset --aperture a,b", "make-dataset --depth guess",
+     "make-dataset no/such/folder --out never", "make-dataset --focus 7 --out never", "make-dataset --aperture a,b",
+     "make-dataset --depth guess",
      "run --method nobodys", "run --method dofgaussian --data no/such/folder", "run --method dofgaussian --budget lots",
      "report no/such/folder", "check no/such/folder", "scenes no/such/folder"],
 )
