@@ -6,6 +6,7 @@ the other. On a machine that has compiled before nothing is started.
 
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
 from importlib import import_module
@@ -28,6 +29,9 @@ def compile_kernels(gaussians: Gaussians, camera: Camera, options: TrainerOption
     if is_compiled(import_module("dofbench.kernels.rasterize.cpu_project_backward").project_backward):
         return
     command = [sys.executable, "-P", "-m", "dofbench.gaussians.warmup", *(["lens"] if options.lens else [])]
+    # A tenth of compiling is the garbage collector, which finds nothing.
+    collecting = gc.isenabled()
+    gc.disable()
     with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
                           stderr=subprocess.DEVNULL) as other:
         try:
@@ -39,9 +43,12 @@ def compile_kernels(gaussians: Gaussians, camera: Camera, options: TrainerOption
             pass  # training compiles for itself what is missing, and reports numbers that aren't finite
         finally:
             other.kill()
+            if collecting:
+                gc.enable()
 
 
 def _compile_others(with_lens: bool) -> None:
+    gc.disable()
     image = torch.rand((32, 32, 3), generator=torch.Generator().manual_seed(0)).requires_grad_()
     losses.reconstruction(image, torch.zeros_like(image), 0.2, None).backward()
     if with_lens:

@@ -52,7 +52,10 @@ class Card(_Strict):
 
     `class`: "module:ClassName", the module inside the method's folder. devices: what it runs on.
     presets: name -> options that replace the method's defaults, plus `budget` (as in `--budget`),
-    which is the harness's; a preset without it trains for its option `steps`.
+    which is the harness's; a preset without it trains for its option `steps`. A preset that `extends` another
+    one replaces some of its options.
+    builtin_preset: the preset of a run without a dataset, which shows the whole on the built-in one;
+    without it, default_preset.
     leave_out: stage of the plan ("lens", "sparse_depth") -> options that switch that stage off,
     set by the plan when a dataset doesn't need it.
     """
@@ -62,6 +65,7 @@ class Card(_Strict):
     paper: str
     class_: str = Field(alias="class", pattern=r"^[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*$")
     default_preset: str
+    builtin_preset: str | None = None
     capabilities: Capabilities
     devices: tuple[Device, ...] = ("cpu",)
     presets: dict[str, dict[str, Any]]
@@ -88,12 +92,17 @@ class MethodEntry:
     folder: Path
     card: Card
 
-    def preset(self, name: str | None) -> tuple[str, dict[str, Any], Budget | None]:
-        """(name, options, budget) of a preset; None takes the default one. Raises InputError."""
-        name = self.card.default_preset if name is None else name
+    def preset(self, name: str | None, *, builtin: bool = False) -> tuple[str, dict[str, Any], Budget | None]:
+        """(name, options, budget) of a preset; None takes the default one, or with `builtin` the one for the built-in
+        dataset. Raises InputError.
+        """
+        if name is None:
+            name = (self.card.builtin_preset if builtin else None) or self.card.default_preset
         if name not in self.card.presets:
             raise InputError(f"preset of {self.id}", repr(name), f"one of {', '.join(self.card.presets)}")
         options = dict(self.card.presets[name])
+        if (base := options.pop("extends", None)) is not None:
+            options = {**self.card.presets[base], **options}
         text = options.pop("budget", None)
         return name, options, None if text is None else parse_budget(str(text))
 
@@ -159,8 +168,14 @@ def _read_card(file: Path) -> Card:
     except ValidationError as error:
         found = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
         raise InputError(file, found, "the keys that dofbench.harness.methods.Card describes") from None
-    if card.default_preset not in card.presets:
-        raise InputError(file, f"default_preset = {card.default_preset!r}", f"one of {', '.join(card.presets)}")
+    for key, value in (("default_preset", card.default_preset), ("builtin_preset", card.builtin_preset)):
+        if value is not None and value not in card.presets:
+            raise InputError(file, f"{key} = {value!r}", f"one of {', '.join(card.presets)}")
+    bases = [name for name, options in card.presets.items() if "extends" not in options]
+    for name, options in card.presets.items():
+        if options.get("extends", bases[0] if bases else None) not in bases:
+            raise InputError(file, f"presets.{name}: extends = {options.get('extends')!r}",
+                             f"one of {', '.join(bases)}, which extend nothing")
     return card
 
 

@@ -72,7 +72,7 @@ def run(settings: Run, console: Console | None = None) -> RunEnd:
     """
     console = console or Console()
     entry = find_method(settings.method)
-    preset, options, budget = entry.preset(settings.preset)
+    preset, options, budget = entry.preset(settings.preset, builtin=settings.data is None)
     overrides = parse_overrides(settings.set)
     budget = _budget(settings, budget, {**options, **overrides}, f"preset {preset} of {entry.id}")
     protocol = protocol_for(settings.inputs)

@@ -23,7 +23,8 @@ class Run:
     data: Path | None = None
     """Dataset folder. Default: the built-in dataset, made first if it isn't there."""
     preset: str | None = None
-    """A preset of the method's method.toml. Default: the one that the file calls default_preset."""
+    """A preset of the method's method.toml. Default: the one that the file calls default_preset, or builtin_preset on
+    the built-in dataset."""
     set: tuple[str, ...] = ()
     """Options that replace the preset's, as key=value with a TOML value: --set sh_degree=1 lens_lr=1e-3."""
     budget: str | None = None

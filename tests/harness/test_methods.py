@@ -54,6 +54,16 @@ def test_presets(folder: Path) -> None:
         entry.preset("fast")
 
 
+def test_a_preset_extends_another_and_one_is_for_the_built_in_dataset(folder: Path) -> None:
+    file = folder / "method.toml"
+    text = file.read_text().replace('default_preset = "quick"', 'default_preset = "slow"\nbuiltin_preset = "short"')
+    file.write_text(text + '\n[presets.short]\nextends = "slow"\nsteps = 3\n')
+    entry = find_method("fake")
+    assert entry.preset("short") == ("short", {"steps": 3, "noise": 0.2}, None)
+    assert entry.preset(None, builtin=True)[0] == "short" and entry.preset(None)[0] == "slow"
+    assert entry.preset("quick", builtin=True)[0] == "quick"
+
+
 def test_unknown_method_lists_what_there_is(folder: Path) -> None:
     with pytest.raises(InputError, match="'none', expected one of .*fake"):
         find_method("none")
@@ -77,6 +87,8 @@ def test_one_id_in_two_folders_is_refused(folder: Path, tmp_path: Path, monkeypa
         ("refocus = ", "refocuss = ", "capabilities.refocus: Field required"),
         ('class = "trainer:Fake"', 'class = "trainer"', "class"),
         ('default_preset = "quick"', 'default_preset = "fast"', "one of quick, slow"),
+        ('default_preset = "quick"', 'default_preset = "quick"\nbuiltin_preset = "fast"', "one of quick, slow"),
+        ("[presets.slow]", '[presets.slow]\nextends = "fast"', "presets.slow: extends = 'fast', expected one of quick"),
         ("[leave_out.lens]", "[leave_out.lenses]", "unknown stage"),
         ("name =", "name", "no TOML"),
     ],

@@ -78,9 +78,8 @@ def test_what_a_method_fixes_can_not_be_set():
 @pytest.mark.parametrize("name", ["dofgaussian", "mipsplatting"])
 def test_every_preset_names_known_options(name):
     entry = find_method(name)
-    assert entry.card.default_preset in entry.card.presets
-    for options in entry.card.presets.values():
-        entry.create({key: value for key, value in options.items() if key != "budget"}, 0, "cpu")
+    for preset in entry.card.presets:
+        entry.create(entry.preset(preset)[1], 0, "cpu")
 
 
 def test_no_points_is_the_users_mistake(training_set):
