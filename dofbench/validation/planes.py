@@ -90,11 +90,22 @@ def _view(
         a = radius * (plane.disparity - focus) - bx * WIDTH / 2 - by * HEIGHT / 2
         s = (a + bx * x + by * y) / (1 + bx * ux + by * uy)
         px, py = x - s * ux, y - s * uy
-        colour = _sampled(_picture(plane), px, py)
+        # Without slope s is one number, and the picture is only shifted.
+        colour = _sampled(_picture(plane), px, py) if any(plane.slope) else _shifted(_picture(plane), -a * ux, -a * uy)
         there = np.clip(_stencil(plane.stencil, px, py) + 0.5, 0, 1)[..., None]
         image = there * colour + (1 - there) * image
         front = np.where(there[..., 0] > 0.5, s, front)
     return image, front
+
+
+def _shifted(picture: np.ndarray, dx: float, dy: float) -> np.ndarray:
+    """What `_sampled` gives at (x + dx, y + dy) for the pixels (x, y) of the view, in a fraction of its time."""
+    left, top = math.floor(dx), math.floor(dy)
+    right_share, lower_share = np.float32(dx - left), np.float32(dy - top)
+    rows, columns = np.arange(HEIGHT + 1) + top, np.arange(WIDTH + 1) + left
+    part = picture[np.ix_(rows % _TEXTURE, columns % _TEXTURE)]
+    part = part[:, :-1] * (1 - right_share) + part[:, 1:] * right_share
+    return part[:-1] * (1 - lower_share) + part[1:] * lower_share
 
 
 def _sampled(picture: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
