@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from functools import partial
 from importlib import import_module
+from typing import Any
 
 import numpy as np
 import torch
@@ -69,31 +70,16 @@ def defocus(
 
 
 def defocus_numpy(
-    image: np.ndarray,
-    depth: np.ndarray,
-    lens: PhysicalLens,
-    *,
-    gamma: float = GAMMA,
-    alpha: float = ALPHA,
-    shape: ApertureShape = ApertureShape(),
-    energy: Energy = "area",
-    renderer: Renderer = "scatter",
-    layers: int = LAYERS,
-    backend: str = "auto",
-    form: str = "auto",
+    image: np.ndarray, depth: np.ndarray, lens: PhysicalLens, **options: Any
 ) -> tuple[np.ndarray, np.ndarray]:
     """A photograph of a sharp image through `lens`: (encoded, linear), both (H, W, 3) float32.
 
     image: (H, W, 3) float32, encoded. depth: (H, W), scene units; what is zero, negative or not
-    finite is unknown and counts as infinitely far. With zero radius everywhere `encoded` is the image itself.
-    renderer: "scatter", the paper's, or "layered", which knows occlusion (`layered.py`), with so many layers.
+    finite is unknown and counts as infinitely far. options: those of `defocus_by_radius`.
     """
     known = np.isfinite(depth) & (depth > 0)
     disparity = np.where(known, 1.0 / np.where(known, depth, 1.0), 0.0)
-    return defocus_by_radius(
-        image, lens.signed_radius(disparity, image.shape[1]), gamma=gamma, alpha=alpha, shape=shape, energy=energy,
-        renderer=renderer, layers=layers, backend=backend, form=form,
-    )
+    return defocus_by_radius(image, lens.signed_radius(disparity, image.shape[1]), **options)
 
 
 def defocus_by_radius(
@@ -109,7 +95,12 @@ def defocus_by_radius(
     backend: str = "auto",
     form: str = "auto",
 ) -> tuple[np.ndarray, np.ndarray]:
-    """As `defocus_numpy`, by the signed CoC radius, (H, W) pixels, positive nearer than the focus."""
+    """A photograph by the signed CoC radius, (H, W) pixels, positive nearer than the focus: (encoded, linear).
+
+    image: (H, W, 3) float32, encoded; so are both results. With zero radius everywhere `encoded` is the image itself.
+    renderer: "scatter", the paper's, or "layered", which knows occlusion (`layered.py`), with so many layers.
+    The other options as in `kernels/scatter/reference.py`, whose errors are raised here too.
+    """
     radius = torch.from_numpy(signed_radius.astype(np.float32))
     with torch.no_grad():
         sharp = torch.from_numpy(np.ascontiguousarray(image, dtype=np.float32))

@@ -10,6 +10,7 @@ shows nearest to it does. The light and the opacity of a layer are scattered ali
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -25,13 +26,14 @@ def layered_blur(
     """Blur `linear`, (H, W, 3) linear light, by `signed_radius`, (H, W) pixels, positive nearer; (H, W, 3).
 
     scatter: blurs an (H, W, C) image by an (H, W) radius, normalised so that a constant stays one. layers: into which
-    the range of radii is cut evenly. No gradient. Raises ValueError for less than one layer.
+    the range of radii is cut evenly. No gradient. Raises ValueError for less than one layer, and what `scatter` does
+    for a radius that isn't finite.
     """
     if layers < 1:
         raise ValueError(f"layers: expected at least 1, found {layers}")
     radius = signed_radius.numpy()
     least, most = float(radius.min()), float(radius.max())
-    if layers == 1 or most <= least:
+    if layers == 1 or not 0 < most - least < math.inf:  # the scatter raises for a radius that isn't finite
         return scatter(linear, signed_radius)
     label = np.minimum((radius - least) / (most - least) * layers, layers - 1).astype(np.int32)
     flat_colour, flat_radius, flat_label = linear.reshape(-1, 3).numpy(), radius.reshape(-1), label.reshape(-1)

@@ -115,3 +115,11 @@ def test_depth_decides_what_is_in_front():
     assert 0.4 < ramp[31:33].mean() < 0.6
     with pytest.raises(ValueError, match="layers"):
         defocus_numpy(image, depth, lens, renderer="layered", layers=0)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_radius_that_is_not_finite_is_refused(bad):
+    radius = torch.zeros((12, 16))
+    radius[3, 4] = bad
+    with pytest.raises(FloatingPointError):
+        layered_blur(torch.zeros((12, 16, 3)), radius, scatter)

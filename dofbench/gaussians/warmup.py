@@ -31,10 +31,10 @@ def compile_kernels(gaussians: Gaussians, camera: Camera, options: TrainerOption
     command = [sys.executable, "-P", "-m", "dofbench.gaussians.warmup", *(["lens"] if options.lens else [])]
     # A tenth of compiling is the garbage collector, which finds nothing.
     collecting = gc.isenabled()
-    gc.disable()
     with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
                           stderr=subprocess.DEVNULL) as other:
         try:
+            gc.disable()
             raster = rasterise(gaussians, camera, options)
             torch.autograd.grad(raster.color.sum() + raster.depth.sum(), list(gaussians.parameters.values()),
                                 allow_unused=True)
