@@ -36,7 +36,7 @@ _DESCRIPTION = (
 )
 
 # What the machine refuses, as opposed to what a bug asks for: named in one line, without a traceback.
-_REFUSALS = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT}
+_REFUSALS = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as refusal:
         if refusal.errno not in _REFUSALS:
             raise
-        return _end(FAILED, f"{refusal.filename or 'a file'}: {refusal.strerror}")
+        return _end(FAILED, f"{refusal.filename or 'a file'}: {refusal.strerror}; what is finished stays")
 
 
 def console() -> None:

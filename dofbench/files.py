@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -32,8 +33,27 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         yield temporary
         os.replace(temporary, path)
+    except OSError as error:
+        # A failed write names no file, and the temporary one means nothing to the user.
+        if error.errno is not None and error.filename in (None, name):
+            error.filename = str(path)
+        raise
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def refused(path: Path, temporary: Path, message: str) -> OSError:
+    """Why a library could not write `path`, as the system says it and the library doesn't.
+
+    temporary: the file that it was writing. A full disk, a quota or a file that has become read-only refuses a few
+    plain bytes too, with its error number; otherwise it is an input/output error with the library's message.
+    """
+    try:
+        with open(temporary, "ab") as stream:
+            stream.write(bytes(1 << 20))
+    except OSError as error:
+        return OSError(error.errno, error.strerror, str(path))
+    return OSError(errno.EIO, f"cannot be written ({message})", str(path))
 
 
 def write_text(path: Path, text: str) -> None:

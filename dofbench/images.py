@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from dofbench.errors import InputError
-from dofbench.files import replacing
+from dofbench.files import refused, replacing
 from dofbench.lens import GAMMA
 
 _NO_DATE = "1970:01:01 00:00:00"
@@ -154,10 +154,24 @@ def _write(path: Path, pixels: np.ndarray, kind: str, attributes: dict, names: l
         spec.attribute("DateTime", _NO_DATE)
     with replacing(path) as temporary:
         output = oiio.ImageOutput.create(str(temporary))
-        if output is None or not output.open(str(temporary), spec):
-            raise OSError(f"{path}: cannot be written ({oiio.geterror().strip()})")
-        written = output.write_image(np.ascontiguousarray(pixels))
-        message = output.geterror()
-        output.close()
-        if not written:
-            raise OSError(f"{path}: cannot be written ({message.strip()})")
+        written = (
+            output is not None and output.open(str(temporary), spec)
+            and output.write_image(np.ascontiguousarray(pixels)) and output.close()
+        )
+        # On a full disk both the PNG and the EXR writer report success.
+        if not (written and _reads_back(temporary)):
+            message = output.geterror() if output is not None else oiio.geterror()
+            raise refused(path, temporary, _reason(message))
+
+
+def _reads_back(path: Path) -> bool:
+    """Whether all of an image file can be decoded; a tenth of the time that writing it took."""
+    import OpenImageIO as oiio
+
+    # Not by ImageBuf, whose cache would keep the pixels.
+    opened = oiio.ImageInput.open(str(path))
+    if opened is None:
+        return False
+    pixels = opened.read_image(opened.spec().format)
+    opened.close()
+    return pixels is not None and not opened.has_error

@@ -115,8 +115,10 @@ def ending(monkeypatch: pytest.MonkeyPatch, outcome: Any) -> int:
         (1, 1, ""),
         (InputError("a.json", "no\nnumber", "one"), 2, "dofbench: a.json: found no number, expected one\n"),
         (KeyboardInterrupt(), 130, "dofbench: interrupted; the same command goes on from what is finished\n"),
-        (OSError(errno.ENOSPC, "No space left on device", "out"), 1, "dofbench: out: No space left on device\n"),
-        (PermissionError(errno.EACCES, "Permission denied", "out"), 1, "dofbench: out: Permission denied\n"),
+        (OSError(errno.ENOSPC, "No space left on device", "out"), 1,
+         "dofbench: out: No space left on device; what is finished stays\n"),
+        (PermissionError(errno.EACCES, "Permission denied", "out"), 1,
+         "dofbench: out: Permission denied; what is finished stays\n"),
     ],
 )
 def test_ending(

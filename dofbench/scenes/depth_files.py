@@ -15,8 +15,9 @@ _PNG_LEVELS = 65535
 def read_depth(file: Path, unit: float) -> np.ndarray:
     """z-depth (H, W) float32, scene units, from EXR, 16-bit PNG, npy or a map of COLMAP's dense stereo, times `unit`.
 
-    Several channels are taken where they are equal (Blender writes depth so). What is not finite
-    or not positive becomes 0, unknown. Raises InputError for anything else.
+    Several channels are taken where they are equal (Blender writes depth so). Infinity becomes 0, unknown,
+    which blurs as infinitely far. Raises InputError for NaN, negative values, a map in which nothing is known, and
+    for anything else.
     """
     if file.suffix.lower() == ".exr":
         values = read_exr(file)
@@ -32,8 +33,15 @@ def read_depth(file: Path, unit: float) -> np.ndarray:
         if not np.array_equal(values, np.broadcast_to(values[..., :1], values.shape), equal_nan=True):
             raise InputError(file, f"{values.shape[2]} different channels", "one channel of depth")
         values = values[..., 0]
+    # Neither NaN nor a negative number is any program's depth; which of them means unknown is for the user to say.
+    for what, wrong in (("NaN", np.isnan(values)), ("negative values", values < 0)):
+        if wrong.any():
+            raise InputError(file, f"{what} in {wrong.sum()} of {wrong.size} pixels", "z-depth, 0 where unknown")
     depth = values * np.float32(unit)
-    return np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(0.0))
+    depth[np.isinf(depth)] = 0.0
+    if not depth.any():
+        raise InputError(file, "no pixel of known depth", "z-depth, 0 where unknown")
+    return depth
 
 
 def _read_npy(file: Path) -> np.ndarray:

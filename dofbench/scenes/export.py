@@ -14,8 +14,10 @@ import numpy as np
 
 from dofbench.cameras import Camera
 from dofbench.contracts import PointCloud
-from dofbench.files import replacing, write_json
+from dofbench.errors import InputError
+from dofbench.files import refused, replacing, write_json
 from dofbench.images import to_8bit
+from dofbench.scenes.colmap_files import check_binary
 from dofbench.scenes.poses import opencv_to_llff, opengl_to_opencv
 from dofbench.scenes.types import Split
 
@@ -59,6 +61,10 @@ def write_colmap(root: Path, file_names: Sequence[str], cameras: Sequence[Camera
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".model.", dir=folder) as unfinished:
         model.write_binary(unfinished)
+        try:
+            check_binary(Path(unfinished))
+        except InputError as cut_short:  # pycolmap doesn't notice that a write failed
+            raise refused(folder, Path(unfinished, _MODEL_FILES[0]), cut_short.found) from None
         for name in _MODEL_FILES:
             with replacing(folder / name) as temporary:
                 temporary.write_bytes(Path(unfinished, name).read_bytes())

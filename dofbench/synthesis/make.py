@@ -24,7 +24,7 @@ from dofbench.synthesis.progress import Progress
 from dofbench.synthesis.render import Blur, shallow_image, view_record
 from dofbench.synthesis.schema import DepthRecord, SourceImage, SourceRecord, ViewRecord
 from dofbench.synthesis.settings import MakeDataset
-from dofbench.synthesis.work import DEPTH_RECORD, WORK, finish, only_writer, prepare
+from dofbench.synthesis.work import DEPTH_RECORD, WORK, Identity, finish, only_writer, prepare
 
 BUILT_IN = "tabletop"
 _BOUNDS = (0.1, 99.9)  # percentiles of depth that LLFF calls near and far
@@ -62,10 +62,13 @@ def make(settings: MakeDataset, progress: Progress) -> Path:
     plan = _assigned([(view.name, view.split) for view in scene.views], settings)
     source_id = depth.resolve(kind, scene)
     source = _source_record(scene, with_depth=source_id != "splat")
-    identity = sha256_text(canonical_json({
-        "settings": settings.recipe(), "depth": source_id, "plan": plan.hash, "source": source.model_dump(mode="json"),
-        "dofbench": __version__,
-    }))
+    identity = Identity(
+        rest=sha256_text(canonical_json({
+            "settings": settings.recipe(), "depth": source_id, "plan": plan.hash, "dofbench": __version__,
+            "source": source.model_dump(mode="json", exclude={"images"}, exclude_none=True),
+        })),
+        images={image.view: image.sha256 for image in source.images}, own_depth=source_id in ("given", "folder"),
+    )
     out = settings.out or default_folder(scene.name)
     with only_writer(out):
         if prepare(out, identity) == "complete":
@@ -84,7 +87,7 @@ def make(settings: MakeDataset, progress: Progress) -> Path:
         write.sheet(out, f"{scene.name}: {len(records)} views with a known lens", records, blur.disparity_range)
         write.readme(out, scene, settings, depth_record, records, notes)
         write.manifest(
-            out, name=scene.name, settings=settings, source=source, depth=depth_record, identity=identity
+            out, name=scene.name, settings=settings, source=source, depth=depth_record, identity=identity.digest,
         )
         finish(out)
     progress.finished(out, f"{len(records)} views")

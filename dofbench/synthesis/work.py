@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from dofbench.errors import InputError
-from dofbench.files import read_json, sha256_file, write_json
+from dofbench.files import canonical_json, read_json, sha256_file, sha256_text, write_json
+from dofbench.synthesis import write
 from dofbench.synthesis.schema import MANIFEST, Manifest, read_manifest
 
 WORK = ".work"
@@ -18,17 +20,35 @@ DEPTH_RECORD = "depth.json"
 _STATE = "state.json"
 
 
-def prepare(root: Path, identity: str) -> Literal["complete", "open"]:
+@dataclass(frozen=True)
+class Identity:
+    """What decides a dataset's content. rest: digest of all of it but the images. images: sha256 by view.
+
+    own_depth: whether a view's depth has nothing to do with the images.
+    """
+
+    rest: str
+    images: Mapping[str, str]
+    own_depth: bool
+
+    @property
+    def digest(self) -> str:
+        """sha256 of everything."""
+        return sha256_text(canonical_json({"rest": self.rest, "images": dict(self.images)}))
+
+
+def prepare(root: Path, identity: Identity) -> Literal["complete", "open"]:
     """Make `root` ready for the dataset `identity`, keeping what an earlier run of the same finished.
 
     "complete" means that it is all there, by its manifest and the files' sizes. A finished dataset
-    that lost or damaged files is opened again with those files taken out. Raises InputError when the
-    folder holds anything else.
+    that lost or damaged files is opened again with those files taken out. An unfinished one of which only images have
+    changed since, such as one that could not be read, loses what came of them. Raises InputError when the folder holds
+    anything else.
     """
     work = root / WORK
     if (root / MANIFEST).is_file():
         manifest = read_manifest(root)
-        if manifest.identity != identity:
+        if manifest.identity != identity.digest:
             raise _holds_another(root)
         # The previous run may have been killed between writing the manifest and tidying up.
         shutil.rmtree(work, ignore_errors=True)
@@ -44,7 +64,9 @@ def prepare(root: Path, identity: str) -> Literal["complete", "open"]:
     if (work / _STATE).is_file():
         _drop_temporary_files(root)
         state = read_json(work / _STATE)
-        if isinstance(state, dict) and state.get("identity") == identity:
+        if isinstance(state, dict) and state.get("rest") == identity.rest:
+            _drop_outdated(root, identity, state["images"])
+            _begin(root, identity)
             return "open"
         if [path for path in root.rglob("*") if path.is_file()] != [work / _STATE]:
             raise _holds_another(root)
@@ -87,8 +109,25 @@ def only_writer(root: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def _begin(root: Path, identity: str) -> None:
-    write_json(root / WORK / _STATE, {"identity": identity})
+def _begin(root: Path, identity: Identity) -> None:
+    write_json(root / WORK / _STATE, {"rest": identity.rest, "images": dict(identity.images)})
+
+
+def _drop_outdated(root: Path, identity: Identity, before: Mapping[str, str]) -> None:
+    """Take out what came of images that are others now; of a depth made of images, the depth and the blur by it too."""
+    changed = [view for view, digest in identity.images.items() if before.get(view) != digest]
+    for view in changed:
+        write.sharp_path(root, view).unlink(missing_ok=True)
+    if changed and not identity.own_depth:
+        for path in (root / WORK).iterdir():
+            if path.name != _STATE:
+                path.unlink()
+        for view in identity.images:
+            write.depth_path(root, view).unlink(missing_ok=True)
+        changed = list(identity.images)
+    for view in changed:
+        write.linear_path(root, view).unlink(missing_ok=True)
+        write.shallow_path(root, view).unlink(missing_ok=True)
 
 
 def _holds_another(root: Path) -> InputError:
