@@ -46,6 +46,9 @@ class Scenes:
     folders: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
     """Folders that are scenes or hold scenes."""
 
+    data_root: Path | None = None
+    """Folder to look for named datasets in; without it, the one in DOFBENCH_DATA, if that is set."""
+
 
 @dataclass(frozen=True)
 class Check:
@@ -101,7 +104,7 @@ def execute(settings: Any) -> int:
         case Scenes():
             from dofbench.scenes.listing import print_scenes
 
-            return DONE if print_scenes(settings.folders) else FAILED
+            return DONE if print_scenes(settings.folders, settings.data_root) else FAILED
         case ValidateRenderer():
             from dofbench.validation.run import validate_renderer
 

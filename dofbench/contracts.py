@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -29,6 +30,24 @@ class PointCloud:
 
     def __len__(self) -> int:
         return len(self.xyz)
+
+    def seen_by(self, views: Sequence[int]) -> PointCloud:
+        """The points that at least one of these views saw, with tracks that index into `views`.
+
+        Where tracks are unknown: all points, as they are.
+        """
+        if self.views is None:
+            return self
+        place = np.full(max((int(track.max()) for track in self.views if len(track)), default=-1) + 1, -1)
+        for position, view in enumerate(views):
+            if view < len(place):
+                place[view] = position
+        tracks = [place[track] for track in self.views]
+        tracks = [np.sort(track[track >= 0]) for track in tracks]
+        kept = np.array([len(track) > 0 for track in tracks], dtype=bool)
+        return PointCloud(
+            self.xyz[kept], self.rgb[kept], self.error[kept], tuple(track for track in tracks if len(track))
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import json
 import sys
-import tomllib
 from collections.abc import Iterator
 from types import ModuleType
 
@@ -25,10 +24,12 @@ from dofbench.content import content_folder
 from dofbench.files import sha256_file
 from dofbench.images import encode, read_exr, read_image, to_8bit
 from dofbench.scenes import load_scene
+from dofbench.scenes.named import named_datasets
 from dofbench.scenes.types import Scene
 
-ENTRY = tomllib.loads((content_folder("datasets") / "tabletop.toml").read_text())
-ROOT = content_folder("datasets") / ENTRY["folder"]
+DATASET = named_datasets()["tabletop"]
+(ENTRY,) = DATASET.scenes
+ROOT = content_folder("datasets") / ENTRY.folders[0]
 MADE = json.loads((ROOT / "scene.json").read_text())
 
 
@@ -56,7 +57,7 @@ def lifted(camera: Camera, depth: np.ndarray) -> np.ndarray:
 
 
 def test_every_file_is_as_listed() -> None:
-    assert sha256_file(ROOT / "SHA256SUMS") == ENTRY["sums_sha256"]
+    assert sha256_file(ROOT / "SHA256SUMS") == ENTRY.sha256["SHA256SUMS"]
     listed = dict(reversed(line.split("  ", 1)) for line in (ROOT / "SHA256SUMS").read_text().splitlines())
     data = {path for part in ("images", "depth", "sparse") for path in (ROOT / part).rglob("*") if path.is_file()}
     data |= {ROOT / "transforms.json", ROOT / "scene.json"}
@@ -66,13 +67,13 @@ def test_every_file_is_as_listed() -> None:
 
 
 def test_the_entry_says_what_is_there(scene: Scene) -> None:
-    assert len(scene.views) == ENTRY["views"] == MADE["images"]["views"]
-    assert {(view.camera.width, view.camera.height) for view in scene.views} == {(ENTRY["width"], ENTRY["height"])}
+    assert len(scene.views) == ENTRY.views == MADE["images"]["views"]
+    assert {(view.camera.width, view.camera.height) for view in scene.views} == {ENTRY.size}
     assert [view.split for view in scene.views] == [
-        "test" if index % ENTRY["hold"] == 0 else "train" for index in range(ENTRY["views"])
+        "test" if index % DATASET.hold == 0 else "train" for index in range(ENTRY.views)
     ]
     assert scene.points is not None and len(scene.points) == MADE["sparse"]["points"] >= 1000
-    assert ENTRY["licence"] == MADE["licence"]
+    assert DATASET.licence == MADE["licence"]
 
 
 def test_content_is_spread_over_the_disparity_range(scene: Scene) -> None:
@@ -152,7 +153,7 @@ def maker() -> Iterator[ModuleType]:
 
 def test_camera_path_is_the_one_that_was_rendered(scene: Scene, maker: ModuleType) -> None:
     path = importlib.import_module("maker.path")
-    made = path.cameras(ENTRY["views"], ENTRY["width"], ENTRY["height"], MADE["seed"])
+    made = path.cameras(ENTRY.views, *ENTRY.size, MADE["seed"])
     for view, camera in zip(scene.views, made, strict=True):
         np.testing.assert_allclose(view.camera.world_to_camera, camera.world_to_camera, atol=POSE_ROUND_TRIP)
         np.testing.assert_allclose(view.camera.intrinsics, camera.intrinsics)

@@ -15,7 +15,7 @@ from dofbench.scenes.folders import choose_folder, match_files
 from dofbench.scenes.poses import rigid
 from dofbench.scenes.types import Scene
 from dofbench.scenes.undistort import Intrinsics
-from dofbench.scenes.views import Frame, assemble
+from dofbench.scenes.views import Frame, assemble, held_out
 
 _PLACES = ("sparse/0", "sparse")
 # pycolmap's messages may quote whole lines of its source.
@@ -54,8 +54,8 @@ def fits(root: Path) -> bool:
     return find_model(root) is not None
 
 
-def read(root: Path, *, width: int | None, images: str | None) -> tuple[Scene, bool]:
-    """Read the layout; see `load_scene`. The second value says that the layout has a split: never."""
+def read(root: Path, *, width: int | None, images: str | None, hold: int | None) -> Scene:
+    """Read the layout; see `load_scene`."""
     folder = find_model(root)
     if folder is None:
         raise InputError(root, f"no COLMAP model in {' or '.join(_PLACES)}", "cameras, images, points3D (.bin or .txt)")
@@ -66,7 +66,7 @@ def read(root: Path, *, width: int | None, images: str | None) -> tuple[Scene, b
         Frame(file.relative_to(image_folder).as_posix(), file, intrinsics, pose)
         for file, intrinsics, pose in zip(files, model.intrinsics, model.world_to_camera, strict=True)
     ]
-    return assemble(root, "colmap", frames, model.points, width=width, subject=folder), False
+    return held_out(assemble(root, "colmap", frames, model.points, width=width, subject=folder), hold)
 
 
 def read_model(folder: Path) -> Model:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from dofbench.content import content_folder
 from dofbench.errors import InputError
 from dofbench.scenes.loading import LAYOUTS, load_scene
+from dofbench.scenes.named import NamedDataset, find_data_root, named_datasets, scenes_of
+from dofbench.scenes.named.places import VARIABLE, what_to_put
+from dofbench.scenes.named.presence import Presence, inspect
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,13 @@ def list_scenes(folders: Sequence[Path] = ()) -> list[Listed]:
     return listed
 
 
-def print_scenes(folders: Sequence[Path] = ()) -> bool:
-    """Print `list_scenes` as a table, and what can't be read. False when there is any of that."""
+def print_scenes(folders: Sequence[Path] = (), data_root: Path | None = None) -> bool:
+    """Print `list_scenes` and the named datasets as tables, and what can't be read or isn't whole.
+
+    data_root: where named datasets are; None for DOFBENCH_DATA's. False when there is anything that can't be read or
+    isn't whole; what is absent is no failure. Raises InputError for a folder that isn't there.
+    """
+    root = find_data_root(data_root)
     listed = list_scenes(folders)
     rows = [("scene", "layout", "views", "size", "points", "depth", "what")]
     rows += [
@@ -60,20 +66,80 @@ def print_scenes(folders: Sequence[Path] = ()) -> bool:
         )
         for scene in listed if not scene.problem
     ]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    for row in rows:
-        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    _print_table(rows)
     for scene in listed:
         if scene.problem:
             print(f"no scene: {scene.problem}")
-    print(f"\nA scene is a built-in name or a folder in one of the layouts {', '.join(LAYOUTS)}.")
-    return not any(scene.problem for scene in listed)
+    whole = _print_named(root)
+    print(f"\nA scene is a built-in name, DATASET/SCENE, or a folder in one of the layouts {', '.join(LAYOUTS)}.")
+    return whole and not any(scene.problem for scene in listed)
+
+
+def _print_named(root: Path | None) -> bool:
+    """Print the named datasets; with a data root, what of them is in it. False when anything there isn't whole."""
+    datasets = [dataset for dataset in named_datasets().values() if not dataset.built_in]
+    found = {dataset.id: [inspect(scene) for scene in scenes_of(dataset, root)] for dataset in datasets}
+    rows = [("dataset", "here", "of", "licence", "what")]
+    for dataset in datasets:
+        here = sum(presence.state != "absent" for presence in found[dataset.id])
+        rows.append((dataset.id, str(here) if root else "-", _expected(dataset), dataset.licence, dataset.title))
+    print()
+    _print_table(rows)
+    if root is None:
+        print(f"\nWhich of their scenes are here: dofbench scenes --data-root DIR, or set {VARIABLE}.")
+        return True
+    for dataset in datasets:
+        print(f"\n{dataset.id}: {dataset.title}")
+        _print_presences(dataset, found[dataset.id], root)
+    return not any(presence.is_problem for presences in found.values() for presence in presences)
+
+
+def _expected(dataset: NamedDataset) -> str:
+    if dataset.marker is None:
+        return str(len(dataset.scenes))
+    return "?" if dataset.expected is None else str(dataset.expected)
+
+
+def _print_presences(dataset: NamedDataset, presences: Sequence[Presence], root: Path) -> None:
+    """What is here, a line each; then, once for all that is absent, what to put where."""
+    _print_table([
+        (f"  {presence.scene.label}", presence.state, presence.detail, presence.scene.note)
+        for presence in presences if presence.state != "absent"
+    ])
+    absent = [presence.scene for presence in presences if presence.state == "absent"]
+    if absent:
+        print(f"  absent: {', '.join(scene.label.partition('/')[2] for scene in absent)}")
+    if absent or not presences:
+        for line in _places(dataset, {scene.label for scene in absent}, root):
+            print(f"  put {line}")
+    for left_out in dataset.left_out:
+        print(f"  left out: {left_out.scene}: {left_out.why}")
+
+
+def _places(dataset: NamedDataset, absent: Set[str], root: Path) -> list[str]:
+    """Where absent scenes go: by the dataset's pattern; else the first choice of each; or where other datasets say."""
+    missing = [scene for scene in dataset.scenes if f"{dataset.id}/{scene.name}" in absent]
+    others = dict.fromkeys(scene.of.partition("/")[0] for scene in missing if scene.of is not None)
+    lines = [f"the scenes of {' and '.join(others)}, as said there"] if others else []
+    if dataset.folders:
+        lines.append(what_to_put(dataset, dataset.folders, root))
+    elif own := [scene.folders[0] for scene in missing if scene.of is None]:
+        lines.append(what_to_put(dataset, (", ".join(own),), root))
+    return lines
+
+
+def _print_table(rows: Sequence[Sequence[str]]) -> None:
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))] if rows else []
+    for row in rows:
+        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
 
 
 def _built_in() -> list[Listed]:
-    root = content_folder("datasets")
-    entries = [tomllib.loads(path.read_text(encoding="utf-8")) for path in sorted(root.glob("*.toml"))]
-    return [replace(_describe(root / entry["folder"], entry["id"]), title=entry["title"]) for entry in entries]
+    return [
+        replace(_describe(scene.root, scene.label), title=dataset.title)
+        for dataset in named_datasets().values() if dataset.built_in
+        for scene in scenes_of(dataset, None)
+    ]
 
 
 def _folders(parent: Path) -> list[Path]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from dofbench.scenes.folders import choose_folder, image_files, match_files
 from dofbench.scenes.poses import invert, llff_to_opencv, rigid
 from dofbench.scenes.types import Scene
 from dofbench.scenes.undistort import Intrinsics
-from dofbench.scenes.views import Frame, assemble, check_inside
+from dofbench.scenes.views import Frame, assemble, check_inside, held_out
 
 _FILE = "poses_bounds.npy"
 
@@ -24,28 +25,38 @@ def fits(root: Path) -> bool:
     return (root / _FILE).is_file()
 
 
-def read(root: Path, *, width: int | None, images: str | None) -> tuple[Scene, bool]:
-    """Read the layout; see `load_scene`. The second value says that the layout has a split: never.
+def read(root: Path, *, width: int | None, images: str | None, hold: int | None) -> Scene:
+    """Read the layout; see `load_scene`.
 
     Poses and focal length are poses_bounds.npy's, a pinhole with its principal point in the
     middle, as every LLFF loader has them (the distortion that COLMAP may have found for these
     photographs is left alone; read the folder as `layout="colmap"` to have it taken out). Row i
     belongs to the i-th image file in sorted order. Points come from the COLMAP model beside it.
     """
-    file = root / _FILE
     folder = choose_folder(root, width=width, images=images, habit=(8, 4, 1))
-    files = image_files(folder)
+    return held_out(read_folder(root, folder, width=width), hold)
+
+
+def read_folder(root: Path, folder: Path, *, width: int | None) -> Scene:
+    """The scene whose images are those of `folder`, without a split. Raises InputError."""
+    file, files = root / _FILE, image_files(folder)
+    frames = posed_frames(root, folder, files)
+    model_folder = find_model(root)
+    points = read_points(model_folder, folder, files) if model_folder else None
+    scene = assemble(root, "llff", frames, points, width=width, subject=file)
+    check_inside(scene, model_folder)
+    return scene
+
+
+def posed_frames(root: Path, folder: Path, files: Sequence[Path]) -> list[Frame]:
+    """A frame an image: row i of poses_bounds.npy belongs to the i-th file. Raises InputError."""
+    file = root / _FILE
     rows = _rows(file)
     if len(rows) != len(files):
         raise InputError(folder, f"{len(files)} images", f"the {len(rows)} that {file} has poses for")
-    frames = [
+    return [
         _frame(row, path, path.relative_to(folder).as_posix(), file) for row, path in zip(rows, files, strict=True)
     ]
-    model_folder = find_model(root)
-    points = _points(model_folder, folder, files) if model_folder else None
-    scene = assemble(root, "llff", frames, points, width=width, subject=file)
-    check_inside(scene, model_folder)
-    return scene, False
 
 
 def read_bounds(root: Path) -> np.ndarray:
@@ -78,7 +89,8 @@ def _frame(row: np.ndarray, path: Path, name: str, file: Path) -> Frame:
     return Frame(name, path, lens, invert(pose))
 
 
-def _points(model_folder: Path, folder: Path, files: list[Path]) -> PointCloud | None:
+def read_points(model_folder: Path, folder: Path, files: Sequence[Path]) -> PointCloud | None:
+    """The COLMAP model's points, with tracks over `files`, whose names may have been renumbered."""
     model = read_model(model_folder)
     points = model.points
     if points is None or points.views is None:

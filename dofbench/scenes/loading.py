@@ -7,18 +7,20 @@ from importlib import import_module
 from pathlib import Path
 
 from dofbench.errors import InputError
-from dofbench.scenes.folders import contents, marked_hold
+from dofbench.scenes.folders import contents
 from dofbench.scenes.types import Scene
 
 # In the order of detection. transforms.json says most (a camera a view, distortion, depth, split);
 # an LLFF folder nearly always has a COLMAP model as well, and its poses are the ones scores are published for.
-LAYOUTS = ("nerfstudio", "llff", "colmap")
-DEFAULT_HOLD = 8
 _MARKS = {
     "nerfstudio": "transforms.json",
+    "dofnerf": "poses_bounds.npy and images with f11, f4_bak, f4_obj",
     "llff": "poses_bounds.npy",
     "colmap": "sparse/0 or sparse with a COLMAP model",
 }
+# Layouts that no file gives away: they are asked for by name, or known of a named dataset.
+UNMARKED = ("deblurnerf",)
+LAYOUTS = (*_MARKS, *UNMARKED)
 
 
 def load_scene(
@@ -36,9 +38,11 @@ def load_scene(
     images: the image folder's name. Without it, and with a width, the folder with the smallest
     images that are wide enough; without both, LLFF takes images_8, else images_4, else images;
     COLMAP takes images, else the one with the smallest factor; nerfstudio takes the files as transforms.json has them.
-    layout: one of `LAYOUTS`, or "auto": the first of transforms.json, poses_bounds.npy, sparse/0, sparse.
-    hold: every hold-th view from the first is a test view. None: transforms.json's
-    train_filenames and test_filenames, else a marker file `hold=N` in the folder, else 8.
+    layout: one of `LAYOUTS`, or "auto": the first of transforms.json, poses_bounds.npy, sparse/0, sparse. "deblurnerf"
+    is never found out: it is LLFF's, with blurred photographs to train on.
+    hold: every hold-th view from the first is a test view (dofnerf: from the second). None: transforms.json's
+    train_filenames and test_filenames, else a marker file `hold=N` in the folder, else 8 (dofnerf: 9;
+    deblurnerf: an error).
 
     Distortion is taken out of images, depth and intrinsics here. Every image's existence and size
     are checked, its pixels are read by `SceneView.image()`. Raises InputError for whatever doesn't fit.
@@ -51,18 +55,13 @@ def load_scene(
     chosen = _detect(root) if layout == "auto" else layout
     if chosen not in LAYOUTS:
         raise InputError("layout", repr(layout), f"auto, {', '.join(LAYOUTS)}")
-    read: Callable[..., tuple[Scene, bool]] = import_module(f"dofbench.scenes.{chosen}").read
-    scene, has_split = read(root, width=width, images=images)
-    if hold is None:
-        if has_split:
-            return scene
-        hold = marked_hold(root)
-    return scene.with_hold(DEFAULT_HOLD if hold is None else hold)
+    read: Callable[..., Scene] = import_module(f"dofbench.scenes.{chosen}").read
+    return read(root, width=width, images=images, hold=hold)
 
 
 def _detect(root: Path) -> str:
-    for layout in LAYOUTS:
+    for layout in _MARKS:
         if import_module(f"dofbench.scenes.{layout}").fits(root):
             return layout
-    expected = "; or ".join(f"{_MARKS[layout]} ({layout})" for layout in LAYOUTS)
+    expected = "; or ".join(f"{_MARKS[layout]} ({layout})" for layout in _MARKS)
     raise InputError(root, contents(root), expected)

@@ -20,7 +20,7 @@ from dofbench.scenes.ply import read_ply
 from dofbench.scenes.poses import invert, opengl_to_opencv, rigid
 from dofbench.scenes.types import Scene, Split
 from dofbench.scenes.undistort import Intrinsics
-from dofbench.scenes.views import Frame, assemble, check_inside
+from dofbench.scenes.views import Frame, assemble, check_inside, held_out
 
 _FILE = "transforms.json"
 _FISHEYE = ("OPENCV_FISHEYE",)
@@ -34,8 +34,8 @@ def fits(root: Path) -> bool:
     return (root / _FILE).is_file()
 
 
-def read(root: Path, *, width: int | None, images: str | None) -> tuple[Scene, bool]:
-    """Read the layout; see `load_scene`. The second value says whether the file has a split.
+def read(root: Path, *, width: int | None, images: str | None, hold: int | None) -> Scene:
+    """Read the layout; see `load_scene`.
 
     transform_matrix is camera-to-world with OpenGL axes. fl_x fl_y cx cy w h k1 k2 k3 p1 p2 stand
     in a frame or for all frames; camera_angle_x, camera_angle_y where there is no focal length.
@@ -59,7 +59,7 @@ def read(root: Path, *, width: int | None, images: str | None) -> tuple[Scene, b
     points, origin = _points(root, content, files, paths, file)
     scene = assemble(root, "nerfstudio", frames, points, width=width, subject=file)
     check_inside(scene, origin)
-    return scene, splits is not None
+    return scene if hold is None and splits is not None else held_out(scene, hold)
 
 
 def _parse(file: Path) -> dict[str, Any]:

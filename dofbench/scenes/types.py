@@ -10,10 +10,12 @@ from typing import Literal
 import numpy as np
 
 from dofbench.cameras import Camera
-from dofbench.contracts import PointCloud
+from dofbench.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.errors import InputError
 
 Split = Literal["train", "test"]
+# Of the training views; test views are always sharp.
+Photographs = Literal["all-in-focus", "shallow"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +36,11 @@ class SceneView:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """All-in-focus views with poses. `views` are sorted by name; names carry no suffix.
+    """Views with poses. `views` are sorted by name; names carry no suffix.
 
-    points.views, where known, index into `views`. layout: the reader's id.
+    points.views, where known, index into `views`. layout: the reader's id. photographs: all in focus in nearly every
+    layout; or the training views are photographs by a lens that nobody knows, to train on as they are, and the test
+    views sharp photographs, to score all-in-focus renders with.
     """
 
     name: str
@@ -44,6 +48,7 @@ class Scene:
     layout: str
     views: tuple[SceneView, ...]
     points: PointCloud | None
+    photographs: Photographs = "all-in-focus"
 
     def with_hold(self, hold: int) -> Scene:
         """Views 0, hold, 2 hold, ... in name order become test views, the others training views.
@@ -57,3 +62,19 @@ class Scene:
             replace(view, split="test" if index % hold == 0 else "train") for index, view in enumerate(self.views)
         )
         return replace(self, views=views)
+
+    def training_set(self) -> TrainingSet:
+        """What a method may see: the training views, read now, and the points that they saw.
+
+        Raises InputError for an image that can't be read.
+        """
+        training = [index for index, view in enumerate(self.views) if view.split == "train"]
+        views = [self.views[index] for index in training]
+        return TrainingSet(
+            tuple(TrainingView(view.name, view.camera, view.image()) for view in views),
+            None if self.points is None else self.points.seen_by(training),
+        )
+
+    def test_views(self) -> tuple[SceneView, ...]:
+        """The views held back, sorted by name: sharp, whatever the training views are."""
+        return tuple(view for view in self.views if view.split == "test")

@@ -12,12 +12,13 @@ from dofbench.contracts import PointCloud
 from dofbench.errors import InputError
 from dofbench.images import image_size, read_image, resize
 from dofbench.scenes.depth_files import read_depth
-from dofbench.scenes.folders import view_names
+from dofbench.scenes.folders import marked_hold, view_names
 from dofbench.scenes.types import Scene, SceneView, Split
 from dofbench.scenes.undistort import Intrinsics, sample_depth, undistort_image, undistorted
 
 # Sizes rounded down a pyramid leave the aspect ratio off by a pixel: 1 % is more than that, and less than a crop.
 _ASPECT = 0.01
+DEFAULT_HOLD = 8
 # Points are matched to poses by eye of the lens: a wrong frame leaves next to none inside.
 _INSIDE = 0.5
 
@@ -97,6 +98,12 @@ def assemble(
         tracks = (np.sort(rank[track]) for track in points.views)
         points = replace(points, views=tuple(track[in_front[track, point]] for point, track in enumerate(tracks)))
     return Scene(root.resolve().name, root, layout, tuple(views[index] for index in order), points)
+
+
+def held_out(scene: Scene, hold: int | None) -> Scene:
+    """The scene split by `hold`, else by the marker file `hold=N` in its folder, else by 8. Raises InputError."""
+    marked = marked_hold(scene.root) if hold is None else hold
+    return scene.with_hold(DEFAULT_HOLD if marked is None else marked)
 
 
 def check_inside(scene: Scene, subject: object) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -159,21 +159,8 @@ class Dataset:
             raise InputError("inputs", repr(inputs), "shallow or all-in-focus")
         read = self.image if inputs == "shallow" else self.all_in_focus
         views = tuple(TrainingView(view.name, view.camera, read(view)) for view in self.training_views())
-        return TrainingSet(views, self._training_points())
-
-    def _training_points(self) -> PointCloud | None:
-        if self.points is None or self.points.views is None:
-            return self.points
-        place = np.full(len(self.views), -1)
         training = [index for index, view in enumerate(self.views) if view.split == "train"]
-        place[training] = np.arange(len(training))
-        tracks = [place[track] for track in self.points.views]
-        tracks = [track[track >= 0] for track in tracks]
-        kept = np.array([len(track) > 0 for track in tracks], dtype=bool)
-        return replace(
-            self.points, xyz=self.points.xyz[kept], rgb=self.points.rgb[kept], error=self.points.error[kept],
-            views=tuple(track for track in tracks if len(track)),
-        )
+        return TrainingSet(views, None if self.points is None else self.points.seen_by(training))
 
 
 def _name(view: DatasetView | str) -> str:

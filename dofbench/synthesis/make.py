@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from dofbench import __version__, depth
-from dofbench.content import content_folder
 from dofbench.depth.given import with_folder_depth
 from dofbench.errors import InputError
 from dofbench.files import canonical_json, read_json, sha256_file, sha256_text, write_json
 from dofbench.images import read_exr, read_image, to_8bit, write_exr, write_png
 from dofbench.lens import DisparityRange
 from dofbench.scenes import load_scene
+from dofbench.scenes.folders import listed
+from dofbench.scenes.named import ResolvedScene, find_data_root, resolve
 from dofbench.scenes.types import Scene, SceneView, Split
 from dofbench.synthesis import write
 from dofbench.synthesis.disparity import scene_range
@@ -30,19 +32,34 @@ BUILT_IN = "tabletop"
 _BOUNDS = (0.1, 99.9)  # percentiles of depth that LLFF calls near and far
 
 
-def find_scene(scene: str | None) -> Path:
-    """The folder that a scene argument means: itself, or the built-in scene of that name; None is the built-in one.
+def find_scene(settings: MakeDataset) -> ResolvedScene:
+    """The scene that the settings ask for; without one, the built-in scene.
 
-    Raises InputError when it is neither.
+    Raises InputError when there is none, or when the dataset named has several and one must be chosen.
     """
-    built_in = content_folder("datasets")
-    if scene is None:
-        return built_in / BUILT_IN
-    if Path(scene).is_dir():
-        return Path(scene)
-    if Path(scene).name == scene and (built_in / scene).is_dir():
-        return built_in / scene
-    raise InputError(scene, "no such folder and no built-in scene of that name", f"a scene folder or {BUILT_IN}")
+    text = BUILT_IN if settings.scene is None else settings.scene
+    scenes = [scene for scene in resolve(text, find_data_root(settings.data_root)) if not scene.missing]
+    if len(scenes) > 1:
+        raise InputError(text, f"{len(scenes)} scenes", f"one of {listed(scene.label for scene in scenes)}")
+    return scenes[0]
+
+
+def read_scene(found: ResolvedScene, settings: MakeDataset) -> tuple[Scene, MakeDataset]:
+    """Read the scene, and say in the settings what was taken from what is known of it; there it goes by its label.
+
+    Raises InputError also for photographs that are shallow already.
+    """
+    reading = found.reading(
+        width=settings.width, images=settings.images, layout=settings.layout, hold=settings.hold
+    )
+    scene = replace(load_scene(found.root, **reading), name=found.name)
+    if scene.photographs == "shallow":
+        sharp = ", or --images f11 for the sharp ones of this scene" if scene.layout == "dofnerf" else ""
+        raise InputError(
+            found.root, f"photographs that are shallow already ({scene.layout})",
+            f"an all-in-focus scene: these are to train on as they are{sharp}",
+        )
+    return scene, replace(settings, scene=found.label, **reading)
 
 
 def default_folder(scene_name: str) -> Path:
@@ -52,10 +69,8 @@ def default_folder(scene_name: str) -> Path:
 
 def make(settings: MakeDataset, progress: Progress) -> Path:
     """Make the dataset, or finish it, or find that it is complete; returns its folder. See `make_dataset`."""
-    root = find_scene(settings.scene)
-    scene = load_scene(
-        root, width=settings.width, images=settings.images, layout=settings.layout, hold=settings.hold
-    )
+    found = find_scene(settings)
+    scene, settings = read_scene(found, settings)
     kind, folder = settings.depth_source
     if folder is not None:
         scene = with_folder_depth(scene, folder, settings.depth_unit)

@@ -106,7 +106,7 @@ def readme_text(
     shape = settings.aperture_shape
     return _TEXT.format(
         name=scene.name, scene=scene.name, layout=scene.layout, version=__version__,
-        command=settings.command(scene.name), count=len(records),
+        command=settings.command(settings.scene or scene.name), count=len(records),
         train=sum(record.split == "train" for record in records),
         test=sum(record.split == "test" for record in records),
         size=" and ".join(f"{width}x{height}" for width, height in sizes) + " pixels",

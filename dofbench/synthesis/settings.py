@@ -27,7 +27,11 @@ class MakeDataset:
     """Make a shallow depth-of-field dataset whose lens is known from an all-in-focus scene."""
 
     scene: Annotated[str | None, tyro.conf.Positional] = None
-    """Scene folder in any supported layout, or a built-in name; without it, the built-in scene."""
+    """Scene folder in any supported layout, a built-in scene, or a scene of a named dataset, such as llff/fern; without
+    it, the built-in scene."""
+
+    data_root: Path | None = None
+    """Folder that holds named datasets (`dofbench scenes` lists them); without it, the one in DOFBENCH_DATA."""
 
     focus: str = "0.2,0.5,0.8"
     """Focus values, comma-separated: normalised disparity, 0 far to 1 near."""
@@ -36,10 +40,10 @@ class MakeDataset:
     """Aperture values, comma-separated: 1 blurs by 2 % of the width per unit of disparity, 0 not at all."""
 
     width: int | None = None
-    """Image width in pixels; without it, the scene's own."""
+    """Image width in pixels; without it, a named dataset's usual one, else the scene's own."""
 
     hold: int | None = None
-    """Every hold-th view, from the first, is a test view; without it, the scene's own split, or 8."""
+    """Every hold-th view, from the first, is a test view; without it, the named dataset's or the scene's own, or 8."""
 
     depth: str = "auto"
     """Where depth comes from: the scene (given), maps of z-depth in a folder (folder:DIR), a reconstruction (splat), or
@@ -110,7 +114,7 @@ class MakeDataset:
     """Folder of images inside the scene; without it, the one that the layout prefers."""
 
     layout: str = "auto"
-    """Layout of the scene folder: nerfstudio, llff, colmap, or auto to find out."""
+    """Layout of the scene folder: nerfstudio, llff, colmap, dofnerf, deblurnerf, or auto to find out."""
 
     out: Path | None = None
     """Folder to write; without it, data/<scene name>."""

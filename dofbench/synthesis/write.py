@@ -112,8 +112,9 @@ def manifest(
         for file in expected_files(root, [image.view for image in source.images])
     }
     record = Manifest(
-        schema=SCHEMA, version=VERSION, name=name, dofbench=__version__, command=settings.command(name),
-        identity=identity, seed=settings.seed, settings=settings.recipe(), source=source, depth=depth, files=files,
+        schema=SCHEMA, version=VERSION, name=name, dofbench=__version__,
+        command=settings.command(settings.scene or name), identity=identity, seed=settings.seed,
+        settings=settings.recipe(), source=source, depth=depth, files=files,
     )
     write_json(root / MANIFEST, as_json(record))
 

@@ -10,9 +10,11 @@ from tolerances import FLOAT32_VALUE
 
 from dofbench.errors import InputError
 from dofbench.images import read_image, resize, write_png
-from dofbench.scenes import LAYOUTS, Scene, load_scene
+from dofbench.scenes import Scene, load_scene
 from dofbench.scenes.export import write_colmap, write_poses_bounds, write_transforms
 
+# Those that one folder can be in at once. The others have files of their own.
+LAYOUTS = ("nerfstudio", "llff", "colmap")
 COUNT = 20
 NAMES = [f"{index:02d}.png" for index in range(COUNT)]
 

@@ -1,0 +1,149 @@
+"""Where the scenes of named datasets are: below a data root, or beside the files that name them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath
+
+from dofbench.content import content_folder
+from dofbench.errors import InputError
+from dofbench.files import read_json, sha256_file
+from dofbench.scenes.loading import UNMARKED
+from dofbench.scenes.named.library import named_datasets, source_of
+from dofbench.scenes.named.scene import ResolvedScene
+from dofbench.scenes.named.schema import NOT_STATED, SCENE, NamedDataset, NamedScene, Recipe
+
+VARIABLE = "DOFBENCH_DATA"
+_RENDERED = "dofbench-scene"  # the schema of scene.json, as make-scene writes it
+
+
+def find_data_root(given: Path | None = None) -> Path | None:
+    """The folder that holds named datasets: the one given, else DOFBENCH_DATA's; None without both.
+
+    Raises InputError when it isn't there.
+    """
+    text = os.environ.get(VARIABLE, "")
+    root = given if given is not None else Path(text).expanduser() if text else None
+    if root is not None and not root.is_dir():
+        subject = "--data-root" if given is not None else VARIABLE
+        raise InputError(subject, f"{root}, which is no folder", "the folder that holds named datasets")
+    return root
+
+
+def scenes_of(dataset: NamedDataset, data_root: Path | None) -> tuple[ResolvedScene, ...]:
+    """All scenes of a dataset, those that aren't here with `missing` set; where it has a marker, those found."""
+    if dataset.marker is not None:
+        return tuple(_found(dataset, folder) for folder in _marked(dataset, data_root))
+    return tuple(_known(named_datasets(), dataset, scene, data_root) for scene in dataset.scenes)
+
+
+def what_to_put(dataset: NamedDataset, places: tuple[str, ...], data_root: Path | None) -> str:
+    """One line: which of these folders are looked for, where, and where their content comes from."""
+    *others, last = places
+    folders = f"{', '.join(others)} or {last}" if others else last
+    where = f"in {data_root}" if data_root is not None else f"in the folder that --data-root or {VARIABLE} names"
+    source = f"`{dataset.made_by}` makes it" if dataset.made_by else f"from {dataset.origin}"
+    return f"{folders.replace(SCENE, 'SCENE')} {where}; {source}"
+
+
+def recognise(folder: Path) -> ResolvedScene:
+    """The scene in a folder that a user names: as its path and its files' checksums say, it may be a known one.
+
+    A known one's origin, licence and citation are taken over, and its layout where no file in the folder tells it;
+    nothing else, as the user chose a folder and not a dataset. A rendered scene says these things itself.
+    """
+    name = folder.resolve().name
+    rendered = _rendered_facts(folder)
+    if rendered is not None:
+        return ResolvedScene(label=name, name=name, root=folder, **rendered)
+    library = named_datasets()
+    for dataset in library.values():
+        for scene in dataset.scenes:
+            if scene.of is None and not dataset.built_in and _is(folder, dataset, scene):
+                untold = dataset.layout in UNMARKED
+                return ResolvedScene(
+                    label=name, name=name, root=folder, dataset=dataset.id,
+                    layout=str(dataset.layout) if untold else "auto",
+                    hold=scene.hold or dataset.hold if untold else None,
+                    licence=dataset.licence, terms=dataset.terms or "", citation=dataset.citation,
+                    origin=dataset.origin, note=scene.note or "",
+                )
+    return ResolvedScene(label=name, name=name, root=folder)
+
+
+def same_files(root: Path, sha256: Mapping[str, str]) -> str:
+    """Empty where all files have these checksums; else the name of the first that is missing or differs."""
+    for file, expected in sha256.items():
+        if not (root / file).is_file() or sha256_file(root / file) != expected:
+            return file
+    return ""
+
+
+def _is(folder: Path, dataset: NamedDataset, scene: NamedScene) -> bool:
+    parts = folder.resolve().parts
+    tails = [PurePosixPath(place).parts for place in dataset.candidates(scene)]
+    return any(parts[-len(tail):] == tail for tail in tails) and not same_files(folder, scene.sha256)
+
+
+def _known(
+    library: Mapping[str, NamedDataset], dataset: NamedDataset, scene: NamedScene, data_root: Path | None
+) -> ResolvedScene:
+    source, original = source_of(library, dataset, scene)
+    base = content_folder("datasets") if source.built_in else data_root
+    places = source.candidates(original)
+    here = [base / place for place in places if (base / place).is_dir()] if base is not None else []
+    whole = scene.name == dataset.id
+    return ResolvedScene(
+        label=dataset.id if whole else f"{dataset.id}/{scene.name}",
+        name=dataset.id if whole else f"{dataset.id}-{scene.name}",
+        root=here[0] if here else (base or Path()) / places[0],
+        dataset=dataset.id,
+        # A built-in folder says its layout and its split itself.
+        layout="auto" if source.built_in else str(source.layout),
+        hold=None if source.built_in else original.hold or source.hold,
+        images=source.images,
+        recipe=Recipe(
+            focus=dataset.recipe.focus, aperture=dataset.recipe.aperture,
+            width=dataset.recipe.width or source.recipe.width,
+        ),
+        views=original.views, size=original.size, sha256=original.sha256,
+        licence=source.licence, terms=source.terms or "",
+        citation=tuple(dict.fromkeys((*dataset.citation, *source.citation))),
+        origin=source.origin, note=scene.note or original.note or "",
+        missing="" if here else what_to_put(source, places, data_root),
+    )
+
+
+def _marked(dataset: NamedDataset, data_root: Path | None) -> list[Path]:
+    """Folders with the marker that fit the dataset's folders; of two that share a name, the first choice."""
+    if data_root is None or dataset.marker is None:
+        return []
+    found: dict[str, Path] = {}
+    for place in dataset.folders:
+        for folder in sorted(data_root.glob(place.replace(SCENE, "*"))):
+            if (folder / dataset.marker).exists():
+                found.setdefault(folder.name, folder)
+    return [found[name] for name in sorted(found)]
+
+
+def _found(dataset: NamedDataset, folder: Path) -> ResolvedScene:
+    facts = {"licence": dataset.licence, "origin": dataset.origin, "citation": dataset.citation}
+    return ResolvedScene(
+        label=f"{dataset.id}/{folder.name}", name=f"{dataset.id}-{folder.name}", root=folder, dataset=dataset.id,
+        layout=str(dataset.layout), images=dataset.images, hold=dataset.hold, recipe=dataset.recipe,
+        terms=dataset.terms or "", **(facts | (_rendered_facts(folder) or {})),
+    )
+
+
+def _rendered_facts(folder: Path) -> dict | None:
+    """Licence, origin and citation of a folder that make-scene wrote; None for any other."""
+    file = folder / "scene.json"
+    content = read_json(file) if file.is_file() else None
+    if not isinstance(content, dict) or content.get("schema") != _RENDERED:
+        return None
+    citation = content.get("citation") or ()
+    return {
+        "licence": str(content.get("licence") or NOT_STATED), "origin": str(content.get("origin") or ""),
+        "citation": (citation,) if isinstance(citation, str) else tuple(map(str, citation)),
+    }

@@ -1,0 +1,58 @@
+"""From what a user types to scenes: a folder, a built-in scene, a dataset, or one scene of it."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from pathlib import Path
+
+from dofbench.errors import InputError
+from dofbench.scenes.named.library import named_datasets
+from dofbench.scenes.named.places import recognise, scenes_of, what_to_put
+from dofbench.scenes.named.scene import ResolvedScene
+from dofbench.scenes.named.schema import NamedDataset
+
+_CLOSE = 3
+
+
+def resolve(text: str, data_root: Path | None) -> tuple[ResolvedScene, ...]:
+    """The scenes that `text` means: a folder, a built-in scene, the id of a dataset (all its scenes), or ID/SCENE.
+
+    data_root: where named datasets are looked for. Of a dataset's scenes, those that aren't here come with `missing`
+    set. Raises InputError, one line, for anything unknown (with what is close to it), for a single scene that isn't
+    here, and for a dataset of which no scene is here (with what to put where).
+    """
+    if text and Path(text).is_dir():
+        return (recognise(Path(text)),)
+    library = named_datasets()
+    dataset = library.get(text.partition("/")[0])
+    if dataset is None:
+        raise _unknown(text, library)
+    scenes = scenes_of(dataset, data_root)
+    if text != dataset.id:
+        scenes = tuple(scene for scene in scenes if scene.label == text)
+        if not scenes and dataset.marker is None:
+            raise _unknown(text, library)
+    if all(scene.missing for scene in scenes):
+        found = "no data root" if data_root is None else f"none of it in {data_root}"
+        whole = not scenes or (text == dataset.id and dataset.folders)
+        raise InputError(
+            text, found, what_to_put(dataset, dataset.folders, data_root) if whole else scenes[0].missing
+        )
+    return scenes
+
+
+def _unknown(text: str, library: Mapping[str, NamedDataset]) -> InputError:
+    """The error for a text that means nothing, with the names that are spelt much the same."""
+    names: dict[str, str] = {}
+    for dataset in library.values():
+        names[dataset.id] = dataset.id
+        for scene in dataset.scenes:
+            label = dataset.id if scene.name == dataset.id else f"{dataset.id}/{scene.name}"
+            names[label] = label
+            # A scene's own name means the set that it comes from.
+            if scene.of is None:
+                names.setdefault(scene.name, label)
+    close = dict.fromkeys(names[name] for name in difflib.get_close_matches(text, names, n=_CLOSE))
+    expected = " or ".join(close) if close else f"a scene folder, or one of {', '.join(library)}"
+    return InputError(text, "no such folder, built-in scene or named dataset", expected)

@@ -1,0 +1,136 @@
+"""What a file `datasets/ID.toml` holds, checked on the way in."""
+
+from __future__ import annotations
+
+from pathlib import PurePosixPath
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveInt, StringConstraints, model_validator
+
+# "blb" is no layout of scenes: single views, which validate-renderer reads.
+Layout = Literal["nerfstudio", "dofnerf", "llff", "deblurnerf", "colmap", "blb"]
+
+NOT_STATED = "not stated"
+# In a folder's name: the scene's name.
+SCENE = "{scene}"
+
+Text = Annotated[str, StringConstraints(min_length=1, strip_whitespace=True)]
+Name = Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
+Label = Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_-]*/[a-z0-9][a-z0-9_-]*$")]
+Checksum = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
+Hold = Annotated[int, Field(ge=2)]
+
+
+def _inside(folder: str) -> str:
+    path = PurePosixPath(folder)
+    if path.is_absolute() or ".." in path.parts or not path.parts:
+        raise ValueError(f"{folder!r} leads out of the folder that it stands in")
+    return folder
+
+
+def _distinct(values: tuple[float, ...]) -> tuple[float, ...]:
+    if len(set(values)) < len(values):
+        raise ValueError("every value once")
+    return values
+
+
+Folder = Annotated[str, AfterValidator(_inside)]
+Grid = Annotated[
+    tuple[Annotated[float, Field(ge=0, le=1)], ...], Field(min_length=1), AfterValidator(_distinct)
+]
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Recipe(_Record):
+    """What make-dataset takes where the user doesn't say.
+
+    focus: normalised disparity, 0 far to 1 near. aperture: 0 to 1. width: of the images, pixels; None keeps their own.
+    """
+
+    focus: Grid = (0.2, 0.5, 0.8)
+    aperture: Grid = (0.5, 1.0)
+    width: PositiveInt | None = None
+
+
+class NamedScene(_Record):
+    """One scene. What it says goes before what its dataset says.
+
+    of: `ID/SCENE` of another dataset, whose images these are; it then has no folders of its own.
+    folders: where it may be, below the data root, first choice first. hold: views 0, hold, 2 hold, ... are test views.
+    views: how many there must be. size: width and height of the images read by default, pixels.
+    sha256: of files in its folder that tell it apart. note: what a user should know.
+    """
+
+    name: Name
+    of: Label | None = None
+    folders: tuple[Folder, ...] = ()
+    hold: Hold | None = None
+    views: PositiveInt | None = None
+    size: tuple[PositiveInt, PositiveInt] | None = None
+    sha256: dict[Folder, Checksum] = {}
+    note: Text | None = None
+
+
+class LeftOut(_Record):
+    """A scene that one might expect in a dataset, and why it isn't there."""
+
+    scene: Text
+    why: Text
+
+
+class NamedDataset(_Record):
+    """datasets/ID.toml. The file is named after `id`.
+
+    origin: where it comes from. licence: as its source states it, else "not stated"; terms: more about that.
+    citation: one reference each. built_in: its folders are beside the file, not below a data root. made_by: the
+    command that makes it, where it is ours. layout: the reader for all its scenes but those that are `of` others.
+    images: folder of images inside a scene, for a layout that would take another one. folders: as
+    `NamedScene.folders`, with {scene} for the scene's name. marker: for a dataset whose scenes are found by looking:
+    every folder that fits `folders` and has this file or folder is a scene. expected: how many those should be.
+    notes: what was verified, and what wasn't.
+    """
+
+    id: Name
+    title: Text
+    origin: Text
+    licence: Text
+    terms: Text | None = None
+    citation: tuple[Text, ...] = ()
+    built_in: bool = False
+    made_by: Text | None = None
+    layout: Layout | None = None
+    images: Folder | None = None
+    hold: Hold | None = None
+    folders: tuple[Folder, ...] = ()
+    marker: Folder | None = None
+    expected: PositiveInt | None = None
+    recipe: Recipe = Recipe()
+    scenes: tuple[NamedScene, ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
+    notes: Text | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> NamedDataset:
+        names = [scene.name for scene in self.scenes]
+        if len(set(names)) < len(names):
+            raise ValueError("two scenes of one name")
+        if (self.marker is None) is (not names):
+            raise ValueError("either scenes, or a marker by which they are found")
+        if self.marker is not None and not any(SCENE in folder for folder in self.folders):
+            raise ValueError(f"a marker needs folders with {SCENE}")
+        if self.layout is None and not all(scene.of for scene in self.scenes):
+            raise ValueError("no layout")
+        for scene in self.scenes:
+            places = bool(scene.folders or self.folders)
+            if scene.of is None and not places:
+                raise ValueError(f"{scene.name} has no folders")
+            if scene.of is not None and (places or scene.hold or scene.views or scene.size or scene.sha256):
+                raise ValueError(f"{scene.name} is {scene.of}, which says everything but its note")
+        return self
+
+    def candidates(self, scene: NamedScene) -> tuple[str, ...]:
+        """Where the scene may be, below the data root (built-in: beside the file), first choice first."""
+        return tuple(folder.replace(SCENE, scene.name) for folder in (*scene.folders, *self.folders))
