@@ -144,7 +144,7 @@ def test_unknown_names_are_answered_with_close_ones(shelf: Path, text: str, expe
 def test_absent_scenes_are_answered_with_what_to_put_where(shelf: Path) -> None:
     with pytest.raises(InputError, match=r"llff/room: found none of it in .*, expected nerf_llff_data/room"):
         resolve("llff/room", shelf)
-    with pytest.raises(InputError, match=r"llff: found no data root, expected nerf_llff_data/SCENE.* --data-root or DOFBENCH_DATA"):
+    with pytest.raises(InputError, match=r"llff: found no data root, expected nerf_llff_data/SCENE.* --data-root"):
         resolve("llff", None)
     with pytest.raises(InputError, match=r"tandt-db: found none of it in .*tandt_db.zip"):
         resolve("tandt-db", shelf)
