@@ -43,7 +43,7 @@ def what_to_put(dataset: NamedDataset, places: tuple[str, ...], data_root: Path 
     *others, last = places
     folders = f"{', '.join(others)} or {last}" if others else last
     where = f"in {data_root}" if data_root is not None else f"in the folder that --data-root or {VARIABLE} names"
-    source = f"`{dataset.made_by}` makes it" if dataset.made_by else f"from {dataset.origin}"
+    source = f"made by `{dataset.made_by}`" if dataset.made_by else f"from {dataset.origin}"
     return f"{folders.replace(SCENE, 'SCENE')} {where}; {source}"
 
 
@@ -122,7 +122,9 @@ def _marked(dataset: NamedDataset, data_root: Path | None) -> list[Path]:
     found: dict[str, Path] = {}
     for place in dataset.folders:
         for folder in sorted(data_root.glob(place.replace(SCENE, "*"))):
-            if (folder / dataset.marker).exists():
+            # What is ours says so: nobody else's scene gets our licence.
+            ours = dataset.made_by is None or _rendered_facts(folder) is not None
+            if (folder / dataset.marker).exists() and ours:
                 found.setdefault(folder.name, folder)
     return [found[name] for name in sorted(found)]
 

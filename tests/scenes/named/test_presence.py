@@ -1,0 +1,174 @@
+"""Every named layout is read from a folder written in it; what is incomplete or something else is said so."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dofbench import cli
+from dofbench.scenes.export import write_colmap, write_poses_bounds, write_transforms
+from dofbench.scenes.named import NamedDataset, named_datasets, resolve
+from dofbench.scenes.named.library import source_of
+from dofbench.scenes.named.presence import inspect
+from dofbench.scenes.named.schema import NamedScene
+
+LIBRARY = named_datasets()
+SIZE = (528, 396)
+COUNT = 20
+
+
+@pytest.fixture(scope="module")
+def photograph(tmp_path_factory: pytest.TempPathFactory, write_images: Callable) -> Path:
+    """One image, which all scenes here are made of."""
+    folder = tmp_path_factory.mktemp("one")
+    write_images(folder, ["a.png"], SIZE)
+    return folder / "a.png"
+
+
+@pytest.fixture
+def write_scene(photograph: Path, make_cameras: Callable, make_cloud: Callable) -> Callable[[Path, str, int], None]:
+    """`write_scene(folder, layout, count)`: a scene in just that layout."""
+
+    def images(folder: Path, names: list[str]) -> None:
+        folder.mkdir(parents=True)
+        for name in names:
+            (folder / name).hardlink_to(photograph)
+
+    def write(root: Path, layout: str, count: int) -> None:
+        names = [f"{index:05d}.png" for index in range(count)]
+        cameras = make_cameras(count, size=(2 * SIZE[0], 2 * SIZE[1]))
+        cloud = make_cloud(cameras)
+        if layout in ("llff", "deblurnerf", "dofnerf"):
+            for stack in ("f11", "f4_bak", "f4_obj") if layout == "dofnerf" else ("",):
+                images(root / "images" / stack, names)
+            write_poses_bounds(root / "poses_bounds.npy", cameras, np.ones((count, 2)))
+            write_colmap(root, names, cameras, cloud)
+        elif layout == "colmap":
+            # As 3DGS ships Tanks and Temples: images smaller than their cameras.
+            images(root / "images", names)
+            write_colmap(root, names, cameras, cloud)
+        elif layout == "nerfstudio":
+            images(root / "images", names)
+            write_transforms(root / "transforms.json", [f"images/{name}" for name in names], cameras)
+            (root / "scene.json").write_text(json.dumps({"schema": "dofbench-scene", "licence": "CC0-1.0"}))
+        else:
+            assert layout == "blb"
+            root.mkdir(parents=True)
+            (root / "info.json").write_text('{"blur_parameters": [1], "focus_distances": [1]}')
+
+    return write
+
+
+ALL = [
+    (dataset, scene) for dataset in LIBRARY.values() if not dataset.built_in
+    for scene in (dataset.scenes if dataset.marker is None else (NamedScene(name="some"),))
+]
+
+
+@pytest.mark.parametrize(
+    ("dataset", "scene"), ALL, ids=[f"{dataset.id}/{scene.name}" for dataset, scene in ALL]
+)
+def test_every_named_scene_is_found_and_read(
+    tmp_path: Path, write_scene: Callable[[Path, str, int], None], dataset: NamedDataset, scene: NamedScene
+) -> None:
+    source, original = source_of(LIBRARY, dataset, scene)
+    # Of the large scenes fewer images than there must be: writing 300 teaches no more.
+    count = min(original.views or COUNT, COUNT)
+    write_scene(tmp_path / source.candidates(original)[0], str(source.layout), count)
+    (found,) = resolve(f"{dataset.id}/{scene.name}", tmp_path)
+    presence = inspect(found)
+    if original.sha256 and original.views == count:
+        assert presence.state == "different" and "checksum" in presence.detail
+    elif original.views is not None and original.views > count:
+        assert presence.state == "incomplete" and f"{count} views" in presence.detail
+    else:
+        assert presence.state == "here"
+    if source.layout == "blb":
+        return
+    loaded = found.load()
+    assert loaded.layout == source.layout and loaded.name == f"{dataset.id}-{scene.name}"
+    assert loaded.photographs == ("shallow" if source.layout in ("deblurnerf", "dofnerf") else "all-in-focus")
+    hold, first = original.hold or source.hold or 8, 1 if source.layout == "dofnerf" else 0
+    assert [index for index, view in enumerate(loaded.views) if view.split == "test"] == [*range(first, count, hold)]
+    assert loaded.views[0].camera.width == (found.recipe.width or SIZE[0])
+    assert presence.training + presence.test == count
+
+
+def test_a_whole_scene_is_complete(tmp_path: Path, write_scene: Callable[[Path, str, int], None]) -> None:
+    write_scene(tmp_path / "nerf_llff_data" / "orchids", "llff", 25)
+    presence = inspect(resolve("llff/orchids", tmp_path)[0])
+    assert (presence.state, presence.training, presence.test) == ("complete", 21, 4) and not presence.is_problem
+
+
+def test_what_cannot_be_read_is_said_with_the_reason(tmp_path: Path) -> None:
+    (tmp_path / "llff_room").mkdir()
+    presence = inspect(resolve("llff/room", tmp_path)[0])
+    assert presence.state == "unreadable" and presence.is_problem and "llff_room" in presence.detail
+
+
+def test_somebody_elses_scene_json_is_not_ours(tmp_path: Path) -> None:
+    (tmp_path / "scenes" / "other").mkdir(parents=True)
+    (tmp_path / "scenes" / "other" / "scene.json").write_text('{"schema": "something else"}')
+    assert cli.main(["make-dataset", "rendered/other", "--data-root", str(tmp_path)]) == 2
+
+
+def test_two_folders_of_one_name_are_one_scene(
+    tmp_path: Path, write_scene: Callable[[Path, str, int], None]
+) -> None:
+    for place in LIBRARY["rendered"].folders[:2]:
+        write_scene(tmp_path / place.replace("{scene}", "fence"), "nerfstudio", 9)
+    (scene,) = resolve("rendered", tmp_path)
+    assert scene.root == tmp_path / "scenes" / "fence"
+
+
+@pytest.mark.parametrize("given", ["option", "variable"])
+def test_the_command_lists_what_is_here_and_what_to_put_where(
+    tmp_path: Path, write_scene: Callable[[Path, str, int], None], capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch, given: str,
+) -> None:
+    write_scene(tmp_path / "nerf_llff_data" / "orchids", "llff", 25)
+    write_scene(tmp_path / "real_defocus_blur" / "defocussausage", "deblurnerf", COUNT)
+    monkeypatch.delenv("DOFBENCH_DATA", raising=False)
+    if given == "variable":
+        monkeypatch.setenv("DOFBENCH_DATA", str(tmp_path))
+    assert cli.main(["scenes", *(["--data-root", str(tmp_path)] if given == "option" else [])]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "llff/orchids complete 21 + 4 test, 504x378" in text
+    assert "dof-gaussian/orchids complete 21 + 4 test" in text
+    assert "deblur-nerf-real/sausage here 16 + 4 test, 528x396 its author agrees" in text
+    assert f"put nerf_llff_data/SCENE, llff/SCENE or llff_SCENE in {tmp_path}; from https://bmild" in text
+    assert "put the scenes of llff and tandt-db, as said there" in text
+    assert "left out: tandt-db/playroom: indoors" in text
+    assert "left out: bush" in text
+    assert f"put scenes/SCENE or rendered/SCENE in {tmp_path}; made by `dofbench make-scene all`" in text
+
+
+def test_the_command_without_a_data_root_lists_all_and_says_how_to_look(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DOFBENCH_DATA", raising=False)
+    assert cli.main(["scenes"]) == 0
+    text = capsys.readouterr().out
+    assert all(dataset.title in text for dataset in LIBRARY.values())
+    assert "--data-root DIR, or set DOFBENCH_DATA" in text and "absent" not in text
+
+
+def test_the_command_fails_when_something_here_is_not_whole(
+    tmp_path: Path, write_scene: Callable[[Path, str, int], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_scene(tmp_path / "nerf_llff_data" / "orchids", "llff", 24)
+    assert cli.main(["scenes", "--data-root", str(tmp_path)]) == 1
+    assert "incomplete" in capsys.readouterr().out
+    assert cli.main(["scenes", "--data-root", str(tmp_path / "nowhere")]) == 2
+
+
+def test_real_scenes_are_complete(real_data: Callable[[str], Path]) -> None:
+    root = real_data("llff_fern").parent
+    here = {found.scene.label: found for found in map(inspect, resolve("llff", root)) if found.state != "absent"}
+    assert {label: (found.state, found.training, found.test) for label, found in here.items()} == {
+        "llff/fern": ("complete", 17, 3), "llff/flower": ("complete", 29, 5),
+    }

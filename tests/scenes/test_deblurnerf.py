@@ -1,0 +1,89 @@
+"""Deblur-NeRF's layout: LLFF's poses, a marker hold=N, sharp photographs at 0, N, 2N, ... among blurred ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tolerances import POSE_ROUND_TRIP
+
+from dofbench import cli
+from dofbench.errors import InputError
+from dofbench.images import read_image
+from dofbench.scenes import load_scene
+from dofbench.scenes.export import write_colmap, write_poses_bounds
+
+COUNT, SIZE = 13, (96, 72)
+# Photographs of a camera, as the real scenes have them, and numbered copies.
+NAMES = [f"IMG_{4000 + 3 * index}.JPG" for index in range(COUNT)]
+SMALL = [f"IMG_{4000 + 3 * index}.png" for index in range(COUNT)]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, make_cameras: Callable, make_cloud: Callable, write_images: Callable) -> Path:
+    """images (PNG here: nothing depends on it), images_4, poses_bounds.npy, sparse/0, hold=6."""
+    root = tmp_path / "defocusseal"
+    cameras = make_cameras(COUNT, size=SIZE)
+    write_images(root / "images", SMALL, SIZE)
+    write_images(root / "images_4", SMALL, (24, 18))
+    write_poses_bounds(root / "poses_bounds.npy", cameras, np.tile([1.0, 9.0], (COUNT, 1)))
+    write_colmap(root, NAMES, cameras, make_cloud(cameras))
+    (root / "hold=6").touch()
+    return root
+
+
+def test_blurred_views_to_train_on_and_sharp_ones_to_test_with(folder: Path, make_cameras: Callable) -> None:
+    scene = load_scene(folder, layout="deblurnerf")
+    assert (scene.layout, scene.photographs) == ("deblurnerf", "shallow")
+    assert [view.name for view in scene.test_views()] == [Path(NAMES[index]).stem for index in (0, 6, 12)]
+    assert {(view.camera.width, view.camera.height) for view in scene.views} == {(24, 18)}, "factor 4"
+    for index, (view, camera) in enumerate(zip(scene.views, make_cameras(COUNT, size=SIZE), strict=True)):
+        assert view.source == folder / "images_4" / SMALL[index]
+        np.testing.assert_allclose(view.camera.world_to_camera, camera.world_to_camera, atol=POSE_ROUND_TRIP)
+
+
+def test_the_training_set_has_no_test_view_and_no_point_that_only_test_views_saw(
+    folder: Path, make_cameras: Callable, make_cloud: Callable
+) -> None:
+    scene = load_scene(folder, layout="deblurnerf")
+    training = scene.training_set()
+    names = [view.name for view in training.views]
+    assert names == [Path(name).stem for index, name in enumerate(NAMES) if index % 6]
+    assert np.array_equal(training.views[0].image, read_image(folder / "images_4" / SMALL[1]))
+    cloud = make_cloud(make_cameras(COUNT, size=SIZE))
+    seen = [track for track in cloud.views if any(view % 6 for view in track)]
+    assert len(training.points) == len(seen)
+    for found, given in zip(training.points.views, seen, strict=True):
+        assert [names[view] for view in found] == [Path(NAMES[view]).stem for view in given if view % 6]
+
+
+def test_sizes(folder: Path) -> None:
+    assert load_scene(folder, layout="deblurnerf", width=60).views[0].source.parent.name == "images"
+    assert load_scene(folder, layout="deblurnerf", images="images").views[0].camera.width == 96
+    for path in (folder / "images_4").iterdir():
+        path.unlink()
+    assert load_scene(folder, layout="deblurnerf").views[0].camera.width == 96
+
+
+def test_hold_is_never_guessed(folder: Path) -> None:
+    (folder / "hold=6").unlink()
+    with pytest.raises(InputError, match="no marker file hold=N and no hold"):
+        load_scene(folder, layout="deblurnerf")
+    assert len(load_scene(folder, layout="deblurnerf", hold=5).test_views()) == 3
+
+
+def test_it_is_not_found_out_by_itself(folder: Path) -> None:
+    scene = load_scene(folder)
+    assert (scene.layout, scene.photographs) == ("llff", "all-in-focus")
+
+
+def test_no_dataset_is_made_of_blurred_photographs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = folder.parent / "out"
+    assert cli.main(["make-dataset", str(folder), "--layout", "deblurnerf", "--out", str(out)]) == 2
+    # Called as one of the known scenes, it is known to be blurred.
+    assert cli.main(["make-dataset", str(folder), "--out", str(out)]) == 2
+    for line in capsys.readouterr().err.splitlines():
+        assert "photographs that are shallow already (deblurnerf), expected an all-in-focus scene" in line
+    assert not out.exists()
