@@ -11,7 +11,7 @@ from dofbench.errors import InputError
 from dofbench.images import image_size
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".exr")
-_HOLD = re.compile(r"hold=(\d+)")
+_HOLD = re.compile(r"hold ?= ?(\d+)")
 _SEVERAL = 3
 
 

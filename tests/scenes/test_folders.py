@@ -100,6 +100,9 @@ def test_hold_marker(tmp_path):
     assert marked_hold(tmp_path) is None
     (tmp_path / "hold=6").touch()
     assert marked_hold(tmp_path) == 6
+    # As DoF-Gaussian's instructions write it.
+    (tmp_path / "hold=6").rename(tmp_path / "hold = 6")
+    assert marked_hold(tmp_path) == 6
     (tmp_path / "hold=7").touch()
     with pytest.raises(InputError, match="2 marker files"):
         marked_hold(tmp_path)

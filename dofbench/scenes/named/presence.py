@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from dofbench.errors import InputError
+from dofbench.scenes.folders import marked_hold
 from dofbench.scenes.named.places import same_files
 from dofbench.scenes.named.scene import ResolvedScene
 
@@ -52,6 +53,10 @@ def inspect(scene: ResolvedScene) -> Presence:
     if scene.size is not None and scene.size != (camera.width, camera.height):
         expected = f"{scene.size[0]}x{scene.size[1]}"
         return Presence(scene, "different", f"{counted} in {scene.root}, expected {expected}", training, test)
+    marked = marked_hold(scene.root)
+    if scene.hold is not None and marked is not None and marked != scene.hold:
+        detail = f"a marker hold={marked} in {scene.root}, expected hold={scene.hold}"
+        return Presence(scene, "different", detail, training, test)
     if other := same_files(scene.root, scene.sha256):
         return Presence(scene, "different", f"{scene.root / other} has another checksum than recorded", training, test)
     return Presence(scene, "here" if scene.views is None else "complete", counted, training, test)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from dofbench import cli
+from dofbench.errors import InputError
 from dofbench.scenes.export import write_colmap, write_poses_bounds, write_transforms
 from dofbench.scenes.named import NamedDataset, named_datasets, resolve
 from dofbench.scenes.named.library import source_of
@@ -104,6 +105,17 @@ def test_a_whole_scene_is_complete(tmp_path: Path, write_scene: Callable[[Path, 
     assert (presence.state, presence.training, presence.test) == ("complete", 21, 4) and not presence.is_problem
 
 
+def test_a_marker_that_contradicts_is_said(tmp_path: Path, write_scene: Callable[[Path, str, int], None]) -> None:
+    root = tmp_path / "real_defocus_blur" / "defocuscups"
+    write_scene(root, "deblurnerf", COUNT)
+    (root / "hold=8").touch()
+    (scene,) = resolve("deblur-nerf-real/cups", tmp_path)
+    assert inspect(scene).state == "here"
+    (root / "hold=8").rename(root / "hold=6")
+    presence = inspect(scene)
+    assert presence.state == "different" and "hold=6" in presence.detail and "expected hold=8" in presence.detail
+
+
 def test_what_cannot_be_read_is_said_with_the_reason(tmp_path: Path) -> None:
     (tmp_path / "llff_room").mkdir()
     presence = inspect(resolve("llff/room", tmp_path)[0])
@@ -113,7 +125,9 @@ def test_what_cannot_be_read_is_said_with_the_reason(tmp_path: Path) -> None:
 def test_somebody_elses_scene_json_is_not_ours(tmp_path: Path) -> None:
     (tmp_path / "scenes" / "other").mkdir(parents=True)
     (tmp_path / "scenes" / "other" / "scene.json").write_text('{"schema": "something else"}')
-    assert cli.main(["make-dataset", "rendered/other", "--data-root", str(tmp_path)]) == 2
+    for text in ("rendered/other", "rendered"):
+        with pytest.raises(InputError, match="found none of it in"):
+            resolve(text, tmp_path)
 
 
 def test_two_folders_of_one_name_are_one_scene(
