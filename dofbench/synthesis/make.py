@@ -15,9 +15,8 @@ from dofbench.errors import InputError
 from dofbench.files import canonical_json, read_json, sha256_file, sha256_text, write_json
 from dofbench.images import read_exr, read_image, to_8bit, write_exr, write_png
 from dofbench.lens import DisparityRange
-from dofbench.scenes import load_scene
 from dofbench.scenes.folders import listed
-from dofbench.scenes.named import ResolvedScene, find_data_root, resolve
+from dofbench.scenes.named import Reading, ResolvedScene, find_data_root, resolve
 from dofbench.scenes.types import Scene, SceneView, Split
 from dofbench.synthesis import write
 from dofbench.synthesis.disparity import scene_range
@@ -49,17 +48,15 @@ def read_scene(found: ResolvedScene, settings: MakeDataset) -> tuple[Scene, Make
 
     Raises InputError also for photographs that are shallow already.
     """
-    reading = found.reading(
-        width=settings.width, images=settings.images, layout=settings.layout, hold=settings.hold
-    )
-    scene = replace(load_scene(found.root, **reading), name=found.name)
+    asked = Reading(width=settings.width, images=settings.images, layout=settings.layout, hold=settings.hold)
+    scene = found.load(**asked)
     if scene.photographs == "shallow":
         sharp = ", or --images f11 for the sharp ones of this scene" if scene.layout == "dofnerf" else ""
         raise InputError(
             found.root, f"photographs that are shallow already ({scene.layout})",
             f"an all-in-focus scene: these are to train on as they are{sharp}",
         )
-    return scene, replace(settings, scene=found.label, **reading)
+    return scene, replace(settings, scene=found.label, **found.reading(**asked))
 
 
 def default_folder(scene_name: str) -> Path:

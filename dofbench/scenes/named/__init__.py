@@ -3,10 +3,10 @@
 from dofbench.scenes.named.library import named_datasets
 from dofbench.scenes.named.places import find_data_root, scenes_of
 from dofbench.scenes.named.resolve import resolve
-from dofbench.scenes.named.scene import ResolvedScene
+from dofbench.scenes.named.scene import Reading, ResolvedScene
 from dofbench.scenes.named.schema import LeftOut, NamedDataset, NamedScene, Recipe
 
 __all__ = [
-    "LeftOut", "NamedDataset", "NamedScene", "Recipe", "ResolvedScene", "find_data_root", "named_datasets", "resolve",
-    "scenes_of",
+    "LeftOut", "NamedDataset", "NamedScene", "Reading", "Recipe", "ResolvedScene", "find_data_root", "named_datasets",
+    "resolve", "scenes_of",
 ]
