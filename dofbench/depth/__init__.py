@@ -6,26 +6,26 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-import numpy as np
-
+from dofbench.depth.estimate import DepthEstimate
 from dofbench.scenes.types import Scene, SceneView
 
-SourceId = Literal["given", "folder", "splat"]
+SourceId = Literal["given", "folder", "splat", "sfm", "onnx"]
 
 
 class DepthSource(Protocol):
-    """Depth of a scene's views."""
+    """Depth of a scene's views. confidence: what its confidence maps mean, in words."""
 
     id: SourceId
+    confidence: str
 
-    def depth(self, view: SceneView) -> np.ndarray:
-        """(H, W) float32 z-depth at the view's camera, scene units, 0 where unknown."""
+    def estimate(self, view: SceneView) -> DepthEstimate:
+        """Depth and confidence at the view's camera."""
 
     def provenance(self) -> dict[str, Any]:
         """How the depth was made, as plain data for a manifest."""
 
 
-def resolve(choice: Literal["auto", "given", "folder", "splat"], scene: Scene) -> SourceId:
+def resolve(choice: Literal["auto"] | SourceId, scene: Scene) -> SourceId:
     """The source that `choice` means for the scene: "auto" is the given depth if every view has it, else splat.
 
     Raises InputError for "given" when a view has no depth.
@@ -40,22 +40,31 @@ def resolve(choice: Literal["auto", "given", "folder", "splat"], scene: Scene) -
 
 
 def open_source(
-    source: SourceId, scene: Scene, *, steps: int, seed: int, work: Path,
+    source: SourceId, scene: Scene, *, steps: int, seed: int, work: Path, network: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> DepthSource:
     """Make the source ready for all views of the scene.
 
-    steps, seed: of the reconstruction behind "splat"; work: a folder that keeps it, so that it is
-    made once; progress: called with (step, steps) while it is made. Raises InputError when the scene
-    lacks what the source needs.
+    steps, seed: of the reconstruction behind "splat"; network: the file behind "onnx"; work: a folder
+    that keeps what takes long, so that it is made once; progress: called with (done, all) while it is
+    made. Raises InputError when the scene lacks what the source needs.
     """
-    if source != "splat":
-        from dofbench.depth.given import GivenDepth
+    if source == "splat":
+        from dofbench.depth.splat import SplatDepth
 
-        return GivenDepth(scene, source)
-    from dofbench.depth.splat import SplatDepth
+        return SplatDepth.make(scene, steps=steps, seed=seed, work=work, progress=progress)
+    if source == "sfm":
+        from dofbench.depth.sfm import SfmDepth
 
-    return SplatDepth.make(scene, steps=steps, seed=seed, work=work, progress=progress)
+        return SfmDepth(scene)
+    if source == "onnx":
+        from dofbench.depth.onnx import OnnxDepth
+
+        assert network is not None, "the source onnx needs a network"
+        return OnnxDepth.make(scene, network=network, work=work, progress=progress)
+    from dofbench.depth.given import GivenDepth
+
+    return GivenDepth(scene, source)
 
 
-__all__ = ["DepthSource", "SourceId", "open_source", "resolve"]
+__all__ = ["DepthEstimate", "DepthSource", "SourceId", "open_source", "resolve"]

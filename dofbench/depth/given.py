@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dofbench.depth import SourceId
+from dofbench.depth import DepthEstimate, SourceId
 from dofbench.errors import InputError
 from dofbench.scenes.depth_files import read_depth
 from dofbench.scenes.types import Scene, SceneView
@@ -50,12 +50,14 @@ def with_folder_depth(scene: Scene, folder: Path, unit: float) -> Scene:
 class GivenDepth:
     """The depth maps that the views have, their own or a folder's. Raises InputError when a view has none."""
 
+    confidence = "1 where the depth is known: nothing is known of its error"
+
     def __init__(self, scene: Scene, source: SourceId = "given"):
         self.id: SourceId = source
         require_depth(scene)
 
-    def depth(self, view: SceneView) -> np.ndarray:
-        """(H, W) float32 z-depth, scene units, 0 where unknown. Raises InputError for a map that can't be one."""
+    def estimate(self, view: SceneView) -> DepthEstimate:
+        """Depth, 0 where unknown, and confidence 1 where known. Raises InputError for a map that can't be one."""
         assert view.depth is not None
         depth = view.depth()
         subject = f"depth of {view.source}"
@@ -64,7 +66,7 @@ class GivenDepth:
             raise InputError(subject, f"shape {depth.shape}", f"{size}, as its image")
         if np.isnan(depth).any() or (depth < 0).any():
             raise InputError(subject, "NaN or negative values", "z-depth, 0 where unknown")
-        return depth.astype(np.float32, copy=False)
+        return DepthEstimate(depth.astype(np.float32, copy=False), (depth > 0).astype(np.float32))
 
     def provenance(self) -> dict[str, Any]:
         """Nothing to say but where it is from."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dofbench import gaussians
-from dofbench.depth import SourceId
+from dofbench.depth import DepthEstimate, SourceId
 from dofbench.scenes.types import Scene, SceneView
 
 
@@ -21,6 +21,7 @@ class SplatDepth:
     """Depth rendered from a trained reconstruction; 0 where it has no surface."""
 
     id: SourceId = "splat"
+    confidence = "accumulated opacity along the ray: how much of the pixel the reconstruction fills; it sees no other error"
 
     def __init__(self, reconstruction: gaussians.Reconstruction, provenance: dict[str, Any]):
         self._reconstruction, self._provenance = reconstruction, provenance
@@ -45,9 +46,11 @@ class SplatDepth:
         }
         return cls(reconstruction, provenance)
 
-    def depth(self, view: SceneView) -> np.ndarray:
-        """(H, W) float32 z-depth at the view's camera, scene units, 0 where nothing was reconstructed."""
-        return np.ascontiguousarray(self._reconstruction.depth(view.camera), dtype=np.float32)
+    def estimate(self, view: SceneView) -> DepthEstimate:
+        """Depth at the view's camera, 0 where nothing was reconstructed; confidence is the opacity."""
+        depth, alpha = self._reconstruction.depth_and_alpha(view.camera)
+        return DepthEstimate(np.ascontiguousarray(depth, dtype=np.float32),
+                             np.where(depth > 0, np.clip(alpha, 0, 1), 0).astype(np.float32))
 
     def provenance(self) -> dict[str, Any]:
         """Steps, seed and options of the training."""

@@ -36,15 +36,11 @@ class Reconstruction:
     def __init__(self, gaussians: Gaussians, options: TrainerOptions):
         self.gaussians, self._options = gaussians, options
 
-    def depth(self, camera: Camera) -> np.ndarray:
-        """(H, W) float32 z-depth in scene units, 0 where nothing was reconstructed."""
+    def depth_and_alpha(self, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+        """(H, W) float32 z-depth in scene units, 0 where nothing was reconstructed, and (H, W) accumulated opacity."""
         raster = rasterise(self.gaussians, camera, self._options, sh_degree=0)
-        known = raster.alpha.detach().numpy() > SURFACE_ALPHA
-        return np.where(known, raster.depth.detach().numpy(), np.float32(0))
-
-    def alpha(self, camera: Camera) -> np.ndarray:
-        """(H, W) float32 accumulated opacity, the depth's confidence."""
-        return rasterise(self.gaussians, camera, self._options, sh_degree=0, geometry="none").alpha.detach().numpy()
+        alpha = raster.alpha.detach().numpy()
+        return np.where(alpha > SURFACE_ALPHA, raster.depth.detach().numpy(), np.float32(0)), alpha
 
     def settings(self) -> Mapping[str, Any]:
         """The options that made it, for a manifest."""

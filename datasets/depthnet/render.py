@@ -1,0 +1,85 @@
+"""Render the training images of depthnet: many small rooms with exact depth, and table tops of other seeds.
+
+    python datasets/depthnet/render.py --out WORK/rooms --minutes 15
+
+Needs the extra `render` (mitsuba). One .npz a room: images (V, H, W, 3) uint8, encoded; depth (V, H, W) float16,
+scene units, 0 = no surface. Run again, it goes on with the rooms that are missing. Rooms from number 1000000 on are
+held out: no training seed reaches there.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rooms  # also puts the table top's maker on the path
+import tyro
+
+from dofbench.files import replacing
+from dofbench.images import encode, to_8bit
+
+path: Any = import_module("maker.path")
+props: Any = import_module("maker.props")
+render: Any = import_module("maker.render")
+
+WIDTH, HEIGHT = 256, 192
+TABLE_TOPS = 8   # every eighth room is a table top as the built-in scene, of another seed
+BANK_ROOMS = 24  # rooms that share one bank of textures
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What to render and where."""
+
+    out: Path
+    """Folder for the rooms."""
+    rooms: int = 1000
+    """Rooms at most."""
+    first: int = 0
+    """Number, and seed, of the first room; 1000000 for the held-out ones."""
+    views: int = 12
+    """Views a room."""
+    minutes: float = 15.0
+    """Stop after so long."""
+
+
+def main(settings: Settings) -> None:
+    """Render until the rooms or the minutes are used up."""
+    render.choose_variant()
+    start = time.perf_counter()
+    bank, banked = [], -1
+    for number in range(settings.first, settings.first + settings.rooms):
+        if time.perf_counter() - start > 60 * settings.minutes:
+            break
+        file = settings.out / f"{number:07d}.npz"
+        if file.is_file():
+            continue
+        if number % TABLE_TOPS == TABLE_TOPS - 1:
+            # Seed 0 is the built-in scene, which is for evaluation.
+            stage, seed = props.stage(1 + number), 1 + number
+            cameras = path.cameras(20, WIDTH, HEIGHT, seed)[: settings.views]
+        else:
+            if number // BANK_ROOMS != banked:
+                banked = number // BANK_ROOMS
+                bank = rooms.texture_bank(np.random.default_rng([banked, 7]), 2)
+            rng = np.random.default_rng([number, 11])
+            stage = rooms.room(rng, bank)
+            cameras = rooms.cameras(rng, settings.views, WIDTH, HEIGHT)
+        passes = render.load(stage)
+        images, depths = [], []
+        for index, camera in enumerate(cameras):
+            images.append(to_8bit(encode(render.colour(passes, camera, number + index, 9))))
+            depths.append(render.depth(passes, camera).astype(np.float16))
+        with replacing(file) as temporary:
+            np.savez_compressed(temporary, images=np.stack(images), depth=np.stack(depths))
+        done = number - settings.first + 1
+        if done % 10 == 0:
+            print(f"{done} rooms, {time.perf_counter() - start:.0f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Settings))

@@ -1,0 +1,137 @@
+"""Random rooms to train on: plain data for the built-in scene's renderer, with its textures and shapes.
+
+A room has a floor, perhaps walls, and things of every size at every distance. Nothing is where a network could learn to
+expect it, but that what is lower in the picture tends to be nearer.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dofbench.cameras import Camera
+
+# The built-in scene's maker stands in a folder of its own and is no package of dofbench.
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tabletop"))
+props: Any = import_module("maker.props")
+textures: Any = import_module("maker.textures")
+
+NEAREST, FARTHEST = 0.7, 14.0  # distance of things from the camera, scene units; spread evenly in its logarithm
+
+
+def texture_bank(rng: np.random.Generator, rounds: int) -> list[np.ndarray]:
+    """Some of every kind of texture, at sizes that render at about a texel a pixel."""
+    bank = []
+    for _ in range(rounds):
+        bank += [
+            textures.wood(rng, 384, 512, int(rng.integers(3, 12))), textures.bricks(rng, 384, 640, int(rng.integers(6, 22))),
+            textures.plaid(rng, 320, 320), textures.newspaper(rng, 512, 384), textures.cells(rng, 320, 448, int(rng.integers(15, 160))),
+            textures.relief(rng, 320, 448), textures.poster(rng, 448, 320), textures.quilt(rng, 320, 320, int(rng.integers(2, 8))),
+            textures.carton(rng, 384, 256), textures.marble(rng, 256, 512), textures.leaf(rng),
+            textures.label(rng, textures.some(rng), 192, 512),
+        ]
+        for slope in (0.6, 1.2, 2.0, 2.8):
+            low, high = textures.some(rng), tuple(rng.uniform(0.1, 0.95, 3))
+            noise = textures.fractal(rng, 256, 256, slope, float(rng.uniform(0.3, 3)))
+            bank.append(textures.finish(textures.mix(low, high, 0.5 + rng.uniform(0.1, 0.5) * noise)))
+    return bank
+
+
+def room(rng: np.random.Generator, bank: list[np.ndarray]) -> Any:
+    """A stage (maker/props.py) around the view along +y from about the origin; the floor is z = 0."""
+    things = [*_shell(rng, bank)]
+    for _ in range(int(rng.integers(6, 36))):
+        things.extend(_thing(rng, bank))
+    lamps = tuple(
+        props.Lamp(
+            (float(rng.uniform(-4, 4)), float(rng.uniform(-2, 6)), float(rng.uniform(2.5, 7))),
+            (float(rng.uniform(-1, 1)), float(rng.uniform(2, 6)), 0.3), side := float(rng.uniform(0.2, 2.5)),
+            float(rng.uniform(20, 70)) / side**2, samples=9,
+        )
+        for _ in range(int(rng.integers(0, 3)))
+    )
+    ambient = rng.uniform(0.15, 0.5) if lamps else rng.uniform(0.6, 1.2)
+    return props.Stage(tuple(things), lamps, props.Ambient(float(ambient), samples=16))
+
+
+def cameras(rng: np.random.Generator, count: int, width: int, height: int) -> list[Camera]:
+    """Cameras of any field of view, well apart, that look along +y more or less: compiling a room takes longest."""
+    found = []
+    for _ in range(count):
+        eye = np.array([rng.normal(0, 0.6), rng.uniform(-1.2, 1.5), rng.uniform(0.25, 2.2)])
+        focal = width * float(np.exp(rng.uniform(np.log(0.65), np.log(1.6))))
+        yaw, roll = rng.normal(0, 0.35), rng.normal(0, 0.04)
+        pitch = rng.uniform(-0.10, 0.55) * min(1.0, eye[2])  # downwards
+        forward = np.array([np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch), -np.sin(pitch)])
+        right = np.cross(forward, (0, 0, 1.0))
+        right /= np.linalg.norm(right)
+        down = np.cross(forward, right)
+        right, down = np.cos(roll) * right + np.sin(roll) * down, np.cos(roll) * down - np.sin(roll) * right
+        pose = np.eye(4)
+        pose[:3, :3] = [right, down, forward]
+        pose[:3, 3] = -pose[:3, :3] @ eye
+        found.append(Camera(width, height, focal, focal, width / 2, height / 2, pose))
+    return found
+
+
+def _shell(rng: np.random.Generator, bank: list[np.ndarray]) -> Iterator[Any]:
+    """Floor, back wall, side walls, each of which may be missing; the floor is rarely."""
+    if rng.random() < 0.93:
+        yield props.Prop(props.quad((-20, -4, 0), (40, 0, 0), (0, 34, 0)), _tiled(rng, bank, 4))
+    wall = float(np.exp(rng.uniform(np.log(3.0), np.log(25.0))))
+    slant = float(rng.normal(0, 0.25))
+    if rng.random() < 0.85:
+        height = float(rng.uniform(2, 9))
+        yield props.Prop(props.quad((-20, wall - 20 * slant, -1), (40, 40 * slant, 0), (0, 0, height + 1)), _tiled(rng, bank, 3))
+    for side in (-1, 1):
+        if rng.random() < 0.35:
+            x = side * float(rng.uniform(1.2, 5))
+            yield props.Prop(props.quad((x, -4, 0), (0, wall + 8, 0), (0, 0, float(rng.uniform(1, 6)))), _tiled(rng, bank, 3))
+
+
+def _tiled(rng: np.random.Generator, bank: list[np.ndarray], repeats: int) -> Any:
+    """A texture for something large: repeated, or one plain colour, as walls often are."""
+    if rng.random() < 0.2:
+        return tuple(float(v) for v in rng.uniform(0.2, 0.9, 3))
+    picture = bank[int(rng.integers(len(bank)))]
+    count = int(rng.integers(1, repeats + 1))
+    return np.tile(picture, (count, count, 1))
+
+
+def _thing(rng: np.random.Generator, bank: list[np.ndarray]) -> Iterator[Any]:
+    """One thing at a random distance: it stands on the floor, or floats."""
+    y = float(np.exp(rng.uniform(np.log(NEAREST), np.log(FARTHEST))))
+    x = float(rng.uniform(-0.75, 0.75)) * y
+    size = float(np.exp(rng.uniform(np.log(0.06), np.log(0.55)))) * (0.5 + 0.5 * y)
+    base = 0.0 if rng.random() < 0.7 else float(rng.uniform(0, 0.5 * y + 0.8))
+    paint = tuple(float(v) for v in rng.uniform(0.1, 0.9, 3)) if rng.random() < 0.25 else bank[int(rng.integers(len(bank)))]
+    finish = "glossy" if rng.random() < 0.12 else "matt"
+    turn = float(rng.uniform(0, 180))
+    kind = rng.choice(["box", "ball", "post", "sheet", "grass", "rods"], p=[0.32, 0.2, 0.16, 0.16, 0.08, 0.08])
+    if kind == "box":
+        w, d, h = size * rng.uniform(0.4, 1.6, 3)
+        yield props.Prop(props.box(x, y, (w, d, h), turn, base), paint, finish)
+    elif kind == "ball":
+        yield props.Prop(props.Sphere((x, y, base + 0.5 * size), 0.5 * size, turn), paint, finish)
+    elif kind == "post":
+        height, radius = size * float(rng.uniform(0.8, 4)), size * float(rng.uniform(0.05, 0.4))
+        yield props.Prop(props.Tube((x, y, base), (x, y, base + height), radius, turn), paint, finish)
+        yield props.Prop(props.lid(x, y, base + height, radius), paint)
+    elif kind == "sheet":
+        right, up = rng.normal(0, 1, 3), rng.normal(0, 1, 3)
+        right, up = size * right / np.linalg.norm(right), size * up / np.linalg.norm(up)
+        yield props.Prop(props.quad((x, y, base + 0.5 * size), right, up), paint)
+    elif kind == "grass":
+        for angle in rng.uniform(0, 2 * np.pi, int(rng.integers(4, 12))):
+            lean = (float(0.4 * size * np.cos(angle)), float(0.4 * size * np.sin(angle)))
+            root = (x + 0.1 * size * np.cos(angle), y + 0.1 * size * np.sin(angle), base)
+            yield props.Prop(props.blade(root, lean, 1.5 * size, 0.05 * size, float(rng.uniform(-1, 1))), paint)
+    else:
+        for offset in np.linspace(-0.5, 0.5, int(rng.integers(3, 7))):
+            at = (x + float(offset) * size, y, base)
+            yield props.Prop(props.Tube(at, (at[0], at[1], base + size), 0.02 * size), paint)

@@ -1,0 +1,114 @@
+"""A network's map to disparity in scene units: a robust scale and shift from the sparse points.
+
+Where the network gives disparity, disparity = scale * output + shift. Where it gives depth, depth = scale * output +
+shift, and an error of depth counts divided by the squared depth, which to first order is its error in disparity.
+Started by least median of squares (Rousseeuw, 1984), so that up to half of the points may be wrong, then least squares
+reweighted until it rests (Geman-McClure).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+ENOUGH = 12             # points that a view needs for a scale and shift of its own
+TRIALS = 256            # pairs of points that are tried for the start
+_ROUNDS = 30
+_MAD = 1.4826           # standard deviation of a normal distribution by its median absolute deviation
+_OUTLIER = 2.5          # of these a residual may be and still be called an inlier
+
+Output = Literal["disparity", "depth"]
+Freedom = Literal["scale-shift", "scale", "none"]
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """scale, shift: of the network's output. inliers: share of the points. residual: median, in disparity.
+
+    shared: found from all views together, since this one had too few points.
+    """
+
+    scale: float
+    shift: float
+    inliers: float
+    residual: float
+    shared: bool = False
+
+    def disparity(self, output: np.ndarray, meaning: Output) -> np.ndarray:
+        """Disparity, 1 / scene unit, of a map; of depth that is not positive, infinite."""
+        aligned = self.scale * output.astype(np.float64) + self.shift
+        if meaning == "disparity":
+            return aligned
+        return np.divide(1.0, aligned, out=np.full(aligned.shape, np.inf), where=aligned > 0)
+
+
+UNALIGNED = Alignment(1.0, 0.0, 1.0, 0.0)
+
+
+def fit(
+    output: np.ndarray, disparity: np.ndarray, weight: np.ndarray, meaning: Output, freedom: Freedom
+) -> Alignment | None:
+    """The alignment of the network's output (M,) with the points' disparity (M,), or None where there is none.
+
+    weight: (M,), 0 ... 1. There is none with fewer than `ENOUGH` points, or when more than half of
+    the trials, or the result, say that what is nearer is farther (scale <= 0).
+    """
+    if len(output) < ENOUGH:
+        return None
+    columns = _columns(output, disparity, meaning, freedom)
+    start = _least_median(columns, disparity)
+    if start is None:
+        return None
+    parameters = _reweighted(columns, disparity, weight, start)
+    if parameters is None or parameters[0] <= 0:
+        return None
+    residual = np.abs(disparity - columns @ parameters)
+    middle = float(np.median(residual))
+    inliers = float(np.mean(residual <= _OUTLIER * _MAD * max(middle, 1e-12)))
+    shift = float(parameters[1]) if len(parameters) > 1 else 0.0
+    return Alignment(float(parameters[0]), shift, inliers, middle)
+
+
+def _columns(output: np.ndarray, disparity: np.ndarray, meaning: Output, freedom: Freedom) -> np.ndarray:
+    """(M, 1 or 2): what scale and shift multiply so that the product is the points' disparity, to first order."""
+    if meaning == "disparity":
+        columns = [output, np.ones_like(output)]
+    else:
+        # (z - scale * d - shift) / z^2 = 1/z - (scale * d + shift) / z^2
+        columns = [output * disparity**2, disparity**2]
+    return np.stack(columns[: 2 if freedom == "scale-shift" else 1], axis=1)
+
+
+def _least_median(columns: np.ndarray, target: np.ndarray) -> np.ndarray | None:
+    """Parameters with the smallest median residual among those that single points, or pairs, determine."""
+    generator = np.random.default_rng(0)
+    count = columns.shape[1]
+    chosen = generator.integers(0, len(target), (TRIALS, count))
+    systems, sides = columns[chosen], target[chosen]
+    whole = np.abs(np.linalg.det(systems)) > 1e-12 * np.abs(systems).max() ** count
+    if not whole.any():
+        return None
+    tried = np.linalg.solve(systems[whole], sides[whole][..., None])[..., 0]
+    tried = tried[tried[:, 0] > 0]
+    if len(tried) * 2 < whole.sum():
+        return None
+    residual = np.median(np.abs(target - tried @ columns.T), axis=1)
+    return tried[int(np.argmin(residual))]
+
+
+def _reweighted(columns: np.ndarray, target: np.ndarray, weight: np.ndarray, start: np.ndarray) -> np.ndarray | None:
+    parameters = start
+    smallest = 1e-6 * float(np.abs(target).max())
+    for _ in range(_ROUNDS):
+        residual = target - columns @ parameters
+        scale = max(_OUTLIER * _MAD * float(np.median(np.abs(residual))), smallest)
+        root = np.sqrt(weight) / (1 + (residual / scale) ** 2)
+        found, _, rank, _ = np.linalg.lstsq(columns * root[:, None], target * root, rcond=None)
+        if rank < columns.shape[1]:
+            return None
+        if np.allclose(found, parameters, rtol=1e-9, atol=0.0):
+            return found
+        parameters = found
+    return parameters

@@ -1,0 +1,110 @@
+"""The structure-from-motion points that a view saw: where in the image, at which disparity, how trustworthy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dofbench.cameras import Camera
+from dofbench.contracts import PointCloud
+from dofbench.errors import InputError
+from dofbench.scenes.types import Scene
+
+# A reprojection error this many times the scene's median speaks of a wrong match.
+_WORST_ERROR = 4.0
+# A sighting that agrees with none of its nearest neighbours, to this share of the disparities' range, stands alone.
+_NEIGHBOURS, _AGREEMENT = 8, 0.15
+# Reprojection error at which a sighting weighs half of what an exact one does, as a multiple of the scene's median.
+_HALF_WEIGHT = 1.0
+# Disparities below this share of the points' 1st percentile are raised to it, and those above so many times their 99th
+# are cut: nothing is nearly so far, or so near.
+_FLOOR_SHARE, _CEILING_SHARE = 0.1, 10.0
+CLIPPED = (
+    f"share of disparities below {_FLOOR_SHARE:g} of the points' 1st percentile, which were raised to it, or above "
+    f"{_CEILING_SHARE:g} times their 99th, which were cut"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """xy: (M, 2) image coordinates, pixels. disparity: (M,) 1 / scene unit. weight: (M,), 0 ... 1.
+
+    rejected: number of sightings that were left out as outliers.
+    """
+
+    xy: np.ndarray
+    disparity: np.ndarray
+    weight: np.ndarray
+    rejected: int
+
+    def __len__(self) -> int:
+        return len(self.disparity)
+
+    def scaled(self, factor_x: float, factor_y: float) -> Sightings:
+        """The same sightings in an image resized by the factors."""
+        return Sightings(self.xy * (factor_x, factor_y), self.disparity, self.weight, self.rejected)
+
+
+@dataclass(frozen=True, eq=False)
+class SceneSightings:
+    """Sightings of all views, by view name.
+
+    extent: range of the disparities, 5th to 95th percentile. floor, ceiling: the smallest and the
+    largest disparity that depth is made of. All 1 / scene unit.
+    """
+
+    by_view: dict[str, Sightings]
+    extent: float
+    floor: float
+    ceiling: float
+
+
+def scene_sightings(scene: Scene, need: str) -> SceneSightings:
+    """The points that each view saw, by their tracks, without outliers.
+
+    A point that a view's image could show but whose track doesn't name the view is left out: it may
+    be hidden there. need: what asks for them, for the message. Raises InputError when the scene has
+    no points, no tracks, or no sighting inside any image.
+    """
+    points = scene.points
+    if points is None or len(points) == 0:
+        raise InputError(scene.root, "no sparse points", f"points of structure from motion for {need}")
+    if points.views is None:
+        raise InputError(scene.root, "points without tracks", f"the views that saw each point, for {need}")
+    seen = np.concatenate(points.views) if len(points.views) else np.empty(0, dtype=np.int64)
+    which = np.repeat(np.arange(len(points)), [len(track) for track in points.views])
+    known = points.error[np.isfinite(points.error)]
+    usual = float(np.median(known)) if known.size else 0.0
+    by_view = {
+        view.name: _of_view(points, view.camera, which[seen == index], usual) for index, view in enumerate(scene.views)
+    }
+    disparity = np.concatenate([found.disparity for found in by_view.values()])
+    if disparity.size == 0:
+        raise InputError(scene.root, "no point inside an image that saw it", f"sightings for {need}")
+    least, low, high, most = (float(value) for value in np.percentile(disparity, [1, 5, 95, 99]))
+    return SceneSightings(by_view, max(high - low, 1e-3 * high), _FLOOR_SHARE * least, _CEILING_SHARE * most)
+
+
+def _of_view(points: PointCloud, camera: Camera, chosen: np.ndarray, usual: float) -> Sightings:
+    xy, depth = camera.project(points.xyz[chosen])
+    error = np.nan_to_num(points.error[chosen].astype(np.float64), nan=usual)
+    with np.errstate(invalid="ignore"):
+        inside = (depth > 0) & (xy >= 0).all(axis=1) & (xy[:, 0] < camera.width) & (xy[:, 1] < camera.height)
+    xy, disparity, error = xy[inside], 1.0 / depth[inside], error[inside]
+    good = (error <= _WORST_ERROR * usual) if usual > 0 else np.ones(len(error), dtype=bool)
+    good &= ~_alone(xy, disparity)
+    weight = 1.0 / (1.0 + (error / (_HALF_WEIGHT * usual)) ** 2) if usual > 0 else np.ones(len(error))
+    return Sightings(xy[good], disparity[good], weight[good], int((~good).sum()))
+
+
+def _alone(xy: np.ndarray, disparity: np.ndarray) -> np.ndarray:
+    """Sightings (M,) bool whose disparity no neighbour in the image comes near."""
+    if len(disparity) <= _NEIGHBOURS:
+        return np.zeros(len(disparity), dtype=bool)
+    from scipy.spatial import cKDTree
+
+    _, index = cKDTree(xy).query(xy, k=_NEIGHBOURS + 1)
+    low, high = np.percentile(disparity, [5, 95])
+    nearest = np.abs(disparity[index[:, 1:]] - disparity[:, None]).min(axis=1)
+    return nearest > _AGREEMENT * (high - low) + 1e-9 * high
