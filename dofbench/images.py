@@ -89,6 +89,11 @@ def write_png(path: Path, image: np.ndarray, *, bits: int = 8) -> None:
     _write(path, pixels, "uint8", {"png:compressionLevel": 6})
 
 
+def write_grey_png(path: Path, values: np.ndarray) -> None:
+    """Write (H, W) values in [0, 1] as PNG of one channel, 8 bit, atomically; the same values give the same bytes."""
+    _write(path, to_8bit(values)[..., None], "uint8", {"png:compressionLevel": 6})
+
+
 def write_exr(path: Path, values: np.ndarray, *, half: bool = False) -> None:
     """Write (H, W) or (H, W, 3) float values as EXR (zip), atomically. (H, W) becomes channel Z."""
     names = ["Z"] if values.ndim == 2 else ["R", "G", "B"]

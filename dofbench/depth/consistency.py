@@ -23,7 +23,7 @@ _PIXELS = 12_000        # of a view that are compared with each neighbour, on a 
 AGREEMENT = 0.05        # relative difference of disparity up to which two views agree
 _LEAST = 0.02           # share of the pixels that must be comparable for a pair to say anything
 # A view is off when its difference is beyond any doubt, or clearly beyond its peers'.
-WORST, PEERS, UNREMARKABLE = 0.2, 4.0, 0.03
+WORST, PEERS, UNREMARKABLE = 0.2, 4.0, 0.02
 
 
 @dataclass(frozen=True)

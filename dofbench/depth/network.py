@@ -14,11 +14,13 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError,
 
 from dofbench.content import content_folder
 from dofbench.errors import InputError
+from dofbench.files import sha256_file
 from dofbench.images import resize
 
 Preset = Literal["depth-pro", "depth-anything-v2", "midas"]
 Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
+_EXPECTED = 'a description of the network, such as preset = "midas"'
 _IMAGENET = {"mean": (0.485, 0.456, 0.406), "std": (0.229, 0.224, 0.225)}
 # What the published networks ask for. A side file's own values win over its preset's.
 PRESETS: dict[str, dict[str, Any]] = {
@@ -107,16 +109,23 @@ def side_file(network: Path) -> Path:
     return network.with_name(f"{network.name}.toml")
 
 
+def network_digest(network: Path) -> dict[str, str]:
+    """What a network is, by content: sha256 of it and of its side file. Raises InputError when that is missing."""
+    beside = side_file(network)
+    if not beside.is_file():
+        raise InputError(beside, "no such file", _EXPECTED)
+    return {"name": network.name, "sha256": sha256_file(network), "description_sha256": sha256_file(beside)}
+
+
 def read_description(network: Path) -> Description:
     """Read the side file of a network. Raises InputError, one line, when it is missing or wrong."""
     path = side_file(network)
-    expected = 'a description of the network, such as preset = "midas"'
     try:
         values = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError:
-        raise InputError(path, "no such file", expected) from None
+        raise InputError(path, "no such file", _EXPECTED) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(path, f"no TOML ({error})", expected) from None
+        raise InputError(path, f"no TOML ({error})", _EXPECTED) from None
     try:
         return Description.model_validate(values)
     except ValidationError as error:
@@ -124,7 +133,7 @@ def read_description(network: Path) -> Description:
             f"{'.'.join(map(str, problem['loc'])) or 'file'}: {problem['msg'].removeprefix('Value error, ')}"
             for problem in error.errors()
         )
-        raise InputError(path, problems, expected) from None
+        raise InputError(path, problems, _EXPECTED) from None
 
 
 class Network:

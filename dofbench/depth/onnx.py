@@ -13,11 +13,11 @@ import numpy as np
 from dofbench.depth import SourceId
 from dofbench.depth.align import ENOUGH, UNALIGNED, Alignment, fit
 from dofbench.depth.estimate import DepthEstimate, clipped, trust
-from dofbench.depth.network import Network, sampled, side_file
+from dofbench.depth.network import Network, network_digest, sampled, side_file
 from dofbench.depth.sfm import spread_around
 from dofbench.depth.sightings import CLIPPED, SceneSightings, Sightings, scene_sightings
 from dofbench.errors import InputError
-from dofbench.files import replacing, sha256_file
+from dofbench.files import replacing
 from dofbench.scenes.types import Scene, SceneView
 
 # What a view is worth that was aligned by the others' points, and one that nothing was compared with.
@@ -104,7 +104,7 @@ class OnnxDepth:
         return {
             "from": "a monocular depth network, aligned to the sparse points" if self._sightings is not None
             else "a monocular depth network in scene units",
-            "network": {"name": file.name, "sha256": sha256_file(file), "description_sha256": sha256_file(side_file(file))},
+            "network": network_digest(file),
             "description": description.model_dump(mode="json", exclude_none=True),
             "scale, shift": f"of the network's output, which is {description.output}, to scene units; shared 1: found "
             f"from all views together, as this one saw fewer than {ENOUGH} points that agree",

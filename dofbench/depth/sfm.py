@@ -18,7 +18,7 @@ _REACH = 0.05  # share of the image width at which a point's word counts half, a
 
 
 class SfmDepth:
-    """Completed depth. Raises InputError for a scene without points or tracks."""
+    """Completed depth. Raises InputError for a scene without points."""
 
     id: SourceId = "sfm"
     confidence = (
@@ -28,7 +28,7 @@ class SfmDepth:
 
     def __init__(self, scene: Scene):
         self._sightings = scene_sightings(scene, "--depth sfm")
-        self._root = scene.root
+        self._root, self._tracks = scene.root, scene.points is not None and scene.points.views is not None
 
     def estimate(self, view: SceneView) -> DepthEstimate:
         """Depth everywhere, from the points that the view saw. Raises InputError for a view that saw none."""
@@ -50,7 +50,8 @@ class SfmDepth:
     def provenance(self) -> dict[str, Any]:
         """What the numbers of each view mean."""
         return {
-            "from": "sparse points with tracks, completed along the edges of the image (dofbench/depth/completion.py)",
+            "from": "sparse points, completed along the edges of the image (dofbench/depth/completion.py)",
+            "seen": "by the points' tracks" if self._tracks else "without tracks: not behind the points around",
             "points": "of the view, outliers left out; rejected: those; doubted: of the points, by the completion",
             "median_residual": "of the points against the surface, as a share of the range of the points' disparities",
             "clipped": CLIPPED,

@@ -10,6 +10,7 @@ from dofbench.cameras import Camera
 from dofbench.contracts import PointCloud
 from dofbench.errors import InputError
 from dofbench.scenes.types import Scene
+from dofbench.scenes.visibility import hidden
 
 # A reprojection error this many times the scene's median speaks of a wrong match.
 _WORST_ERROR = 4.0
@@ -61,36 +62,40 @@ class SceneSightings:
 
 
 def scene_sightings(scene: Scene, need: str) -> SceneSightings:
-    """The points that each view saw, by their tracks, without outliers.
+    """The points that each view saw, without outliers.
 
-    A point that a view's image could show but whose track doesn't name the view is left out: it may
-    be hidden there. need: what asks for them, for the message. Raises InputError when the scene has
-    no points, no tracks, or no sighting inside any image.
+    With tracks, those whose track names the view: another may be hidden there. Without, those inside
+    the image that are not behind most of the points around them. need: what asks for them, for the
+    message. Raises InputError when the scene has no points, or no sighting inside any image.
     """
     points = scene.points
     if points is None or len(points) == 0:
         raise InputError(scene.root, "no sparse points", f"points of structure from motion for {need}")
-    if points.views is None:
-        raise InputError(scene.root, "points without tracks", f"the views that saw each point, for {need}")
-    seen = np.concatenate(points.views) if len(points.views) else np.empty(0, dtype=np.int64)
-    which = np.repeat(np.arange(len(points)), [len(track) for track in points.views])
     known = points.error[np.isfinite(points.error)]
     usual = float(np.median(known)) if known.size else 0.0
-    by_view = {
-        view.name: _of_view(points, view.camera, which[seen == index], usual) for index, view in enumerate(scene.views)
-    }
+    by_view = {view.name: _of_view(points, view.camera, _tracked(points, index), usual)
+               for index, view in enumerate(scene.views)}
     disparity = np.concatenate([found.disparity for found in by_view.values()])
     if disparity.size == 0:
-        raise InputError(scene.root, "no point inside an image that saw it", f"sightings for {need}")
+        raise InputError(scene.root, "no sparse point that any view sees", f"some for {need}")
     least, low, high, most = (float(value) for value in np.percentile(disparity, [1, 5, 95, 99]))
     return SceneSightings(by_view, max(high - low, 1e-3 * high), _FLOOR_SHARE * least, _CEILING_SHARE * most)
 
 
+def _tracked(points: PointCloud, view: int) -> np.ndarray:
+    """Indices of the points that may be sightings of view number `view`: all of them where there are no tracks."""
+    if points.views is None:
+        return np.arange(len(points))
+    return np.flatnonzero(np.fromiter((view in track for track in points.views), dtype=bool, count=len(points)))
+
+
 def _of_view(points: PointCloud, camera: Camera, chosen: np.ndarray, usual: float) -> Sightings:
     xy, depth = camera.project(points.xyz[chosen])
-    error = np.nan_to_num(points.error[chosen].astype(np.float64), nan=usual)
     with np.errstate(invalid="ignore"):
         inside = (depth > 0) & (xy >= 0).all(axis=1) & (xy[:, 0] < camera.width) & (xy[:, 1] < camera.height)
+    if points.views is None:
+        inside[inside] = ~hidden(xy[inside], depth[inside], camera.width)
+    error = np.nan_to_num(points.error[chosen].astype(np.float64), nan=usual)
     xy, disparity, error = xy[inside], 1.0 / depth[inside], error[inside]
     good = (error <= _WORST_ERROR * usual) if usual > 0 else np.ones(len(error), dtype=bool)
     good &= ~_alone(xy, disparity)

@@ -10,11 +10,7 @@ from torch import Tensor
 
 from dofbench.cameras import Camera
 from dofbench.contracts import PointCloud
-
-_NEIGHBOURS = 12       # points around a point that may hide it
-_RADIUS_SHARE = 0.03   # how far away they may be, as a share of the image width
-_HIDDEN_RATIO = 0.85   # a neighbour this much nearer counts as being in front
-_HIDING_SHARE = 0.5    # hidden when at least this share of the neighbours is in front
+from dofbench.scenes.visibility import hidden
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,24 +36,14 @@ def sparse_depth(points: PointCloud, camera: Camera, view: int) -> SparseDepth:
         tracked = np.fromiter((view in track for track in points.views), dtype=bool, count=len(points))
         seen &= tracked
     chosen = np.nonzero(seen)[0]
-    if points.views is None and len(chosen) > _NEIGHBOURS:
-        chosen = chosen[~_hidden(xy[chosen], depth[chosen], _RADIUS_SHARE * camera.width)]
+    if points.views is None:
+        chosen = chosen[~hidden(xy[chosen], depth[chosen], camera.width)]
     pixels = xy[chosen].astype(np.int64)
     return SparseDepth(
         rows=torch.from_numpy(pixels[:, 1].copy()),
         columns=torch.from_numpy(pixels[:, 0].copy()),
         depth=torch.from_numpy(depth[chosen].astype(np.float32)),
     )
-
-
-def _hidden(xy: np.ndarray, depth: np.ndarray, radius: float) -> np.ndarray:
-    from scipy.spatial import cKDTree
-
-    distance, index = cKDTree(xy).query(xy, k=_NEIGHBOURS + 1, distance_upper_bound=radius)
-    valid = np.isfinite(distance[:, 1:])
-    neighbours = np.append(depth, np.inf)[index[:, 1:]]
-    in_front = (neighbours < _HIDDEN_RATIO * depth[:, None]) & valid
-    return in_front.sum(axis=1) >= np.maximum(1, _HIDING_SHARE * valid.sum(axis=1))
 
 
 def all_disparities(points: PointCloud, cameras: list[Camera]) -> np.ndarray:

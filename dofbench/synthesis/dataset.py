@@ -149,6 +149,12 @@ class Dataset:
         """True z-depth: (H, W) float32, scene units, 0 where unknown."""
         return read_exr(write.depth_path(self.folder, _name(view)))
 
+    def confidence(self, view: DatasetView | str) -> np.ndarray | None:
+        """Confidence of the depth: (H, W) float32, 0 unknown ... 1 certain; None in datasets from before there was any.
+        """
+        path = write.confidence_path(self.folder, _name(view))
+        return read_image(path)[..., 0] if path.is_file() else None
+
     def training_set(self, inputs: Inputs = "shallow") -> TrainingSet:
         """All that a method may see: training photographs, cameras, points; no lens, no depth, no test view.
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from dofbench import __version__, depth
 from dofbench.depth.given import with_folder_depth
+from dofbench.depth.network import find_network, network_digest
 from dofbench.errors import InputError
 from dofbench.files import canonical_json, read_json, sha256_file, sha256_text, write_json
 from dofbench.images import read_exr, read_image, to_8bit, write_exr, write_png
@@ -19,7 +20,7 @@ from dofbench.scenes.folders import listed
 from dofbench.scenes.named import Reading, ResolvedScene, find_data_root, resolve
 from dofbench.scenes.types import Scene, SceneView, Split
 from dofbench.synthesis import write
-from dofbench.synthesis.disparity import scene_range
+from dofbench.synthesis.depth_record import make_depth
 from dofbench.synthesis.plan import Plan, deal_plan, draw_plan
 from dofbench.synthesis.progress import Progress
 from dofbench.synthesis.render import Blur, shallow_image, view_record
@@ -68,15 +69,17 @@ def make(settings: MakeDataset, progress: Progress) -> Path:
     """Make the dataset, or finish it, or find that it is complete; returns its folder. See `make_dataset`."""
     found = find_scene(settings)
     scene, settings = read_scene(found, settings)
-    kind, folder = settings.depth_source
-    if folder is not None:
-        scene = with_folder_depth(scene, folder, settings.depth_unit)
+    kind, place = settings.depth_source
+    network = find_network(str(place)) if kind == "onnx" else None
+    if kind == "folder" and place is not None:
+        scene = with_folder_depth(scene, place, settings.depth_unit)
     plan = _assigned([(view.name, view.split) for view in scene.views], settings)
     source_id = depth.resolve(kind, scene)
-    source = _source_record(scene, with_depth=source_id != "splat")
+    source = _source_record(scene, with_depth=source_id in ("given", "folder"))
     identity = Identity(
         rest=sha256_text(canonical_json({
             "settings": settings.recipe(), "depth": source_id, "plan": plan.hash, "dofbench": __version__,
+            **({} if network is None else {"network": network_digest(network)}),
             "source": source.model_dump(mode="json", exclude={"images"}, exclude_none=True),
         })),
         images={image.view: image.sha256 for image in source.images}, own_depth=source_id in ("given", "folder"),
@@ -87,9 +90,9 @@ def make(settings: MakeDataset, progress: Progress) -> Path:
             progress.finished(out, "up to date")
             return out
         _all_in_focus(scene, out, progress)
-        depth_record = _depth(scene, source_id, settings, out, progress)
+        depth_record, disparity_range = make_depth(scene, source_id, network, settings, out, progress)
         blur = Blur(
-            disparity_range=_disparity_range(scene, out), per_view=settings.normaliser == "view",
+            disparity_range=disparity_range, per_view=settings.normaliser == "view",
             gamma=settings.gamma, alpha=settings.alpha, shape=settings.aperture_shape, energy=settings.energy,
             renderer=settings.renderer, layers=settings.layers, sensor=settings.sensor, bits=settings.bits,
         )
@@ -150,41 +153,6 @@ def _encoded(view: SceneView) -> np.ndarray:
     if not np.isfinite(image).all() or image.min() < 0 or image.max() > 1:
         raise InputError(view.source, f"values from {image.min():g} to {image.max():g}", "an encoded image in [0, 1]")
     return to_8bit(image)
-
-
-def _depth(
-    scene: Scene, source_id: depth.SourceId, settings: MakeDataset, out: Path, progress: Progress
-) -> DepthRecord:
-    paths = [write.depth_path(out, view.name) for view in scene.views]
-    kept = out / WORK / DEPTH_RECORD
-    if kept.is_file() and all(path.is_file() for path in paths):
-        return DepthRecord.model_validate(read_json(kept))
-    if source_id != "splat":
-        source = depth.open_source(source_id, scene, steps=settings.depth_steps, seed=settings.seed, work=out / WORK)
-    else:
-        with progress.stage("reconstruction", settings.depth_steps) as advance:
-            source = depth.open_source(
-                source_id, scene, steps=settings.depth_steps, seed=settings.seed, work=out / WORK,
-                progress=lambda step, steps: advance(step),
-            )
-    with progress.stage("depth", len(paths)) as advance:
-        for index, (view, path) in enumerate(zip(scene.views, paths, strict=True)):
-            if not path.is_file():
-                write_exr(path, source.depth(view))
-            advance(index + 1)
-    record = DepthRecord(source=source.id, provenance=source.provenance())
-    write_json(kept, record.model_dump(mode="json"))
-    return record
-
-
-def _disparity_range(scene: Scene, out: Path) -> DisparityRange:
-    def maps() -> Iterator[np.ndarray]:
-        return (read_exr(write.depth_path(out, view.name)) for view in scene.views)
-
-    try:
-        return scene_range(maps)
-    except ValueError:
-        raise InputError(scene.root, "no pixel of known depth in any view", "depth to blur by") from None
 
 
 def _near_far(scene: Scene, out: Path, disparity_range: DisparityRange) -> np.ndarray:

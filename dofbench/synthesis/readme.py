@@ -18,6 +18,8 @@ _DEPTH_TEXT = {
     "given": "the scene's own depth maps",
     "folder": "depth maps of another program",
     "splat": "a Gaussian reconstruction of all all-in-focus views (settings in dataset.json)",
+    "sfm": "sparse points, completed along the edges of the image",
+    "onnx": "a monocular depth network (named in dataset.json), aligned to sparse points",
 }
 
 _TEXT = """\
@@ -42,6 +44,7 @@ Running it again on the same scene gives the same bytes. `dofbench check` compar
 | `images_linear/VIEW.exr` | the same in linear light, before encoding and rounding, {linear} |
 | `all_in_focus/VIEW.png` | the original at this size, encoded, 8 bit: the truth for all-in-focus renders |
 | `depth/VIEW.exr` | z-depth in scene units, float32, 0 where unknown; from {depth} |
+| `confidence/VIEW.png` | how far to trust that, 8 bit: 0 unknown, 255 certain; what it is: `depth` in `dataset.json` |
 | `lens.json` | aperture and focus of every view, and what they refer to |
 | `transforms.json` | cameras, split and depth in nerfstudio's layout (OpenGL axes) |
 | `poses_bounds.npy` | the same cameras in LLFF's layout |

@@ -125,11 +125,43 @@ class SourceRecord(_Record):
     geometry: str = Checksum
 
 
-class DepthRecord(_Record):
-    """Where the depth came from, and how it was made."""
+class ConsistencyRecord(_Record):
+    """How far a view's depth agrees with its neighbours', as `dofbench.depth.consistency.Consistency`."""
 
-    source: Literal["given", "folder", "splat"]
+    neighbours: tuple[str, ...]
+    compared: FiniteFloat
+    consistent: FiniteFloat
+    difference: FiniteFloat
+    bias: FiniteFloat
+    coc_px: FiniteFloat
+
+
+class DepthViewRecord(_Record):
+    """One view's depth. known: share of its pixels. confidence: mean over those, and the share of them above 1/2.
+
+    statistics: the source's own numbers, whose meaning the provenance gives. consistency: absent where
+    no other view sees enough of the same.
+    """
+
+    view: str
+    known: FiniteFloat = Field(ge=0, le=1)
+    confidence: FiniteFloat = Field(ge=0, le=1)
+    confident: FiniteFloat = Field(ge=0, le=1)
+    statistics: dict[str, FiniteFloat] = {}
+    consistency: ConsistencyRecord | None = None
+
+
+class DepthRecord(_Record):
+    """Where the depth came from, and how it was made.
+
+    confidence: what the maps in confidence/ mean. views: in name order. Both are absent from datasets
+    made before there were such maps.
+    """
+
+    source: Literal["given", "folder", "splat", "sfm", "onnx"]
     provenance: dict
+    confidence: str | None = None
+    views: tuple[DepthViewRecord, ...] = ()
 
 
 class FileRecord(_Record):

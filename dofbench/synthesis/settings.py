@@ -15,7 +15,7 @@ from dofbench.lens import ALPHA, GAMMA, LAYERS, ApertureShape, Energy, Renderer
 from dofbench.synthesis.plan import Values
 from dofbench.synthesis.sensor import Sensor
 
-DepthSource = Literal["auto", "given", "folder", "splat"]
+DepthSource = Literal["auto", "given", "folder", "splat", "sfm", "onnx"]
 Normaliser = Literal["scene", "view"]
 Assign = Literal["per-view", "fixed", "held-out", "continuous"]
 Bits = Literal[8, 16]
@@ -46,8 +46,9 @@ class MakeDataset:
     """Every hold-th view, from the first, is a test view; without it, the named dataset's or the scene's own, or 8."""
 
     depth: str = "auto"
-    """Where depth comes from: the scene (given), maps of z-depth in a folder (folder:DIR), a reconstruction (splat), or
-    given if there is any, else splat (auto)."""
+    """Where depth comes from: the scene (given), maps of z-depth in a folder (folder:DIR), a reconstruction (splat), its
+    sparse points (sfm), a monocular network aligned to them (onnx:FILE with FILE.toml beside it, or the shipped
+    onnx:depthnet), or given if there is any, else splat (auto)."""
 
     depth_unit: float = 1.0
     """Scene units per unit of the maps of --depth folder:DIR."""
@@ -151,12 +152,13 @@ class MakeDataset:
 
     @property
     def depth_source(self) -> tuple[DepthSource, Path | None]:
-        """The source's kind, and the folder of "folder". Raises InputError for anything else."""
-        kind, _, folder = self.depth.partition(":")
-        if kind == "folder" and folder:
-            return "folder", Path(folder)
-        if self.depth not in ("auto", "given", "splat"):
-            raise InputError("--depth", repr(self.depth), "auto, given, splat or folder:DIR")
+        """The source's kind, and the folder of "folder" or the network of "onnx". Raises InputError for anything else.
+        """
+        kind, _, place = self.depth.partition(":")
+        if kind in ("folder", "onnx") and place:
+            return kind, Path(place)
+        if self.depth not in ("auto", "given", "splat", "sfm"):
+            raise InputError("--depth", repr(self.depth), "auto, given, splat, sfm, onnx:FILE or folder:DIR")
         return self.depth, None
 
     @property
@@ -214,9 +216,9 @@ class MakeDataset:
 
     @property
     def _depth_name(self) -> str:
-        # Where the folder is doesn't decide the content: what is in it does, and the manifest's source holds that.
-        kind, folder = self.depth_source
-        return kind if folder is None else f"folder:{folder.name}"
+        # Where the folder or the network is doesn't decide the content: what is in it does, and the identity holds that.
+        kind, place = self.depth_source
+        return kind if place is None else f"{kind}:{place.name}"
 
     def recipe(self) -> dict[str, object]:
         """Everything that decides the dataset's content, as plain data: no path, nothing of this machine."""

@@ -13,6 +13,7 @@ from dofbench.images import decode, encode, read_exr, read_image, to_8bit
 from dofbench.lens import LAYERS, Lens
 from dofbench.synthesis import write
 from dofbench.synthesis.dataset import Dataset
+from dofbench.synthesis.depth_record import check_depth
 from dofbench.synthesis.disparity import disparity_of
 from dofbench.synthesis.plan import PlannedView
 from dofbench.synthesis.render import Blur, shallow_image, view_record
@@ -27,7 +28,8 @@ def check_dataset(folder: Path) -> list[str]:
     """Everything wrong with a dataset folder, one line each; empty when it is what it says.
 
     Every file is read and compared with its checksum; the lens of every view is computed again; a
-    part of the most blurred view is blurred again: scattered in float64, or by the renderer named.
+    part of the most blurred view is blurred again: scattered in float64, or by the renderer named; the
+    depth of every view is compared with its neighbours'.
     Raises InputError only when there is no manifest to check against.
     """
     folder = Path(folder)
@@ -41,10 +43,10 @@ def check_dataset(folder: Path) -> list[str]:
     if problems:
         return problems
     try:
-        Dataset.load(folder)
+        dataset = Dataset.load(folder)
     except InputError as error:
         return [str(error)]
-    return _check_blur(folder, lenses)
+    return [*_check_blur(folder, lenses), *check_depth(dataset)]
 
 
 def blurred_again(
@@ -99,7 +101,7 @@ def _check_files(folder: Path, manifest: Manifest) -> list[str]:
     found = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
     problems += [f"{name}: not in {MANIFEST}" for name in sorted(found - manifest.files.keys() - {MANIFEST})]
     names = [image.view for image in manifest.source.images]
-    expected = set(write.expected_files(folder, names))
+    expected = set(write.expected_files(folder, names, manifest.depth))
     problems += [f"{name}: not listed in {MANIFEST}" for name in sorted(expected - manifest.files.keys() - found)]
     return problems
 

@@ -120,10 +120,13 @@ def _drop_outdated(root: Path, identity: Identity, before: Mapping[str, str]) ->
         write.sharp_path(root, view).unlink(missing_ok=True)
     if changed and not identity.own_depth:
         for path in (root / WORK).iterdir():
-            if path.name != _STATE:
+            if path.is_dir():
+                shutil.rmtree(path)
+            elif path.name != _STATE:
                 path.unlink()
         for view in identity.images:
             write.depth_path(root, view).unlink(missing_ok=True)
+            write.confidence_path(root, view).unlink(missing_ok=True)
         changed = list(identity.images)
     for view in changed:
         write.linear_path(root, view).unlink(missing_ok=True)

@@ -37,6 +37,7 @@ from dofbench.synthesis.sheet import SheetRow, choose_rows, contact_sheet
 SHEET, README = "contact_sheet.png", "README.md"
 TRANSFORMS, POSES_BOUNDS, SPARSE = "transforms.json", "poses_bounds.npy", "sparse/0"
 _SHALLOW, _LINEAR, _SHARP, _DEPTH = "images/{}.png", "images_linear/{}.exr", "all_in_focus/{}.png", "depth/{}.exr"
+_CONFIDENCE = "confidence/{}.png"
 
 
 def shallow_path(root: Path, name: str) -> Path:
@@ -59,8 +60,13 @@ def depth_path(root: Path, name: str) -> Path:
     return root / _DEPTH.format(name)
 
 
+def confidence_path(root: Path, name: str) -> Path:
+    """The confidence of the view's depth, 8 bit: 0 unknown ... 255 certain."""
+    return root / _CONFIDENCE.format(name)
+
+
 def relative(place: Callable[[Path, str], Path], name: str) -> str:
-    """A view's file, by one of the four functions above, relative to the dataset's folder."""
+    """A view's file, by one of the functions above, relative to the dataset's folder."""
     return place(Path(), name).as_posix()
 
 
@@ -96,9 +102,13 @@ def readme(
     write_text(root / README, readme_text(scene, settings, depth, records, notes))
 
 
-def expected_files(root: Path, names: Sequence[str]) -> list[str]:
-    """Names, relative to the folder, of all files of a dataset of these views but the manifest; sorted."""
-    views = [pattern.format(name) for name in names for pattern in (_SHALLOW, _LINEAR, _SHARP, _DEPTH)]
+def expected_files(root: Path, names: Sequence[str], depth: DepthRecord) -> list[str]:
+    """Names, relative to the folder, of all files of a dataset of these views but the manifest; sorted.
+
+    depth: says whether there are confidence maps, which older datasets have not.
+    """
+    patterns = [_SHALLOW, _LINEAR, _SHARP, _DEPTH, *([_CONFIDENCE] if depth.views else [])]
+    views = [pattern.format(name) for name in names for pattern in patterns]
     model = [path.relative_to(root).as_posix() for path in (root / SPARSE).iterdir()]
     return sorted([*views, *model, LENS_FILE, POSES_BOUNDS, TRANSFORMS, SHEET, README])
 
@@ -109,7 +119,7 @@ def manifest(
     """Write dataset.json over all files there, which makes the dataset complete."""
     files = {
         file: FileRecord(sha256=sha256_file(root / file), size=(root / file).stat().st_size)
-        for file in expected_files(root, [image.view for image in source.images])
+        for file in expected_files(root, [image.view for image in source.images], depth)
     }
     record = Manifest(
         schema=SCHEMA, version=VERSION, name=name, dofbench=__version__,

@@ -42,7 +42,7 @@ def test_every_format_gives_the_same_map(tmp_path, name, write, unit):
     write(tmp_path / name, DEPTH)
     scene = with_folder_depth(SCENE, tmp_path, unit)
     source = open_source("folder", scene, steps=1, seed=0, work=tmp_path)
-    np.testing.assert_allclose(source.depth(scene.views[0]), DEPTH, rtol=FLOAT32_SCALAR)
+    np.testing.assert_allclose(source.estimate(scene.views[0]).depth, DEPTH, rtol=FLOAT32_SCALAR)
     assert source.id == "folder" and "folder" in source.provenance()["from"]
 
 
@@ -81,7 +81,7 @@ def test_a_map_of_another_size_is_refused(tmp_path):
     np.save(tmp_path / "v0.npy", DEPTH.T)
     scene = with_folder_depth(SCENE, tmp_path, 1.0)
     with pytest.raises(InputError, match="shape"):
-        open_source("folder", scene, steps=1, seed=0, work=tmp_path).depth(scene.views[0])
+        open_source("folder", scene, steps=1, seed=0, work=tmp_path).estimate(scene.views[0])
 
 
 def test_a_folder_must_be_there(tmp_path):

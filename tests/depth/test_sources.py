@@ -41,7 +41,9 @@ def test_auto_takes_given_depth_only_where_every_view_has_it():
 def test_given_depth_is_passed_on(tmp_path):
     there = scene(PLANE)
     source = open_source("given", there, steps=1, seed=0, work=tmp_path)
-    np.testing.assert_array_equal(source.depth(there.views[0]), PLANE)
+    estimate = source.estimate(there.views[0])
+    np.testing.assert_array_equal(estimate.depth, PLANE)
+    np.testing.assert_array_equal(estimate.confidence, np.ones_like(PLANE))
     assert source.id == "given" and source.provenance()
 
 
@@ -51,7 +53,7 @@ def test_given_depth_is_passed_on(tmp_path):
 def test_given_depth_that_can_be_none(tmp_path, wrong, word):
     there = scene(wrong)
     with pytest.raises(InputError, match=word):
-        open_source("given", there, steps=1, seed=0, work=tmp_path).depth(there.views[0])
+        open_source("given", there, steps=1, seed=0, work=tmp_path).estimate(there.views[0])
 
 
 class FakeReconstruction:
@@ -60,8 +62,9 @@ class FakeReconstruction:
     def __init__(self, z: float):
         self.z = z
 
-    def depth(self, camera: Camera) -> np.ndarray:
-        return np.full((camera.height, camera.width), self.z, np.float32)
+    def depth_and_alpha(self, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+        size = (camera.height, camera.width)
+        return np.full(size, self.z, np.float32), np.full(size, 0.75, np.float32)
 
     def settings(self):
         return {"made": "up"}
@@ -89,7 +92,9 @@ def test_a_reconstruction_is_made_once(monkeypatch, tmp_path):
     for _ in range(2):
         source = open_source("splat", there, steps=7, seed=5, work=tmp_path / "work",
                              progress=lambda step, steps: told.append((step, steps)))
-        assert source.depth(there.views[1]).tolist() == np.full((3, 4), 3.0).tolist()
+        estimate = source.estimate(there.views[1])
+        assert estimate.depth.tolist() == np.full((3, 4), 3.0).tolist()
+        assert estimate.confidence.tolist() == np.full((3, 4), 0.75).tolist()
         assert source.provenance()["steps"] == 7 and source.provenance()["options"] == {"made": "up"}
     assert calls == [(2, 7, 5)] and told == [(7, 7)]
 

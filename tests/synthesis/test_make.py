@@ -61,6 +61,7 @@ def test_the_folder_is_as_the_conventions_say(dataset_folder, contents):
     expected |= {f"sparse/0/{name}.bin" for name in ("cameras", "images", "points3D")}
     for name in VIEWS:
         expected |= {f"images/{name}.png", f"images_linear/{name}.exr", f"all_in_focus/{name}.png", f"depth/{name}.exr"}
+        expected |= {f"confidence/{name}.png"}
     assert contents(dataset_folder).keys() == expected
     manifest = json.loads((dataset_folder / "dataset.json").read_text())
     assert manifest["files"].keys() == expected - {"dataset.json"}
@@ -216,10 +217,11 @@ def test_llff_scene_with_depth_from_a_reconstruction(real_data, monkeypatch, tmp
 
     class Plane:
         id = "splat"
+        confidence = "none"
 
-        def depth(self, view):
-            row = np.linspace(20, 60, view.camera.width, dtype=np.float32)
-            return np.tile(row, (view.camera.height, 1))
+        def estimate(self, view):
+            plane = np.full((view.camera.height, view.camera.width), 40.0, np.float32)
+            return depth.DepthEstimate(plane, np.ones_like(plane))
 
         def provenance(self):
             return {"from": "a plane"}

@@ -1,0 +1,136 @@
+"""Depth into a dataset: maps, confidence, what the manifest says of them, and whether the views agree."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from dofbench import depth
+from dofbench.cameras import Camera
+from dofbench.contracts import PointCloud
+from dofbench.depth.consistency import PEERS, UNREMARKABLE, WORST, Consistency, consistencies, views_off
+from dofbench.errors import InputError
+from dofbench.files import read_json, write_json
+from dofbench.images import read_exr, write_exr, write_grey_png
+from dofbench.lens import DisparityRange
+from dofbench.scenes.types import Scene, SceneView
+from dofbench.synthesis import write
+from dofbench.synthesis.dataset import Dataset
+from dofbench.synthesis.disparity import scene_range
+from dofbench.synthesis.progress import Progress
+from dofbench.synthesis.schema import ConsistencyRecord, DepthRecord, DepthViewRecord
+from dofbench.synthesis.settings import MakeDataset
+from dofbench.synthesis.work import DEPTH_RECORD, WORK
+
+_VIEWS = "depth"  # folder in the work folder: what is known of each finished view
+_PREPARATION = {"splat": "reconstruction", "onnx": "network"}
+
+
+def make_depth(
+    scene: Scene, source_id: depth.SourceId, network: Path | None, settings: MakeDataset, out: Path,
+    progress: Progress,
+) -> tuple[DepthRecord, DisparityRange]:
+    """Write depth and confidence of every view; returns their record and the disparity range of all views.
+
+    What an earlier run finished is kept. Raises InputError when the source can't give the depth, or no pixel is known.
+    """
+    kept = out / WORK / DEPTH_RECORD
+    if kept.is_file() and all(_files_there(out, view) for view in scene.views):
+        record = DepthRecord.model_validate(read_json(kept))
+        if record.views:
+            return record, _range(scene, out)
+    steps = settings.depth_steps if source_id == "splat" else len(scene.views)
+    stage = progress.stage(_PREPARATION[source_id], steps) if source_id in _PREPARATION else nullcontext()
+    with stage as prepared:
+        source = depth.open_source(
+            source_id, scene, steps=settings.depth_steps, seed=settings.seed, work=out / WORK, network=network,
+            progress=None if prepared is None else lambda done, _: prepared(done),
+        )
+    found = []
+    with progress.stage("depth", len(scene.views)) as advance:
+        for index, view in enumerate(scene.views):
+            found.append(_one_view(source, view, out))
+            advance(index + 1)
+    disparity_range = _range(scene, out)
+    with progress.stage("consistency", len(scene.views)) as advance:
+        agreement = consistencies(
+            [view.name for view in scene.views], [view.camera for view in scene.views],
+            lambda index: read_exr(write.depth_path(out, scene.views[index].name)), scene.points, disparity_range,
+            advance,
+        )
+    record = DepthRecord(
+        source=source.id, provenance=source.provenance(), confidence=source.confidence,
+        views=tuple(one.model_copy(update={"consistency": _consistency_record(agrees)})
+                    for one, agrees in zip(found, agreement, strict=True)),
+    )
+    write_json(kept, record.model_dump(mode="json"))
+    return record, disparity_range
+
+
+def check_depth(dataset: Dataset) -> list[str]:
+    """The views of a dataset whose depth disagrees with their neighbours', one line each.
+
+    Computed from the maps, not read from the manifest, so that older datasets are checked too.
+    """
+    found = _agreement(dataset)
+    usual = [one.difference for one in found if one is not None]
+    problems = []
+    for index in views_off(found):
+        one = found[index]
+        assert one is not None
+        problems.append(
+            f"{write.relative(write.depth_path, dataset.views[index].name)}: disparity differs by {one.difference:.1%} "
+            f"(median; signed {one.bias:+.1%}) from the neighbouring views', where {np.median(usual):.1%} is usual here; "
+            f"expected under {WORST:.0%}, and under {PEERS:g} times the usual or {UNREMARKABLE:.0%}"
+        )
+    return problems
+
+
+def _agreement(dataset: Dataset) -> Sequence[Consistency | None]:
+    cameras: list[Camera] = [view.camera for view in dataset.views]
+    points: PointCloud | None = dataset.points
+    return consistencies(
+        [view.name for view in dataset.views], cameras, lambda index: dataset.depth(dataset.views[index]), points,
+        dataset.disparity_range,
+    )
+
+
+def _files_there(out: Path, view: SceneView) -> bool:
+    return write.depth_path(out, view.name).is_file() and write.confidence_path(out, view.name).is_file()
+
+
+def _one_view(source: depth.DepthSource, view: SceneView, out: Path) -> DepthViewRecord:
+    """Estimate a view's depth and write it, or take what an earlier run left: its record is written last."""
+    noted = out / WORK / _VIEWS / f"{view.name}.json"
+    if noted.is_file() and _files_there(out, view):
+        return DepthViewRecord.model_validate(read_json(noted))
+    estimate = source.estimate(view)
+    known = estimate.depth > 0
+    confidence = np.where(known, estimate.confidence, 0)
+    write_exr(write.depth_path(out, view.name), estimate.depth)
+    write_grey_png(write.confidence_path(out, view.name), confidence)
+    record = DepthViewRecord(
+        view=view.name, known=float(known.mean()), statistics=estimate.statistics,
+        confidence=float(confidence[known].mean(dtype=np.float64)) if known.any() else 0.0,
+        confident=float((confidence[known] > 0.5).mean()) if known.any() else 0.0,
+    )
+    write_json(noted, record.model_dump(mode="json"))
+    return record
+
+
+def _consistency_record(found: Consistency | None) -> ConsistencyRecord | None:
+    return None if found is None else ConsistencyRecord(**asdict(found))
+
+
+def _range(scene: Scene, out: Path) -> DisparityRange:
+    def maps() -> Iterator[np.ndarray]:
+        return (read_exr(write.depth_path(out, view.name)) for view in scene.views)
+
+    try:
+        return scene_range(maps)
+    except ValueError:
+        raise InputError(scene.root, "no pixel of known depth in any view", "depth to blur by") from None
