@@ -29,9 +29,12 @@ def texture_bank(rng: np.random.Generator, rounds: int) -> list[np.ndarray]:
     bank = []
     for _ in range(rounds):
         bank += [
-            textures.wood(rng, 384, 512, int(rng.integers(3, 12))), textures.bricks(rng, 384, 640, int(rng.integers(6, 22))),
-            textures.plaid(rng, 320, 320), textures.newspaper(rng, 512, 384), textures.cells(rng, 320, 448, int(rng.integers(15, 160))),
-            textures.relief(rng, 320, 448), textures.poster(rng, 448, 320), textures.quilt(rng, 320, 320, int(rng.integers(2, 8))),
+            textures.wood(rng, 384, 512, int(rng.integers(3, 12))),
+            textures.bricks(rng, 384, 640, int(rng.integers(6, 22))),
+            textures.plaid(rng, 320, 320), textures.newspaper(rng, 512, 384),
+            textures.cells(rng, 320, 448, int(rng.integers(15, 160))),
+            textures.relief(rng, 320, 448), textures.poster(rng, 448, 320),
+            textures.quilt(rng, 320, 320, int(rng.integers(2, 8))),
             textures.carton(rng, 384, 256), textures.marble(rng, 256, 512), textures.leaf(rng),
             textures.label(rng, textures.some(rng), 192, 512),
         ]
@@ -87,11 +90,13 @@ def _shell(rng: np.random.Generator, bank: list[np.ndarray]) -> Iterator[Any]:
     slant = float(rng.normal(0, 0.25))
     if rng.random() < 0.85:
         height = float(rng.uniform(2, 9))
-        yield props.Prop(props.quad((-20, wall - 20 * slant, -1), (40, 40 * slant, 0), (0, 0, height + 1)), _tiled(rng, bank, 3))
+        sheet = props.quad((-20, wall - 20 * slant, -1), (40, 40 * slant, 0), (0, 0, height + 1))
+        yield props.Prop(sheet, _tiled(rng, bank, 3))
     for side in (-1, 1):
         if rng.random() < 0.35:
             x = side * float(rng.uniform(1.2, 5))
-            yield props.Prop(props.quad((x, -4, 0), (0, wall + 8, 0), (0, 0, float(rng.uniform(1, 6)))), _tiled(rng, bank, 3))
+            sheet = props.quad((x, -4, 0), (0, wall + 8, 0), (0, 0, float(rng.uniform(1, 6))))
+            yield props.Prop(sheet, _tiled(rng, bank, 3))
 
 
 def _tiled(rng: np.random.Generator, bank: list[np.ndarray], repeats: int) -> Any:
@@ -109,7 +114,8 @@ def _thing(rng: np.random.Generator, bank: list[np.ndarray]) -> Iterator[Any]:
     x = float(rng.uniform(-0.75, 0.75)) * y
     size = float(np.exp(rng.uniform(np.log(0.06), np.log(0.55)))) * (0.5 + 0.5 * y)
     base = 0.0 if rng.random() < 0.7 else float(rng.uniform(0, 0.5 * y + 0.8))
-    paint = tuple(float(v) for v in rng.uniform(0.1, 0.9, 3)) if rng.random() < 0.25 else bank[int(rng.integers(len(bank)))]
+    plain = tuple(float(v) for v in rng.uniform(0.1, 0.9, 3))
+    paint = plain if rng.random() < 0.25 else bank[int(rng.integers(len(bank)))]
     finish = "glossy" if rng.random() < 0.12 else "matt"
     turn = float(rng.uniform(0, 180))
     kind = rng.choice(["box", "ball", "post", "sheet", "grass", "rods"], p=[0.32, 0.2, 0.16, 0.16, 0.08, 0.08])

@@ -19,7 +19,6 @@ import torch
 import tyro
 from network import MEAN, STD, DepthNet
 from torch import Tensor
-from torch.nn import functional
 
 from dofbench.files import replacing
 
@@ -125,7 +124,8 @@ class Rooms:
             pictures.append((_recoloured(rng, picture) - MEAN) / STD)
             targets.append(target)
         images = np.stack(pictures).transpose(0, 3, 1, 2).astype(np.float32)
-        return torch.from_numpy(images).contiguous(memory_format=torch.channels_last), torch.from_numpy(np.stack(targets)[:, None])
+        fed = torch.from_numpy(images).contiguous(memory_format=torch.channels_last)
+        return fed, torch.from_numpy(np.stack(targets)[:, None])
 
 
 def relative_loss(predicted: Tensor, disparity: Tensor) -> Tensor:

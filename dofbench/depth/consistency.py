@@ -1,9 +1,9 @@
 """Do the views agree on depth? Reprojection consistency of every view with a few neighbours.
 
 A pixel is lifted by its depth and projected into the neighbour, where the two disparities should be equal. Where the
-neighbour sees something nearer, that may be an occluder: it is if, lifted and projected back, it agrees with the first
-view too; then the pair says nothing about the pixel. Otherwise the views contradict each other. So a view whose depth is
-off by a factor cannot pass for one that is hidden everywhere.
+neighbour sees something nearer, that may be an occluder: it is if, lifted and projected back, it agrees with the
+first view too; then the pair says nothing about the pixel. Otherwise the views contradict each other. So a view
+whose depth is off by a factor cannot pass for one that is hidden everywhere.
 """
 
 from __future__ import annotations

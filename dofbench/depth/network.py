@@ -183,7 +183,8 @@ class Network:
         maps = [one for one in maps if one.ndim == 2 and min(one.shape) > 1]
         if len(maps) != 1:
             shapes = ", ".join(f"{name} {output.shape}" for name, output in zip(self._names, outputs, strict=True))
-            expected = "one map (height, width)" if not maps else f"one map: name it, tensor = ... in {side_file(self.file)}"
+            named = f"one map: name it, tensor = ... in {side_file(self.file)}"
+            expected = named if maps else "one map (height, width)"
             raise InputError(self.file, f"outputs {shapes} for view {view}", expected)
         values = maps[0].astype(np.float32)
         bad = int((~np.isfinite(values)).sum())

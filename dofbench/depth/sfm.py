@@ -22,8 +22,8 @@ class SfmDepth:
 
     id: SourceId = "sfm"
     confidence = (
-        "1 / (1 + (distance to the nearest trusted point / 5 % of the width)^2), times how well the points around agree "
-        "with the surface and how level it is: 1/2 each where they, or it, differ by 5 % of the scene's disparity range"
+        "1 / (1 + (distance to the nearest trusted point / 5 % of the width)^2), times how well the points around "
+        "agree with the surface and how level that is: 1/2 each for 5 % of the scene's disparity range"
     )
 
     def __init__(self, scene: Scene):
@@ -68,7 +68,8 @@ def spread_around(sightings: Sightings, values: np.ndarray, size: tuple[int, int
     rows = max(1, round(height * columns / width))
     x = np.clip(sightings.xy[:, 0] * columns / width, 0, columns - 1).astype(int)
     y = np.clip(sightings.xy[:, 1] * rows / height, 0, rows - 1).astype(int)
-    total, count = np.zeros((rows, columns)), np.zeros((rows, columns))
+    total: np.ndarray = np.zeros((rows, columns))
+    count: np.ndarray = np.zeros((rows, columns))
     np.add.at(total, (y, x), values**2)
     np.add.at(count, (y, x), 1.0)
     # A thousandth of a point everywhere carries the mean of all to where there is none.
@@ -92,7 +93,7 @@ def _support(sightings: Sightings, trusted: np.ndarray, size: tuple[int, int]) -
 
 
 def _unevenness(disparity: np.ndarray) -> np.ndarray:
-    """(H, W): standard deviation of the disparity within 1 % of the width: where it breaks, an edge may be elsewhere."""
+    """(H, W): standard deviation of the disparity within 1 % of the width: a break may be elsewhere."""
     side = 2 * round(0.01 * disparity.shape[1]) + 1
     offset = disparity - disparity.mean()
     mean, square = (cv2.blur(values, (side, side)) for values in (offset, offset**2))

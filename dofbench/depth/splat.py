@@ -21,7 +21,9 @@ class SplatDepth:
     """Depth rendered from a trained reconstruction; 0 where it has no surface."""
 
     id: SourceId = "splat"
-    confidence = "accumulated opacity along the ray: how much of the pixel the reconstruction fills; it sees no other error"
+    confidence = (
+        "accumulated opacity along the ray: how much of the pixel the reconstruction fills; it sees no other error"
+    )
 
     def __init__(self, reconstruction: gaussians.Reconstruction, provenance: dict[str, Any]):
         self._reconstruction, self._provenance = reconstruction, provenance

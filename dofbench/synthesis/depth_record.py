@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import nullcontext
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from dofbench import depth
-from dofbench.cameras import Camera
-from dofbench.contracts import PointCloud
 from dofbench.depth.consistency import PEERS, UNREMARKABLE, WORST, Consistency, consistencies, views_off
 from dofbench.errors import InputError
 from dofbench.files import read_json, write_json
@@ -44,12 +42,15 @@ def make_depth(
         if record.views:
             return record, _range(scene, out)
     steps = settings.depth_steps if source_id == "splat" else len(scene.views)
-    stage = progress.stage(_PREPARATION[source_id], steps) if source_id in _PREPARATION else nullcontext()
-    with stage as prepared:
-        source = depth.open_source(
-            source_id, scene, steps=settings.depth_steps, seed=settings.seed, work=out / WORK, network=network,
-            progress=None if prepared is None else lambda done, _: prepared(done),
-        )
+    opened = partial(
+        depth.open_source, source_id, scene, steps=settings.depth_steps, seed=settings.seed, work=out / WORK,
+        network=network,
+    )
+    if source_id in _PREPARATION:
+        with progress.stage(_PREPARATION[source_id], steps) as prepared:
+            source = opened(progress=lambda done, _: prepared(done))
+    else:
+        source = opened()
     found = []
     with progress.stage("depth", len(scene.views)) as advance:
         for index, view in enumerate(scene.views):
@@ -84,18 +85,16 @@ def check_depth(dataset: Dataset) -> list[str]:
         assert one is not None
         problems.append(
             f"{write.relative(write.depth_path, dataset.views[index].name)}: disparity differs by {one.difference:.1%} "
-            f"(median; signed {one.bias:+.1%}) from the neighbouring views', where {np.median(usual):.1%} is usual here; "
+            f"(median; signed {one.bias:+.1%}) from the neighbouring views', where {np.median(usual):.1%} is usual; "
             f"expected under {WORST:.0%}, and under {PEERS:g} times the usual or {UNREMARKABLE:.0%}"
         )
     return problems
 
 
 def _agreement(dataset: Dataset) -> Sequence[Consistency | None]:
-    cameras: list[Camera] = [view.camera for view in dataset.views]
-    points: PointCloud | None = dataset.points
     return consistencies(
-        [view.name for view in dataset.views], cameras, lambda index: dataset.depth(dataset.views[index]), points,
-        dataset.disparity_range,
+        [view.name for view in dataset.views], [view.camera for view in dataset.views],
+        lambda index: dataset.depth(dataset.views[index]), dataset.points, dataset.disparity_range,
     )
 
 

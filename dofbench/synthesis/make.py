@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from dofbench import __version__, depth
 from dofbench.depth.given import with_folder_depth
 from dofbench.depth.network import find_network, network_digest
 from dofbench.errors import InputError
-from dofbench.files import canonical_json, read_json, sha256_file, sha256_text, write_json
+from dofbench.files import canonical_json, sha256_file, sha256_text
 from dofbench.images import read_exr, read_image, to_8bit, write_exr, write_png
 from dofbench.lens import DisparityRange
 from dofbench.scenes.folders import listed
@@ -24,9 +23,9 @@ from dofbench.synthesis.depth_record import make_depth
 from dofbench.synthesis.plan import Plan, deal_plan, draw_plan
 from dofbench.synthesis.progress import Progress
 from dofbench.synthesis.render import Blur, shallow_image, view_record
-from dofbench.synthesis.schema import DepthRecord, SourceImage, SourceRecord, ViewRecord
+from dofbench.synthesis.schema import SourceImage, SourceRecord, ViewRecord
 from dofbench.synthesis.settings import MakeDataset
-from dofbench.synthesis.work import DEPTH_RECORD, WORK, Identity, finish, only_writer, prepare
+from dofbench.synthesis.work import Identity, finish, only_writer, prepare
 
 BUILT_IN = "tabletop"
 _BOUNDS = (0.1, 99.9)  # percentiles of depth that LLFF calls near and far

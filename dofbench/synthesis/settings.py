@@ -46,8 +46,8 @@ class MakeDataset:
     """Every hold-th view, from the first, is a test view; without it, the named dataset's or the scene's own, or 8."""
 
     depth: str = "auto"
-    """Where depth comes from: the scene (given), maps of z-depth in a folder (folder:DIR), a reconstruction (splat), its
-    sparse points (sfm), a monocular network aligned to them (onnx:FILE with FILE.toml beside it, or the shipped
+    """Where depth comes from: the scene (given), maps of z-depth in a folder (folder:DIR), a reconstruction (splat),
+    its sparse points (sfm), a monocular network aligned to them (onnx:FILE with FILE.toml beside it, or the shipped
     onnx:depthnet), or given if there is any, else splat (auto)."""
 
     depth_unit: float = 1.0
@@ -216,7 +216,7 @@ class MakeDataset:
 
     @property
     def _depth_name(self) -> str:
-        # Where the folder or the network is doesn't decide the content: what is in it does, and the identity holds that.
+        # Where the folder or the network is doesn't decide the content: what is in it does; the identity holds that.
         kind, place = self.depth_source
         return kind if place is None else f"{kind}:{place.name}"
 
