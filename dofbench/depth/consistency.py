@@ -33,7 +33,8 @@ class Consistency:
     compared: share of the view's known pixels that land on known depth of a neighbour, and aren't hidden there.
     consistent: share of those whose disparities differ by 5 % at most. difference: median relative
     difference of disparity; bias: its median with the sign, positive where this view says nearer;
-    coc_px: median difference as a CoC radius at A = 1, pixels. All are medians over the neighbours.
+    coc_px: median difference as a CoC radius at A = 1, pixels. They are those of the neighbour in the
+    middle by difference, or before the middle, so that a view isn't blamed for a neighbour that is off.
     """
 
     neighbours: tuple[str, ...]
@@ -111,6 +112,10 @@ class _Pair:
     relative: np.ndarray
     absolute: float
 
+    @property
+    def difference(self) -> float:
+        return float(np.median(np.abs(self.relative)))
+
 
 def _compare(camera: Camera, depth: np.ndarray, other: Camera, other_depth: np.ndarray) -> _Pair | None:
     height, width = depth.shape
@@ -165,17 +170,11 @@ def _summary(
 ) -> Consistency | None:
     if not said:
         return None
-    pairs = [pair for _, pair in said]
-    pixels = COC_FRACTION * width / disparity_range.extent
-
-    def middle(values: list[float]) -> float:
-        return float(np.median(values))
-
+    ordered = sorted((pair for _, pair in said), key=lambda pair: pair.difference)
+    typical = ordered[(len(ordered) - 1) // 2]
     return Consistency(
-        neighbours=tuple(names[other] for other, _ in said),
-        compared=middle([pair.compared for pair in pairs]),
-        consistent=middle([float((np.abs(pair.relative) <= AGREEMENT).mean()) for pair in pairs]),
-        difference=middle([float(np.median(np.abs(pair.relative))) for pair in pairs]),
-        bias=middle([float(np.median(pair.relative)) for pair in pairs]),
-        coc_px=pixels * middle([pair.absolute for pair in pairs]),
+        neighbours=tuple(names[other] for other, _ in said), compared=typical.compared,
+        consistent=float((np.abs(typical.relative) <= AGREEMENT).mean()), difference=typical.difference,
+        bias=float(np.median(typical.relative)),
+        coc_px=COC_FRACTION * width / disparity_range.extent * typical.absolute,
     )

@@ -18,7 +18,7 @@ _REACH = 0.05  # share of the image width at which a point's word counts half, a
 
 
 class SfmDepth:
-    """Completed depth. Raises InputError for a scene without points."""
+    """Completed depth. Raises InputError for a scene without points, or a view that saw none."""
 
     id: SourceId = "sfm"
     confidence = (
@@ -28,13 +28,15 @@ class SfmDepth:
 
     def __init__(self, scene: Scene):
         self._sightings = scene_sightings(scene, "--depth sfm")
-        self._root, self._tracks = scene.root, scene.points is not None and scene.points.views is not None
+        self._tracks = scene.points is not None and scene.points.views is not None
+        blind = [view.name for view in scene.views if len(self._sightings.by_view[view.name]) == 0]
+        if blind:
+            found = f"no sparse point that view {blind[0]} saw" + (f", nor {len(blind) - 1} more" if blind[1:] else "")
+            raise InputError(scene.root, found, "some in every view for --depth sfm")
 
     def estimate(self, view: SceneView) -> DepthEstimate:
-        """Depth everywhere, from the points that the view saw. Raises InputError for a view that saw none."""
+        """Depth everywhere, from the points that the view saw."""
         sightings = self._sightings.by_view[view.name]
-        if len(sightings) == 0:
-            raise InputError(self._root, f"no sparse point that view {view.name} saw", "some, for --depth sfm")
         completion = complete(view.image(), sightings, self._sightings.extent)
         disparity, outside = clipped(completion.disparity, self._sightings.floor, self._sightings.ceiling)
         trusted = completion.trusted > 0.5

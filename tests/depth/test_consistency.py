@@ -1,0 +1,101 @@
+"""Consistency between views on two planes, where what hides what is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tolerances import FLOAT64_VALUE
+
+from dofbench.cameras import Camera
+from dofbench.contracts import PointCloud
+from dofbench.depth.consistency import Consistency, consistencies, neighbours, views_off
+from dofbench.lens import DisparityRange
+
+WIDTH, HEIGHT, NEAR, FAR = 120, 90, 2.0, 6.0
+RANGE = DisparityRange(1 / FAR, 1 / NEAR)
+
+
+def camera(x: float) -> Camera:
+    pose = np.eye(4)
+    pose[0, 3] = -x
+    return Camera(WIDTH, HEIGHT, 100.0, 100.0, WIDTH / 2, HEIGHT / 2, pose)
+
+
+CAMERAS = [camera(0.15 * index) for index in range(6)]
+
+
+def planes(x: float) -> np.ndarray:
+    """z (H, W) from a camera at x: a near strip, world x from 0 to 0.8, in front of a far plane."""
+    at_near = (np.arange(WIDTH) + 0.5 - WIDTH / 2) / 100 * NEAR + x
+    return np.tile(np.where((at_near > 0) & (at_near < 0.8), NEAR, FAR), (HEIGHT, 1)).astype(np.float32)
+
+
+def found(maps: list[np.ndarray], points: PointCloud | None = None) -> list[Consistency | None]:
+    names = [f"v{index}" for index in range(len(maps))]
+    return consistencies(names, CAMERAS[: len(maps)], lambda index: maps[index], points, RANGE)
+
+
+MAPS = [planes(0.15 * index) for index in range(6)]
+
+
+def test_exact_depth_agrees_and_what_is_hidden_says_nothing():
+    for one in found(MAPS):
+        assert one is not None
+        assert one.difference < FLOAT64_VALUE and one.coc_px < FLOAT64_VALUE and one.bias == 0
+        # The strip's rims fall on the neighbouring pixel's other side: one of 120 columns each.
+        assert one.consistent > 0.97 and 0.7 < one.compared < 1
+    assert views_off(found(MAPS)) == []
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.05, 1.2, 3.0])
+def test_a_view_off_by_a_factor(factor):
+    maps = list(MAPS)
+    maps[2] = maps[2] * np.float32(factor)
+    agreement = found(maps)
+    assert views_off(agreement) == [2]
+    one = agreement[2]
+    # Relative to the mean of the two disparities, 1 / factor and 1.
+    assert one is not None and one.bias == pytest.approx(2 * (1 / factor - 1) / (1 / factor + 1), abs=0.01)
+    others = [value.difference for index, value in enumerate(agreement) if index != 2 and value is not None]
+    assert max(others) < FLOAT64_VALUE
+
+
+def test_swapped_views():
+    maps = list(MAPS)
+    maps[0], maps[5] = maps[5], np.flipud(maps[0] * np.linspace(0.9, 1.1, WIDTH, dtype=np.float32))
+    assert set(views_off(found(maps))) <= {0, 5} and 5 in views_off(found(maps))
+
+
+def test_the_difference_in_pixels_of_blur():
+    maps = [np.full((HEIGHT, WIDTH), 3.0, np.float32) for _ in CAMERAS]
+    maps[1] = np.full((HEIGHT, WIDTH), 4.0, np.float32)
+    one = found(maps)[1]
+    assert one is not None
+    assert one.coc_px == pytest.approx(0.02 * WIDTH * (1 / 3 - 1 / 4) / RANGE.extent, rel=1e-6)
+
+
+def test_views_that_share_nothing_have_none():
+    away = [CAMERAS[0], Camera(WIDTH, HEIGHT, 100.0, 100.0, 60, 45, np.diag([-1.0, 1.0, -1.0, 1.0]))]
+    assert consistencies(["a", "b"], away, lambda index: MAPS[0], None, RANGE) == [None, None]
+    assert found([MAPS[0]]) == [None]
+    assert found([MAPS[0], np.zeros_like(MAPS[1])]) == [None, None]
+    assert views_off([None, None]) == []
+
+
+def test_neighbours_share_points_or_stand_near():
+    tracks = tuple(np.array(track) for track in ((0, 5), (0, 5), (0, 1)))
+    cloud = PointCloud(np.ones((3, 3)), np.ones((3, 3), np.float32), np.ones(3, np.float32), tracks)
+    assert neighbours(CAMERAS, cloud)[0][:3] == [5, 1, 2]
+    assert neighbours(CAMERAS, None)[0] == [1, 2, 3, 4]
+    assert neighbours(CAMERAS[:1], None) == [[]]
+
+
+def test_all_views_poor_is_no_reason_to_flag_one_but_beyond_doubt_is():
+    def of(*differences: float) -> list[Consistency | None]:
+        return [Consistency((), 1.0, 0.5, value, value, value) for value in differences]
+
+    assert views_off(of(0.08, 0.10, 0.09, 0.12)) == []
+    assert views_off(of(0.08, 0.10, 0.09, 0.25)) == [3]
+    assert views_off(of(0.004, 0.005, 0.004, 0.019)) == []
+    assert views_off(of(0.004, 0.005, 0.004, 0.021)) == [3]
+    assert views_off(of(0.001, 0.06)) == []  # two views: which of them is off, nobody can say

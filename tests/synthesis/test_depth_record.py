@@ -1,0 +1,201 @@
+"""Confidence and consistency in a dataset: what the manifest says, what check finds, and old datasets."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from onnx_networks import mean_of_channels, write_network
+from tolerances import LEVEL_8BIT
+
+from dofbench import depth
+from dofbench.cli import DONE, FAILED, WRONG_CALL, main
+from dofbench.errors import InputError
+from dofbench.files import sha256_file, write_json
+from dofbench.images import read_exr, read_image, write_exr, write_grey_png
+from dofbench.synthesis import Dataset, check_dataset, make_dataset
+from dofbench.synthesis.depth_record import check_depth
+from dofbench.synthesis.progress import Silent
+from dofbench.synthesis.settings import MakeDataset
+
+# The built-in scene has points in every view.
+TABLE_TOP = {"scene": "tabletop", "width": 64, "depth": "sfm", "aperture": "0"}
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+
+
+def manifest(folder):
+    return json.loads((folder / "dataset.json").read_text())
+
+
+@pytest.fixture
+def make(scene, tmp_path):
+    """`make(**options)`: a dataset of the tiny scene in tmp_path/out."""
+
+    def run(**options):
+        return make_dataset(MakeDataset(**{"scene": str(scene), "out": tmp_path / "out", **options}), progress=Silent())
+
+    return run
+
+
+@pytest.fixture
+def folder(dataset_folder, tmp_path):
+    """A copy to spoil."""
+    return shutil.copytree(dataset_folder, tmp_path / "copy")
+
+
+def seal(folder):
+    """Bring the manifest's checksums up to date, as someone would who hides a change."""
+    record = manifest(folder)
+    for name, entry in record["files"].items():
+        entry.update(sha256=sha256_file(folder / name), size=(folder / name).stat().st_size)
+    write_json(folder / "dataset.json", record)
+
+
+def test_given_depth_is_certain_and_the_views_agree(dataset_folder):
+    record = manifest(dataset_folder)["depth"]
+    assert [view["view"] for view in record["views"]] == [f"v{index:02d}" for index in range(6)]
+    for view in record["views"]:
+        assert view["known"] == view["confidence"] == view["confident"] == 1
+        assert view["consistency"]["difference"] < 1e-3 and view["consistency"]["consistent"] > 0.9
+        assert len(view["consistency"]["neighbours"]) == 4
+        assert (read_image(dataset_folder / f"confidence/{view['view']}.png") == 1).all()
+    assert "1 where the depth is known" in record["confidence"]
+    assert np.array_equal(Dataset.load(dataset_folder).confidence("v01"), np.ones((96, 128)))
+
+
+def test_unknown_depth_has_no_confidence(write_scene, tmp_path):
+    root = write_scene(tmp_path / "holes")
+    z = read_exr(root / "depth/v01.exr")
+    z[30:40, 20:50] = 0
+    write_exr(root / "depth/v01.exr", z)
+    out = make_dataset(MakeDataset(scene=str(root), out=tmp_path / "out"), progress=Silent())
+    confidence = Dataset.load(out).confidence("v01")
+    assert np.array_equal(confidence == 0, z == 0)
+    assert manifest(out)["depth"]["views"][1]["known"] == pytest.approx(1 - 300 / z.size)
+
+
+@pytest.mark.parametrize("factor", [1.2, 0.85])
+def test_check_flags_a_view_whose_depth_is_scaled(folder, factor):
+    path = folder / "depth/v02.exr"
+    write_exr(path, read_exr(path) * np.float32(factor))
+    seal(folder)
+    (problem,) = check_depth(Dataset.load(folder))
+    assert problem.startswith("depth/v02.exr: disparity differs by") and "\n" not in problem
+    # The lens no longer fits the depth either, so check says so first.
+    assert check_dataset(folder) != []
+
+
+def test_a_dataset_made_of_such_depth_is_flagged_by_the_command(write_scene, tmp_path, capsys):
+    root = write_scene(tmp_path / "odd")
+    path = root / "depth/v04.exr"
+    write_exr(path, read_exr(path) * np.float32(1.2))
+    out = make_dataset(MakeDataset(scene=str(root), out=tmp_path / "out"), progress=Silent())
+    assert main(["check", str(out)]) == FAILED
+    told = capsys.readouterr().out.splitlines()
+    assert len(told) == 1 and "depth/v04.exr: disparity differs by 18" in told[0]
+    consistency = manifest(out)["depth"]["views"][4]["consistency"]
+    assert consistency["bias"] < -0.15 and consistency["consistent"] < 0.2 and consistency["coc_px"] > 0.1
+
+
+def test_check_flags_swapped_views(write_scene, tmp_path):
+    root = write_scene(tmp_path / "odd")
+    first, last = root / "depth/v00.exr", root / "depth/v05.exr"
+    one, other = read_exr(first), read_exr(last)
+    write_exr(first, np.fliplr(other))
+    write_exr(last, np.fliplr(one))
+    out = make_dataset(MakeDataset(scene=str(root), out=tmp_path / "out"), progress=Silent())
+    assert [problem.split(":")[0] for problem in check_dataset(out)] == ["depth/v00.exr", "depth/v05.exr"]
+
+
+def test_a_dataset_from_before_there_was_confidence(folder):
+    shutil.rmtree(folder / "confidence")
+    record = manifest(folder)
+    record["files"] = {name: entry for name, entry in record["files"].items() if not name.startswith("confidence")}
+    del record["depth"]["views"], record["depth"]["confidence"]
+    write_json(folder / "dataset.json", record)
+    assert Dataset.load(folder).confidence("v00") is None
+    assert check_dataset(folder) == []
+
+
+def test_a_lost_confidence_map_is_found_and_made_again(make):
+    out = make()
+    before = (out / "confidence/v03.png").read_bytes(), (out / "dataset.json").read_bytes()
+    (out / "confidence/v03.png").unlink()
+    assert check_dataset(out) == ["confidence/v03.png: missing"]
+    make()
+    assert ((out / "confidence/v03.png").read_bytes(), (out / "dataset.json").read_bytes()) == before
+
+
+def test_a_run_that_ends_among_the_views_forgets_nothing(make, monkeypatch, contents, tmp_path):
+    """The statistics of views that an earlier run finished come from that run."""
+    whole = contents(make(**TABLE_TOP))
+    shutil.rmtree(tmp_path / "out")
+    open_source, left = depth.open_source, [3]
+
+    def dying(*arguments, **options):
+        source = open_source(*arguments, **options)
+        estimate = source.estimate
+
+        def until_it_dies(view):
+            left[0] -= 1
+            if left[0] < 0:
+                raise KeyboardInterrupt
+            return estimate(view)
+
+        monkeypatch.setattr(source, "estimate", until_it_dies, raising=False)
+        return source
+
+    monkeypatch.setattr(depth, "open_source", dying)
+    with pytest.raises(KeyboardInterrupt):
+        make(**TABLE_TOP)
+    left[0] = 17  # as many as are missing
+    assert contents(make(**TABLE_TOP)) == whole
+
+
+def test_sfm_from_the_command_line(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["make-dataset", "tabletop", "--width", "80", "--depth", "sfm", "--out", str(out)]) == DONE
+    record = manifest(out)["depth"]
+    assert record["source"] == "sfm" and record["views"][2]["statistics"]["points"] > 100
+    assert "--depth sfm" in manifest(out)["command"]
+    assert main(["check", str(out)]) == DONE, capsys.readouterr().out
+
+
+def test_sfm_needs_points(write_scene, tmp_path, capsys):
+    root = write_scene(tmp_path / "bare", points=False)
+    assert main(["make-dataset", str(root), "--depth", "sfm", "--out", str(tmp_path / "out")]) == WRONG_CALL
+    assert "bare: found no sparse points" in capsys.readouterr().err
+
+
+def test_a_network_from_the_command_line(write_scene, tmp_path, capsys):
+    """The picture of the two planes says nothing of depth, so the network is told by the picture's own depth."""
+    root = write_scene(tmp_path / "lit", depth=False)
+    points = list(np.linspace(0.2, 0.8, 128))
+    picture = np.tile(np.array(points, np.float32)[None, :, None], (96, 1, 3))
+    for path in sorted((root / "images").iterdir()):
+        write_grey_png(path, picture[..., 0])
+    network = write_network(tmp_path / "n.onnx", mean_of_channels,
+                            side='title = "brightness"\nlongest = 128\noutput = "disparity"\nalign = "none"\n')
+    out = tmp_path / "out"
+    assert main(["make-dataset", str(root), "--depth", f"onnx:{network}", "--out", str(out)]) == DONE
+    record = manifest(out)["depth"]
+    assert record["source"] == "onnx" and record["provenance"]["description"]["title"] == "brightness"
+    assert record["provenance"]["network"]["sha256"] == sha256_file(network)
+    z = read_exr(out / "depth/v01.exr")
+    np.testing.assert_allclose(1 / z, picture[..., 0], atol=LEVEL_8BIT)
+    assert "onnx:n.onnx" in manifest(out)["command"] and str(tmp_path) not in (out / "dataset.json").read_text()
+    capsys.readouterr()
+    # Another side file is another dataset.
+    network.with_name("n.onnx.toml").write_text('longest = 64\noutput = "disparity"\nalign = "none"\n')
+    assert main(["make-dataset", str(root), "--depth", f"onnx:{network}", "--out", str(out)]) == WRONG_CALL
+    assert "another dataset" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("option", "word"), [
+    ("onnx", "onnx:FILE"), ("onnx:", "onnx:FILE"), ("onnx:nowhere.onnx", "nowhere.onnx"), ("sfm:x", "sfm"),
+])
+def test_a_source_that_is_none(make, option, word):
+    with pytest.raises(InputError, match=word):
+        make(depth=option)
