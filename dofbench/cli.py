@@ -6,7 +6,6 @@ Nothing heavy is imported before a command is known, so that help appears at onc
 
 from __future__ import annotations
 
-import errno
 import io
 import os
 import signal
@@ -21,10 +20,10 @@ from typing import Annotated, Any, Union
 import tyro
 
 from dofbench import __version__
-from dofbench.errors import InputError
+from dofbench.errors import InputError, one_line
 from dofbench.harness.settings import Run
 from dofbench.reporting.settings import Report
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.synthesis.settings import MakeDatasets
 from dofbench.threads import configure_threads
 from dofbench.validation.settings import ValidateRenderer
 
@@ -34,10 +33,6 @@ _DESCRIPTION = (
     "Make shallow depth-of-field datasets whose lens is known, train methods on them, and compare the methods. "
     "Help on one command: dofbench COMMAND --help. The version: dofbench --version."
 )
-
-# What the machine refuses, as opposed to what a bug asks for: named in one line, without a traceback.
-_REFUSALS = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
-
 
 @dataclass(frozen=True)
 class Scenes:
@@ -66,10 +61,10 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(number)
 
 
-def parse(arguments: Sequence[str]) -> MakeDataset | Run | Report | Check | Scenes | ValidateRenderer:
+def parse(arguments: Sequence[str]) -> MakeDatasets | Run | Report | Check | Scenes | ValidateRenderer:
     """The settings that the command line means. Raises InputError, or SystemExit after printing help or an error."""
     commands = {
-        "make-dataset": MakeDataset, "run": Run, "report": Report, "check": Check, "scenes": Scenes,
+        "make-dataset": MakeDatasets, "run": Run, "report": Report, "check": Check, "scenes": Scenes,
         "validate-renderer": ValidateRenderer,
     }
     named = tuple(Annotated[settings, tyro.conf.subcommand(name)] for name, settings in commands.items())
@@ -84,11 +79,10 @@ def parse(arguments: Sequence[str]) -> MakeDataset | Run | Report | Check | Scen
 def execute(settings: Any) -> int:
     """Do what the settings ask for and return the exit status. Raises InputError for a wrong input."""
     match settings:
-        case MakeDataset():
-            from dofbench.synthesis import make_dataset
+        case MakeDatasets():
+            from dofbench.synthesis import make_datasets
 
-            make_dataset(settings)
-            return DONE
+            return DONE if make_datasets(settings) else FAILED
         case Run():
             from dofbench.harness.run import run
 
@@ -122,14 +116,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     configure_threads()
     try:
         settings = parse(arguments)
-        if isinstance(settings, MakeDataset | Run | Check):
+        if isinstance(settings, MakeDatasets | Run | Check):
             # Its import puts a handler of its own on SIGTERM, which prints a stack and dies. These commands need
             # it anyway, so it comes first and ours replaces it.
             import pycolmap  # noqa: F401
         with _signals_as_exceptions():
             return execute(settings)
     except InputError as mistake:
-        return _end(WRONG_CALL, " ".join(str(mistake).split()))
+        return _end(WRONG_CALL, one_line(mistake))
     except KeyboardInterrupt as stop:
         number = stop.number if isinstance(stop, Interrupted) else signal.SIGINT
         return _end(128 + number, "interrupted; the same command goes on from what is finished")
@@ -138,9 +132,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
     except OSError as refusal:
-        if refusal.errno not in _REFUSALS:
+        if not (line := one_line(refusal)):
             raise
-        return _end(FAILED, f"{refusal.filename or 'a file'}: {refusal.strerror}; what is finished stays")
+        return _end(FAILED, line)
 
 
 def console() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from enum import StrEnum
 
 
@@ -14,6 +15,19 @@ class InputError(ValueError):
     def __init__(self, subject: object, found: str, expected: str):
         self.subject, self.found, self.expected = str(subject), found, expected
         super().__init__(f"{subject}: found {found}, expected {expected}")
+
+
+# What the machine refuses, as opposed to what a bug asks for: named in one line, without a traceback.
+_REFUSALS = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
+
+
+def one_line(error: BaseException) -> str:
+    """What to tell the user of an error in one line: a wrong input, or what the machine refused; "" for a bug."""
+    if isinstance(error, InputError):
+        return " ".join(str(error).split())
+    if isinstance(error, OSError) and error.errno in _REFUSALS:
+        return f"{error.filename or 'a file'}: {error.strerror}; what is finished stays"
+    return ""
 
 
 class Status(StrEnum):

@@ -170,7 +170,7 @@ def _write(path: Path, pixels: np.ndarray, kind: str, attributes: dict, names: l
 
 
 def _reads_back(path: Path) -> bool:
-    """Whether all of an image file can be decoded; a tenth of the time that writing it took."""
+    """Whether all of an image file can be decoded; it takes a small part of the time that writing took."""
     import OpenImageIO as oiio
 
     # Not by ImageBuf, whose cache would keep the pixels.

@@ -25,8 +25,8 @@ HEAVY = (
 def test_typical_calls_mean_what_they_say() -> None:
     scene = "../shared/data/llff_fern"
     made = cli.parse(f"make-dataset {scene} --focus 0.2,0.5,0.8 --aperture 0.5,1.0 --out data/fern".split())
-    assert isinstance(made, cli.MakeDataset)
-    assert (made.scene, made.out) == (scene, Path("data/fern"))
+    assert isinstance(made, cli.MakeDatasets)
+    assert (made.scenes, made.out) == ((scene,), Path("data/fern"))
     assert (made.focus_values, made.aperture_values) == ((0.2, 0.5, 0.8), (0.5, 1.0))
 
     run = cli.parse("run --method dofgaussian --data data/fern --out results".split())
@@ -42,7 +42,8 @@ def test_typical_calls_mean_what_they_say() -> None:
     assert cli.parse(["check", "data/fern"]) == cli.Check(Path("data/fern"))
     assert cli.parse(["scenes"]) == cli.Scenes()
     assert cli.parse(["scenes", "a", "b"]) == cli.Scenes((Path("a"), Path("b")))
-    assert cli.parse(["make-dataset"]).scene is None
+    assert cli.parse(["make-dataset"]).scenes == ()
+    assert cli.parse("make-dataset a b --jobs 2".split()).scenes == ("a", "b")
 
 
 @pytest.mark.parametrize(
@@ -60,7 +61,7 @@ def test_a_wrong_call_ends_with_2_and_says_so(arguments: str, capsys: pytest.Cap
 
 @pytest.mark.parametrize(
     "arguments",
-    ["make-dataset --assign fixed", "make-dataset --shape round", "make-dataset --width 1",
+    ["make-dataset --jobs 0", "make-dataset --shape round", "make-dataset --width 1",
      "make-dataset no/such/folder --out never", "make-dataset --focus 7 --out never", "make-dataset --aperture a,b",
      "make-dataset --depth guess",
      "run --method nobodys", "run --method dofgaussian --data no/such/folder", "run --method dofgaussian --budget lots",

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from dofbench.synthesis.dataset import Dataset
     from dofbench.synthesis.progress import Progress
-    from dofbench.synthesis.settings import MakeDataset
+    from dofbench.synthesis.settings import MakeDataset, MakeDatasets
     from dofbench.synthesis.verify import check_dataset
 
 
@@ -24,6 +25,40 @@ def make_dataset(settings: MakeDataset, *, progress: Progress | None = None) -> 
     from dofbench.synthesis.progress import Terminal
 
     return make(settings, Terminal() if progress is None else progress)
+
+
+def make_datasets(settings: MakeDatasets) -> bool:
+    """Make all datasets that `settings` describe, several at a time, and say where they are; False if one failed.
+
+    One dataset alone is made in this process. Scenes of a named dataset that aren't here are named and left out. Raises
+    InputError before anything is made when a scene is unknown, and for one dataset as `make_dataset`. With `like`
+    it is False too when the dataset doesn't come out the same.
+    """
+    from dofbench.synthesis.batch import make_all, planned
+    from dofbench.threads import available_cores
+
+    if settings.like is not None:
+        return _make_again(settings)
+    datasets, missing = planned(settings)
+    for scene in missing:
+        print(f"left out, as it isn't here: {scene.label}: {scene.missing}", file=sys.stderr)
+    if len(datasets) == 1:
+        make_dataset(datasets[0])
+        return True
+    outcomes = make_all(datasets, min(settings.jobs or available_cores(), len(datasets)))
+    return not any(outcome.problem for outcome in outcomes)
+
+
+def _make_again(settings: MakeDatasets) -> bool:
+    from dofbench.synthesis.again import make_again
+    from dofbench.synthesis.progress import Terminal
+
+    different = make_again(settings, Terminal())
+    if different:
+        print(f"not the bytes of {settings.like}: {', '.join(different)}", file=sys.stderr)
+    else:
+        print(f"the same bytes as {settings.like}")
+    return not different
 
 
 def builtin_folder() -> Path:
@@ -50,4 +85,4 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-__all__ = ["Dataset", "MakeDataset", "builtin_folder", "check_dataset", "make_dataset"]
+__all__ = ["Dataset", "MakeDataset", "builtin_folder", "check_dataset", "make_dataset", "make_datasets"]

@@ -25,6 +25,7 @@ from dofbench.synthesis.progress import Progress
 from dofbench.synthesis.render import Blur, shallow_image, view_record
 from dofbench.synthesis.schema import SourceImage, SourceRecord, ViewRecord
 from dofbench.synthesis.settings import MakeDataset
+from dofbench.synthesis.sibling import take_over
 from dofbench.synthesis.work import Identity, finish, only_writer, prepare
 
 BUILT_IN = "tabletop"
@@ -64,8 +65,14 @@ def default_folder(scene_name: str) -> Path:
     return Path("data") / scene_name
 
 
-def make(settings: MakeDataset, progress: Progress) -> Path:
-    """Make the dataset, or finish it, or find that it is complete; returns its folder. See `make_dataset`."""
+def make(
+    settings: MakeDataset, progress: Progress, *, sibling: Path | None = None, expected: SourceRecord | None = None
+) -> Path:
+    """Make the dataset, or finish it, or find that it is complete; returns its folder. See `make_dataset`.
+
+    sibling: a dataset of the same scene with another lens: if it is complete, its sharp images and depth are used.
+    expected: the scene that it must be; InputError for any other.
+    """
     found = find_scene(settings)
     scene, settings = read_scene(found, settings)
     kind, place = settings.depth_source
@@ -74,12 +81,14 @@ def make(settings: MakeDataset, progress: Progress) -> Path:
         scene = with_folder_depth(scene, place, settings.depth_unit)
     plan = _assigned([(view.name, view.split) for view in scene.views], settings)
     source_id = depth.resolve(kind, scene)
-    source = _source_record(scene, with_depth=source_id in ("given", "folder"))
+    source = _source_record(scene, found, with_depth=source_id in ("given", "folder"))
+    if expected is not None:
+        _check_source(source, expected, scene.root)
     identity = Identity(
         rest=sha256_text(canonical_json({
             "settings": settings.recipe(), "depth": source_id, "plan": plan.hash, "dofbench": __version__,
             **({} if network is None else {"network": network_digest(network)}),
-            "source": source.model_dump(mode="json", exclude={"images"}, exclude_none=True),
+            "source": source.model_dump(mode="json", include={"scene", "layout", "geometry"}),
         })),
         images={image.view: image.sha256 for image in source.images}, own_depth=source_id in ("given", "folder"),
     )
@@ -88,6 +97,8 @@ def make(settings: MakeDataset, progress: Progress) -> Path:
         if prepare(out, identity) == "complete":
             progress.finished(out, "up to date")
             return out
+        if sibling is not None:
+            take_over(sibling, out, source, settings)
         _all_in_focus(scene, out, progress)
         depth_record, disparity_range = make_depth(scene, source_id, network, settings, out, progress)
         blur = Blur(
@@ -99,7 +110,7 @@ def make(settings: MakeDataset, progress: Progress) -> Path:
         notes = write.geometry(out, scene, _near_far(scene, out, blur.disparity_range))
         write.lens_file(out, blur, records)
         write.sheet(out, f"{scene.name}: {len(records)} views with a known lens", records, blur.disparity_range)
-        write.readme(out, scene, settings, depth_record, records, notes)
+        write.readme(out, scene, settings, source, depth_record, records, notes)
         write.manifest(
             out, name=scene.name, settings=settings, source=source, depth=depth_record, identity=identity.digest,
         )
@@ -114,7 +125,7 @@ def _assigned(views: list[tuple[str, Split]], settings: MakeDataset) -> Plan:
     return deal_plan(views, settings.values, seed=settings.seed, held_out=settings.held_out_values)
 
 
-def _source_record(scene: Scene, with_depth: bool) -> SourceRecord:
+def _source_record(scene: Scene, found: ResolvedScene, with_depth: bool) -> SourceRecord:
     digest = hashlib.sha256()
     for view in scene.views:
         camera = view.camera
@@ -131,6 +142,7 @@ def _source_record(scene: Scene, with_depth: bool) -> SourceRecord:
     return SourceRecord(
         scene=scene.name, layout=scene.layout, geometry=digest.hexdigest(),
         images=tuple(SourceImage(view=view.name, sha256=sha256_file(view.source)) for view in scene.views),
+        licence=found.licence, terms=found.terms, citation=found.citation, origin=found.origin,
     )
 
 
@@ -186,3 +198,15 @@ def _shallow(plan: Plan, out: Path, blur: Blur, *, half: bool, progress: Progres
                 write_png(path, encoded, bits=blur.bits)
             advance(index + 1)
     return records
+
+
+def _check_source(source: SourceRecord, expected: SourceRecord, root: Path) -> None:
+    before = {image.view: image.sha256 for image in expected.images}
+    now = {image.view: image.sha256 for image in source.images}
+    if before.keys() != now.keys():
+        raise InputError(root, f"{len(now)} views", f"the {len(before)} of the manifest, by name")
+    for view, digest in now.items():
+        if before[view] != digest:
+            raise InputError(root, f"another image of view {view}", "the image whose sha256 is in the manifest")
+    if source.geometry != expected.geometry:
+        raise InputError(root, "other cameras, split, depth or points", "those of the manifest")

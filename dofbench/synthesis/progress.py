@@ -8,6 +8,8 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Protocol
 
+from dofbench.processes import Outcome
+
 Advance = Callable[[int], None]
 
 
@@ -72,6 +74,60 @@ class Terminal:
     def finished(self, folder: Path, message: str) -> None:
         """Say where the dataset is."""
         print(f"{folder}: {message}", flush=True)
+
+    def _line(self, text: str) -> None:
+        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+class Several:
+    """Progress of several datasets made side by side, as a watcher of their jobs (`dofbench.processes`).
+
+    Reports are (stage, items done, items in all). The time left is known from the first dataset finished on.
+    """
+
+    def __init__(self, total: int, workers: int, interval: float = 15.0):
+        from rich.console import Console
+
+        self._console, self._interval = Console(stderr=True), interval
+        self._total, self._workers = total, workers
+        self._begun: dict[str, float] = {}
+        self._doing: dict[str, str] = {}
+        self._times: list[float] = []
+        self._ended = 0
+        self._last = time.monotonic()
+
+    def started(self, name: str) -> None:
+        """A dataset's process runs."""
+        self._begun[name] = time.monotonic()
+        self._doing[name] = "starting"
+
+    def reported(self, name: str, report: tuple[str, int, int]) -> None:
+        """Say now and then what is being done."""
+        stage, done, total = report
+        self._doing[name] = f"{stage} {done} of {total}"
+        if time.monotonic() - self._last >= self._interval:
+            self._say()
+
+    def ended(self, outcome: Outcome) -> None:
+        """Say how a dataset ended: where it is on standard output, what went wrong on standard error."""
+        self._times.append(time.monotonic() - self._begun.pop(outcome.name))
+        del self._doing[outcome.name]
+        self._ended += 1
+        if outcome.problem:
+            self._line(f"{outcome.name}: {outcome.problem}")
+        else:
+            print(outcome.message, flush=True)
+        self._say()
+
+    def _say(self) -> None:
+        self._last = now = time.monotonic()
+        parts = [f"{self._ended} of {self._total} datasets"]
+        if self._times and self._ended < self._total:
+            mean = sum(self._times) / len(self._times)
+            spent = sum(min(now - begun, mean) for begun in self._begun.values())
+            left = (mean * (self._total - self._ended) - spent) / min(self._workers, self._total - self._ended)
+            parts[0] += f", about {left:.0f} s left"
+        self._line("; ".join([*parts, *(f"{name}: {doing}" for name, doing in self._doing.items())]))
 
     def _line(self, text: str) -> None:
         self._console.print(text, highlight=False, markup=False, soft_wrap=True)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dofbench import __version__
+from dofbench.scenes.named.schema import NOT_STATED
 from dofbench.scenes.types import Scene
 from dofbench.synthesis.plan import Values
-from dofbench.synthesis.schema import DepthRecord, ViewRecord
+from dofbench.synthesis.schema import DepthRecord, SourceRecord, ViewRecord
 from dofbench.synthesis.settings import MakeDataset
 
 # What people call the file that says where a scene is from and under which terms.
@@ -25,6 +26,8 @@ _DEPTH_TEXT = {
 _TEXT = """\
 # {name}: shallow depth of field with a known lens
 
+![A few views: original, depth, circle of confusion, shallow photograph](contact_sheet.png)
+
 {count} views ({train} to train on, {test} to test on), {size}. Every image in `images/` is a photograph of an
 all-in-focus scene, blurred as a lens of known aperture and focus would. `lens.json` holds that lens, so what a
 method learns from the images can be compared with the truth.
@@ -33,8 +36,9 @@ Made by dofbench {version}:
 
     {command}
 
-Running it again on the same scene gives the same bytes. `dofbench check` compares every file with its checksum in
-`dataset.json`, and blurs a part of a view again.
+Running it again on the same scene gives the same bytes: `dofbench make-dataset SCENE --like dataset.json --out DIR`
+does so and compares them. `dofbench check` compares every file with its checksum in `dataset.json`, and blurs a part
+of a view again.
 
 ## Files
 
@@ -85,8 +89,9 @@ nerfstudio, gsplat, COLMAP and their like. Views in `test_filenames` of `transfo
 {lost}
 ## Source
 
-The all-in-focus images are those of the scene "{scene}" ({layout} layout); their sha256 are in `dataset.json`.
-{notes}
+The all-in-focus images are those of the scene "{scene}" ({layout} layout){origin}; their sha256 are in `dataset.json`.
+
+{licence}
 """
 
 _LAYERED = """ This is done
@@ -100,12 +105,11 @@ The lens of every view was dealt in the view's own units (minimum and 95th perce
 
 
 def readme_text(
-    scene: Scene, settings: MakeDataset, depth: DepthRecord, records: Sequence[ViewRecord], lost: Sequence[str]
+    scene: Scene, settings: MakeDataset, source: SourceRecord, depth: DepthRecord, records: Sequence[ViewRecord],
+    lost: Sequence[str],
 ) -> str:
     """The text, without anything of the machine or the time. lost: what a layout can't hold of the cameras."""
     sizes = sorted({(view.camera.width, view.camera.height) for view in scene.views})
-    notes = [name for name in _NOTES if (scene.root / name).is_file()]
-    where = " and ".join(f"`{name}`" for name in notes)
     shape = settings.aperture_shape
     return _TEXT.format(
         name=scene.name, scene=scene.name, layout=scene.layout, version=__version__,
@@ -121,9 +125,22 @@ def readme_text(
         largest=max(record.max_coc_px for record in records),
         dealt=_dealt_text(settings), bits=settings.bits, sensor=_sensor_text(settings),
         lost="".join(f"\nCareful: {note}.\n" for note in lost),
-        notes=f"Their terms and whom to cite: see {where} of that scene." if notes else
-        "The scene's folder says nothing of their licence: find out before you share them, and cite their authors.",
+        origin=f", from {source.origin}" if source.origin else "", licence=_licence_text(scene, source),
     )
+
+
+def _licence_text(scene: Scene, source: SourceRecord) -> str:
+    lines = [f"Licence of the images: {source.licence}{f' ({source.terms})' if source.terms else ''}."]
+    notes = [f"`{name}`" for name in _NOTES if (scene.root / name).is_file()]
+    if notes:
+        lines.append(f"The scene's own words on terms and authors: {' and '.join(notes)} of its folder.")
+    elif source.licence == NOT_STATED:
+        lines.append("Find out their terms before you share them.")
+    if source.citation:
+        lines += ["Please cite:", "", *(f"- {reference}" for reference in source.citation)]
+    else:
+        lines.append("Please cite their authors.")
+    return "\n".join(lines)
 
 
 def _dealt_text(settings: MakeDataset) -> str:

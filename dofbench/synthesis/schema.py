@@ -117,12 +117,20 @@ class SourceImage(_Record):
 
 
 class SourceRecord(_Record):
-    """The scene that the dataset was made from. geometry: sha256 of its cameras, split and points."""
+    """The scene that the dataset was made from. geometry: sha256 of its cameras, split and points.
+
+    licence: of its images, as their source states it; terms: more about that. citation: a reference each.
+    origin: where the images are from.
+    """
 
     scene: str
     layout: str
     images: tuple[SourceImage, ...]
     geometry: str = Checksum
+    licence: str = "not stated"
+    terms: str = ""
+    citation: tuple[str, ...] = ()
+    origin: str = ""
 
 
 class ConsistencyRecord(_Record):

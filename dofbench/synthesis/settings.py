@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -23,12 +23,8 @@ LinearFormat = Literal["exr-half", "exr-float"]
 
 
 @dataclass(frozen=True)
-class MakeDataset:
-    """Make a shallow depth-of-field dataset whose lens is known from an all-in-focus scene."""
-
-    scene: Annotated[str | None, tyro.conf.Positional] = None
-    """Scene folder in any supported layout, a built-in scene, or a scene of a named dataset, such as llff/fern; without
-    it, the built-in scene."""
+class DatasetOptions:
+    """What holds for one dataset and for many."""
 
     data_root: Path | None = None
     """Folder that holds named datasets (`dofbench scenes` lists them); without it, the one in DOFBENCH_DATA."""
@@ -87,8 +83,9 @@ class MakeDataset:
     """What focus and aperture refer to: one disparity range for the scene, or one for every view."""
 
     assign: Assign = "per-view"
-    """Deal the grid of focus and aperture over the views (per-view), give all views the one lens (fixed), deal the
-    test views a grid of their own (held-out), or draw from the ranges that the values span (continuous)."""
+    """Deal the grid of focus and aperture over the views (per-view), give all views one lens, with a dataset for each
+    lens of the grid (fixed), deal the test views a grid of their own (held-out), or draw from the ranges that the
+    values span (continuous)."""
 
     test_focus: str | None = None
     """Focus values of the test views, none of them a training view's, for --assign held-out."""
@@ -118,12 +115,9 @@ class MakeDataset:
     """Layout of the scene folder: nerfstudio, llff, colmap, dofnerf, deblurnerf, or auto to find out."""
 
     out: Path | None = None
-    """Folder to write; without it, data/<scene name>."""
+    """Folder to write, or with several datasets the folder that they all go into; without it, data/<scene name>."""
 
     def __post_init__(self) -> None:
-        lenses = len(self.focus_values), len(self.aperture_values)
-        if self.assign == "fixed" and lenses != (1, 1):
-            raise InputError("--assign fixed", f"{lenses[0]} focus and {lenses[1]} aperture values", "one of each")
         for option, value, lowest in (("--width", self.width, 8), ("--hold", self.hold, 2),
                                       ("--depth-steps", self.depth_steps, 1), ("--seed", self.seed, 0),
                                       ("--layers", self.layers, 1)):
@@ -246,6 +240,57 @@ class MakeDataset:
                 text = ",".join(f"{number:g}" for number in value) if isinstance(value, list) else str(value)
                 words.append(f"--{key.replace('_', '-')} {text}")
         return " ".join(words)
+
+
+@dataclass(frozen=True)
+class MakeDataset(DatasetOptions):
+    """One shallow depth-of-field dataset whose lens is known, of one all-in-focus scene."""
+
+    scene: str | None = None
+    """As one of `MakeDatasets.scenes`."""
+
+    def __post_init__(self) -> None:
+        lenses = len(self.focus_values), len(self.aperture_values)
+        if self.assign == "fixed" and lenses != (1, 1):
+            raise InputError("--assign fixed", f"{lenses[0]} focus and {lenses[1]} aperture values", "one of each")
+        super().__post_init__()
+
+
+@dataclass(frozen=True)
+class MakeDatasets(DatasetOptions):
+    """Make shallow depth-of-field datasets whose lens is known from all-in-focus scenes."""
+
+    scenes: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    """Scene folders in any supported layout, built-in scenes, scenes of named datasets, such as llff/fern, or named
+    datasets, which mean all their scenes; without any, the built-in scene."""
+
+    jobs: int | None = None
+    """Datasets to make at the same time, each in a process of its own; without it, one for each core."""
+
+    like: Path | None = None
+    """Make again what a dataset's dataset.json describes, and compare every byte: its options hold, SCENE says where
+    its scene is, --out where to."""
+
+    def __post_init__(self) -> None:
+        if self.jobs is not None and self.jobs < 1:
+            raise InputError("--jobs", str(self.jobs), "at least 1")
+        super().__post_init__()
+
+    def lenses(self) -> tuple[tuple[str, float, float] | None, ...]:
+        """(name, focus, aperture) of every lens of --assign fixed, which makes a dataset of each; else one None."""
+        if self.assign != "fixed":
+            return (None,)
+        return tuple(
+            (f"F{focus:g}-A{aperture:g}", focus, aperture)
+            for focus in self.focus_values for aperture in self.aperture_values
+        )
+
+    def one(self, scene: str | None, out: Path, lens: tuple[str, float, float] | None) -> MakeDataset:
+        """The settings of one of the datasets: of a scene, for a folder, by one of `lenses`."""
+        options = {field.name: getattr(self, field.name) for field in fields(DatasetOptions)}
+        if lens is not None:
+            options |= {"focus": repr(lens[1]), "aperture": repr(lens[2])}
+        return MakeDataset(**options | {"scene": scene, "out": out})
 
 
 def _listed(values: Values | None, name: str) -> list[float] | None:

@@ -95,11 +95,11 @@ def sheet(root: Path, title: str, records: Sequence[ViewRecord], disparity_range
 
 
 def readme(
-    root: Path, scene: Scene, settings: MakeDataset, depth: DepthRecord, records: Sequence[ViewRecord],
-    notes: Sequence[str],
+    root: Path, scene: Scene, settings: MakeDataset, source: SourceRecord, depth: DepthRecord,
+    records: Sequence[ViewRecord], notes: Sequence[str],
 ) -> None:
     """Write the dataset's own README. notes: what the layouts can't hold."""
-    write_text(root / README, readme_text(scene, settings, depth, records, notes))
+    write_text(root / README, readme_text(scene, settings, source, depth, records, notes))
 
 
 def expected_files(root: Path, names: Sequence[str], depth: DepthRecord) -> list[str]:

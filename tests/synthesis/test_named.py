@@ -18,6 +18,7 @@ from dofbench.images import write_png
 from dofbench.scenes.export import write_poses_bounds
 from dofbench.synthesis import check_dataset, make_dataset
 from dofbench.synthesis.make import find_scene, read_scene
+from dofbench.synthesis.batch import planned
 from dofbench.synthesis.progress import Silent
 from dofbench.synthesis.settings import MakeDataset
 
@@ -44,7 +45,8 @@ def test_a_named_scene_becomes_a_dataset_that_its_own_command_makes_again(
     assert manifest["command"] in (folder / "README.md").read_text()
     assert manifest["name"] == "rendered-planes"
     again = cli.parse(shlex.split(manifest["command"])[1:])
-    again = make_dataset(replace(again, data_root=shelf, out=tmp_path / "again"), progress=Silent())
+    (again,), _ = planned(replace(again, data_root=shelf, out=tmp_path / "again"))
+    again = make_dataset(again, progress=Silent())
     assert contents(again) == contents(folder)
 
 

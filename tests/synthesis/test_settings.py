@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 from tolerances import FLOAT64_VALUE
 
 from dofbench.errors import InputError
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.synthesis.settings import MakeDataset, MakeDatasets
 
 
 def test_lists_are_numbers_in_the_order_given():
@@ -49,8 +50,17 @@ def test_a_wrong_option_is_one_line(options, word):
     assert word in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_fixed_takes_one_lens():
+def test_fixed_takes_one_lens_a_dataset():
     assert MakeDataset(assign="fixed", focus="0.5", aperture="1").focus_values == (0.5,)
+    with pytest.raises(InputError, match="3 focus and 2 aperture values"):
+        MakeDataset(assign="fixed")
+    several = MakeDatasets(assign="fixed", focus="0.1,0.25", aperture="1", photons=5.0, scenes=("a", "b"))
+    lenses = several.lenses()
+    assert lenses == (("F0.1-A1", 0.1, 1.0), ("F0.25-A1", 0.25, 1.0))
+    one = several.one("b", Path("out"), lenses[1])
+    assert (one.focus_values, one.aperture_values, one.photons) == ((0.25,), (1.0,), 5.0)
+    assert (one.scene, one.out) == ("b", Path("out"))
+    assert MakeDatasets().lenses() == (None,)
 
 
 def test_the_command_says_what_differs_from_the_defaults():

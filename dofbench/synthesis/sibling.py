@@ -1,0 +1,35 @@
+"""Sharp images and depth from a dataset of the same scene with another lens, which has them already."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from dofbench.files import replacing, sha256_file, write_json
+from dofbench.synthesis import write
+from dofbench.synthesis.schema import MANIFEST, SourceRecord, read_manifest
+from dofbench.synthesis.settings import MakeDataset
+from dofbench.synthesis.work import DEPTH_RECORD, WORK
+
+# The options that sharp images and depth depend on.
+_COMMON = ("width", "hold", "images", "layout", "depth", "depth_unit", "depth_steps", "seed")
+
+
+def take_over(sibling: Path, out: Path, source: SourceRecord, settings: MakeDataset) -> None:
+    """Copy what is missing in `out` from the dataset `sibling`, where that is complete and of the same making."""
+    if not (sibling / MANIFEST).is_file():
+        return
+    manifest = read_manifest(sibling)
+    same = (manifest.source.geometry, manifest.source.images) == (source.geometry, source.images)
+    recipe = settings.recipe()
+    if not same or any(manifest.settings.get(name) != recipe[name] for name in _COMMON):
+        return
+    places = (write.sharp_path, write.depth_path, write.confidence_path)
+    for image in source.images:
+        for place in places:
+            file, path = write.relative(place, image.view), place(out, image.view)
+            if not path.is_file() and sha256_file(sibling / file) == manifest.files[file].sha256:
+                with replacing(path) as temporary:
+                    shutil.copyfile(sibling / file, temporary)
+    if all(place(out, image.view).is_file() for place in places for image in source.images):
+        write_json(out / WORK / DEPTH_RECORD, manifest.depth.model_dump(mode="json"))

@@ -1,0 +1,123 @@
+"""Jobs in processes of their own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from dofbench.errors import InputError
+from dofbench.processes import Job, run_jobs
+
+
+class Log:
+    """Keeps what it is told."""
+
+    def __init__(self):
+        self.events = []
+
+    def started(self, name):
+        self.events.append(("started", name))
+
+    def reported(self, name, report):
+        self.events.append(("reported", name, report))
+
+    def ended(self, outcome):
+        self.events.append(("ended", outcome.name))
+
+
+def work(how, report):
+    report({"pid": os.getpid(), "threads": os.environ["OMP_NUM_THREADS"]})
+    if how == "wrong input":
+        raise InputError("a.json", "no\nnumber", "one")
+    if how == "refused":
+        raise PermissionError(13, "Permission denied", "out")
+    if how == "bug":
+        raise ValueError("shapes")
+    if how == "killed":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return f"{how}, done"
+
+
+def jobs(*kinds, **after):
+    # A test file isn't importable in the processes: the function goes by its source, as a module.
+    return [Job(kind, partial(_spawned().work, kind), after.get(kind)) for kind in kinds]
+
+
+def _spawned():
+    import importlib
+
+    folder = str(Path(__file__).parent)
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    return importlib.import_module("test_processes")
+
+
+def test_every_end_is_told_apart_and_none_stops_the_others(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "6")
+    log = Log()
+    outcomes = run_jobs(jobs("wrong input", "refused", "bug", "killed", "well"), workers=2, watcher=log)
+    assert [(outcome.name, outcome.message) for outcome in outcomes] == [
+        ("wrong input", ""), ("refused", ""), ("bug", ""), ("killed", ""), ("well", "well, done")]
+    wrong, refused, bug, killed, well = (outcome.problem for outcome in outcomes)
+    assert wrong == "a.json: found no number, expected one"
+    assert refused == "out: Permission denied; what is finished stays"
+    assert bug.startswith("Traceback") and "ValueError: shapes" in bug
+    assert killed == "its process was killed by signal 9 (SIGKILL)"
+    assert well == ""
+    reports = [event[2] for event in log.events if event[0] == "reported"]
+    assert len({report["pid"] for report in reports} - {os.getpid()}) == 5
+    assert {report["threads"] for report in reports} == {"3"}
+    assert os.environ["OMP_NUM_THREADS"] == "6"
+    running = most = 0
+    for event in log.events:
+        running += (event[0] == "started") - (event[0] == "ended")
+        most = max(most, running)
+    assert most == 2
+
+
+@pytest.mark.parametrize("first", ["well", "killed"])
+def test_a_job_waits_for_the_one_before(first):
+    log = Log()
+    outcomes = run_jobs([*jobs("second", second=first), *jobs(first)], workers=2, watcher=log)
+    assert [outcome.name for outcome in outcomes] == ["second", first]
+    assert log.events.index(("ended", first)) < log.events.index(("started", "second"))
+
+
+PARENT = """
+import sys, time
+from functools import partial
+sys.path.insert(0, {folder!r})
+import test_processes as tests
+if __name__ == "__main__":
+    class Loud(tests.Log):
+        def reported(self, name, report):
+            print(report, flush=True)
+    tests.run_jobs([tests.Job("forever", tests.forever)], workers=1, watcher=Loud())
+"""
+
+
+def forever(report):
+    report(os.getpid())
+    time.sleep(600)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_no_process_outlives_its_parent(tmp_path, number):
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT.format(folder=str(Path(__file__).parent)))
+    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                          text=True) as parent:
+        child = int(parent.stdout.readline())
+        os.kill(parent.pid, number)
+        parent.wait(60)
+    limit = time.monotonic() + 60
+    while Path(f"/proc/{child}").exists() and Path(f"/proc/{child}/stat").read_text().split()[2] != "Z":
+        assert time.monotonic() < limit
+        time.sleep(0.05)
