@@ -22,6 +22,7 @@ import tyro
 from dofbench import __version__
 from dofbench.errors import InputError, one_line
 from dofbench.harness.settings import Run
+from dofbench.rendering.settings import MakeScene
 from dofbench.reporting.settings import Report
 from dofbench.synthesis.settings import MakeDatasets
 from dofbench.threads import configure_threads
@@ -61,11 +62,11 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(number)
 
 
-def parse(arguments: Sequence[str]) -> MakeDatasets | Run | Report | Check | Scenes | ValidateRenderer:
+def parse(arguments: Sequence[str]) -> MakeDatasets | MakeScene | Run | Report | Check | Scenes | ValidateRenderer:
     """The settings that the command line means. Raises InputError, or SystemExit after printing help or an error."""
     commands = {
-        "make-dataset": MakeDatasets, "run": Run, "report": Report, "check": Check, "scenes": Scenes,
-        "validate-renderer": ValidateRenderer,
+        "make-dataset": MakeDatasets, "make-scene": MakeScene, "run": Run, "report": Report, "check": Check,
+        "scenes": Scenes, "validate-renderer": ValidateRenderer,
     }
     named = tuple(Annotated[settings, tyro.conf.subcommand(name)] for name, settings in commands.items())
     look = (tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalMetavarFromFieldName)
@@ -83,6 +84,11 @@ def execute(settings: Any) -> int:
             from dofbench.synthesis import make_datasets
 
             return DONE if make_datasets(settings) else FAILED
+        case MakeScene():
+            from dofbench.rendering import make_scene
+
+            make_scene(settings)
+            return DONE
         case Run():
             from dofbench.harness.run import run
 
@@ -116,7 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     configure_threads()
     try:
         settings = parse(arguments)
-        if isinstance(settings, MakeDatasets | Run | Check):
+        if isinstance(settings, MakeDatasets | MakeScene | Run | Check):
             # Its import puts a handler of its own on SIGTERM, which prints a stack and dies. These commands need
             # it anyway, so it comes first and ours replaces it.
             import pycolmap  # noqa: F401

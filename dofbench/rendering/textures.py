@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from .ink import Colour, disc, frame, print_lines, rectangle, ring, stroke, text
+from dofbench.rendering.ink import Colour, disc, frame, print_lines, rectangle, ring, stroke, text
 
 INK: Colour = (0.10, 0.10, 0.13)
 PAPER: Colour = (0.93, 0.91, 0.85)

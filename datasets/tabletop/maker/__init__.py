@@ -1,1 +1,0 @@
-"""Makes the built-in scene: procedural textures and props, a camera path, a path-traced render, sparse points."""
