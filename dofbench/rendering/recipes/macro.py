@@ -12,8 +12,8 @@ from dofbench.rendering.shapes import about_z, blade, box, lid, merged, quad, ro
 from dofbench.rendering.stage import Lamp, Prop, Sphere, Stage, Tube, Viewpoints
 from dofbench.rendering.textures import BRIGHT
 
-TITLE = "circuit board and beads at arm's length and nearer: macro"
-VIEWPOINTS = Viewpoints((0.0, 0.0, 0.072), (0.0, 0.150, 0.006), (0.016, 0.003, 0.010), aim=0.003, focal=1.25, arc=70)
+TITLE = "circuit board and beads from a hand's breadth away: macro"
+VIEWPOINTS = Viewpoints((0.0, 0.0, 0.072), (0.0, 0.136, 0.002), (0.016, 0.003, 0.010), aim=0.003, focal=1.25, arc=70)
 
 
 def stage(seed: int) -> Stage:

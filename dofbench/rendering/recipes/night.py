@@ -32,7 +32,7 @@ def _terrace(rng: np.random.Generator) -> Iterable[Prop]:
     yield Prop(quad((-9, -2, 0), (18, 0, 0), (0, 13, 0), (3, 2)), textures.wood(rng, 1024, 1344, 13))
     yield Prop(Tube((-0.55, 2.3, 0), (-0.55, 2.3, 0.62), 0.03), (0.30, 0.30, 0.32))
     yield Prop(box(-0.55, 2.3, (0.62, 0.50, 0.03), 8, 0.62), textures.plaid(rng))
-    yield Prop(Sphere((-0.66, 2.22, 0.75), 0.10), (0.85, 0.85, 0.88), "metal", 0.12)
+    yield Prop(Sphere((-0.66, 2.22, 0.75), 0.10), (0.80, 0.80, 0.84), "glossy", 0.08)
     yield Prop(Sphere((-0.40, 2.36, 0.73), 0.08), (0.75, 0.10, 0.10), "glossy", 0.06)
     yield Prop(box(0.85, 3.3, (0.5, 0.42, 0.95), -20), textures.poster(rng, 640, 512))
     yield Prop(Sphere((0.10, 3.5, 0.34), 0.34, 60), textures.relief(rng, 512, 1024), "glossy")
@@ -77,4 +77,4 @@ def _city(rng: np.random.Generator) -> Iterable[Prop]:
             panes = [quad((x - width / 2 + 0.25 + 0.9 * c, y - 0.02, 0.45 + 1.1 * r), (0.5, 0, 0), (0, 0, 0.62))
                      for c, r in some]
             if panes:
-                yield Prop(merged(panes), (_WARM, BRIGHT[4])[tone], "lamp", radiance=(6.0, 2.5)[tone])
+                yield Prop(merged(panes), (_WARM, BRIGHT[4])[tone], "lamp", radiance=(3.0, 1.6)[tone])
