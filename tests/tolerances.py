@@ -96,3 +96,9 @@ SFM_DISPARITY = 0.01
 CONFIDENCE_ORDER = 0.3
 # A network's map at its own size, sampled between pixels at points that lie between pixels, in float32, relative.
 NETWORK_DISPARITY = 2e-3
+# Radius of a circle of confusion by the second moment of a disc of a few thousand samples, relative.
+LENS_RADIUS = 0.02
+# Its centre, pixels, likewise.
+LENS_CENTRE_PX = 0.1
+# A noise's standard deviation from two halves, and from a finer render, relative: some thousand dependent pixels.
+NOISE_STATED = 0.15

@@ -77,9 +77,9 @@ class Tracer:
         halves = np.zeros((2, rows.stop - rows.start, columns.stop - columns.start, 3))
         for index in range(count):
             digest = hashlib.sha256(f"{key}/{index}".encode()).digest()
-            image = mi.render(
-                self._scene, sensor=sensor, integrator=self._integrator, spp=size,
-                seed=int.from_bytes(digest[:4], "little"),
+            # Not mi.render, which turns a signal's exception into another.
+            image = self._integrator.render(
+                self._scene, sensor, seed=int.from_bytes(digest[:4], "little"), spp=size
             )
             halves[index % 2] += np.array(image, dtype=np.float64)
             tick()

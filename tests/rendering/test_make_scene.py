@@ -1,0 +1,160 @@
+"""The command as a user calls it: the folder's contract, resuming, and refusals in one line."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tolerances import FLOAT16_VALUE, FLOAT64_VALUE, LEVEL_8BIT
+
+from dofbench import cli
+from dofbench.files import sha256_file
+from dofbench.images import encode, read_exr
+from dofbench.lens import DisparityRange, Lens
+from dofbench.scenes import load_scene
+from dofbench.synthesis.disparity import scene_range
+
+SMALL = "--views 3 --width 40 --height 30 --samples 8 --lens-views 1 --lens-samples 8 --focus 0.2,0.8 --aperture 1"
+
+
+def call(out: Path, *more: str, recipe: str = "corridor") -> int:
+    """Exit status of make-scene with small images."""
+    return cli.main(["make-scene", recipe, "--out", str(out), *SMALL.split(), *more])
+
+
+def record(folder: Path) -> dict:
+    """scene.json."""
+    return json.loads((folder / "scene.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def made(variant: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished scene. Nobody writes to it."""
+    out = tmp_path_factory.mktemp("scenes") / "corridor"
+    assert call(out) == 0
+    return out
+
+
+def test_the_folder_holds_what_it_says(made: Path) -> None:
+    entries = record(made)
+    names = [f"view_{index:03d}" for index in range(3)]
+    expected = {"scene.json", "transforms.json"}
+    expected |= {f"{part}/{name}" for part, suffix in (("images", "png"), ("images_linear", "exr"), ("depth", "exr"))
+                 for name in (f"{view}.{suffix}" for view in names)}
+    expected |= {"lens/view_000_a1_f0.2.exr", "lens/view_000_a1_f0.8.exr"}
+    listed = dict(reversed(line.split("  ", 1)) for line in (made / "SHA256SUMS").read_text().splitlines())
+    assert {name for name in listed if not name.startswith("sparse/0/")} == expected
+    assert {name: sha256_file(made / name) for name in listed} == listed
+    assert (entries["schema"], entries["version"]) == ("dofbench-scene", 1)
+    assert (entries["recipe"], entries["seed"]) == ("corridor", 0)
+    assert [entry["view"] for entry in entries["images"]] == names
+    assert all(entry["noise_rms_linear"] > 0 for entry in entries["images"] + entries["lens_images"])
+    assert "dofbench make-scene corridor --views 3" in (made / "README.md").read_text()
+
+
+def test_the_scene_is_read_with_its_exact_depth(made: Path) -> None:
+    scene = load_scene(made)
+    assert [view.name for view in scene.views] == ["view_000", "view_001", "view_002"]
+    for view in scene.views:
+        assert view.depth is not None and view.image().shape == (30, 40, 3)
+        np.testing.assert_array_equal(view.depth(), read_exr(made / "depth" / f"{view.name}.exr"))
+        linear = read_exr(made / "images_linear" / f"{view.name}.exr")
+        assert np.abs(encode(np.clip(linear, 0, 1)) - view.image()).max() <= 0.5 * LEVEL_8BIT + FLOAT16_VALUE
+
+
+def test_lenses_are_stated_in_both_units(made: Path) -> None:
+    entries = record(made)
+    found = scene_range(lambda: (read_exr(path) for path in sorted((made / "depth").iterdir())))
+    assert entries["disparity_range"] == pytest.approx([found.q_min, found.q_max], rel=FLOAT64_VALUE)
+    for entry in entries["lens_images"]:
+        lens = Lens(entry["aperture"], entry["focus"]).physical(DisparityRange(*entries["disparity_range"]), 40)
+        assert entry["aperture_scene"] == pytest.approx(lens.aperture, rel=FLOAT64_VALUE)
+        assert entry["focus_scene"] == pytest.approx(lens.focus_depth, rel=FLOAT64_VALUE)
+        assert read_exr(made / entry["image"]).shape == (30, 40, 3)
+
+
+def test_a_complete_scene_is_left_alone(made: Path) -> None:
+    before = {path: path.stat().st_mtime_ns for path in made.rglob("*")}
+    assert call(made) == 0
+    assert {path: path.stat().st_mtime_ns for path in made.rglob("*")} == before
+
+
+def test_a_folder_goes_on_where_it_stopped(made: Path, tmp_path: Path) -> None:
+    """Two files and the sums lost: made again, byte for byte, and a new lens joins the others."""
+    import shutil
+
+    copy = shutil.copytree(made, tmp_path / "copy")
+    (copy / "SHA256SUMS").unlink()
+    (copy / "lens" / "view_000_a1_f0.8.exr").unlink()
+    (copy / "images" / "view_001.png").unlink()
+    assert call(copy) == 0
+    assert (copy / "SHA256SUMS").read_text() == (made / "SHA256SUMS").read_text()
+    assert call(copy, "--aperture", "0.5,1") == 0
+    assert [entry["aperture"] for entry in record(copy)["lens_images"]] == [0.5, 0.5, 1, 1]
+    assert sha256_file(copy / "lens/view_000_a1_f0.2.exr") == sha256_file(made / "lens/view_000_a1_f0.2.exr")
+
+
+def test_depth_bits_round_to_nearest(made: Path, variant: str, tmp_path: Path) -> None:
+    assert call(tmp_path / "coarse", "--depth-bits", "8", "--lens-views", "0") == 0
+    exact, coarse = (read_exr(folder / "depth" / "view_000.exr") for folder in (made, tmp_path / "coarse"))
+    error = np.abs(coarse / exact - 1)
+    assert 0.3 * 2.0**-9 < error.max() <= 2.0**-9
+
+
+@pytest.mark.slow
+def test_a_killed_run_goes_on(made: Path, tmp_path: Path, repository: Path) -> None:
+    """SIGTERM ends with one line, SIGKILL with none; what is there at the end is the same."""
+    command = [sys.executable, "-m", "dofbench", "make-scene", "corridor", "--out", str(tmp_path / "s"), *SMALL.split()]
+    environment = os.environ | {"PYTHONPATH": str(repository)}
+    for number, image in ((signal.SIGTERM, "images/view_000.png"), (signal.SIGKILL, "lens/view_000_a1_f0.2.exr")):
+        process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+        while not (tmp_path / "s" / image).is_file() and process.poll() is None:
+            time.sleep(0.02)
+        process.send_signal(number)
+        _, err = process.communicate(timeout=120)
+        if number == signal.SIGTERM and process.returncode:
+            assert process.returncode == 128 + signal.SIGTERM and "goes on from what is finished" in err
+    assert call(tmp_path / "s") == 0
+    assert (tmp_path / "s" / "SHA256SUMS").read_text() == (made / "SHA256SUMS").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [("beach", "recipe"), ("fence --views 1", "--views"), ("fence --focus 2", "--focus"),
+     ("fence --aperture 0", "--aperture"), ("fence --aperture 1,1", "--aperture"), ("fence --focus a", "--focus"),
+     ("fence --lens-views 30", "--lens-views"), ("fence --depth-bits 24", "--depth-bits"),
+     ("fence --samples 1", "--samples")],
+)
+def test_a_wrong_option_is_one_line(arguments: str, named: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["make-scene", *arguments.split()]) == 2
+    assert re.fullmatch(rf"dofbench: {named}.*: found .+, expected .+\n", capsys.readouterr().err)
+
+
+def test_other_settings_and_other_files_are_refused(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(made, "--seed", "1") == 2
+    assert "made otherwise" in capsys.readouterr().err
+    (tmp_path / "letter.txt").write_text("mine")
+    assert call(tmp_path) == 2
+    assert "no rendered scene" in capsys.readouterr().err
+    (tmp_path / "scene.json").write_text('{"schema": "another"}')
+    assert call(tmp_path) == 2
+    assert "another kind of JSON" in capsys.readouterr().err
+
+
+def test_all_goes_into_a_folder_each() -> None:
+    parse: Callable = cli.parse
+    settings = parse(["make-scene", "all", "--out", "rendered"])
+    assert [settings.folder(name) for name in settings.recipes][1] == Path("rendered/fence")
+    assert parse(["make-scene", "fence"]).folder("fence") == Path("data/scenes/fence")
+    assert len(settings.recipes) == 9

@@ -1,0 +1,59 @@
+"""The variant is tried in another process, and what isn't there is said in one line."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from dofbench import cli
+from dofbench.errors import InputError
+from dofbench.rendering.variant import SCALAR, VECTORISED, choose_variant
+
+
+@pytest.fixture
+def restored(variant: str) -> Iterator[None]:
+    """The session's variant is chosen again afterwards."""
+    import mitsuba as mi
+
+    yield
+    mi.set_variant(variant)
+
+
+def test_a_library_that_does_not_work_means_the_scalar_variant(
+    restored: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    library = tmp_path / "libLLVM-99.so"
+    library.write_text("no library")
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(library))
+    chosen, remark = choose_variant()
+    assert chosen == SCALAR
+    assert str(library) in remark and "slower" in remark
+    with pytest.raises(InputError, match="libLLVM"):
+        choose_variant(VECTORISED)
+
+
+def test_a_library_that_aborts_the_process_is_survived(restored: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Debian's LLVM 15 loads, then aborts at the first render."""
+    old = Path("/usr/lib/x86_64-linux-gnu/libLLVM-15.so.1")
+    if not old.is_file():
+        pytest.skip(f"no {old.name} here")
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(old))
+    assert choose_variant()[0] == SCALAR
+
+
+def test_by_name(restored: None) -> None:
+    assert choose_variant(SCALAR) == (SCALAR, "")
+    with pytest.raises(InputError, match="auto or one of"):
+        choose_variant("fast")
+
+
+def test_without_mitsuba_it_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, "mitsuba", None)
+    assert cli.main(["make-scene", "fence", "--out", str(tmp_path / "fence")]) == 2
+    assert "pip install 'dofbench[render]'" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
