@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import sys
-from collections.abc import Iterator
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -23,6 +19,11 @@ from dofbench.cameras import Camera
 from dofbench.content import content_folder
 from dofbench.files import sha256_file
 from dofbench.images import encode, read_exr, read_image, to_8bit
+from dofbench.rendering import ink
+from dofbench.rendering.paths import cameras
+from dofbench.rendering.recipes import recipe
+from dofbench.rendering.tracer import Tracer
+from dofbench.rendering.variant import choose_variant
 from dofbench.scenes import load_scene
 from dofbench.scenes.named import named_datasets
 from dofbench.scenes.types import Scene
@@ -67,7 +68,7 @@ def test_every_file_is_as_listed() -> None:
 
 
 def test_the_entry_says_what_is_there(scene: Scene) -> None:
-    assert len(scene.views) == ENTRY.views == MADE["images"]["views"]
+    assert len(scene.views) == ENTRY.views == MADE["views"]["views"]
     assert {(view.camera.width, view.camera.height) for view in scene.views} == {ENTRY.size}
     assert [view.split for view in scene.views] == [
         "test" if index % DATASET.hold == 0 else "train" for index in range(ENTRY.views)
@@ -133,34 +134,17 @@ def test_colmap_model_has_the_same_cameras(scene: Scene) -> None:
         np.testing.assert_allclose(one.camera.intrinsics, other.camera.intrinsics)
 
 
-# ---- the script that makes it ----
+# ---- the recipe that makes it ----
 
 
-@pytest.fixture(scope="module")
-def maker() -> Iterator[ModuleType]:
-    """The package beside make.py, under the name that the script uses; gone again afterwards."""
-    spec = importlib.util.spec_from_file_location(
-        "maker", ROOT / "maker" / "__init__.py", submodule_search_locations=[str(ROOT / "maker")]
-    )
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["maker"] = module
-    spec.loader.exec_module(module)
-    yield module
-    for name in [name for name in sys.modules if name == "maker" or name.startswith("maker.")]:
-        del sys.modules[name]
-
-
-def test_camera_path_is_the_one_that_was_rendered(scene: Scene, maker: ModuleType) -> None:
-    path = importlib.import_module("maker.path")
-    made = path.cameras(ENTRY.views, *ENTRY.size, MADE["seed"])
+def test_camera_path_is_the_one_that_was_rendered(scene: Scene) -> None:
+    made = cameras(recipe(MADE["recipe"]).VIEWPOINTS, MADE["path"], ENTRY.views, *ENTRY.size, MADE["seed"])
     for view, camera in zip(scene.views, made, strict=True):
         np.testing.assert_allclose(view.camera.world_to_camera, camera.world_to_camera, atol=POSE_ROUND_TRIP)
         np.testing.assert_allclose(view.camera.intrinsics, camera.intrinsics)
 
 
-def test_text_fills_its_box(maker: ModuleType) -> None:
-    ink = importlib.import_module("maker.ink")
+def test_text_fills_its_box() -> None:
     sheet = np.ones((80, 300, 3))
     ink.text(sheet, "BOKEH", (20, 10, 240, 60), (0.0, 0.0, 0.0))
     rows, columns = np.nonzero(sheet.min(axis=2) < 0.5)
@@ -168,8 +152,7 @@ def test_text_fills_its_box(maker: ModuleType) -> None:
     assert abs(columns.min() - 20) <= 1 and abs(columns.max() - 259) <= 1
 
 
-def test_drawing_outside_the_image_is_left_out(maker: ModuleType) -> None:
-    ink = importlib.import_module("maker.ink")
+def test_drawing_outside_the_image_is_left_out() -> None:
     sheet = np.ones((20, 30, 3))
     ink.disc(sheet, (-50, 5), 8, (0.0, 0.0, 0.0))
     ink.stroke(sheet, (100, 100), (120, 90), 3, (0.0, 0.0, 0.0))
@@ -178,17 +161,16 @@ def test_drawing_outside_the_image_is_left_out(maker: ModuleType) -> None:
 
 
 @pytest.mark.slow
-def test_a_render_repeats_depth_and_image(scene: Scene, maker: ModuleType) -> None:
+def test_a_render_repeats_depth_and_image(scene: Scene) -> None:
     """One view rendered again, with a tenth of the samples: the same depth, the same image but for noise."""
     pytest.importorskip("mitsuba", reason="mitsuba is not installed (extra: render)")
-    props, render = importlib.import_module("maker.props"), importlib.import_module("maker.render")
-    render.choose_variant()
-    passes = render.load(props.stage(MADE["seed"]))
-    camera = scene.views[5].camera
-    shipped = read_exr(ROOT / "depth" / f"{scene.views[5].name}.exr")
-    error = np.abs(render.depth(passes, camera) - shipped)
+    choose_variant()
+    tracer = Tracer(recipe(MADE["recipe"]).stage(MADE["seed"]))
+    view = scene.views[5]
+    shipped = read_exr(ROOT / "depth" / f"{view.name}.exr")
+    error = np.abs(tracer.depth(view.camera) - shipped)
     # Another ray tracer may decide otherwise where a ray grazes an edge; elsewhere only the step of the files is lost.
     assert (error > 0.51 * MADE["depth"]["step"]).mean() < BUILT_IN_SILHOUETTE
-    again = to_8bit(encode(render.colour(passes, camera, seed=999, samples=25)))
-    difference = again / 255.0 - read_image(ROOT / "images" / f"{scene.views[5].name}.png")
+    again = to_8bit(encode(tracer.photograph(view.camera, 96, "again").linear))
+    difference = again / 255.0 - read_image(ROOT / "images" / f"{view.name}.png")
     assert -10 * np.log10(np.mean(difference**2)) > BUILT_IN_RENDER_PSNR

@@ -11,24 +11,23 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import rooms  # also puts the table top's maker on the path
+import rooms
 import tyro
 
 from dofbench.files import replacing
 from dofbench.images import encode, to_8bit
-
-path: Any = import_module("maker.path")
-props: Any = import_module("maker.props")
-render: Any = import_module("maker.render")
+from dofbench.rendering.paths import cameras as path
+from dofbench.rendering.recipes import recipe
+from dofbench.rendering.tracer import Tracer
+from dofbench.rendering.variant import choose_variant
 
 WIDTH, HEIGHT = 256, 192
 TABLE_TOPS = 8   # every eighth room is a table top as the built-in scene, of another seed
 BANK_ROOMS = 24  # rooms that share one bank of textures
+SAMPLES = 32     # rays a pixel
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,8 @@ class Settings:
 
 def main(settings: Settings) -> None:
     """Render until the rooms or the minutes are used up."""
-    render.choose_variant()
+    choose_variant()
+    table_top = recipe("tabletop")
     start = time.perf_counter()
     bank, banked = [], -1
     for number in range(settings.first, settings.first + settings.rooms):
@@ -60,8 +60,8 @@ def main(settings: Settings) -> None:
             continue
         if number % TABLE_TOPS == TABLE_TOPS - 1:
             # Seed 0 is the built-in scene, which is for evaluation.
-            stage, seed = props.stage(1 + number), 1 + number
-            cameras = path.cameras(20, WIDTH, HEIGHT, seed)[: settings.views]
+            stage, seed = table_top.stage(1 + number), 1 + number
+            cameras = path(table_top.VIEWPOINTS, "forward", 20, WIDTH, HEIGHT, seed)[: settings.views]
         else:
             if number // BANK_ROOMS != banked:
                 banked = number // BANK_ROOMS
@@ -69,11 +69,12 @@ def main(settings: Settings) -> None:
             rng = np.random.default_rng([number, 11])
             stage = rooms.room(rng, bank)
             cameras = rooms.cameras(rng, settings.views, WIDTH, HEIGHT)
-        passes = render.load(stage)
+        tracer = Tracer(stage)
         images, depths = [], []
         for index, camera in enumerate(cameras):
-            images.append(to_8bit(encode(render.colour(passes, camera, number + index, 9))))
-            depths.append(render.depth(passes, camera).astype(np.float16))
+            shot = tracer.photograph(camera, SAMPLES, f"depthnet/{number}/{index}")
+            images.append(to_8bit(encode(shot.linear)))
+            depths.append(tracer.depth(camera).astype(np.float16))
         with replacing(file) as temporary:
             np.savez_compressed(temporary, images=np.stack(images), depth=np.stack(depths))
         done = number - settings.first + 1

@@ -6,20 +6,14 @@ expect it, but that what is lower in the picture tends to be nearer.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
-from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dofbench.cameras import Camera
-
-# The built-in scene's maker stands in a folder of its own and is no package of dofbench.
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tabletop"))
-props: Any = import_module("maker.props")
-textures: Any = import_module("maker.textures")
+from dofbench.rendering import shapes, textures
+from dofbench.rendering.stage import Lamp, Prop, Sphere, Stage, Tube
 
 NEAREST, FARTHEST = 0.7, 14.0  # distance of things from the camera, scene units; spread evenly in its logarithm
 
@@ -45,21 +39,21 @@ def texture_bank(rng: np.random.Generator, rounds: int) -> list[np.ndarray]:
     return bank
 
 
-def room(rng: np.random.Generator, bank: list[np.ndarray]) -> Any:
-    """A stage (maker/props.py) around the view along +y from about the origin; the floor is z = 0."""
+def room(rng: np.random.Generator, bank: list[np.ndarray]) -> Stage:
+    """A stage around the view along +y from about the origin; the floor is z = 0."""
     things = [*_shell(rng, bank)]
     for _ in range(int(rng.integers(6, 36))):
         things.extend(_thing(rng, bank))
     lamps = tuple(
-        props.Lamp(
+        Lamp(
             (float(rng.uniform(-4, 4)), float(rng.uniform(-2, 6)), float(rng.uniform(2.5, 7))),
             (float(rng.uniform(-1, 1)), float(rng.uniform(2, 6)), 0.3), side := float(rng.uniform(0.2, 2.5)),
-            float(rng.uniform(20, 70)) / side**2, samples=9,
+            float(rng.uniform(20, 70)) / side**2,
         )
         for _ in range(int(rng.integers(0, 3)))
     )
     ambient = rng.uniform(0.15, 0.5) if lamps else rng.uniform(0.6, 1.2)
-    return props.Stage(tuple(things), lamps, props.Ambient(float(ambient), samples=16))
+    return Stage(tuple(things), lamps, float(ambient))
 
 
 def cameras(rng: np.random.Generator, count: int, width: int, height: int) -> list[Camera]:
@@ -85,18 +79,18 @@ def cameras(rng: np.random.Generator, count: int, width: int, height: int) -> li
 def _shell(rng: np.random.Generator, bank: list[np.ndarray]) -> Iterator[Any]:
     """Floor, back wall, side walls, each of which may be missing; the floor is rarely."""
     if rng.random() < 0.93:
-        yield props.Prop(props.quad((-20, -4, 0), (40, 0, 0), (0, 34, 0)), _tiled(rng, bank, 4))
+        yield Prop(shapes.quad((-20, -4, 0), (40, 0, 0), (0, 34, 0)), _tiled(rng, bank, 4))
     wall = float(np.exp(rng.uniform(np.log(3.0), np.log(25.0))))
     slant = float(rng.normal(0, 0.25))
     if rng.random() < 0.85:
         height = float(rng.uniform(2, 9))
-        sheet = props.quad((-20, wall - 20 * slant, -1), (40, 40 * slant, 0), (0, 0, height + 1))
-        yield props.Prop(sheet, _tiled(rng, bank, 3))
+        sheet = shapes.quad((-20, wall - 20 * slant, -1), (40, 40 * slant, 0), (0, 0, height + 1))
+        yield Prop(sheet, _tiled(rng, bank, 3))
     for side in (-1, 1):
         if rng.random() < 0.35:
             x = side * float(rng.uniform(1.2, 5))
-            sheet = props.quad((x, -4, 0), (0, wall + 8, 0), (0, 0, float(rng.uniform(1, 6))))
-            yield props.Prop(sheet, _tiled(rng, bank, 3))
+            sheet = shapes.quad((x, -4, 0), (0, wall + 8, 0), (0, 0, float(rng.uniform(1, 6))))
+            yield Prop(sheet, _tiled(rng, bank, 3))
 
 
 def _tiled(rng: np.random.Generator, bank: list[np.ndarray], repeats: int) -> Any:
@@ -121,23 +115,23 @@ def _thing(rng: np.random.Generator, bank: list[np.ndarray]) -> Iterator[Any]:
     kind = rng.choice(["box", "ball", "post", "sheet", "grass", "rods"], p=[0.32, 0.2, 0.16, 0.16, 0.08, 0.08])
     if kind == "box":
         w, d, h = size * rng.uniform(0.4, 1.6, 3)
-        yield props.Prop(props.box(x, y, (w, d, h), turn, base), paint, finish)
+        yield Prop(shapes.box(x, y, (w, d, h), turn, base), paint, finish)
     elif kind == "ball":
-        yield props.Prop(props.Sphere((x, y, base + 0.5 * size), 0.5 * size, turn), paint, finish)
+        yield Prop(Sphere((x, y, base + 0.5 * size), 0.5 * size, turn), paint, finish)
     elif kind == "post":
         height, radius = size * float(rng.uniform(0.8, 4)), size * float(rng.uniform(0.05, 0.4))
-        yield props.Prop(props.Tube((x, y, base), (x, y, base + height), radius, turn), paint, finish)
-        yield props.Prop(props.lid(x, y, base + height, radius), paint)
+        yield Prop(Tube((x, y, base), (x, y, base + height), radius, turn), paint, finish)
+        yield Prop(shapes.lid(x, y, base + height, radius), paint)
     elif kind == "sheet":
         right, up = rng.normal(0, 1, 3), rng.normal(0, 1, 3)
         right, up = size * right / np.linalg.norm(right), size * up / np.linalg.norm(up)
-        yield props.Prop(props.quad((x, y, base + 0.5 * size), right, up), paint)
+        yield Prop(shapes.quad((x, y, base + 0.5 * size), right, up), paint)
     elif kind == "grass":
         for angle in rng.uniform(0, 2 * np.pi, int(rng.integers(4, 12))):
             lean = (float(0.4 * size * np.cos(angle)), float(0.4 * size * np.sin(angle)))
             root = (x + 0.1 * size * np.cos(angle), y + 0.1 * size * np.sin(angle), base)
-            yield props.Prop(props.blade(root, lean, 1.5 * size, 0.05 * size, float(rng.uniform(-1, 1))), paint)
+            yield Prop(shapes.blade(root, lean, 1.5 * size, 0.05 * size, float(rng.uniform(-1, 1))), paint)
     else:
         for offset in np.linspace(-0.5, 0.5, int(rng.integers(3, 7))):
             at = (x + float(offset) * size, y, base)
-            yield props.Prop(props.Tube(at, (at[0], at[1], base + size), 0.02 * size), paint)
+            yield Prop(Tube(at, (at[0], at[1], base + size), 0.02 * size), paint)
