@@ -11,17 +11,18 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 
 from dofbench.errors import InputError
-from dofbench.files import read_json
+from dofbench.files import read_json, sha256_file
 from dofbench.images import decode, encode, read_image
 from dofbench.lens import GAMMA
-from dofbench.validation.truth import Truth
+from dofbench.validation.truth import Case, Truth
 
 GRID = "grid.json"
 _SWEEP_STEP = 0.02    # pixels per view step between two planes of the sweep
@@ -93,25 +94,41 @@ def read_lightfield(folder: Path) -> LightField:
     return LightField(folder.name, views, disparities)
 
 
-def photographs(field: LightField) -> Iterator[Truth]:
+def lightfield_cases(folder: Path) -> list[Case]:
     """Photographs at apertures up to the whole grid, focused far, in the middle and near."""
+    field = read_lightfield(folder)
+    depth = cache(partial(_depth, field))
+    content = [sha256_file(folder / GRID)]
+    content += [sha256_file(file) for file in sorted((folder / "views").glob("*")) if file.is_file()]
+    return [
+        Case("light field", field.name, float(rho), percentile, content, field.centre[..., 0].size / 1e6,
+             partial(_photograph, field, depth, rho, percentile))
+        for rho in range(2, field.steps + 1) for percentile in _FOCUS_PERCENTILES
+    ]
+
+
+def _depth(field: LightField) -> tuple[np.ndarray, int]:
+    """The centre view's disparity, pixels per step, and +1 where a larger one is nearer, else -1."""
     disparity = sweep(field)
-    nearer = _nearer_sign(field, disparity)
-    for rho in range(2, field.steps + 1):
-        aperture = _aperture(rho)
-        # The disc of the same area as what the views stand for, one square step each.
-        radius = math.sqrt(len(aperture) / math.pi)
-        for percentile in _FOCUS_PERCENTILES:
-            focus = float(np.percentile(disparity, percentile))
-            whole, half = _added(field, aperture, focus), _added(field, aperture[::2], focus)
-            error = float(np.mean((encode(whole) - encode(half)) ** 2))
-            signed = nearer * radius * (disparity - focus)
-            yield Truth(
-                source="light field", name=field.name, aperture=float(np.abs(signed).max()), focus=focus,
-                sharp=field.centre, signed_radius=signed.astype(np.float32),
-                photograph=encode(whole).astype(np.float32), gamma=GAMMA,
-                border=math.ceil(rho * max(map(abs, field.disparities))) + 4, own_error_db=-10 * math.log10(error),
-            )
+    return disparity, _nearer_sign(field, disparity)
+
+
+def _photograph(
+    field: LightField, depth: Callable[[], tuple[np.ndarray, int]], rho: int, percentile: float
+) -> Truth:
+    """Views within `rho` steps, added; focused at a percentile of the disparity."""
+    disparity, nearer = depth()
+    focus = float(np.percentile(disparity, percentile))
+    aperture = _aperture(rho)
+    # The disc of the same area as what the views stand for, one square step each.
+    radius = math.sqrt(len(aperture) / math.pi)
+    whole, half = _added(field, aperture, focus), _added(field, aperture[::2], focus)
+    error = float(np.mean((encode(whole) - encode(half)) ** 2))
+    return Truth(
+        sharp=field.centre, signed_radius=(nearer * radius * (disparity - focus)).astype(np.float32),
+        photograph=encode(whole).astype(np.float32), gamma=GAMMA,
+        border=math.ceil(rho * max(map(abs, field.disparities))) + 4, own_error_db=-10 * math.log10(error),
+    )
 
 
 def sweep(field: LightField) -> np.ndarray:
@@ -162,8 +179,9 @@ def _aperture(rho: int) -> list[tuple[int, int]]:
 
 def _added(field: LightField, aperture: list[tuple[int, int]], focus: float) -> np.ndarray:
     """Mean of the views, shifted to `focus`, in linear light."""
-    total = sum(decode(np.clip(_shifted(field.views[place], place, focus), 0, 1).astype(np.float64), GAMMA)
-                for place in aperture)
+    total = np.zeros(field.centre.shape)
+    for place in aperture:
+        total += decode(np.clip(_shifted(field.views[place], place, focus), 0, 1).astype(np.float64), GAMMA)
     return total / len(aperture)
 
 

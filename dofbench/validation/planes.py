@@ -1,4 +1,4 @@
-"""Planes before an exact thin lens: truth without noise of rendering, depth that is known, nothing to download.
+"""Planes before an exact thin lens: truth whose noise is as small as one likes, depth that is known, no download.
 
 Seen from the point u of a lens of unit radius, a point whose image through the lens' centre is p, with the signed
 radius s, lands on p + s u. For a plane s is affine in p, so what a pixel sees of it is found by one division, and a
@@ -9,19 +9,24 @@ is a picture of its own.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
+from functools import cache, partial
 
 import numpy as np
 
 from dofbench.images import encode
-from dofbench.lens import GAMMA
-from dofbench.validation.truth import Truth
+from dofbench.lens import GAMMA, ApertureShape
+from dofbench.validation.lens_points import lens_points
+from dofbench.validation.planes_lens import ALL, BARS, DISCS, LOWER_HALF, add_views
+from dofbench.validation.truth import Case, Truth
 
 WIDTH, HEIGHT = 400, 300
-POINTS = 256
+OWN_ERROR_DB = 50.0  # of a photograph, at least: twice as good as what is compared with it
+POINTS = (256, 1 << 14)  # to begin with, and at most: half a minute on two cores
 _TEXTURE = 1024  # pixels, side of a plane's picture; it repeats
+_STENCILS = {"all": ALL, "lower half": LOWER_HALF, "discs": DISCS, "bars": BARS}
+_HEXAGON = ApertureShape(6)
 
 
 @dataclass(frozen=True)
@@ -41,8 +46,14 @@ class Plane:
     highlights: float = 0.0
     brightness: float = 30.0
 
+    def __post_init__(self) -> None:
+        if self.stencil not in _STENCILS:
+            raise ValueError(f"stencil: expected one of {', '.join(_STENCILS)}, found {self.stencil!r}")
 
-SCENES: dict[str, tuple[Plane, ...]] = {  # far to near
+
+Scene = tuple[Plane, ...]  # far to near
+
+SCENES: dict[str, Scene] = {
     "two walls": (Plane(1, 2.0, "all", 0.1), Plane(2, 2.0, "discs", 0.9)),
     "thin bars": (Plane(3, 2.0, "all", 0.05), Plane(4, 4.0, "bars", 0.85)),
     "slanted floor": (Plane(5, 3.0, "all", 0.0), Plane(6, 2.0, "lower half", 0.45, (0.0, 0.5)),
@@ -50,73 +61,85 @@ SCENES: dict[str, tuple[Plane, ...]] = {  # far to near
     "highlights": (Plane(8, 3.0, "all", 0.0, highlights=0.002), Plane(9, 3.0, "discs", 0.6)),
     "flat walls": (Plane(10, 60.0, "all", 0.1), Plane(11, 60.0, "discs", 0.8), Plane(12, 60.0, "bars", 1.0)),
 }
+_BY_HEXAGON = ("two walls", "highlights")
 
 
-def planes(radius: float, focuses: tuple[float, ...], points: int = POINTS) -> Iterator[Truth]:
-    """Photographs of every scene through a lens that blurs by `radius` pixels per unit of disparity."""
+def plane_cases(radii: Iterable[float], focuses: Iterable[float]) -> Iterator[Case]:
+    """Every scene through round lenses that blur by a radius, pixels, per unit of disparity; some by a hexagon."""
+    radii, focuses = tuple(radii), tuple(focuses)
     for name, scene in SCENES.items():
+        for radius in radii:
+            for focus in focuses:
+                yield _case("planes", name, scene, radius, focus, ApertureShape())
+    for name in _BY_HEXAGON:
         for focus in focuses:
-            yield photograph(name, scene, radius, focus, points)
+            yield from (_case("planes, hexagonal aperture", name, SCENES[name], radius, focus, _HEXAGON)
+                        for radius in radii[-1:])
 
 
-def photograph(name: str, scene: tuple[Plane, ...], radius: float, focus: float, points: int = POINTS) -> Truth:
-    """One scene, far to near, through a lens of `radius` pixels per unit of disparity, focused at `focus`."""
-    sharp, signed_radius = _view(scene, radius, focus, 0.0, 0.0)
-    halves = [np.zeros_like(sharp), np.zeros_like(sharp)]
-    index = np.arange(points) + 0.5
-    for i, (rho, angle) in enumerate(zip(np.sqrt(index / points), math.pi * (1 + 5**0.5) * index, strict=True)):
-        halves[i % 2] += _view(scene, radius, focus, rho * math.cos(angle), rho * math.sin(angle))[0]
-    whole = (halves[0] + halves[1]) / points
-    encoded, half = (encode(np.clip(image, 0, 1)).astype(np.float32) for image in (whole, halves[0] / (points / 2)))
-    difference = float(np.mean((encoded - half) ** 2))
+def _case(source: str, name: str, scene: Scene, radius: float, focus: float, shape: ApertureShape) -> Case:
+    content = [[asdict(plane) for plane in scene], asdict(shape), WIDTH, HEIGHT, OWN_ERROR_DB, POINTS]
+    return Case(source, name, radius, focus, content, WIDTH * HEIGHT / 1e6,
+                partial(photograph, scene, radius, focus, shape), geometry=True)
+
+
+def photograph(
+    scene: Scene, radius: float, focus: float, shape: ApertureShape = ApertureShape(),
+    own_error_db: float = OWN_ERROR_DB,
+) -> Truth:
+    """One scene through a lens of `radius` pixels per unit of disparity, focused at `focus`.
+
+    Points of the lens are added until the photograph from half of them is `own_error_db` from the one from all, or
+    there are so many that it would take minutes.
+    """
+    pinhole, signed_radius = seen(scene, radius, focus, np.zeros((1, 2)))
+    halves = np.zeros((2, HEIGHT, WIDTH, 3))
+    points, wanted = 0, POINTS[0]
+    while True:
+        halves += seen(scene, radius, focus, lens_points(wanted - points, shape, first=points))[0]
+        points = wanted
+        whole, half = _encoded(halves.sum(axis=0) / points), _encoded(halves[0] / (points / 2))
+        difference = float(np.mean((whole - half) ** 2))
+        reached = -10 * math.log10(difference) if difference > 0 else math.inf
+        if reached >= own_error_db or points >= POINTS[1]:
+            break
+        wanted = 2 * points
+
+    def thin_lens(samples: int) -> np.ndarray:
+        # Other points than the photograph's own, or it would be compared with itself.
+        others = lens_points(samples, shape, first=4 * POINTS[1])
+        return _encoded(seen(scene, radius, focus, others)[0].sum(axis=0) / samples)
+
     return Truth(
-        source="planes", name=name, aperture=float(np.abs(signed_radius).max()), focus=focus,
-        # A highlight stays brighter than white in what the renderer gets.
-        sharp=encode(sharp).astype(np.float32), signed_radius=signed_radius.astype(np.float32), photograph=encoded,
-        gamma=GAMMA, border=math.ceil(radius) + 2,
-        own_error_db=-10 * math.log10(difference) if difference > 0 else math.inf,
+        sharp=encode(pinhole.sum(axis=0)).astype(np.float32), signed_radius=signed_radius.astype(np.float32),
+        photograph=whole, gamma=GAMMA, border=math.ceil(radius) + 2, own_error_db=reached, shape=shape,
+        thin_lens=thin_lens,
     )
 
 
-def _view(
-    scene: tuple[Plane, ...], radius: float, focus: float, ux: float, uy: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """(linear image, signed radius) from one point of the lens."""
-    y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
-    image, front = np.zeros((HEIGHT, WIDTH, 3)), np.zeros((HEIGHT, WIDTH))
-    for plane in scene:
-        # s(p) = a + bx px + by py in pixels; x = p + s(p) u, so s(p) = (a + b . x) / (1 + b . u).
-        bx, by = (radius * slope / (WIDTH / 2) for slope in plane.slope)
-        a = radius * (plane.disparity - focus) - bx * WIDTH / 2 - by * HEIGHT / 2
-        s = (a + bx * x + by * y) / (1 + bx * ux + by * uy)
-        px, py = x - s * ux, y - s * uy
-        # Without slope s is one number, and the picture is only shifted.
-        colour = _sampled(_picture(plane), px, py) if any(plane.slope) else _shifted(_picture(plane), -a * ux, -a * uy)
-        there = np.clip(_stencil(plane.stencil, px, py) + 0.5, 0, 1)[..., None]
-        image = there * colour + (1 - there) * image
-        front = np.where(there[..., 0] > 0.5, s, front)
-    return image, front
+def seen(scene: Scene, radius: float, focus: float, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(2, H, W, 3) linear light, summed over the even and the odd points of a lens, and the signed radius, (H, W).
+
+    points: (N, 2), x and y. The signed radius is that of what is seen from the last one.
+    """
+    light, front = np.zeros((2, 3, HEIGHT, WIDTH)), np.zeros((HEIGHT, WIDTH))
+    slopes = np.array([plane.slope for plane in scene]) * radius / (WIDTH / 2)
+    offsets = radius * (np.array([plane.disparity for plane in scene]) - focus) - slopes @ (WIDTH / 2, HEIGHT / 2)
+    stencils = np.array([_STENCILS[plane.stencil] for plane in scene])
+    add_views(_pictures(scene), _TEXTURE, stencils, np.column_stack([offsets, slopes]), np.ascontiguousarray(points),
+              light, front)
+    return light.transpose(0, 2, 3, 1), front
 
 
-def _shifted(picture: np.ndarray, dx: float, dy: float) -> np.ndarray:
-    """What `_sampled` gives at (x + dx, y + dy) for the pixels (x, y) of the view, in a fraction of its time."""
-    left, top = math.floor(dx), math.floor(dy)
-    right_share, lower_share = np.float32(dx - left), np.float32(dy - top)
-    rows, columns = np.arange(HEIGHT + 1) + top, np.arange(WIDTH + 1) + left
-    part = picture[np.ix_(rows % _TEXTURE, columns % _TEXTURE)]
-    part = part[:, :-1] * (1 - right_share) + part[:, 1:] * right_share
-    return part[:-1] * (1 - lower_share) + part[1:] * lower_share
+def _encoded(linear: np.ndarray) -> np.ndarray:
+    return encode(np.clip(linear, 0, 1)).astype(np.float32)
 
 
-def _sampled(picture: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """The periodic picture at pixel positions, bilinear. OpenCV would round positions to 1/32 pixel."""
-    left, top = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
-    right_share, lower_share = (x - left)[..., None].astype(np.float32), (y - top)[..., None].astype(np.float32)
-    columns, rows = (left % _TEXTURE, (left + 1) % _TEXTURE), (top % _TEXTURE, (top + 1) % _TEXTURE)
-    upper, lower = (
-        picture[row, columns[0]] * (1 - right_share) + picture[row, columns[1]] * right_share for row in rows
-    )
-    return upper * (1 - lower_share) + lower * lower_share
+@cache
+def _pictures(scene: Scene) -> np.ndarray:
+    """(P, 3, 1024, more) float32: each plane's picture, and again what a view reaches beyond its end."""
+    pictures = np.stack([_picture(plane).transpose(2, 0, 1) for plane in scene])
+    return np.ascontiguousarray(np.concatenate([pictures, pictures[..., : WIDTH + 1]], axis=3))
 
 
 @cache
@@ -136,18 +159,3 @@ def _picture(plane: Plane) -> np.ndarray:
         lit = lit | np.roll(lit, 1, 0) | np.roll(lit, 1, 1) | np.roll(lit, (1, 1), (0, 1))
         picture[lit] = plane.brightness
     return picture.astype(np.float32)
-
-
-def _stencil(kind: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Signed distance to the stencil's edge, pixels, positive inside."""
-    if kind == "all":
-        return np.full(x.shape, 1.0)
-    if kind == "lower half":
-        return y - 0.45 * HEIGHT
-    if kind == "discs":
-        centres = ((0.28, 0.35, 42), (0.72, 0.55, 60), (0.45, 0.85, 30))
-        return np.max([r - np.hypot(x - cx * WIDTH, y - cy * HEIGHT) for cx, cy, r in centres], axis=0)
-    if kind == "bars":
-        return np.max([w - np.abs((x - c * WIDTH) * math.cos(t) + (y - 0.5 * HEIGHT) * math.sin(t))
-                       for c, w, t in ((0.2, 1.0, 0.1), (0.4, 2.0, -0.2), (0.6, 4.0, 0.3), (0.8, 1.5, -0.4))], axis=0)
-    raise ValueError(f"stencil: expected all, lower half, discs or bars, found {kind!r}")

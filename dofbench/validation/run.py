@@ -2,59 +2,111 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import math
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, fields
+import time
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 
+from dofbench.errors import InputError
 from dofbench.files import write_text
 from dofbench.images import write_png
-from dofbench.validation.lightfield import photographs, read_lightfield
-from dofbench.validation.planes import planes
-from dofbench.validation.regions import REGIONS
+from dofbench.reporting.figures import file_name
+from dofbench.validation.detect import cases_in
+from dofbench.validation.planes import plane_cases
+from dofbench.validation.plot import plot_precision
 from dofbench.validation.score import Score, score
 from dofbench.validation.settings import ValidateRenderer
-from dofbench.validation.truth import Truth
-from dofbench.validation.variants import VARIANTS
+from dofbench.validation.store import Store
+from dofbench.validation.tables import csv_text, markdown
+from dofbench.validation.truth import Case, Truth
+from dofbench.validation.variants import VARIANTS, Variant
 
 PLANE_RADII = (4.0, 12.0)        # pixels per unit of disparity
 PLANE_FOCUSES = (0.1, 0.5, 0.9)
 _PICTURED = ("scatter", "layered, 16")
 _GAIN = 5  # of the error pictures
+_TABLES_EVERY = 10.0  # seconds
 
 
 def validate_renderer(settings: ValidateRenderer, console: Console | None = None) -> Path:
-    """Score every renderer on every photograph; writes renderer.csv, renderer.md and pictures, returns the folder.
+    """Score every renderer on every photograph; writes renderer.csv, renderer.md, plots and pictures to `out`.
 
-    Raises InputError for a folder that is no light field.
+    What is scored is kept at once, and the tables are of all that is kept, whenever the run ends. Returns the folder.
+    Raises InputError for a folder that holds no photographs with a known lens, and when there is nothing to do.
     """
     console = console or Console(stderr=True)
-    fields_read = [read_lightfield(folder) for folder in settings.lightfields]
-    truths: Iterator[Truth] = chain(
-        chain.from_iterable(planes(radius, PLANE_FOCUSES) for radius in PLANE_RADII),
-        chain.from_iterable(photographs(field) for field in fields_read),
-    )
-    scores: list[Score] = []
-    for truth in truths:
-        title = f"{truth.name}, radius {truth.aperture:.1f}, focus {truth.focus:.2f}"
-        console.print(title, highlight=False, markup=False)
-        renders = {}
-        for row, image in score(truth):
-            scores.append(row)
-            renders[row.variant] = image
-        if settings.pictures:
-            name = f"{truth.source}-{truth.name}-{truth.aperture:.1f}-{truth.focus:.2f}.png".replace(" ", "-")
-            write_png(settings.out / "pictures" / name, _strip(truth, renders))
-    write_text(settings.out / "renderer.csv", _csv(scores))
-    write_text(settings.out / "renderer.md", _markdown(scores, settings))
+    cases = [*(plane_cases(PLANE_RADII, PLANE_FOCUSES) if settings.planes else ()),
+             *chain.from_iterable(cases_in(folder) for folder in settings.truths)]
+    if not cases:
+        raise InputError("validate-renderer --no-planes", "no folder", "something to compare with")
+    store = Store(settings.out)
+    cases = list({case.key: case for case in cases}.values())  # a folder may be named twice
+    done = {case.key: store.read(case) for case in cases}
+    try:
+        _score_all(cases, done, store, settings, console)
+    finally:
+        rows = _rows(cases, done)
+        if rows:
+            _write(settings, cases, rows, [plot_precision(rows, settings.out)])
     console.print(f"{settings.out / 'renderer.md'}", highlight=False, markup=False)
     return settings.out
+
+
+def _score_all(
+    cases: list[Case], done: dict[str, dict[str, list[Score]]], store: Store, settings: ValidateRenderer,
+    console: Console,
+) -> None:
+    open_cases = [case for case in cases if _missing(case, done[case.key]) or not _pictured(case, settings)]
+    if len(open_cases) < len(cases):
+        console.print(f"{len(cases) - len(open_cases)} of {len(cases)} photographs are scored already",
+                      highlight=False)
+    begun = written = time.monotonic()
+    ahead, behind = sum(case.megapixels for case in open_cases), 0.0
+    for index, case in enumerate(open_cases):
+        left = (time.monotonic() - begun) / behind * ahead if behind else None
+        console.print(f"{index + 1} of {len(open_cases)}: {case.title}" + (f", {_clock(left)} left" if left else ""),
+                      highlight=False, markup=False)
+        truth = case.make()
+        kept, renders = done[case.key], {}
+        for variant in VARIANTS:
+            if variant.can_render(case) and (variant.name not in kept or _wants(variant, settings)):
+                kept[variant.name], renders[variant.name] = score(case, truth, variant)
+                store.write(case, kept)
+        if settings.pictures:
+            write_png(_picture(case, settings), _strip(truth, renders))
+        ahead, behind = ahead - case.megapixels, behind + case.megapixels
+        if time.monotonic() - written > _TABLES_EVERY:
+            _write(settings, cases, _rows(cases, done), [])
+            written = time.monotonic()
+
+
+def _missing(case: Case, kept: dict[str, list[Score]]) -> bool:
+    return any(variant.name not in kept and variant.can_render(case) for variant in VARIANTS)
+
+
+def _wants(variant: Variant, settings: ValidateRenderer) -> bool:
+    return settings.pictures and variant.name in _PICTURED
+
+
+def _picture(case: Case, settings: ValidateRenderer) -> Path:
+    parts = [*filter(None, (case.source, case.name, case.view)), f"{case.aperture:.4g}", f"{case.focus:.4g}"]
+    return settings.out / "pictures" / f"{file_name(*parts)}.png"
+
+
+def _pictured(case: Case, settings: ValidateRenderer) -> bool:
+    return not settings.pictures or _picture(case, settings).is_file()
+
+
+def _rows(cases: list[Case], done: dict[str, dict[str, list[Score]]]) -> list[Score]:
+    order = [variant.name for variant in VARIANTS]
+    return [row for case in cases for name in order for row in done[case.key].get(name, [])]
+
+
+def _write(settings: ValidateRenderer, cases: list[Case], rows: list[Score], plots: list[Path]) -> None:
+    write_text(settings.out / "renderer.csv", csv_text(rows))
+    write_text(settings.out / "renderer.md", markdown(rows, len(cases), settings, plots))
 
 
 def _strip(truth: Truth, renders: dict[str, np.ndarray]) -> np.ndarray:
@@ -65,67 +117,5 @@ def _strip(truth: Truth, renders: dict[str, np.ndarray]) -> np.ndarray:
     return np.concatenate([np.concatenate([truth.photograph, *images], 1), np.concatenate([sharp, *errors], 1)], 0)
 
 
-def _csv(scores: Iterable[Score]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([field.name for field in fields(Score)])
-    for row in scores:
-        writer.writerow([f"{value:.8g}" if isinstance(value, float) else value for value in asdict(row).values()])
-    return text.getvalue()
-
-
-def _markdown(scores: list[Score], settings: ValidateRenderer) -> str:
-    lines = ["# How close the renderers come to optical blur", "", _command(settings), ""]
-    for source in dict.fromkeys(row.source for row in scores):
-        of_source = [row for row in scores if row.source == source]
-        photographs_scored = len({(row.name, row.aperture, row.focus) for row in of_source})
-        least = min(row.truth_psnr for row in of_source)
-        lines += [f"## {source}", "",
-                  f"{photographs_scored} photographs: {_WHAT[source]} Mean PSNR in dB / SSIM / FLIP. A photograph "
-                  f"from half of its lens points is {least:.1f} dB or more from the one used here.", "",
-                  "| renderer | " + " | ".join(REGIONS) + " | s a megapixel |",
-                  "| --- |" + " --- |" * (len(REGIONS) + 1)]
-        for variant in VARIANTS:
-            rows = [row for row in of_source if row.variant == variant]
-            cells = [_cell([row for row in rows if row.region == region]) for region in REGIONS]
-            seconds = float(np.median([row.seconds_per_megapixel for row in rows]))
-            lines.append(f"| {variant} | {' | '.join(cells)} | {seconds:.2g} |")
-        lines += ["",
-                  "By the largest radius in the picture, pixels: PSNR of the whole picture / beside depth edges.", "",
-                  *_by_aperture(of_source), ""]
-    return "\n".join(lines)
-
-
-_WHAT = {
-    "planes": "textured planes before an exact thin lens, depth known exactly.",
-    "light field": "views of a real light field, added over a round aperture; disparity by a plane sweep over all "
-                   "views, so its errors are part of every renderer's.",
-}
-
-
-def _command(settings: ValidateRenderer) -> str:
-    folders = " ".join(folder.name for folder in settings.lightfields)
-    return f"`dofbench validate-renderer {folders}`".replace(" `", "`")
-
-
-def _cell(rows: list[Score]) -> str:
-    if not rows:
-        return "–"
-    psnr, ssim, flip = (float(np.mean([getattr(row, key) for row in rows])) for key in ("psnr", "ssim", "flip"))
-    return f"{psnr:.2f} / {ssim:.4f} / {flip:.4f}" if math.isfinite(psnr) else "exact"
-
-
-def _by_aperture(rows: list[Score]) -> list[str]:
-    edges = np.percentile([row.aperture for row in rows], [0, 100 / 3, 200 / 3, 100])
-    names = [f"{low:.1f} to {high:.1f}" for low, high in zip(edges, edges[1:], strict=False)]
-    lines = ["| renderer | " + " | ".join(names) + " |", "| --- |" + " --- |" * len(names)]
-    for variant in VARIANTS:
-        cells = []
-        for index, (low, high) in enumerate(zip(edges, edges[1:], strict=False)):
-            last = index == len(edges) - 2
-            chosen = [row for row in rows if row.variant == variant and low <= row.aperture
-                      and (row.aperture < high or (last and row.aperture <= high))]
-            values = [[row.psnr for row in chosen if row.region == region] for region in ("all", "depth edge")]
-            cells.append(" / ".join(f"{np.mean(v):.2f}" if v else "–" for v in values))
-        lines.append(f"| {variant} | {' | '.join(cells)} |")
-    return lines
+def _clock(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"

@@ -11,12 +11,15 @@ import tyro
 
 @dataclass(frozen=True)
 class ValidateRenderer:
-    """Compare the renderers with optical blur: planes before an exact thin lens, and real light fields."""
+    """Compare the renderers with optical blur: planes before an exact thin lens, rendered scenes, real light fields."""
 
-    lightfields: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
-    """Folders of light fields (grid.json and views/RR_CC images), besides the built-in planes."""
+    truths: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
+    """Rendered scenes (scene.json), light fields (grid.json and views/RR_CC images), scenes of BLB (info.json and
+    EXR images), or folders of these, besides the built-in planes."""
     out: Path = Path("reports/renderer")
-    """Folder to write to."""
+    """Folder to write to. Finished scores are kept in it: the same command goes on from them."""
+    planes: bool = True
+    """The built-in planes; leave them out where only what is given counts."""
     pictures: bool = True
     """Strips of photographs and renders; leave them out of a report that is published where the
     photographs may not be."""

@@ -2,39 +2,75 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from dofbench.defocus import defocus_by_radius
+from dofbench.images import from_8bit, to_8bit
 from dofbench.lens import ApertureShape
-from dofbench.validation.truth import Truth
+from dofbench.validation.lens_points import polygon_to_disc
+from dofbench.validation.truth import Case, Truth
 
-Renderer = Callable[[Truth], np.ndarray]
+
+@dataclass(frozen=True)
+class Variant:
+    """A renderer with its options.
+
+    render: (H, W, 3) encoded as the photograph is, so blur in another gamma is seen as it would be in a
+    dataset. family, knob: renderers that differ by one number alone, which buys precision with time.
+    geometry: whether it needs the scene itself; without it the variant has no score.
+    """
+
+    name: str
+    render: Callable[[Truth], np.ndarray]
+    family: str | None = None
+    knob: int = 0
+    geometry: bool = False
+
+    def can_render(self, case: Case) -> bool:
+        """Whether the photograph has what this renderer needs."""
+        return not self.geometry or case.geometry
 
 
 def _render(truth: Truth, **options) -> np.ndarray:
-    return defocus_by_radius(truth.sharp, truth.signed_radius, **{"gamma": truth.gamma, **options})[0]
+    return defocus_by_radius(
+        truth.sharp, truth.signed_radius, **{"gamma": truth.gamma, "shape": truth.shape, **options})[0]
 
 
-def _same_area_hexagon(truth: Truth) -> np.ndarray:
-    # A hexagon's area is 3 sqrt(3) / 2 of its corner radius squared.
-    grown = truth.signed_radius * math.sqrt(math.pi / (1.5 * math.sqrt(3)))
-    return defocus_by_radius(truth.sharp, grown, gamma=truth.gamma, shape=ApertureShape(6))[0]
+def _other_shape(truth: Truth) -> np.ndarray:
+    """A hexagon for a disc, a disc for anything else, that lets as much light through."""
+    other = ApertureShape(6) if truth.shape.is_disc else ApertureShape()
+    grown = truth.signed_radius * (polygon_to_disc(truth.shape) / polygon_to_disc(other))
+    return defocus_by_radius(truth.sharp, grown, gamma=truth.gamma, shape=other)[0]
 
 
-# By name: (H, W, 3) encoded as the photograph is, so blur in another gamma is seen as it would be in a dataset.
-VARIANTS: dict[str, Renderer] = {
-    "no blur": lambda truth: truth.sharp,
-    "scatter": _render,
-    "scatter, algorithm1 (no area term)": partial(_render, energy="algorithm1"),
-    "scatter, gamma 1": partial(_render, gamma=1.0),
-    "scatter, gamma 2": partial(_render, gamma=2.0),
-    "scatter, gamma 4": partial(_render, gamma=4.0),
-    "scatter, hexagon of the same area": _same_area_hexagon,
-    "layered, 4": partial(_render, renderer="layered", layers=4),
-    "layered, 16": partial(_render, renderer="layered", layers=16),
-    "layered, 64": partial(_render, renderer="layered", layers=64),
-}
+def _of_8_bits(truth: Truth, **options) -> np.ndarray:
+    """What a PNG keeps of the sharp image: 256 levels, and nothing above white."""
+    return defocus_by_radius(
+        from_8bit(to_8bit(truth.sharp)), truth.signed_radius, gamma=truth.gamma, shape=truth.shape, **options)[0]
+
+
+def _thin_lens(truth: Truth, samples: int) -> np.ndarray:
+    assert truth.thin_lens is not None
+    return truth.thin_lens(samples)
+
+
+LAYERS = (4, 8, 16, 32, 64)
+SAMPLES = (16, 64, 256)
+
+VARIANTS: tuple[Variant, ...] = (
+    Variant("no blur", lambda truth: truth.sharp),
+    Variant("scatter", _render, "scatter"),
+    Variant("scatter, algorithm1 (no area term)", partial(_render, energy="algorithm1")),
+    Variant("scatter, gamma 1", partial(_render, gamma=1.0)),
+    Variant("scatter, gamma 2", partial(_render, gamma=2.0)),
+    Variant("scatter, gamma 4", partial(_render, gamma=4.0)),
+    Variant("scatter, other aperture of the same area", _other_shape),
+    Variant("scatter, 8-bit input", _of_8_bits),
+    *(Variant(f"layered, {n}", partial(_render, renderer="layered", layers=n), "layered", n) for n in LAYERS),
+    Variant("layered, 16, 8-bit input", partial(_of_8_bits, renderer="layered", layers=16)),
+    *(Variant(f"thinlens, {n}", partial(_thin_lens, samples=n), "thinlens", n, geometry=True) for n in SAMPLES),
+)

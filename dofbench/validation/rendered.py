@@ -1,0 +1,70 @@
+"""Scenes by make-scene: pinhole image, exact depth, and images through a real thin lens (`scene.json`)."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from dofbench.errors import InputError
+from dofbench.files import read_json, sha256_file
+from dofbench.images import encode, image_size, read_exr, read_image
+from dofbench.lens import GAMMA
+from dofbench.validation.truth import Case, Truth
+
+SCENE, SCHEMA = "scene.json", "dofbench-scene"
+_NUMBERS = ("aperture", "focus", "aperture_scene", "focus_scene", "noise_rms_linear")
+
+
+def is_rendered(folder: Path) -> bool:
+    """Whether a folder has a scene.json of make-scene's."""
+    if not (folder / SCENE).is_file():
+        return False
+    scene = read_json(folder / SCENE)
+    return isinstance(scene, dict) and scene.get("schema") == SCHEMA
+
+
+def rendered_cases(folder: Path) -> list[Case]:
+    """The lens images of one scene. Raises InputError, one line, for what is missing or doesn't fit."""
+    scene = read_json(folder / SCENE)
+    images = scene.get("lens_images")
+    if not isinstance(images, list) or not images:
+        raise InputError(folder / SCENE, "no lens_images", "images through a thin lens to compare with")
+    cases = []
+    for index, lens in enumerate(images):
+        try:
+            view, image = str(lens["view"]), str(lens["image"])
+            numbers = {key: float(lens[key]) for key in _NUMBERS}
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(folder / SCENE, f"lens_images[{index}] without {error}",
+                             f"view, image, {', '.join(_NUMBERS)}") from None
+        files = {"sharp": folder / "images_linear" / f"{view}.exr", "depth": folder / "depth" / f"{view}.exr",
+                 "photograph": folder / image}
+        for path in files.values():
+            if not path.is_file():
+                raise InputError(path, "nothing", f"a file that {SCENE} names")
+        width, height = image_size(files["photograph"])
+        content = [numbers, {name: sha256_file(path) for name, path in files.items()}]
+        cases.append(Case("rendered", folder.name, numbers["aperture"], numbers["focus"], content,
+                          width * height / 1e6, partial(_photograph, files, numbers), view=view))
+    return cases
+
+
+def _photograph(files: dict[str, Path], numbers: dict[str, float]) -> Truth:
+    sharp, photograph, depth = read_image(files["sharp"]), read_image(files["photograph"]), read_exr(files["depth"])
+    for name, found in (("photograph", photograph.shape[:2]), ("depth", depth.shape)):
+        if found != sharp.shape[:2]:
+            raise InputError(files[name], f"an array of {found}", f"one of {sharp.shape[:2]}")
+    if not np.isfinite(depth).all() or (depth < 0).any():
+        raise InputError(files["depth"], "depth that is negative or not finite", "z > 0, and 0 where there is nothing")
+    # Nothing seen is infinitely far.
+    disparity = np.divide(1.0, depth, out=np.zeros(depth.shape), where=depth > 0)
+    signed = (numbers["aperture_scene"] * (disparity - 1 / numbers["focus_scene"])).astype(np.float32)
+    noise = numbers["noise_rms_linear"]
+    return Truth(
+        sharp=encode(np.maximum(sharp, 0)), signed_radius=signed, photograph=encode(np.clip(photograph, 0, 1)),
+        gamma=GAMMA, border=math.ceil(float(np.abs(signed).max())) + 2,
+        own_error_db=-20 * math.log10(noise) if noise > 0 else math.inf,
+    )

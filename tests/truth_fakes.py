@@ -1,0 +1,18 @@
+"""Two walls seen through a lens, as the folders of truths in these tests hold them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dofbench.validation import planes
+from dofbench.validation.lens_points import lens_points
+
+WIDTH, HEIGHT = 160, 120
+SCENE = (planes.Plane(1, 4.0, "all", 0.0, highlights=0.01),
+         planes.Plane(2, 4.0, "discs", 1.0, highlights=0.01))
+
+
+def looked_at(radius: float, focus: float, points: int = 256) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(pinhole, photograph) in linear light, and the signed radius."""
+    pinhole, signed = planes.seen(SCENE, radius, focus, np.zeros((1, 2)))
+    return pinhole.sum(0), planes.seen(SCENE, radius, focus, lens_points(points))[0].sum(0) / points, signed

@@ -1,0 +1,202 @@
+"""The command: its tables, and that it goes on from what is finished and from nothing else."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from dofbench.errors import InputError
+from dofbench.images import write_exr
+from dofbench.validation import planes, run, store
+from dofbench.validation.score import score
+from dofbench.validation.settings import ValidateRenderer
+from dofbench.validation.store import FOLDER, code_version
+from dofbench.validation.variants import VARIANTS, Variant
+
+
+def rows(folder):
+    with (folder / "renderer.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def validate(*truths, out, planes=False, pictures=False):
+    text = io.StringIO()
+    run.validate_renderer(ValidateRenderer(truths, out, planes, pictures), Console(file=text, width=200))
+    return text.getvalue()
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """Two renderers of the many."""
+    chosen = tuple(variant for variant in VARIANTS if variant.name in ("no blur", "scatter"))
+    monkeypatch.setattr(run, "VARIANTS", chosen)
+    return chosen
+
+
+@pytest.fixture
+def counted(monkeypatch, few):
+    """What was scored: (scene, focus, variant)."""
+    calls = []
+
+    def counting(case, truth, variant):
+        calls.append((case.name, case.focus, variant.name))
+        return score(case, truth, variant)
+
+    monkeypatch.setattr(run, "score", counting)
+    return calls
+
+
+def test_tables_of_everything(rendered, blb, lightfield, tmp_path, monkeypatch):
+    for file in (blb / "277").glob("bokeh_01_*.exr"):
+        file.unlink()
+    monkeypatch.setattr(planes, "SCENES", {name: planes.SCENES[name] for name in ("two walls", "highlights")})
+    monkeypatch.setattr(run, "PLANE_RADII", (4.0,))
+    monkeypatch.setattr(run, "PLANE_FOCUSES", (0.1,))
+    said = validate(rendered, blb / "277", lightfield, out=tmp_path / "out", planes=True, pictures=True)
+    assert "left" in said
+    found = rows(tmp_path / "out")
+    assert {row["variant"] for row in found} == {variant.name for variant in VARIANTS}
+    assert {row["source"] for row in found} == {
+        "planes", "planes, hexagonal aperture", "rendered", "BLB", "light field"}
+    for source in ("planes", "rendered", "BLB", "light field"):
+        by_variant = {name: np.mean([float(row["psnr"]) for row in found if row["source"] == source
+                                     and row["region"] == "all" and row["variant"] == name])
+                      for name in ("no blur", "scatter", "scatter, 8-bit input")}
+        assert by_variant["scatter"] > by_variant["no blur"]
+        if source in ("rendered", "BLB"):  # highlights 30 times as bright as white
+            assert by_variant["scatter"] > by_variant["scatter, 8-bit input"] + 1
+    # Only where there is a scene to look at through a lens.
+    assert {row["source"] for row in found if row["variant"].startswith("thinlens")} == {
+        "planes", "planes, hexagonal aperture"}
+    assert {row["region"] for row in found} >= {"all", "blurred", "depth edge", "frame"}
+    text = (tmp_path / "out" / "renderer.md").read_text()
+    assert "43.30 dB / 0.9932" in text and "Unfinished" not in text and str(tmp_path) not in text
+    for heading in ("## rendered", "## BLB", "| layered, 16 |", "By scene", "Error against run time"):
+        assert heading in text
+    assert (tmp_path / "out" / "precision.png").is_file()
+    assert len(list((tmp_path / "out" / "pictures").glob("*.png"))) == 2 + 2 + 2 + 2 + 3
+
+
+def test_a_second_call_scores_nothing(rendered, tmp_path, counted):
+    validate(rendered, out=tmp_path)
+    first, table = len(counted), (tmp_path / "renderer.csv").read_bytes()
+    assert first == 2 * 2
+    (tmp_path / "renderer.md").unlink()
+    assert "2 of 2 photographs are scored already" in validate(rendered, out=tmp_path)
+    assert len(counted) == first and (tmp_path / "renderer.csv").read_bytes() == table
+    assert (tmp_path / "renderer.md").is_file()
+
+
+def test_what_changed_is_scored_again_and_the_rest_kept(rendered, tmp_path, counted, monkeypatch):
+    validate(rendered, out=tmp_path)
+    counted.clear()
+    write_exr(rendered / "lens" / "a_0.5.exr", np.full((120, 160, 3), 0.2))
+    validate(rendered, out=tmp_path)
+    assert {focus for _, focus, _ in counted} == {0.5}
+    counted.clear()
+    monkeypatch.setattr(run, "VARIANTS", (*few, Variant("copy", few[1].render)))
+    validate(rendered, out=tmp_path)
+    assert {name for _, _, name in counted} == {"copy"}
+    counted.clear()
+    monkeypatch.setattr(store, "code_version", lambda: "f" * 64)
+    validate(rendered, out=tmp_path)
+    assert {name for _, _, name in counted} >= {"scatter", "copy"}
+    assert all(file.name.startswith("ffff") for file in (tmp_path / FOLDER).iterdir())
+
+
+def test_an_interrupted_run_leaves_tables_and_goes_on(rendered, blb, tmp_path, counted, monkeypatch):
+    whole = tmp_path / "whole"
+    validate(rendered, blb, out=whole)
+    total = len(counted)
+    counted.clear()
+
+    def interrupted(case, truth, variant):
+        if len(counted) == total // 2:
+            raise KeyboardInterrupt
+        counted.append((case.name, case.focus, variant.name))
+        return score(case, truth, variant)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(run, "score", interrupted)
+        validate(rendered, blb, out=tmp_path / "out")
+    assert 0 < len(rows(tmp_path / "out")) < len(rows(whole))
+    assert "Unfinished" in (tmp_path / "out" / "renderer.md").read_text()
+    validate(rendered, blb, out=tmp_path / "out")
+    assert len(counted) == total  # nothing twice
+
+    def scores(folder):
+        return [{key: value for key, value in row.items() if not key.startswith("seconds")} for row in rows(folder)]
+
+    assert scores(tmp_path / "out") == scores(whole)
+    assert "Unfinished" not in (tmp_path / "out" / "renderer.md").read_text()
+
+
+def test_half_a_file_of_scores_counts_as_none(rendered, tmp_path, counted):
+    validate(rendered, out=tmp_path)
+    counted.clear()
+    kept = sorted((tmp_path / FOLDER).iterdir())
+    kept[0].write_bytes(kept[0].read_bytes()[:200])
+    validate(rendered, out=tmp_path)
+    assert len({focus for _, focus, _ in counted}) == 1
+
+
+def test_killed_at_any_moment_it_goes_on(blb, tmp_path):
+    """As a user calls it, ended by SIGKILL once something is kept, and called again."""
+    call = [sys.executable, "-m", "dofbench", "validate-renderer", str(blb / "277"), "--no-planes", "--no-pictures",
+            "--out", str(tmp_path / "out")]
+    process = subprocess.Popen(call, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    until = time.monotonic() + 120
+    while not list((tmp_path / "out" / FOLDER).glob("*.json")) and time.monotonic() < until:
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    kept = {file.name: file.stat().st_mtime_ns for file in (tmp_path / "out" / FOLDER).glob("*.json")}
+    assert kept
+    done = subprocess.run(call, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert len({(row["name"], row["aperture"], row["focus"]) for row in rows(tmp_path / "out")}) == 4
+
+
+def test_a_wrong_folder_is_one_line_and_status_2(tmp_path):
+    done = subprocess.run([sys.executable, "-m", "dofbench", "validate-renderer", str(tmp_path)],
+                          capture_output=True, text=True)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "scene.json" in done.stderr
+
+
+def test_nothing_to_do_is_said(tmp_path):
+    with pytest.raises(InputError, match="no folder"):
+        validate(out=tmp_path)
+
+
+def test_all_code_that_scores_depend_on_is_in_its_version(repository):
+    """Every module that a scoring loads is hashed, or known not to change a score."""
+    program = """
+import sys
+from dofbench.validation import planes
+planes.WIDTH, planes.HEIGHT, planes.POINTS = 60, 50, (4, 4)
+from dofbench.validation.score import score
+from dofbench.validation.variants import VARIANTS, Variant
+case = next(planes.plane_cases((2.0,), (0.5,)))
+truth = case.make()
+for variant in VARIANTS:
+    score(case, truth, variant)
+print(*sorted(name for name in sys.modules if name.startswith("dofbench.")))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    hashed = tuple(f"dofbench.{name.removesuffix('.py')}" for name in store.SCORING)
+    hashed += tuple(f"dofbench.kernels.{name}" for name in store.KERNELS)
+    harmless = {"dofbench.errors", "dofbench.files", "dofbench.content", "dofbench.kernels", "dofbench.kernel_cache",
+                "dofbench.threads"}
+    left = [name for name in done.stdout.split() if name not in harmless
+            and not any(name == module or name.startswith(module + ".") for module in hashed)]
+    assert not left
+    assert len(code_version()) == 64
