@@ -1,9 +1,9 @@
 """Pixels of a sharp picture that show two surfaces, taken apart.
 
 A pixel on the outline of something is a mixture of it and of what is behind, while its depth is that of one of the
-two: blurred as a whole it leaves a seam. Its share of the nearer surface is found from the colours on either side,
-by the compositing equation C = a F + (1 - a) B (Porter and Duff, 1984) and least squares, and the two colours
-are chosen so that the mixture is the pixel again.
+two: blurred as a whole it leaves a seam. Its share of the nearer surface is found from the colours on either side, by
+the compositing equation C = a F + (1 - a) B (Porter and Duff, 1984) and least squares; the two colours are then
+chosen so that the mixture is the pixel again.
 """
 
 from __future__ import annotations

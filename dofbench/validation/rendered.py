@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -11,11 +12,12 @@ import numpy as np
 from dofbench.errors import InputError
 from dofbench.files import read_json, sha256_file
 from dofbench.images import encode, image_size, read_exr, read_image
-from dofbench.lens import GAMMA
+from dofbench.lens import GAMMA, PhysicalLens
+from dofbench.validation.sampled import has_geometry, thin_lens
 from dofbench.validation.truth import Case, Truth
 
 SCENE, SCHEMA = "scene.json", "dofbench-scene"
-_NUMBERS = ("aperture", "focus", "aperture_scene", "focus_scene", "noise_rms_linear")
+_NUMBERS = ("aperture", "focus", "aperture_scene", "focus_scene", "noise_psnr_db")
 
 
 def is_rendered(folder: Path) -> bool:
@@ -46,13 +48,18 @@ def rendered_cases(folder: Path) -> list[Case]:
             if not path.is_file():
                 raise InputError(path, "nothing", f"a file that {SCENE} names")
         width, height = image_size(files["photograph"])
+        optics = PhysicalLens(numbers["aperture_scene"], 1 / numbers["focus_scene"], width)
+        by_geometry = partial(thin_lens, folder, scene, view, optics) if has_geometry(scene) else None
         content = [numbers, {name: sha256_file(path) for name, path in files.items()}]
         cases.append(Case("rendered", folder.name, numbers["aperture"], numbers["focus"], content,
-                          width * height / 1e6, partial(_photograph, files, numbers), view=view))
+                          width * height / 1e6, partial(_photograph, files, numbers, by_geometry), view=view,
+                          geometry=has_geometry(scene)))
     return cases
 
 
-def _photograph(files: dict[str, Path], numbers: dict[str, float]) -> Truth:
+def _photograph(
+    files: dict[str, Path], numbers: dict[str, float], by_geometry: Callable[[int], np.ndarray] | None
+) -> Truth:
     sharp, photograph, depth = read_image(files["sharp"]), read_image(files["photograph"]), read_exr(files["depth"])
     for name, found in (("photograph", photograph.shape[:2]), ("depth", depth.shape)):
         if found != sharp.shape[:2]:
@@ -62,9 +69,9 @@ def _photograph(files: dict[str, Path], numbers: dict[str, float]) -> Truth:
     # Nothing seen is infinitely far.
     disparity = np.divide(1.0, depth, out=np.zeros(depth.shape), where=depth > 0)
     signed = (numbers["aperture_scene"] * (disparity - 1 / numbers["focus_scene"])).astype(np.float32)
-    noise = numbers["noise_rms_linear"]
     return Truth(
         sharp=encode(np.maximum(sharp, 0)), signed_radius=signed, photograph=encode(np.clip(photograph, 0, 1)),
         gamma=GAMMA, border=math.ceil(float(np.abs(signed).max())) + 2,
-        own_error_db=-20 * math.log10(noise) if noise > 0 else math.inf,
+        own_error_db=numbers["noise_psnr_db"],
+        thin_lens=by_geometry,
     )

@@ -93,7 +93,7 @@ def _noise(source: str, rows: list[Score]) -> str:
     if math.isnan(least):
         return "Its own noise is not stated."
     if source == "rendered":
-        return f"Their own noise, in linear light, is {least:.1f} dB or more below white."
+        return f"Noise leaves them {least:.1f} dB or more from what infinitely many rays would give."
     return f"A photograph from half of its lens points is {least:.1f} dB or more from the one used here."
 
 

@@ -61,12 +61,12 @@ def rendered(tmp_path, small) -> Path:
         image = f"lens/a_{focus}.exr"
         write_exr(folder / image, photograph)
         images.append({"view": "000", "image": image, "aperture": 0.5, "focus": focus, "aperture_scene": 10.0,
-                       "focus_scene": focus_scene, "samples": 256, "noise_rms_linear": 1e-3})
+                       "focus_scene": focus_scene, "samples": 256, "noise_rms_linear": 1e-3, "noise_psnr_db": 52.5})
     write_exr(folder / "images_linear" / "000.exr", pinhole)
     depth = np.where(signed > 0, 2.0, 0.0)
     write_exr(folder / "depth" / "000.exr", depth)
-    write_json(folder / "scene.json", {"schema": "dofbench-scene", "version": 1, "name": "walls", "recipe": "walls",
-                                       "seed": 0, "render": {}, "lens_images": images})
+    write_json(folder / "scene.json", {"schema": "dofbench-scene", "version": 1, "name": "walls", "seed": 0,
+                                       "render": {}, "lens_images": images})
     return folder
 
 

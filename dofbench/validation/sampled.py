@@ -1,0 +1,51 @@
+"""A rendered scene through a thin lens once more, with as many rays as one asks for: the renderer "thinlens"."""
+
+from __future__ import annotations
+
+from functools import cache, lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dofbench.cameras import Camera
+from dofbench.images import encode
+from dofbench.lens import PhysicalLens
+
+
+def has_geometry(scene: dict[str, Any]) -> bool:
+    """Whether a scene.json names a recipe, and the program that can render it is installed."""
+    named = isinstance(scene.get("recipe"), str) and isinstance(scene.get("seed"), int)
+    return named and find_spec("mitsuba") is not None
+
+
+def thin_lens(folder: Path, scene: dict[str, Any], view: str, lens: PhysicalLens, samples: int) -> np.ndarray:
+    """(H, W, 3) float32, encoded: a view through `lens` by so many rays a pixel. Raises as `Tracer.photograph` does."""
+    _choose_variant()
+    # Other random numbers than those of the scene's own photographs, which it is compared with.
+    shot = _tracer(scene["recipe"], scene["seed"]).photograph(
+        _cameras(folder)[view], samples, f"validate/{scene['recipe']}/{view}", lens)
+    return encode(np.clip(shot.linear, 0, 1))
+
+
+@cache
+def _choose_variant() -> None:
+    from dofbench.rendering.variant import choose_variant
+
+    choose_variant()
+
+
+@lru_cache(maxsize=1)
+def _tracer(recipe_name: str, seed: int):
+    from dofbench.rendering.recipes import recipe
+    from dofbench.rendering.tracer import Tracer
+
+    return Tracer(recipe(recipe_name).stage(seed))
+
+
+@lru_cache(maxsize=1)
+def _cameras(folder: Path) -> dict[str, Camera]:
+    from dofbench.scenes import nerfstudio
+
+    return {view.name: view.camera for view in nerfstudio.read(folder, width=None, images=None, hold=None).views}
