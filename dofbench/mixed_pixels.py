@@ -76,9 +76,9 @@ def mixed_pixels(linear: np.ndarray, signed_radius: np.ndarray) -> MixedPixels:
     left = ((colour - back - share[:, None] * difference) ** 2).sum(axis=1)
     by_depth = (left > _UNEXPLAINED**2 * length) | (length < _DISTINCT)
     share = np.where(by_depth, np.where(is_behind, 0.0, 1.0), share)[:, None]
-    # The larger part takes what the mean colours leave, so that both together are the pixel.
-    back = np.where(share < 0.5, np.maximum((colour - share * front) / np.maximum(1 - share, 0.5), 0), back)
-    front = np.where(share < 0.5, front, np.maximum((colour - (1 - share) * back) / np.maximum(share, 0.5), 0))
+    # What the mean colours leave goes to both: together they are then the pixel, and neither changes more than it must.
+    left_over = (colour - share * front - (1 - share) * back) / (share**2 + (1 - share) ** 2)
+    front, back = np.maximum(front + share * left_over, 0), np.maximum(back + (1 - share) * left_over, 0)
     return MixedPixels(rows, columns, share[:, 0], front, back, front_radius, back_radius)
 
 

@@ -19,15 +19,19 @@ from dofbench.validation.truth import Case
 
 FOLDER = ".scores"
 # The sources that scores depend on, in the package and among the kernels.
-SCORING = ("validation", "rendering", "metrics", "defocus.py", "layered.py", "mixed_pixels.py", "depth_edges.py",
+SCORING = ("validation", "metrics", "defocus.py", "layered.py", "mixed_pixels.py", "depth_edges.py",
            "lens.py", "images.py", "simd.py")
 KERNELS = ("scatter",)
 
 
 def code_version() -> str:
-    """A hash of every source file that can change a score."""
+    """A hash of every source file that can change a score, but for those that make a truth alone."""
     package = Path(dofbench.__file__).resolve().parent
-    roots = [package / name for name in SCORING] + [content_folder("kernels") / name for name in KERNELS]
+    return sources_hash([*(package / name for name in SCORING), *(content_folder("kernels") / name for name in KERNELS)])
+
+
+def sources_hash(roots: list[Path]) -> str:
+    """A hash of Python files and of all that lie in folders, and of their names."""
     digest = hashlib.sha256()
     for root in roots:
         for file in [root] if root.is_file() else sorted(root.rglob("*.py")):

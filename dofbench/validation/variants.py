@@ -58,7 +58,7 @@ def _thin_lens(truth: Truth, samples: int) -> np.ndarray:
     return truth.thin_lens(samples)
 
 
-LAYERS = (4, 8, 16, 32, 64)
+LAYERS = (4, 8, 16, 32)
 SAMPLES = (16, 64, 256)
 
 VARIANTS: tuple[Variant, ...] = (

@@ -74,6 +74,7 @@ def _info(**values):
 
 @pytest.mark.parametrize(("damage", "word"), [
     (_scene(lambda scene: scene.pop("lens_images")), "no lens_images"),
+    (_scene(lambda scene: scene.update(lens_images=[])), "no photographs"),
     (_scene(lambda scene: scene["lens_images"][0].pop("focus_scene")), "without 'focus_scene'"),
     (_scene(lambda scene: scene.update(schema="another")), "no photographs"),
     (lambda folder: (folder / "lens" / "a_1.0.exr").unlink(), "a_1.0.exr: found nothing"),

@@ -94,9 +94,9 @@ def test_points_are_added_until_the_truth_is_good_enough():
     scene = SCENES["highlights"]
     coarse, fine = photograph(scene, 12.0, 0.9, own_error_db=0), photograph(scene, 12.0, 0.9, own_error_db=35)
     assert 15 < coarse.own_error_db < 35 <= fine.own_error_db
-    # What it says of itself is what a finer one finds.
+    # By a finer one it is no worse than it says. Both halves are even, so that together they are better than that.
     error = -10 * math.log10(np.mean((coarse.photograph - fine.photograph) ** 2))
-    assert abs(error - coarse.own_error_db) < 6
+    assert error > coarse.own_error_db - 2
 
 
 def test_a_highlight_is_spread_before_it_is_cut_off():
