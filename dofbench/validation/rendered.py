@@ -40,7 +40,7 @@ def rendered_cases(folder: Path) -> list[Case]:
     if not isinstance(images, list):
         raise InputError(folder / SCENE, "no lens_images", "a list of images through a thin lens")
     # What thinlens makes of it depends on the code that rendered it.
-    rendered_by = sources_hash([Path(dofbench.__file__).resolve().parent / "rendering"]) if has_geometry(scene) else None
+    by_code = sources_hash([Path(dofbench.__file__).resolve().parent / "rendering"]) if has_geometry(scene) else None
     cases = []
     for index, lens in enumerate(images):
         try:
@@ -57,7 +57,7 @@ def rendered_cases(folder: Path) -> list[Case]:
         width, height = image_size(files["photograph"])
         optics = PhysicalLens(numbers["aperture_scene"], 1 / numbers["focus_scene"], width)
         by_geometry = partial(thin_lens, folder, scene, view, optics) if has_geometry(scene) else None
-        content = [numbers, rendered_by, {name: sha256_file(path) for name, path in files.items()}]
+        content = [numbers, by_code, {name: sha256_file(path) for name, path in files.items()}]
         cases.append(Case("rendered", folder.name, numbers["aperture"], numbers["focus"], content,
                           width * height / 1e6, partial(_photograph, files, numbers, by_geometry), view=view,
                           geometry=has_geometry(scene)))

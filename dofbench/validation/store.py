@@ -19,15 +19,20 @@ from dofbench.validation.truth import Case
 
 FOLDER = ".scores"
 # The sources that scores depend on, in the package and among the kernels.
-SCORING = ("validation", "metrics", "defocus.py", "layered.py", "mixed_pixels.py", "depth_edges.py",
-           "lens.py", "images.py", "simd.py")
+SCORING = (
+    "metrics", "defocus.py", "layered.py", "mixed_pixels.py", "depth_edges.py", "lens.py", "images.py", "simd.py",
+    *(f"validation/{name}.py" for name in (
+        "blb", "lens_points", "lightfield", "planes", "planes_lens", "regions", "rendered", "sampled", "score", "truth",
+        "variants")),
+)
 KERNELS = ("scatter",)
 
 
 def code_version() -> str:
     """A hash of every source file that can change a score, but for those that make a truth alone."""
     package = Path(dofbench.__file__).resolve().parent
-    return sources_hash([*(package / name for name in SCORING), *(content_folder("kernels") / name for name in KERNELS)])
+    kernels = content_folder("kernels")
+    return sources_hash([*(package / name for name in SCORING), *(kernels / name for name in KERNELS)])
 
 
 def sources_hash(roots: list[Path]) -> str:
