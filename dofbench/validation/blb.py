@@ -19,6 +19,7 @@ from dofbench.errors import InputError
 from dofbench.files import read_json, sha256_file
 from dofbench.images import encode, image_size, read_exr, read_image
 from dofbench.lens import GAMMA
+from dofbench.validation.sources import truth_version
 from dofbench.validation.truth import Case, Truth
 
 INFO, IMAGE, DEPTH = "info.json", "image.exr", "depth.exr"
@@ -44,7 +45,7 @@ def blb_cases(folder: Path) -> list[Case]:
             raise InputError(folder / INFO, f"{key} = {values!r}", "a list of positive numbers")
     sharp = {name: sha256_file(_there(folder / name)) for name in (IMAGE, DEPTH)}
     width, height = image_size(folder / IMAGE)
-    cases = []
+    code, cases = truth_version("validation/blb.py"), []
     for file in sorted(folder.glob("bokeh_*.exr")):
         match = re.fullmatch(r"bokeh_(\d+)_(\d+)", file.stem)
         if match is None:
@@ -54,7 +55,7 @@ def blb_cases(folder: Path) -> list[Case]:
             raise InputError(file, f"level {level}, focus {place}",
                              f"{' x '.join(str(len(info[key])) for key in _LISTS)} of them by {INFO}")
         blur, distance = float(info[_LISTS[0]][level]), float(info[_LISTS[1]][place])
-        cases.append(Case("BLB", folder.name, blur, distance, [sharp, sha256_file(file)], width * height / 1e6,
+        cases.append(Case("BLB", folder.name, blur, distance, [code, sharp, sha256_file(file)], width * height / 1e6,
                           partial(_photograph, folder, file, blur, distance)))
     if not cases:
         raise InputError(folder, "no bokeh_KK_FF.exr", "BLB's bokeh images")

@@ -22,6 +22,7 @@ from dofbench.errors import InputError
 from dofbench.files import read_json, sha256_file
 from dofbench.images import decode, encode, read_image
 from dofbench.lens import GAMMA
+from dofbench.validation.sources import truth_version
 from dofbench.validation.truth import Case, Truth
 
 GRID = "grid.json"
@@ -98,7 +99,7 @@ def lightfield_cases(folder: Path) -> list[Case]:
     """Photographs at apertures up to the whole grid, focused far, in the middle and near."""
     field = read_lightfield(folder)
     depth = cache(partial(_depth, field))
-    content = [sha256_file(folder / GRID)]
+    content = [truth_version("validation/lightfield.py"), sha256_file(folder / GRID)]
     content += [sha256_file(file) for file in sorted((folder / "views").glob("*")) if file.is_file()]
     return [
         Case("light field", field.name, float(rho), percentile, content, field.centre[..., 0].size / 1e6,

@@ -19,6 +19,7 @@ from dofbench.images import encode
 from dofbench.lens import GAMMA, ApertureShape
 from dofbench.validation.lens_points import lens_points
 from dofbench.validation.planes_lens import ALL, BARS, DISCS, LOWER_HALF, add_views
+from dofbench.validation.sources import truth_version
 from dofbench.validation.truth import Case, Truth
 
 WIDTH, HEIGHT = 400, 300
@@ -78,7 +79,8 @@ def plane_cases(radii: Iterable[float], focuses: Iterable[float]) -> Iterator[Ca
 
 
 def _case(source: str, name: str, scene: Scene, radius: float, focus: float, shape: ApertureShape) -> Case:
-    content = [[asdict(plane) for plane in scene], asdict(shape), WIDTH, HEIGHT, OWN_ERROR_DB, POINTS]
+    code = truth_version("validation/planes.py", "validation/planes_lens.py")
+    content = [code, [asdict(plane) for plane in scene], asdict(shape), WIDTH, HEIGHT, OWN_ERROR_DB, POINTS]
     return Case(source, name, radius, focus, content, WIDTH * HEIGHT / 1e6,
                 partial(photograph, scene, radius, focus, shape), geometry=True)
 

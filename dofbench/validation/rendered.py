@@ -9,13 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-import dofbench
 from dofbench.errors import InputError
 from dofbench.files import read_json, sha256_file
 from dofbench.images import encode, image_size, read_exr, read_image
 from dofbench.lens import GAMMA, PhysicalLens
 from dofbench.validation.sampled import has_geometry, thin_lens
-from dofbench.validation.store import sources_hash
+from dofbench.validation.sources import truth_version
 from dofbench.validation.truth import Case, Truth
 
 SCENE, SCHEMA = "scene.json", "dofbench-scene"
@@ -40,7 +39,7 @@ def rendered_cases(folder: Path) -> list[Case]:
     if not isinstance(images, list):
         raise InputError(folder / SCENE, "no lens_images", "a list of images through a thin lens")
     # What thinlens makes of it depends on the code that rendered it.
-    by_code = sources_hash([Path(dofbench.__file__).resolve().parent / "rendering"]) if has_geometry(scene) else None
+    code = truth_version("validation/rendered.py", "validation/sampled.py", *["rendering"] * has_geometry(scene))
     cases = []
     for index, lens in enumerate(images):
         try:
@@ -57,7 +56,7 @@ def rendered_cases(folder: Path) -> list[Case]:
         width, height = image_size(files["photograph"])
         optics = PhysicalLens(numbers["aperture_scene"], 1 / numbers["focus_scene"], width)
         by_geometry = partial(thin_lens, folder, scene, view, optics) if has_geometry(scene) else None
-        content = [numbers, by_code, {name: sha256_file(path) for name, path in files.items()}]
+        content = [numbers, code, {name: sha256_file(path) for name, path in files.items()}]
         cases.append(Case("rendered", folder.name, numbers["aperture"], numbers["focus"], content,
                           width * height / 1e6, partial(_photograph, files, numbers, by_geometry), view=view,
                           geometry=has_geometry(scene)))
