@@ -8,7 +8,7 @@ chosen so that the mixture is the pixel again.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from dofbench.depth_edges import JUMP
 
 _REACH = 2            # pixels: how far the pure colours are looked for
 _WHITE = 1.0          # a highlight beside an outline is no reason to expect another one on it
-_UNEXPLAINED = 0.5    # of the difference of the two colours: what is farther off is no mixture of them
+_UNEXPLAINED = 0.25   # of the difference of the two colours: what is farther off is no mixture of them
+_PURE = 0.1           # what has less of one of the two is the other
 _DISTINCT = 1e-3      # of linear light, squared: what differs less can't be told apart
 
 
@@ -41,9 +42,10 @@ class MixedPixels:
 
 
 def mixed_pixels(linear: np.ndarray, signed_radius: np.ndarray) -> MixedPixels:
-    """The pixels beside a jump of the signed radius, (H, W) pixels, that have both surfaces near them.
+    """The pixels beside a jump of the signed radius, (H, W) pixels, that are a mixture of the surfaces on both sides.
 
-    linear: (H, W, 3), linear light. What lies between two jumps, as a wire one pixel wide, is left out.
+    linear: (H, W, 3), linear light. What lies between two jumps, as a wire one pixel wide, is left out, and so is
+    what no mixture explains.
     """
     import cv2
 
@@ -68,18 +70,19 @@ def mixed_pixels(linear: np.ndarray, signed_radius: np.ndarray) -> MixedPixels:
             near.add(weight * np.where(is_behind, other - own > JUMP, same), colour, other)
             far.add(weight * np.where(is_behind, same, own - other > JUMP), colour, other)
     both = (near.weight > 0) & (far.weight > 0)
-    rows, columns, is_behind = rows[both], columns[both], is_behind[both]
+    rows, columns = rows[both], columns[both]
     (front, front_radius), (back, back_radius) = near.mean(both), far.mean(both)
     colour, difference = linear[rows, columns], front - back
     length = (difference**2).sum(axis=1)
-    share = np.clip(((colour - back) * difference).sum(axis=1) / np.maximum(length, _DISTINCT), 0, 1)
+    share = ((colour - back) * difference).sum(axis=1) / np.maximum(length, _DISTINCT)
     left = ((colour - back - share[:, None] * difference) ** 2).sum(axis=1)
-    by_depth = (left > _UNEXPLAINED**2 * length) | (length < _DISTINCT)
-    share = np.where(by_depth, np.where(is_behind, 0.0, 1.0), share)[:, None]
+    explained = (left <= _UNEXPLAINED**2 * length) & (length >= _DISTINCT) & (share > _PURE) & (share < 1 - _PURE)
+    found = MixedPixels(rows, columns, share, front, back, front_radius, back_radius).where(explained)
+    colour, share, front, back = colour[explained], found.share[:, None], found.near, found.far
     # What the mean colours leave goes to both: together they are then the pixel, and neither changes more than it must.
     left_over = (colour - share * front - (1 - share) * back) / (share**2 + (1 - share) ** 2)
     front, back = np.maximum(front + share * left_over, 0), np.maximum(back + (1 - share) * left_over, 0)
-    return MixedPixels(rows, columns, share[:, 0], front, back, front_radius, back_radius)
+    return replace(found, near=front, far=back)
 
 
 class _Side:

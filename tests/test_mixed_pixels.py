@@ -16,15 +16,14 @@ def step(cover: np.ndarray, near: np.ndarray, far: np.ndarray) -> tuple[np.ndarr
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.floats(0.0, 1.0), st.lists(st.floats(0, 1), min_size=6, max_size=6))
+@given(st.floats(0.15, 0.85), st.lists(st.floats(0, 1), min_size=6, max_size=6))
 def test_flat_colours_are_told_apart(share, colours):
     near, far = np.array(colours[:3]), np.array(colours[3:])
     cover = np.tile(np.where(np.arange(16) < 8, 1.0, 0.0), (12, 1))
     cover[:, 8] = share
     found = mixed_pixels(*step(cover, near, far))
     if ((near - far) ** 2).sum() > 0.01:
-        at = found.columns == 8
-        assert at.any() and np.allclose(found.share[at], share, atol=1e-4)
+        assert np.array_equal(found.columns, np.full(12, 8)) and np.allclose(found.share, share, atol=1e-4)
         assert np.allclose(found.near, near, atol=1e-3) and np.allclose(found.far, far, atol=1e-3)
     assert np.allclose(found.near_radius, 4) and np.allclose(found.far_radius, -3)
 
@@ -43,7 +42,7 @@ def test_both_parts_together_are_the_pixel(seed, brightness):
     pixel = image[found.rows, found.columns]
     # But for a colour that would have to be negative.
     positive = (found.near > 0).all(axis=1) & (found.far > 0).all(axis=1)
-    assert positive.mean() > 0.5
+    assert len(share) > 10 and positive.mean() > 0.5
     assert np.abs(together - pixel)[positive].max() < FLOAT32_VALUE * max(1.0, pixel.max())
     assert (found.near >= 0).all() and (found.far >= 0).all() and (found.share >= 0).all() and (found.share <= 1).all()
 
@@ -51,9 +50,10 @@ def test_both_parts_together_are_the_pixel(seed, brightness):
 def test_a_highlight_beside_an_outline_is_not_put_into_it():
     cover = np.tile(np.where(np.arange(20) < 10, 1.0, 0.0), (16, 1))
     image, radius = step(cover, np.full(3, 0.4), np.full(3, 0.2))
-    image[8, 12] = 30.0  # behind the outline at columns 9 and 10
+    image[:, 10] = 0.3  # half of each
+    image[8, 12] = 30.0
     found = mixed_pixels(image, radius)
-    assert found.far.max() < 1
+    assert len(found.rows) > 10 and found.far.max() < 1
 
 
 def test_without_a_jump_there_are_none():
