@@ -96,7 +96,7 @@ def test_a_second_call_scores_nothing(rendered, tmp_path, counted):
     assert (tmp_path / "renderer.md").is_file()
 
 
-def test_what_changed_is_scored_again_and_the_rest_kept(rendered, tmp_path, counted, monkeypatch):
+def test_what_changed_is_scored_again_and_the_rest_kept(rendered, tmp_path, counted, few, monkeypatch):
     validate(rendered, out=tmp_path)
     counted.clear()
     write_exr(rendered / "lens" / "a_0.5.exr", np.full((120, 160, 3), 0.2))
