@@ -143,4 +143,6 @@ class ApertureShape:
 
 
 Energy = Literal["area", "algorithm1"]
+# From an image and its depth; and, beside these, from the geometry of a scene.
 Renderer = Literal["scatter", "layered"]
+SceneRenderer = Literal["scatter", "layered", "thinlens"]

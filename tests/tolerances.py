@@ -102,3 +102,6 @@ LENS_RADIUS = 0.02
 LENS_CENTRE_PX = 0.1
 # A noise's standard deviation from two halves, and from a finer render, relative: some thousand dependent pixels.
 NOISE_STATED = 0.15
+# The scatter against a photograph through a real lens, both of a plain room and blurred by up to 2 pixels, dB; the
+# noise of 128 samples is part of it.
+SCATTER_OF_A_LENS = 30.0

@@ -101,7 +101,7 @@ class SceneFolder:
         write_exr(self.root / "images_linear" / f"{view}.exr", shot.linear, half=self._half)
         encoded = encode(np.clip(shot.linear, 0, 1))
         write_png(self.root / "images" / f"{view}.png", encoded)
-        entry = {"view": view, **_noise(shot), "brightest": float(shot.linear.max()),
+        entry = {"view": view, **shot.noise, "brightest": float(shot.linear.max()),
                  "clipped_fraction": round(float((shot.linear > 1).any(axis=2).mean()), 6)}
         self._put("images", entry, ("view",))
         self.record["render"] |= {
@@ -117,7 +117,7 @@ class SceneFolder:
         write_exr(self.root / name, shot.linear, half=self._half)
         self._put("lens_images", {
             "view": view, "image": name, "aperture": aperture, "focus": focus, "aperture_scene": scene_units[0],
-            "focus_scene": scene_units[1], "samples": asked, **_noise(shot),
+            "focus_scene": scene_units[1], "samples": asked, **shot.noise,
         }, ("image",))
         self.save()
 
@@ -137,7 +137,3 @@ class SceneFolder:
     def _put(self, part: str, entry: dict[str, Any], key: Sequence[str]) -> None:
         others = [other for other in self.record[part] if any(other[name] != entry[name] for name in key)]
         self.record[part] = sorted([*others, entry], key=lambda other: [other[name] for name in key])
-
-
-def _noise(shot: Photograph) -> dict[str, float]:
-    return {"noise_rms_linear": shot.noise_rms, "noise_psnr_db": round(min(shot.noise_psnr, 200.0), 3)}

@@ -36,6 +36,11 @@ class Photograph:
     noise_rms: float
     noise_psnr: float
 
+    @property
+    def noise(self) -> dict[str, float]:
+        """The two numbers as records have them; an infinite one as 200 dB."""
+        return {"noise_rms_linear": self.noise_rms, "noise_psnr_db": round(min(self.noise_psnr, 200.0), 3)}
+
 
 def sets_of(samples: int) -> tuple[int, int]:
     """(number of sets, samples of a set): jittered sets that together have at least `samples`, in two equal halves."""

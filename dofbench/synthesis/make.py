@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import hashlib
+import sys
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from dofbench import __version__, depth
+from dofbench.cameras import Camera
 from dofbench.depth.given import with_folder_depth
 from dofbench.depth.network import find_network, network_digest
 from dofbench.errors import InputError
-from dofbench.files import canonical_json, sha256_file, sha256_text
+from dofbench.files import canonical_json, read_json, sha256_file, sha256_text, write_json
 from dofbench.images import read_exr, read_image, to_8bit, write_exr, write_png
 from dofbench.lens import DisparityRange
 from dofbench.scenes.folders import listed
@@ -20,13 +24,14 @@ from dofbench.scenes.named import Reading, ResolvedScene, find_data_root, resolv
 from dofbench.scenes.types import Scene, SceneView, Split
 from dofbench.synthesis import write
 from dofbench.synthesis.depth_record import make_depth
+from dofbench.synthesis.optics import Optics, exposed
 from dofbench.synthesis.plan import Plan, deal_plan, draw_plan
 from dofbench.synthesis.progress import Progress
 from dofbench.synthesis.render import Blur, shallow_image, view_record
 from dofbench.synthesis.schema import SourceImage, SourceRecord, ViewRecord
 from dofbench.synthesis.settings import MakeDataset
 from dofbench.synthesis.sibling import take_over
-from dofbench.synthesis.work import Identity, finish, only_writer, prepare
+from dofbench.synthesis.work import WORK, Identity, finish, only_writer, prepare
 
 BUILT_IN = "tabletop"
 _BOUNDS = (0.1, 99.9)  # percentiles of depth that LLFF calls near and far
@@ -81,6 +86,7 @@ def make(
         scene = with_folder_depth(scene, place, settings.depth_unit)
     plan = _assigned([(view.name, view.split) for view in scene.views], settings)
     source_id = depth.resolve(kind, scene)
+    optics = Optics.of_scene(found.root, settings.lens_samples) if settings.renderer == "thinlens" else None
     source = _source_record(scene, found, with_depth=source_id in ("given", "folder"))
     if expected is not None:
         _check_source(source, expected, scene.root)
@@ -88,6 +94,7 @@ def make(
         rest=sha256_text(canonical_json({
             "settings": settings.recipe(), "depth": source_id, "plan": plan.hash, "dofbench": __version__,
             **({} if network is None else {"network": network_digest(network)}),
+            **({} if optics is None else {"thinlens": optics.record.model_dump()}),
             "source": source.model_dump(mode="json", include={"scene", "layout", "geometry"}),
         })),
         images={image.view: image.sha256 for image in source.images}, own_depth=source_id in ("given", "folder"),
@@ -105,12 +112,16 @@ def make(
             disparity_range=disparity_range, per_view=settings.normaliser == "view",
             gamma=settings.gamma, alpha=settings.alpha, shape=settings.aperture_shape, energy=settings.energy,
             renderer=settings.renderer, layers=settings.layers, sensor=settings.sensor, bits=settings.bits,
+            thinlens=None if optics is None else optics.record,
         )
-        records = _shallow(plan, out, blur, half=settings.linear == "exr-half", progress=progress)
+        if optics is not None and optics.remark:
+            print(optics.remark, file=sys.stderr, flush=True)
+        shoot = partial(_shoot, out=out, blur=blur, half=settings.linear == "exr-half", optics=optics)
+        records = _shallow(plan, scene, out, blur, shoot, progress)
         notes = write.geometry(out, scene, _near_far(scene, out, blur.disparity_range))
         write.lens_file(out, blur, records)
         write.sheet(out, f"{scene.name}: {len(records)} views with a known lens", records, blur.disparity_range)
-        write.readme(out, scene, settings, source, depth_record, records, notes)
+        write.readme(out, scene, settings, source, depth_record, records, notes, blur.thinlens)
         write.manifest(
             out, name=scene.name, settings=settings, source=source, depth=depth_record, identity=identity.digest,
         )
@@ -178,8 +189,12 @@ def _near_far(scene: Scene, out: Path, disparity_range: DisparityRange) -> np.nd
     return np.array(bounds)
 
 
-def _shallow(plan: Plan, out: Path, blur: Blur, *, half: bool, progress: Progress) -> list[ViewRecord]:
+def _shallow(
+    plan: Plan, scene: Scene, out: Path, blur: Blur, shoot: Callable[[ViewRecord, Camera, np.ndarray], ViewRecord],
+    progress: Progress,
+) -> list[ViewRecord]:
     records = []
+    camera_of = {view.name: view.camera for view in scene.views}
     with progress.stage("blur", len(plan.views)) as advance:
         for index, planned in enumerate(plan.views):
             depth_map = read_exr(write.depth_path(out, planned.name))
@@ -189,15 +204,31 @@ def _shallow(plan: Plan, out: Path, blur: Blur, *, half: bool, progress: Progres
                 raise InputError(
                     f"view {planned.name}", "no pixel of known depth", "some, for a normaliser of its own"
                 ) from None
-            records.append(record)
-            linear_path, path = write.linear_path(out, planned.name), write.shallow_path(out, planned.name)
-            if not (linear_path.is_file() and path.is_file()):
-                sharp = to_8bit(read_image(write.sharp_path(out, planned.name)))
-                encoded, linear = shallow_image(sharp, depth_map, record, blur)
-                write_exr(linear_path, linear, half=half)
-                write_png(path, encoded, bits=blur.bits)
+            records.append(shoot(record, camera_of[planned.name], depth_map))
             advance(index + 1)
     return records
+
+
+def _shoot(
+    record: ViewRecord, camera: Camera, depth_map: np.ndarray, *, out: Path, blur: Blur, half: bool,
+    optics: Optics | None,
+) -> ViewRecord:
+    """Write a view's photograph unless it is there; returns its record, with the noise of one through a real lens."""
+    linear_path, path = write.linear_path(out, record.name), write.shallow_path(out, record.name)
+    # The noise can't be told from the files.
+    noise_path = out / WORK / "noise" / f"{record.name}.json"
+    seen = optics is not None and record.aperture > 0
+    if not (linear_path.is_file() and path.is_file() and (noise_path.is_file() or not seen)):
+        if optics is None or not seen:
+            sharp = to_8bit(read_image(write.sharp_path(out, record.name)))
+            encoded, linear = shallow_image(sharp, depth_map, record, blur)
+        else:
+            shot = optics.photograph(camera, record)
+            encoded, linear = exposed(shot.linear, record.name, blur.sensor, blur.gamma)
+            write_json(noise_path, shot.noise)
+        write_exr(linear_path, linear, half=half)
+        write_png(path, encoded, bits=blur.bits)
+    return record.model_copy(update=read_json(noise_path)) if seen else record
 
 
 def _check_source(source: SourceRecord, expected: SourceRecord, root: Path) -> None:

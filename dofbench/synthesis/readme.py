@@ -8,7 +8,7 @@ from dofbench import __version__
 from dofbench.scenes.named.schema import NOT_STATED
 from dofbench.scenes.types import Scene
 from dofbench.synthesis.plan import Values
-from dofbench.synthesis.schema import DepthRecord, SourceRecord, ViewRecord
+from dofbench.synthesis.schema import DepthRecord, SourceRecord, ThinLensRecord, ViewRecord
 from dofbench.synthesis.settings import MakeDataset
 
 # What people call the file that says where a scene is from and under which terms.
@@ -71,7 +71,7 @@ The same in scene units: `R = aperture_scene |1 / focus_scene - 1 / z|`. Blurrin
 
 and a target's colour is `sum_i w_ij c_i / sum_i w_ij`{shape}.{layered}
 A view with aperture 0 is the original, untouched.
-Who computes this from `all_in_focus`, `depth` and `lens.json` gets `images` to within the rounding to {bits} bits.
+{again}
 Where the depth is unknown, 1 / z counts as 0: infinitely far.{sensor}
 {normaliser}
 The lenses were {dealt}; the largest radius is {largest:.1f} pixels.
@@ -98,6 +98,15 @@ _LAYERED = """ This is done
 in {layers} layers of equal range of the signed radius, laid over each other from far to near, each going on behind the
 nearer ones (`dofbench/layered.py`)."""
 
+_AGAIN = \
+    "Who computes this from `all_in_focus`, `depth` and `lens.json` gets `images` to within the rounding to {} bits."
+
+_THINLENS = """\
+
+These photographs, however, were not computed from an image and its depth, which the formula above only comes near: they
+were rendered through a real thin lens of the same radius R, by mitsuba {mitsuba} ({variant}), {samples} rays a pixel,
+from the geometry of make-scene's recipe `{recipe}`, seed {seed}. `lens.json` has the noise of every view."""
+
 _PER_VIEW = """
 The lens of every view was dealt in the view's own units (minimum and 95th percentile of its disparity; `dealt` in
 `lens.json`), and is given in the scene's units as everywhere, so `aperture` and `focus` differ from view to view.
@@ -106,7 +115,7 @@ The lens of every view was dealt in the view's own units (minimum and 95th perce
 
 def readme_text(
     scene: Scene, settings: MakeDataset, source: SourceRecord, depth: DepthRecord, records: Sequence[ViewRecord],
-    lost: Sequence[str],
+    lost: Sequence[str], thinlens: ThinLensRecord | None = None,
 ) -> str:
     """The text, without anything of the machine or the time. lost: what a layout can't hold of the cameras."""
     sizes = sorted({(view.camera.width, view.camera.height) for view in scene.views})
@@ -121,6 +130,7 @@ def readme_text(
         gamma=settings.gamma, alpha=settings.alpha, area=" / (R_i^2 + 0.2)" if settings.energy == "area" else "",
         shape="" if shape.is_disc else "; R_i is scaled by direction to the aperture's `shape`",
         layered=_LAYERED.format(layers=settings.layers) if settings.renderer == "layered" else "",
+        again=_AGAIN.format(settings.bits) if thinlens is None else _THINLENS.format(**thinlens.model_dump()),
         normaliser=_PER_VIEW if settings.normaliser == "view" else "",
         largest=max(record.max_coc_px for record in records),
         dealt=_dealt_text(settings), bits=settings.bits, sensor=_sensor_text(settings),

@@ -8,10 +8,10 @@ import numpy as np
 
 from dofbench.defocus import defocus_numpy
 from dofbench.images import encode, from_8bit
-from dofbench.lens import LAYERS, ApertureShape, DisparityRange, Energy, Lens, Renderer
+from dofbench.lens import LAYERS, ApertureShape, DisparityRange, Energy, Lens, SceneRenderer
 from dofbench.synthesis.disparity import disparity_of, view_range
 from dofbench.synthesis.plan import PlannedView
-from dofbench.synthesis.schema import DealtRecord, ViewRecord
+from dofbench.synthesis.schema import DealtRecord, ThinLensRecord, ViewRecord
 from dofbench.synthesis.sensor import Sensor
 
 
@@ -25,8 +25,9 @@ class Blur:
     alpha: float
     shape: ApertureShape
     energy: Energy
-    renderer: Renderer = "scatter"
+    renderer: SceneRenderer = "scatter"
     layers: int = LAYERS
+    thinlens: ThinLensRecord | None = None
     sensor: Sensor = Sensor()
     bits: int = 8
 
@@ -67,7 +68,7 @@ def shallow_image(
     physical = record.lens.physical(blur.disparity_range, sharp.shape[1])
     encoded, linear = defocus_numpy(
         from_8bit(sharp), depth, physical, gamma=blur.gamma, alpha=blur.alpha, shape=blur.shape, energy=blur.energy,
-        renderer=blur.renderer, layers=blur.layers,
+        renderer="layered" if blur.renderer == "layered" else "scatter", layers=blur.layers,
     )
     if not blur.sensor.is_noisy:
         return encoded, linear

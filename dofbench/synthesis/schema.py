@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, Val
 
 from dofbench.errors import InputError
 from dofbench.files import read_json
-from dofbench.lens import ApertureShape, DisparityRange, Energy, Lens, PhysicalLens, Renderer
+from dofbench.lens import ApertureShape, DisparityRange, Energy, Lens, PhysicalLens, SceneRenderer
 from dofbench.scenes.types import Split
 from dofbench.synthesis.sensor import Sensor
 
@@ -51,7 +51,8 @@ class ViewRecord(_Record):
 
     k_px: CoC radius in pixels per unit of normalised disparity. aperture_scene: pixels * scene unit.
     focus_scene: scene units. max_coc_px: largest CoC radius among the
-    view's pixels; unknown depth counts as infinitely far, as it does for the blur.
+    view's pixels; unknown depth counts as infinitely far, as it does for the blur. noise_rms_linear,
+    noise_psnr_db: of a photograph by the renderer "thinlens", as in a rendered scene's scene.json.
     """
 
     name: str
@@ -63,6 +64,8 @@ class ViewRecord(_Record):
     focus_scene: FiniteFloat = Field(gt=0)
     max_coc_px: FiniteFloat = Field(ge=0)
     dealt: DealtRecord | None = None
+    noise_rms_linear: FiniteFloat | None = Field(default=None, ge=0)
+    noise_psnr_db: FiniteFloat | None = None
 
     @property
     def lens(self) -> Lens:
@@ -87,10 +90,20 @@ class SensorRecord(_Record):
         return Sensor(self.photons, self.read_noise, self.seed)
 
 
+class ThinLensRecord(_Record):
+    """What the photographs of the renderer "thinlens" are of: make-scene's recipe and seed; samples a pixel."""
+
+    recipe: str
+    seed: int
+    samples: PositiveInt
+    mitsuba: str
+    variant: str
+
+
 class LensFile(_Record):
     """lens.json: all that is needed to blur the all-in-focus images again.
 
-    disparity_range: 1 / scene unit. layers: of the renderer "layered", else absent.
+    disparity_range: 1 / scene unit. layers: of the renderer "layered", thinlens: of "thinlens", else absent.
     """
 
     disparity_range: tuple[FiniteFloat, FiniteFloat]
@@ -99,8 +112,9 @@ class LensFile(_Record):
     alpha: FiniteFloat = Field(gt=0)
     energy: Energy
     shape: ShapeRecord
-    renderer: Renderer
+    renderer: SceneRenderer
     layers: int | None = Field(default=None, ge=1)
+    thinlens: ThinLensRecord | None = None
     sensor: SensorRecord = SensorRecord()
     views: tuple[ViewRecord, ...]
 
@@ -228,6 +242,8 @@ def read_lens_file(folder: Path) -> LensFile:
     if not path.is_file():
         raise InputError(path, "no such file", "the lens of every view")
     lenses = _validate(path, read_json(path), LensFile)
+    if (lenses.renderer == "thinlens") is (lenses.thinlens is None):
+        raise InputError(path, f"renderer {lenses.renderer} and thinlens {lenses.thinlens}", "both, or neither")
     try:
         lenses.range()
         lenses.shape.shape()

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import tyro
 
 from dofbench.errors import InputError
-from dofbench.lens import ALPHA, GAMMA, LAYERS, ApertureShape, Energy, Renderer
+from dofbench.lens import ALPHA, GAMMA, LAYERS, ApertureShape, Energy, SceneRenderer
 from dofbench.synthesis.plan import Values
 from dofbench.synthesis.sensor import Sensor
 
@@ -73,11 +73,15 @@ class DatasetOptions:
     energy: Energy = "area"
     """Scatter weight: divided by the disc's area, or as printed in the paper's Algorithm 1."""
 
-    renderer: Renderer = "scatter"
-    """scatter: as in the paper, blind to what hides what; layered: depth layers composited from back to front."""
+    renderer: SceneRenderer = "scatter"
+    """scatter: as in the paper, blind to what hides what; layered: depth layers composited from back to front;
+    thinlens: rendered anew through a real lens, for a scene of make-scene's, with mitsuba."""
 
     layers: int = LAYERS
     """Depth layers of --renderer layered."""
+
+    lens_samples: int = 4096
+    """Rays a pixel, and so lens points, of --renderer thinlens."""
 
     normaliser: Normaliser = "scene"
     """What focus and aperture refer to: one disparity range for the scene, or one for every view."""
@@ -120,12 +124,16 @@ class DatasetOptions:
     def __post_init__(self) -> None:
         for option, value, lowest in (("--width", self.width, 8), ("--hold", self.hold, 2),
                                       ("--depth-steps", self.depth_steps, 1), ("--seed", self.seed, 0),
-                                      ("--layers", self.layers, 1)):
+                                      ("--layers", self.layers, 1), ("--lens-samples", self.lens_samples, 2)):
             if value is not None and value < lowest:
                 raise InputError(option, str(value), f"at least {lowest}")
         for option, number in (("--gamma", self.gamma), ("--alpha", self.alpha), ("--depth-unit", self.depth_unit)):
             if not (math.isfinite(number) and number > 0):
                 raise InputError(option, str(number), "a positive number")
+        if self.renderer == "thinlens" and not self.aperture_shape.is_disc:
+            raise InputError("--renderer thinlens", f"--shape {self.shape}", "a disc, without obstruction")
+        if self.renderer == "thinlens" and self.gamma != GAMMA:
+            raise InputError("--renderer thinlens", f"--gamma {self.gamma:g}", f"{GAMMA}, as its scenes have")
         _ = self.aperture_shape, self.sensor, self.depth_source
         self._check_assignment()
 
@@ -224,6 +232,7 @@ class DatasetOptions:
             "shape": self.shape, "shape_rotation": self.shape_rotation,
             "shape_curvature": self.shape_curvature, "shape_obstruction": self.shape_obstruction,
             "energy": self.energy, "renderer": self.renderer, "layers": self.layers,
+            "lens_samples": self.lens_samples,
             "normaliser": self.normaliser, "assign": self.assign,
             "test_focus": _listed(self.held_out_values, "focus"),
             "test_aperture": _listed(self.held_out_values, "aperture"),

@@ -28,6 +28,7 @@ from dofbench.synthesis.schema import (
     SensorRecord,
     ShapeRecord,
     SourceRecord,
+    ThinLensRecord,
     ViewRecord,
     as_json,
 )
@@ -76,7 +77,7 @@ def lens_file(root: Path, blur: Blur, records: Sequence[ViewRecord]) -> None:
         disparity_range=(blur.disparity_range.q_min, blur.disparity_range.q_max),
         normaliser="view" if blur.per_view else "scene", gamma=blur.gamma, alpha=blur.alpha, energy=blur.energy,
         shape=ShapeRecord(**asdict(blur.shape)), renderer=blur.renderer,
-        layers=blur.layers if blur.renderer == "layered" else None,
+        layers=blur.layers if blur.renderer == "layered" else None, thinlens=blur.thinlens,
         sensor=SensorRecord(**asdict(blur.sensor), bits=blur.bits), views=tuple(records),
     )
     write_json(root / LENS_FILE, as_json(lenses))
@@ -96,10 +97,10 @@ def sheet(root: Path, title: str, records: Sequence[ViewRecord], disparity_range
 
 def readme(
     root: Path, scene: Scene, settings: MakeDataset, source: SourceRecord, depth: DepthRecord,
-    records: Sequence[ViewRecord], notes: Sequence[str],
+    records: Sequence[ViewRecord], notes: Sequence[str], thinlens: ThinLensRecord | None,
 ) -> None:
-    """Write the dataset's own README. notes: what the layouts can't hold."""
-    write_text(root / README, readme_text(scene, settings, source, depth, records, notes))
+    """Write the dataset's own README. notes: what the layouts can't hold. thinlens: of the renderer of that name."""
+    write_text(root / README, readme_text(scene, settings, source, depth, records, notes, thinlens))
 
 
 def expected_files(root: Path, names: Sequence[str], depth: DepthRecord) -> list[str]:
