@@ -106,8 +106,12 @@ def _is_number(kind) -> bool:
     return isinstance(kind, types.Float)
 
 
+def _is_flat(array, number) -> bool:
+    return isinstance(array, types.Array) and array.dtype == number and array.layout == "C" and array.ndim == 1
+
+
 def _is_flat_float32(array) -> bool:
-    return isinstance(array, types.Array) and array.dtype == types.float32 and array.layout == "C" and array.ndim == 1
+    return _is_flat(array, types.float32)
 
 
 # ---------------------------------------------------------------------------------------------- operators
@@ -204,6 +208,20 @@ def store8(typing_context, array, index, value):
     def build(context, builder, sig, args):
         pointer = _pointer(context, builder, array, args[0], args[1], index)
         builder.store(args[2], builder.bitcast(pointer, _FLOATS.as_pointer()), align=4)
+        return context.get_dummy_value()
+
+    return signature(types.void, array, index, value), build
+
+
+@intrinsic
+def store_whole8(typing_context, array, index, value):
+    """array[index : index + 8] = value without its fraction, for a flat int32 array; no bounds are checked."""
+    if not (_is_flat(array, types.int32) and isinstance(index, types.Integer) and value is float32x8):
+        return None
+
+    def build(context, builder, sig, args):
+        pointer = _pointer(context, builder, array, args[0], args[1], index)
+        builder.store(builder.fptosi(args[2], _INTS), builder.bitcast(pointer, _INTS.as_pointer()), align=4)
         return context.get_dummy_value()
 
     return signature(types.void, array, index, value), build
@@ -354,6 +372,22 @@ def mask8_of(typing_context, bits):
 
 def _shuffle(builder, a, b, order):
     return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(_INT, len(order)), list(order)))
+
+
+@intrinsic
+def largest8(typing_context, vector):
+    """The largest of the eight; none may be NaN."""
+    if vector is not float32x8:
+        return None
+
+    def build(context, builder, sig, args):
+        value = args[0]
+        for step in (4, 2, 1):
+            turned = _shuffle(builder, value, value, [(i + step) % LANES for i in range(LANES)])
+            value = builder.select(builder.fcmp_ordered(">", value, turned), value, turned)
+        return builder.extract_element(value, _lane(0))
+
+    return signature(types.float32, vector), build
 
 
 @intrinsic

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
 import numpy as np
@@ -11,8 +10,8 @@ from torch import Tensor
 
 from dofbench.lens import ALPHA, ApertureShape, Energy
 
-from . import cpu_direct, cpu_direct_backward, cpu_linear
-from .cpu_pack import COLOURS, RATIONAL, edges, geometry, pack_sources
+from . import cpu_direct, cpu_direct_backward, cpu_linear, cpu_linear_backward
+from .cpu_pack import COLOURS, RATIONAL, brightness, edges, geometry, pack_sources
 
 # Largest radius, pixels, from which "auto" takes the linear form. At 504 x 378 the two cost the same at about 30 px on
 # smooth disparity and at 19 px on noise (tests/bench/scatter.py); between them neither loses more than a quarter.
@@ -73,23 +72,16 @@ def _is_linear(form: str, largest: float, shape: ApertureShape) -> bool:
     return form == "linear"
 
 
-def _contrast(image: Tensor) -> float:
-    """Largest over mean magnitude; 1 where it means nothing: all black, or NaN and infinity, which come out anyway."""
-    magnitude = image.abs()
-    ratio = float(magnitude.max()) / max(float(magnitude.mean()), 1e-30)
-    return ratio if 1.0 < ratio < math.inf else 1.0
-
-
 class _Scatter(torch.autograd.Function):
     """Three channels at a time; keeps the packed sources for the way back."""
 
     @staticmethod
     def forward(context, image, signed_radius, alpha, shape, area, form):
         colours, radii = image.numpy(), signed_radius.numpy()
-        largest = float(np.abs(radii).max())
+        largest = float(max(-radii.min(), radii.max()))
         if not np.isfinite(largest):
             raise FloatingPointError("signed_radius: expected finite values, found NaN or infinity")
-        sizes = geometry(*radii.shape, largest, alpha, _contrast(image))
+        sizes = geometry(*radii.shape, largest, alpha, *brightness(colours))
         context.save_for_backward(image, signed_radius)
         context.options = sizes, alpha, area
         if _is_linear(form, largest, shape):
@@ -112,7 +104,8 @@ class _Scatter(torch.autograd.Function):
         blurred, total = context.sums
         sizes, alpha, area = context.options
         if context.packed is None:
-            by_colour, by_radius = cpu_linear.backward(gradient, image, radii, blurred, total, sizes, alpha, area)
+            by_colour, by_radius = cpu_linear_backward.backward(
+                gradient, image, radii, blurred, total, sizes, alpha, area)
         else:
             sources, reach, edge = context.packed
             by_sums, own = cpu_direct_backward.pack_gradient(gradient, image, blurred, total, sizes)

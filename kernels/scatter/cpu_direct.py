@@ -75,7 +75,8 @@ def farthest_reach(reach, y, block, around):
 @njit(parallel=True, error_model="numpy")
 def _spread(planes, reach, sizes, rows, kind, folded, outer, slope, stop, opacity):
     """Buffers (bands of `rows` source rows, strips, target rows of the band, SUMS, STRIP)."""
-    height, width, stride, pad, reach_y, reach_x, _, _ = sizes
+    height, width, stride, pad = sizes.height, sizes.width, sizes.stride, sizes.pad
+    reach_y, reach_x = sizes.reach_y, sizes.reach_x
     strips, bands = -(-width // STRIP), -(-height // rows)
     buffers = np.empty((bands, strips, (rows + 2 * reach_y) * SUMS * STRIP), np.float32)
     around = -(-reach_x // BLOCK) + 1

@@ -169,7 +169,8 @@ def _visit_exponential(sums, lines, at, count, source, own, own_at, dy, last, ou
 @njit(parallel=True, error_model="numpy")
 def _gather(sources, reach, gradient, own, sizes, kind, folded, outer, slope, stop, opacity):
     """Sums (H, strips, 5, STRIP): by colour without the area term, of S D, and of S' D."""
-    height, width, stride, pad, reach_y, reach_x, _, _ = sizes
+    height, width, stride, pad = sizes.height, sizes.width, sizes.stride, sizes.pad
+    reach_y, reach_x = sizes.reach_y, sizes.reach_x
     strips, bands = -(-width // STRIP), -(-height // ROWS)
     result = np.empty((height, strips, 5 * STRIP), np.float32)
     columns = 2 * reach_x + 1

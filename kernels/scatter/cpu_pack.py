@@ -28,6 +28,9 @@ NOWHERE = np.float32(-1e9)  # the reach of a block without sources
 BAND_EXPONENT = 12.0
 # Brightest over mean, linear light, of a photograph without bright highlights.
 USUAL_CONTRAST = 4.0
+SMALLEST_MEAN = 1e-30
+# Over mean, what counts as a highlight.
+BRIGHT = math.e * USUAL_CONTRAST
 # Near focus the tail is all there is of the gradient by radius: to exp(-18) whatever the radius.
 FOCUS_EXPONENT = 18.0
 # exp(+-80) is far enough from the ends of float32 to be multiplied by weights.
@@ -37,7 +40,10 @@ RATIONAL, EXPONENTIAL, STOPPED = 0, 1, 2
 
 
 class Geometry(NamedTuple):
-    """Sizes that every kernel needs, in pixels or elements. Sources are followed to max(R + band, least)."""
+    """Sizes that every kernel needs, in pixels or elements. Sources are followed to max(R + band, least).
+
+    For sources no brighter than `bright` in any channel, `usual_band` does instead of `band`.
+    """
 
     height: int
     width: int
@@ -47,6 +53,8 @@ class Geometry(NamedTuple):
     reach_x: int
     band: float
     least: float
+    usual_band: float
+    bright: float
 
 
 @dataclass(frozen=True)
@@ -68,18 +76,48 @@ class Edges:
     opacity: np.float32
 
 
-def geometry(height: int, width: int, largest: float, alpha: float, contrast: float) -> Geometry:
-    """Sizes for an image whose largest radius is `largest` pixels; contrast: brightest pixel over mean."""
+def brightness(image: np.ndarray) -> tuple[float, float]:
+    """Largest and mean magnitude of (H, W, C), the mean without the highlights, which would hide what they drown.
+
+    Both 1 where they mean nothing: NaN and infinity come out anyway.
+    """
+    largest = float(max(image.max(), -image.min()))
+    mean = _mean_magnitude(image, np.inf)
+    if not (math.isfinite(largest) and math.isfinite(mean)):
+        return 1.0, 1.0
+    return largest, mean if largest <= BRIGHT * mean else _mean_magnitude(image, BRIGHT * mean)
+
+
+@cached
+@njit(parallel=True, error_model="numpy")
+def _mean_magnitude(image, limit):
+    """Mean of the magnitudes up to `limit`; 0 of none."""
+    height, width, channels = image.shape
+    sums, counts = np.zeros(height, np.float64), np.zeros(height, np.int64)
+    for y in prange(height):
+        for x in range(width):
+            for channel in range(channels):
+                magnitude = np.float64(abs(image[y, x, channel]))
+                if not magnitude > limit:
+                    sums[y] += magnitude
+                    counts[y] += 1
+    return sums.sum() / max(1, counts.sum())
+
+
+def geometry(height: int, width: int, largest: float, alpha: float, brightest: float, mean: float) -> Geometry:
+    """Sizes for an image whose largest radius is `largest` pixels; brightest, mean: of its magnitudes, both finite."""
     # Tails count for more beside a highlight, and for sharper sources in an image that is small and dark
     # because most sources spread far beyond it.
-    tail = max(1.0, contrast / USUAL_CONTRAST) * max(1.0, largest**2 / (height * width))
-    band = (BAND_EXPONENT + math.log(tail)) / (2.0 * alpha)
+    contrast = max(1.0, brightest / max(mean, SMALLEST_MEAN) / USUAL_CONTRAST)
+    spread = max(1.0, largest**2 / (height * width))
+    usual_band, band = ((BAND_EXPONENT + math.log(tail) + math.log(spread)) / (2.0 * alpha)
+                        for tail in (min(contrast, BRIGHT / USUAL_CONTRAST), contrast))
     least = FOCUS_EXPONENT / (2.0 * alpha)
     reach = math.ceil(min(max(largest + band, least), height + width))
     reach_x, reach_y = min(reach, width - 1), min(reach, height - 1)
     pad = BLOCK * (math.ceil(reach_x / BLOCK) + 1)
     stride = pad + BLOCK * math.ceil(width / BLOCK) + pad
-    return Geometry(height, width, stride, pad, reach_y, reach_x, band, least)
+    return Geometry(height, width, stride, pad, reach_y, reach_x, band, least, usual_band, BRIGHT * mean)
 
 
 def edges(sizes: Geometry, largest: float, alpha: float, shape: ApertureShape) -> Edges:
