@@ -13,9 +13,10 @@ from dofbench.lens import ALPHA, ApertureShape, Energy
 from . import cpu_direct, cpu_direct_backward, cpu_linear, cpu_linear_backward
 from .cpu_pack import COLOURS, RATIONAL, brightness, edges, geometry, pack_sources
 
-# Largest radius, pixels, from which "auto" takes the linear form. At 504 x 378 the two cost the same at about 30 px on
-# smooth disparity and at 19 px on noise (tests/bench/scatter.py); between them neither loses more than a quarter.
-LINEAR_FROM = 24.0
+# Largest radius, pixels, from which "auto" takes the linear form. At 504 x 378 both ways together cost the same at
+# about 22 px on smooth disparity and at 17 px on noise, where the direct form leaves its cheap exponentials; the way
+# there alone at 18 and at 16 px.
+LINEAR_FROM = 18.0
 
 
 def scatter(

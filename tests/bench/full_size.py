@@ -3,10 +3,11 @@
     python tests/bench/full_size.py --out reports/scatter [--width 4032] [--height 3024] [--radius 120] [--repeats 3]
     python tests/bench/full_size.py --out reports/scatter --only energy
 
-Parts, each in processes of their own: `photograph` (an 8-bit image and its depth through the dataset builder's own
-function: decode, scatter, encode; peak memory of the process), `energy` (HDR highlights of 1e6 against float64 sums
-at every pixel of their discs), `cost` (both forms against radius and against pixels). Writes a CSV for each into --out
-and draws cost.png there. Wall time is only the program's where nothing else runs; processor time is nearly so anywhere.
+Parts, in processes of their own: `photograph` (an 8-bit image and its depth through the dataset builder's own
+function: decode, scatter, encode; peak memory of the process), `layered` (the same by the layered renderer; slow),
+`energy` (HDR highlights of 1e6 against float64 sums at every pixel of their discs), `cost` (both forms against radius
+and against pixels). Writes a CSV for each into --out and draws cost.png there. Wall time is only the program's where
+nothing else runs; processor time is nearly so anywhere.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ configure_threads()  # before torch and numba are imported
 
 import numpy as np  # noqa: E402
 
-PARTS = ("photograph", "energy", "cost")
+PARTS = ("photograph", "layered", "energy", "cost")
 KINDS = ("waves", "edges", "plane")
 HIGHLIGHT = 1e6
 DISPARITIES = 0.1, 1.0  # of the photographed scene, 1 / scene unit
@@ -178,47 +179,50 @@ def energy(kind: str, width: int, height: int, radius: float) -> dict:
 # ------------------------------------------------------------------------------------------------ cost
 
 
-def cost(kind: str, form: str, width: int, height: int, radius: float, repeats: int) -> dict:
-    """Least wall and processor time of `repeats` runs of the scatter alone."""
+def cost(kind: str, form: str, cases: list[tuple[int, int, float]], repeats: int) -> list[dict]:
+    """Least wall and processor time of `repeats` runs of the scatter alone, by (width, height, largest radius)."""
     import torch
 
     from dofbench.kernels import load
 
     scatter = load("scatter", "cpu")
-    image = torch.from_numpy(np.random.default_rng(3).random((height, width, 3), dtype=np.float32))
-    radii = np.float32(radius) * disparity(kind, height, width)
-    times = []
-    with torch.no_grad():
-        small = torch.from_numpy(np.ascontiguousarray(radii[:40, :40]))
-        small[0, 0] = radius
-        scatter(image[:40, :40].contiguous(), small, form=form)  # loads or compiles
-        for _ in range(repeats):
-            watch = Stopwatch()
-            scatter(image, torch.from_numpy(radii), form=form)
-            times.append(watch.read())
-    wall, processor = (min(column) for column in zip(*times, strict=True))
-    return {"disparity": kind, "form": form, "width": width, "height": height,
+    rows = []
+    for width, height, radius in cases:
+        image = torch.from_numpy(np.random.default_rng(3).random((height, width, 3), dtype=np.float32))
+        radii = torch.from_numpy(np.float32(radius) * disparity(kind, height, width))
+        times = []
+        with torch.no_grad():
+            small = radii[:40, :40].contiguous()
+            small[0, 0] = radius
+            scatter(image[:40, :40].contiguous(), small, form=form)  # loads or compiles
+            for _ in range(repeats):
+                watch = Stopwatch()
+                scatter(image, radii, form=form)
+                times.append(watch.read())
+        wall, processor = (min(column) for column in zip(*times, strict=True))
+        rows.append({
+            "disparity": kind, "form": form, "width": width, "height": height,
             "megapixels": round(width * height / MILLION, 4), "largest_radius": radius,
-            "mean_radius": round(float(radii.mean()), 1), "wall_s": round(wall, 4), "processor_s": round(processor, 4)}
+            "mean_radius": round(float(radii.mean()), 1), "wall_s": round(wall, 4), "processor_s": round(processor, 4),
+        })
+    return rows
 
 
-def cost_cases(width: int, height: int, radius: float, repeats: int) -> list[dict]:
-    """By radius at a sixteenth of the pixels, by pixels at two radii; not what takes the direct form minutes."""
-    cases = []
-    quarter = width // 4, height // 4
+def measure_cost(width: int, height: int, radius: float, repeats: int) -> list[dict]:
+    """By radius at an eighth of the width, by pixels at two radii; not what takes the direct form minutes."""
+    radii = (4.0, 8.0, 12.0, 16.0, 18.0, 24.0, 32.0, 48.0, 64.0, 96.0, 120.0, 180.0, 240.0)
+    rows = []
     for kind in ("waves", "edges"):
         for form in ("direct", "linear"):
-            for largest in (4.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 96.0, 120.0, 180.0, 240.0):
-                if form == "linear" or largest <= radius:
-                    cases.append({"by": "radius", "kind": kind, "form": form, "width": quarter[0],
-                                  "height": quarter[1], "radius": largest, "repeats": repeats})
-    for form, largest, most in (("direct", 32.0, 1), ("linear", 32.0, 1), ("direct", radius, 4), ("linear", radius, 1)):
-        for divisor in (16, 8, 4, 2, 1):
-            if divisor >= most:
-                cases.append({"by": "pixels", "kind": "edges", "form": form, "width": width // divisor,
-                              "height": height // divisor, "radius": largest,
-                              "repeats": repeats if divisor > 1 else 1})
-    return cases
+            cases = [(width // 8, height // 8, r) for r in radii if form == "linear" or r <= radius]
+            found = in_new_process("cost", kind=kind, form=form, cases=cases, repeats=repeats)
+            rows += [{"by": "radius", **row} for row in found]
+    lines = ("direct", 32.0, 2), ("linear", 32.0, 1), ("direct", radius, 8), ("linear", radius, 1)
+    for form, largest, finest in lines:
+        cases = [(width // d, height // d, largest) for d in (32, 16, 8, 4, 2, 1) if d >= finest]
+        found = in_new_process("cost", kind="edges", form=form, cases=cases, repeats=repeats)
+        rows += [{"by": "pixels", **row} for row in found]
+    return rows
 
 
 def draw(rows: list[dict], path: Path) -> None:
@@ -247,11 +251,17 @@ def draw(rows: list[dict], path: Path) -> None:
 # ------------------------------------------------------------------------------------------------ running
 
 
-def in_new_process(part: str, **case) -> dict:
-    """The function of this name, in a fresh process: memory, and caches of a case before, are its own."""
+def in_new_process(part: str, **case):
+    """What the function of this name returns, in a fresh process: memory, and caches of a case before, are its own."""
     command = [sys.executable, __file__, "--child", part, json.dumps(case)]
     result = subprocess.run(command, stdout=subprocess.PIPE, check=True, text=True)
-    return {**json.loads(result.stdout.splitlines()[-1]), "load": round(os.getloadavg()[0], 1)}
+    found = json.loads(result.stdout.splitlines()[-1])
+    load = round(os.getloadavg()[0], 1)
+    rows = found if isinstance(found, list) else [found]
+    for row in rows:
+        row["load"] = load
+        print(row, flush=True)
+    return found
 
 
 def write(path: Path, rows: list[dict]) -> None:
@@ -275,17 +285,15 @@ def main() -> None:
     arguments.out.mkdir(parents=True, exist_ok=True)
     chosen = (arguments.only,) if arguments.only else PARTS
     if "photograph" in chosen:
-        cases = [(kind, "scatter") for kind in KINDS for _ in range(arguments.repeats)] + [("edges", "layered")]
-        rows = [in_new_process("photograph", kind=kind, renderer=renderer, **size) for kind, renderer in cases]
+        rows = [in_new_process("photograph", kind=kind, renderer="scatter", **size)
+                for kind in KINDS for _ in range(arguments.repeats)]
         write(arguments.out / "photograph.csv", rows)
+    if "layered" in chosen:
+        write(arguments.out / "layered.csv", [in_new_process("photograph", kind="edges", renderer="layered", **size)])
     if "energy" in chosen:
         write(arguments.out / "energy.csv", [in_new_process("energy", kind=kind, **size) for kind in KINDS])
     if "cost" in chosen:
-        rows = []
-        for case in cost_cases(repeats=arguments.repeats, **size):
-            by = case.pop("by")
-            rows.append({"by": by, **in_new_process("cost", **case)})
-            print(rows[-1], flush=True)
+        rows = measure_cost(repeats=arguments.repeats, **size)
         write(arguments.out / "cost.csv", rows)
         draw(rows, arguments.out / "cost.png")
 
