@@ -105,3 +105,14 @@ NOISE_STATED = 0.15
 # The scatter against a photograph through a real lens, both of a plain room and blurred by up to 2 pixels, dB; the
 # noise of 128 samples is part of it.
 SCATTER_OF_A_LENS = 30.0
+# The shipped photographs through a real lens. Noise of each, dB.
+SHIPPED_NOISE = 40.0
+# Median relative depth error of a handful of points triangulated from three small images.
+SHIPPED_POINT_DEPTH = 0.06
+# One surface in two depth maps, at the nearest pixel, relative, median: a slanted floor changes within a pixel.
+SHIPPED_SURFACE = 0.01
+# The scatter against them, dB, whole: bleeding at depth edges, least in `night`.
+SHIPPED_SCATTER = 20.0
+# And where nothing out of focus reaches, median error of encoded values: a disc of up to a pixel against a soft one,
+# and noise.
+SHIPPED_SCATTER_IN_FOCUS = 0.006
