@@ -1,4 +1,4 @@
-"""Render the training images of depthnet: many small rooms with exact depth, and table tops of other seeds.
+"""Render the training images of depthnet: many small rooms with exact depth, and make-scene's scenes by other seeds.
 
     python datasets/depthnet/render.py --out WORK/rooms --minutes 15
 
@@ -19,15 +19,16 @@ import tyro
 
 from dofbench.files import replacing
 from dofbench.images import encode, to_8bit
-from dofbench.rendering.paths import cameras as path
+from dofbench.rendering import paths
 from dofbench.rendering.recipes import recipe
+from dofbench.rendering.settings import NAMES
 from dofbench.rendering.tracer import Tracer
 from dofbench.rendering.variant import choose_variant
 
 WIDTH, HEIGHT = 256, 192
-TABLE_TOPS = 8   # every eighth room is a table top as the built-in scene, of another seed
+RECIPES = 3      # every third room is one of make-scene's, of a seed that no shipped scene has
+SAMPLES = 32     # rays a pixel: noise is an augmentation, and the sensor's is added anyway
 BANK_ROOMS = 24  # rooms that share one bank of textures
-SAMPLES = 32     # rays a pixel
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,6 @@ class Settings:
 def main(settings: Settings) -> None:
     """Render until the rooms or the minutes are used up."""
     choose_variant()
-    table_top = recipe("tabletop")
     start = time.perf_counter()
     bank, banked = [], -1
     for number in range(settings.first, settings.first + settings.rooms):
@@ -58,10 +58,12 @@ def main(settings: Settings) -> None:
         file = settings.out / f"{number:07d}.npz"
         if file.is_file():
             continue
-        if number % TABLE_TOPS == TABLE_TOPS - 1:
-            # Seed 0 is the built-in scene, which is for evaluation.
-            stage, seed = table_top.stage(1 + number), 1 + number
-            cameras = path(table_top.VIEWPOINTS, "forward", 20, WIDTH, HEIGHT, seed)[: settings.views]
+        if number % RECIPES == RECIPES - 1:
+            turn = number // RECIPES
+            how, seed = recipe(NAMES[turn % len(NAMES)]), 1 + number
+            stage = how.stage(seed)
+            kind = "forward" if turn // len(NAMES) % 2 == 0 else "orbit"
+            cameras = paths.cameras(how.VIEWPOINTS, kind, settings.views, WIDTH, HEIGHT, seed)
         else:
             if number // BANK_ROOMS != banked:
                 banked = number // BANK_ROOMS
@@ -72,8 +74,8 @@ def main(settings: Settings) -> None:
         tracer = Tracer(stage)
         images, depths = [], []
         for index, camera in enumerate(cameras):
-            shot = tracer.photograph(camera, SAMPLES, f"depthnet/{number}/{index}")
-            images.append(to_8bit(encode(shot.linear)))
+            linear = tracer.photograph(camera, SAMPLES, f"{number}/{index}").linear
+            images.append(to_8bit(encode(np.clip(linear, 0, 1))))
             depths.append(tracer.depth(camera).astype(np.float16))
         with replacing(file) as temporary:
             np.savez_compressed(temporary, images=np.stack(images), depth=np.stack(depths))

@@ -1,4 +1,4 @@
-"""Random rooms to train on: plain data for the built-in scene's renderer, with its textures and shapes.
+"""Random rooms to train on, of make-scene's shapes and textures.
 
 A room has a floor, perhaps walls, and things of every size at every distance. Nothing is where a network could learn to
 expect it, but that what is lower in the picture tends to be nearer.
@@ -7,7 +7,6 @@ expect it, but that what is lower in the picture tends to be nearer.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -40,7 +39,7 @@ def texture_bank(rng: np.random.Generator, rounds: int) -> list[np.ndarray]:
 
 
 def room(rng: np.random.Generator, bank: list[np.ndarray]) -> Stage:
-    """A stage around the view along +y from about the origin; the floor is z = 0."""
+    """What is seen along +y from about the origin; the floor is z = 0."""
     things = [*_shell(rng, bank)]
     for _ in range(int(rng.integers(6, 36))):
         things.extend(_thing(rng, bank))
@@ -52,8 +51,8 @@ def room(rng: np.random.Generator, bank: list[np.ndarray]) -> Stage:
         )
         for _ in range(int(rng.integers(0, 3)))
     )
-    ambient = rng.uniform(0.15, 0.5) if lamps else rng.uniform(0.6, 1.2)
-    return Stage(tuple(things), lamps, float(ambient))
+    sky = float(rng.uniform(0.15, 0.5) if lamps else rng.uniform(0.6, 1.2))
+    return Stage(tuple(things), lamps, sky)
 
 
 def cameras(rng: np.random.Generator, count: int, width: int, height: int) -> list[Camera]:
@@ -76,40 +75,43 @@ def cameras(rng: np.random.Generator, count: int, width: int, height: int) -> li
     return found
 
 
-def _shell(rng: np.random.Generator, bank: list[np.ndarray]) -> Iterator[Any]:
+def _shell(rng: np.random.Generator, bank: list[np.ndarray]) -> Iterator[Prop]:
     """Floor, back wall, side walls, each of which may be missing; the floor is rarely."""
     if rng.random() < 0.93:
-        yield Prop(shapes.quad((-20, -4, 0), (40, 0, 0), (0, 34, 0)), _tiled(rng, bank, 4))
+        yield Prop(shapes.quad((-20, -4, 0), (40, 0, 0), (0, 34, 0), _repeat(rng, 12)), _paint(rng, bank, 0.2))
     wall = float(np.exp(rng.uniform(np.log(3.0), np.log(25.0))))
     slant = float(rng.normal(0, 0.25))
     if rng.random() < 0.85:
         height = float(rng.uniform(2, 9))
-        sheet = shapes.quad((-20, wall - 20 * slant, -1), (40, 40 * slant, 0), (0, 0, height + 1))
-        yield Prop(sheet, _tiled(rng, bank, 3))
+        sheet = shapes.quad((-20, wall - 20 * slant, -1), (40, 40 * slant, 0), (0, 0, height + 1), _repeat(rng, 6))
+        yield Prop(sheet, _paint(rng, bank, 0.2))
     for side in (-1, 1):
         if rng.random() < 0.35:
             x = side * float(rng.uniform(1.2, 5))
-            sheet = shapes.quad((x, -4, 0), (0, wall + 8, 0), (0, 0, float(rng.uniform(1, 6))))
-            yield Prop(sheet, _tiled(rng, bank, 3))
+            sheet = shapes.quad((x, -4, 0), (0, wall + 8, 0), (0, 0, float(rng.uniform(1, 6))), _repeat(rng, 6))
+            yield Prop(sheet, _paint(rng, bank, 0.2))
 
 
-def _tiled(rng: np.random.Generator, bank: list[np.ndarray], repeats: int) -> Any:
-    """A texture for something large: repeated, or one plain colour, as walls often are."""
-    if rng.random() < 0.2:
-        return tuple(float(v) for v in rng.uniform(0.2, 0.9, 3))
-    picture = bank[int(rng.integers(len(bank)))]
-    count = int(rng.integers(1, repeats + 1))
-    return np.tile(picture, (count, count, 1))
+def _repeat(rng: np.random.Generator, most: int) -> tuple[int, int]:
+    count = int(rng.integers(1, most + 1))
+    return count, count
 
 
-def _thing(rng: np.random.Generator, bank: list[np.ndarray]) -> Iterator[Any]:
+def _paint(rng: np.random.Generator, bank: list[np.ndarray], plain: float) -> np.ndarray | tuple[float, float, float]:
+    """A texture, or with the probability `plain` one colour, as walls often are."""
+    colour = rng.uniform(0.1, 0.9, 3)
+    if rng.random() < plain:
+        return float(colour[0]), float(colour[1]), float(colour[2])
+    return bank[int(rng.integers(len(bank)))]
+
+
+def _thing(rng: np.random.Generator, bank: list[np.ndarray]) -> Iterator[Prop]:
     """One thing at a random distance: it stands on the floor, or floats."""
     y = float(np.exp(rng.uniform(np.log(NEAREST), np.log(FARTHEST))))
     x = float(rng.uniform(-0.75, 0.75)) * y
     size = float(np.exp(rng.uniform(np.log(0.06), np.log(0.55)))) * (0.5 + 0.5 * y)
     base = 0.0 if rng.random() < 0.7 else float(rng.uniform(0, 0.5 * y + 0.8))
-    plain = tuple(float(v) for v in rng.uniform(0.1, 0.9, 3))
-    paint = plain if rng.random() < 0.25 else bank[int(rng.integers(len(bank)))]
+    paint = _paint(rng, bank, 0.25)
     finish = "glossy" if rng.random() < 0.12 else "matt"
     turn = float(rng.uniform(0, 180))
     kind = rng.choice(["box", "ball", "post", "sheet", "grass", "rods"], p=[0.32, 0.2, 0.16, 0.16, 0.08, 0.08])

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import cv2
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
@@ -211,9 +210,13 @@ class Network:
 def sampled(values: np.ndarray, xy: np.ndarray, width: int, height: int) -> np.ndarray:
     """Bilinear samples (M,) float64 of a map (h, w) at image coordinates (M, 2) of an image `width` x `height`."""
     scale = np.array([values.shape[1] / width, values.shape[0] / height])
-    at = (xy * scale - 0.5).astype(np.float32)
-    found = cv2.remap(values, at[None, :, 0], at[None, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return found[0].astype(np.float64)
+    x, y = (np.clip(at, 0, side - 1) for at, side in zip((xy * scale - 0.5).T, values.shape[::-1], strict=True))
+    left, top = (np.minimum(at.astype(int), side - 2) for at, side in zip((x, y), values.shape[::-1], strict=True))
+    x, y = x - left, y - top
+    values = values.astype(np.float64)
+    upper = values[top, left] * (1 - x) + values[top, left + 1] * x
+    lower = values[top + 1, left] * (1 - x) + values[top + 1, left + 1] * x
+    return upper * (1 - y) + lower * y
 
 
 def _first_line(error: Exception) -> str:

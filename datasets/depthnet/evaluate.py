@@ -1,0 +1,152 @@
+"""How good depthnet is, beside a constant per view and the completed sparse points.
+
+    python datasets/depthnet/evaluate.py --rooms WORK/held --scenes fern=DIR flower=DIR
+
+On held-out rooms and the built-in scene against exact depth; on other scenes against sparse points that no estimate has
+seen, every fifth one. Prints a Markdown table.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from dofbench.content import content_folder
+from dofbench.contracts import PointCloud
+from dofbench.depth import open_source
+from dofbench.depth.align import fit
+from dofbench.depth.network import Network, find_network, sampled
+from dofbench.depth.sightings import scene_sightings
+from dofbench.scenes import load_scene
+from dofbench.scenes.types import Scene
+
+HELD_OUT = 5        # every fifth point
+ALIGNING = 300      # pixels of a held-out room that the network is aligned to, as sparse points would be
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What to evaluate on."""
+
+    rooms: Path | None = None
+    """Folder of held-out rooms (render.py --first 1000000)."""
+    scenes: tuple[str, ...] = ()
+    """NAME=FOLDER of scenes with sparse points."""
+    network: str = "depthnet"
+    """The network: a file, or the shipped one's name."""
+    width: int = 504
+    """Width at which those scenes are read, pixels."""
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Of some pixels: disparities estimated and true, (P,) each."""
+
+    found: np.ndarray
+    true: np.ndarray
+
+    def row(self) -> list[str]:
+        """AbsRel of depth, share within 1.25, median relative error of disparity."""
+        found, true = np.maximum(self.found, 0.1 * np.percentile(self.true, 1)), self.true
+        ratio = np.maximum(found / true, true / found)
+        return [f"{np.mean(np.abs(true / found - 1)):.3f}", f"{np.mean(ratio < 1.25):.3f}",
+                f"{np.median(np.abs(found / true - 1)):.3f}"]
+
+
+def main(settings: Settings) -> None:
+    """Print the table."""
+    print("| scene | estimate | AbsRel | share within 1.25 | median relative disparity error |\n|---|---|---|---|---|")
+    file = find_network(settings.network)
+    if settings.rooms is not None:
+        _print("held-out rooms", _rooms(settings.rooms, file))
+    _print("tabletop (built-in)", _exact(load_scene(content_folder("datasets") / "tabletop"), file))
+    for entry in settings.scenes:
+        name, _, folder = entry.partition("=")
+        _print(f"{name}, held-out points", _points(load_scene(Path(folder), width=settings.width), file))
+
+
+def _print(scene: str, results: dict[str, list[Errors]]) -> None:
+    for estimate, parts in results.items():
+        whole = Errors(np.concatenate([part.found for part in parts]), np.concatenate([part.true for part in parts]))
+        print(f"| {scene} | {estimate} | {' | '.join(whole.row())} |", flush=True)
+
+
+def _rooms(folder: Path, file: Path) -> dict[str, list[Errors]]:
+    """Every view aligned to some hundred pixels of its own depth; the constant is their median."""
+    network, rng = Network(file), np.random.default_rng(0)
+    results: dict[str, list[Errors]] = {"constant per view": [], "depthnet": []}
+    for path in sorted(folder.glob("*.npz")):
+        with np.load(path) as room:
+            views = list(zip(room["images"], room["depth"].astype(np.float64), strict=True))
+        for number, (image, depth) in enumerate(views):
+            rows, columns = np.nonzero(depth > 0)
+            if len(rows) < 2 * ALIGNING:
+                continue
+            chosen = rng.choice(len(rows), ALIGNING, replace=False)
+            xy = np.stack([columns[chosen] + 0.5, rows[chosen] + 0.5], axis=1)
+            truth = 1 / depth[rows[chosen], columns[chosen]]
+            output = network.predict(image.astype(np.float32) / 255, f"{path.stem}/{number}")
+            height, width = depth.shape
+            alignment = fit(sampled(output, xy, width, height), truth, np.ones(ALIGNING), "disparity", "scale-shift")
+            every = np.stack([columns + 0.5, rows + 0.5], axis=1)
+            true = 1 / depth[rows, columns]
+            constant = np.full(len(true), np.median(truth))
+            # Where it can't be aligned, nothing better than the constant is left.
+            everywhere = sampled(output, every, width, height)
+            found = constant if alignment is None else alignment.disparity(everywhere, "disparity")
+            results["constant per view"].append(Errors(constant, true))
+            results["depthnet"].append(Errors(found, true))
+    return results
+
+
+def _sources(scene: Scene, file: Path) -> Iterable[tuple[str, dict[str, np.ndarray]]]:
+    """Each estimate's name, and its disparity maps by view."""
+    sightings = scene_sightings(scene, "the constant").by_view
+    sizes = {view.name: (view.camera.height, view.camera.width) for view in scene.views}
+    yield "constant per view", {n: np.full(sizes[n], np.median(sightings[n].disparity)) for n in sizes}
+    for kind, label in (("sfm", "sfm"), ("onnx", "depthnet")):
+        with tempfile.TemporaryDirectory() as work:
+            source = open_source(kind, scene, steps=1, seed=0, work=Path(work), network=file)
+            yield label, {view.name: 1.0 / source.estimate(view).depth.astype(np.float64) for view in scene.views}
+
+
+def _exact(scene: Scene, file: Path) -> dict[str, list[Errors]]:
+    results = {}
+    for label, maps in _sources(scene, file):
+        results[label] = []
+        for view in scene.views:
+            assert view.depth is not None
+            depth = view.depth().astype(np.float64)
+            known = depth > 0
+            results[label].append(Errors(maps[view.name][known], 1 / depth[known]))
+    return results
+
+
+def _points(scene: Scene, file: Path) -> dict[str, list[Errors]]:
+    points = scene.points
+    assert points is not None, "the scene has no points"
+    held = np.arange(len(points)) % HELD_OUT == 0
+    rest, test = (_part(points, chosen) for chosen in (~held, held))
+    truth = scene_sightings(replace(scene, points=test), "evaluation").by_view
+    results = {}
+    for label, maps in _sources(replace(scene, points=rest), file):
+        results[label] = []
+        for view in scene.views:
+            xy = truth[view.name].xy
+            found = maps[view.name][xy[:, 1].astype(int), xy[:, 0].astype(int)]
+            results[label].append(Errors(found, truth[view.name].disparity))
+    return results
+
+
+def _part(points: PointCloud, chosen: np.ndarray) -> PointCloud:
+    tracks = None if points.views is None else tuple(points.views[index] for index in np.flatnonzero(chosen))
+    return PointCloud(points.xyz[chosen], points.rgb[chosen], points.error[chosen], tracks)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Settings))
