@@ -8,6 +8,7 @@ reweighted until it rests (Geman-McClure).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -47,19 +48,25 @@ class Alignment:
 UNALIGNED = Alignment(1.0, 0.0, 1.0, 0.0)
 
 
+def middle(alignments: Sequence[Alignment]) -> Alignment:
+    """The median scale and shift of several alignments."""
+    names = ("scale", "shift", "inliers", "residual")
+    return Alignment(*(float(np.median([getattr(one, name) for one in alignments])) for name in names), shared=True)
+
+
 def fit(
     output: np.ndarray, disparity: np.ndarray, weight: np.ndarray, meaning: Output, freedom: Freedom
 ) -> Alignment | None:
     """The alignment of the network's output (M,) with the points' disparity (M,), or None where there is none.
 
-    weight: (M,), 0 ... 1. There is none with fewer than `ENOUGH` points, or when more than half of
-    the trials, or the result, say that what is nearer is farther (scale <= 0).
+    weight: (M,), 0 ... 1. There is none with fewer than `ENOUGH` points, or when the best one has
+    what is nearer farther away (scale <= 0).
     """
     if len(output) < ENOUGH:
         return None
     columns = _columns(output, disparity, meaning, freedom)
     start = _least_median(columns, disparity)
-    if start is None:
+    if start is None or start[0] <= 0:
         return None
     parameters = _reweighted(columns, disparity, weight, start)
     if parameters is None or parameters[0] <= 0:
@@ -91,9 +98,6 @@ def _least_median(columns: np.ndarray, target: np.ndarray) -> np.ndarray | None:
     if not whole.any():
         return None
     tried = np.linalg.solve(systems[whole], sides[whole][..., None])[..., 0]
-    tried = tried[tried[:, 0] > 0]
-    if len(tried) * 2 < whole.sum():
-        return None
     residual = np.median(np.abs(target - tried @ columns.T), axis=1)
     return tried[int(np.argmin(residual))]
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from dofbench.depth import SourceId
-from dofbench.depth.align import ENOUGH, UNALIGNED, Alignment, fit
+from dofbench.depth.align import ENOUGH, UNALIGNED, Alignment, fit, middle
 from dofbench.depth.estimate import DepthEstimate, clipped, trust
 from dofbench.depth.network import Network, network_digest, sampled, side_file
 from dofbench.depth.sfm import spread_around
@@ -107,7 +107,7 @@ class OnnxDepth:
             "network": network_digest(file),
             "description": description.model_dump(mode="json", exclude_none=True),
             "scale, shift": f"of the network's output, which is {description.output}, to scene units; shared 1: found "
-            f"from all views together, as this one saw fewer than {ENOUGH} points that agree",
+            f"from all views together, as this one saw fewer than {ENOUGH} points, or none that the network follows",
             "inliers": "share of the view's points within 2.5 standard deviations (by their median) after alignment",
             "median_residual": "of the points after alignment, as a share of the range of their disparities",
             "clipped": CLIPPED,
@@ -130,10 +130,14 @@ def _aligned(
 ) -> dict[str, Alignment]:
     meaning, free = network.description.output, network.description.align
     own = {name: fit(*parts, meaning, free) for name, parts in pairs.items()}
-    if all(own.values()):
+    aligned = [found for found in own.values() if found is not None]
+    if len(aligned) == len(own):
         return {name: found for name, found in own.items() if found is not None}
     everything = [np.concatenate(parts) for parts in zip(*pairs.values(), strict=True)]
     shared = fit(everything[0], everything[1], everything[2], meaning, free)
+    if shared is None and 2 * len(aligned) >= len(own):
+        # A network whose scale wanders from view to view, so that all together follow no line.
+        shared = middle(aligned)
     if shared is None:
         raise InputError(
             network.file, f"an output that does not follow the {len(everything[0])} sightings of sparse points",
