@@ -14,6 +14,7 @@ import numpy as np
 
 from dofbench import gaussians
 from dofbench.depth import DepthEstimate, SourceId
+from dofbench.depth.estimate import trust
 from dofbench.scenes.types import Scene, SceneView
 
 
@@ -22,7 +23,8 @@ class SplatDepth:
 
     id: SourceId = "splat"
     confidence = (
-        "accumulated opacity along the ray: how much of the pixel the reconstruction fills; it sees no other error"
+        "accumulated opacity, times 1 / (1 + (s / 5 % of the view's disparity range)^2), s the standard deviation of "
+        "disparity among the Gaussians that the pixel is blended from"
     )
 
     def __init__(self, reconstruction: gaussians.Reconstruction, provenance: dict[str, Any]):
@@ -49,10 +51,15 @@ class SplatDepth:
         return cls(reconstruction, provenance)
 
     def estimate(self, view: SceneView) -> DepthEstimate:
-        """Depth at the view's camera, 0 where nothing was reconstructed; confidence is the opacity."""
-        depth, alpha = self._reconstruction.depth_and_alpha(view.camera)
-        return DepthEstimate(np.ascontiguousarray(depth, dtype=np.float32),
-                             np.where(depth > 0, np.clip(alpha, 0, 1), 0).astype(np.float32))
+        """Depth at the view's camera, 0 where nothing was reconstructed."""
+        surface = self._reconstruction.surface(view.camera)
+        known = surface.depth > 0
+        confidence = np.where(known, np.clip(surface.alpha, 0, 1), 0)
+        if known.any():
+            low, high = np.percentile(1 / surface.depth[known], [5, 95])
+            if high > low:
+                confidence = confidence * trust(surface.spread / (high - low))
+        return DepthEstimate(np.ascontiguousarray(surface.depth, dtype=np.float32), confidence.astype(np.float32))
 
     def provenance(self) -> dict[str, Any]:
         """Steps, seed and options of the training."""

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
 from dofbench.cameras import Camera
 from dofbench.contracts import Budget, TrainingSet, TrainingView
 from dofbench.errors import Status
-from dofbench.gaussians.model import Gaussians
+from dofbench.gaussians.model import SH_C0, Gaussians
 from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.render import SURFACE_ALPHA, rasterise
 from dofbench.gaussians.trainer import Trainer
@@ -30,17 +31,44 @@ OPTIONS = TrainerOptions().with_overrides({
 })
 
 
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """depth: (H, W) float32 z in scene units, 0 where nothing was reconstructed. alpha: (H, W) accumulated opacity.
+
+    spread: (H, W), 1 / scene unit: standard deviation of disparity among the Gaussians that the pixel is blended from.
+    """
+
+    depth: np.ndarray
+    alpha: np.ndarray
+    spread: np.ndarray
+
+
 class Reconstruction:
     """A trained all-in-focus scene: depth and alpha at any camera."""
 
     def __init__(self, gaussians: Gaussians, options: TrainerOptions):
         self.gaussians, self._options = gaussians, options
 
-    def depth_and_alpha(self, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-        """(H, W) float32 z-depth in scene units, 0 where nothing was reconstructed, and (H, W) accumulated opacity."""
+    @torch.no_grad()
+    def surface(self, camera: Camera) -> Surface:
+        """What the camera sees of the reconstruction."""
         raster = rasterise(self.gaussians, camera, self._options, sh_degree=0)
-        alpha = raster.alpha.detach().numpy()
-        return np.where(alpha > SURFACE_ALPHA, raster.depth.detach().numpy(), np.float32(0)), alpha
+        # The same blend of the Gaussians' disparity and its square in place of their colour.
+        pose = torch.from_numpy(np.array(camera.world_to_camera)).float()
+        z = self.gaussians.parameters["means"] @ pose[2, :3] + pose[2, 3]
+        disparity = 1 / z.clamp_min(1e-3 * float(z.max().clamp_min(1e-6)))
+        unit = float(disparity.max())
+        moments = torch.stack([disparity / unit, (disparity / unit) ** 2, torch.zeros_like(z)], dim=1)
+        painted = Gaussians({**self.gaussians.parameters, "sh_dc": (moments - 0.5) / SH_C0}, self.gaussians.filter_3d)
+        blended = rasterise(painted, camera, self._options.with_overrides({"background": 0.0}), sh_degree=0,
+                            geometry="none").color.numpy().astype(np.float64)
+        alpha = raster.alpha.numpy()
+        known = alpha > SURFACE_ALPHA
+        mean, square = (np.divide(blended[..., channel], alpha, out=np.zeros(alpha.shape), where=known)
+                        for channel in (0, 1))
+        return Surface(
+            np.where(known, raster.depth.numpy(), np.float32(0)), alpha, unit * np.sqrt(np.maximum(square - mean**2, 0))
+        )
 
     def settings(self) -> Mapping[str, Any]:
         """The options that made it, for a manifest."""

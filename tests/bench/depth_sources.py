@@ -87,14 +87,16 @@ def _errors(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Of the pixels with a surface: relative error of depth, whether within 1.25, error in CoC pixels, confidence.
 
-    Depth that the source doesn't know counts as infinitely far, as it does for the blur.
+    Depth that the source doesn't know counts as infinitely far, as it does for the blur; its relative error as 1.
     """
     there = truth > 0
     true = 1 / truth[there].astype(np.float64)
     depth = estimate.depth[there].astype(np.float64)
-    found = np.divide(1.0, depth, out=np.full(depth.shape, 1e-6), where=depth > 0)
-    ratio = np.maximum(found / true, true / found)
-    return np.abs(true / found - 1), ratio < 1.25, pixels * np.abs(found - true), estimate.confidence[there]
+    known = depth > 0
+    found = np.divide(1.0, depth, out=np.zeros_like(depth), where=known)
+    relative = np.where(known, np.abs(depth * true - 1), 1.0)
+    near = known & (np.maximum(depth * true, found / true) < 1.25)
+    return relative, near, pixels * np.abs(found - true), estimate.confidence[there]
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from dofbench import gaussians
 from dofbench.cameras import Camera
 from dofbench.depth import open_source, resolve
 from dofbench.errors import InputError
+from dofbench.gaussians.reconstruction import Surface
 from dofbench.scenes.types import Scene, SceneView
 
 CAMERA = Camera(4, 3, 4.0, 4.0, 2.0, 1.5, np.eye(4))
@@ -62,9 +63,9 @@ class FakeReconstruction:
     def __init__(self, z: float):
         self.z = z
 
-    def depth_and_alpha(self, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    def surface(self, camera: Camera) -> Surface:
         size = (camera.height, camera.width)
-        return np.full(size, self.z, np.float32), np.full(size, 0.75, np.float32)
+        return Surface(np.full(size, self.z, np.float32), np.full(size, 0.75, np.float32), np.zeros(size))
 
     def settings(self):
         return {"made": "up"}
