@@ -116,3 +116,5 @@ SHIPPED_SCATTER = 20.0
 # And where nothing out of focus reaches, median error of encoded values: a disc of up to a pixel against a soft one,
 # and noise.
 SHIPPED_SCATTER_IN_FOCUS = 0.006
+# A network whose weights were rounded to eleven bits, relative to the largest output.
+HALF_WEIGHTS = 5e-3

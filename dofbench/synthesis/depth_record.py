@@ -73,13 +73,13 @@ def make_depth(
 
 
 def check_depth(dataset: Dataset) -> list[str]:
-    """The views of a dataset whose depth disagrees with their neighbours', one line each.
+    """The views of a dataset whose depth disagrees with their neighbours', or their confidence with it, one line each.
 
     Computed from the maps, not read from the manifest, so that older datasets are checked too.
     """
+    problems = [problem for view in dataset.views if (problem := _odd_confidence(dataset, view.name))]
     found = _agreement(dataset)
     usual = [one.difference for one in found if one is not None]
-    problems = []
     for index in views_off(found):
         one = found[index]
         assert one is not None
@@ -89,6 +89,18 @@ def check_depth(dataset: Dataset) -> list[str]:
             f"expected under {WORST:.0%}, and under {PEERS:g} times the usual or {UNREMARKABLE:.0%}"
         )
     return problems
+
+
+def _odd_confidence(dataset: Dataset, view: str) -> str | None:
+    confidence, z = dataset.confidence(view), dataset.depth(view)
+    if confidence is None:
+        return None
+    name = write.relative(write.confidence_path, view)
+    if confidence.shape != z.shape:
+        return f"{name}: shape {confidence.shape}, expected {z.shape}, as the depth"
+    if (confidence[z <= 0] > 0).any():
+        return f"{name}: {int((confidence[z <= 0] > 0).sum())} pixels of unknown depth with a confidence, expected 0"
+    return None
 
 
 def _agreement(dataset: Dataset) -> Sequence[Consistency | None]:

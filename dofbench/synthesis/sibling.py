@@ -28,7 +28,8 @@ def take_over(sibling: Path, out: Path, source: SourceRecord, settings: MakeData
     for image in source.images:
         for place in places:
             file, path = write.relative(place, image.view), place(out, image.view)
-            if not path.is_file() and sha256_file(sibling / file) == manifest.files[file].sha256:
+            record = manifest.files.get(file)
+            if record is not None and not path.is_file() and sha256_file(sibling / file) == record.sha256:
                 with replacing(path) as temporary:
                     shutil.copyfile(sibling / file, temporary)
     if all(place(out, image.view).is_file() for place in places for image in source.images):

@@ -76,6 +76,18 @@ def test_unknown_depth_has_no_confidence(write_scene, tmp_path):
     assert manifest(out)["depth"]["views"][1]["known"] == pytest.approx(1 - 300 / z.size)
 
 
+def test_confidence_must_fit_its_depth(folder):
+    write_grey_png(folder / "confidence/v01.png", np.ones((96, 120)))
+    z = read_exr(folder / "depth/v02.exr")
+    z[5, :7] = 0
+    write_exr(folder / "depth/v02.exr", z)
+    problems = check_depth(Dataset.load(folder))
+    assert problems == [
+        "confidence/v01.png: shape (96, 120), expected (96, 128), as the depth",
+        "confidence/v02.png: 7 pixels of unknown depth with a confidence, expected 0",
+    ]
+
+
 @pytest.mark.parametrize("factor", [1.2, 0.85])
 def test_check_flags_a_view_whose_depth_is_scaled(folder, factor):
     path = folder / "depth/v02.exr"

@@ -17,8 +17,8 @@ from dofbench.errors import InputError
 from dofbench.images import write_png
 from dofbench.scenes.export import write_poses_bounds
 from dofbench.synthesis import check_dataset, make_dataset
-from dofbench.synthesis.make import find_scene, read_scene
 from dofbench.synthesis.batch import planned
+from dofbench.synthesis.make import find_scene, read_scene
 from dofbench.synthesis.progress import Silent
 from dofbench.synthesis.settings import MakeDataset
 
