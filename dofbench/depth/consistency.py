@@ -22,8 +22,9 @@ NEIGHBOURS = 4
 _PIXELS = 12_000        # of a view that are compared with each neighbour, on a regular grid
 AGREEMENT = 0.05        # relative difference of disparity up to which two views agree
 _LEAST = 0.02           # share of the pixels that must be comparable for a pair to say anything
-# A view is off when its difference is beyond any doubt, or clearly beyond its peers'.
-WORST, PEERS, UNREMARKABLE = 0.2, 4.0, 0.02
+# A view is off when its difference is beyond doubt, or it, or the share that disagrees, is clearly beyond its peers'.
+WORST, PEERS = 0.2, 4.0
+UNREMARKABLE, UNREMARKABLE_SHARE = 0.02, 0.1
 
 
 @dataclass(frozen=True)
@@ -67,16 +68,20 @@ def consistencies(
 def views_off(found: Sequence[Consistency | None]) -> list[int]:
     """Indices of the views whose depth disagrees with their neighbours'.
 
-    A view is off when its median relative difference of disparity exceeds 20 %, or 4 times the
-    median of all the other views and 3 %.
+    A view is off when its median relative difference of disparity exceeds 20 %; or when that exceeds 2 %
+    and 4 times the median of all the other views'; or when the share of its pixels that disagree does
+    so with 10 % (two alike views' maps swapped differ at their outlines alone).
     """
-    known = [(index, one.difference) for index, one in enumerate(found) if one is not None]
+    known = [(index, one.difference, 1 - one.consistent) for index, one in enumerate(found) if one is not None]
     off = []
-    for index, difference in known:
-        others = [value for other, value in known if other != index]
-        usual = float(np.median(others)) if others else 0.0
-        if difference > WORST or (len(others) > 1 and difference > max(PEERS * usual, UNREMARKABLE)):
+    for index, difference, share in known:
+        others = [(theirs, disagree) for other, theirs, disagree in known if other != index]
+        if difference > WORST:
             off.append(index)
+        elif len(others) > 1:
+            usual, usual_share = np.median(others, axis=0)
+            if difference > max(PEERS * usual, UNREMARKABLE) or share > max(PEERS * usual_share, UNREMARKABLE_SHARE):
+                off.append(index)
     return off
 
 

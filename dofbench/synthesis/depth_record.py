@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from dofbench import depth
-from dofbench.depth.consistency import PEERS, UNREMARKABLE, WORST, Consistency, consistencies, views_off
+from dofbench.depth.consistency import AGREEMENT, Consistency, consistencies, views_off
 from dofbench.errors import InputError
 from dofbench.files import read_json, write_json
 from dofbench.images import read_exr, write_exr, write_grey_png
@@ -79,14 +79,14 @@ def check_depth(dataset: Dataset) -> list[str]:
     """
     problems = [problem for view in dataset.views if (problem := _odd_confidence(dataset, view.name))]
     found = _agreement(dataset)
-    usual = [one.difference for one in found if one is not None]
+    usual = np.median([(one.difference, 1 - one.consistent) for one in found if one is not None] or [(0, 0)], axis=0)
     for index in views_off(found):
         one = found[index]
         assert one is not None
         problems.append(
             f"{write.relative(write.depth_path, dataset.views[index].name)}: disparity differs by {one.difference:.1%} "
-            f"(median; signed {one.bias:+.1%}) from the neighbouring views', where {np.median(usual):.1%} is usual; "
-            f"expected under {WORST:.0%}, and under {PEERS:g} times the usual or {UNREMARKABLE:.0%}"
+            f"(median; signed {one.bias:+.1%}) from the neighbouring views', and by more than {AGREEMENT:.0%} in "
+            f"{1 - one.consistent:.0%} of the pixels; {usual[0]:.1%} and {usual[1]:.0%} are usual here"
         )
     return problems
 

@@ -90,10 +90,20 @@ def test_neighbours_share_points_or_stand_near():
     assert neighbours(CAMERAS[:1], None) == [[]]
 
 
-def test_all_views_poor_is_no_reason_to_flag_one_but_beyond_doubt_is():
-    def of(*differences: float) -> list[Consistency | None]:
-        return [Consistency((), 1.0, 0.5, value, value, value) for value in differences]
+def of(*differences: float, consistent: tuple[float, ...] = ()) -> list[Consistency | None]:
+    """One of each difference, half of whose pixels agree unless told."""
+    shares = consistent or (0.5,) * len(differences)
+    return [Consistency((), 1.0, share, value, value, value) for value, share in zip(differences, shares, strict=True)]
 
+
+def test_two_alike_views_swapped_differ_at_their_outlines_alone():
+    """The shares are those of the built-in scene and of two of its views swapped."""
+    assert views_off(of(0.0003, 0.0003, 0.0127, 0.0124, consistent=(0.986, 0.986, 0.859, 0.878))) == [2, 3]
+    assert views_off(of(0.01, 0.01, 0.01, 0.01, consistent=(0.82, 0.83, 0.74, 0.82))) == []
+    assert views_off(of(0.0003, 0.0003, 0.0003, consistent=(0.999, 0.998, 0.95))) == []
+
+
+def test_all_views_poor_is_no_reason_to_flag_one_but_beyond_doubt_is():
     assert views_off(of(0.08, 0.10, 0.09, 0.12)) == []
     assert views_off(of(0.08, 0.10, 0.09, 0.25)) == [3]
     assert views_off(of(0.004, 0.005, 0.004, 0.019)) == []
