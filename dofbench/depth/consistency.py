@@ -8,6 +8,7 @@ whose depth is off by a factor cannot pass for one that is hidden everywhere.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -19,7 +20,7 @@ from dofbench.contracts import PointCloud
 from dofbench.lens import COC_FRACTION, DisparityRange
 
 NEIGHBOURS = 4
-_PIXELS = 12_000        # of a view that are compared with each neighbour, on a regular grid
+_PIXELS = 5_000         # of a view at most that are compared with each neighbour, on a regular grid
 AGREEMENT = 0.05        # relative difference of disparity up to which two views agree
 _LEAST = 0.02           # share of the pixels that must be comparable for a pair to say anything
 # A view is off when its difference is beyond doubt, or it, or the share that disagrees, is clearly beyond its peers'.
@@ -124,7 +125,7 @@ class _Pair:
 
 def _compare(camera: Camera, depth: np.ndarray, other: Camera, other_depth: np.ndarray) -> _Pair | None:
     height, width = depth.shape
-    step = max(1, int(np.sqrt(height * width / _PIXELS)))
+    step = math.ceil(math.sqrt(height * width / _PIXELS))
     rows, columns = (grid.ravel() for grid in np.mgrid[step // 2 : height : step, step // 2 : width : step])
     z = depth[rows, columns].astype(np.float64)
     known = z > 0
