@@ -49,7 +49,7 @@ def test_it_is_shipped_and_small() -> None:
 
 def test_any_shape_of_image_goes_in() -> None:
     network = Network(find_network("depthnet"))
-    for size, expected in (((480, 640), (192, 256)), ((640, 480), (256, 192)), ((100, 100), (256, 256))):
+    for size, expected in (((480, 640), (128, 160)), ((640, 480), (160, 128)), ((100, 100), (160, 160))):
         assert network.predict(np.full((*size, 3), 0.5, np.float32), "v").shape == expected
 
 
@@ -90,20 +90,21 @@ def test_rooms_are_read_as_they_come(train: ModuleType, tmp_path: Path) -> None:
     assert len(rooms) == 1
     write(2, np.where(ramp > 4, 0, ramp))
     rooms.look_again()
-    assert len(rooms) == 3
+    assert len(rooms) == 2
     images, disparity = rooms.batch(rng, 5, 64, 32)
     assert images.shape == (5, 3, 32, 64) and disparity.shape == (5, 1, 32, 64)
     assert images.dtype == disparity.dtype == torch.float32
     assert 0 <= float(disparity.min()) and float(disparity.max()) <= 1 + FLOAT32_VALUE
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the exporter, which is used on purpose
 def test_what_is_exported_is_the_network(train: ModuleType, tmp_path: Path) -> None:
     torch.manual_seed(0)
     net = train.DepthNet().eval()
     train.export(net, tmp_path / "n.onnx")
     (tmp_path / "n.onnx.toml").write_text((FOLDER / "depthnet.onnx.toml").read_text())
     network = Network(tmp_path / "n.onnx")
-    image = np.random.default_rng(0).uniform(0, 1, (192, 256, 3)).astype(np.float32)
+    image = np.random.default_rng(0).uniform(0, 1, (128, 160, 3)).astype(np.float32)
     fed = torch.from_numpy(((image - train.MEAN) / train.STD).transpose(2, 0, 1)[None].astype(np.float32))
     with torch.no_grad():
         expected = net(fed)[0, 0].numpy()

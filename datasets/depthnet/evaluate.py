@@ -22,6 +22,7 @@ from dofbench.depth import open_source
 from dofbench.depth.align import fit
 from dofbench.depth.network import Network, find_network, sampled
 from dofbench.depth.sightings import scene_sightings
+from dofbench.errors import InputError
 from dofbench.scenes import load_scene
 from dofbench.scenes.types import Scene
 
@@ -111,7 +112,11 @@ def _sources(scene: Scene, file: Path) -> Iterable[tuple[str, dict[str, np.ndarr
     yield "constant per view", {n: np.full(sizes[n], np.median(sightings[n].disparity)) for n in sizes}
     for kind, label in (("sfm", "sfm"), ("onnx", "depthnet")):
         with tempfile.TemporaryDirectory() as work:
-            source = open_source(kind, scene, steps=1, seed=0, work=Path(work), network=file)
+            try:
+                source = open_source(kind, scene, steps=1, seed=0, work=Path(work), network=file)
+            except InputError as refusal:
+                print(f"| {scene.name} | {label} | refused: {refusal.found} | | |", flush=True)
+                continue
             yield label, {view.name: 1.0 / source.estimate(view).depth.astype(np.float64) for view in scene.views}
 
 
