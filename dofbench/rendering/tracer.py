@@ -111,9 +111,9 @@ class Tracer:
         length = np.linalg.norm(local, axis=1)
         world = (local / length[:, None]) @ camera.world_to_camera[:3, :3]
         centre = camera.centre
-        if mi.variant().startswith("scalar"):
+        if str(mi.variant()).startswith("scalar"):
             origin = [float(v) for v in centre]
-            hits = [self._scene.ray_intersect(mi.Ray3f(origin, [float(v) for v in way])) for way in world]
+            hits = [self._scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(way.tolist()))) for way in world]
             t = np.array([float(hit.t) for hit in hits])
         else:
             ray = mi.Ray3f(mi.Point3f(*[float(v) for v in centre]), mi.Vector3f(world.T.astype(np.float32)))

@@ -56,7 +56,7 @@ def test_photographs_say_what_they_are(dataset: Path) -> None:
         "recipe": "corridor", "seed": 0, "samples": 128,
     }
     for record in lenses["views"]:
-        assert 0 < record["noise_rms_linear"] < 0.05 and record["noise_psnr_db"] > 30
+        assert 0 < record["noise_rms_linear"] < 0.1 and record["noise_psnr_db"] > 30
         linear = read_exr(dataset / "images_linear" / f"{record['name']}.exr")
         encoded = read_image(dataset / "images" / f"{record['name']}.png")
         assert psnr(encode(linear), encoded) > 50
