@@ -67,7 +67,7 @@ def _score_all(
     for index, case in enumerate(open_cases):
         left = (time.monotonic() - begun) / behind * ahead if behind else None
         console.print(f"{index + 1} of {len(open_cases)}: {case.title}" + (f", {_clock(left)} left" if left else ""),
-                      highlight=False, markup=False)
+                      highlight=False, markup=False, soft_wrap=True)
         truth = case.make()
         kept, renders = done[case.key], {}
         for variant in VARIANTS:

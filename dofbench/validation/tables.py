@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import os
 from collections.abc import Iterable
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -51,7 +52,7 @@ def markdown(rows: list[Score], cases: int, settings: ValidateRenderer, plots: l
     lines += ["Means over photographs: PSNR in dB / SSIM / FLIP of encoded images in [0, 1]. Depth edge: within one "
               "circle of confusion of a jump in depth. Frame: all of the picture; the other regions leave out a margin "
               "as wide as the blur, where light comes in from beyond the picture. Exact regions count as "
-              f"{EXACT_DB:.0f} dB. Seconds are medians for one megapixel.", ""]
+              f"{EXACT_DB:.0f} dB. Seconds are medians for one megapixel{_load()}.", ""]
     lines += [line for plot in plots for line in (f"![Error against run time, by region]({plot.name})", "")]
     for source in dict.fromkeys(row.source for row in rows):
         lines += _source(source, [row for row in rows if row.source == source])
@@ -148,6 +149,14 @@ def _psnr(rows: Iterable[Score]) -> str:
 def _whole_and_edge(rows: Iterable[Score]) -> str:
     rows = list(rows)
     return " / ".join(_psnr(row for row in rows if row.region == region) for region in ("all", "depth edge"))
+
+
+def _load() -> str:
+    """How busy the machine is: times of a busy one can only be compared with each other."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    load = os.getloadavg()[2] if hasattr(os, "getloadavg") else 0.0
+    busy = f", which others kept busy (load {load:.0f}): only their ratios count" if load > 2 * cores else ""
+    return f", on {cores} cores{busy}"
 
 
 def _command(settings: ValidateRenderer) -> str:
