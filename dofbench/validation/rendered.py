@@ -72,6 +72,8 @@ def _photograph(
             raise InputError(files[name], f"an array of {found}", f"one of {sharp.shape[:2]}")
     if not np.isfinite(depth).all() or (depth < 0).any():
         raise InputError(files["depth"], "depth that is negative or not finite", "z > 0, and 0 where there is nothing")
+    if by_geometry is not None:
+        by_geometry(2)  # builds the stage and compiles its rendering, which no renderer's time is to count
     # Nothing seen is infinitely far.
     disparity = np.divide(1.0, depth, out=np.zeros(depth.shape), where=depth > 0)
     signed = (numbers["aperture_scene"] * (disparity - 1 / numbers["focus_scene"])).astype(np.float32)
