@@ -11,6 +11,7 @@ from dofbench.validation.tables import mean_psnr, seconds
 from dofbench.validation.variants import VARIANTS
 
 _PLOTTED = tuple(region for region in REGIONS if region != "frame")
+_LEAST_RANGE = 1.0  # dB up and down: less is no difference to look at
 _MARKERS = {"scatter": "D", "layered": "o", "thinlens": "s"}
 
 
@@ -33,6 +34,8 @@ def plot_precision(rows: list[Score], folder: Path) -> Path:
                             axes.annotate(str(knob), (time, error), textcoords="offset points", xytext=(3, 4),
                                           fontsize=7)
             axes.set_xscale("log")
+            middle, half = sum(axes.get_ylim()) / 2, (axes.get_ylim()[1] - axes.get_ylim()[0]) / 2
+            axes.set_ylim(middle - max(half, _LEAST_RANGE), middle + max(half, _LEAST_RANGE))
             axes.set_title(region, fontsize=10)
     for axes in panels[-1]:
         axes.set_xlabel("seconds a megapixel")
