@@ -36,9 +36,9 @@ Made by dofbench {version}:
 
     {command}
 
-Running it again on the same scene gives the same bytes: `dofbench make-dataset SCENE --like dataset.json --out DIR`
-does so and compares them. `dofbench check` compares every file with its checksum in `dataset.json`, and blurs a part
-of a view again.
+Running it again on the same scene gives the same bytes{but}:
+`dofbench make-dataset SCENE --like dataset.json --out DIR` does so and compares them. `dofbench check` compares every
+file with its checksum in `dataset.json`, and blurs a part of a view again.
 
 ## Files
 
@@ -135,6 +135,7 @@ def readme_text(
         largest=max(record.max_coc_px for record in records),
         dealt=_dealt_text(settings), bits=settings.bits, sensor=_sensor_text(settings),
         lost="".join(f"\nCareful: {note}.\n" for note in lost),
+        but=" but for a rare last bit of the ray tracer's" if settings.renderer == "thinlens" else "",
         origin=f", from {source.origin}" if source.origin else "", licence=_licence_text(scene, source),
     )
 
