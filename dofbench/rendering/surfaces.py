@@ -31,7 +31,8 @@ def load_stage(stage: Stage) -> Any:
         }
     elif stage.sky > 0:
         parts["sky"] = {"type": "constant", "radiance": {"type": "rgb", "value": stage.sky}}
-    return mi.load_dict({"type": "scene", **parts})
+    # Loaded in parallel, the lamps come in an order that changes from run to run, and with it the random numbers.
+    return mi.load_dict({"type": "scene", **parts}, parallel=False)
 
 
 def _prop(prop: Prop) -> Any:

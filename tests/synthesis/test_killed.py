@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import random
-import signal
 import subprocess
 import sys
 import time
@@ -24,33 +22,27 @@ def start(*arguments):
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
-def files(folder):
-    """Names and times of change of all files, temporary ones too, that may come and go."""
-    found = {}
-    for path in Path(folder).rglob("*"):
-        try:
-            found[path] = path.stat().st_mtime_ns
-        except FileNotFoundError:
-            pass
-    return found
+def count(folder):
+    """How many files there are, temporary ones too, that may come and go."""
+    return sum(1 for _ in Path(folder).rglob("*.*"))
 
 
-def kill_and_repeat(out, arguments, kills, seed):
-    """Kill the command `kills` times, each at a random moment after it has begun to write; then let it finish.
+def kill_and_repeat(out, arguments, kills, seed, total):
+    """Kill the command `kills` times, each when a random number of the `total` files is there; then let it finish.
 
     Returns how often it was killed while it was at work.
     """
     generator = random.Random(seed)
     hit = 0
     for _ in range(kills):
-        before, limit = files(out), time.monotonic() + LIMIT
+        limit, enough = time.monotonic() + LIMIT, generator.randint(min(count(out) + 1, total), total)
         with start(*arguments) as process:
-            while files(out) == before and process.poll() is None:
+            while count(out) < enough and process.poll() is None:
                 assert time.monotonic() < limit
-                time.sleep(0.005)
-            time.sleep(generator.uniform(0, 1.5))
+                time.sleep(0.002)
+            time.sleep(generator.uniform(0, 0.03))
             hit += process.poll() is None
-            os.kill(process.pid, signal.SIGKILL) if process.poll() is None else None
+            process.kill()
     with start(*arguments) as process:
         assert process.wait() == 0
     return hit
@@ -59,7 +51,7 @@ def kill_and_repeat(out, arguments, kills, seed):
 @pytest.mark.parametrize("kills, seed", [(3, 0), pytest.param(12, 1, marks=pytest.mark.slow)])
 def test_one_dataset(scene, dataset_folder, tmp_path, contents, kills, seed):
     out = tmp_path / "out"
-    hit = kill_and_repeat(out, (scene, "--out", out), kills, seed)
+    hit = kill_and_repeat(out, (scene, "--out", out), kills, seed, count(dataset_folder))
     assert hit > 0
     assert contents(out) == contents(dataset_folder)
 
@@ -68,9 +60,10 @@ def test_one_dataset(scene, dataset_folder, tmp_path, contents, kills, seed):
 def test_several_datasets_side_by_side(scene, write_scene, tmp_path, contents, kills, seed):
     other = write_scene(tmp_path / "other")
     arguments = (scene, other, *LENSES, "--jobs", "2")
-    hit = kill_and_repeat(tmp_path / "out", (*arguments, "--out", tmp_path / "out"), kills, seed)
-    assert hit > 0
     assert cli.main(["make-dataset", *map(str, arguments), "--out", str(tmp_path / "whole")]) == 0
+    total = count(tmp_path / "whole")
+    hit = kill_and_repeat(tmp_path / "out", (*arguments, "--out", tmp_path / "out"), kills, seed, total)
+    assert hit > 0
     names = sorted(path.name for path in (tmp_path / "whole").iterdir())
     assert names == ["other-F0.2-A1", "other-F0.8-A1", "planes-F0.2-A1", "planes-F0.8-A1"]
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
