@@ -101,7 +101,7 @@ class SceneFolder:
         write_exr(self.root / "images_linear" / f"{view}.exr", shot.linear, half=self._half)
         encoded = encode(np.clip(shot.linear, 0, 1))
         write_png(self.root / "images" / f"{view}.png", encoded)
-        entry = {"view": view, **shot.noise, "brightest": float(shot.linear.max()),
+        entry = {"view": view, **shot.noise, "brightest": float(f"{shot.linear.max():.4g}"),
                  "clipped_fraction": round(float((shot.linear > 1).any(axis=2).mean()), 6)}
         self._put("images", entry, ("view",))
         self.record["render"] |= {
