@@ -31,8 +31,9 @@ def load_stage(stage: Stage) -> Any:
         }
     elif stage.sky > 0:
         parts["sky"] = {"type": "constant", "radiance": {"type": "rgb", "value": stage.sky}}
-    # Loaded in parallel, the lamps come in an order that changes from run to run, and with it the random numbers.
-    return mi.load_dict({"type": "scene", **parts}, parallel=False)
+    # Loaded in parallel, or with meshes merged, which goes by their addresses, the lamps come in an order that
+    # changes from run to run, and with it what the random numbers mean.
+    return mi.load_dict({"type": "scene", **parts}, parallel=False, optimize=False)
 
 
 def _prop(prop: Prop) -> Any:
