@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tolerances import FLOAT32_VALUE
+from tolerances import FLOAT32_VALUE, MIXED_COLOUR, MIXED_SHARE
 
 from dofbench.mixed_pixels import mixed_pixels
 
@@ -23,8 +23,8 @@ def test_flat_colours_are_told_apart(share, colours):
     cover[:, 8] = share
     found = mixed_pixels(*step(cover, near, far))
     if ((near - far) ** 2).sum() > 0.01:
-        assert np.array_equal(found.columns, np.full(12, 8)) and np.allclose(found.share, share, atol=1e-4)
-        assert np.allclose(found.near, near, atol=1e-3) and np.allclose(found.far, far, atol=1e-3)
+        assert np.array_equal(found.columns, np.full(12, 8)) and np.allclose(found.share, share, atol=MIXED_SHARE)
+        assert np.allclose(found.near, near, atol=MIXED_COLOUR) and np.allclose(found.far, far, atol=MIXED_COLOUR)
     assert np.allclose(found.near_radius, 4) and np.allclose(found.far_radius, -3)
 
 

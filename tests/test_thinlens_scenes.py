@@ -10,6 +10,7 @@ import pytest
 from scipy.ndimage import maximum_filter
 from tolerances import (
     FLOAT64_VALUE,
+    LIGHT_OF_A_LENS,
     SHIPPED_NOISE,
     SHIPPED_POINT_DEPTH,
     SHIPPED_SCATTER,
@@ -146,4 +147,4 @@ def test_highlights_are_kept() -> None:
     blurred = read_exr(folder("night") / record("night")["lens_images"][0]["image"])
     assert linear.max() > 20 and blurred.max() > 2
     # A lens moves light and loses little of it over the picture's edges.
-    assert blurred.mean() == pytest.approx(linear.mean(), rel=0.1)
+    assert blurred.mean() == pytest.approx(linear.mean(), rel=LIGHT_OF_A_LENS)

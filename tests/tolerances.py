@@ -118,3 +118,18 @@ SHIPPED_SCATTER = 20.0
 SHIPPED_SCATTER_IN_FOCUS = 0.006
 # A network whose weights were rounded to eleven bits, relative to the largest output.
 HALF_WEIGHTS = 5e-3
+# Share of 20 000 evenly spread lens points within a circle or a quadrant of the lens.
+LENS_COVERED = 0.002
+# Side of a polygon's aperture against a disc's of the same area, by a numerical integral.
+POLYGON_AREA = 1e-4
+# A pixel's mixture of two flat colours taken apart again in float32: the share, and the colours, divided by shares.
+MIXED_SHARE = 1e-4
+MIXED_COLOUR = 1e-3
+# Median relative difference of disparity, of a factor on one view's depth, over pixels that differ in slope.
+CONSISTENCY_BIAS = 0.01
+# Median residual of a fit to 120 noisy points, against the noise's own median, relative.
+RESIDUAL_OF_NOISE = 0.1
+# Mean light through a lens against a pinhole's: what is blurred out over the border isn't what is blurred in.
+LIGHT_OF_A_LENS = 0.1
+# z of the front of a shining dot at a pixel's centre, which isn't its nearest point, scene units.
+DOT_DEPTH = 0.005

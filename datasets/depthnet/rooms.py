@@ -12,6 +12,7 @@ import numpy as np
 
 from dofbench.cameras import Camera
 from dofbench.rendering import shapes, textures
+from dofbench.rendering.paths import world_to_camera
 from dofbench.rendering.stage import Lamp, Prop, Sphere, Stage, Tube
 
 NEAREST, FARTHEST = 0.7, 14.0  # distance of things from the camera, scene units; spread evenly in its logarithm
@@ -64,13 +65,7 @@ def cameras(rng: np.random.Generator, count: int, width: int, height: int) -> li
         yaw, roll = rng.normal(0, 0.35), rng.normal(0, 0.04)
         pitch = rng.uniform(-0.10, 0.55) * min(1.0, eye[2])  # downwards
         forward = np.array([np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch), -np.sin(pitch)])
-        right = np.cross(forward, (0, 0, 1.0))
-        right /= np.linalg.norm(right)
-        down = np.cross(forward, right)
-        right, down = np.cos(roll) * right + np.sin(roll) * down, np.cos(roll) * down - np.sin(roll) * right
-        pose = np.eye(4)
-        pose[:3, :3] = [right, down, forward]
-        pose[:3, 3] = -pose[:3, :3] @ eye
+        pose = world_to_camera(eye, forward, roll)
         found.append(Camera(width, height, focal, focal, width / 2, height / 2, pose))
     return found
 

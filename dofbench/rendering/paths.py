@@ -49,8 +49,14 @@ def _arc(points: Viewpoints, count: int, rng: np.random.Generator) -> np.ndarray
 
 
 def _look(eye: np.ndarray, target: np.ndarray, roll: float) -> np.ndarray:
-    """(4, 4) world to camera, OpenCV axes, the world's z upwards in the picture but for `roll` radians."""
-    forward = (target - eye) / np.linalg.norm(target - eye)
+    return world_to_camera(eye, (target - eye) / np.linalg.norm(target - eye), roll)
+
+
+def world_to_camera(eye: np.ndarray, forward: np.ndarray, roll: float) -> np.ndarray:
+    """(4, 4) OpenCV axes, of a camera at `eye` that looks along `forward`, a unit vector.
+
+    The world's z is upwards in the picture but for `roll` radians.
+    """
     right = np.cross(forward, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
     down = np.cross(forward, right)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tolerances import ALIGNED, ALIGNED_AMONG_NOISE
+from tolerances import ALIGNED, ALIGNED_AMONG_NOISE, RESIDUAL_OF_NOISE
 
 from dofbench.depth.align import ENOUGH, fit
 
@@ -51,7 +51,7 @@ def test_noise_is_averaged_and_reported():
     found = fit(output, disparity + noise, np.ones(COUNT), "disparity", "scale-shift")
     assert found is not None
     assert found.scale == pytest.approx(2.0, rel=ALIGNED_AMONG_NOISE)
-    assert found.residual == pytest.approx(np.median(np.abs(noise)), rel=0.1)
+    assert found.residual == pytest.approx(np.median(np.abs(noise)), rel=RESIDUAL_OF_NOISE)
 
 
 def test_a_heavier_point_counts_more():

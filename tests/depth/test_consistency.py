@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tolerances import FLOAT64_VALUE
+from tolerances import CONSISTENCY_BIAS, FLOAT32_SCALAR, FLOAT64_VALUE
 
 from dofbench.cameras import Camera
 from dofbench.contracts import PointCloud
@@ -55,7 +55,7 @@ def test_a_view_off_by_a_factor(factor):
     assert views_off(agreement) == [2]
     one = agreement[2]
     # Relative to the mean of the two disparities, 1 / factor and 1.
-    assert one is not None and one.bias == pytest.approx(2 * (1 / factor - 1) / (1 / factor + 1), abs=0.01)
+    assert one is not None and one.bias == pytest.approx(2 * (1 / factor - 1) / (1 / factor + 1), abs=CONSISTENCY_BIAS)
     others = [value.difference for index, value in enumerate(agreement) if index != 2 and value is not None]
     assert max(others) < FLOAT64_VALUE
 
@@ -71,7 +71,7 @@ def test_the_difference_in_pixels_of_blur():
     maps[1] = np.full((HEIGHT, WIDTH), 4.0, np.float32)
     one = found(maps)[1]
     assert one is not None
-    assert one.coc_px == pytest.approx(0.02 * WIDTH * (1 / 3 - 1 / 4) / RANGE.extent, rel=1e-6)
+    assert one.coc_px == pytest.approx(0.02 * WIDTH * (1 / 3 - 1 / 4) / RANGE.extent, rel=FLOAT32_SCALAR)
 
 
 def test_views_that_share_nothing_have_none():

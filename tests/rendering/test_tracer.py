@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tolerances import FLOAT32_VALUE, LENS_CENTRE_PX, LENS_RADIUS, NOISE_STATED
+from tolerances import DOT_DEPTH, FLOAT32_VALUE, LENS_CENTRE_PX, LENS_RADIUS, NOISE_STATED
 
 from dofbench.cameras import Camera
 from dofbench.lens import PhysicalLens
@@ -87,7 +87,7 @@ def test_depth_is_the_planes_and_zero_at_infinity(variant: str) -> None:
     z = Tracer(dot(0.0, 2.0)).depth(CAMERA)
     assert (z == 0).mean() > 0.9
     # Pixel centres are half a pixel from the middle: the ball's front, but for its curvature.
-    assert z[HEIGHT // 2, WIDTH // 2] == pytest.approx(2 - DOT_PX * 2 / FOCAL, abs=0.005)
+    assert z[HEIGHT // 2, WIDTH // 2] == pytest.approx(2 - DOT_PX * 2 / FOCAL, abs=DOT_DEPTH)
 
 
 def test_noise_is_what_is_stated(variant: str) -> None:

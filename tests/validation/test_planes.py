@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
-from tolerances import FLOAT32_VALUE
+from tolerances import FLOAT32_VALUE, LENS_COVERED, POLYGON_AREA
 
 from dofbench.images import encode
 from dofbench.lens import ApertureShape
@@ -127,12 +127,12 @@ def test_lens_points_cover_a_lens_evenly():
     radius = np.hypot(*points.T)
     # Shares of area within r go with r squared; quadrants are alike.
     for r in (0.25, 0.5, 0.9):
-        assert np.mean(radius <= r) == pytest.approx(r * r, abs=0.002)
-    assert np.mean((points > 0).all(axis=1)) == pytest.approx(0.25, abs=0.002)
+        assert np.mean(radius <= r) == pytest.approx(r * r, abs=LENS_COVERED)
+    assert np.mean((points > 0).all(axis=1)) == pytest.approx(0.25, abs=LENS_COVERED)
 
 
 def test_a_hexagons_area_is_the_known_one():
-    assert polygon_to_disc(ApertureShape(6)) == pytest.approx(math.sqrt(1.5 * math.sqrt(3) / math.pi), rel=1e-4)
+    assert polygon_to_disc(ApertureShape(6)) == pytest.approx(math.sqrt(1.5 * math.sqrt(3) / math.pi), rel=POLYGON_AREA)
     assert polygon_to_disc(ApertureShape()) == pytest.approx(1)
 
 
