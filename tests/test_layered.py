@@ -65,8 +65,8 @@ def psnr(image: np.ndarray, truth: np.ndarray) -> float:
 
 # In focus behind, in focus in front, the focus between: dB that knowing what hides what is worth at least. Where
 # neither side is sharp, the plain scatter's bleeding shows less.
-# Measured: 4.6, 6.8 and 0.4 dB. Repeating the nearest colour behind an edge gained over 5.0 and 0.5 in the first and the
-# last, as these textures are smooth; on the planes of reports/renderer it was 3 dB worse beside depth edges.
+# Measured: 4.6, 6.8 and 0.4 dB. Repeating the nearest colour behind an edge gained over 5.0 and 0.5 in the first and
+# the last, as these textures are smooth; on the planes of reports/renderer it was 3 dB worse beside depth edges.
 @pytest.mark.parametrize(("front", "back", "gain"), [(6.0, 0.0, 4.0), (0.0, -6.0, 6.0), (3.0, -3.0, 0.2)])
 def test_it_is_closer_to_a_thin_lens_than_the_plain_scatter(front, back, gain):
     sharp = torch.from_numpy(seen_through_pinhole().astype(np.float32))
