@@ -133,3 +133,9 @@ RESIDUAL_OF_NOISE = 0.1
 LIGHT_OF_A_LENS = 0.1
 # z of the front of a shining dot at a pixel's centre, which isn't its nearest point, scene units.
 DOT_DEPTH = 0.005
+# The light of a lone Gaussian of opacity 0.05 to 0.3 before and after it is blurred: a sum over pixels, with a rim at
+# 1/255 that falls between them. The worst of 4000 drawn ones differed by 0.024, the middle one by 0.001.
+BLUR_INTEGRAL = 0.03
+# Gradient by the blur of needles 40 pixels long, a third of a pixel wide: second moments in float32 keep their digits
+# along the needle and lose the square of that ratio across it.
+BLUR_OF_NEEDLES = 2e-3

@@ -33,9 +33,10 @@ _NOTHING = np.empty(0, np.float32)
 def rasterize(
     means: Tensor, log_scales: Tensor, quaternions: Tensor, opacity_logits: Tensor, sh_dc: Tensor, sh_rest: Tensor, *,
     camera: Camera, filter_3d: Tensor | None = None, sh_degree: int = 3, background: Tensor | None = None,
-    filter_2d: float = 0.1, geometry: Geometry = "depth", near: float = 0.2, statistics: ViewStatistics | None = None,
+    filter_2d: float = 0.1, blur: Tensor | None = None, geometry: Geometry = "depth", near: float = 0.2,
+    statistics: ViewStatistics | None = None,
 ) -> Raster:
-    """Render N Gaussians from `camera`, with gradients by the first six arguments from every output.
+    """Render N Gaussians from `camera`, with gradients by the first six arguments and `blur` from every output.
 
     means: (N, 3), world, scene units. log_scales: (N, 3), natural logarithm of scene units. quaternions: (N, 4),
     w first, any length; zero means no rotation. opacity_logits: (N,). sh_dc: (N, 3) and sh_rest: (N, K, 3),
@@ -48,6 +49,11 @@ def rasterize(
     covariance with Mip-Splatting's loss of opacity; 0 turns both off. near: scene units; Gaussians whose centre
     is not beyond it are left out. statistics: filled in if given.
 
+    blur: (N,), px**2, at least 0, or None: an isotropic variance of each Gaussian's own, added to its footprint's
+    covariance after the 2D filter, the opacity times sqrt(det before / det after). It is blended as if a lens had
+    spread it: its integral over the image stays (that below its peak's last 1/255 too: see below). Depth and
+    normals stay those of the Gaussian without blur, its plane continued over the wider footprint.
+
     geometry: "none" gives colour and alpha, "depth" adds depth, "full" adds median depth and normals. These
     are RaDe-GS': a Gaussian's ray length at a pixel is that of its plane of largest density, affine in the
     pixel, at least `near` (where held there it passes no gradient on); blended, then turned into z by the pixel's
@@ -55,20 +61,22 @@ def rasterize(
     The median is the last Gaussian's before which more than half of the light is left.
 
     A Gaussian counts at a pixel where its alpha, at most 0.99, is at least 1/255, and the transmittance before it at
-    least 1e-4; one whose unfiltered footprint has a determinant of at most 1e-6 px**4 is left out.
+    least 1e-4; one whose unfiltered footprint has a determinant of at most 1e-6 px**4 is left out. With blur the 1/255
+    is lowered by the same factor as the opacity. Otherwise most of what is blurred widely would be lost, however
+    many faint Gaussians lie over each other.
 
     Raises ValueError for arguments of the wrong shape or type, FloatingPointError naming the argument and the
     Gaussian where a Gaussian in front of the camera has a NaN or an infinity.
     """
     parameters = (means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest)
-    _check(parameters, filter_3d, background, geometry, sh_degree, filter_2d, near)
+    _check(parameters, filter_3d, background, blur, geometry, sh_degree, filter_2d, near)
     degree = min(sh_degree, math.isqrt(sh_rest.shape[1] + 1) - 1)
     settings = _Settings(camera, degree, filter_2d, near, GEOMETRIES.index(geometry), filter_3d, background)
-    color, alpha, depth, median, normal = _Rasterize.apply(settings, statistics, *parameters)
+    color, alpha, depth, median, normal = _Rasterize.apply(settings, statistics, blur, *parameters)
     return Raster(color, alpha, depth, median, normal)
 
 
-def _check(parameters, filter_3d, background, geometry, sh_degree, filter_2d, near) -> None:
+def _check(parameters, filter_3d, background, blur, geometry, sh_degree, filter_2d, near) -> None:
     if not 0 <= sh_degree <= 3:
         raise ValueError(f"sh_degree: expected 0, 1, 2 or 3, found {sh_degree}")
     if not filter_2d >= 0:
@@ -79,9 +87,9 @@ def _check(parameters, filter_3d, background, geometry, sh_degree, filter_2d, ne
         raise ValueError(f"geometry: expected one of {', '.join(GEOMETRIES)}, found {geometry!r}")
     n = parameters[0].shape[0] if parameters[0].ndim else 0
     rest = parameters[5].shape[1] if parameters[5].ndim == 3 and parameters[5].shape[1] in (0, 3, 8, 15) else "0|3|8|15"
-    shapes = ((n, 3), (n, 3), (n, 4), (n,), (n, 3), (n, rest, 3), (n,), (3,))
-    for name, value, shape in zip((*NAMES, "filter_3d", "background"), (*parameters, filter_3d, background), shapes,
-                                  strict=True):
+    shapes = ((n, 3), (n, 3), (n, 4), (n,), (n, 3), (n, rest, 3), (n,), (3,), (n,))
+    for name, value, shape in zip((*NAMES, "filter_3d", "background", "blur"),
+                                  (*parameters, filter_3d, background, blur), shapes, strict=True):
         if value is None:
             continue
         if tuple(value.shape) != shape:
@@ -91,6 +99,8 @@ def _check(parameters, filter_3d, background, geometry, sh_degree, filter_2d, ne
             raise ValueError(f"{name}: expected contiguous torch.float32 on cpu, found {found}")
         if name in ("filter_3d", "background") and value.requires_grad:
             raise ValueError(f"{name}: expected a tensor without gradient, found requires_grad=True")
+    if blur is not None and n and (least := float(blur.detach().min())) < 0:
+        raise ValueError(f"blur: expected at least 0, found {least}")
 
 
 class _Settings:
@@ -118,19 +128,20 @@ class _Settings:
 
 class _Rasterize(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, settings, statistics, *parameters):
+    def forward(ctx, settings, statistics, blur, *parameters):
         n = parameters[0].shape[0]
         rest = parameters[5].shape[1]
         flat = [parameter.detach().numpy().reshape(-1) for parameter in parameters]
+        variance = _NOTHING if blur is None else blur.detach().numpy()
         padded = -(-n // 8) * 8
         records = np.empty(padded * layout.RECORD, np.float32)
         depths, radii = np.empty(padded, np.float32), np.empty(padded, np.float32)
         visible, counts = np.empty(padded, np.bool_), np.empty(padded, np.int32)
         threads = numba.get_num_threads()
-        bad = project(*flat, rest, settings.filter_3d, settings.degree, settings.geometry, settings.view,
+        bad = project(*flat, rest, settings.filter_3d, variance, settings.degree, settings.geometry, settings.view,
                       records, depths, radii, visible, counts)
         if bad >= 0:
-            raise FloatingPointError(_describe(bad, parameters, settings.filter_3d))
+            raise FloatingPointError(_describe(bad, parameters, settings.filter_3d, variance))
         order = depth_order(depths, counts, n)
         starts, ids, spans, offsets, places = fill_tiles(records, counts, n, order, settings.view, settings.columns,
                                                  settings.rows, threads)
@@ -149,14 +160,14 @@ class _Rasterize(torch.autograd.Function):
         ctx.settings, ctx.statistics = settings, statistics
         ctx.tiles = (records, starts, ids, spans, offsets, places, looked_at, at.reshape(-1))
         ctx.set_materialize_grads(False)
-        ctx.save_for_backward(*parameters, *outputs)
+        ctx.save_for_backward(*parameters, torch.from_numpy(variance) if blur is None else blur, *outputs)
         return tuple(outputs[k] if k < 2 + (geometry > 0) + 2 * (geometry > 1) else None for k in range(5))
 
     @staticmethod
     def backward(ctx, *output_gradients):
         settings, statistics = ctx.settings, ctx.statistics
         saved = [tensor.detach().numpy().reshape(-1) for tensor in ctx.saved_tensors]
-        parameters, (color, alpha, depth, _, normal) = saved[:6], saved[6:]
+        parameters, blur, (color, alpha, depth, _, normal) = saved[:6], saved[6], saved[7:]
         records, starts, ids, spans, offsets, places, looked_at, at = ctx.tiles
         arrays = [_NOTHING if g is None else g.contiguous().numpy().reshape(-1) for g in output_gradients]
         # Outputs that the loss doesn't use cost nothing here.
@@ -173,27 +184,29 @@ class _Rasterize(torch.autograd.Function):
                        looked_at, color, alpha, depth, normal, at, *arrays, gradients, 4 * threads)
         n, rest = parameters[3].size, ctx.saved_tensors[5].shape[1]
         # numpy asks for huge pages where torch doesn't: a third off the last stage at 100 000 Gaussians.
-        results = [np.empty(parameter.shape, np.float32) for parameter in ctx.saved_tensors[:6]]
+        results = [np.empty(parameter.shape, np.float32) for parameter in ctx.saved_tensors[:7]]
         grad_2d = np.empty((n, 2) if statistics is not None else (0, 2), np.float32)
         abs_grad_2d = np.empty((n, 2) if want_abs else (0, 2), np.float32)
         outputs = (*(result.reshape(-1) for result in results), grad_2d.reshape(-1), abs_grad_2d.reshape(-1))
-        project_backward(*parameters, rest, settings.filter_3d, settings.degree, len(features), settings.view,
+        project_backward(*parameters, rest, settings.filter_3d, blur, settings.degree, len(features), settings.view,
                          records, gradients, width, offsets, places, outputs)
         if statistics is not None:
             statistics.grad_2d = torch.from_numpy(grad_2d)
             if want_abs:
                 statistics.abs_grad_2d = torch.from_numpy(abs_grad_2d)
-        return None, None, *(torch.from_numpy(result) for result in results)
+        *by_parameters, by_blur = (torch.from_numpy(result) for result in results)
+        return None, None, by_blur if ctx.needs_input_grad[2] else None, *by_parameters
 
 
-def _describe(index: int, parameters, filter_3d) -> str:
+def _describe(index: int, parameters, filter_3d, blur) -> str:
     """Which argument made Gaussian `index` non-finite."""
     for name, parameter in zip(NAMES, parameters, strict=True):
         row = parameter[index].detach()
         if not bool(torch.isfinite(row).all()):
             return f"{name}[{index}]: found {row.flatten().tolist()}, expected finite numbers"
-    if filter_3d.size and not np.isfinite(filter_3d[index]):
-        return f"filter_3d[{index}]: found {filter_3d[index]}, expected a finite number"
+    for name, values in (("filter_3d", filter_3d), ("blur", blur)):
+        if values.size and not np.isfinite(values[index]):
+            return f"{name}[{index}]: found {values[index]}, expected a finite number"
     return (
         f"Gaussian {index}: its projection overflows float32; mean {parameters[0][index].tolist()}, "
         f"log_scales {parameters[1][index].tolist()}"

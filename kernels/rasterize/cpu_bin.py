@@ -24,12 +24,12 @@ _TILE_HEIGHT = np.float32(layout.TILE_HEIGHT)
 
 @njit(forceinline=True, error_model="numpy")
 def ellipse_box(records, i, view):
-    """The tiles around the ellipse of alpha >= 1/255: first column, first row, columns, rows (0 if outside)."""
+    """The tiles around the ellipse where the Gaussian counts: first column, first row, columns, rows (0 if outside)."""
     base = i * layout.RECORD
     mx, my = load1(records, base + layout.MX), load1(records, base + layout.MY)
     l11, l21 = load1(records, base + layout.L11), load1(records, base + layout.L21)
     l22 = load1(records, base + layout.L22)
-    reach = math.sqrt(load1(records, base + layout.LOG2_OPACITY) - layout.LOG2_MIN_ALPHA + _SLACK)
+    reach = math.sqrt(load1(records, base + layout.LOG2_OPACITY) - load1(records, base + layout.LIMIT) + _SLACK)
     half_y = reach / l22 + _SLACK
     half_x = half_y * math.sqrt(l21 * l21 + l22 * l22) / l11 + _SLACK
     left = max(-floor_int(half_x + _HALF - mx), 0)
@@ -56,7 +56,7 @@ def ellipse_rows(records, i, view, column, row, columns, cell):
     mx, my = load1(records, base + layout.MX), load1(records, base + layout.MY)
     l11, l21 = load1(records, base + layout.L11), load1(records, base + layout.L21)
     l22 = load1(records, base + layout.L22)
-    reach2 = load1(records, base + layout.LOG2_OPACITY) - layout.LOG2_MIN_ALPHA + _SLACK
+    reach2 = load1(records, base + layout.LOG2_OPACITY) - load1(records, base + layout.LIMIT) + _SLACK
     n = l21 * l21 + l22 * l22
     reach = math.sqrt(reach2)
     widest = reach * math.sqrt(n) / (l11 * l22)

@@ -61,7 +61,7 @@ def _forward_tile(features, records, ids, spans, begin, end, left, top, near, sc
         prefetch(records, np.int64(ids[min(k + _AHEAD, end - 1)]) * layout.RECORD)
         first, stop = np.int64(spans[k]) & 255, np.int64(spans[k]) >> 8
         l11, l21, l22 = _load3(records, base + layout.L11)
-        log2_opacity = load1(records, base + layout.LOG2_OPACITY)
+        log2_opacity, limit = load1(records, base + layout.LOG2_OPACITY), load1(records, base + layout.LIMIT)
         red, green, blue = _load3(records, base + layout.RED)
         my = load1(records, base + layout.MY)
         dx = lanes8() + (np.float32(left) + _HALF - load1(records, base + layout.MX))
@@ -76,7 +76,7 @@ def _forward_tile(features, records, ids, spans, begin, end, left, top, near, sc
             d = ldx + l21 * dy
             exponent = (log2_opacity - e * e) - d * d
             transmittance = load8(scratch, planes.T + place)
-            taken = (exponent >= layout.LOG2_MIN_ALPHA) & (transmittance >= layout.MIN_TRANSMITTANCE)
+            taken = (exponent >= limit) & (transmittance >= layout.MIN_TRANSMITTANCE)
             alpha = select8(taken, min8(exp2_fast8(exponent), layout.MAX_ALPHA), _ZERO)
             weight = alpha * transmittance
             store8(scratch, planes.T + place, transmittance - weight)
@@ -112,7 +112,7 @@ def _backward_tile(features, absolute, width, records, ids, spans, begin, end, l
         prefetch(records, np.int64(ids[min(k + _AHEAD, end - 1)]) * layout.RECORD)
         first, stop = np.int64(spans[k]) & 255, np.int64(spans[k]) >> 8
         l11, l21, l22 = _load3(records, base + layout.L11)
-        log2_opacity = load1(records, base + layout.LOG2_OPACITY)
+        log2_opacity, limit = load1(records, base + layout.LOG2_OPACITY), load1(records, base + layout.LIMIT)
         red, green, blue = _load3(records, base + layout.RED)
         my = load1(records, base + layout.MY)
         dx = lanes8() + (np.float32(left) + _HALF - load1(records, base + layout.MX))
@@ -134,7 +134,7 @@ def _backward_tile(features, absolute, width, records, ids, spans, begin, end, l
             d = ldx + l21 * dy
             exponent = (log2_opacity - e * e) - d * d
             transmittance = load8(scratch, planes.T + place)
-            taken = (exponent >= layout.LOG2_MIN_ALPHA) & (transmittance >= layout.MIN_TRANSMITTANCE)
+            taken = (exponent >= limit) & (transmittance >= layout.MIN_TRANSMITTANCE)
             alpha = select8(taken, min8(exp2_fast8(exponent), layout.MAX_ALPHA), _ZERO)
             weight = alpha * transmittance
             store8(scratch, planes.T + place, transmittance - weight)

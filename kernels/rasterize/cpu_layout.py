@@ -15,9 +15,10 @@ TILE_HEIGHT = 32
 # One Gaussian's record, a cache line of 16 floats. At pixel offset (dx, dy) = pixel - mean,
 #   log2(alpha) = log2(opacity) - (L11 dx + L21 dy)**2 - (L22 dy)**2
 # which is the Gaussian's exponent in Cholesky form and base 2: it can't become positive by rounding,
-# as the expanded quadratic form of a needle does. Ray length there: T0 - TX dx - TY dy.
+# as the expanded quadratic form of a needle does. It counts where log2(alpha) is at least LIMIT.
+# Ray length there: T0 - TX dx - TY dy.
 RECORD = 16
-MX, MY, L11, L21, L22, LOG2_OPACITY, RED, GREEN, BLUE, T0, TX, TY, NX, NY, NZ = range(15)
+MX, MY, L11, L21, L22, LOG2_OPACITY, RED, GREEN, BLUE, T0, TX, TY, NX, NY, NZ, LIMIT = range(16)
 
 # What the blending's backward leaves for each intersection of a Gaussian with a tile.
 # Q: dL/d(exponent) summed over pixels; QX … QYY its moments in (dx, dy); S_*: sums by feature.

@@ -20,6 +20,7 @@ from dofbench.simd import (
     min8,
     scatter8,
     select8,
+    splat8,
     sqrt8,
     store8,
 )
@@ -121,8 +122,8 @@ def weights8(e0, e1, e2):
 
 
 @njit(error_model="numpy")
-def project_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, degree, geometry,
-                  view, i, records, depths, radii, visible, out, basis):
+def project_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, blur, degree,
+                  geometry, view, i, records, depths, radii, visible, out, basis):
     """Project Gaussians i … i + 7 of the inputs into places out … out + 7; returns the lanes gone non-finite."""
     px, py, pz = gather8(means, 3 * i, 3), gather8(means, 3 * i + 1, 3), gather8(means, 3 * i + 2, 3)
     x, y, z = to_camera8(view, px, py, pz)
@@ -157,13 +158,13 @@ def project_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest
     syy = dot3(a0y, a1y, a2y, a0y, a1y, a2y)
     n01, n02, n12 = minor8(a0x, a0y, a1x, a1y), minor8(a0x, a0y, a2x, a2y), minor8(a1x, a1y, a2x, a2y)
     det_bare = dot3(n01, n02, n12, n01, n02, n12)
-    blur = view[layout.FILTER_2D]
-    det = det_bare + blur * (sxx + syy + blur)
-    fxx, fyy = sxx + blur, syy + blur
+    filter_2d = view[layout.FILTER_2D]
+    det = det_bare + filter_2d * (sxx + syy + filter_2d)
+    fxx, fyy = sxx + filter_2d, syy + filter_2d
 
     opacity = ONE / (ONE + exp8(-load8(opacity_logits, i)))
     opacity = opacity * (ratio8(s0, e0) * ratio8(s1, e1) * ratio8(s2, e2))
-    if blur > ZERO:
+    if filter_2d > ZERO:
         opacity = opacity * sqrt8(det_bare / (det + layout.MIN_DETERMINANT) + layout.MIN_DETERMINANT)
     # A logit of +inf makes exp 0 and the opacity 1, a scale of 0 only an opacity of 0: both are finite.
     finite = finite & ((~in_front) | ((det - det) + (opacity - opacity) == ZERO))
@@ -172,14 +173,23 @@ def project_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest
     det = select8(seen, det, ONE)
     fxx, fyy = select8(seen, fxx, ONE), select8(seen, fyy, ONE)
     sxy = select8(seen, sxy, ZERO)
-    log2_opacity = log2_8(select8(seen, opacity, ONE))
+    log2_opacity, limit = log2_8(select8(seen, opacity, ONE)), splat8(layout.LOG2_MIN_ALPHA)
+    # `limit` lies at this many standard deviations, in base 2.
+    reach = sqrt8(log2_opacity - limit)
+    if blur.size > 0:
+        extra = load8(blur, i)
+        wide = det + extra * (fxx + fyy + extra)
+        finite = finite & ((~in_front) | (wide - wide == ZERO))
+        seen = seen & finite
+        # Opacity and limit fall alike: the ellipse where the Gaussian counts holds the same part of its integral.
+        loss = HALF * log2_8(select8(seen, det / wide, ONE))
+        log2_opacity, limit = log2_opacity + loss, limit + loss
+        det, fxx, fyy = select8(seen, wide, ONE), fxx + extra, fyy + extra
     l11 = layout.EXPONENT_SCALE * sqrt8(fyy / det)
     l21 = layout.EXPONENT_SCALE * (-sxy / sqrt8(fyy * det))
     l22 = layout.EXPONENT_SCALE / sqrt8(fyy)
 
     mx, my = fx * u + view[layout.CX], fy * v + view[layout.CY]
-    # alpha >= 1/255 where the base-2 exponent's quadratic part is at most `reach`.
-    reach = sqrt8(log2_opacity - layout.LOG2_MIN_ALPHA)
     half_x, half_y = reach / layout.EXPONENT_SCALE * sqrt8(fxx), reach / layout.EXPONENT_SCALE * sqrt8(fyy)
     left, top = max8(-floor8(half_x + HALF - mx), ZERO), max8(-floor8(half_y + HALF - my), ZERO)
     right = min8(floor8(mx + half_x - HALF), view[layout.WIDTH] - ONE)
@@ -203,6 +213,7 @@ def project_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest
     scatter8(records, base + layout.L21, layout.RECORD, l21)
     scatter8(records, base + layout.L22, layout.RECORD, l22)
     scatter8(records, base + layout.LOG2_OPACITY, layout.RECORD, log2_opacity)
+    scatter8(records, base + layout.LIMIT, layout.RECORD, limit)
 
     eye = layout.CENTRE
     red, green, blue = color8(sh_dc, sh_rest, rest, degree, i,
@@ -249,16 +260,16 @@ def tail_of(array, n):
 
 
 @njit(error_model="numpy")
-def tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d):
+def tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur):
     """The last, incomplete block of every input."""
     n = opacity_logits.size
     return (tail_of(means, n), tail_of(log_scales, n), tail_of(quaternions, n), tail_of(opacity_logits, n),
-            tail_of(sh_dc, n), tail_of(sh_rest, n), tail_of(filter_3d, n))
+            tail_of(sh_dc, n), tail_of(sh_rest, n), tail_of(filter_3d, n), tail_of(blur, n))
 
 
 @njit(error_model="numpy")
-def project_blocks(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, tails, degree,
-                   geometry, view, first, stop, records, depths, radii, visible, counts):
+def project_blocks(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, blur, tails,
+                   degree, geometry, view, first, stop, records, depths, radii, visible, counts):
     """Project the blocks first … stop - 1; returns the index of a Gaussian that is not finite, or -1."""
     n = opacity_logits.size
     bad = -1
@@ -267,11 +278,11 @@ def project_blocks(means, log_scales, quaternions, opacity_logits, sh_dc, sh_res
         i = block * LANES
         # One call with chosen arguments: a second call would be a second copy to compile.
         if i + LANES <= n:
-            place, a, b, c, d, e, f, g = (
-                i, means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d)
+            place, a, b, c, d, e, f, g, h = (
+                i, means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur)
         else:
-            place, (a, b, c, d, e, f, g) = 0, tails
-        lost = project_block(a, b, c, d, e, f, rest, g, degree, geometry, view, place,
+            place, (a, b, c, d, e, f, g, h) = 0, tails
+        lost = project_block(a, b, c, d, e, f, rest, g, h, degree, geometry, view, place,
                              records, depths, radii, visible, i, basis)
         for lane in range(min(LANES, n - i)):
             if (lost >> lane) & 1:
@@ -285,20 +296,21 @@ def project_blocks(means, log_scales, quaternions, opacity_logits, sh_dc, sh_res
 
 @cached
 @njit(parallel=True, error_model="numpy")
-def project(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, degree, geometry, view,
-            records, depths, radii, visible, counts):
+def project(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, blur, degree, geometry,
+            view, records, depths, radii, visible, counts):
     """Fill records, depths, radii, visible and counts (tiles met) of every Gaussian.
 
-    Inputs are flat; `rest` is the number of SH coefficients beyond the first. geometry: 0 none, 1 depth,
-    2 full. The outputs have room for N rounded up to a multiple of eight. Returns the index of a Gaussian
-    that is not finite, or -1.
+    Inputs are flat, filter_3d and blur empty where there is none; `rest` is the number of SH coefficients beyond
+    the first. geometry: 0 none, 1 depth, 2 full. The outputs have room for N rounded up to a multiple of eight.
+    Returns the index of a Gaussian that is not finite, or -1.
     """
     blocks = (opacity_logits.size + LANES - 1) // LANES
     chunks = min(blocks, CHUNKS)
     bad = np.full(max(chunks, 1), -1)
-    tails = tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d)
+    tails = tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur)
     for chunk in prange(chunks):
         bad[chunk] = project_blocks(
-            means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, tails, degree, geometry,
-            view, chunk * blocks // chunks, (chunk + 1) * blocks // chunks, records, depths, radii, visible, counts)
+            means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, blur, tails, degree,
+            geometry, view, chunk * blocks // chunks, (chunk + 1) * blocks // chunks, records, depths, radii, visible,
+            counts)
     return bad.max()

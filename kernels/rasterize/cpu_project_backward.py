@@ -11,6 +11,7 @@ from dofbench.simd import LANES, exp8, gather8, load8, mask8_of, prefetch, scatt
 from . import cpu_layout as layout
 from .cpu_project import (
     CHUNKS,
+    HALF,
     ONE,
     ZERO,
     axes8,
@@ -44,9 +45,9 @@ def quaternion_backward8(w, x, y, z, inverse, g):
 
 
 @njit(error_model="numpy")
-def backward_block(means, log_scales, quaternions, opacity_logits, sh_rest, rest, filter_3d, degree, geometry,
+def backward_block(means, log_scales, quaternions, opacity_logits, sh_rest, rest, filter_3d, blur, degree, geometry,
                    view, i, records, out, seen_bits, sums, d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest,
-                   grad_2d, basis, pulls):
+                   d_blur, grad_2d, basis, pulls):
     """Gradients of Gaussians i … i + 7 of the inputs, with records out … out + 7; seen_bits: which have any."""
     seen = mask8_of(seen_bits)
     px, py, pz = gather8(means, 3 * i, 3), gather8(means, 3 * i + 1, 3), gather8(means, 3 * i + 2, 3)
@@ -73,13 +74,17 @@ def backward_block(means, log_scales, quaternions, opacity_logits, sh_rest, rest
     syy = dot3(a0y, a1y, a2y, a0y, a1y, a2y)
     n01, n02, n12 = minor8(a0x, a0y, a1x, a1y), minor8(a0x, a0y, a2x, a2y), minor8(a1x, a1y, a2x, a2y)
     det_bare = dot3(n01, n02, n12, n01, n02, n12)
-    blur = view[layout.FILTER_2D]
-    det = select8(seen, det_bare + blur * (sxx + syy + blur), ONE)
-    fyy = select8(seen, syy + blur, ONE)
+    filter_2d = view[layout.FILTER_2D]
+    det = select8(seen, det_bare + filter_2d * (sxx + syy + filter_2d), ONE)
+    wide, fyy = det, select8(seen, syy + filter_2d, ONE)
+    if blur.size > 0:
+        extra = select8(seen, load8(blur, i), ZERO)
+        trace = sxx + syy + (filter_2d + filter_2d)
+        wide, fyy = det + extra * (trace + extra), fyy + extra
 
     # The inverse of the footprint's covariance is L L^T with L^T = [[l11, l21], [0, l22]].
-    l11, l22 = sqrt8(fyy / det), ONE / sqrt8(fyy)
-    l21 = -sxy / sqrt8(fyy * det)
+    l11, l22 = sqrt8(fyy / wide), ONE / sqrt8(fyy)
+    l21 = -sxy / sqrt8(fyy * wide)
     q0 = gather8(sums, layout.Q, SLOT)
     q_x, q_y = gather8(sums, layout.QX, SLOT), gather8(sums, layout.QY, SLOT)
     q_xx, q_xy = gather8(sums, layout.QXX, SLOT), gather8(sums, layout.QXY, SLOT)
@@ -102,12 +107,23 @@ def backward_block(means, log_scales, quaternions, opacity_logits, sh_rest, rest
 
     opacity = ONE / (ONE + exp8(-load8(opacity_logits, i)))
     store8(d_logits, i, select8(seen, q0 * (ONE - opacity), ZERO))
-    if blur > ZERO:
-        padded = det + layout.MIN_DETERMINANT
-        ratio = det_bare / padded
-        to_ratio = q0 / (ratio + layout.MIN_DETERMINANT)
-        to_bare = to_ratio * (ONE - ratio) / padded
-        to_trace = -to_ratio * ratio / padded * blur
+    if filter_2d > ZERO or blur.size > 0:
+        to_bare, to_trace = splat8(ZERO), splat8(ZERO)
+        if filter_2d > ZERO:
+            padded = det + layout.MIN_DETERMINANT
+            ratio = det_bare / padded
+            to_ratio = q0 / (ratio + layout.MIN_DETERMINANT)
+            to_bare = to_ratio * (ONE - ratio) / padded
+            to_trace = -to_ratio * ratio / padded * filter_2d
+        if blur.size > 0:
+            # The opacity's factor sqrt(det / wide), by the bare determinant and trace; the differences that make
+            # it vanish without blur are taken by hand.
+            by_both = q0 * extra / (det * wide)
+            to_bare += by_both * (trace + extra)
+            to_trace += by_both * (filter_2d * (filter_2d + extra) - det_bare)
+            # The footprint's part is the trace of dL/d(covariance).
+            widened = n_xx * (l11 * l11 + l21 * l21) + (n_xy + n_xy) * (l21 * l22) + n_yy * (l22 * l22)
+            store8(d_blur, i, select8(seen, HALF * (widened - q0 * (trace + extra + extra) / wide), ZERO))
         # The determinant is the sum of the squared minors.
         b0x, b0y = b0x + to_bare * (a1y * n01 + a2y * n02), b0y - to_bare * (a1x * n01 + a2x * n02)
         b1x, b1y = b1x + to_bare * (a2y * n12 - a0y * n01), b1y + to_bare * (a0x * n01 - a2x * n12)
@@ -247,13 +263,14 @@ def zero_rows(array, n, i, count):
 @njit(error_model="numpy")
 def zero_block(outputs, n, i, count):
     """A block that no tile met."""
-    d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, grad_2d, abs_grad_2d = outputs
+    d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, d_blur, grad_2d, abs_grad_2d = outputs
     zero_rows(d_means, n, i, count)
     zero_rows(d_scales, n, i, count)
     zero_rows(d_quaternions, n, i, count)
     zero_rows(d_logits, n, i, count)
     zero_rows(d_dc, n, i, count)
     zero_rows(d_rest, n, i, count)
+    zero_rows(d_blur, n, i, count)
     zero_rows(grad_2d, n, i, count)
     zero_rows(abs_grad_2d, n, i, count)
 
@@ -277,16 +294,16 @@ def met_lanes(offsets, i, count):
 
 
 @njit(error_model="numpy")
-def backward_blocks(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, tails, degree,
-                    geometry, view, records, gradients, width, offsets, places, first, stop, outputs):
+def backward_blocks(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, blur, tails,
+                    degree, geometry, view, records, gradients, width, offsets, places, first, stop, outputs):
     """The blocks first … stop - 1."""
     n = opacity_logits.size
-    d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, grad_2d, abs_grad_2d = outputs
+    d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, d_blur, grad_2d, abs_grad_2d = outputs
     sums = np.empty(LANES * SLOT, np.float32)
     mean_2d = np.empty(2 * LANES, np.float32)
     basis, pulls = np.empty(TERMS * LANES, np.float32), np.empty(TERMS * LANES, np.float32)
     t_means, t_scales, t_quaternions = tail_of(d_means, n), tail_of(d_scales, n), tail_of(d_quaternions, n)
-    t_logits, t_dc, t_rest = tail_of(d_logits, n), tail_of(d_dc, n), tail_of(d_rest, n)
+    t_logits, t_dc, t_rest, t_blur = tail_of(d_logits, n), tail_of(d_dc, n), tail_of(d_rest, n), tail_of(d_blur, n)
     for block in range(first, stop):
         i = block * LANES
         count = min(LANES, n - i)
@@ -304,13 +321,13 @@ def backward_blocks(means, log_scales, quaternions, opacity_logits, sh_dc, sh_re
                           sums, lane)
         # One call with chosen arguments: a second call would be a second copy to compile.
         if count == LANES:
-            place, a, b, c, d, e, f = i, means, log_scales, quaternions, opacity_logits, sh_rest, filter_3d
-            o_a, o_b, o_c, o_d, o_e, o_f = d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest
+            place, a, b, c, d, e, f, g = i, means, log_scales, quaternions, opacity_logits, sh_rest, filter_3d, blur
+            o_a, o_b, o_c, o_d, o_e, o_f, o_g = d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, d_blur
         else:
-            place, (a, b, c, d, _, e, f) = 0, tails
-            o_a, o_b, o_c, o_d, o_e, o_f = t_means, t_scales, t_quaternions, t_logits, t_dc, t_rest
-        backward_block(a, b, c, d, e, rest, f, degree, geometry, view, place, records, i, seen, sums,
-                       o_a, o_b, o_c, o_d, o_e, o_f, mean_2d, basis, pulls)
+            place, (a, b, c, d, _, e, f, g) = 0, tails
+            o_a, o_b, o_c, o_d, o_e, o_f, o_g = t_means, t_scales, t_quaternions, t_logits, t_dc, t_rest, t_blur
+        backward_block(a, b, c, d, e, rest, f, g, degree, geometry, view, place, records, i, seen, sums,
+                       o_a, o_b, o_c, o_d, o_e, o_f, o_g, mean_2d, basis, pulls)
         if count < LANES:
             put_tail(d_means, n, t_means)
             put_tail(d_scales, n, t_scales)
@@ -318,6 +335,7 @@ def backward_blocks(means, log_scales, quaternions, opacity_logits, sh_dc, sh_re
             put_tail(d_logits, n, t_logits)
             put_tail(d_dc, n, t_dc)
             put_tail(d_rest, n, t_rest)
+            put_tail(d_blur, n, t_blur)
         if grad_2d.size > 0:
             for lane in range(count):
                 met = (seen >> lane) & 1 != 0
@@ -331,17 +349,18 @@ def backward_blocks(means, log_scales, quaternions, opacity_logits, sh_dc, sh_re
 
 @cached
 @njit(parallel=True, error_model="numpy")
-def project_backward(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, degree, geometry,
-                     view, records, gradients, width, offsets, places, outputs):
+def project_backward(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, blur, degree,
+                     geometry, view, records, gradients, width, offsets, places, outputs):
     """Reduce the intersections' gradients (`width` floats each) to Gaussians and on to the parameters.
 
-    outputs: the gradients of the six inputs, grad_2d and abs_grad_2d, all flat; the last two may be empty.
+    outputs: the gradients of the six inputs and of blur, grad_2d and abs_grad_2d, all flat; that of blur is empty
+    where blur is, the last two may be.
     """
     blocks = (opacity_logits.size + LANES - 1) // LANES
     chunks = min(blocks, CHUNKS)
-    tails = tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d)
+    tails = tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur)
     for chunk in prange(chunks):
         backward_blocks(
-            means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, tails, degree, geometry,
-            view, records, gradients, width, offsets, places, chunk * blocks // chunks,
+            means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, blur, tails, degree,
+            geometry, view, records, gradients, width, offsets, places, chunk * blocks // chunks,
             (chunk + 1) * blocks // chunks, outputs)

@@ -67,7 +67,8 @@ class _Absolute(torch.autograd.Function):
 def rasterize(
     means: Tensor, log_scales: Tensor, quaternions: Tensor, opacity_logits: Tensor, sh_dc: Tensor, sh_rest: Tensor, *,
     camera: Camera, filter_3d: Tensor | None = None, sh_degree: int = 3, background: Tensor | None = None,
-    filter_2d: float = 0.1, geometry: Geometry = "depth", near: float = 0.2, statistics: ViewStatistics | None = None,
+    filter_2d: float = 0.1, blur: Tensor | None = None, geometry: Geometry = "depth", near: float = 0.2,
+    statistics: ViewStatistics | None = None,
 ) -> Raster:
     """Same arguments, results and conventions as `cpu.rasterize`, which documents them."""
     to = {"dtype": means.dtype, "device": means.device}
@@ -110,10 +111,19 @@ def rasterize(
         ratio = determinant / (filtered_determinant + MIN_DETERMINANT) + MIN_DETERMINANT
         opacity = opacity * torch.where(drawn, ratio, 1.0).sqrt()
 
-    # Which Gaussians can reach alpha = 1/255 at a pixel centre.
+    # Each Gaussian's own blur, which leaves the integral over the image what it was.
+    drawn = drawn & (opacity > MIN_ALPHA)
+    reach = (2 * torch.log(opacity.detach().clamp(min=MIN_ALPHA) / MIN_ALPHA)).sqrt()
+    least_alpha = torch.full_like(z, MIN_ALPHA)
+    if blur is not None:
+        filtered = filtered + blur[index, None, None] * torch.eye(2, **to)
+        before = torch.where(drawn, filtered_determinant, 1.0)
+        share = (before / torch.where(drawn, torch.linalg.det(filtered), 1.0)).sqrt()
+        opacity = opacity * share
+        least_alpha = least_alpha * share.detach()
+
+    # Which Gaussians can reach their least alpha, 1/255 without blur, at a pixel centre.
     with torch.no_grad():
-        drawn = drawn & (opacity > MIN_ALPHA)
-        reach = (2 * torch.log(opacity.clamp(min=MIN_ALPHA) / MIN_ALPHA)).sqrt()
         half = reach[:, None] * filtered.diagonal(dim1=1, dim2=2).sqrt()
         size = torch.tensor([width, height], **to)
         first = torch.ceil(projected - half - 0.5).clamp(min=0)
@@ -158,7 +168,7 @@ def rasterize(
             offsets = _Absolute.apply(offsets, total_abs[index[k]])
         power = -0.5 * (offsets * torch.linalg.solve(filtered[k], offsets.T).T).sum(1)
         alpha = (opacity[k] * power.exp()).clamp(max=MAX_ALPHA)
-        taken = (alpha >= MIN_ALPHA) & (transmittance >= MIN_TRANSMITTANCE)
+        taken = (alpha >= least_alpha[k]) & (transmittance >= MIN_TRANSMITTANCE)
         alpha = torch.where(taken, alpha, 0.0)
         weight = transmittance * alpha
         t = (distance[k] + offsets @ slopes[k]).clamp(min=near)

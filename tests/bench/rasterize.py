@@ -35,6 +35,8 @@ RUNS = 15
 # Gaussians, width, height, standard deviation in pixels: about the intersections of 16 x 16 tiles in kernels.md.
 PEER_SIZES = ((10_000, 256, 192, 2.9), (30_000, 256, 192, 1.7), (50_000, 504, 384, 2.3))
 STAGE_SIZES = ((10_000, 504, 378, 4.0), (50_000, 504, 378, 2.3), (100_000, 504, 378, 1.8))
+# px**2: none given, none anywhere, discs up to 4 and up to 16 pixels across.
+BLURS = (None, 0.0, 1.0, 16.0)
 STAGES = ("project", "depth_order", "fill_tiles", "blend", "blend_backward", "project_backward")
 
 
@@ -73,11 +75,12 @@ class Clock:
 
         return call
 
-    def step(self, parameters, camera) -> None:
+    def step(self, parameters, camera, blur: torch.Tensor | None = None) -> None:
         """One forward and backward pass with gradients of colour and depth."""
         inputs = [parameter.clone().requires_grad_() for parameter in parameters]
+        blur = None if blur is None else blur.clone().requires_grad_()
         start = perf_counter()
-        raster = cpu.rasterize(*inputs, camera=camera)
+        raster = cpu.rasterize(*inputs, camera=camera, blur=blur)
         self.times["forward"].append(perf_counter() - start)
         gradients = [torch.ones_like(raster.color), torch.ones_like(raster.depth)]
         start = perf_counter()
@@ -204,6 +207,25 @@ def by_stage(clock: Clock) -> None:
         print(f"| {n} at {width} x {height} | {' | '.join(f'{medians[name]:.2f}' for name in names)} |")
 
 
+def by_blur(clock: Clock) -> None:
+    """Print the same with blur of each Gaussian's own, spread evenly from 0 to a largest variance."""
+    names = (*STAGES, "forward", "backward")
+    print(f"| largest blur, px**2 | intersections | {' | '.join(names)} |")
+    print("| --- " * (len(names) + 2) + "|")
+    n, width, height, pixels = STAGE_SIZES[1]
+    parameters, camera = scene(n, width, height, pixels)
+    times: dict[float | None, list[dict[str, float]]] = {largest: [] for largest in BLURS}
+    intersections = {}
+    for _ in range(RUNS):
+        for largest in BLURS:
+            clock.step(parameters, camera, None if largest is None else torch.linspace(0, largest, n))
+            times[largest].append(clock.take())
+            intersections[largest] = len(clock.results["fill_tiles"][1])
+    for largest, runs in times.items():
+        medians = {name: float(np.median([run[name] for run in runs])) for name in names}
+        print(f"| {largest} | {intersections[largest]} | {' | '.join(f'{medians[name]:.2f}' for name in names)} |")
+
+
 def first_call() -> None:
     """Print how long the first forward and backward pass takes in a new process, without and with a cache."""
     program = (
@@ -223,6 +245,8 @@ def main() -> None:
     clock = Clock()
     print(f"{numba.get_num_threads()} threads; milliseconds, medians of {RUNS}\n")
     by_stage(clock)
+    print()
+    by_blur(clock)
     print()
     if shutil.which("g++"):
         with tempfile.TemporaryDirectory() as folder:
