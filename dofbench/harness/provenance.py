@@ -16,14 +16,16 @@ from dofbench.content import content_folder
 
 _PACKAGE = Path(dofbench.__file__).resolve().parent
 # What only shows results or calls the rest can't change one: editing it must not outdate every result.
-_NEVER_SCORES = ("cli.py", "reporting", "stability", "_content")
+_NEVER_SCORES = ("cli.py", "ablation", "reporting", "stability", "_content")
+_NEVER_SCORES_OF_A_METHOD = ("ablations.toml",)  # tables of runs; what a row sets is part of the run's own key
 
 
 def code_version(method_folder: Path) -> str:
     """`<package version>+<sha256>` over every source file that can change a score.
 
-    Those are dofbench (without reporting, stability and the command line), the kernels and the
-    method's own folder; names count relative to each, so the place of the checkout doesn't matter.
+    Those are dofbench (without ablation, reporting, stability and the command line), the kernels and the
+    method's own folder (without its tables of ablations); names count relative to each, so the place of the
+    checkout doesn't matter.
     """
     digest = hashlib.sha256()
     for label, root in (("dofbench", _PACKAGE), ("kernels", content_folder("kernels")), ("method", method_folder)):
@@ -32,6 +34,8 @@ def code_version(method_folder: Path) -> str:
             if file.suffix not in (".py", ".toml") or not file.is_file():
                 continue
             if label == "dofbench" and relative.parts[0] in _NEVER_SCORES:
+                continue
+            if label == "method" and relative.parts[0] in _NEVER_SCORES_OF_A_METHOD:
                 continue
             digest.update(f"{label}/{relative.as_posix()}\0".encode())
             digest.update(hashlib.sha256(file.read_bytes()).digest())

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import shutil
 import traceback
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,24 +19,14 @@ from dofbench.harness import provenance
 from dofbench.harness.clock import StageTimes
 from dofbench.harness.evaluate import Evaluation, Evaluator
 from dofbench.harness.lock import locked
-from dofbench.harness.methods import MethodEntry, find_method
-from dofbench.harness.observer import OneStep, TrainingObserver
-from dofbench.harness.plan import RunPlan, make_plan
+from dofbench.harness.observer import OneStep, Report, TrainingObserver
+from dofbench.harness.prepare import Prepared, choose, prepare
 from dofbench.harness.progress import TrainingProgress, print_result
-from dofbench.harness.protocol import Protocol, protocol_for
-from dofbench.harness.result import (
-    RESULT_FILE,
-    SCHEMA_VERSION,
-    CurvePoint,
-    Event,
-    Result,
-    Spec,
-    read_result,
-    write_result,
-)
-from dofbench.harness.settings import Run, parse_budget, parse_overrides
+from dofbench.harness.result import RESULT_FILE, SCHEMA_VERSION, CurvePoint, Event, Result, write_result
+from dofbench.harness.settings import Run
 from dofbench.metrics import METRICS
-from dofbench.synthesis.dataset import Dataset
+
+ProgressBar = Callable[[Console, Budget], AbstractContextManager[Report]]
 
 MODEL_FOLDER, PREDICTIONS_FOLDER = "model", "predictions"
 TRAINED_FILE = "trained.json"
@@ -63,61 +55,45 @@ class _Trained:
     stages: dict[str, dict[str, float]]
 
 
-def run(settings: Run, console: Console | None = None) -> RunEnd:
+def run(settings: Run, console: Console | None = None, progress: ProgressBar = TrainingProgress) -> RunEnd:
     """Train, score and write `<out>/<dataset>/<method>-<preset>-seed<k>-<key>/result.json`.
 
     A finished result of the same key is reused. A run that fails still writes its result, with a typed
-    status. Raises InputError when the call is wrong, and KeyboardInterrupt when it was interrupted
-    (after writing a result that says so).
+    status. progress: shows the training. Raises InputError when the call is wrong, and KeyboardInterrupt when it
+    was interrupted (after writing a result that says so).
     """
     console = console or Console()
-    entry = find_method(settings.method)
-    preset, options, budget = entry.preset(settings.preset, builtin=settings.data is None)
-    overrides = parse_overrides(settings.set)
-    budget = _budget(settings, budget, {**options, **overrides}, f"preset {preset} of {entry.id}")
-    protocol = protocol_for(settings.inputs)
-    device = _device(settings.device, entry)
+    choices = choose(settings)
     data = settings.data
     if data is None:
         data = _builtin_dataset(settings.dry_run, console)
         if data is None:
             return RunEnd(settings.out, None)
 
-    dataset = Dataset.load(data)
-    plan = make_plan(entry, preset, options, overrides, budget, dataset, protocol,
-                     seed=settings.seed, device=device, force_all=settings.force_all)
-    spec = Spec(
-        method=entry.id, preset=preset, overrides=overrides, options=plan.options, budget=plan.budget,
-        dataset=dataset.name, dataset_checksum=dataset.checksum, protocol=protocol.id, seed=settings.seed,
-        device=device, code=provenance.code_version(entry.folder),
-    )
-    folder = settings.out / spec.folder
-    method = entry.create(dict(plan.options), settings.seed, device)  # raises for an unknown option
-    for line in plan.lines():
+    run = prepare(settings, choices, data)
+    for line in run.plan.lines():
         _say(console, line)
     if settings.dry_run:
-        return RunEnd(folder, None)
+        return RunEnd(run.folder, None)
 
-    with locked(folder, spec, dataset.scene, _now()):
-        if not settings.rerun and (earlier := _finished(folder, spec)) is not None:
-            _say(console, f"the same run is finished already, reusing it (--rerun runs again): {folder}")
+    with locked(run.folder, run.spec, run.dataset.scene, _now()):
+        if not settings.rerun and (earlier := run.finished()) is not None:
+            _say(console, f"the same run is finished already, reusing it (--rerun runs again): {run.folder}")
             print_result(console, earlier)
-            return RunEnd(folder, earlier.status, reused=True)
-        return _Execution(settings, console, entry, method, dataset, data, protocol, plan, spec, budget, folder).go()
+            return RunEnd(run.folder, earlier.status, reused=True)
+        return _Execution(run, console, progress).go()
 
 
 class _Execution:
-    """The part of a run that writes: everything that `run` decided goes in, a result comes out."""
+    """The part of a run that writes: everything that was decided goes in, a result comes out."""
 
-    def __init__(
-        self, settings: Run, console: Console, entry: MethodEntry, method: Method, dataset: Dataset, data: Path,
-        protocol: Protocol, plan: RunPlan, spec: Spec, budget: Budget, folder: Path,
-    ):
-        self.settings, self.console, self.entry = settings, console, entry
-        self.dataset, self.data, self.protocol, self.plan = dataset, data, protocol, plan
-        self.spec, self.budget, self.folder = spec, budget, folder
+    def __init__(self, run: Prepared, console: Console, progress: ProgressBar):
+        self.settings, self.console, self.progress = run.settings, console, progress
+        self.entry, self.protocol, self.budget = run.choices.entry, run.choices.protocol, run.choices.budget
+        self.dataset, self.data, self.plan, self.spec, self.folder = (
+            run.dataset, run.data, run.plan, run.spec, run.folder)
         self.stages = StageTimes()
-        self._use(method)
+        self._use(run.method)
         self.observer: TrainingObserver | None = None
         self.do_nothing: dict[str, float] = {}
         self.description: dict[str, float] = {}
@@ -171,7 +147,7 @@ class _Execution:
         self._use(self.entry.create(dict(self.plan.options), self.spec.seed, self.spec.device))
         provenance.reset_peak_memory()
         clock, evaluating = self.stages["train"], self.stages["evaluate during training"]
-        with TrainingProgress(self.console, self.budget) as progress:
+        with self.progress(self.console, self.budget) as progress:
             observer = TrainingObserver(self.budget, clock, evaluating, self.evaluator.quick, progress)
             self.observer = observer
             with clock.running():
@@ -275,43 +251,6 @@ def classify(error: Exception) -> tuple[Status, str]:
     if isinstance(error, FloatingPointError):
         return Status.DIVERGED, text
     return Status.CRASHED, text
-
-
-def _finished(folder: Path, spec: Spec) -> Result | None:
-    if not (folder / RESULT_FILE).is_file():
-        return None
-    earlier = read_result(folder)
-    return earlier if earlier.key == spec.key and earlier.finished else None
-
-
-def _budget(settings: Run, preset: Budget | None, options: dict, subject: str) -> Budget:
-    """The call's budget, else the preset's, else the preset's option `steps`."""
-    if settings.budget is not None:
-        return parse_budget(settings.budget)
-    if preset is not None:
-        return preset
-    steps = options.get("steps")
-    if not isinstance(steps, int):
-        raise InputError(subject, "neither budget nor steps", "one of them, or --budget on the command line")
-    return parse_budget(f"{steps}it")
-
-
-def _device(wanted: str, entry: MethodEntry) -> str:
-    devices = entry.card.devices
-    if wanted == "auto":
-        wanted = "cuda" if "cuda" in devices and _has_cuda() else "cpu"
-    kind = wanted.split(":")[0]
-    if kind not in devices:
-        raise InputError("--device", repr(wanted), f"auto or what {entry.id} runs on: {', '.join(devices)}")
-    if kind == "cuda" and not _has_cuda():
-        raise InputError("--device", f"{wanted!r}, and no CUDA device here", "cpu or auto")
-    return wanted
-
-
-def _has_cuda() -> bool:
-    import torch
-
-    return torch.cuda.is_available()
 
 
 def _builtin_dataset(dry_run: bool, console: Console) -> Path | None:

@@ -30,7 +30,8 @@ def test_the_code_version_follows_what_can_change_a_score(sources: Path, name: s
     assert provenance.code_version(sources / "method") != before
 
 
-@pytest.mark.parametrize("name", ["dofbench/reporting/b.py", "dofbench/cli.py", "method/notes.md", "method/m.pyc"])
+@pytest.mark.parametrize(
+    "name", ["dofbench/reporting/b.py", "dofbench/cli.py", "method/notes.md", "method/m.pyc", "method/ablations.toml"])
 def test_the_code_version_ignores_what_cannot(sources: Path, name: str) -> None:
     before = provenance.code_version(sources / "method")
     (sources / name).write_text("x = 2\n")

@@ -1,0 +1,110 @@
+"""A run decided, and nothing of it done yet: what --dry-run prints, and what its result is kept by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dofbench.contracts import Budget, Method
+from dofbench.errors import InputError
+from dofbench.harness import provenance
+from dofbench.harness.methods import MethodEntry, find_method
+from dofbench.harness.plan import RunPlan, make_plan
+from dofbench.harness.protocol import Protocol, protocol_for
+from dofbench.harness.result import RESULT_FILE, Result, Spec, read_result
+from dofbench.harness.settings import Run, parse_budget, parse_overrides
+from dofbench.synthesis.dataset import Dataset
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What the call alone decides, whatever the dataset."""
+
+    entry: MethodEntry
+    preset: str
+    options: dict[str, Any]
+    overrides: dict[str, Any]
+    budget: Budget
+    protocol: Protocol
+    device: str
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A run to be made. data: the dataset's folder as it was given. method: created, not trained. folder: where its
+    result goes."""
+
+    settings: Run
+    choices: Choices
+    dataset: Dataset
+    data: Path
+    plan: RunPlan
+    spec: Spec
+    method: Method
+    folder: Path
+
+    def finished(self) -> Result | None:
+        """The result of the same run, if it is there and running again would only repeat it."""
+        if not (self.folder / RESULT_FILE).is_file():
+            return None
+        earlier = read_result(self.folder)
+        return earlier if earlier.key == self.spec.key and earlier.finished else None
+
+
+def choose(settings: Run) -> Choices:
+    """Method, preset, budget, protocol and device. Raises InputError when the call is wrong."""
+    entry = find_method(settings.method)
+    preset, options, budget = entry.preset(settings.preset, builtin=settings.data is None)
+    overrides = parse_overrides(settings.set)
+    budget = _budget(settings, budget, {**options, **overrides}, f"preset {preset} of {entry.id}")
+    return Choices(entry, preset, options, overrides, budget, protocol_for(settings.inputs),
+                   _device(settings.device, entry))
+
+
+def prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
+    """Decide the rest from the dataset in `data`. Raises InputError when that is none, or the method doesn't know
+    an option."""
+    dataset = Dataset.load(data)
+    entry = choices.entry
+    plan = make_plan(
+        entry, choices.preset, choices.options, choices.overrides, choices.budget, dataset, choices.protocol,
+        seed=settings.seed, device=choices.device, force_all=settings.force_all,
+    )
+    spec = Spec(
+        method=entry.id, preset=choices.preset, overrides=choices.overrides, options=plan.options, budget=plan.budget,
+        dataset=dataset.name, dataset_checksum=dataset.checksum, protocol=choices.protocol.id, seed=settings.seed,
+        device=choices.device, code=provenance.code_version(entry.folder),
+    )
+    method = entry.create(dict(plan.options), settings.seed, choices.device)  # raises for an unknown option
+    return Prepared(settings, choices, dataset, data, plan, spec, method, settings.out / spec.folder)
+
+
+def _budget(settings: Run, preset: Budget | None, options: dict, subject: str) -> Budget:
+    """The call's budget, else the preset's, else the preset's option `steps`."""
+    if settings.budget is not None:
+        return parse_budget(settings.budget)
+    if preset is not None:
+        return preset
+    steps = options.get("steps")
+    if not isinstance(steps, int):
+        raise InputError(subject, "neither budget nor steps", "one of them, or --budget on the command line")
+    return parse_budget(f"{steps}it")
+
+
+def _device(wanted: str, entry: MethodEntry) -> str:
+    devices = entry.card.devices
+    if wanted == "auto":
+        wanted = "cuda" if "cuda" in devices and _has_cuda() else "cpu"
+    kind = wanted.split(":")[0]
+    if kind not in devices:
+        raise InputError("--device", repr(wanted), f"auto or what {entry.id} runs on: {', '.join(devices)}")
+    if kind == "cuda" and not _has_cuda():
+        raise InputError("--device", f"{wanted!r}, and no CUDA device here", "cpu or auto")
+    return wanted
+
+
+def _has_cuda() -> bool:
+    import torch
+
+    return torch.cuda.is_available()
