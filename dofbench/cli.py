@@ -20,6 +20,7 @@ from typing import Annotated, Any, Union
 import tyro
 
 from dofbench import __version__
+from dofbench.ablation.settings import Ablate
 from dofbench.errors import InputError, one_line
 from dofbench.harness.settings import Run
 from dofbench.rendering.settings import MakeScene
@@ -62,11 +63,14 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(number)
 
 
-def parse(arguments: Sequence[str]) -> MakeDatasets | MakeScene | Run | Report | Check | Scenes | ValidateRenderer:
+Command = MakeDatasets | MakeScene | Run | Ablate | Report | Check | Scenes | ValidateRenderer
+
+
+def parse(arguments: Sequence[str]) -> Command:
     """The settings that the command line means. Raises InputError, or SystemExit after printing help or an error."""
     commands = {
-        "make-dataset": MakeDatasets, "make-scene": MakeScene, "run": Run, "report": Report, "check": Check,
-        "scenes": Scenes, "validate-renderer": ValidateRenderer,
+        "make-dataset": MakeDatasets, "make-scene": MakeScene, "run": Run, "ablate": Ablate, "report": Report,
+        "check": Check, "scenes": Scenes, "validate-renderer": ValidateRenderer,
     }
     named = tuple(Annotated[settings, tyro.conf.subcommand(name)] for name, settings in commands.items())
     look = (tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalMetavarFromFieldName)
@@ -93,6 +97,10 @@ def execute(settings: Any) -> int:
             from dofbench.harness.run import run
 
             return DONE if run(settings) else FAILED
+        case Ablate():
+            from dofbench.ablation import ablate
+
+            return DONE if ablate(settings) else FAILED
         case Report():
             from dofbench.reporting import report
 
@@ -122,7 +130,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     configure_threads()
     try:
         settings = parse(arguments)
-        if isinstance(settings, MakeDatasets | MakeScene | Run | Check):
+        if isinstance(settings, MakeDatasets | MakeScene | Run | Ablate | Check):
             # Its import puts a handler of its own on SIGTERM, which prints a stack and dies. These commands need
             # it anyway, so it comes first and ours replaces it.
             import pycolmap  # noqa: F401

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from dofbench.ablation import plan as ablation_plan
 from dofbench.cameras import Camera
 from dofbench.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.errors import InputError
@@ -53,7 +54,7 @@ class FakeDataset:
         choices = json.loads((self.folder / "dataset.json").read_text())
         self.name, self.scene = choices["name"], choices["name"].split("_")[0]
         self.checksum = sha256_file(self.folder / "dataset.json")
-        self.has_points = choices["points"]
+        self.has_points, self.assign = choices["points"], choices["assign"]
         self.disparity_range = DisparityRange(0.1, 0.6)
         self._seed = choices["seed"]
         self.views = tuple(
@@ -99,11 +100,12 @@ def sharp_image(seed: int, camera: Camera) -> np.ndarray:
 
 def write_dataset(
     folder: Path, *, name: str = "waves", seed: int = 1, train: int = 4, test: int = 2, coc: float = 4.0,
-    points: bool = True,
+    points: bool = True, assign: str = "per-view",
 ) -> Path:
     """Write the dataset.json that `FakeDataset` reads; returns the folder."""
     folder.mkdir(parents=True, exist_ok=True)
     choices = {"name": name, "seed": seed, "train": train, "test": test, "coc": coc, "points": points}
+    choices["assign"] = assign
     (folder / "dataset.json").write_text(json.dumps(choices))
     return folder
 
@@ -246,7 +248,7 @@ def fake_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Run
     methods = write_method(folder / "methods")
     write_method(methods, "pinhole", refocus=False, learns_lens=False)
     monkeypatch.setenv("DOFBENCH_METHODS", str(methods))
-    for module in (check_module, comparison_module, prepare_module):
+    for module in (ablation_plan, check_module, comparison_module, prepare_module):
         monkeypatch.setattr(module, "Dataset", FakeDataset)
     # FLIP takes a third of a second however small the image; what it says is tested elsewhere.
     quick = replace(METRICS["flip"], function=lambda prediction, truth: float(np.abs(prediction - truth).mean()))

@@ -29,8 +29,8 @@ class RunPlan:
     """Printed by --dry-run and stored in the result.
 
     budget: as `--budget` takes it. options: what the method is created with. largest_coc_px: of the
-    photographs that the method trains on. columns: scores that will be measured. left_out: scores
-    that will not, with the reason.
+    photographs that the method trains on. lenses: as `dealt_lenses`. columns: scores that will be measured.
+    left_out: scores that will not, with the reason.
     """
 
     method: str
@@ -44,6 +44,7 @@ class RunPlan:
     train_views: int
     test_views: int
     largest_coc_px: float
+    lenses: dict[str, Any]
     stages: tuple[Stage, ...]
     columns: tuple[str, ...]
     left_out: dict[str, str]
@@ -68,6 +69,15 @@ class RunPlan:
             reasons.setdefault(reason, []).append(column)
         lines += [f"no {', '.join(columns)}: {reason}" for reason, columns in reasons.items()]
         return lines
+
+
+def dealt_lenses(dataset: Dataset) -> dict[str, Any]:
+    """How the dataset deals its lenses ("assign"), and per split ("train", "test") view -> [A, F], as plain data."""
+    dealt = {
+        split: {view.name: [view.lens.aperture, view.lens.focus] for view in dataset.views if view.split == split}
+        for split in ("train", "test")
+    }
+    return {"assign": dataset.assign, **dealt}
 
 
 def make_plan(
@@ -104,7 +114,8 @@ def make_plan(
     return RunPlan(
         method=entry.id, preset=preset, dataset=dataset.name, protocol=protocol.id, budget=format_budget(budget),
         seed=seed, device=device, options={**options, **switched, **overrides},
-        train_views=len(train), test_views=len(test), largest_coc_px=float(largest), stages=tuple(stages),
+        train_views=len(train), test_views=len(test), largest_coc_px=float(largest), lenses=dealt_lenses(dataset),
+        stages=tuple(stages),
         columns=tuple(column for column in every if column not in left_out), left_out=left_out,
     )
 

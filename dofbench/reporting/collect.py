@@ -81,22 +81,31 @@ def collect(folder: Path) -> Collection:
             doubles.append(file.parent)
             continue
         keys.add(result.key)
-        entries.append(Entry(file.parent, result.spec, result.scene, result.status, result.message, result))
+        entries.append(entry_of(file.parent, result))
     for file in sorted(folder.rglob(LOCK_FILE)):
         if is_running(file.parent):
             running.append(file.parent)
         elif not (file.parent / RESULT_FILE).is_file():
             try:
-                spec, scene, started = read_lock(file.parent)
+                entries.append(dead_entry(file.parent))
             except InputError as error:
                 unreadable.append(str(error))
-                continue
-            message = f"started {started}, and the process died without a word (killed, or out of memory)"
-            entries.append(Entry(file.parent, spec, scene, Status.CRASHED, message, None))
     if not entries and not unreadable:
         raise InputError(folder, f"no {RESULT_FILE} in it or below", "results of `dofbench run`")
     entries.sort(key=lambda entry: (*entry.board, *entry.variant, entry.spec.seed, entry.spec.key))
     return Collection(tuple(entries), tuple(unreadable), tuple(running), tuple(doubles))
+
+
+def entry_of(folder: Path, result: Result) -> Entry:
+    """The run that left this result in `folder`."""
+    return Entry(folder, result.spec, result.scene, result.status, result.message, result)
+
+
+def dead_entry(folder: Path) -> Entry:
+    """The run that died in `folder` before it could write a result. Raises InputError for a damaged lock."""
+    spec, scene, started = read_lock(folder)
+    message = f"started {started}, and the process died without a word (killed, or out of memory)"
+    return Entry(folder, spec, scene, Status.CRASHED, message, None)
 
 
 def grouped(entries: tuple[Entry, ...] | list[Entry], attribute: str) -> dict[tuple[str, ...], list[Entry]]:

@@ -6,15 +6,8 @@ from dofbench.harness.methods import find_method, method_files
 from dofbench.reporting.collect import Collection, Entry, board_names, grouped, variant_names
 from dofbench.reporting.columns import COLUMNS, SCORES
 from dofbench.reporting.footnotes import Footnotes, table
-from dofbench.reporting.summary import (
-    Cell,
-    Line,
-    best_texts,
-    do_nothing_line,
-    scene_mean,
-    sorted_lines,
-    variant_line,
-)
+from dofbench.reporting.line_table import Beside, line_table, plain
+from dofbench.reporting.summary import Line, do_nothing_line, scene_mean, sorted_lines, variant_line
 
 _INTRODUCTION = """\
 Best in bold. Where runs differ only in their seed, a cell is mean ± sample standard deviation over the
@@ -55,43 +48,22 @@ def leaderboard_markdown(collection: Collection, pictures: dict[tuple[str, ...],
 
 
 def _board(lines: list[Line], notes: Footnotes) -> list[str]:
-    columns = list(SCORES)
-    lines, best = sorted_lines(lines), best_texts(lines, columns)
-    heading = ["method", "preset", "seeds", *(COLUMNS[column].heading for column in columns)]
-    rows = [
-        [line.method, _plain(line.preset), line.seeds,
-         *(_cell(line, column, best[column], notes) for column in columns)]
-        for line in lines
-    ]
-    return table(heading, rows, left=3)
+    return line_table(sorted_lines(lines), SCORES, notes, before=_names("seeds"))
 
 
-def _cell(line: Line, column: str, best: str | None, notes: Footnotes) -> str:
-    cell: Cell = line.cells[column]
-    if cell.value is None:
-        return (cell.failure or "–") + notes.mark(cell.reason)
-    text = COLUMNS[column].text(cell.value)
-    shown = text if cell.spread is None else f"{text} ± {COLUMNS[column].text(cell.spread)}"
-    return f"**{shown}**" if line.competes and text == best else shown
+def _names(last: str) -> Beside:
+    return Beside(["method", "preset", last], lambda line: [line.method, plain(line.preset), line.seeds])
 
 
 def _scene_means(scenes: dict[str, dict[tuple[str, ...], Line]], notes: Footnotes) -> list[str]:
-    columns = list(SCORES)
     variants = sorted({variant for lines in scenes.values() for variant in lines})
     means = []
     for variant in variants:
         own = {scene: lines[variant] for scene, lines in scenes.items() if variant in lines}
         some = next(iter(own.values()))
-        cells = {column: scene_mean(own, list(scenes), column) for column in columns}
+        cells = {column: scene_mean(own, list(scenes), column) for column in SCORES}
         means.append(Line(some.method, some.preset, f"{len(own)} of {len(scenes)}", cells))
-    best = best_texts(means, columns)
-    heading = ["method", "preset", "scenes", *(COLUMNS[column].heading for column in columns)]
-    rows = [
-        [line.method, _plain(line.preset), line.seeds,
-         *(_cell(line, column, best[column], notes) for column in columns)]
-        for line in sorted_lines(means)
-    ]
-    return table(heading, rows, left=3)
+    return line_table(sorted_lines(means), SCORES, notes, before=_names("scenes"))
 
 
 def _claims(entries: tuple[Entry, ...], notes: Footnotes) -> list[str]:
@@ -109,7 +81,7 @@ def _claims(entries: tuple[Entry, ...], notes: Footnotes) -> list[str]:
         silent = f"{claim.source} gives no such figure"
         for measured_on, values in claim.rows.items():
             figures = [f"{values[column]:g}" if column in values else f"–{notes.mark(silent)}" for column in columns]
-            rows.append([method, _plain(measured_on), *figures, _plain(claim.source)])
+            rows.append([method, plain(measured_on), *figures, plain(claim.source)])
     labels = [COLUMNS[column].heading if column in COLUMNS else column for column in columns]
     return ["## Published by the authors, on their own data", "",
             "Not measured here, and not comparable with the tables above digit by digit.", "",
@@ -127,13 +99,12 @@ def _how_made(
         machine = commit = "unknown"
         command = "unknown"
         if entry.result is not None:
-            described = _machine(entry)
+            described = machine_text(entry)
             machine = str(machines.setdefault(described, len(machines) + 1))
             command = f"`{entry.result.command}`"
-            git = entry.result.git
-            commit = "no checkout" if git is None else git.commit[:12] + (" + changes" if git.dirty else "")
-        rows.append([boards[entry.board], method, _plain(preset), str(entry.spec.seed), str(entry.status),
-                     entry.spec.budget, _plain(command), entry.spec.key[:8], entry.spec.code.rpartition("+")[2][:8],
+            commit = commit_text(entry)
+        rows.append([boards[entry.board], method, plain(preset), str(entry.spec.seed), str(entry.status),
+                     entry.spec.budget, plain(command), entry.spec.key[:8], entry.spec.code.rpartition("+")[2][:8],
                      commit, machine])
     heading = ["dataset", "method", "preset", "seed", "status", "budget", "command", "key", "code", "commit", "machine"]
     lines = ["## How these were made", "", *table(heading, rows, left=len(heading)), ""]
@@ -141,7 +112,15 @@ def _how_made(
     return [*lines, ""]
 
 
-def _machine(entry: Entry) -> str:
+def commit_text(entry: Entry) -> str:
+    """The commit of a run that left a result."""
+    assert entry.result is not None
+    git = entry.result.git
+    return "no checkout" if git is None else git.commit[:12] + (" + changes" if git.dirty else "")
+
+
+def machine_text(entry: Entry) -> str:
+    """The machine of a run that left a result."""
     assert entry.result is not None
     facts = entry.result.machine
     parts = [f"{facts['cpu']}, {facts['cores']} cores, {facts['memory_gib']} GiB", str(facts["os"]),
@@ -150,6 +129,3 @@ def _machine(entry: Entry) -> str:
         parts.append(str(facts["accelerator"]))
     return ", ".join(parts)
 
-
-def _plain(text: str) -> str:
-    return text.replace("|", "\\|")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import statistics
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dofbench.errors import Status
@@ -93,13 +94,25 @@ def best_texts(lines: list[Line], columns: list[str]) -> dict[str, str | None]:
     }
 
 
+def empty_columns(lines: Sequence[Line], columns: Sequence[str]) -> dict[str, str]:
+    """The columns in which no line that competes has a value or a failure, with the reasons."""
+    empty = {}
+    for column in columns:
+        cells = [line.cells[column] for line in lines if line.competes]
+        if cells and not any(cell.value is not None or cell.failure for cell in cells):
+            empty[column] = "; ".join(dict.fromkeys(cell.reason for cell in cells))
+    return empty
+
+
 def scene_mean(lines: dict[str, Line], scenes: list[str], column: str) -> Cell:
     """Mean over scenes of one variant (scene -> its line), only where every scene has a value."""
     missing = [scene for scene in scenes if scene not in lines or lines[scene].cells[column].value is None]
     if missing:
-        reasons = {lines[scene].cells[column].reason for scene in missing if scene in lines}
-        if len(missing) == len(scenes) and len(reasons) == 1:
-            return Cell(None, reason=reasons.pop())  # it has no such score anywhere, for one reason
+        gaps = {(cell.failure, cell.reason) for scene in missing if scene in lines
+                if (cell := lines[scene].cells[column])}
+        if len(missing) == len(scenes) and len(gaps) == 1:
+            failure, reason = gaps.pop()  # it has no such score anywhere, for one reason
+            return Cell(None, failure=failure, reason=reason)
         return Cell(None, reason=f"no mean over an incomplete set: {', '.join(missing)} missing "
                                  f"of {len(scenes)} scenes")
     values = [lines[scene].cells[column].value for scene in scenes]

@@ -24,7 +24,7 @@ def write_leaderboard_csv(path: Path, entries: tuple[Entry, ...]) -> None:
     """One row a run. A cell is empty when the run has no such score; the Markdown says why."""
     identities = _identities(entries)
     rows = [{**identity, **entry.scores} for entry, identity in zip(entries, identities, strict=True)]
-    _write(path, (*IDENTITY, *SCORES), rows)
+    write_csv(path, (*IDENTITY, *SCORES), rows)
 
 
 def write_per_view_csv(path: Path, entries: tuple[Entry, ...]) -> None:
@@ -37,7 +37,7 @@ def write_per_view_csv(path: Path, entries: tuple[Entry, ...]) -> None:
                  for view in entry.result.views]
         rows += [{**identity, "split": "train", **view.model_dump(exclude={"name"}), "view": view.name}
                  for view in entry.result.lens]
-    _write(path, VIEW_COLUMNS, rows)
+    write_csv(path, VIEW_COLUMNS, rows)
 
 
 def write_curves_csv(path: Path, entries: tuple[Entry, ...]) -> None:
@@ -47,7 +47,7 @@ def write_curves_csv(path: Path, entries: tuple[Entry, ...]) -> None:
         for point in entry.result.curve if entry.result else ():
             rows.append({**identity, **point.scores, "train_s": point.train_s, "steps": point.steps,
                          "loss": point.loss})
-    _write(path, CURVE_COLUMNS, rows)
+    write_csv(path, CURVE_COLUMNS, rows)
 
 
 def _identities(entries: tuple[Entry, ...]) -> list[dict[str, object]]:
@@ -60,7 +60,8 @@ def _identities(entries: tuple[Entry, ...]) -> list[dict[str, object]]:
     ]
 
 
-def _write(path: Path, columns: tuple[str, ...], rows: Iterable[dict]) -> None:
+def write_csv(path: Path, columns: tuple[str, ...], rows: Iterable[dict]) -> None:
+    """Write rows, column -> value, whole or not at all; a column that a row lacks is empty."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(columns)

@@ -18,6 +18,7 @@ from dofbench.scenes import load_scene
 from dofbench.scenes.types import Split
 from dofbench.synthesis import write
 from dofbench.synthesis.schema import MANIFEST, LensFile, Manifest, read_lens_file, read_manifest
+from dofbench.synthesis.settings import Assign
 
 Inputs = Literal["shallow", "all-in-focus"]
 
@@ -88,6 +89,11 @@ class Dataset:
     def scene(self) -> str:
         """Name of the scene that it was made from."""
         return self.manifest.source.scene
+
+    @property
+    def assign(self) -> Assign:
+        """How its lenses were dealt over the views."""
+        return self.manifest.settings.get("assign", "per-view")
 
     @property
     def disparity_range(self) -> DisparityRange:

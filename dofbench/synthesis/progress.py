@@ -80,16 +80,20 @@ class Terminal:
 
 
 class Several:
-    """Progress of several datasets made side by side, as a watcher of their jobs (`dofbench.processes`).
+    """Progress of several jobs done side by side, as their watcher (`dofbench.processes`).
 
-    Reports are (stage, items done, items in all). The time left is known from the first dataset finished on.
+    Reports are (stage, items done, items in all). The time left is known from the first job finished on, or from the
+    beginning where `expected` says how many seconds one takes. things: what the jobs make.
     """
 
-    def __init__(self, total: int, workers: int, interval: float = 15.0):
+    def __init__(
+        self, total: int, workers: int, interval: float = 15.0, *, things: str = "datasets",
+        expected: float | None = None,
+    ):
         from rich.console import Console
 
         self._console, self._interval = Console(stderr=True), interval
-        self._total, self._workers = total, workers
+        self._total, self._workers, self._things, self._expected = total, workers, things, expected
         self._begun: dict[str, float] = {}
         self._doing: dict[str, str] = {}
         self._times: list[float] = []
@@ -97,7 +101,7 @@ class Several:
         self._last = time.monotonic()
 
     def started(self, name: str) -> None:
-        """A dataset's process runs."""
+        """A job's process runs."""
         self._begun[name] = time.monotonic()
         self._doing[name] = "starting"
 
@@ -109,7 +113,7 @@ class Several:
             self._say()
 
     def ended(self, outcome: Outcome) -> None:
-        """Say how a dataset ended: where it is on standard output, what went wrong on standard error."""
+        """Say how a job ended: its message on standard output, what went wrong on standard error."""
         self._times.append(time.monotonic() - self._begun.pop(outcome.name))
         del self._doing[outcome.name]
         self._ended += 1
@@ -121,9 +125,9 @@ class Several:
 
     def _say(self) -> None:
         self._last = now = time.monotonic()
-        parts = [f"{self._ended} of {self._total} datasets"]
-        if self._times and self._ended < self._total:
-            mean = sum(self._times) / len(self._times)
+        parts = [f"{self._ended} of {self._total} {self._things}"]
+        mean = sum(self._times) / len(self._times) if self._times else self._expected
+        if mean is not None and self._ended < self._total:
             spent = sum(min(now - begun, mean) for begun in self._begun.values())
             left = (mean * (self._total - self._ended) - spent) / min(self._workers, self._total - self._ended)
             parts[0] += f", about {left:.0f} s left"

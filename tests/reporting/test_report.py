@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import itertools
 import json
 import math
 import re
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from harness_fakes import fake_run, write_dataset
+from report_pages import notes, table_rows
 from rich.console import Console
 from tolerances import CSV_DIGITS
 
@@ -57,21 +57,6 @@ def made(tmp_path: Path) -> Callable[..., tuple[Written, Path, str]]:
 
 def rows(file: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(file.read_text())))
-
-
-def table_rows(page: str, heading: str) -> list[dict[str, str]]:
-    """The rows of the first table below a heading, by column heading."""
-    after = page.split(f"## {heading}\n", 1)[1].splitlines()
-    start = next(index for index, line in enumerate(after) if line.startswith("| "))
-    lines = list(itertools.takewhile(lambda line: line.startswith("| "), after[start:]))
-    cells = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines]
-    return [dict(zip(cells[0], row, strict=True)) for row in cells[2:]]
-
-
-def notes(page: str, cell: str) -> str:
-    """The footnote that a cell points to."""
-    number = re.search(r"\[\^(\d+)\]", cell)[1]
-    return re.search(rf"^\[\^{number}\]: (.*)$", page, re.MULTILINE)[1]
 
 
 def test_the_header_is_exact_and_one_row_a_run(plain, call, made) -> None:

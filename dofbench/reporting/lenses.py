@@ -1,0 +1,26 @@
+"""What a dataset's views were made with, in words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+HELD_OUT = "held-out"
+_LISTED = 6  # values; more are given as a range
+
+
+def lens_words(lenses: dict[str, Any]) -> str:
+    """As "trained on F 0.2, 0.8 and A 0.5, 1; the test views ask for F 0.5 and A 0". lenses: of a run's plan."""
+    asked = f"the test views ask for {_values(lenses['test'])}" if lenses["test"] else "no test views"
+    return f"trained on {_values(lenses['train'])}; {asked}"
+
+
+def _values(views: dict[str, list[float]]) -> str:
+    apertures, focuses = zip(*views.values(), strict=True)
+    return f"F {_listed(set(focuses))} and A {_listed(set(apertures))}"
+
+
+def _listed(values: set[float]) -> str:
+    ordered = sorted(values)
+    if len(ordered) > _LISTED:
+        return f"{ordered[0]:g} to {ordered[-1]:g}"
+    return ", ".join(f"{value:g}" for value in ordered)

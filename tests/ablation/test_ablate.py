@@ -1,0 +1,385 @@
+"""Tables of ablations: which runs they need, what they show, and that nothing runs twice."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import pytest
+from harness_fakes import fake_run, write_dataset
+from report_pages import notes, table_rows
+from rich.console import Console
+from tolerances import CSV_DIGITS
+
+from dofbench.ablation.make import make_tables
+from dofbench.ablation.settings import Ablate
+from dofbench.ablation.tables import read_tables, shipped_file
+from dofbench.errors import InputError, one_line
+from dofbench.harness.result import read_result
+from dofbench.processes import Job, Outcome
+
+TABLES = """\
+method = "fake"
+
+[[tables]]
+id = "noise"
+title = "What noise costs"
+columns = ["psnr", "aif_psnr", "delta_a", "train_s"]
+switches = ["noisy", "how"]
+reference = "some"
+source = "Nobody 2020, Table 9"
+paper_data = "on their own waves"
+
+[[tables.rows]]
+label = "some"
+switches = { noisy = true, how = "as it comes" }
+paper = { psnr = 20.5 }
+paper_scenes = { waves = { psnr = 21.5 } }
+
+[[tables.rows]]
+label = "more"
+switches = { noisy = true, how = "added" }
+set = { noise = 0.8 }
+
+[[tables.rows]]
+label = "pinhole"
+method = "pinhole"
+switches = { noisy = true, how = "as it comes" }
+paper = { psnr = 12.25 }
+
+[[tables]]
+id = "again"
+title = "The same once more"
+columns = ["psnr"]
+
+[[tables.rows]]
+label = "as in the other"
+set = { noise = 0.8 }
+
+[[tables]]
+id = "sharp"
+title = "Sharp inputs"
+inputs = "all-in-focus"
+columns = ["psnr", "aif_psnr", "delta_a"]
+
+[[tables.rows]]
+label = "planned"
+
+[[tables.rows]]
+label = "forced"
+force_all = true
+
+[[tables]]
+id = "held"
+title = "Held out"
+columns = ["psnr"]
+held_out = true
+
+[[tables.rows]]
+label = "ours"
+"""
+
+
+class Here:
+    """Runs jobs in this process, where the fakes are; `fatal` ends the call at the n-th, as a killed process would."""
+
+    def __init__(self, fatal: int | None = None):
+        self.made: list[str] = []
+        self.fatal = fatal
+
+    def __call__(self, jobs: list[Job], *, workers: int, watcher) -> list[Outcome]:
+        outcomes = []
+        for job in jobs:
+            if self.fatal is not None and len(self.made) == self.fatal:
+                raise KeyboardInterrupt
+            self.made.append(job.name)
+            watcher.started(job.name)
+            try:
+                outcome = Outcome(job.name, job.work(partial(watcher.reported, job.name)))
+            except Exception as error:
+                outcome = Outcome(job.name, problem=one_line(error) or repr(error))
+            watcher.ended(outcome)
+            outcomes.append(outcome)
+        return outcomes
+
+
+@pytest.fixture
+def ablate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable:
+    """`ablate(table="noise", …)` makes tables of the fakes; returns whether all went well, the jobs that were run,
+    what was said, and the folder of tables."""
+    fake_run(tmp_path, monkeypatch)
+    (tmp_path / "tables.toml").write_text(TABLES)
+
+    def call(fatal: int | None = None, **changes) -> tuple[bool, list[str], str, Path]:
+        here, stream = Here(fatal), io.StringIO()
+        settings = Ablate(**{"data": str(tmp_path / "data"), "tables": tmp_path / "tables.toml", "seeds": 2,
+                             "results": tmp_path / "results", "out": tmp_path / "out", "table": "noise", **changes})
+        good = make_tables(settings, Console(file=stream, width=400), here)
+        return good, here.made, stream.getvalue(), tmp_path / "out"
+
+    return call
+
+
+def rows(file: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(file.read_text())))
+
+
+def scores(results: Path, method: str, column: str) -> list[float]:
+    """By seed."""
+    found = {result.spec.seed: result.scores[column] for file in sorted(results.rglob(f"{method}*/result.json"))
+             if (result := read_result(file))}
+    return [found[seed] for seed in sorted(found)]
+
+
+def test_a_table_of_one_dataset(ablate, tmp_path: Path) -> None:
+    good, made, _, out = ablate()
+    assert good and len(made) == 6
+    assert [("seed0" in name) for name in made] == [True] * 3 + [False] * 3  # early output is useful
+    page = (out / "noise.md").read_text()
+    some, more, pinhole = table_rows(page, "waves")
+    assert list(some)[:3] == ["row", "noisy", "how"] and (more["noisy"], more["how"]) == ("yes", "added")
+    values = [float(row["value"]) for row in rows(out / "noise.csv")
+              if (row["row"], row["column"]) == ("more", "psnr")]
+    spread = abs(values[0] - values[1]) / math.sqrt(2)
+    assert more["PSNR [dB] ↑"] == f"{sum(values) / 2:.2f} ± {spread:.2f}"
+    assert notes(page, pinhole["PSNR [dB] ↑"]) == "Pinhole has no lens to refocus with"
+    # The paper's own figures: of this scene, in a column of their own.
+    paper = "*paper: PSNR [dB] ↑*"
+    assert some[paper] == "21.50" and pinhole[paper].startswith("–")
+    assert "Nobody 2020, Table 9, on their own waves" in page
+    assert "    dofbench ablate --data" in page
+    assert not re.search(r"^## Mean over", page, re.MULTILINE)
+
+
+def test_every_value_of_the_files_is_a_run_s(ablate, tmp_path: Path) -> None:
+    _, _, _, out = ablate()
+    cells = rows(out / "noise.csv")
+    assert len(cells) == 3 * 2 * 4 and list(cells[0]) == "table row dataset seed column value status".split()
+    expected = scores(tmp_path / "results", "pinhole", "aif_psnr")
+    found = [float(row["value"]) for row in cells if (row["row"], row["column"]) == ("pinhole", "aif_psnr")]
+    assert found == pytest.approx(expected, rel=CSV_DIGITS)
+    assert {row["value"] for row in cells if (row["row"], row["column"]) == ("pinhole", "psnr")} == {""}
+    summary = {(row["row"], row["dataset"], row["column"]): row for row in rows(out / "noise-summary.csv")}
+    assert float(summary["pinhole", "waves", "aif_psnr"]["mean"]) == pytest.approx(sum(expected) / 2, rel=CSV_DIGITS)
+    assert summary["some", "mean", "psnr"]["paper"] == "20.5" and summary["more", "mean", "psnr"]["paper"] == ""
+
+
+def test_means_and_differences_over_datasets(ablate, tmp_path: Path) -> None:
+    from scipy.stats import ttest_rel
+
+    other = write_dataset(tmp_path / "other", name="ripples", seed=1, test=3)
+    _, _, _, out = ablate(data=f"{tmp_path / 'data'},{other}")
+    page = (out / "noise.md").read_text()
+    values = {(row["row"], row["dataset"], row["seed"]): float(row["value"])
+              for row in rows(out / "noise.csv") if row["column"] == "aif_psnr"}
+    by_seed = [(values["more", "waves", seed] + values["more", "ripples", seed]) / 2 for seed in "01"]
+    means = {row["row"]: row for row in table_rows(page, "Mean over 2 datasets")}
+    spread = abs(by_seed[0] - by_seed[1]) / math.sqrt(2)
+    assert means["more"]["all-in-focus PSNR [dB] ↑"] == f"{sum(by_seed) / 2:.2f} ± {spread:.2f}"
+    assert means["some"]["*paper: PSNR [dB] ↑*"] == "20.50"
+
+    places = [(dataset, seed) for dataset in ("waves", "ripples") for seed in "01"]
+    tested = {
+        row: ttest_rel([values[row, *place] for place in places], [values["some", *place] for place in places])
+        for row in ("more", "pinhole")
+    }
+    # The fakes of the rows "some" and "pinhole" are one and the same: no difference, and nothing to test.
+    assert math.isnan(tested["pinhole"].pvalue)
+    shown = {row["row"]: row for row in table_rows(page, "Difference from some")}
+    summary = {(row["row"], row["column"]): row for row in rows(out / "noise-summary.csv") if row["dataset"] == "mean"}
+    assert float(summary["more", "aif_psnr"]["p"]) == pytest.approx(tested["more"].pvalue, rel=CSV_DIGITS)
+    assert summary["more", "aif_psnr"]["pairs"] == "4" and summary["pinhole", "aif_psnr"]["p"] == ""
+    assert shown["pinhole"]["all-in-focus PSNR [dB] ↑"] == "+0.00 ± 0.00"
+    assert shown["more"]["all-in-focus PSNR [dB] ↑"].endswith("**worse**")
+    assert shown["more"]["all-in-focus PSNR [dB] ↑"].startswith("-")
+    assert shown["pinhole"]["PSNR [dB] ↑"].startswith("–")  # it has none to compare
+
+
+def test_nothing_runs_twice(ablate) -> None:
+    _, first, _, _ = ablate(table="noise,again")
+    assert len(first) == 6  # the row of the second table is one of the first's
+    _, again, said, out = ablate(table="noise,again")
+    assert again == [] and "6 of them are finished" in said
+    assert [row["row"] for row in table_rows((out / "again.md").read_text(), "waves")] == ["as in the other"]
+    _, more, _, _ = ablate(seeds=3)
+    assert len(more) == 3 and all("seed2" in name for name in more)
+
+
+def test_an_interrupted_call_loses_nothing(ablate, tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        ablate(fatal=4)
+    page = (tmp_path / "out" / "noise.md").read_text()
+    assert "with seeds 0, of 2 asked for" in page  # the first seed is whole, so its table can be read
+    assert "±" not in table_rows(page, "waves")[0]["PSNR [dB] ↑"]
+    cells = rows(tmp_path / "out" / "noise.csv")
+    unfinished = {(row["row"], row["seed"]) for row in cells if row["status"] == "not run"}
+    assert unfinished == {("more", "1"), ("pinhole", "1")}
+    good, made, _, out = ablate()
+    assert good and len(made) == 2
+    assert "with seeds 0, 1." in (out / "noise.md").read_text()
+
+
+def test_a_table_that_has_just_begun(ablate, tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        ablate(fatal=1)
+    page = (tmp_path / "out" / "noise.md").read_text()
+    some, more, _ = table_rows(page, "waves")
+    assert float(some["PSNR [dB] ↑"].strip("*")) > 10 and more["PSNR [dB] ↑"].startswith("not run yet[^")
+
+
+def test_a_failing_cell_stops_nothing_else(ablate, tmp_path: Path) -> None:
+    (tmp_path / "tables.toml").write_text(TABLES.replace("set = { noise = 0.8 }", 'set = { trouble = "lost" }', 1))
+    other = write_dataset(tmp_path / "other", name="ripples", seed=1)
+    good, made, said, out = ablate(data=f"{tmp_path / 'data'},{other}")
+    assert not good and len(made) == 12
+    assert said.count("diverged: loss is nan at step 3") == 4
+    page = (out / "noise.md").read_text()
+    assert table_rows(page, "waves")[1]["PSNR [dB] ↑"].startswith("diverged (2 of 2 seeds)[^")
+    mean = table_rows(page, "Mean over 2 datasets")
+    assert mean[1]["PSNR [dB] ↑"].startswith("diverged") and re.match(r"\**\d", mean[0]["PSNR [dB] ↑"])
+    assert {row["status"] for row in rows(out / "noise.csv") if row["row"] == "more"} == {"diverged"}
+    # It is finished all the same: running again would only repeat it.
+    assert ablate(data=f"{tmp_path / 'data'},{other}")[:2] == (False, [])
+
+
+def test_no_mean_over_an_incomplete_set(ablate, tmp_path: Path) -> None:
+    other = write_dataset(tmp_path / "other", name="ripples", seed=1)
+    with pytest.raises(KeyboardInterrupt):
+        ablate(data=f"{tmp_path / 'data'},{other}", fatal=3)
+    page = (tmp_path / "out" / "noise.md").read_text()
+    some, more, pinhole = table_rows(page, "Mean over 2 datasets")
+    assert re.match(r"\**\d", some["PSNR [dB] ↑"])
+    assert notes(page, more["PSNR [dB] ↑"]) == "no mean over an incomplete set: ripples missing of 2 scenes"
+    assert pinhole["PSNR [dB] ↑"].startswith("not run yet")
+
+
+def test_a_crash_is_tried_again(ablate, tmp_path: Path) -> None:
+    (tmp_path / "tables.toml").write_text(TABLES.replace("set = { noise = 0.8 }", 'set = { trouble = "crash" }', 1))
+    assert len(ablate()[1]) == 6
+    good, made, said, out = ablate()
+    assert not good and len(made) == 2
+    assert "crashed: RuntimeError: something broke" in said
+    assert table_rows((out / "noise.md").read_text(), "waves")[1]["PSNR [dB] ↑"].startswith("crashed (2 of 2 seeds)")
+
+
+def test_code_that_changes_meanwhile_is_named(ablate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    original = Here.__call__
+
+    def changing(self, jobs, **more):
+        file = tmp_path / "methods" / "fake" / "behaviour.py"
+        file.write_text(file.read_text() + "\n# changed\n")
+        return original(self, jobs, **more)
+
+    monkeypatch.setattr(Here, "__call__", changing)
+    good, _, said, out = ablate(table="again")
+    assert not good and "changed since the call began" in said
+    assert table_rows((out / "again.md").read_text(), "waves")[0]["PSNR [dB] ↑"].startswith("not run yet")
+
+
+def test_sharp_inputs_leave_the_lens_out_unless_forced(ablate) -> None:
+    _, made, _, out = ablate(table="sharp", seeds=1)
+    page = (out / "sharp.md").read_text()
+    assert len(made) == 2
+    planned, forced = table_rows(page, "What the rows are")
+    assert planned["left out by the plan"] == "lens: the training photographs are sharp; normals: a fake has none"
+    assert forced["left out by the plan"] == "normals: a fake has none"
+    shown = table_rows(page, "waves")
+    assert "δ_A ↓" not in shown[0]  # no row has it, so there is no such column, and a line says why
+    assert re.search(r"^Not shown, as no row has it: δ_A \(.*sharp photographs", page, re.MULTILINE)
+    assert "One seed only: no spread is known" in page
+
+
+def test_held_out_lenses_have_tables_of_their_own(ablate, tmp_path: Path) -> None:
+    held = write_dataset(tmp_path / "apart", name="apart", assign="held-out")
+    _, made, said, out = ablate(data=f"{tmp_path / 'data'},{held}", table=None, seeds=1)
+    assert (out / "held.md").is_file() and "## apart" not in (out / "noise.md").read_text()
+    assert "## apart: trained on F 0.2, 0.5, 0.8 and A 0.5, 1; the test views ask for F 0.2, 0.5 and A 0.5, 1" \
+        in (out / "held.md").read_text()
+    _, _, said, _ = ablate(table=None, seeds=1)
+    assert "table held is left out: it wants a dataset made with --assign held-out" in said
+    with pytest.raises(InputError, match="table held: found no dataset for it"):
+        ablate(table="held")
+
+
+def test_a_dry_run_runs_nothing(ablate, tmp_path: Path) -> None:
+    good, made, said, out = ablate(dry_run=True)
+    assert good and made == [] and not out.exists() and not (tmp_path / "results").exists()
+    assert "3 tables" not in said and "which take 6 runs; 0 of them are finished" in said
+    assert "to be run, for noise more: dofbench run --method fake" in said and "--set noise=0.8" in said
+    ablate(seeds=1)
+    _, _, said, _ = ablate(dry_run=True)
+    assert said.count("finished, for noise") == 3 and re.search(r"about \d+ min to go", said)
+
+
+def test_options_for_every_row(ablate, tmp_path: Path) -> None:
+    ablate(set=("noise=0.3", "at=4"), seeds=1, preset="slow")
+    specs = [read_result(file).spec for file in sorted((tmp_path / "results").rglob("fake*/result.json"))]
+    assert sorted(spec.overrides["noise"] for spec in specs) == [0.3, 0.8]  # the row's own value holds
+    assert {spec.overrides["at"] for spec in specs} == {4} and {spec.preset for spec in specs} == {"slow"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "subject"),
+    [
+        ({"table": "noise,other"}, "--table: found 'other', expected one of noise, again, sharp, held"),
+        ({"set": ("nois=1",)}, "table noise, row some: option nois: found an unknown name"),
+        ({"preset": "best"}, "table noise, row some: preset of fake: found 'best'"),
+        ({"data": "nowhere"}, "nowhere: found no"),
+        ({"budget": "long"}, "table noise, row some: budget"),
+        ({"tables": Path("none.toml")}, "none.toml: found No such file"),
+    ],
+)
+def test_a_wrong_call_is_one_line_before_anything_runs(ablate, tmp_path: Path, changes: dict, subject: str) -> None:
+    with pytest.raises(InputError, match=re.escape(subject)):
+        ablate(**changes)
+    assert not (tmp_path / "results").exists()
+
+
+def test_an_option_that_the_code_does_not_know_is_named_with_its_row(ablate, tmp_path: Path) -> None:
+    (tmp_path / "tables.toml").write_text(TABLES.replace("noise = 0.8", "nose = 0.8"))
+    with pytest.raises(InputError, match="table noise, row more: option nose: found an unknown name"):
+        ablate()
+    assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ('"psnr", "aif_psnr"', '"lpips", "aif_psnr"', "unknown column 'lpips'"),
+        ('reference = "some"', 'reference = "none"', "reference 'none'"),
+        ('label = "more"', 'label = "some"', "two rows of one label"),
+        ('id = "again"', 'id = "noise"', "two tables of one id"),
+        ("noisy = true, how = \"added\"", "noisy = true", "row more: switches noisy"),
+        ('source = "Nobody 2020, Table 9"', "", "figures of a paper without the table's source"),
+        ("force_all = true", "force = true", "Extra inputs are not permitted"),
+        ("method =", "method", "no TOML"),
+    ],
+)
+def test_a_wrong_file_of_tables_is_one_line(tmp_path: Path, old: str, new: str, problem: str) -> None:
+    assert old in TABLES
+    (tmp_path / "tables.toml").write_text(TABLES.replace(old, new, 1))
+    with pytest.raises(InputError) as wrong:
+        read_tables(tmp_path / "tables.toml")
+    assert problem in str(wrong.value) and "\n" not in one_line(wrong.value)
+
+
+def test_the_shipped_tables_hold_the_paper_s_figures() -> None:
+    tables = {table.id: table for table in read_tables(shipped_file()).tables}
+    assert [(row.paper["aif_psnr"], row.paper["aif_ssim"]) for row in tables["table4"].rows] == [
+        (21.31, 0.636), (23.05, 0.728), (23.59, 0.742), (23.42, 0.738), (23.97, 0.756)]
+    assert [tuple(row.switches.values()) for row in tables["table4"].rows] == [
+        (False, False, False), (True, False, False), (True, False, True), (True, True, False), (True, True, True)]
+    fern = {row.label: row.paper_scenes.get("fern") for row in tables["table3"].rows}
+    assert fern["Mip-Splatting"] == {"aif_psnr": 27.87, "aif_ssim": 0.910}
+    assert fern["DoF-Gaussian, as planned"] == {"aif_psnr": 28.23, "aif_ssim": 0.917}
+
+
+@pytest.mark.parametrize("option", [{"seeds": 0}, {"jobs": 0}, {"data": ","}])
+def test_impossible_settings(option: dict) -> None:
+    with pytest.raises(InputError):
+        Ablate(**{"data": "a", **option})
