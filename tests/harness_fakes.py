@@ -55,6 +55,7 @@ class FakeDataset:
         self.name, self.scene = choices["name"], choices["name"].split("_")[0]
         self.checksum = sha256_file(self.folder / "dataset.json")
         self.has_points, self.assign = choices["points"], choices["assign"]
+        self.has_exact_depth = choices["exact"]
         self.disparity_range = DisparityRange(0.1, 0.6)
         self._seed = choices["seed"]
         self.views = tuple(
@@ -100,12 +101,12 @@ def sharp_image(seed: int, camera: Camera) -> np.ndarray:
 
 def write_dataset(
     folder: Path, *, name: str = "waves", seed: int = 1, train: int = 4, test: int = 2, coc: float = 4.0,
-    points: bool = True, assign: str = "per-view",
+    points: bool = True, assign: str = "per-view", exact: bool = True,
 ) -> Path:
     """Write the dataset.json that `FakeDataset` reads; returns the folder."""
     folder.mkdir(parents=True, exist_ok=True)
     choices = {"name": name, "seed": seed, "train": train, "test": test, "coc": coc, "points": points}
-    choices["assign"] = assign
+    choices |= {"assign": assign, "exact": exact}
     (folder / "dataset.json").write_text(json.dumps(choices))
     return folder
 

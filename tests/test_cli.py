@@ -34,6 +34,11 @@ def test_typical_calls_mean_what_they_say() -> None:
     assert (run.method, run.data, run.out) == ("dofgaussian", Path("data/fern"), Path("results"))
     assert cli.parse(["run", "--method", "dofgaussian"]).data is None
 
+    ablate = cli.parse("ablate --data data/a,data/b --table table4,table5 --seeds 3 --budget 1500it --jobs 2".split())
+    assert isinstance(ablate, cli.Ablate)
+    assert (ablate.folders, ablate.ids) == ((Path("data/a"), Path("data/b")), ("table4", "table5"))
+    assert (ablate.seeds, ablate.budget, ablate.jobs) == (3, "1500it", 2)
+
     report = cli.parse("report results --out reports".split())
     assert isinstance(report, cli.Report)
     assert (report.results, report.out) == (Path("results"), Path("reports"))
@@ -65,6 +70,7 @@ def test_a_wrong_call_ends_with_2_and_says_so(arguments: str, capsys: pytest.Cap
      "make-dataset no/such/folder --out never", "make-dataset --focus 7 --out never", "make-dataset --aperture a,b",
      "make-dataset --depth guess",
      "run --method nobodys", "run --method dofgaussian --data no/such/folder", "run --method dofgaussian --budget lots",
+     "ablate --data no/such/folder", "ablate --data a --seeds 0", "ablate --data a --tables none.toml",
      "report no/such/folder", "check no/such/folder", "scenes no/such/folder"],
 )
 def test_a_wrong_input_is_one_line_with_what_was_expected(
@@ -83,7 +89,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"dofbench {__version__}\n"
 
 
-@pytest.mark.parametrize("command", ["make-dataset", "make-scene", "run", "report", "check", "scenes"])
+@pytest.mark.parametrize("command", ["make-dataset", "make-scene", "run", "ablate", "report", "check", "scenes"])
 def test_help_names_every_option_with_a_sentence(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         cli.main([command, "--help"])
@@ -153,7 +159,8 @@ def test_sigterm_unwinds_the_command(monkeypatch: pytest.MonkeyPatch, capsys: py
     assert capsys.readouterr().err.count("\n") == 1
 
 
-@pytest.mark.parametrize("arguments", [["make-dataset"], ["run", "--method", "a"], ["check", "."]], ids=" ".join)
+@pytest.mark.parametrize("arguments", [["make-dataset"], ["run", "--method", "a"], ["ablate", "--data", "a"],
+                                       ["check", "."]], ids=" ".join)
 def test_sigterm_unwinds_after_pycolmap_was_loaded(arguments: list[str]) -> None:
     """Importing pycolmap takes SIGTERM over for the whole process: it printed a stack and died without clean-up."""
     script = (

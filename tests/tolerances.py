@@ -139,3 +139,5 @@ BLUR_INTEGRAL = 0.03
 # Gradient by the blur of needles 40 pixels long, a third of a pixel wide: second moments in float32 keep their digits
 # along the needle and lose the square of that ratio across it.
 BLUR_OF_NEEDLES = 2e-3
+# The tail of Student's distribution through scipy's test and through its survival function, relative.
+P_VALUE = 1e-6

@@ -50,7 +50,7 @@ def difference_text(difference: Difference, column: Column) -> str:
     if difference.p is None:
         return text
     text += ", p < 0.001" if difference.p < 0.001 else f", p = {difference.p:.3f}"
-    if difference.p >= SIGNIFICANT:
+    if difference.p >= SIGNIFICANT or float(number) == 0:  # what can't be seen in the table is no better
         return text
     if column.higher_is_better is None:
         return f"{text}, {'more' if difference.mean > 0 else 'less'}"

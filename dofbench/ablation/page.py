@@ -36,9 +36,7 @@ def table_page(filled: Filled, settings: Ablate) -> str:
         figures = {row.label: _scene_figures(row, source) for row in declared.rows}
         if len(filled.datasets) == 1 and not any(figures.values()):
             figures = {row.label: row.paper for row in declared.rows}
-        page += [f"## {source.label}: {source.lenses}" if declared.held_out else f"## {source.label}", "",
-                 *([] if declared.held_out else [f"{source.lenses[0].upper()}{source.lenses[1:]}.", ""]),
-                 *_block(filled, filled.lines(source.label), notes, figures), ""]
+        page += [*_heading(filled, source), "", *_block(filled, filled.lines(source.label), notes, figures), ""]
     page += [*_rows(filled), "", "## What the columns say", "",
              *(f"- {COLUMNS[column].label} ({column}): {COLUMNS[column].note}." for column in declared.columns), "",
              *_how_made(filled, settings)]
@@ -82,6 +80,14 @@ def _block(filled: Filled, lines: list[Line], notes: Footnotes, figures: dict[st
         lines, declared.columns, notes, before=Beside(["row", *declared.switches], switches),
         after=Beside([f"*paper: {COLUMNS[column].heading}*" for column in paper], published),
     )
+
+
+def _heading(filled: Filled, source: Source) -> list[str]:
+    if filled.plan.table.held_out:
+        return [f"## {source.label}, held-out focus: {source.lenses}"]
+    sharp = filled.plan.table.inputs == "all-in-focus"
+    trained = "trained on the sharp originals; the test views are sharp" if sharp else source.lenses
+    return [f"## {source.label}", "", f"{trained[0].upper()}{trained[1:]}."]
 
 
 def _word(switch: bool | str) -> str:

@@ -11,15 +11,16 @@ from typing import Literal
 
 import numpy as np
 
-from dofbench.contracts import Method, NonFinite
+from dofbench.contracts import Method, NonFinite, Rendering
 from dofbench.files import sha256_file
 from dofbench.harness.error_maps import error_map
 from dofbench.harness.plan import RunPlan
-from dofbench.harness.protocol import AIF_PREFIX, LENS_COLUMNS, Protocol
+from dofbench.harness.protocol import AIF_PREFIX, DEPTH_COLUMNS, LENS_COLUMNS, Protocol
 from dofbench.harness.result import ViewLens, ViewScores
 from dofbench.images import from_8bit, to_8bit, write_png
 from dofbench.lens import Lens
 from dofbench.metrics import score_image
+from dofbench.metrics.depth_errors import disparity_error, relative_error
 from dofbench.metrics.lens_errors import do_nothing_errors, lens_errors
 from dofbench.synthesis.dataset import Dataset, DatasetView
 
@@ -83,6 +84,9 @@ class Evaluator:
                     continue
                 rows[view.name] |= self._score(image, kind, view, self._metrics(kind))
                 self._write(folder, kind, view, image, found)
+        if any(column in self._plan.columns for column in DEPTH_COLUMNS):
+            for view in self._test:
+                rows[view.name] |= self._depth_errors(view, found)
         found.views = [ViewScores(name=name, scores=scores) for name, scores in rows.items()]
         found.scores = _means(list(rows.values()))
         errors, found.lens = self._lens_errors(with_radius=True)
@@ -131,10 +135,26 @@ class Evaluator:
         metrics = self._protocol.refocus if kind == "refocus" else self._protocol.all_in_focus
         return [metric for metric in metrics if PREFIX[kind] + metric in self._plan.columns]
 
+    def _depth_errors(self, view: DatasetView, found: Evaluation) -> dict[str, float]:
+        depth, truth = np.asarray(self._rendered("all_in_focus", view).depth), self._dataset.depth(view)
+        if depth.shape != truth.shape:
+            raise ValueError(f"render: expected depth of shape {truth.shape}, found {depth.shape}")
+        bad = int(depth.size - np.count_nonzero(np.isfinite(depth)))
+        if bad:
+            detail = f"{bad} of {depth.size} values of the depth"
+            found.nonfinite.append(NonFinite(step=0, view=view.name, stage="render depth", detail=detail))
+            return dict.fromkeys(DEPTH_COLUMNS, math.nan)
+        return {
+            "disparity_error": disparity_error(depth, truth, self._dataset.disparity_range),
+            "depth_rel": relative_error(depth, truth),
+        }
+
+    def _rendered(self, kind: Kind, view: DatasetView) -> Rendering:
+        return self._method.render(view.camera, view.physical_lens if kind == "refocus" else None)
+
     def _predict(self, kind: Kind, view: DatasetView) -> np.ndarray:
         """Rendering rounded to 8 bits, (H, W, 3) float32; as it is where it isn't finite."""
-        lens = view.physical_lens if kind == "refocus" else None
-        image = np.asarray(self._method.render(view.camera, lens).image)
+        image = np.asarray(self._rendered(kind, view).image)
         expected = (view.camera.height, view.camera.width, 3)
         if image.shape != expected:
             raise ValueError(f"render: expected an image of shape {expected}, found {image.shape}")

@@ -13,6 +13,7 @@ from dofbench.harness.settings import format_budget
 from dofbench.synthesis.dataset import Dataset
 
 NEEDLESS_COC = 0.5  # px: a disc of less than a pixel's width is the pixel, so such a lens does nothing
+NO_TEST_VIEWS = "the dataset has no test views"
 
 
 @dataclass(frozen=True)
@@ -109,8 +110,8 @@ def make_plan(
         needless = "" if has_points else "the dataset has no sparse points"
         stages.append(_decide("sparse_depth", needless, "the dataset has sparse points", entry, force_all, switched))
 
-    left_out = _left_out(entry, protocol, stages, bool(test))
-    every = (*protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.lens)
+    left_out = _left_out(entry, protocol, stages, bool(test)) | _no_depth_errors(dataset, protocol, bool(test))
+    every = (*protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.lens, *protocol.depth)
     return RunPlan(
         method=entry.id, preset=preset, dataset=dataset.name, protocol=protocol.id, budget=format_budget(budget),
         seed=seed, device=device, options={**options, **switched, **overrides},
@@ -139,8 +140,7 @@ def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], has_t
     capabilities = entry.card.capabilities
     left_out: dict[str, str] = {}
     if not has_test_views:
-        reason = "the dataset has no test views"
-        left_out.update(dict.fromkeys((*protocol.refocus_columns, *protocol.all_in_focus_columns), reason))
+        left_out.update(dict.fromkeys((*protocol.refocus_columns, *protocol.all_in_focus_columns), NO_TEST_VIEWS))
     elif not capabilities.refocus:
         left_out.update(dict.fromkeys(protocol.refocus_columns, f"{entry.card.name} has no lens to refocus with"))
     lens_stage = next((stage for stage in stages if stage.name == "lens"), None)
@@ -154,3 +154,11 @@ def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], has_t
         return left_out
     left_out.update(dict.fromkeys(LENS_COLUMNS, reason))
     return left_out
+
+
+def _no_depth_errors(dataset: Dataset, protocol: Protocol, has_test_views: bool) -> dict[str, str]:
+    if not has_test_views:
+        return dict.fromkeys(protocol.depth, NO_TEST_VIEWS)
+    if dataset.has_exact_depth:
+        return {}
+    return dict.fromkeys(protocol.depth, "the dataset's own depth is an estimate, no truth to compare with")

@@ -10,6 +10,7 @@ from dofbench.harness.settings import Inputs
 
 AIF_PREFIX = "aif_"
 LENS_COLUMNS = ("delta_a", "delta_f", "delta_r")
+DEPTH_COLUMNS = ("disparity_error", "depth_rel")
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,8 @@ class Protocol:
     refocus: metrics of predictions rendered with the test view's true lens, against its shallow
     photograph. all_in_focus: metrics of predictions rendered without a lens, against the sharp
     original; their columns carry `aif_`. lens: errors of the learned lens, over the training
-    views, in the units of the dataset's disparity range. mean: how images make one number.
+    views, in the units of the dataset's disparity range. depth: errors of the depth rendered at the test views,
+    where the dataset's own is exact. mean: how images make one number.
     """
 
     id: str
@@ -32,6 +34,7 @@ class Protocol:
     all_in_focus: tuple[str, ...]
     lens: tuple[str, ...]
     mean: str
+    depth: tuple[str, ...] = ()
 
     @property
     def refocus_columns(self) -> tuple[str, ...]:
@@ -56,19 +59,23 @@ _SHARED = dict(
     mean="arithmetic mean of the per-image values",
 )
 
+# Sharp photographs carry no lens to be learned, so there is none to be compared.
 PROTOCOLS: dict[str, Protocol] = {
     protocol.id: protocol
     for protocol in (
         Protocol(id="refocus-v1", inputs="shallow", lens=LENS_COLUMNS, **_SHARED),
-        # Sharp photographs carry no lens to be learned, so there is none to be compared.
         Protocol(id="sharp-inputs-v1", inputs="all-in-focus", lens=(), **_SHARED),
+        # With errors of the rendered depth.
+        Protocol(id="refocus-v2", inputs="shallow", lens=LENS_COLUMNS, depth=DEPTH_COLUMNS, **_SHARED),
+        Protocol(id="sharp-inputs-v2", inputs="all-in-focus", lens=(), depth=DEPTH_COLUMNS, **_SHARED),
     )
 }
 
 
 def protocol_for(inputs: Inputs) -> Protocol:
-    """The current protocol for what a method trains on. Raises InputError for unknown inputs."""
-    for protocol in PROTOCOLS.values():
-        if protocol.inputs == inputs:
-            return protocol
-    raise InputError("inputs", repr(inputs), " or ".join(repr(p.inputs) for p in PROTOCOLS.values()))
+    """The newest protocol for what a method trains on. Raises InputError for unknown inputs."""
+    found = [protocol for protocol in PROTOCOLS.values() if protocol.inputs == inputs]
+    if not found:
+        known = dict.fromkeys(repr(protocol.inputs) for protocol in PROTOCOLS.values())
+        raise InputError("inputs", repr(inputs), " or ".join(known))
+    return found[-1]

@@ -33,7 +33,8 @@ class Metric:
 
     unit: empty for a plain number. best, worst: the ends of the range. needs: "images", a
     prediction and its truth, for `function`; "lens", true and learned lenses, for
-    `lens_errors.lens_errors`, where `function` is None. note: the choices behind the number, for
+    `lens_errors.lens_errors`, and "depth", rendered and exact depth, for `depth_errors`, where `function` is
+    None. note: the choices behind the number, for
     the foot of a table.
     """
 
@@ -43,7 +44,7 @@ class Metric:
     higher_is_better: bool
     best: float
     worst: float
-    needs: Literal["images", "lens"]
+    needs: Literal["images", "lens", "depth"]
     function: ImageMetric | None
     note: str
 
@@ -71,6 +72,11 @@ METRICS: dict[str, Metric] = {
                "mean |F - F̂| over the training views, normalised disparity of the dataset"),
         Metric("delta_r", "δ_R", "px", False, 0.0, math.inf, "lens", None,
                "mean |R - R̂| over all pixels of known depth of the training views"),
+        Metric("disparity_error", "disparity error", "", False, 0.0, math.inf, "depth", None,
+               "mean |d - d̂| over the test views' pixels of known depth, normalised disparity of the dataset, the "
+               "unit of δ_F; where nothing was rendered, infinitely far"),
+        Metric("depth_rel", "depth AbsRel", "", False, 0.0, math.inf, "depth", None,
+               "mean |z - ẑ| / z over the test views' pixels of known depth; where nothing was rendered, 1"),
     )
 }
 
@@ -92,6 +98,6 @@ def score_image(prediction: np.ndarray, truth: np.ndarray, ids: Iterable[str]) -
     for metric_id in ids:
         function = metric(metric_id).function
         if function is None:
-            raise InputError("metric", f"{metric_id!r}, which needs lenses", "a metric of images")
+            raise InputError("metric", f"{metric_id!r}, which needs lenses or depth", "a metric of images")
         scores[metric_id] = function(prediction, truth)
     return scores

@@ -12,12 +12,14 @@ IDENTITY = ("method", "preset", "dataset", "scene", "protocol", "seed", "status"
 REFOCUS = ("psnr", "ssim", "ms_ssim", "flip", "gmsd", "delta_e")
 ALL_IN_FOCUS = ("aif_psnr", "aif_ssim", "aif_flip")
 LENS = ("delta_a", "delta_f", "delta_r")
+DEPTH = ("disparity_error", "depth_rel")
 COST = ("train_s", "steps", "render_fps", "peak_mb", "gaussians")
-SCORES = (*REFOCUS, *ALL_IN_FOCUS, *LENS, *COST)
+SCORES = (*REFOCUS, *ALL_IN_FOCUS, *LENS, *DEPTH, *COST)
+FILE_SCORES = (*REFOCUS, *ALL_IN_FOCUS, *LENS, *COST, *DEPTH)  # in files, what is new comes last
 
 _DIGITS = {
     "psnr": 2, "ssim": 4, "ms_ssim": 4, "flip": 4, "gmsd": 4, "delta_e": 3, "delta_a": 3, "delta_f": 3, "delta_r": 3,
-    "train_s": 1, "steps": 0, "render_fps": 1, "peak_mb": 0, "gaussians": 0,
+    "disparity_error": 4, "depth_rel": 4, "train_s": 1, "steps": 0, "render_fps": 1, "peak_mb": 0, "gaussians": 0,
 }
 _COSTS = {
     "train_s": ("training", "s", None, "wall time of training, evaluation excluded"),
@@ -67,6 +69,8 @@ def _column(column: str) -> Column:
     label, note = entry.label, entry.note
     if column.startswith(AIF_PREFIX):
         label, note = f"all-in-focus {label}", f"{label} of a rendering without a lens against the sharp original"
+    elif entry.needs == "images":
+        note = f"of a rendering through the test view's true lens against its shallow photograph; {note}"
     return Column(column, label, entry.unit, entry.higher_is_better, digits, note)
 
 

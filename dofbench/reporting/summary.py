@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dofbench.errors import Status
+from dofbench.harness.protocol import DEPTH_COLUMNS, PROTOCOLS
 from dofbench.reporting.collect import Entry
 from dofbench.reporting.columns import COLUMNS
 
@@ -50,9 +51,16 @@ def seed_cell(entries: list[Entry], column: str) -> Cell:
     values = [entry.scores[column] for entry in entries if column in entry.scores]
     if len(values) < len(entries):
         gap = next(entry for entry in entries if column not in entry.scores)
-        return Cell(None, reason=gap.left_out.get(column, "the result holds no such score, nor a reason"))
+        return Cell(None, reason=gap.left_out.get(column) or _no_reason(gap, column))
     spread = statistics.stdev(values) if len(values) > 1 and all(map(math.isfinite, values)) else None
     return Cell(math.fsum(values) / len(values), spread)
+
+
+def _no_reason(entry: Entry, column: str) -> str:
+    protocol = PROTOCOLS.get(entry.spec.protocol)
+    if protocol is not None and column in DEPTH_COLUMNS and not protocol.depth:
+        return f"{protocol.id} has no such score"
+    return "the result holds no such score, nor a reason"
 
 
 def variant_line(entries: list[Entry], names: dict[tuple[str, ...], tuple[str, str]], columns: list[str]) -> Line:

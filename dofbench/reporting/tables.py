@@ -9,14 +9,14 @@ from pathlib import Path
 
 from dofbench.files import write_text
 from dofbench.reporting.collect import Entry, board_names
-from dofbench.reporting.columns import ALL_IN_FOCUS, IDENTITY, LENS, REFOCUS, SCORES
+from dofbench.reporting.columns import ALL_IN_FOCUS, DEPTH, FILE_SCORES, IDENTITY, LENS, REFOCUS
 
 CURVE_SCORES = ("psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f")
 CURVE_COLUMNS = ("method", "preset", "dataset", "protocol", "seed", "train_s", "steps", *CURVE_SCORES, "loss")
 _LENS_VALUES = ("aperture", "aperture_estimated", "focus", "focus_estimated")
 VIEW_COLUMNS = (
     "method", "preset", "dataset", "scene", "protocol", "seed", "view", "split",
-    *REFOCUS, *ALL_IN_FOCUS, *_LENS_VALUES, *LENS,
+    *REFOCUS, *ALL_IN_FOCUS, *_LENS_VALUES, *LENS, *DEPTH,
 )
 
 
@@ -24,7 +24,7 @@ def write_leaderboard_csv(path: Path, entries: tuple[Entry, ...]) -> None:
     """One row a run. A cell is empty when the run has no such score; the Markdown says why."""
     identities = _identities(entries)
     rows = [{**identity, **entry.scores} for entry, identity in zip(entries, identities, strict=True)]
-    write_csv(path, (*IDENTITY, *SCORES), rows)
+    write_csv(path, (*IDENTITY, *FILE_SCORES), rows)
 
 
 def write_per_view_csv(path: Path, entries: tuple[Entry, ...]) -> None:

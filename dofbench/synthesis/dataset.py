@@ -96,6 +96,11 @@ class Dataset:
         return self.manifest.settings.get("assign", "per-view")
 
     @property
+    def has_exact_depth(self) -> bool:
+        """Whether its depth is the scene's own exact maps, and not an estimate."""
+        return self.manifest.depth.source == "given"
+
+    @property
     def disparity_range(self) -> DisparityRange:
         """What the views' aperture and focus refer to."""
         return self.lenses.range()

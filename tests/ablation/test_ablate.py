@@ -291,15 +291,15 @@ def test_sharp_inputs_leave_the_lens_out_unless_forced(ablate) -> None:
     shown = table_rows(page, "waves")
     assert "δ_A ↓" not in shown[0]  # no row has it, so there is no such column, and a line says why
     assert re.search(r"^Not shown, as no row has it: δ_A \(.*sharp photographs", page, re.MULTILINE)
-    assert "One seed only: no spread is known" in page
+    assert "One seed only: no spread is known" in page and "Trained on the sharp originals" in page
 
 
 def test_held_out_lenses_have_tables_of_their_own(ablate, tmp_path: Path) -> None:
     held = write_dataset(tmp_path / "apart", name="apart", assign="held-out")
     _, made, said, out = ablate(data=f"{tmp_path / 'data'},{held}", table=None, seeds=1)
     assert (out / "held.md").is_file() and "## apart" not in (out / "noise.md").read_text()
-    assert "## apart: trained on F 0.2, 0.5, 0.8 and A 0.5, 1; the test views ask for F 0.2, 0.5 and A 0.5, 1" \
-        in (out / "held.md").read_text()
+    assert ("## apart, held-out focus: trained on F 0.2, 0.5, 0.8 and A 0.5, 1; "
+            "the test views ask for F 0.2, 0.5 and A 0.5, 1") in (out / "held.md").read_text()
     _, _, said, _ = ablate(table=None, seeds=1)
     assert "table held is left out: it wants a dataset made with --assign held-out" in said
     with pytest.raises(InputError, match="table held: found no dataset for it"):

@@ -12,7 +12,7 @@ from dofbench.errors import InputError
 from dofbench.files import canonical_json
 from dofbench.harness.methods import find_method
 from dofbench.harness.plan import RunPlan, make_plan
-from dofbench.harness.protocol import LENS_COLUMNS, PROTOCOLS, protocol_for
+from dofbench.harness.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS, protocol_for
 
 
 @pytest.fixture
@@ -41,7 +41,20 @@ def test_a_method_without_a_lens_has_no_refocus_and_no_lens_errors(plan) -> None
     made = plan("pinhole")
     assert made.left_out["psnr"] == "Pinhole has no lens to refocus with"
     assert made.left_out["delta_a"] == "Pinhole learns no lens"
-    assert made.columns == ("aif_psnr", "aif_ssim", "aif_flip")
+    assert made.columns == ("aif_psnr", "aif_ssim", "aif_flip", *DEPTH_COLUMNS)
+
+
+def test_an_estimated_depth_is_no_truth(plan) -> None:
+    made = plan(exact=False)
+    assert not set(DEPTH_COLUMNS) & set(made.columns)
+    assert {made.left_out[column] for column in DEPTH_COLUMNS} == {
+        "the dataset's own depth is an estimate, no truth to compare with"}
+
+
+def test_the_plan_has_every_view_s_lens(plan) -> None:
+    lenses = plan(assign="held-out").lenses
+    assert lenses["assign"] == "held-out" and list(lenses["test"]) == ["v0", "v1"]
+    assert lenses["train"]["v2"] == [0.5, 0.8]  # A, F
 
 
 def test_a_needless_lens_is_left_out(plan) -> None:
@@ -61,11 +74,12 @@ def test_no_test_view_means_no_image_scores(plan) -> None:
     made = plan(test=0)
     assert made.columns == LENS_COLUMNS
     assert made.left_out["psnr"] == made.left_out["aif_psnr"] == "the dataset has no test views"
+    assert made.left_out["depth_rel"] == "the dataset has no test views"
 
 
 def test_sharp_inputs_have_no_lens_errors(plan) -> None:
     made = plan(inputs="all-in-focus")
-    assert made.protocol == "sharp-inputs-v1"
+    assert made.protocol == "sharp-inputs-v2"
     assert "sharp photographs" in made.left_out["delta_f"]
     assert made.largest_coc_px == 0
 
@@ -84,6 +98,7 @@ def test_a_plan_is_plain_data_and_text(plan) -> None:
 
 
 def test_every_protocol_is_found_by_its_inputs() -> None:
-    assert {protocol_for(protocol.inputs).id for protocol in PROTOCOLS.values()} == set(PROTOCOLS)
+    newest = {protocol_for(protocol.inputs).id for protocol in PROTOCOLS.values()}
+    assert newest == {"refocus-v2", "sharp-inputs-v2"} < set(PROTOCOLS)  # the older ones are still known
     with pytest.raises(InputError, match="inputs"):
         protocol_for("blurry")

@@ -21,11 +21,11 @@ from dofbench import synthesis
 from dofbench.errors import InputError, Status
 from dofbench.harness.evaluate import Evaluator
 from dofbench.harness.lock import is_running, locked, read_lock
-from dofbench.harness.protocol import LENS_COLUMNS, PROTOCOLS
+from dofbench.harness.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS
 from dofbench.harness.result import read_result
 from dofbench.images import read_image
 
-OPEN = PROTOCOLS["refocus-v1"]
+OPEN = PROTOCOLS["refocus-v2"]
 
 
 def text_console() -> tuple[Console, io.StringIO]:
@@ -39,7 +39,7 @@ def test_a_good_run(call, tmp_path: Path) -> None:
     assert end.folder.parent == tmp_path / "results" / "waves"
     result = read_result(end.folder)
     assert end.folder.name == f"fake-quick-seed0-{result.key[:8]}"
-    assert set(result.scores) == {*OPEN.refocus_columns, *OPEN.all_in_focus_columns, *LENS_COLUMNS,
+    assert set(result.scores) == {*OPEN.refocus_columns, *OPEN.all_in_focus_columns, *LENS_COLUMNS, *DEPTH_COLUMNS,
                                   "train_s", "steps", "render_fps", "peak_mb", "gaussians"}
     assert result.scores["steps"] == 8 and result.scores["gaussians"] == 80
     assert result.scores["psnr"] > 30 and result.scores["peak_mb"] > 10

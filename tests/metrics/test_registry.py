@@ -32,13 +32,14 @@ def noisy(image: np.ndarray, amount: float, seed: int = 1) -> np.ndarray:
 
 def test_ids() -> None:
     assert list(METRICS) == [
-        "psnr", "ssim", "ms_ssim", "flip", "gmsd", "delta_e", "delta_a", "delta_f", "delta_r"
+        "psnr", "ssim", "ms_ssim", "flip", "gmsd", "delta_e", "delta_a", "delta_f", "delta_r",
+        "disparity_error", "depth_rel",
     ]
     for key, entry in METRICS.items():
         assert entry.id == key
         assert entry.label and entry.note
         assert (entry.best > entry.worst) == entry.higher_is_better
-        assert (entry.function is None) == (entry.needs == "lens")
+        assert (entry.function is None) == (entry.needs != "images")
 
 
 @each
@@ -128,7 +129,7 @@ def test_score_image() -> None:
 def test_unknown_metrics_are_refused() -> None:
     with pytest.raises(InputError, match="'lpips', expected one of psnr, ssim"):
         metric("lpips")
-    with pytest.raises(InputError, match="needs lenses"):
+    with pytest.raises(InputError, match="needs lenses or depth"):
         score_image(picture(), picture(), ["delta_a"])
 
 

@@ -26,7 +26,7 @@ from dofbench.reporting.settings import Report
 
 HEADER = (
     "method,preset,dataset,scene,protocol,seed,status,psnr,ssim,ms_ssim,flip,gmsd,delta_e,aif_psnr,aif_ssim,aif_flip,"
-    "delta_a,delta_f,delta_r,train_s,steps,render_fps,peak_mb,gaussians"
+    "delta_a,delta_f,delta_r,train_s,steps,render_fps,peak_mb,gaussians,disparity_error,depth_rel"
 )
 
 
@@ -67,7 +67,7 @@ def test_the_header_is_exact_and_one_row_a_run(plain, call, made) -> None:
     assert len(table) == len(ends)
     first = read_result(ends[0].folder)
     row = next(row for row in table if row["method"] == "fake" and row["seed"] == "0")
-    assert (row["preset"], row["dataset"], row["protocol"], row["status"]) == ("quick", "waves", "refocus-v1", "ok")
+    assert (row["preset"], row["dataset"], row["protocol"], row["status"]) == ("quick", "waves", "refocus-v2", "ok")
     for column, value in first.scores.items():
         assert float(row[column]) == pytest.approx(value, rel=CSV_DIGITS)
     pinhole = next(row for row in table if row["method"] == "pinhole")
@@ -79,7 +79,7 @@ def test_the_page_explains_every_gap(plain, call, made) -> None:
     call(method="pinhole")
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text()
-    fake, pinhole, nothing = table_rows(page, "waves, refocus-v1")
+    fake, pinhole, nothing = table_rows(page, "waves, refocus-v2")
     assert fake["method"] == "fake" and pinhole["method"] == "pinhole" and nothing["method"].startswith("do nothing")
     assert pinhole["PSNR [dB] ↑"].startswith("–[^")
     assert notes(page, pinhole["PSNR [dB] ↑"]) == "Pinhole has no lens to refocus with"
@@ -98,7 +98,7 @@ def test_a_failed_run_shows_how_it_failed(plain, call, made) -> None:
     assert sorted(row["status"] for row in rows(out / "leaderboard.csv")) == ["crashed", "diverged"]
     assert {row["psnr"] for row in rows(out / "leaderboard.csv")} == {""}
     page = (out / "leaderboard.md").read_text()
-    shown = {row["preset"]: row for row in table_rows(page, "waves, refocus-v1")}
+    shown = {row["preset"]: row for row in table_rows(page, "waves, refocus-v2")}
     assert shown["quick trouble=lost"]["PSNR [dB] ↑"].startswith("diverged[^")
     assert notes(page, shown["quick trouble=lost"]["PSNR [dB] ↑"]) == "loss is nan at step 3"
     assert notes(page, shown["quick trouble=crash"]["δ_A ↓"]) == "RuntimeError: something broke"
@@ -111,13 +111,13 @@ def test_a_nan_is_shown(plain, call, made) -> None:
     (end.folder / "result.json").write_text(json.dumps(data))
     _, out, _ = made()
     assert rows(out / "leaderboard.csv")[0]["flip"] == "nan"
-    assert table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v1")[0]["FLIP ↓"] == "nan"
+    assert table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v2")[0]["FLIP ↓"] == "nan"
 
 
 def test_seeds_have_a_spread_and_a_failed_seed_is_not_left_out_of_a_mean(plain, call, made) -> None:
     values = [read_result(call(seed=seed).folder).scores["psnr"] for seed in (0, 1, 2)]
     _, out, _ = made()
-    (row, _) = table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v1")
+    (row, _) = table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v2")
     mean = sum(values) / 3
     spread = math.sqrt(sum((value - mean) ** 2 for value in values) / 2)
     assert row["seeds"] == "0, 1, 2" and row["PSNR [dB] ↑"] == f"{mean:.2f} ± {spread:.2f}"
@@ -128,7 +128,7 @@ def test_seeds_have_a_spread_and_a_failed_seed_is_not_left_out_of_a_mean(plain, 
     file.write_text(json.dumps(data))
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text()
-    cell = table_rows(page, "waves, refocus-v1")[0]["PSNR [dB] ↑"]
+    cell = table_rows(page, "waves, refocus-v2")[0]["PSNR [dB] ↑"]
     assert cell.startswith("diverged (1 of 3 seeds)[^") and notes(page, cell) == "loss is nan at step 3"
 
 
@@ -136,7 +136,7 @@ def test_the_best_is_bold_and_only_there(plain, call, made) -> None:
     call(set=("noise=0.5",))
     call(set=("noise=0.01",))
     _, out, _ = made()
-    good, bad, nothing = table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v1")
+    good, bad, nothing = table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v2")
     assert good["preset"] == "quick noise=0.01"  # sorted, best first
     assert good["PSNR [dB] ↑"].startswith("**") and not bad["PSNR [dB] ↑"].startswith("**")
     assert good["δ_A ↓"].startswith("**") and bad["δ_A ↓"].startswith("**")  # a tie
@@ -149,13 +149,16 @@ def test_protocols_never_share_a_table(plain, call, made) -> None:
     call(inputs="all-in-focus")
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text()
-    for protocol in ("refocus-v1", "sharp-inputs-v1"):
+    for protocol in ("refocus-v2", "sharp-inputs-v2"):
         methods = [row["method"] for row in table_rows(page, f"waves, {protocol}")]
         assert methods.count("fake") == 1
-    sharp = table_rows(page, "waves, sharp-inputs-v1")
+    sharp = table_rows(page, "waves, sharp-inputs-v2")
     assert [row["method"] for row in sharp] == ["fake"]  # no lens, so no do-nothing line
-    assert "sharp photographs" in notes(page, sharp[0]["δ_A ↓"])
-    assert {row["protocol"] for row in rows(out / "leaderboard.csv")} == {"refocus-v1", "sharp-inputs-v1"}
+    assert not {"δ_A ↓", "PSNR [dB] ↑"} & set(sharp[0])  # no row has them: there is no such column
+    below = page.split("## waves, sharp-inputs-v2")[1]
+    line = re.search(r"^Not shown, as no row has it: (.*)$", below, re.MULTILINE)[1]
+    assert "GMSD" in line and "no lens here);" in line and re.search(r"δ_A, δ_F, δ_R \(.*sharp photographs", line)
+    assert {row["protocol"] for row in rows(out / "leaderboard.csv")} == {"refocus-v2", "sharp-inputs-v2"}
 
 
 def test_two_versions_of_a_dataset_never_share_a_table(plain, call, made, tmp_path: Path) -> None:
@@ -165,7 +168,7 @@ def test_two_versions_of_a_dataset_never_share_a_table(plain, call, made, tmp_pa
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text()
     for checksum in (first, second):
-        assert len(table_rows(page, f"waves@{checksum[:8]}, refocus-v1")) == 2
+        assert len(table_rows(page, f"waves@{checksum[:8]}, refocus-v2")) == 2
     assert {row["dataset"] for row in rows(out / "leaderboard.csv")} == {f"waves@{c[:8]}" for c in (first, second)}
 
 
@@ -176,7 +179,7 @@ def test_what_looks_alike_is_told_apart(plain, call, made, tmp_path: Path) -> No
     code.write_text(code.read_text() + "\n# changed\n")
     call()
     _, out, _ = made()
-    presets = [row["preset"] for row in table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v1")][:3]
+    presets = [row["preset"] for row in table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v2")][:3]
     assert len(set(presets)) == 3
     assert "quick, 9it" in presets and all(re.fullmatch(r"quick, (9it|8it, code [0-9a-f]{8})", p) for p in presets)
 
@@ -187,7 +190,7 @@ def test_means_only_over_complete_sets_of_scenes(plain, call, made, tmp_path: Pa
     call(method="pinhole")
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text()
-    means = {row["method"]: row for row in table_rows(page, "Means over scenes, refocus-v1")}
+    means = {row["method"]: row for row in table_rows(page, "Means over scenes, refocus-v2")}
     assert means["fake"]["PSNR [dB] ↑"] == f"{sum(scores) / 2:.2f}"
     gap = means["pinhole"]["all-in-focus PSNR [dB] ↑"]
     assert notes(page, gap) == "no mean over an incomplete set: ripples missing of 2 scenes"
@@ -233,8 +236,8 @@ def test_figures_are_there_and_linked(call, made) -> None:
     assert written and all(path.is_file() for path in written)
     page = (out / "leaderboard.md").read_text()
     links = re.findall(r"!\[[^]]*\]\(([^)]+)\)", page)
-    assert {f"curves/waves-refocus-v1-{c}.svg" for c in ("psnr", "aif_psnr", "delta_a", "delta_f")} < set(links)
-    assert "comparison/waves-refocus-v1.png" in links
+    assert {f"curves/waves-refocus-v2-{c}.svg" for c in ("psnr", "aif_psnr", "delta_a", "delta_f")} < set(links)
+    assert "comparison/waves-refocus-v2.png" in links
     assert all((out / link).is_file() for link in links)
     assert {path.suffix for path in (out / "curves").iterdir()} == {".svg", ".png"}
 
@@ -289,7 +292,7 @@ def test_no_dataset_means_no_pictures_but_a_report(
     call()
     (tmp_path / "data" / "dataset.json").unlink()
     written, out, said = made()
-    assert written and "no pictures of waves, refocus-v1" in said
+    assert written and "no pictures of waves, refocus-v2" in said
     assert not (out / "comparison").exists()
 
 
