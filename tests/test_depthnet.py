@@ -33,8 +33,7 @@ def train() -> Iterator[ModuleType]:
         yield import_module("train")
     finally:
         sys.path.remove(str(FOLDER))
-        for name in ("train", "network"):
-            sys.modules.pop(name, None)
+        sys.modules.pop("train", None)
 
 
 @pytest.fixture(scope="module")

@@ -17,9 +17,9 @@ import cv2
 import numpy as np
 import torch
 import tyro
-from network import MEAN, STD, DepthNet
 from torch import Tensor
 
+from dofbench.depth.depthnet import MEAN, STD, DepthNet
 from dofbench.files import replacing
 
 SIZES = ((128, 96), (192, 160))   # (width, height) trained at: small at first, since that is three times as fast

@@ -8,7 +8,7 @@ from torch import Tensor
 from dofbench.cameras import Camera
 from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.render import SURFACE_ALPHA
-from dofbench.gaussians.supervision import SparseDepth
+from dofbench.gaussians.supervision import DepthSamples
 from dofbench.kernels import load
 
 
@@ -36,9 +36,9 @@ def adaptation_weight(out_of_focus: Tensor, options: TrainerOptions) -> Tensor |
     return 1 - step_function((out_of_focus - low) / (high - low).clamp(min=1e-12), options)
 
 
-def sparse_depth_loss(depth: Tensor, alpha: Tensor, truth: SparseDepth, options: TrainerOptions,
-                      disparity_extent: float, weight: Tensor | None) -> Tensor | None:
-    """Eq. 9 on the pixels that have a sparse point; None when none of them has a surface yet.
+def depth_loss(depth: Tensor, alpha: Tensor, truth: DepthSamples, options: TrainerOptions,
+               disparity_extent: float, weight: Tensor | None) -> Tensor | None:
+    """Eq. 9 on the pixels whose depth is known; None when none of them has a surface yet.
 
     In "disparity" the difference is taken in normalised disparity, the quantity that sets the
     circle of confusion; in "depth" in scene units, as published.
@@ -53,6 +53,9 @@ def sparse_depth_loss(depth: Tensor, alpha: Tensor, truth: SparseDepth, options:
     else:
         difference = rendered - expected
     error = difference.abs() if options.depth_norm == "l1" else difference.square()
+    if truth.weight is not None:
+        share = truth.weight[there]
+        error = error * (share / share.mean())
     if weight is not None:
         error = error * weight[rows, columns]
     # The root of the mean square is the norm of Eq. 9 made independent of the number of points.

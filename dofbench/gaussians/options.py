@@ -40,9 +40,15 @@ class TrainerOptions:
         Adam over the vectors (released). lens_lr, lens_lr_final: rate at the start and the end.
         lens_from: share of the training before which the lens stays as it was initialised.
         blur_to_depth: whether the blur's gradient reaches the geometry.
-    Depth supervision by sparse points (Eq. 9)
+    Depth supervision (Eq. 9)
         depth_weight: w_d, 0 switches it off. depth_norm: "l1" or "l2"; depth_space: "depth" (scene
         units) or "disparity" (normalised); depth_decay: factor reached at the end, linearly.
+        depth_prior: what supervises: "sparse" points; "stereo", our own on the photographs; a depth
+        "network" as it is; one that is "tuned" to the scene by stereo depth and points (section 4.2);
+        or "colmap", a dense workspace. depth_prior_file: the network, TorchScript; without it the
+        shipped one. depth_prior_workspace: COLMAP's dense folder; "tuned" takes it in place of stereo.
+        depth_prior_steps: of tuning, no more than the training's own. depth_prior_loss: Eq. 8,
+        "squared" (printed) or "absolute" (released), either with the best scale a view.
     Normal consistency (Eq. 12)
         normal_weight: w_n, 0 switches it off. normal_from: share of training from which it acts.
         normal_median: share of the median depth's normals, the rest from the expected depth.
@@ -104,6 +110,11 @@ class TrainerOptions:
     depth_norm: Literal["l1", "l2"] = "l2"
     depth_space: Literal["depth", "disparity"] = "depth"
     depth_decay: float = 0.1
+    depth_prior: Literal["sparse", "stereo", "network", "tuned", "colmap"] = "sparse"
+    depth_prior_file: str = ""
+    depth_prior_workspace: str = ""
+    depth_prior_steps: int = 150
+    depth_prior_loss: Literal["squared", "absolute"] = "squared"
 
     normal_weight: float = 0.05
     normal_from: float = 0.0

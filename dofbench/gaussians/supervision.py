@@ -1,4 +1,4 @@
-"""Sparse depth of every view from the structure-from-motion points (section 4.2)."""
+"""Depth of every view to supervise by (section 4.2): from the structure-from-motion points, or from a map."""
 
 from __future__ import annotations
 
@@ -14,15 +14,40 @@ from dofbench.scenes.visibility import hidden
 
 
 @dataclass(frozen=True, eq=False)
-class SparseDepth:
-    """rows, columns: (M,) int64 pixels; depth: (M,) float32 z in scene units."""
+class DepthSamples:
+    """rows, columns: (M,) int64 pixels; depth: (M,) float32 z in scene units. weight: (M,), or None: all alike."""
 
     rows: Tensor
     columns: Tensor
     depth: Tensor
+    weight: Tensor | None = None
 
 
-def sparse_depth(points: PointCloud, camera: Camera, view: int) -> SparseDepth:
+@dataclass(frozen=True, eq=False)
+class DepthMap:
+    """Depth of one view at its size: z (H, W) float32 in scene units, 0 unknown, and its weight (H, W), 0 ... 1."""
+
+    depth: np.ndarray
+    weight: np.ndarray
+
+    def samples(self, camera: Camera) -> DepthSamples:
+        """What is known at the pixels of the same view at the camera's size.
+
+        The nearest pixel's: a mean of depths, or of depths and zeros, is no surface's depth.
+        """
+        height, width = self.depth.shape
+        rows = ((np.arange(camera.height) + 0.5) * height / camera.height).astype(np.int64)
+        columns = ((np.arange(camera.width) + 0.5) * width / camera.width).astype(np.int64)
+        depth, weight = (values[rows[:, None], columns] for values in (self.depth, self.weight))
+        known = np.nonzero((depth > 0) & (weight > 0))
+        return DepthSamples(
+            rows=torch.from_numpy(known[0]), columns=torch.from_numpy(known[1]),
+            depth=torch.from_numpy(depth[known].astype(np.float32)),
+            weight=torch.from_numpy(weight[known].astype(np.float32)),
+        )
+
+
+def sparse_depth(points: PointCloud, camera: Camera, view: int) -> DepthSamples:
     """The points that view number `view` sees, projected to pixels.
 
     With tracks, those whose track names the view. Without tracks, those inside the image that are
@@ -39,7 +64,7 @@ def sparse_depth(points: PointCloud, camera: Camera, view: int) -> SparseDepth:
     if points.views is None:
         chosen = chosen[~hidden(xy[chosen], depth[chosen], camera.width)]
     pixels = xy[chosen].astype(np.int64)
-    return SparseDepth(
+    return DepthSamples(
         rows=torch.from_numpy(pixels[:, 1].copy()),
         columns=torch.from_numpy(pixels[:, 0].copy()),
         depth=torch.from_numpy(depth[chosen].astype(np.float32)),

@@ -24,10 +24,11 @@ from dofbench.gaussians.optimiser import GaussianOptimiser
 from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.raster import ViewStatistics
 from dofbench.gaussians.render import SURFACE_ALPHA, rasterise, render_view, surface_disparity
-from dofbench.gaussians.supervision import SparseDepth, all_disparities, sparse_depth
+from dofbench.gaussians.supervision import DepthSamples, all_disparities
 from dofbench.gaussians.warmup import compile_kernels
 from dofbench.images import resize
 from dofbench.lens import COC_FRACTION, DisparityRange, PhysicalLens
+from dofbench.priors import Prior, make_prior
 
 _RENDER_RANGE_QUANTILE = 0.95  # the released code's near end of the disparity range
 _FILTER_3D_EVERY = 100         # steps; Mip-Splatting's interval
@@ -41,7 +42,7 @@ class _View:
     name: str
     camera: Camera
     image: Tensor
-    sparse: SparseDepth | None
+    known: DepthSamples | None
 
 
 class NonFiniteError(FloatingPointError):
@@ -62,7 +63,8 @@ class Trainer:
         self.options = options
         self.gaussians = Gaussians.from_points(training_set.points, options.sh_degree)
         self._views = training_set.views
-        self._points = training_set.points
+        self._training_set, self._seed = training_set, seed
+        self._prior: Prior | None = None
         self._cameras = [view.camera for view in training_set.views]
         self._extent = scene_extent(self._cameras)
         self._generator = torch.Generator().manual_seed(seed)
@@ -80,10 +82,14 @@ class Trainer:
         total = budget.steps or self.options.steps
         step, event = 0, None
         order: list[int] = []
-        full = [self._view(index, 1) for index in range(len(self._views))]
-        factor = self.options.coarse_factor
-        coarse = [self._view(index, factor) for index in range(len(full))] if self.options.coarse_until > 0 else full
         try:
+            with self._timed("depth prior"):
+                self._prior = self._depth_prior(total)
+            full = [self._view(index, 1) for index in range(len(self._views))]
+            factor = self.options.coarse_factor
+            coarse = full
+            if self.options.coarse_until > 0:
+                coarse = [self._view(index, factor) for index in range(len(full))]
             while step < total:
                 progress = step / total
                 if budget.seconds is not None:
@@ -116,9 +122,16 @@ class Trainer:
         width, height = view.camera.width // factor, view.camera.height // factor
         camera = view.camera if factor == 1 else view.camera.resized(width, height)
         image = torch.from_numpy(np.ascontiguousarray(resize(view.image, width, height)))
-        supervised = self.options.depth_weight > 0 and self._points is not None
-        sparse = sparse_depth(self._points, camera, index) if supervised else None
-        return _View(index, view.name, camera, image, sparse)
+        known = None if self._prior is None else self._prior.samples(index, camera)
+        return _View(index, view.name, camera, image, known)
+
+    def _depth_prior(self, steps: int) -> Prior | None:
+        if self.options.depth_weight <= 0:
+            return None
+        try:
+            return make_prior(self._training_set, self.options, seed=self._seed, steps=steps)
+        except FloatingPointError as error:
+            raise NonFiniteError(NonFinite(0, "", "depth prior", str(error))) from None
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:
@@ -133,7 +146,7 @@ class Trainer:
         with_normals = options.normal_weight > 0 and progress >= options.normal_from
         adapting = options.adaptation != "off" or options.adaptation_aperture
         adapting = adapting and self.lenses is not None and progress >= options.adaptation_from
-        with_depth = self.lenses is not None or view.sparse is not None
+        with_depth = self.lenses is not None or view.known is not None
 
         with self._timed("rasterise"):
             statistics = ViewStatistics(want_abs=options.grow_absolute)
@@ -158,9 +171,8 @@ class Trainer:
         with self._timed("loss"):
             weight = losses.adaptation_weight(out_of_focus, options) if adapting else None
             loss = losses.reconstruction(image, view.image, options.ssim_weight, weight)
-            if view.sparse is not None:
-                supervision = losses.sparse_depth_loss(
-                    depth, alpha, view.sparse, options, self.range.extent, weight)
+            if view.known is not None:
+                supervision = losses.depth_loss(depth, alpha, view.known, options, self.range.extent, weight)
                 if supervision is not None:
                     decay = 1 - (1 - options.depth_decay) * progress
                     loss = loss + options.depth_weight * decay * supervision

@@ -24,6 +24,7 @@ from dofbench.harness.prepare import Prepared, choose, prepare
 from dofbench.harness.progress import TrainingProgress, print_result
 from dofbench.harness.result import RESULT_FILE, SCHEMA_VERSION, CurvePoint, Event, Result, write_result
 from dofbench.harness.settings import Run
+from dofbench.harness.warm_up import miniature
 from dofbench.metrics import METRICS
 
 ProgressBar = Callable[[Console, Budget], AbstractContextManager[Report]]
@@ -143,7 +144,7 @@ class _Execution:
         with self.stages["warm up"].running():
             # Kernels compile at their first call, for a minute or for none, as their cache has it. A first
             # step that isn't counted keeps that out of the training time, and of a budget in seconds.
-            self.method.fit(training_set, self.budget, OneStep())
+            self.method.fit(miniature(training_set), Budget(steps=1), OneStep())
         self._use(self.entry.create(dict(self.plan.options), self.spec.seed, self.spec.device))
         provenance.reset_peak_memory()
         clock, evaluating = self.stages["train"], self.stages["evaluate during training"]

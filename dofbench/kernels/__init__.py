@@ -14,7 +14,7 @@ from dofbench.errors import InputError
 
 __path__ = [str(content_folder("kernels"))]
 
-OPS = ("rasterize", "scatter", "ssim")
+OPS = ("rasterize", "scatter", "ssim", "stereo")
 BACKENDS = ("reference", "cpu")
 _BY_DEVICE = {"cpu": "cpu", "cuda": "reference"}
 

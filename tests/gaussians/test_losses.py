@@ -8,7 +8,7 @@ from tolerances import FLOAT32_SCALAR, PLANE_NORMAL
 from dofbench.cameras import Camera
 from dofbench.gaussians import losses
 from dofbench.gaussians.options import TrainerOptions
-from dofbench.gaussians.supervision import SparseDepth
+from dofbench.gaussians.supervision import DepthSamples
 
 CAMERA = Camera(24, 18, 20.0, 21.0, 12.5, 8.0, np.eye(4))
 
@@ -57,15 +57,15 @@ def test_the_two_readings_of_eq_13_weight_opposite_regions():
     ("l1", "depth", (1.0 + 3.0) / 2), ("l2", "depth", math.sqrt((1 + 9) / 2)),
     ("l1", "disparity", (abs(1 / 3 - 1 / 2) + abs(1 / 5 - 1 / 2)) / 2 / 0.5),
 ])
-def test_sparse_depth_loss_by_hand(norm, space, expected):
+def test_depth_loss_by_hand(norm, space, expected):
     depth = torch.full((4, 4), 2.0)
     depth[1, 2], depth[3, 0] = 3.0, 5.0
-    truth = SparseDepth(torch.tensor([1, 3]), torch.tensor([2, 0]), torch.tensor([2.0, 2.0]))
+    truth = DepthSamples(torch.tensor([1, 3]), torch.tensor([2, 0]), torch.tensor([2.0, 2.0]))
     options = TrainerOptions(depth_norm=norm, depth_space=space)
-    loss = losses.sparse_depth_loss(depth, torch.ones(4, 4), truth, options, 0.5, None)
+    loss = losses.depth_loss(depth, torch.ones(4, 4), truth, options, 0.5, None)
     assert float(loss) == pytest.approx(expected, rel=FLOAT32_SCALAR)
 
 
 def test_sparse_depth_says_nothing_where_there_is_no_surface():
-    truth = SparseDepth(torch.tensor([1]), torch.tensor([2]), torch.tensor([2.0]))
-    assert losses.sparse_depth_loss(torch.zeros(4, 4), torch.zeros(4, 4), truth, TrainerOptions(), 1.0, None) is None
+    truth = DepthSamples(torch.tensor([1]), torch.tensor([2]), torch.tensor([2.0]))
+    assert losses.depth_loss(torch.zeros(4, 4), torch.zeros(4, 4), truth, TrainerOptions(), 1.0, None) is None

@@ -1,0 +1,95 @@
+"""Depth priors of a scene, from what a method may see (DoF-Gaussian, section 4.2).
+
+`make_prior` gives what Eq. 9 is supervised by: the sparse points, our stereo (`stereo.py`), a depth network as it is
+(`network.py`) or tuned to the scene (`tuning.py`), or a dense workspace of COLMAP's (`colmap.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from dofbench.cameras import Camera
+from dofbench.contracts import PointCloud, TrainingSet
+from dofbench.errors import InputError
+from dofbench.gaussians.options import TrainerOptions
+from dofbench.gaussians.supervision import DepthMap, DepthSamples, sparse_depth
+
+
+class Prior(Protocol):
+    """Depth to supervise by."""
+
+    def samples(self, index: int, camera: Camera) -> DepthSamples:
+        """What is known of training view `index`, in the pixels of its camera at any size."""
+
+
+@dataclass(frozen=True, eq=False)
+class SparsePrior:
+    """The sparse points alone."""
+
+    points: PointCloud
+
+    def samples(self, index: int, camera: Camera) -> DepthSamples:
+        """The points that the view sees."""
+        return sparse_depth(self.points, camera, index)
+
+
+@dataclass(frozen=True, eq=False)
+class DensePrior:
+    """One depth map a training view."""
+
+    maps: Sequence[DepthMap]
+
+    def samples(self, index: int, camera: Camera) -> DepthSamples:
+        """The map's known pixels, nearest at the camera's size."""
+        return self.maps[index].samples(camera)
+
+
+def make_prior(training_set: TrainingSet, options: TrainerOptions, *, seed: int, steps: int) -> Prior:
+    """The prior that the options ask for. steps: of the training; tuning a network takes no more of its own.
+
+    Raises InputError for a file that is missing or wrong, and FloatingPointError when tuning diverges.
+    """
+    _check_files(options)
+    points = training_set.points
+    if options.depth_prior == "sparse":
+        if points is None:
+            raise InputError("option depth_prior", "sparse for a training set without points", "stereo needs them too")
+        return SparsePrior(points)
+    # Each is loaded where it is wanted: a network needs what stereo doesn't.
+    if options.depth_prior == "colmap":
+        from dofbench.priors.colmap import workspace_depth
+
+        return DensePrior(workspace_depth(Path(options.depth_prior_workspace), training_set))
+    from dofbench.priors.stereo import stereo_depth
+
+    if options.depth_prior == "stereo":
+        return DensePrior(stereo_depth(training_set))
+    from dofbench.priors.network import open_network, predicted_depth
+
+    network = open_network(options.depth_prior_file, training_set)
+    if options.depth_prior == "network":
+        return DensePrior(predicted_depth(network, training_set, None))
+    from dofbench.priors.tuning import tune
+
+    if options.depth_prior_workspace:
+        from dofbench.priors.colmap import workspace_depth
+
+        known = workspace_depth(Path(options.depth_prior_workspace), training_set)
+    else:
+        known = stereo_depth(training_set)
+    tune(network, training_set, known, steps=min(options.depth_prior_steps, steps), loss=options.depth_prior_loss,
+         seed=seed)
+    return DensePrior(predicted_depth(network, training_set, known))
+
+
+def _check_files(options: TrainerOptions) -> None:
+    """Raise InputError for a file that the prior needs and hasn't, or has and doesn't read."""
+    prior = options.depth_prior
+    if prior == "colmap" and not options.depth_prior_workspace:
+        raise InputError("option depth_prior_workspace", "none", "COLMAP's dense folder, as depth_prior is colmap")
+    for name, readers in (("depth_prior_workspace", ("colmap", "tuned")), ("depth_prior_file", ("network", "tuned"))):
+        if getattr(options, name) and prior not in readers:
+            raise InputError(f"option {name}", getattr(options, name), f"none, as depth_prior {prior} doesn't read it")

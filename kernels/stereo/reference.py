@@ -1,0 +1,135 @@
+"""Plane-sweep stereo, the definition: plain torch, any floating type.
+
+Sources: Collins, "A space-sweep approach to true multi-image matching", CVPR 1996, for the sweep over planes;
+Hirschmueller, "Stereo processing by semiglobal matching and mutual information", TPAMI 2008, section 2.3, for paths.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+FLOOR = 2e-5       # added to both variances, encoded values squared: noise and rounding of a flat patch match nothing
+UNKNOWN = 0.0      # score where no source sees the pixel: that of two unrelated patches
+CENTRE = 0.5       # taken off the images: sums of squares around zero lose fewer digits
+FAR = 2            # planes around the best one that don't count as another answer
+
+
+def check(reference: Tensor, sources: Tensor, maps: Tensor, disparities: Tensor, radius: int, best: int) -> None:
+    """Raise ValueError, naming what was found and expected, for arguments `stereo` can't take."""
+    if reference.ndim != 2 or sources.ndim != 3:
+        raise ValueError(f"stereo: expected images (H, W) and (S, h, w), found {tuple(reference.shape)}, "
+                         f"{tuple(sources.shape)}")
+    if tuple(maps.shape) != (len(sources), 3, 4) or disparities.ndim != 1:
+        raise ValueError(f"stereo: expected maps ({len(sources)}, 3, 4) and disparities (D,), found "
+                         f"{tuple(maps.shape)}, {tuple(disparities.shape)}")
+    if radius < 1 or not 1 <= best <= len(sources):
+        raise ValueError(f"stereo: expected radius >= 1 and best in 1 ... {len(sources)}, found {radius}, {best}")
+
+
+def stereo(reference: Tensor, sources: Tensor, maps: Tensor, disparities: Tensor, *, radius: int, best: int) -> Tensor:
+    """How well each pixel matches the other views at each plane: (H, W, D), -1 ... 1.
+
+    reference: (H, W) and sources: (S, h, w), grey, encoded. maps: (S, 3, 4); the first three columns
+    times (x, y, 1) plus the last times disparity is the homogeneous image coordinate in the source.
+    disparities: (D,), 1 / scene unit. The score of a source is the normalised cross-correlation over a
+    window of 2 radius + 1 pixels, a plane of constant depth; a pixel's is the mean of its `best` largest
+    among the sources that it falls into (of all of them where they are fewer), as some are occluded.
+    Beyond an image its border goes on.
+    """
+    check(reference, sources, maps, disparities, radius, best)
+    height, width = reference.shape
+    side = 2 * radius + 1
+    y = torch.arange(-radius, height + radius, dtype=reference.dtype) + 0.5
+    x = torch.arange(-radius, width + radius, dtype=reference.dtype) + 0.5
+    rows = torch.arange(-radius, height + radius).clamp(0, height - 1)
+    columns = torch.arange(-radius, width + radius).clamp(0, width - 1)
+    patch = reference[rows][:, columns] - CENTRE
+
+    def mean(image: Tensor) -> Tensor:
+        return torch.nn.functional.avg_pool2d(image[None, None], side, stride=1)[0, 0]
+
+    own, own_variance = mean(patch), (mean(patch * patch) - mean(patch) ** 2).clamp_min(0) + FLOOR
+    scores = []
+    for disparity in disparities:
+        found = []
+        for source, matrix in zip(sources, maps, strict=True):
+            u, v, w = (matrix[i, 0] * x + (matrix[i, 1] * y[:, None] + (matrix[i, 2] + matrix[i, 3] * disparity))
+                       for i in range(3))
+            warped, inside = _bilinear(source - CENTRE, u / w, v / w)
+            inside = (inside & (w > 0))[radius:-radius, radius:-radius]
+            other = mean(warped)
+            variance = (mean(warped * warped) - other**2).clamp_min(0) + FLOOR
+            score = (mean(patch * warped) - own * other) / (own_variance * variance).sqrt()
+            found.append(torch.where(inside, score, -torch.inf))
+        largest = torch.stack(found).topk(best, dim=0).values
+        seen = largest > -torch.inf
+        total = torch.where(seen, largest, 0).sum(0)
+        scores.append(torch.where(seen.any(0), total / seen.sum(0).clamp_min(1), UNKNOWN))
+    return torch.stack(scores, dim=-1)
+
+
+def _bilinear(image: Tensor, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+    """Samples at image coordinates, the border going on, and whether they are inside."""
+    height, width = image.shape
+    inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    x = torch.nan_to_num(x - 0.5).clamp(0, width - 1)
+    y = torch.nan_to_num(y - 0.5).clamp(0, height - 1)
+    left, top = x.long().clamp(max=max(width - 2, 0)), y.long().clamp(max=max(height - 2, 0))
+    right, bottom = (left + 1).clamp(max=width - 1), (top + 1).clamp(max=height - 1)
+    x, y = x - left, y - top
+    upper = image[top, left] + x * (image[top, right] - image[top, left])
+    lower = image[bottom, left] + x * (image[bottom, right] - image[bottom, left])
+    return upper + y * (lower - upper), inside
+
+
+def upsample(scores: Tensor, coarse: Tensor, weight: float) -> None:
+    """Add `weight` times the scores of a coarser level (h, w, D), bilinearly enlarged, to scores (H, W, D), in place.
+    """
+    size = scores.shape[:2]
+    enlarged = torch.nn.functional.interpolate(coarse.permute(2, 0, 1)[None], size, mode="bilinear",
+                                               align_corners=False)
+    scores += weight * enlarged[0].permute(1, 2, 0)
+
+
+def semiglobal(scores: Tensor, guide: Tensor, *, small: float, large: float, edge: float
+               ) -> tuple[Tensor, Tensor, Tensor]:
+    """The plane of each pixel by semiglobal matching along the four axes: (plane, score, margin), each (H, W).
+
+    scores: (H, W, D); a plane's cost is its negative score. guide: (H, W), the grey image: a jump of
+    more than one plane costs `large` / (1 + |difference of grey| / edge), but never less than `small`,
+    what a change by one plane costs. plane: fractional index, refined by a parabola through the summed
+    costs. score: the pixel's own at the nearest whole plane. margin: how much more, in the mean over the
+    paths, the best plane costs that is more than two planes away.
+    """
+    height, width, count = scores.shape
+    total = torch.zeros_like(scores)
+    for axis, size in ((1, width), (0, height)):
+        for order in (range(size), range(size - 1, -1, -1)):
+            cost = before = None
+            for index in order:
+                own = -scores.select(axis, index)
+                grey = guide.select(axis, index)
+                if cost is None:
+                    cost = own
+                else:
+                    jump = (large / (1 + (grey - before).abs() / edge)).clamp_min(small)
+                    lowest = cost.min(dim=-1, keepdim=True).values
+                    padded = torch.nn.functional.pad(cost, (1, 1), value=torch.inf)
+                    step = torch.minimum(padded[..., :-2], padded[..., 2:]) + small
+                    way = torch.minimum(torch.minimum(cost, step), lowest + jump[..., None])
+                    cost = own + way - lowest
+                total.select(axis, index).add_(cost)
+                before = grey
+    least, winner = total.min(dim=-1)
+    inner = winner.clamp(1, max(count - 2, 1))
+    if count >= 3:
+        left, middle, right = (total.gather(-1, (inner + k)[..., None])[..., 0] for k in (-1, 0, 1))
+        curvature = left - 2 * middle + right
+        shift = torch.where(curvature > 0, 0.5 * (left - right) / curvature, 0).clamp(-0.5, 0.5)
+        shift = torch.where(inner == winner, shift, 0)
+    else:
+        shift = torch.zeros_like(least)
+    near = (torch.arange(count) - winner[..., None]).abs() <= FAR
+    second = torch.where(near, torch.inf, total).min(dim=-1).values
+    return winner + shift, scores.gather(-1, winner[..., None])[..., 0], (second - least) / 4

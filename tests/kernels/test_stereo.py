@@ -1,0 +1,113 @@
+"""The sweep, its levels and the semiglobal paths: numba against the definition, and both against what is known."""
+
+from __future__ import annotations
+
+import numba
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tolerances import FLAT_SCORE, FLOAT32_GRADIENT, FLOAT32_VALUE
+
+from dofbench.kernels import load
+
+PENALTIES = {"small": 0.05, "large": 0.5, "edge": 0.1}
+
+
+def case(height: int, width: int, sources: int, planes: int, seed: int):
+    """Images and nearly rectified cameras that look a little aside, so that some pixels fall outside."""
+    random = torch.Generator().manual_seed(seed)
+    images = torch.rand(sources + 1, height, width, generator=random)
+    spread = torch.tensor([[1.0, 1, 50], [1, 1, 50], [1e-3, 1e-3, 1]])
+    maps = torch.zeros(sources, 3, 4, dtype=torch.float64)
+    for one in maps:
+        one[:, :3] = torch.eye(3) + 0.02 * torch.randn(3, 3, generator=random) * spread
+        one[:, 3] = torch.randn(3, generator=random) * torch.tensor([10.0, 10.0, 0.01])
+    return images[0], images[1:], maps, torch.linspace(0.1, 1.0, planes)
+
+
+@settings(max_examples=12)
+@given(st.integers(1, 24), st.integers(1, 40), st.integers(1, 4), st.integers(1, 7), st.integers(1, 3), st.data())
+def test_the_kernel_is_the_definition(height, width, sources, planes, radius, data):
+    best = data.draw(st.integers(1, sources))
+    given_case = case(height, width, sources, planes, data.draw(st.integers(0, 99)))
+    found = load("stereo")(*given_case, radius=radius, best=best)
+    expected = load("stereo", "reference")(*(one.double() for one in given_case), radius=radius, best=best)
+    # At the border of a source float32 may fall on the other side.
+    difference = (found - expected).abs()
+    assert float((difference > FLOAT32_GRADIENT).float().mean()) < 0.01
+    assert found.abs().max() <= 1 + FLOAT32_VALUE
+
+
+@settings(max_examples=12)
+@given(st.integers(1, 12), st.integers(1, 20), st.integers(1, 9), st.integers(0, 99))
+def test_paths_are_the_definition(height, width, planes, seed):
+    random = torch.Generator().manual_seed(seed)
+    scores, guide = torch.rand(height, width, planes, generator=random), torch.rand(height, width, generator=random)
+    found = load("stereo", function="semiglobal")(scores, guide, **PENALTIES)
+    expected = load("stereo", "reference", function="semiglobal")(scores.double(), guide.double(), **PENALTIES)
+    for one, other in zip(found, expected, strict=True):
+        assert torch.allclose(one.double(), other, atol=FLOAT32_GRADIENT)
+
+
+@given(st.integers(2, 14), st.integers(2, 14))
+def test_levels_are_added_bilinearly(height, width):
+    random = torch.Generator().manual_seed(height)
+    scores, coarse = torch.rand(height, width, 3, generator=random), torch.rand(height // 2, width // 2, 3,
+                                                                                generator=random)
+    expected = scores.double()
+    load("stereo", "reference", function="upsample")(expected, coarse.double(), 0.5)
+    load("stereo", function="upsample")(scores, coarse, 0.5)
+    assert torch.allclose(scores.double(), expected, atol=FLOAT32_VALUE)
+
+
+@pytest.mark.parametrize("backend", ["cpu", "reference"])
+def test_a_shifted_image_matches_at_its_shift(backend):
+    """A plane at disparity 3 moves the image by three pixels, whatever its brightness and contrast."""
+    image = torch.rand(30, 60, generator=torch.Generator().manual_seed(0))
+    source = 0.3 + 0.4 * torch.roll(image, 3, dims=1)
+    maps = torch.eye(3, 4)[None].clone()
+    maps[0, 0, 3] = 1.0
+    scores = load("stereo", backend)(image, source[None], maps, torch.arange(7.0), radius=3, best=1)
+    inner = scores[8:-8, 8:-12]
+    assert (inner.argmax(-1) == 3).all() and inner[..., 3].min() > 0.99
+    plane, score, margin = load("stereo", backend, function="semiglobal")(scores, image, **PENALTIES)
+    assert (plane[8:-8, 8:-12] - 3).abs().max() < 0.2
+    assert score[8:-8, 8:-12].min() > 0.99 and margin[8:-8, 8:-12].min() > 0.1
+
+
+def test_a_flat_image_matches_nothing():
+    flat = torch.full((20, 20), 0.7)
+    maps = torch.eye(3, 4)[None]
+    assert load("stereo")(flat, flat[None], maps, torch.ones(2), radius=3, best=1).abs().max() < FLAT_SCORE
+
+
+def test_threads_change_no_bit():
+    given_case = case(50, 70, 3, 9, 0)
+    guide, found, threads = given_case[0], set(), numba.get_num_threads()
+    try:
+        for count in {1, threads}:
+            numba.set_num_threads(count)
+            scores = load("stereo")(*given_case, radius=2, best=2)
+            chosen = load("stereo", function="semiglobal")(scores, guide, **PENALTIES)
+            found.add((scores.numpy().tobytes(), *(one.numpy().tobytes() for one in chosen)))
+    finally:
+        numba.set_num_threads(threads)
+    assert len(found) == 1
+
+
+@pytest.mark.parametrize("backend", ["cpu", "reference"])
+@pytest.mark.parametrize(("change", "message"), [
+    (lambda r, s, m, d: (r[0], s, m, d), r"\(H, W\)"),
+    (lambda r, s, m, d: (r, s, m[:1], d), r"maps \(2, 3, 4\)"),
+    (lambda r, s, m, d: (r, s, m, d[None]), r"disparities \(D,\)"),
+])
+def test_what_cannot_be_swept_is_refused(backend, change, message):
+    with pytest.raises(ValueError, match=message):
+        load("stereo", backend)(*change(*case(9, 9, 2, 3, 0)), radius=2, best=1)
+
+
+@pytest.mark.parametrize(("radius", "best"), [(0, 1), (2, 0), (2, 3)])
+def test_windows_and_counts_that_make_no_sense_are_refused(radius, best):
+    with pytest.raises(ValueError, match="radius"):
+        load("stereo")(*case(9, 9, 2, 3, 0), radius=radius, best=best)

@@ -1,0 +1,124 @@
+"""Options to priors, priors to the trainer, and what they cost before the clock runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from dofbench.contracts import Budget
+from dofbench.errors import InputError, Status
+from dofbench.gaussians.options import TrainerOptions
+from dofbench.gaussians.supervision import DepthMap, sparse_depth
+from dofbench.gaussians.trainer import Trainer
+from dofbench.harness.observer import OneStep
+from dofbench.harness.warm_up import miniature
+from dofbench.priors import make_prior
+
+
+class _Forever:
+    def seconds(self) -> float:
+        return 0.0
+
+    def after_step(self, step: int, loss: float) -> bool:
+        return True
+
+
+def _options(**overrides) -> TrainerOptions:
+    return TrainerOptions().with_overrides({"steps": 12, "sh_degree": 0, "adaptation": "off", "normal_weight": 0.0,
+                                            "depth_space": "disparity", "depth_norm": "l1", **overrides})
+
+
+def test_sparse_is_what_the_points_say(photographed):
+    prior = make_prior(photographed.training_set, _options(), seed=0, steps=1)
+    camera = photographed.training_set.views[1].camera
+    expected = sparse_depth(photographed.training_set.points, camera, 1)
+    assert torch.equal(prior.samples(1, camera).depth, expected.depth)
+
+
+@pytest.mark.parametrize(("overrides", "part"), [
+    ({"depth_prior": "colmap"}, "depth_prior_workspace"),
+    ({"depth_prior": "stereo", "depth_prior_file": "n.pt"}, "depth_prior_file"),
+    ({"depth_prior": "network", "depth_prior_workspace": "dense"}, "depth_prior_workspace"),
+])
+def test_files_that_do_not_go_with_the_prior_are_named(photographed, overrides, part):
+    with pytest.raises(InputError, match=part) as caught:
+        make_prior(photographed.training_set, _options(**overrides), seed=0, steps=1)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_map_at_half_the_size_mixes_nothing(photographed):
+    camera = photographed.training_set.views[0].camera
+    depth = np.zeros((camera.height, camera.width), np.float32)
+    depth[::3] = 2.0
+    depth[1::3] = 8.0
+    known = DepthMap(depth, (depth > 0).astype(np.float32))
+    half = known.samples(camera.resized(camera.width // 2, camera.height // 2))
+    assert set(half.depth.tolist()) == {2.0, 8.0}
+    assert int(half.rows.max()) < camera.height // 2 and int(half.columns.max()) < camera.width // 2
+    full = known.samples(camera)
+    assert torch.equal(full.depth, torch.from_numpy(depth[depth > 0]))
+
+
+def test_training_by_stereo_brings_depth_nearer_to_the_truth(photographed):
+    """From one start, with depth as the only loss that moves it: what the prior says arrives."""
+    errors = {}
+    for weight in (0.0, 1.0):
+        options = _options(depth_prior="stereo", depth_weight=weight, coarse_until=0.5, steps=120, lens=False,
+                           densify_from=1.0)
+        trainer = Trainer(photographed.training_set, options, 0)
+        outcome = trainer.fit(Budget(), _Forever())
+        assert outcome.status is Status.OK
+        assert ("depth prior" in outcome.stages) and (outcome.stages["depth prior"] > 0)
+        found = [trainer.render(view.camera, None).depth for view in photographed.training_set.views]
+        errors[weight] = np.mean([np.abs(1 / one[one > 0] - 1 / true[one > 0]).mean()
+                                  for one, true in zip(found, photographed.truth, strict=True)])
+    assert errors[1.0] < 0.9 * errors[0.0]
+
+
+def test_the_same_seed_trains_to_the_same_bits_with_a_prior(photographed):
+    found = []
+    for _ in range(2):
+        trainer = Trainer(photographed.training_set, _options(depth_prior="stereo"), 3)
+        trainer.fit(Budget(), _Forever())
+        found.append(trainer.gaussians.parameters["means"].detach().numpy().tobytes())
+    assert found[0] == found[1]
+
+
+def test_a_miniature_is_the_same_scene_with_few_pixels(photographed):
+    own, small = photographed.training_set, miniature(photographed.training_set)
+    assert [view.name for view in small.views] == [view.name for view in own.views]
+    assert small.points is own.points
+    for view, before in zip(small.views, own.views, strict=True):
+        assert max(view.image.shape) <= 96 and view.image.shape == (view.camera.height, view.camera.width, 3)
+        assert view.camera.fx / view.camera.width == pytest.approx(before.camera.fx / before.camera.width)
+
+
+def test_warming_up_takes_one_step_and_no_tuning_to_speak_of(photographed, monkeypatch):
+    from dofbench.priors import tuning
+
+    steps = []
+    monkeypatch.setattr(tuning, "tune", lambda *arguments, **given: steps.append(given["steps"]))
+    trainer = Trainer(miniature(photographed.training_set), _options(depth_prior="tuned"), 0)
+    assert trainer.fit(Budget(steps=1), OneStep()).status is Status.OK
+    assert steps == [1]
+
+
+def test_a_tuning_that_diverges_is_a_typed_failure(photographed, monkeypatch):
+    from dofbench.priors import tuning
+
+    def fail(*arguments, **given):
+        raise FloatingPointError("views v: loss is nan at tuning step 3")
+
+    monkeypatch.setattr(tuning, "tune", fail)
+    outcome = Trainer(photographed.training_set, _options(depth_prior="tuned"), 0).fit(Budget(), _Forever())
+    assert outcome.status is Status.DIVERGED and outcome.nonfinite[0].stage == "depth prior"
+    assert "tuning step 3" in outcome.message
+
+
+def test_a_network_that_is_not_there_is_named(photographed, tmp_path: Path):
+    options = _options(depth_prior="network", depth_prior_file=str(tmp_path / "none.pt"))
+    with pytest.raises(InputError, match=r"none\.pt: found no such file"):
+        make_prior(photographed.training_set, options, seed=0, steps=1)

@@ -1,0 +1,87 @@
+"""Stereo on shallow photographs against exact depth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tolerances import STEREO_OUTLIERS
+
+from dofbench.cameras import Camera
+from dofbench.gaussians.supervision import sparse_depth
+from dofbench.priors.stereo import choose_sources, disparity_bounds, plane_map, stereo_depth
+
+
+@pytest.fixture(scope="module")
+def maps(photographed):
+    return stereo_depth(photographed.training_set)
+
+
+def test_most_of_what_it_finds_is_right_and_it_finds_much(photographed, maps):
+    found, right = photographed.shares(maps, within=0.05)
+    assert found > 0.4
+    assert right > 1 - STEREO_OUTLIERS
+
+
+def test_it_finds_far_more_than_the_sparse_points(photographed, maps):
+    views = photographed.training_set.views
+    sparse = sum(len(sparse_depth(photographed.training_set.points, view.camera, index).depth)
+                 for index, view in enumerate(views))
+    assert sum(int((one.depth > 0).sum()) for one in maps) > 10 * sparse
+
+
+def test_weight_tells_good_from_bad(photographed, maps):
+    depth, weight = (np.stack([getattr(one, name) for one in maps]) for name in ("depth", "weight"))
+    known = depth > 0
+    assert ((weight > 0) == known).all() and weight.max() <= 1
+    error = np.abs(depth[known] / np.stack(photographed.truth)[known] - 1)
+    order = np.argsort(weight[known])
+    quarter = len(order) // 4
+    assert error[order[-quarter:]].mean() < 0.7 * error[order[:quarter]].mean()
+
+
+def test_what_agrees_with_no_other_view_is_left_out(photographed):
+    """One photograph of something else: nothing of it may be kept, and nothing of it may confirm another."""
+    views = photographed.training_set.views
+    noise = np.random.default_rng(0).uniform(0, 1, views[0].image.shape).astype(np.float32)
+    other = replace(photographed.training_set, views=(replace(views[0], image=noise), *views[1:4]))
+    found = stereo_depth(other)
+    assert (found[0].depth > 0).mean() < 0.01
+    assert (found[1].depth > 0).mean() > 0.1
+
+
+def test_two_views_are_enough(photographed):
+    pair = replace(photographed.training_set, views=photographed.training_set.views[:2],
+                   points=photographed.training_set.points.seen_by([0, 1]))
+    assert (stereo_depth(pair)[0].depth > 0).mean() > 0.1
+
+
+def test_without_tracks_the_points_still_say_where_to_look(photographed, maps):
+    blind = replace(photographed.training_set, points=replace(photographed.training_set.points, views=None))
+    low, high = disparity_bounds(blind)
+    own = disparity_bounds(photographed.training_set)
+    assert low == pytest.approx(own[0], rel=0.5) and high == pytest.approx(own[1], rel=0.5)
+    assert all(len(set(chosen)) == 4 for chosen in choose_sources(blind))
+
+
+def test_without_points_it_says_so(photographed):
+    with pytest.raises(ValueError, match="sparse points"):
+        stereo_depth(replace(photographed.training_set, points=None))
+
+
+def test_planes_map_as_the_cameras_project():
+    rng = np.random.default_rng(0)
+    cameras = []
+    for _ in range(2):
+        rotation, _ = np.linalg.qr(np.eye(3) + 0.1 * rng.normal(size=(3, 3)))
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation * np.sign(np.diag(rotation)), rng.normal(size=3)
+        cameras.append(Camera(64, 48, 50.0, 55.0, 30.0, 25.0, pose))
+    xy = rng.uniform(0, 40, (20, 2))
+    depth = rng.uniform(2, 5, 20)
+    local = np.stack([(xy[:, 0] - 30) / 50 * depth, (xy[:, 1] - 25) / 55 * depth, depth, np.ones(20)], axis=1)
+    expected, _ = cameras[1].project((local @ cameras[0].camera_to_world.T)[:, :3])
+    matrix = plane_map(*cameras)
+    mapped = np.c_[xy, np.ones(20)] @ matrix[:, :3].T + matrix[:, 3] / depth[:, None]
+    assert np.allclose(mapped[:, :2] / mapped[:, 2:], expected)
