@@ -2,6 +2,8 @@
 
 # float32 kernel against the float64 reference: relative to the largest magnitude of the compared array.
 FLOAT32_VALUE = 2e-5
+# The same of a sum of squared differences, which doubles the relative error.
+FLOAT32_DISTORTION = 5e-5
 FLOAT32_GRADIENT = 2e-4
 # float64 against float64, or against an exact identity.
 FLOAT64_VALUE = 1e-10
@@ -61,6 +63,19 @@ HALF_LIT = 1e-2
 # A plane's depth by an expression affine in the pixel: second order in the angle, up to 5 pixels of 1/400 at
 # 50 degrees.
 PLANE_DEPTH = 5e-4
+# The light of a lone Gaussian of opacity 0.1 to 0.3 before and after it is blurred: a sum over pixels, with a rim at
+# 1/255 that falls between them. The worst of 4000 drawn ones differed by 0.013, the middle one by 0.001.
+BLUR_INTEGRAL = 0.03
+# Gradient by the blur of needles 40 pixels long, a third of a pixel wide: second moments in float32 keep their digits
+# along the needle and lose the square of that ratio across it.
+BLUR_OF_NEEDLES = 2e-3
+# Distortion of a layer of 1e-3 at depth 5, relative: a ray length of 5 is rounded by up to 2.4e-7.
+DISTORTION = 2e-3
+# A blended normal against the released code's formula, in float64; they are one vector.
+PUBLISHED_NORMAL = 1e-9
+# A tilted plane of small discs, relative: each one's ray length is affine in the pixel, and it is seen up to 0.07
+# radians from its centre, which to second order is 2.4e-3.
+SURFACE_OF_DISCS = 3e-3
 # The same float32 sums with pixel coordinates counted from another corner.
 TILING = 5e-5
 # exp2_fast8: a polynomial of degree 5. exp8 and log2_8: two roundings of float32.
@@ -138,11 +153,5 @@ RESIDUAL_OF_NOISE = 0.1
 LIGHT_OF_A_LENS = 0.1
 # z of the front of a shining dot at a pixel's centre, which isn't its nearest point, scene units.
 DOT_DEPTH = 0.005
-# The light of a lone Gaussian of opacity 0.05 to 0.3 before and after it is blurred: a sum over pixels, with a rim at
-# 1/255 that falls between them. The worst of 4000 drawn ones differed by 0.024, the middle one by 0.001.
-BLUR_INTEGRAL = 0.03
-# Gradient by the blur of needles 40 pixels long, a third of a pixel wide: second moments in float32 keep their digits
-# along the needle and lose the square of that ratio across it.
-BLUR_OF_NEEDLES = 2e-3
 # The tail of Student's distribution through scipy's test and through its survival function, relative.
 P_VALUE = 1e-6

@@ -7,8 +7,8 @@ from typing import Literal, NamedTuple
 
 from torch import Tensor
 
-Geometry = Literal["none", "depth", "full"]
-GEOMETRIES = ("none", "depth", "full")
+Geometry = Literal["none", "depth", "full", "distortion"]
+GEOMETRIES = ("none", "depth", "full", "distortion")
 
 
 class Raster(NamedTuple):
@@ -17,7 +17,9 @@ class Raster(NamedTuple):
     color: (H, W, 3), composited over the background. alpha: (H, W), the sum of the blending weights.
     depth: (H, W), z-depth in scene units, the weights' mean, 0 where alpha is 0. median_depth: (H, W),
     z-depth in scene units, 0 where alpha is 0. normal: (H, W, 3), camera frame, towards the camera,
-    the weighted sum (its length is at most alpha). None where the `geometry` asked for leaves it out.
+    the weighted sum (its length is at most alpha). distortion: (H, W), 1 / scene unit**2, the sum over all pairs of
+    Gaussians i, j of w_i w_j (1/z_i - 1/z_j)**2 with the weights w and each one's own z-depth at the pixel
+    (2DGS, there of mapped depth, which is affine in disparity). None where the `geometry` asked for leaves it out.
     """
 
     color: Tensor
@@ -25,6 +27,7 @@ class Raster(NamedTuple):
     depth: Tensor | None
     median_depth: Tensor | None
     normal: Tensor | None
+    distortion: Tensor | None
 
 
 @dataclass(eq=False)

@@ -25,6 +25,8 @@ from .cpu_project import project
 from .cpu_project_backward import project_backward
 
 NAMES = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
+# The level of geometry that each output belongs to.
+_LEVELS = (0, 0, 1, 2, 2, 3)
 _EMPTY2 = np.empty((0, 0), np.float32)
 _EMPTY3 = np.empty((0, 0, 3), np.float32)
 _NOTHING = np.empty(0, np.float32)
@@ -54,11 +56,12 @@ def rasterize(
     spread it: its integral over the image stays (that below its peak's last 1/255 too: see below). Depth and
     normals stay those of the Gaussian without blur, its plane continued over the wider footprint.
 
-    geometry: "none" gives colour and alpha, "depth" adds depth, "full" adds median depth and normals. These
-    are RaDe-GS': a Gaussian's ray length at a pixel is that of its plane of largest density, affine in the
-    pixel, at least `near` (where held there it passes no gradient on); blended, then turned into z by the pixel's
-    cosine. Seen exactly edge-on a Gaussian has no such plane: its ray length is that of its centre, its normal zero.
-    The median is the last Gaussian's before which more than half of the light is left.
+    geometry: "none" gives colour and alpha, "depth" adds depth, "full" adds median depth and normals, "distortion"
+    adds the spread of disparity along the ray. These are RaDe-GS': a Gaussian's ray length at a pixel is that of its
+    plane of largest density, affine in the pixel, at least `near` (where held there it passes no gradient on);
+    blended, then turned into z by the pixel's cosine. Seen exactly edge-on a Gaussian has no such plane: its ray
+    length is that of its centre, its normal zero. The median is the last Gaussian's before which more than half of
+    the light is left. Distortion is good to about 1e-4 of itself in float32, and to the rounding of disparity.
 
     A Gaussian counts at a pixel where its alpha, at most 0.99, is at least 1/255, and the transmittance before it at
     least 1e-4; one whose unfiltered footprint has a determinant of at most 1e-6 px**4 is left out. With blur the 1/255
@@ -72,8 +75,7 @@ def rasterize(
     _check(parameters, filter_3d, background, blur, geometry, sh_degree, filter_2d, near)
     degree = min(sh_degree, math.isqrt(sh_rest.shape[1] + 1) - 1)
     settings = _Settings(camera, degree, filter_2d, near, GEOMETRIES.index(geometry), filter_3d, background)
-    color, alpha, depth, median, normal = _Rasterize.apply(settings, statistics, blur, *parameters)
-    return Raster(color, alpha, depth, median, normal)
+    return Raster(*_Rasterize.apply(settings, statistics, blur, *parameters))
 
 
 def _check(parameters, filter_3d, background, blur, geometry, sh_degree, filter_2d, near) -> None:
@@ -150,38 +152,40 @@ class _Rasterize(torch.autograd.Function):
         depth = np.empty((height, width), np.float32) if geometry > 0 else _EMPTY2
         median, at = (np.empty((height, width), np.float32) if geometry > 1 else _EMPTY2 for _ in range(2))
         normal = np.empty((height, width, 3), np.float32) if geometry > 1 else _EMPTY3
+        distortion, mean_inverse = (np.empty((height, width), np.float32) if geometry > 2 else _EMPTY2
+                                    for _ in range(2))
         looked_at = np.empty(settings.columns * settings.rows, np.int32)
         blend(settings.features, records, starts, ids, spans, settings.view, settings.columns, settings.background,
-              *(image.reshape(-1) for image in (color, alpha, depth, median, at, normal)), looked_at, 4 * threads)
+              *(image.reshape(-1) for image in (color, alpha, depth, median, at, normal, distortion, mean_inverse)),
+              looked_at, 4 * threads)
         if statistics is not None:
             statistics.visible = torch.from_numpy(visible[:n])
             statistics.radii = torch.from_numpy(radii[:n])
-        outputs = [torch.from_numpy(image) for image in (color, alpha, depth, median, normal)]
+        outputs = [torch.from_numpy(image) for image in (color, alpha, depth, median, normal, distortion)]
         ctx.settings, ctx.statistics = settings, statistics
-        ctx.tiles = (records, starts, ids, spans, offsets, places, looked_at, at.reshape(-1))
+        ctx.tiles = (records, starts, ids, spans, offsets, places, looked_at, at.reshape(-1), mean_inverse.reshape(-1))
         ctx.set_materialize_grads(False)
         ctx.save_for_backward(*parameters, torch.from_numpy(variance) if blur is None else blur, *outputs)
-        return tuple(outputs[k] if k < 2 + (geometry > 0) + 2 * (geometry > 1) else None for k in range(5))
+        return tuple(output if geometry >= level else None
+                     for output, level in zip(outputs, _LEVELS, strict=True))
 
     @staticmethod
     def backward(ctx, *output_gradients):
         settings, statistics = ctx.settings, ctx.statistics
         saved = [tensor.detach().numpy().reshape(-1) for tensor in ctx.saved_tensors]
-        parameters, blur, (color, alpha, depth, _, normal) = saved[:6], saved[6], saved[7:]
-        records, starts, ids, spans, offsets, places, looked_at, at = ctx.tiles
+        parameters, blur, (color, alpha, depth, _, normal, distortion) = saved[:6], saved[6], saved[7:]
+        records, starts, ids, spans, offsets, places, looked_at, at, mean_inverse = ctx.tiles
         arrays = [_NOTHING if g is None else g.contiguous().numpy().reshape(-1) for g in output_gradients]
         # Outputs that the loss doesn't use cost nothing here.
-        features = settings.features
-        if arrays[3].size == 0 and arrays[4].size == 0:
-            features = features[:1]
-            if arrays[2].size == 0:
-                features = ()
+        used = [level for array, level in zip(arrays, _LEVELS, strict=True) if array.size]
+        features = settings.features[:max(used, default=0)]
         want_abs = statistics is not None and statistics.want_abs
         width = 24 if len(features) > 1 else 16
         gradients = np.empty(ids.size * width, np.float32)
         threads = numba.get_num_threads()
         blend_backward(features, (0,) * want_abs, records, starts, ids, spans, settings.view, settings.columns,
-                       looked_at, color, alpha, depth, normal, at, *arrays, gradients, 4 * threads)
+                       looked_at, color, alpha, depth, normal, at, distortion, mean_inverse, *arrays, gradients,
+                       4 * threads)
         n, rest = parameters[3].size, ctx.saved_tensors[5].shape[1]
         # numpy asks for huge pages where torch doesn't: a third off the last stage at 100 000 Gaussians.
         results = [np.empty(parameter.shape, np.float32) for parameter in ctx.saved_tensors[:7]]

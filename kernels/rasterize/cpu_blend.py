@@ -32,6 +32,7 @@ from .cpu_tiles import clear_tile, read_tile, write_tile
 _ZERO = np.float32(0.0)
 _HALF = np.float32(0.5)
 _ONE = np.float32(1.0)
+_MINUS_TWO = np.float32(-2.0)
 _TWO_LN2 = np.float32(2 * math.log(2))
 
 # How many Gaussians go by between two tests whether the whole tile is opaque.
@@ -86,7 +87,8 @@ def _forward_tile(features, records, ids, spans, begin, end, left, top, near, sc
             if len(features) > 0:
                 t = max8(t_row - ty * dy, near)
                 store8(scratch, planes.DEPTH + place, load8(scratch, planes.DEPTH + place) + weight * t)
-                store8(scratch, planes.WEIGHT + place, load8(scratch, planes.WEIGHT + place) + weight)
+                before = load8(scratch, planes.WEIGHT + place)
+                store8(scratch, planes.WEIGHT + place, before + weight)
                 if len(features) > 1:
                     nx, ny, nz = _load3(records, base + layout.NX)
                     store8(scratch, planes.NX + place, load8(scratch, planes.NX + place) + weight * nx)
@@ -96,6 +98,14 @@ def _forward_tile(features, records, ids, spans, begin, end, left, top, near, sc
                     store8(scratch, planes.MEDIAN + place, select8(upper, t, load8(scratch, planes.MEDIAN + place)))
                     at = select8(upper, np.float32(k - begin + 1), load8(scratch, planes.MEDIAN_AT + place))
                     store8(scratch, planes.MEDIAN_AT + place, at)
+                    if len(features) > 2:
+                        inverse = _ONE / t
+                        origin = select8(taken & (before == _ZERO), inverse, load8(scratch, planes.FIRST + place))
+                        store8(scratch, planes.FIRST + place, origin)
+                        m1 = weight * (inverse - origin)
+                        store8(scratch, planes.M1 + place, load8(scratch, planes.M1 + place) + m1)
+                        m2 = m1 * (inverse - origin)
+                        store8(scratch, planes.M2 + place, load8(scratch, planes.M2 + place) + m2)
             dy += _ONE
         if (k - begin) % _TEST_EVERY == _TEST_EVERY - 1 and _is_opaque(scratch):
             return k + 1 - begin
@@ -146,8 +156,9 @@ def _backward_tile(features, absolute, width, records, ids, spans, begin, end, l
             sum_blue += weight * g_blue
             if len(features) > 0:
                 t = t_row - ty * dy
+                held = max8(t, near)
                 g_depth = load8(scratch, planes.G_DEPTH + place)
-                s += g_depth * max8(t, near)
+                s += g_depth * held
                 g_t = weight * g_depth
                 if len(features) > 1:
                     at = load8(scratch, planes.MEDIAN_AT + place) == np.float32(k - begin + 1)
@@ -158,6 +169,11 @@ def _backward_tile(features, absolute, width, records, ids, spans, begin, end, l
                     sum_nx += weight * g_nx
                     sum_ny += weight * g_ny
                     sum_nz += weight * g_nz
+                    if len(features) > 2:
+                        inverse, g_spread = _ONE / held, load8(scratch, planes.G_SPREAD + place)
+                        apart = inverse - load8(scratch, planes.MEAN + place)
+                        s += g_spread * apart * apart
+                        g_t += weight * g_spread * apart * inverse * inverse * _MINUS_TWO
                 g_t = select8(t > near, g_t, _ZERO)
                 sum_t += g_t
                 sum_ty += g_t * dy
@@ -194,28 +210,31 @@ def _backward_tile(features, absolute, width, records, ids, spans, begin, end, l
 @cached
 @njit(parallel=True, error_model="numpy")
 def blend(features, records, starts, ids, spans, view, columns, background, color, alpha, depth, median, median_at,
-          normal, looked_at, workers):
+          normal, distortion, mean_inverse, looked_at, workers):
     """Composite every tile, writing the images (flat) and how many Gaussians each tile looked at.
 
-    features: an empty tuple for colour and alpha, one entry to add depth, two to add median depth and normals
-    (its length is known when compiling). Images that the features leave out may be empty.
+    features: an empty tuple for colour and alpha, one entry to add depth, two to add median depth and normals, three
+    to add distortion (its length is known when compiling). Images that the features leave out may be empty.
+    mean_inverse: the mean of the inverse ray lengths, which the backward pass wants with distortion.
     """
     tiles = looked_at.size
     for worker in prange(workers):
-        scratch = np.empty(planes.SCRATCH, np.float32)
+        scratch = np.empty(planes.SCRATCH_WITH_DISTORTION if len(features) > 2 else planes.SCRATCH, np.float32)
         # Neighbours cost alike, so dealing the tiles out one by one shares the work evenly.
         for tile in range(worker, tiles, workers):
             left, top = tile % columns * layout.TILE_WIDTH, tile // columns * layout.TILE_HEIGHT
             clear_tile(scratch, left, top, view)
             looked_at[tile] = _forward_tile(features, records, ids, spans, starts[tile], starts[tile + 1], left, top,
                                             view[layout.NEAR], scratch)
-            write_tile(features, scratch, left, top, view, background, color, alpha, depth, median, median_at, normal)
+            write_tile(features, scratch, left, top, view, background, color, alpha, depth, median, median_at, normal,
+                       distortion, mean_inverse)
 
 
 @cached
 @njit(parallel=True, error_model="numpy")
 def blend_backward(features, absolute, records, starts, ids, spans, view, columns, looked_at,
-                   color, alpha, depth, normal, median_at, g_color, g_alpha, g_depth, g_median, g_normal, out, workers):
+                   color, alpha, depth, normal, median_at, distortion, mean_inverse,
+                   g_color, g_alpha, g_depth, g_median, g_normal, g_distortion, out, workers):
     """Every intersection's share of the gradient, at its place in `out` (see cpu_layout).
 
     absolute: a tuple with one entry to fill ABS_X and ABS_Y too, else empty. A gradient of size 0 is zero.
@@ -223,11 +242,11 @@ def blend_backward(features, absolute, records, starts, ids, spans, view, column
     tiles = looked_at.size
     width = 24 if len(features) > 1 else 16
     for worker in prange(workers):
-        scratch = np.empty(planes.SCRATCH, np.float32)
+        scratch = np.empty(planes.SCRATCH_WITH_DISTORTION if len(features) > 2 else planes.SCRATCH, np.float32)
         for tile in range(worker, tiles, workers):
             left, top = tile % columns * layout.TILE_WIDTH, tile // columns * layout.TILE_HEIGHT
             if looked_at[tile] > 0:
-                read_tile(features, scratch, left, top, view, color, alpha, depth, normal, median_at,
-                           g_color, g_alpha, g_depth, g_median, g_normal)
+                read_tile(features, scratch, left, top, view, color, alpha, depth, normal, median_at, distortion,
+                          mean_inverse, g_color, g_alpha, g_depth, g_median, g_normal, g_distortion)
             _backward_tile(features, absolute, width, records, ids, spans, starts[tile], starts[tile + 1],
                            looked_at[tile], left, top, view[layout.NEAR], scratch, out)

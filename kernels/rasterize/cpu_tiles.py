@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from dofbench.simd import LANES, gather8, lanes8, scatter8, select8, splat8, sqrt8, store8
+from dofbench.simd import LANES, gather8, lanes8, max8, scatter8, select8, splat8, sqrt8, store8
 
 from . import cpu_layout as layout
 
@@ -14,15 +14,21 @@ HALF = np.float32(0.5)
 ONE = np.float32(1.0)
 
 # Scratch memory is a row of planes of layout.TILE_HEIGHT rows of one vector. Transmittance comes first; then the
-# forward pass has the sums of weight times feature, and the median with the place of its Gaussian in the list.
+# forward pass has the sums of weight times feature, and the median with the place of its Gaussian in the list. For
+# distortion it has the inverse ray length of the first Gaussian that counts, and the moments about that: the first has
+# at least 1/255 of the weight, so its distance from the mean is bounded by the spread, and their difference
+# A M2 - M1**2 keeps its digits. About 0 it would lose them all where the ray meets one surface.
 PLANE = layout.TILE_HEIGHT * LANES
-T, RED, GREEN, BLUE, DEPTH, WEIGHT, NX, NY, NZ, MEDIAN, MEDIAN_AT = (
-    PLANE * k for k in range(11)
+T, RED, GREEN, BLUE, DEPTH, WEIGHT, NX, NY, NZ, MEDIAN, MEDIAN_AT, FIRST, M1, M2 = (
+    PLANE * k for k in range(14)
 )
-# The backward pass has the loss by each output instead (colour's in the colour planes), and what is left of
-# the pixel's loss.
-LEFT, G_ALPHA, G_DEPTH, G_NX, G_NY, G_NZ, G_MEDIAN = (PLANE * k for k in (4, 5, 9, 6, 7, 8, 11))
+# The backward pass has the loss by each output instead (colour's in the colour planes), what is left of the pixel's
+# loss, and for distortion the mean inverse ray length.
+LEFT, G_ALPHA, G_DEPTH, G_NX, G_NY, G_NZ, G_MEDIAN, G_SPREAD, MEAN = (
+    PLANE * k for k in (4, 5, 9, 6, 7, 8, 11, 12, 13)
+)
 SCRATCH = 12 * PLANE
+SCRATCH_WITH_DISTORTION = 14 * PLANE
 
 
 @njit(forceinline=True)
@@ -60,14 +66,15 @@ def cosines(left, y, view):
 def clear_tile(scratch, left, top, view):
     """Transmittance 1 inside the image and 0 outside of it, all else 0."""
     inside = lanes8() + np.float32(left) < view[layout.WIDTH]
-    for k in range(PLANE, SCRATCH, LANES):
+    for k in range(PLANE, scratch.size, LANES):
         store8(scratch, k, splat8(ZERO))
     for row in range(layout.TILE_HEIGHT):
         store8(scratch, T + row * LANES, select8(inside, ONE if top + row < view[layout.HEIGHT] else ZERO, ZERO))
 
 
 @njit(error_model="numpy")
-def write_tile(features, scratch, left, top, view, background, color, alpha, depth, median, median_at, normal):
+def write_tile(features, scratch, left, top, view, background, color, alpha, depth, median, median_at, normal,
+               distortion, mean_inverse):
     """From the forward pass' sums to the images (flat)."""
     width, height = np.int64(view[layout.WIDTH]), np.int64(view[layout.HEIGHT])
     count = width - left
@@ -90,16 +97,25 @@ def write_tile(features, scratch, left, top, view, background, color, alpha, dep
                 put_row(normal, 3 * at, 3, count, gather8(scratch, NX + place, 1))
                 put_row(normal, 3 * at + 1, 3, count, gather8(scratch, NY + place, 1))
                 put_row(normal, 3 * at + 2, 3, count, gather8(scratch, NZ + place, 1))
+                if len(features) > 2:
+                    # Inverse ray lengths become disparities by the pixel's cosine.
+                    m1, m2 = gather8(scratch, M1 + place, 1), gather8(scratch, M2 + place, 1)
+                    spread = max8(weight * m2 - m1 * m1, ZERO)
+                    put_row(distortion, at, 1, count, spread / (cosine * cosine))
+                    mean = gather8(scratch, FIRST + place, 1) + m1 / weight
+                    put_row(mean_inverse, at, 1, count, select8(weight == ZERO, ZERO, mean))
 
 
 @njit(error_model="numpy")
-def read_tile(features, scratch, left, top, view, color, alpha, depth, normal, median_at,
-              g_color, g_alpha, g_depth, g_median, g_normal):
+def read_tile(features, scratch, left, top, view, color, alpha, depth, normal, median_at, distortion, mean_inverse,
+              g_color, g_alpha, g_depth, g_median, g_normal, g_distortion):
     """Fill the planes of the backward pass from flat images. An output whose gradient is empty has none.
 
     The pixel's loss to first order is S = sum of weight times s over its Gaussians, plus the background's part,
     with s = colour . g_color + g_alpha' + t g_t + n . g_normal. The mean depth doesn't change when all
-    weights are scaled, so its part of S vanishes and S follows from the outputs alone.
+    weights are scaled, so its part of S vanishes and S follows from the outputs alone. Distortion is of second
+    degree in the weights, so its part is twice itself; its s is g A (m - mean)**2 + g D / A, of which the
+    second term is the same for every Gaussian and goes into g_alpha'.
     """
     clear_tile(scratch, left, top, view)
     width, height = np.int64(view[layout.WIDTH]), np.int64(view[layout.HEIGHT])
@@ -133,5 +149,11 @@ def read_tile(features, scratch, left, top, view, color, alpha, depth, normal, m
                         g = get_row(g_normal, 3 * at + channel, 3, count)
                         store8(scratch, G_NX + channel * PLANE + place, g)
                         total += g * get_row(normal, 3 * at + channel, 3, count)
+                if len(features) > 2 and g_distortion.size > 0:
+                    g, spread = get_row(g_distortion, at, 1, count), get_row(distortion, at, 1, count)
+                    total += g * (spread + spread)
+                    to_alpha += select8(covered > ZERO, g * spread / covered, ZERO)
+                    store8(scratch, G_SPREAD + place, g * covered / (cosine * cosine))
+                    store8(scratch, MEAN + place, get_row(mean_inverse, at, 1, count))
         store8(scratch, G_ALPHA + place, to_alpha)
         store8(scratch, LEFT + place, total)

@@ -161,6 +161,7 @@ def rasterize(
     transmittance = torch.ones_like(pixels[:, 0])
     color, normal = (torch.zeros(len(pixels), 3, **to) for _ in range(2))
     alpha_sum, depth_sum, median = (torch.zeros_like(transmittance) for _ in range(3))
+    inverse_sum, square_sum, distortion = (torch.zeros_like(transmittance) for _ in range(3))
     order = torch.argsort(z.detach(), stable=True)
     for k in order[drawn[order]]:
         offsets = projected[k] - pixels
@@ -172,6 +173,9 @@ def rasterize(
         alpha = torch.where(taken, alpha, 0.0)
         weight = transmittance * alpha
         t = (distance[k] + offsets @ slopes[k]).clamp(min=near)
+        # Sum over the pairs in front of this one of their weights times (1/t - 1/t')**2.
+        distortion = distortion + weight * (alpha_sum / t**2 - 2 * inverse_sum / t + square_sum)
+        inverse_sum, square_sum = inverse_sum + weight / t, square_sum + weight / t**2
         color = color + weight[:, None] * colors[k]
         normal = normal + weight[:, None] * normals[k]
         alpha_sum = alpha_sum + weight
@@ -186,11 +190,13 @@ def rasterize(
 
     if statistics is not None:
         _fill(statistics, means, index, drawn, 3 * longest.sqrt(), projected, total_abs)
-    full = geometry == "full"
-    return Raster(
-        color.reshape(height, width, 3), alpha_sum.reshape(height, width), depth if geometry != "none" else None,
-        median.reshape(height, width) * cosine if full else None, normal.reshape(height, width, 3) if full else None,
+    outputs = (
+        color.reshape(height, width, 3), alpha_sum.reshape(height, width), depth,
+        median.reshape(height, width) * cosine, normal.reshape(height, width, 3),
+        distortion.reshape(height, width) / cosine**2,
     )
+    left_out = {"none": 4, "depth": 3, "full": 1, "distortion": 0}[geometry]
+    return Raster(*outputs[: 6 - left_out], *[None] * left_out)
 
 
 def _fill(statistics, means, index, drawn, radii, projected, total_abs) -> None:

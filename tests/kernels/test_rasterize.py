@@ -14,7 +14,7 @@ from tolerances import FINITE_DIFFERENCE, FLOAT32_GRADIENT, PLANE_DEPTH, TILING
 from dofbench.cameras import Camera
 
 
-@pytest.mark.parametrize("geometry", ["none", "depth", "full"])
+@pytest.mark.parametrize("geometry", ["none", "depth", "full", "distortion"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_values_and_gradients_agree_with_the_reference(geometry, seed):
     n = 60 + seed
@@ -25,7 +25,7 @@ def test_values_and_gradients_agree_with_the_reference(geometry, seed):
 @pytest.mark.parametrize("width,height", [(1, 1), (1, 37), (33, 1), (8, 32), (9, 33)])
 def test_any_image_size(width, height):
     camera = Camera(width, height, 20.0, 22.0, width / 2 + 0.3, height / 2 - 0.2, turned())
-    assert_agree(scene(41, 3), camera=camera, geometry="full")
+    assert_agree(scene(41, 3), camera=camera, geometry="distortion")
 
 
 @pytest.mark.parametrize("rest", [0, 3, 8, 15])
@@ -37,13 +37,13 @@ def test_harmonic_degrees(rest, degree):
 
 
 def test_without_the_2d_filter():
-    assert_agree(scene(50, 5), camera=view(), geometry="full", filter_2d=0.0)
+    assert_agree(scene(50, 5), camera=view(), geometry="distortion", filter_2d=0.0)
 
 
 def test_opaque_tiles_stop_early():
     gaussians = scene(400, 6, size=-0.5)
     gaussians["opacity_logits"] += 4
-    outputs, _, _ = assert_agree(gaussians, camera=view(), geometry="full")
+    outputs, _, _ = assert_agree(gaussians, camera=view(), geometry="distortion")
     assert (outputs.alpha > 0.999).all()
 
 
@@ -51,7 +51,7 @@ def test_needles():
     gaussians = scene(40, 8)
     gaussians["log_scales"] = torch.tensor([[1.0, -6.0, -7.0]]).repeat(40, 1)
     gaussians["opacity_logits"] += 5
-    assert_agree(gaussians, camera=view(48, 40), geometry="full")
+    assert_agree(gaussians, camera=view(48, 40), geometry="distortion")
 
 
 def test_around_the_near_plane():
@@ -59,7 +59,7 @@ def test_around_the_near_plane():
     gaussians["means"] = gaussians["means"] * 0.2
     gaussians["means"][:, 2] = torch.linspace(-0.3, 0.7, 30)
     gaussians["log_scales"] -= 1.5
-    _, gradients, statistics = assert_agree(gaussians, camera=view(pose=np.eye(4)), geometry="full")
+    _, gradients, statistics = assert_agree(gaussians, camera=view(pose=np.eye(4)), geometry="distortion")
     behind = gaussians["means"][:, 2] <= 0.2
     assert not statistics.visible[behind].any()
     assert not any(gradient[behind].any() for gradient in gradients.values())
@@ -76,7 +76,7 @@ def test_zero_quaternion_is_no_rotation():
 
 
 def test_no_gaussians():
-    outputs, gradients, _ = render(cpu, scene(0, 0), torch.float32, camera=view(), geometry="full",
+    outputs, gradients, _ = render(cpu, scene(0, 0), torch.float32, camera=view(), geometry="distortion",
                                    background=torch.tensor([0.1, 0.2, 0.3]))
     assert torch.equal(outputs.color, torch.tensor([0.1, 0.2, 0.3]).expand(20, 24, 3))
     for output in outputs[1:]:
@@ -89,7 +89,7 @@ def test_empty_pixels_are_zero():
     gaussians["means"] = torch.tensor([[0.0, 0.0, 4.0]])
     gaussians["log_scales"] = torch.tensor([[-3.0, -2.5, -3.5]])
     gaussians["opacity_logits"] = torch.tensor([3.0])
-    outputs, _, _ = assert_agree(gaussians, camera=view(pose=np.eye(4)), geometry="full")
+    outputs, _, _ = assert_agree(gaussians, camera=view(pose=np.eye(4)), geometry="distortion")
     empty = outputs.alpha == 0
     assert empty.any() and not empty.all()
     assert not any(output[empty].any() for output in outputs)
@@ -97,11 +97,11 @@ def test_empty_pixels_are_zero():
 
 def test_gradients_of_some_outputs_only():
     gaussians = scene(40, 12)
-    for chosen in range(5):
+    for chosen in range(6):
         pairs = []
         for kernel, dtype in ((cpu, torch.float32), (reference, torch.float64)):
             inputs = {name: value.detach().to(dtype, copy=True).requires_grad_() for name, value in gaussians.items()}
-            kernel(**inputs, camera=view(), geometry="full")[chosen].square().sum().backward()
+            kernel(**inputs, camera=view(), geometry="distortion")[chosen].square().sum().backward()
             pairs.append([value.grad for value in inputs.values()])
         for name, a, b in zip(NAMES, *pairs, strict=True):
             assert_close(a, torch.zeros_like(a) if b is None else b, FLOAT32_GRADIENT, f"output {chosen}, {name}")
@@ -115,7 +115,7 @@ def test_reference_against_finite_differences():
 
     def loss(shift=0.0, direction=None):
         moved = {name: value + shift * direction[name] if direction else value for name, value in gaussians.items()}
-        outputs = reference(**moved, camera=camera, geometry="full", filter_3d=torch.full((8,), 0.05).double())
+        outputs = reference(**moved, camera=camera, geometry="distortion", filter_3d=torch.full((8,), 0.05).double())
         weights = torch.Generator().manual_seed(2)
         return sum((o * torch.randn(o.shape, generator=weights, dtype=torch.float64)).sum() for o in outputs)
 
@@ -135,8 +135,8 @@ def test_order_of_gaussians_does_not_matter():
     gaussians = scene(200, 14)
     order = torch.randperm(200, generator=torch.Generator().manual_seed(0))
     shuffled = {name: value[order].contiguous() for name, value in gaussians.items()}
-    a, da, _ = render(cpu, gaussians, torch.float32, camera=view(), geometry="full")
-    b, db, _ = render(cpu, shuffled, torch.float32, camera=view(), geometry="full")
+    a, da, _ = render(cpu, gaussians, torch.float32, camera=view(), geometry="distortion")
+    b, db, _ = render(cpu, shuffled, torch.float32, camera=view(), geometry="distortion")
     assert all(torch.equal(x, y) for x, y in zip(a, b, strict=True))
     assert all(torch.equal(da[name][order], db[name]) for name in NAMES)
 
@@ -148,7 +148,7 @@ def test_same_bits_every_time_and_on_any_number_of_threads():
         runs = []
         for count in (threads, threads, 1):
             numba.set_num_threads(count)
-            runs.append(render(cpu, gaussians, torch.float32, camera=camera, geometry="full"))
+            runs.append(render(cpu, gaussians, torch.float32, camera=camera, geometry="distortion"))
     finally:
         numba.set_num_threads(threads)
     for outputs, gradients, statistics in runs[1:]:
@@ -166,8 +166,8 @@ def test_a_crop_is_the_crop_of_the_image():
     pixel = torch.rand(150, 2, generator=torch.Generator().manual_seed(0)) * torch.tensor([26.0, 28.0])
     xy = (pixel + torch.tensor([13.0 - 30.0, 9.0 - 25.0])) / 55.0 * z[:, None]
     gaussians["means"] = torch.cat([xy, z[:, None]], 1)
-    whole = cpu(**gaussians, camera=camera, geometry="full")
-    part = cpu(**gaussians, camera=crop, geometry="full")
+    whole = cpu(**gaussians, camera=camera, geometry="distortion")
+    part = cpu(**gaussians, camera=crop, geometry="distortion")
     for name, a, b in zip(whole._fields, whole, part, strict=True):
         assert_close(b, a[9:38, 13:40], TILING, name)
 
@@ -186,7 +186,7 @@ def test_a_disc_has_its_planes_depth_and_normal(tilt, turn):
         "opacity_logits": torch.tensor([5.0]), "sh_dc": torch.zeros(1, 3), "sh_rest": torch.zeros(1, 0, 3),
     }
     camera = Camera(64, 48, 400.0, 410.0, 15.0, 33.0, np.eye(4))
-    raster = cpu(**inputs, camera=camera, geometry="full")
+    raster = cpu(**inputs, camera=camera, geometry="distortion")
     ((x, y),), _ = camera.project(centre[None])
     for row in range(int(y) - 4, int(y) + 5):
         for column in range(int(x) - 4, int(x) + 5):
@@ -205,7 +205,7 @@ def test_extreme_gaussians_stay_finite(seed, size, spread, depth, filter_2d):
     gaussians["log_scales"] = (gaussians["log_scales"] + 2) * spread + size
     gaussians["means"][:, 2] = gaussians["means"][:, 2] - 4 + depth
     gaussians["quaternions"] *= 1e-15 if seed % 2 else 1e15
-    outputs, gradients, statistics = render(cpu, gaussians, torch.float32, camera=view(), geometry="full",
+    outputs, gradients, statistics = render(cpu, gaussians, torch.float32, camera=view(), geometry="distortion",
                                             filter_2d=filter_2d)
     for output in outputs:
         assert torch.isfinite(output).all()
@@ -238,7 +238,7 @@ def test_a_non_finite_parameter_is_named(name, value):
     ("sh_rest", torch.zeros(4, 5, 3), "sh_rest: expected shape"),
     ("filter_3d", torch.zeros(3), r"filter_3d: expected shape \(4,\)"),
     ("background", torch.zeros(3, requires_grad=True), "background: expected a tensor without gradient"),
-    ("geometry", "depths", "geometry: expected one of none, depth, full, found 'depths'"),
+    ("geometry", "depths", "geometry: expected one of none, depth, full, distortion, found 'depths'"),
     ("sh_degree", 4, "sh_degree: expected 0, 1, 2 or 3, found 4"),
     ("filter_2d", -0.1, "filter_2d: expected at least 0"),
     ("near", 0.0, "near: expected more than 0"),

@@ -8,10 +8,11 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from random_gaussians import assert_agree, assert_close, cpu, reference, render, scene, view
+from random_gaussians import assert_agree, assert_close, cpu, reference, render, scene, value_tolerance, view
 from tolerances import BLUR_INTEGRAL, BLUR_OF_NEEDLES, FINITE_DIFFERENCE, FLOAT32_GRADIENT, FLOAT32_VALUE
 
 from dofbench.cameras import Camera
+from dofbench.gaussians.raster import GEOMETRIES
 
 
 def straight(x: float = 48.0, y: float = 40.0) -> Camera:
@@ -40,7 +41,7 @@ def lone(opacity: float, pixels: float, squeeze: float = 1.0):
     }
 
 
-@pytest.mark.parametrize("geometry,filter_2d", [("none", 0.1), ("depth", 0.0), ("full", 0.1)])
+@pytest.mark.parametrize("geometry,filter_2d", [("none", 0.1), ("depth", 0.0), ("distortion", 0.1)])
 @pytest.mark.parametrize("largest", [0.3, 30.0, 1000.0])
 def test_values_and_gradients_agree_with_the_reference(geometry, filter_2d, largest):
     assert_agree(blurred(61, 1, largest), camera=view(60, 50), geometry=geometry, filter_2d=filter_2d,
@@ -51,11 +52,11 @@ def test_needles():
     gaussians = blurred(40, 8, 10.0)
     gaussians["log_scales"] = torch.tensor([[1.0, -6.0, -7.0]]).repeat(40, 1)
     gaussians["opacity_logits"] += 5
-    options = {"camera": view(48, 40), "geometry": "full"}
+    options = {"camera": view(48, 40), "geometry": "distortion"}
     outputs, gradients, _ = render(cpu, gaussians, torch.float32, **options)
     expected_outputs, expected, _ = render(reference, gaussians, torch.float64, **options)
     for name, output in outputs._asdict().items():
-        assert_close(output, getattr(expected_outputs, name), FLOAT32_VALUE, name)
+        assert_close(output, getattr(expected_outputs, name), value_tolerance(name), name)
     for name, gradient in gradients.items():
         assert_close(gradient, expected[name], BLUR_OF_NEEDLES if name == "blur" else FLOAT32_GRADIENT, name)
 
@@ -67,7 +68,8 @@ def test_reference_against_finite_differences(filter_2d):
     gaussians["opacity_logits"].clamp_(max=3)
 
     def loss(blur):
-        outputs = reference(**{**gaussians, "blur": blur}, camera=view(9, 7), geometry="full", filter_2d=filter_2d)
+        inputs = {**gaussians, "blur": blur}
+        outputs = reference(**inputs, camera=view(9, 7), geometry="distortion", filter_2d=filter_2d)
         weights = torch.Generator().manual_seed(2)
         return sum((o * torch.randn(o.shape, generator=weights, dtype=torch.float64)).sum() for o in outputs)
 
@@ -84,7 +86,7 @@ def test_reference_against_finite_differences(filter_2d):
         assert abs(measured - gradient[k]) <= FINITE_DIFFERENCE * max(1.0, abs(gradient[k]))
 
 
-@given(st.integers(0, 2**31), st.integers(1, 70), st.sampled_from(["none", "depth", "full"]), st.booleans())
+@given(st.integers(0, 2**31), st.integers(1, 70), st.sampled_from(GEOMETRIES), st.booleans())
 def test_no_blur_anywhere_is_none_bit_for_bit(seed, n, geometry, filtered):
     gaussians = scene(n, seed)
     options = {"camera": view(40, 33), "geometry": geometry, "filter_2d": 0.1 if filtered else 0.0}
@@ -96,7 +98,7 @@ def test_no_blur_anywhere_is_none_bit_for_bit(seed, n, geometry, filtered):
     assert torch.equal(without[2].abs_grad_2d, zero[2].abs_grad_2d)
 
 
-@given(st.floats(0.05, 0.3), st.floats(1.5, 3.0), st.floats(0.3, 1.0), st.floats(0, 64), st.floats(0, 1),
+@given(st.floats(0.1, 0.3), st.floats(1.5, 3.0), st.floats(0.3, 1.0), st.floats(0, 64), st.floats(0, 1),
        st.floats(0, 1))
 def test_a_lone_faint_gaussian_keeps_its_integral(opacity, pixels, squeeze, blur, x, y):
     gaussian, camera = lone(opacity, pixels, max(squeeze, 1.5 / pixels)), straight(48 + x, 40 + y)
@@ -123,8 +125,8 @@ def test_depth_and_normals_are_those_without_blur():
     gaussian = lone(0.8, 4.0)
     gaussian["quaternions"] = torch.tensor([[0.9, 0.3, -0.2, 0.1]])
     gaussian["log_scales"][0, 2] -= 5
-    sharp = cpu(**gaussian, camera=straight(), geometry="full")
-    spread = cpu(**gaussian, camera=straight(), geometry="full", blur=torch.tensor([20.0]))
+    sharp = cpu(**gaussian, camera=straight(), geometry="distortion")
+    spread = cpu(**gaussian, camera=straight(), geometry="distortion", blur=torch.tensor([20.0]))
     both = sharp.alpha > 0.01
     assert both.sum() < (spread.alpha > 0).sum() / 2
     assert_close(spread.depth[both], sharp.depth[both], FLOAT32_VALUE, "depth")
@@ -140,7 +142,7 @@ def test_same_bits_on_any_number_of_threads():
         runs = []
         for count in (threads, 1):
             numba.set_num_threads(count)
-            runs.append(render(cpu, gaussians, torch.float32, camera=camera, geometry="full"))
+            runs.append(render(cpu, gaussians, torch.float32, camera=camera, geometry="distortion"))
     finally:
         numba.set_num_threads(threads)
     assert all(torch.equal(a, b) for a, b in zip(runs[0][0], runs[1][0], strict=True))
