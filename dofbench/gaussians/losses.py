@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import torch
 from torch import Tensor
 
@@ -77,8 +79,16 @@ def normals_from_depth(depth: Tensor, camera: Camera) -> Tensor:
 
 
 def normal_consistency(normal: Tensor, alpha: Tensor, depth: Tensor, median_depth: Tensor, camera: Camera,
-                       median_share: float) -> Tensor:
-    """Eq. 12, sum over the splats of w (1 - n . n^): alpha minus the blended normal along n^, averaged."""
+                       median_share: float, form: Literal["splats", "pixel"] = "splats") -> Tensor:
+    """How far the rendered normals lie from the depth's, n^, averaged over the pixels within the border.
+
+    "splats" is Eq. 12, the sum over a pixel's splats of w (1 - n . n^): alpha minus the blended normal along n^.
+    "pixel" is 1 - n . n^ for the blended normal brought to unit length (released code); 1 where there is nothing.
+    """
+    if form == "pixel":
+        there = alpha.detach()[..., None] > 0
+        normal = torch.nn.functional.normalize(torch.where(there, normal, 1.0), dim=-1) * there
+        alpha = torch.ones_like(alpha)
     loss = torch.zeros(())
     for share, surface in ((1 - median_share, depth), (median_share, median_depth)):
         if share > 0:
@@ -86,3 +96,22 @@ def normal_consistency(normal: Tensor, alpha: Tensor, depth: Tensor, median_dept
             agreement = (normal[1:-1, 1:-1] * geometric).sum(dim=-1)
             loss = loss + share * (alpha[1:-1, 1:-1] - agreement).mean()
     return loss
+
+
+def distortion_loss(distortion: Tensor, alpha: Tensor, image: Tensor, near: float, far: float) -> Tensor:
+    """The released code's distortion loss (methods.md 1.6; after 2DGS): pulls a ray's Gaussians together in depth.
+
+    The mean over the pixels of distortion / alpha^2, of depth mapped to [0, 1] by m = (f z - f n) / ((f - n) z), times
+    exp(-g); g is the largest absolute difference of the photograph's colour, mean over its channels, to the four
+    neighbours, since depth may jump where colour does. Pixels at the border count as 0. distortion: (H, W),
+    1 / scene unit^2, the rasteriser's, of disparity; divided by alpha^2 it is the variance of disparity among
+    the pixel's Gaussians. image: (H, W, 3). near, far: scene units.
+    """
+    there = alpha.detach() > 0
+    # m is affine in disparity: differences of m are this many times the differences of 1 / z.
+    scale = far * near / (far - near)
+    spread = scale**2 * distortion / torch.where(there, alpha, 1.0).square()
+    inner = image[1:-1, 1:-1]
+    neighbours = (image[1:-1, :-2], image[1:-1, 2:], image[:-2, 1:-1], image[2:, 1:-1])
+    edges = torch.stack([(inner - neighbour).abs().mean(dim=-1) for neighbour in neighbours]).amax(dim=0)
+    return (spread[1:-1, 1:-1] * torch.exp(-edges)).sum() / spread.numel()

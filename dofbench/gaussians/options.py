@@ -51,7 +51,11 @@ class TrainerOptions:
         "squared" (printed) or "absolute" (released), either with the best scale a view.
     Normal consistency (Eq. 12)
         normal_weight: w_n, 0 switches it off. normal_from: share of training from which it acts.
-        normal_median: share of the median depth's normals, the rest from the expected depth.
+        normal_median: share of the median depth's normals, the rest from the expected depth. normal_form: "splats"
+        sums over a pixel's splats (Eq. 12), "pixel" compares its one normal of unit length (released code).
+    Distortion (released code; not in the paper)
+        distortion_weight: 0 switches it off. distortion_from: share of training from which it acts.
+        distortion_near, distortion_far: scene units, the bounds of the depth's mapping to [0, 1].
     Defocus-to-focus adaptation (Eq. 10, 11, 13)
         adaptation: how the loss is weighted after adaptation_from: "off"; "psi", the printed Eq. 13;
         "one_minus_psi", what the text says and the released code does (on the L1 terms alone).
@@ -119,6 +123,12 @@ class TrainerOptions:
     normal_weight: float = 0.05
     normal_from: float = 0.0
     normal_median: float = 0.0
+    normal_form: Literal["splats", "pixel"] = "splats"
+
+    distortion_weight: float = 0.0
+    distortion_from: float = 0.5
+    distortion_near: float = 0.2
+    distortion_far: float = 100.0
 
     adaptation: Literal["off", "psi", "one_minus_psi"] = "one_minus_psi"
     adaptation_from: float = 1 / 3

@@ -144,6 +144,7 @@ class Trainer:
         options = self.options
         degree = min(options.sh_degree, int(progress / options.sh_every)) if options.sh_every > 0 else options.sh_degree
         with_normals = options.normal_weight > 0 and progress >= options.normal_from
+        with_distortion = options.distortion_weight > 0 and progress >= options.distortion_from
         adapting = options.adaptation != "off" or options.adaptation_aperture
         adapting = adapting and self.lenses is not None and progress >= options.adaptation_from
         with_depth = self.lenses is not None or view.known is not None
@@ -151,6 +152,7 @@ class Trainer:
         with self._timed("rasterise"):
             statistics = ViewStatistics(want_abs=options.grow_absolute)
             geometry = "full" if with_normals else "depth" if with_depth else "none"
+            geometry = "distortion" if with_distortion else geometry
             try:
                 raster = rasterise(self.gaussians, view.camera, options, sh_degree=degree, geometry=geometry,
                                    statistics=statistics)
@@ -158,7 +160,7 @@ class Trainer:
                 raise NonFiniteError(NonFinite(step, view.name, "rasterise", str(error))) from None
         # The graph is cut between the stages, so each stage's time and numbers can be looked at.
         colour = raster.color.detach().requires_grad_()
-        alpha = raster.alpha.detach().requires_grad_(with_normals)
+        alpha = raster.alpha.detach().requires_grad_(with_normals or with_distortion)
         depth = raster.depth.detach().requires_grad_() if raster.depth is not None else None
         outputs = [(raster.color, colour), (raster.alpha, alpha), (raster.depth, depth)]
 
@@ -181,7 +183,12 @@ class Trainer:
                 median = raster.median_depth.detach().requires_grad_(options.normal_median > 0)
                 outputs += [(raster.normal, normal), (raster.median_depth, median)]
                 loss = loss + options.normal_weight * losses.normal_consistency(
-                    normal, alpha, depth, median, view.camera, options.normal_median)
+                    normal, alpha, depth, median, view.camera, options.normal_median, options.normal_form)
+            if with_distortion:
+                distortion = raster.distortion.detach().requires_grad_()
+                outputs.append((raster.distortion, distortion))
+                loss = loss + options.distortion_weight * losses.distortion_loss(
+                    distortion, alpha, view.image, options.distortion_near, options.distortion_far)
         value = float(loss.detach())
         if not math.isfinite(value):
             raise NonFiniteError(NonFinite(step, view.name, "loss", f"loss is {value}"))

@@ -38,6 +38,48 @@ def test_normal_consistency_is_zero_when_splats_lie_in_the_surface():
     assert float(turned) == pytest.approx(1.6)
 
 
+def test_one_normal_a_pixel_is_compared_whatever_its_length():
+    unit = np.array([0.3, 0.1, -0.9]) / np.linalg.norm([0.3, 0.1, -0.9])
+    depth = _plane_depth(unit, -5.0)
+    alpha = torch.full_like(depth, 0.8)
+    alpha[:9] = 0
+    normal = (0.3 * alpha[..., None] * torch.from_numpy(unit)).requires_grad_()
+    loss = losses.normal_consistency(normal, alpha, depth, depth, CAMERA, 0.6, "pixel")
+    # Of 16 rows within the border 8 have nothing, which counts as 1.
+    assert float(loss) == pytest.approx(0.5)
+    loss.backward()
+    assert torch.isfinite(normal.grad).all() and not normal.grad[:9].any()
+
+
+def test_distortion_loss_is_the_variance_of_mapped_depth():
+    weights, depths = np.array([0.2, 0.3, 0.1]), np.array([1.0, 2.0, 5.0])
+    near, far = 0.2, 100.0
+    mapped = (far * depths - far * near) / ((far - near) * depths)
+    pairs = sum(weights[i] * weights[j] * (mapped[i] - mapped[j]) ** 2 for i in range(3) for j in range(i))
+    by_disparity = sum(
+        weights[i] * weights[j] * (1 / depths[i] - 1 / depths[j]) ** 2 for i in range(3) for j in range(i))
+    distortion, alpha = torch.zeros(10, 12), torch.zeros(10, 12)
+    distortion[4, 5], alpha[4, 5] = by_disparity, weights.sum()
+    distortion.requires_grad_()
+    loss = losses.distortion_loss(distortion, alpha, torch.full((10, 12, 3), 0.4), near, far)
+    assert float(loss) == pytest.approx(pairs / weights.sum() ** 2 / 120, rel=FLOAT32_SCALAR)
+    assert float(loss) == pytest.approx(np.cov(mapped, aweights=weights, ddof=0) / 120, rel=FLOAT32_SCALAR)
+    loss.backward()
+    assert torch.isfinite(distortion.grad).all()
+
+
+def test_distortion_counts_less_where_colour_jumps_and_not_at_the_border():
+    image = torch.zeros(6, 8, 3)
+    image[:, 4:] = torch.tensor([0.3, 0.6, 0.9])
+    distortion = torch.ones(6, 8).requires_grad_()
+    losses.distortion_loss(distortion, torch.ones(6, 8), image, 0.2, 100.0).backward()
+    weight = distortion.grad / distortion.grad.max()
+    expected = torch.zeros(6, 8)
+    expected[1:-1, 1:-1] = 1
+    expected[1:-1, 3:5] = math.exp(-0.6)
+    assert torch.allclose(weight, expected)
+
+
 def test_step_function_has_the_printed_values():
     options = TrainerOptions()
     x = torch.tensor([0.0, 0.3, 0.5])

@@ -14,6 +14,7 @@ from dofbench.cameras import Camera
 from dofbench.contracts import Budget, PointCloud, TrainingSet, TrainingView
 from dofbench.errors import Status
 from dofbench.gaussians.options import TrainerOptions
+from dofbench.gaussians.render import rasterise
 from dofbench.gaussians.trainer import Trainer
 
 WIDTH, HEIGHT = 48, 36
@@ -74,6 +75,7 @@ def _options(**overrides):
      "grow_absolute": True},
     {"lens_range": "render", "lens_update": "dense", "lens_energy": "algorithm1", "coarse_until": 0.4,
      "depth_norm": "l1", "depth_space": "disparity", "prune_depth_graded": True, "filter_2d": 0.0},
+    {"normal_form": "pixel", "normal_median": 0.6, "distortion_weight": 1.0},
 ])
 def test_training_lowers_the_loss(overrides):
     recorder = Recorder()
@@ -84,6 +86,18 @@ def test_training_lowers_the_loss(overrides):
     rendering = trainer.render(_cameras()[0], None)
     assert rendering.image.shape == (HEIGHT, WIDTH, 3) and np.isfinite(rendering.image).all()
     assert np.median(rendering.depth[rendering.depth > 0]) == pytest.approx(4.5, abs=ROUGH_DEPTH)
+
+
+def test_the_distortion_loss_draws_the_gaussians_of_a_ray_together():
+    spreads = {}
+    for weight in (0.0, 1000.0):
+        trainer = Trainer(_training_set(), _options(distortion_weight=weight, distortion_from=0.2), 0)
+        assert trainer.fit(Budget(), Recorder()).status is Status.OK
+        spreads[weight] = 0.0
+        for camera in _cameras():
+            raster = rasterise(trainer.gaussians, camera, trainer.options, geometry="distortion")
+            spreads[weight] += float((raster.distortion / raster.alpha.clamp(min=0.01) ** 2).detach().mean())
+    assert spreads[1000.0] < spreads[0.0] / 2
 
 
 def test_the_same_seed_gives_the_same_bits():
