@@ -100,6 +100,8 @@ SWEPT_DISPARITY = 0.01
 # Share of the depths that stereo keeps on six shallow photographs of 160 x 120, and that are off by more than 5 %: what
 # lies along outlines, and bars and grass with a wall behind them.
 STEREO_OUTLIERS = 0.2
+# A parabola's least value on a grid of steps of 1e-3: at most a quarter of the step's square above.
+BEST_SCALE = 1e-6
 # Correlation of two flat patches: float32 rounding of squares around zero, 1e-8, over the variances' floor of 2e-5.
 FLAT_SCORE = 1e-3
 # A completed surface between sightings that agree, across pixels of one colour: what leaks over a strong edge.

@@ -116,15 +116,22 @@ def _geometric(folder: Path, name: str, camera: Camera) -> np.ndarray:
 
 
 def _fused(points: np.ndarray, camera: Camera, depth: np.ndarray) -> np.ndarray:
-    """(H, W) bool: pixels where a fused point lies on the view's own map, so is neither hidden nor in the air."""
+    """(H, W) bool: pixels whose own depth is that of a fused point in them or beside them.
+
+    A point that another surface hides, or that this view didn't see, differs in depth. Beside them too,
+    since a point that was fused of pixels of several views falls between the pixels of each.
+    """
     xy, z = camera.project(points)
     with np.errstate(invalid="ignore"):
         seen = (z > 0) & (xy >= 0).all(axis=1) & (xy[:, 0] < camera.width) & (xy[:, 1] < camera.height)
     columns, rows = xy[seen].astype(np.int64).T
-    own = depth[rows, columns]
-    same = (own > 0) & (np.abs(z[seen] - own) <= SAME_DEPTH * own)
     kept = np.zeros(depth.shape, dtype=bool)
-    kept[rows[same], columns[same]] = True
+    for down in (-1, 0, 1):
+        for right in (-1, 0, 1):
+            row, column = np.clip(rows + down, 0, camera.height - 1), np.clip(columns + right, 0, camera.width - 1)
+            own = depth[row, column]
+            same = (own > 0) & (np.abs(z[seen] - own) <= SAME_DEPTH * own)
+            kept[row[same], column[same]] = True
     return kept
 
 

@@ -61,11 +61,11 @@ def tune(network: nn.Module, training_set: TrainingSet, known: Sequence[DepthMap
             names = ", ".join(training_set.views[index].name for index in batch)
             predicted = run(network, images[batch], names)
             value = scale_invariant_loss(predicted, log_depth[batch], weight[batch], loss)
+            if not bool(torch.isfinite(value)):
+                raise FloatingPointError(f"views {names}: loss is {float(value.detach())} at tuning step {step + 1}")
             optimiser.zero_grad(set_to_none=True)
             value.backward()
             optimiser.step()
-            if not bool(torch.isfinite(value)):
-                raise FloatingPointError(f"views {names}: loss is {float(value)} at tuning step {step + 1}")
 
 
 def _target(training_set: TrainingSet, index: int, known: DepthMap, size: torch.Size) -> tuple[Tensor, Tensor]:
