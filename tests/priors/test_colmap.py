@@ -1,4 +1,4 @@
-"""A dense workspace as COLMAP lays it out, written from exact depth: no COLMAP with CUDA was at hand to make one."""
+"""A dense workspace as COLMAP lays it out, from exact depth: no COLMAP with CUDA was at hand to make one."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from colmap_workspace import back_projected, write_fused, write_map, write_workspace
 from tolerances import FLOAT32_SCALAR
 
 from dofbench.cameras import Camera
@@ -17,7 +18,7 @@ from dofbench.gaussians.options import TrainerOptions
 from dofbench.priors import make_prior
 from dofbench.priors.colmap import workspace_depth
 from dofbench.scenes import load_scene
-from dofbench.scenes.export import write_colmap
+from dofbench.scenes.ply import read_ply
 
 UNIT = 2.5       # workspace units per scene unit
 CROPPED = 10     # pixels that undistortion cut off each side: other sizes and principal points than the scene's
@@ -30,23 +31,6 @@ def _cropped(camera: Camera) -> Camera:
                   camera.cx - CROPPED, camera.cy - CROPPED, pose)
 
 
-def _write_map(file: Path, depth: np.ndarray) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_bytes(f"{depth.shape[1]}&{depth.shape[0]}&1&".encode() + depth.astype("<f4").tobytes())
-
-
-def _write_fused(file: Path, points: np.ndarray) -> None:
-    """As stereo_fusion writes it: positions, normals, colours."""
-    names = ("x", "y", "z", "nx", "ny", "nz")
-    table = np.zeros(len(points), [(name, "<f4") for name in names] + [(c, "u1") for c in ("red", "green", "blue")])
-    for axis, name in enumerate("xyz"):
-        table[name] = points[:, axis]
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}",
-              *(f"property float {name}" for name in names),
-              *(f"property uchar {name}" for name in ("red", "green", "blue")), "end_header", ""]
-    file.write_bytes("\n".join(header).encode() + table.tobytes())
-
-
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory, photographed) -> Path:
     """Every view's exact depth at full size; fusion kept the left half of what the first view sees."""
@@ -55,18 +39,10 @@ def workspace(tmp_path_factory, photographed) -> Path:
     by_name = {view.name: view for view in scene.views}
     chosen = [by_name[view.name] for view in photographed.training_set.views]
     cameras = [_cropped(view.camera) for view in chosen]
-    write_colmap(folder, [f"{view.name}.png" for view in chosen], cameras, None)
-    for file in (folder / "sparse/0").iterdir():  # the undistorter writes no numbered folder
-        shutil.move(file, folder / "sparse" / file.name)
-    for view, _ in zip(chosen, cameras, strict=True):
-        depth = UNIT * view.depth()[CROPPED:-CROPPED, CROPPED:-CROPPED]
-        _write_map(folder / "stereo/depth_maps" / f"{view.name}.png.geometric.bin", depth)
-    first, camera = UNIT * chosen[0].depth()[CROPPED:-CROPPED, CROPPED:-CROPPED], cameras[0]
-    rows, columns = (index.ravel() for index in np.mgrid[: camera.height, : camera.width // 2])
-    z = first[rows, columns]
-    local = np.stack([(columns + 0.5 - camera.cx) / camera.fx * z, (rows + 0.5 - camera.cy) / camera.fy * z, z,
-                      np.ones_like(z)], axis=1)
-    _write_fused(folder / "fused.ply", (local @ camera.camera_to_world.T)[:, :3])
+    depths = [UNIT * view.depth()[CROPPED:-CROPPED, CROPPED:-CROPPED] for view in chosen]
+    kept = depths[0].copy()
+    kept[:, cameras[0].width // 2 :] = 0
+    write_workspace(folder, [view.name for view in chosen], cameras, depths, back_projected(cameras[0], kept))
     return folder
 
 
@@ -100,11 +76,9 @@ def test_only_what_fusion_kept_counts_and_nothing_behind_it(workspace, photograp
 def test_a_fused_point_behind_a_surface_is_not_that_surface(workspace, photographed, tmp_path):
     """All points moved away from the cameras by a tenth: each projects near its pixel, but fits no map."""
     folder = _copy(workspace, tmp_path)
-    from dofbench.scenes.ply import read_ply
-
     points = read_ply(workspace / "fused.ply").xyz
     centre = UNIT * photographed.training_set.views[0].camera.centre
-    _write_fused(folder / "fused.ply", centre + 1.1 * (points - centre))
+    write_fused(folder / "fused.ply", centre + 1.1 * (points - centre))
     kept = workspace_depth(folder, photographed.training_set)[0].depth > 0
     assert kept.mean() < 0.02
 
@@ -136,14 +110,14 @@ def test_a_map_cut_short_or_of_another_shape_is_named(workspace, photographed, t
     file.write_bytes(content[:-5])
     with pytest.raises(InputError, match=file.name):
         workspace_depth(folder, photographed.training_set)
-    _write_map(file, np.ones((50, 50)))
+    write_map(file, np.ones((50, 50)))
     with pytest.raises(InputError, match="50x50"):
         workspace_depth(folder, photographed.training_set)
 
 
 def test_fused_points_that_are_none_are_named(workspace, photographed, tmp_path):
     folder = _copy(workspace, tmp_path)
-    _write_fused(folder / "fused.ply", np.zeros((0, 3)))
+    write_fused(folder / "fused.ply", np.zeros((0, 3)))
     with pytest.raises(InputError, match="no points"):
         workspace_depth(folder, photographed.training_set)
 
