@@ -49,8 +49,8 @@ class Settings:
 
 def main(settings: Settings) -> None:
     """Print the tables."""
-    print("| dataset | prior | pixels with depth | within 1 % | 2 % | 5 % | median error | CoC error at A = 1: < 0.5 px "
-          "| mean (px) | s |\n" + "|---" * 10 + "|", flush=True)
+    print("| dataset | prior | pixels with depth | within 1 % | 2 % | 5 % | median error | CoC error at A = 1: < 0.5 px"
+          " | mean (px) | s |\n" + "|---" * 10 + "|", flush=True)
     for folder in settings.datasets:
         for prior in settings.priors.split(","):
             if prior != "none":
