@@ -14,6 +14,7 @@ import torch
 
 from dofbench.cameras import Camera
 from dofbench.contracts import TrainingSet
+from dofbench.errors import InputError
 from dofbench.gaussians.supervision import DepthMap, sparse_depth
 from dofbench.images import resize
 from dofbench.kernels import load
@@ -46,8 +47,10 @@ def stereo_depth(training_set: TrainingSet) -> list[DepthMap]:
     """One map a view: z, 0 where nothing was found or agreed, and a weight of 0 ... 1.
 
     Uses the photographs, cameras and sparse points, which say how far planes have to reach.
-    Raises ValueError without points.
+    Raises InputError for a single view, and without points.
     """
+    if len(training_set.views) < 2:
+        raise InputError("option depth_prior", "stereo for one training view", "two or more")
     low, high = disparity_bounds(training_set)
     neighbours = choose_sources(training_set)
     pyramids = [_pyramid(view.image, view.camera) for view in training_set.views]
@@ -59,7 +62,7 @@ def stereo_depth(training_set: TrainingSet) -> list[DepthMap]:
 def disparity_bounds(training_set: TrainingSet) -> tuple[float, float]:
     """The disparities, 1 / scene unit, between which the planes lie."""
     if training_set.points is None:
-        raise ValueError("stereo: the planes' range comes from sparse points, and there are none")
+        raise InputError("option depth_prior", "stereo without sparse points", "some, which say how far planes reach")
     found = np.concatenate([1 / sparse_depth(training_set.points, view.camera, index).depth.numpy()
                             for index, view in enumerate(training_set.views)])
     low, high = (float(value) for value in np.quantile(found, (QUANTILE, 1 - QUANTILE)))
@@ -112,6 +115,13 @@ def _pyramid(image: np.ndarray, camera: Camera) -> list[tuple[torch.Tensor, Came
     return levels
 
 
+def _at_size(grey: torch.Tensor, camera: Camera, goal: Camera) -> tuple[torch.Tensor, Camera]:
+    """A grey image and its camera, with as many pixels as the other camera has."""
+    if grey.shape == (goal.height, goal.width):
+        return grey, camera
+    return torch.from_numpy(resize(grey.numpy(), goal.width, goal.height)), camera.resized(goal.width, goal.height)
+
+
 def plane_map(camera: Camera, source: Camera) -> np.ndarray:
     """(3, 4): takes (x, y, 1) of `camera`, and times disparity its last column, to `source`, homogeneous."""
     relative = source.world_to_camera @ camera.camera_to_world
@@ -137,9 +147,7 @@ def _sweep(pyramids: list, index: int, chosen: list[int], low: float, high: floa
     disparities = _planes(pyramids[index][0][1], [pyramids[other][0][1] for other in chosen], low, high)
     total, weight = None, 0.0
     for level, (grey, camera) in enumerate(pyramids[index]):
-        others = [pyramids[other][level] for other in chosen if level < len(pyramids[other])]
-        if len(others) < len(chosen) or len({other.shape for other, _ in others}) > 1:
-            break
+        others = [_at_size(*pyramids[other][min(level, len(pyramids[other]) - 1)], camera) for other in chosen]
         maps = np.stack([plane_map(camera, source) for _, source in others])
         scores = load("stereo")(grey, torch.stack([other for other, _ in others]), torch.from_numpy(maps),
                                 torch.from_numpy(disparities), radius=RADIUS, best=min(BEST, len(others)))

@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tolerances import STEREO_OUTLIERS
+from tolerances import STEREO_OUTLIERS, STEREO_RESIZED
 
 from dofbench.cameras import Camera
+from dofbench.errors import InputError
 from dofbench.gaussians.supervision import sparse_depth
+from dofbench.images import resize
 from dofbench.priors.stereo import choose_sources, disparity_bounds, plane_map, stereo_depth
 
 
@@ -65,9 +67,26 @@ def test_without_tracks_the_points_still_say_where_to_look(photographed, maps):
     assert all(len(set(chosen)) == 4 for chosen in choose_sources(blind))
 
 
-def test_without_points_it_says_so(photographed):
-    with pytest.raises(ValueError, match="sparse points"):
-        stereo_depth(replace(photographed.training_set, points=None))
+def test_views_of_other_sizes_are_matched_too(photographed, maps):
+    """Every second photograph half again as large: the others' depth hardly changes."""
+    views = list(photographed.training_set.views)
+    views[::2] = [replace(view, camera=view.camera.resized(240, 180), image=resize(view.image, 240, 180))
+                  for view in views[::2]]
+    found = stereo_depth(replace(photographed.training_set, views=tuple(views)))
+    assert found[0].depth.shape == (180, 240)
+    assert (found[1].depth > 0).mean() > 0.8 * (maps[1].depth > 0).mean()
+    both = (found[1].depth > 0) & (maps[1].depth > 0)
+    assert np.median(np.abs(found[1].depth[both] / maps[1].depth[both] - 1)) < STEREO_RESIZED
+
+
+@pytest.mark.parametrize(("change", "part"), [
+    (lambda training_set: replace(training_set, points=None), "sparse points"),
+    (lambda training_set: replace(training_set, views=training_set.views[:1], points=training_set.points.seen_by([0])),
+     "one training view"),
+])
+def test_what_stereo_can_not_do_without_is_named(photographed, change, part):
+    with pytest.raises(InputError, match=part):
+        stereo_depth(change(photographed.training_set))
 
 
 def test_planes_map_as_the_cameras_project():
