@@ -15,6 +15,7 @@ from dofbench.ablation.tables import Row
 from dofbench.reporting.collect import Entry
 from dofbench.reporting.columns import COLUMNS
 from dofbench.reporting.footnotes import Footnotes, table
+from dofbench.reporting.held_out import ASKED_HEADING, asked_table
 from dofbench.reporting.line_table import Beside, line_table, plain
 from dofbench.reporting.markdown import commit_text, machine_text
 from dofbench.reporting.paired import SIGNIFICANT
@@ -37,6 +38,8 @@ def table_page(filled: Filled, settings: Ablate) -> str:
         if len(filled.datasets) == 1 and not any(figures.values()):
             figures = {row.label: row.paper for row in declared.rows}
         page += [*_heading(filled, source), "", *_block(filled, filled.lines(source.label), notes, figures), ""]
+        if declared.held_out:
+            page += _asked(filled, source, notes)
     page += [*_rows(filled), "", "## What the columns say", "",
              *(f"- {COLUMNS[column].label} ({column}): {COLUMNS[column].note}." for column in declared.columns), "",
              *_how_made(filled, settings)]
@@ -88,6 +91,17 @@ def _heading(filled: Filled, source: Source) -> list[str]:
     sharp = filled.plan.table.inputs == "all-in-focus"
     trained = "trained on the sharp originals; the test views are sharp" if sharp else source.lenses
     return [f"## {source.label}", "", f"{trained[0].upper()}{trained[1:]}."]
+
+
+def _asked(filled: Filled, source: Source, notes: Footnotes) -> list[str]:
+    """The rows by what the test views ask for; those of which every seed has ended."""
+    groups = []
+    for row in filled.rows:
+        seeds = [filled.entries.get((row, source.label, seed)) for seed in filled.seeds]
+        if None not in seeds:
+            groups.append((row, "", [entry for entry in seeds if entry is not None]))
+    asked = asked_table(groups, notes)
+    return [f"### {ASKED_HEADING}", "", *asked, ""] if asked else []
 
 
 def _word(switch: bool | str) -> str:

@@ -40,6 +40,12 @@ class Entry:
         return " ".join([self.spec.preset, *(f"{key}={_text(value)}" for key, value in self.spec.overrides.items())])
 
     @property
+    def lenses(self) -> dict[str, Any] | None:
+        """How the dataset deals its lenses, as `dofbench.harness.plan.dealt_lenses`; None where the result is of
+        before that was stored."""
+        return self.result.plan.get("lenses") if self.result else None
+
+    @property
     def board(self) -> tuple[str, str, str]:
         """(dataset, its checksum, protocol): only runs that share all three may share a table."""
         return self.spec.dataset, self.spec.dataset_checksum, self.spec.protocol

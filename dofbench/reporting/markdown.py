@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from dofbench.harness.methods import find_method, method_files
+from dofbench.harness.protocol import PROTOCOLS
 from dofbench.reporting.collect import Collection, Entry, board_names, grouped, variant_names
 from dofbench.reporting.columns import COLUMNS, SCORES
 from dofbench.reporting.footnotes import Footnotes, table
+from dofbench.reporting.held_out import ASKED_HEADING, asked_table
+from dofbench.reporting.lenses import HELD_OUT, lens_words
 from dofbench.reporting.line_table import Beside, line_table, plain
 from dofbench.reporting.summary import Line, do_nothing_line, scene_mean, sorted_lines, variant_line
 
@@ -22,21 +27,29 @@ def leaderboard_markdown(collection: Collection, pictures: dict[tuple[str, ...],
     notes = Footnotes()
     names, boards = variant_names(entries), board_names(entries)
     page = ["# Leaderboard", "", _INTRODUCTION, ""]
-    by_protocol: dict[str, dict[str, dict[tuple[str, ...], Line]]] = {}
+    by_kind: dict[str, dict[str, dict[tuple[str, ...], Line]]] = {}
     for board, members in grouped(entries, "board").items():
+        lenses = next((entry.lenses for entry in members if entry.lenses), None)
+        held_out = lenses is not None and lenses["assign"] == HELD_OUT
+        kind = f"{board[2]}, held-out focus" if held_out else board[2]
         lines = {variant: variant_line(seeds, names, list(SCORES))
                  for variant, seeds in grouped(members, "variant").items()}
-        by_protocol.setdefault(board[2], {})[boards[board]] = lines
+        by_kind.setdefault(kind, {})[boards[board]] = lines
         shown = list(lines.values())
         if (nothing := do_nothing_line(members, list(SCORES))) is not None:
             shown.append(nothing)
-        page += [f"## {boards[board]}, {board[2]}", "",
-                 f"Scene {members[0].scene}; dataset checksum {board[1][:16]}.", "", *_board(shown, notes), ""]
+        page += [f"## {boards[board]}, {kind}", "",
+                 f"Scene {members[0].scene}; dataset checksum {board[1][:16]}{_lenses(board[2], lenses)}.", "",
+                 *_board(shown, notes), ""]
+        if held_out:
+            groups = [(*names[variant], seeds) for variant, seeds in grouped(members, "variant").items()]
+            if asked := asked_table(groups, notes):
+                page += [f"### {ASKED_HEADING}", "", *asked, ""]
         for caption, path in pictures.get(board, []):
             page += [f"![{caption}]({path})", ""]
-    for protocol, scenes in by_protocol.items():
+    for kind, scenes in by_kind.items():
         if len(scenes) > 1:
-            page += [f"## Means over scenes, {protocol}", "", f"Scenes: {', '.join(scenes)}.", "",
+            page += [f"## Means over scenes, {kind}", "", f"Scenes: {', '.join(scenes)}.", "",
                      *_scene_means(scenes, notes), ""]
     page += _claims(entries, notes)
     page += ["## What the columns say", "",
@@ -45,6 +58,14 @@ def leaderboard_markdown(collection: Collection, pictures: dict[tuple[str, ...],
     if collection.unreadable:
         page += ["## Results that can't be read", "", *(f"- {problem}" for problem in collection.unreadable), ""]
     return "\n".join([*page, *notes.lines()]).rstrip() + "\n"
+
+
+def _lenses(protocol: str, lenses: dict[str, Any] | None) -> str:
+    if lenses is None:
+        return ""
+    known = PROTOCOLS.get(protocol)
+    sharp = known is not None and known.inputs == "all-in-focus"
+    return "; trained on the sharp originals" if sharp else f"; {lens_words(lenses)}"
 
 
 def _board(lines: list[Line], notes: Footnotes) -> list[str]:

@@ -52,6 +52,13 @@ def seed_cell(entries: list[Entry], column: str) -> Cell:
     if len(values) < len(entries):
         gap = next(entry for entry in entries if column not in entry.scores)
         return Cell(None, reason=gap.left_out.get(column) or _no_reason(gap, column))
+    return spread_cell(values)
+
+
+def spread_cell(values: Sequence[float], reason: str = "") -> Cell:
+    """Mean and sample standard deviation of one value a seed; a gap with the reason where there is none."""
+    if not values:
+        return Cell(None, reason=reason)
     spread = statistics.stdev(values) if len(values) > 1 and all(map(math.isfinite, values)) else None
     return Cell(math.fsum(values) / len(values), spread)
 

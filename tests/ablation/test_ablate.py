@@ -22,6 +22,7 @@ from dofbench.ablation.tables import read_tables, shipped_file
 from dofbench.errors import InputError, one_line
 from dofbench.harness.result import read_result
 from dofbench.processes import Job, Outcome
+from dofbench.reporting.held_out import ASKED_HEADING
 
 TABLES = """\
 method = "fake"
@@ -300,6 +301,8 @@ def test_held_out_lenses_have_tables_of_their_own(ablate, tmp_path: Path) -> Non
     assert (out / "held.md").is_file() and "## apart" not in (out / "noise.md").read_text()
     assert ("## apart, held-out focus: trained on F 0.2, 0.5, 0.8 and A 0.5, 1; "
             "the test views ask for F 0.2, 0.5 and A 0.5, 1") in (out / "held.md").read_text()
+    assert [row["asked for"] for row in table_rows((out / "held.md").read_text(), ASKED_HEADING)] == [
+        "F 0.2, A 0.5 (1 view)", "F 0.5, A 1 (1 view)", "A 0, all in focus (2 views)"]
     _, _, said, _ = ablate(table=None, seeds=1)
     assert "table held is left out: it wants a dataset made with --assign held-out" in said
     with pytest.raises(InputError, match="table held: found no dataset for it"):

@@ -18,10 +18,13 @@ from rich.console import Console
 from tolerances import CSV_DIGITS
 
 from dofbench.errors import InputError
+from dofbench.harness.check import check_result
 from dofbench.harness.lock import locked
-from dofbench.harness.result import read_result
+from dofbench.harness.result import Spec, read_result
 from dofbench.reporting import board, curves, report
 from dofbench.reporting.board import Written, write_report
+from dofbench.reporting.columns import DEPTH
+from dofbench.reporting.held_out import ASKED_HEADING
 from dofbench.reporting.settings import Report
 
 HEADER = (
@@ -309,3 +312,45 @@ def test_a_copy_of_a_result_is_no_second_seed(plain, call, made) -> None:
     _, out, said = made()
     assert "a copy of another result" in said
     assert len(rows(out / "leaderboard.csv")) == 1
+
+
+def test_a_held_out_focus_has_a_table_of_its_own(plain, call, made, tmp_path: Path) -> None:
+    held = write_dataset(tmp_path / "held", name="apart", assign="held-out", test=3)
+    results = [read_result(call(data=held, seed=seed).folder) for seed in (0, 1)]
+    call(data=held, method="pinhole")
+    call()
+    _, out, _ = made()
+    page = (out / "leaderboard.md").read_text()
+    assert "; trained on F 0.2, 0.5, 0.8 and A 0.5, 1; the test views ask for F 0.2, 0.5, 0.8 and A 0.5, 1." in page
+    assert "## waves, refocus-v2\n" in page and "## Means over scenes" not in page  # a held-out focus is no other scene
+    assert "## apart, refocus-v2, held-out focus\n" in page
+    rows = table_rows(page, ASKED_HEADING)
+    assert [row["asked for"] for row in rows if row["method"].startswith("fake")] == [
+        "F 0.2, A 0.5 (1 view)", "F 0.5, A 1 (1 view)", "F 0.8, A 0.5 (1 view)", "A 0, all in focus (3 views)"]
+    assert [row["asked for"] for row in rows if row["method"].startswith("pinhole")] == ["A 0, all in focus (3 views)"]
+    for row, view in zip(rows, ("v0", "v1", "v2"), strict=False):
+        values = [next(one for one in result.views if one.name == view).scores["psnr"] for result in results]
+        spread = abs(values[0] - values[1]) / math.sqrt(2)
+        assert row["PSNR [dB] ↑"] == f"{sum(values) / 2:.2f} ± {spread:.2f}"
+    sharp = [result.scores["aif_psnr"] for result in results]
+    assert rows[3]["PSNR [dB] ↑"].startswith(f"{sum(sharp) / 2:.2f} ±")
+
+
+def test_a_result_of_an_older_protocol_is_still_reported(plain, call, made) -> None:
+    end = call()
+    data = json.loads((end.folder / "result.json").read_text())
+    for column in DEPTH:
+        del data["scores"][column]
+        for view in data["views"]:
+            del view["scores"][column]
+    del data["plan"]["lenses"]
+    data["plan"]["columns"] = [column for column in data["plan"]["columns"] if column not in DEPTH]
+    data["spec"]["protocol"] = "refocus-v1"
+    data["key"] = Spec.model_validate(data["spec"]).key
+    (end.folder / "result.json").write_text(json.dumps(data))
+    assert check_result(end.folder) == []
+    _, out, _ = made()
+    page = (out / "leaderboard.md").read_text()
+    (row, _) = table_rows(page, "waves, refocus-v1")
+    assert row["PSNR [dB] ↑"] and "disparity error ↓" not in row
+    assert "Not shown, as no row has it: disparity error, depth AbsRel (refocus-v1 has no such score)." in page

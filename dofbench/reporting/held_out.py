@@ -1,0 +1,54 @@
+"""A focus that no training view has: its own table, by what the test views ask for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from dofbench.errors import Status
+from dofbench.harness.protocol import AIF_PREFIX
+from dofbench.reporting.collect import Entry
+from dofbench.reporting.footnotes import Footnotes
+from dofbench.reporting.line_table import Beside, line_table, plain
+from dofbench.reporting.summary import Line, spread_cell
+
+COLUMNS_SHOWN = ("psnr", "ssim", "flip")  # that are scored all in focus too
+ASKED_HEADING = "Held-out focus, by what the test views ask for"
+ALL_IN_FOCUS = "A 0, all in focus"
+
+
+def asked_table(groups: Iterable[tuple[str, str, list[Entry]]], notes: Footnotes) -> list[str]:
+    """Scores by the lens that the test views ask for, and all in focus. groups: (method, preset, its seeds).
+
+    A group with a run that failed is left out: the table of all scores has it.
+    """
+    lines = [line for method, preset, seeds in groups for line in _lines(method, preset, seeds)]
+    if not lines:
+        return []
+    names = Beside(["method", "asked for"], lambda line: [plain(f"{line.method} {line.preset}".strip()), line.seeds])
+    return line_table(lines, COLUMNS_SHOWN, notes, before=names)
+
+
+def _lines(method: str, preset: str, seeds: list[Entry]) -> list[Line]:
+    results = [entry.result for entry in seeds if entry.status is Status.OK and entry.result is not None]
+    if not results or len(results) < len(seeds):
+        return []
+    asked: dict[tuple[float, float], list[str]] = {}
+    for view, (aperture, focus) in results[0].plan["lenses"]["test"].items():
+        asked.setdefault((focus, aperture), []).append(view)
+    rows = [(f"F {focus:g}, A {aperture:g}", views, "") for (focus, aperture), views in sorted(asked.items())
+            if aperture > 0]
+    rows.append((ALL_IN_FOCUS, list(results[0].plan["lenses"]["test"]), AIF_PREFIX))
+    lines = []
+    for name, views, prefix in rows:
+        by_seed = [{view.name: view.scores for view in result.views if view.name in views} for result in results]
+        cells = {}
+        for column in COLUMNS_SHOWN:
+            known = all(prefix + column in scores for run in by_seed for scores in run.values())
+            values = [math.fsum(scores[prefix + column] for scores in run.values()) / len(run)
+                      for run in by_seed] if known else []
+            cells[column] = spread_cell(values, results[0].left_out.get(prefix + column, "no such score"))
+        if any(cell.value is not None for cell in cells.values()):
+            count = f"{len(views)} view{'s' if len(views) > 1 else ''}"
+            lines.append(Line(method, preset, f"{name} ({count})", cells, competes=False))
+    return lines
