@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,11 +34,13 @@ class Source:
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """A run that one or more cells need. settings: as `dofbench run` takes them."""
+    """A run that one or more cells need. settings: as `dofbench run` takes them. options: all that the method runs
+    with, its defaults too, where it says so (as its `options`, a dataclass); else those of the spec."""
 
     settings: Run
     spec: Spec
     folder: Path
+    options: dict[str, Any]
 
     @property
     def name(self) -> str:
@@ -108,17 +110,20 @@ def _run(
         prepared = prepare(run, choose(run), source.folder)
     except InputError as error:
         raise InputError(f"table {table.id}, row {row.label}: {error.subject}", error.found, error.expected) from None
-    return PlannedRun(run, prepared.spec, prepared.folder)
+    options = getattr(prepared.method, "options", None)
+    known = asdict(options) if is_dataclass(options) and not isinstance(options, type) else prepared.spec.options
+    return PlannedRun(run, prepared.spec, prepared.folder, known)
 
 
 def _with_seed(run: PlannedRun, seed: int) -> PlannedRun:
     spec = run.spec.model_copy(update={"seed": seed})
-    return PlannedRun(replace(run.settings, seed=seed), spec, run.settings.out / spec.folder)
+    return replace(run, settings=replace(run.settings, seed=seed), spec=spec, folder=run.settings.out / spec.folder)
 
 
 def _what_runs(run: PlannedRun) -> str:
-    """Equal for two runs that do the same, even if one says an option that its preset has anyway."""
-    return sha256_text(canonical_json(run.spec.model_dump(mode="json", exclude={"overrides", "preset"})))
+    """Equal for two runs that do the same, even if one says an option that the other has anyway."""
+    rest = run.spec.model_dump(mode="json", exclude={"overrides", "preset", "options"})
+    return sha256_text(canonical_json({**rest, "options": run.options}))
 
 
 def _toml(value: Any) -> str:

@@ -17,12 +17,16 @@ from rich.console import Console
 from tolerances import CSV_DIGITS
 
 from dofbench.ablation.make import make_tables
+from dofbench.ablation.plan import make_plan
 from dofbench.ablation.settings import Ablate
 from dofbench.ablation.tables import read_tables, shipped_file
+from dofbench.content import content_folder
 from dofbench.errors import InputError, one_line
 from dofbench.harness.result import read_result
 from dofbench.processes import Job, Outcome
 from dofbench.reporting.held_out import ASKED_HEADING
+from dofbench.synthesis import make_dataset
+from dofbench.synthesis.settings import MakeDataset
 
 TABLES = """\
 method = "fake"
@@ -377,9 +381,24 @@ def test_the_shipped_tables_hold_the_paper_s_figures() -> None:
         (21.31, 0.636), (23.05, 0.728), (23.59, 0.742), (23.42, 0.738), (23.97, 0.756)]
     assert [tuple(row.switches.values()) for row in tables["table4"].rows] == [
         (False, False, False), (True, False, False), (True, False, True), (True, True, False), (True, True, True)]
+    full, same = tables["table4"].rows[-1], tables["table5"].rows[3]
+    assert full.set == same.set and full.paper == same.paper  # one run, in both tables
     fern = {row.label: row.paper_scenes.get("fern") for row in tables["table3"].rows}
     assert fern["Mip-Splatting"] == {"aif_psnr": 27.87, "aif_ssim": 0.910}
     assert fern["DoF-Gaussian, as planned"] == {"aif_psnr": 28.23, "aif_ssim": 0.917}
+
+
+def test_an_option_that_a_preset_has_anyway_makes_no_other_run(tmp_path: Path) -> None:
+    """With the real method, whose options are known in full."""
+    data = tmp_path / "data"
+    make_dataset(MakeDataset(scene=str(content_folder("datasets") / "thinlens" / "foliage"), width=96, out=data))
+    settings = Ablate(data=str(data), table="table4,table5,adaptation", seeds=1)
+    plan = make_plan(settings, read_tables(shipped_file()))
+    runs = {(one.table.id, row): run for one in plan.tables for (row, _, _), run in one.runs.items()}
+    assert runs["table5", "sparse points"] is runs["adaptation", "one_minus_psi"]
+    assert runs["table4", "#5"] is runs["table5", "fine-tuned network"]
+    assert runs["table4", "#3"] is runs["table5", "none"] and runs["table4", "#2"] is not runs["table4", "#3"]
+    assert len(plan.runs) == len({run.spec.key for run in plan.runs}) == 5 + 3 + 4
 
 
 @pytest.mark.parametrize("option", [{"seeds": 0}, {"jobs": 0}, {"data": ","}])
