@@ -10,9 +10,9 @@ from dofbench.cameras import Camera
 from dofbench.contracts import Budget, FitOutcome, Observer, Rendering, TrainingSet
 from dofbench.errors import InputError
 from dofbench.files import read_json, write_json
+from dofbench.gaussians.exposure import render_view
 from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.options import TrainerOptions
-from dofbench.gaussians.render import render_view
 from dofbench.gaussians.trainer import Trainer
 from dofbench.lens import PhysicalLens
 

@@ -35,7 +35,12 @@ class TrainerOptions:
         lens: False trains a pinhole (`mipsplatting`). lens_gamma, lens_alpha, lens_energy: the
         forward model. lens_range: "points" fixes the disparity range once from the sparse points,
         "render" takes min and 95th percentile of each rendered view at each step (released code).
-        lens_activation: "relu" (released) or "log" (the aperture's logarithm is learned).
+        lens_model: "scatter", the paper's, blurs the sharp rendering; "samples" rasterises the scene as seen from
+        points of the lens, with the occlusion that comes with it, from lens_samples_from of the training on and in
+        every rendering. lens_rings: of those points around the centre (1 + 3 k (k + 1) points); 0 blurs each
+        Gaussian by its own circle of confusion. lens_blades, lens_rotation: the opening, a polygon or with 0 a disc.
+        lens_per: "view", or "scene" for one lens that all photographs share.
+        lens_activation: what is learned of a lens: "relu" (released), "log" or "ends" (`lenses.py`).
         lens_update: "view" keeps Adam's moments of each view by its own visits, "dense" runs one
         Adam over the vectors (released). lens_lr, lens_lr_final: rate at the start and the end.
         lens_from: share of the training before which the lens stays as it was initialised.
@@ -101,7 +106,13 @@ class TrainerOptions:
     lens_alpha: float = ALPHA
     lens_energy: Energy = "area"
     lens_range: Literal["points", "render"] = "points"
-    lens_activation: Literal["relu", "log"] = "relu"
+    lens_model: Literal["scatter", "samples"] = "scatter"
+    lens_rings: int = 1
+    lens_samples_from: float = 0.5
+    lens_blades: int = 0
+    lens_rotation: float = 0.0
+    lens_per: Literal["view", "scene"] = "view"
+    lens_activation: Literal["relu", "log", "ends"] = "relu"
     lens_update: Literal["view", "dense"] = "view"
     lens_lr: float = 5e-4
     lens_lr_final: float = 5e-4

@@ -1,4 +1,4 @@
-"""From Gaussians to images: what training, evaluation and a loaded model share."""
+"""From Gaussians to sharp images and depth: what training, evaluation and a loaded model share."""
 
 from __future__ import annotations
 
@@ -6,13 +6,10 @@ import torch
 from torch import Tensor
 
 from dofbench.cameras import Camera
-from dofbench.contracts import Rendering
-from dofbench.defocus import defocus
 from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.raster import Geometry, Raster, ViewStatistics
 from dofbench.kernels import load
-from dofbench.lens import PhysicalLens
 
 # Below this accumulated opacity a pixel has no surface whose depth means anything.
 SURFACE_ALPHA = 0.1
@@ -49,15 +46,3 @@ def surface_disparity(depth: Tensor, alpha: Tensor) -> Tensor:
         return disparity
     farthest = disparity.detach()[there].min() if bool(there.any()) else torch.zeros(())
     return torch.where(there, disparity, farthest)
-
-
-@torch.no_grad()
-def render_view(gaussians: Gaussians, camera: Camera, options: TrainerOptions, *,
-                lens: PhysicalLens | None) -> Rendering:
-    """Image and depth at any camera; all in focus when `lens` is None."""
-    raster = rasterise(gaussians, camera, options)
-    image = raster.color
-    if lens is not None:
-        radius = lens.signed_radius(surface_disparity(raster.depth, raster.alpha), camera.width)
-        image = defocus(image, radius, gamma=options.lens_gamma, alpha=options.lens_alpha, energy=options.lens_energy)
-    return Rendering(image=image.numpy(), depth=raster.depth.numpy())

@@ -14,20 +14,21 @@ from torch import Tensor
 
 from dofbench.cameras import Camera
 from dofbench.contracts import Budget, FitOutcome, NonFinite, Observer, Rendering, TrainingSet
-from dofbench.defocus import defocus, signed_radius
 from dofbench.errors import Status
 from dofbench.gaussians import losses
 from dofbench.gaussians.density import DensityControl
+from dofbench.gaussians.exposure import Shot, render_view, sampled, scattered, summed
+from dofbench.gaussians.lens_samples import together
 from dofbench.gaussians.lenses import LearnedLenses
 from dofbench.gaussians.model import Gaussians, scene_extent
 from dofbench.gaussians.optimiser import GaussianOptimiser
 from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.raster import ViewStatistics
-from dofbench.gaussians.render import SURFACE_ALPHA, rasterise, render_view, surface_disparity
+from dofbench.gaussians.render import SURFACE_ALPHA, rasterise, surface_disparity
 from dofbench.gaussians.supervision import DepthSamples, all_disparities
 from dofbench.gaussians.warmup import compile_kernels
 from dofbench.images import resize
-from dofbench.lens import COC_FRACTION, DisparityRange, PhysicalLens
+from dofbench.lens import DisparityRange, PhysicalLens
 from dofbench.priors import Prior, make_prior
 
 _RENDER_RANGE_QUANTILE = 0.95  # the released code's near end of the disparity range
@@ -35,7 +36,7 @@ _FILTER_3D_EVERY = 100         # steps; Mip-Splatting's interval
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
+class _Photograph:
     """One training view at one resolution."""
 
     index: int
@@ -117,13 +118,13 @@ class Trainer:
             nonfinite=(event,) if event else (), stages=dict(self.stages),
         )
 
-    def _view(self, index: int, factor: int) -> _View:
+    def _view(self, index: int, factor: int) -> _Photograph:
         view = self._views[index]
         width, height = view.camera.width // factor, view.camera.height // factor
         camera = view.camera if factor == 1 else view.camera.resized(width, height)
         image = torch.from_numpy(np.ascontiguousarray(resize(view.image, width, height)))
         known = None if self._prior is None else self._prior.samples(index, camera)
-        return _View(index, view.name, camera, image, known)
+        return _Photograph(index, view.name, camera, image, known)
 
     def _depth_prior(self, steps: int) -> Prior | None:
         if self.options.depth_weight <= 0:
@@ -139,7 +140,7 @@ class Trainer:
         yield
         self.stages[stage] = self.stages.get(stage, 0.0) + time.perf_counter() - start
 
-    def _step(self, step: int, progress: float, view: _View) -> float:
+    def _step(self, step: int, progress: float, view: _Photograph) -> float:
         """One optimisation step on one view; returns the loss."""
         options = self.options
         degree = min(options.sh_degree, int(progress / options.sh_every)) if options.sh_every > 0 else options.sh_degree
@@ -147,7 +148,9 @@ class Trainer:
         with_distortion = options.distortion_weight > 0 and progress >= options.distortion_from
         adapting = options.adaptation != "off" or options.adaptation_aperture
         adapting = adapting and self.lenses is not None and progress >= options.adaptation_from
-        with_depth = self.lenses is not None or view.known is not None
+        sampling = self.lenses is not None and options.lens_model == "samples" and progress >= options.lens_samples_from
+        by_disparity = self.lenses is not None and (not sampling or adapting or options.lens_range == "render")
+        with_depth = by_disparity or view.known is not None
 
         with self._timed("rasterise"):
             statistics = ViewStatistics(want_abs=options.grow_absolute)
@@ -164,10 +167,25 @@ class Trainer:
         depth = raster.depth.detach().requires_grad_() if raster.depth is not None else None
         outputs = [(raster.color, colour), (raster.alpha, alpha), (raster.depth, depth)]
 
-        image, out_of_focus = colour, None
+        image, out_of_focus, seen = colour, None, [statistics]
         if self.lenses is not None:
             with self._timed("lens"):
-                image, out_of_focus = self._through_lens(view, colour, alpha, depth, adapting)
+                disparity = self._disparity(alpha, depth) if by_disparity else None
+                lens = self._lens(view, alpha, disparity)
+                if adapting:
+                    out_of_focus = lens.out_of_focus(disparity)
+                if not sampling:
+                    image = scattered(colour, disparity, lens, options, adapting)
+            if sampling:
+                with self._timed("rasterise"):
+                    rasters, more = sampled(
+                        self.gaussians, lens, options, options.lens_rings, sh_degree=degree, adapting=adapting,
+                        rotation=self._random.uniform(0, 2 * math.pi), want_abs=options.grow_absolute)
+                samples = [sample.color.detach().requires_grad_() for sample in rasters]
+                outputs += [(sample.color, leaf) for sample, leaf in zip(rasters, samples, strict=True)]
+                seen += more
+                with self._timed("lens"):
+                    image = together(samples, options.lens_gamma)
             self._check(image, step, view, "lens")
 
         with self._timed("loss"):
@@ -198,10 +216,10 @@ class Trainer:
         reached = [(tensor, leaf.grad) for tensor, leaf in outputs if leaf is not None and leaf.grad is not None]
         for tensor_gradient in reached:
             self._check(tensor_gradient[1], step, view, "gradient by the rendering")
-        if self.lenses is not None:
-            self._check(self.lenses.gradient(), step, view, "gradient by the lens")
         with self._timed("rasterise, backward"):
             torch.autograd.backward([tensor for tensor, _ in reached], [gradient for _, gradient in reached])
+        if self.lenses is not None:
+            self._check(self.lenses.gradient(), step, view, "gradient by the lens")
         for name, parameter in self.gaussians.parameters.items():
             if parameter.grad is not None:
                 self._check(parameter.grad, step, view, f"gradient by {name}")
@@ -211,6 +229,7 @@ class Trainer:
             if self.lenses is not None and progress >= options.lens_from:
                 self.lenses.step(view.index, progress)
         with self._timed("density control"):
+            statistics = summed([one for one in seen if one.grad_2d is not None])
             gradient_2d = statistics.abs_grad_2d if options.grow_absolute else statistics.grad_2d
             self._density.record(gradient_2d, statistics.visible, view.camera.width, view.camera.height)
             graded = self.gaussians.parameters["means"].detach()[:, 2] if options.prune_depth_graded else None
@@ -219,26 +238,18 @@ class Trainer:
                 self.gaussians.update_filter_3d(self._cameras)
         return value
 
-    def _through_lens(self, view: _View, colour: Tensor, alpha: Tensor, depth: Tensor,
-                      adapting: bool) -> tuple[Tensor, Tensor]:
-        """The defocused image and |normalised disparity - focus|, detached."""
-        options = self.options
-        surface = depth if options.blur_to_depth else depth.detach()
-        disparity = surface_disparity(surface, alpha.detach())
-        if options.lens_range == "render":
+    def _disparity(self, alpha: Tensor, depth: Tensor) -> Tensor:
+        surface = depth if self.options.blur_to_depth else depth.detach()
+        return surface_disparity(surface, alpha.detach())
+
+    def _lens(self, view: _Photograph, alpha: Tensor, disparity: Tensor | None) -> Shot:
+        """The learned lens of a view, for one step."""
+        if self.options.lens_range == "render":
             self.lenses.ranges[view.index] = _rendered_range(disparity, alpha, self.range)
-        bounds = self.lenses.ranges[view.index]
-        aperture, focus = self.lenses.forward(view.index)
-        normalised = bounds.normalise(disparity)
-        radius = signed_radius(normalised, COC_FRACTION * view.camera.width * aperture, focus)
-        out_of_focus = (normalised.detach() - focus.detach()).abs()
-        if adapting and options.adaptation_aperture:
-            radius = radius * losses.step_function(out_of_focus, options)
-        image = defocus(colour, radius, gamma=options.lens_gamma, alpha=options.lens_alpha, energy=options.lens_energy)
-        return image, out_of_focus
+        return Shot(view.camera, self.lenses.ranges[view.index], *self.lenses.forward(view.index))
 
     @staticmethod
-    def _check(tensor: Tensor | None, step: int, view: _View, stage: str) -> None:
+    def _check(tensor: Tensor | None, step: int, view: _Photograph, stage: str) -> None:
         # A sum is non-finite when any element is, and is much cheaper than looking at each.
         if tensor is not None and not math.isfinite(float(tensor.detach().sum())):
             bad = int((~torch.isfinite(tensor)).sum())

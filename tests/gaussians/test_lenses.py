@@ -13,12 +13,12 @@ RANGE = DisparityRange(0.02, 0.06)
 def _train(lenses, target, steps, order):
     for step in range(steps):
         index = order[step % len(order)]
-        aperture, focus = lenses.forward(index)
-        ((aperture - target[0]) ** 2 + (focus - target[1]) ** 2).backward()
+        slope, offset = lenses.forward(index)
+        ((slope - target[0]) ** 2 + (offset + target[0] * target[1]) ** 2).backward()
         lenses.step(index, step / steps)
 
 
-@pytest.mark.parametrize("activation", ["relu", "log"])
+@pytest.mark.parametrize("activation", ["relu", "log", "ends"])
 @pytest.mark.parametrize("update", ["view", "dense"])
 def test_each_view_finds_its_lens(activation, update):
     options = TrainerOptions().with_overrides({
@@ -37,12 +37,12 @@ def test_dense_update_is_adam_over_the_whole_vector():
     adam = torch.optim.Adam([vector], lr=1e-2, eps=1e-15)
     for step in range(30):
         index = step % 3
-        aperture, focus = lenses.forward(index)
-        ((aperture - 1) ** 2 + (focus - 0.1) ** 4).backward()
+        slope, offset = lenses.forward(index)
+        ((slope - 1) ** 2 + (offset + 0.1) ** 4).backward()
         lenses.step(index, 0.0)
         adam.zero_grad()
         row = torch.relu(vector[index]) + 1e-5
-        ((row[0] - 1) ** 2 + (row[1] - 0.1) ** 4).backward()
+        ((row[0] - 1) ** 2 + (0.1 - row[0] * row[1]) ** 4).backward()
         adam.step()
     assert np.allclose(lenses.state()["raw"], vector.detach().numpy(), atol=FLOAT32_VALUE)
 
