@@ -2,10 +2,11 @@
 
     python tests/bench/lens_basin.py --out reports/lens
 
-With the scene known (`known`): sharp image and exact depth of the built-in scene's first view are given, only the lens
-is learned, from a grid of starts and for several true lenses, against the photograph blurred by the same renderer. That
-shows the shape of the problem without the geometry's share in it. With the scene unknown (`joint`): Gaussians and lenses
-are trained together from a coarser grid of starts, on the dataset given by --data; its errors are the leaderboard's.
+With the scene known (`known`): sharp image and exact depth of the built-in scene's first view are given, only the
+lens is learned, from a grid of starts and for several true lenses, against the photograph blurred by the same
+renderer. That shows the shape of the problem without the geometry's share in it. With an unknown scene (`joint`):
+Gaussians and lenses are trained together from a coarser grid of starts, on the dataset given by --data; its errors
+are the leaderboard's.
 """
 
 from __future__ import annotations
@@ -103,7 +104,8 @@ def _learned_alone(image, disparity, camera, bounds: DisparityRange, true: Lens,
         "lens_activation": activation, "lens_init_aperture": start[0], "lens_init_focus": start[1],
         "lens_lr": 2e-2, "lens_lr_final": 1e-3})
     with torch.no_grad():
-        photograph = scattered(image, disparity, Shot(camera, bounds, true.aperture, -true.aperture * true.focus), options)
+        lens = Shot(camera, bounds, true.aperture, -true.aperture * true.focus)
+        photograph = scattered(image, disparity, lens, options)
     lenses = LearnedLenses(1, bounds, options)
     for step in range(steps):
         shot = Shot(camera, bounds, *lenses.forward(0))
@@ -144,8 +146,9 @@ def _joint(settings: Settings, done: set):
         if outcome.status is not Status.OK:
             yield *key, float("nan"), float("nan")
             continue
-        errors = lens_errors({view.name: view.lens for view in views}, trainer.lens_estimates(), dataset.disparity_range,
-                             views[0].camera.width, {view.name: dataset.depth(view) for view in views})
+        errors = lens_errors(
+            {view.name: view.lens for view in views}, trainer.lens_estimates(), dataset.disparity_range,
+            views[0].camera.width, {view.name: dataset.depth(view) for view in views})
         yield *key, errors.delta_a, errors.delta_f
 
 
@@ -162,8 +165,8 @@ def _write_table(rows, path: Path) -> None:
             continue
         a, f = (np.array([_number(row, field) for row in some]) for field in ("delta_a", "delta_f"))
         found = int(((a < FOUND) & (f < FOUND)).sum())
-        lines.append(f"| {part} | {activation} | {len(some)} | {found} ({found / len(some):.0%}) | {np.median(a):.4f} | "
-                     f"{np.median(f):.4f} | {a.max():.3f} | {f.max():.3f} |")
+        lines.append(f"| {part} | {activation} | {len(some)} | {found} ({found / len(some):.0%}) | "
+                     f"{np.median(a):.4f} | {np.median(f):.4f} | {a.max():.3f} | {f.max():.3f} |")
     with replacing(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 

@@ -1,0 +1,177 @@
+"""The lens by points of it: geometry against a camera that really moves, blur against the scatter's."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from tolerances import FLOAT32_VALUE, LENS_GRADIENT, LENS_MOVED_CAMERA, LENS_SMEAR, SAMPLED_PLANE
+
+from dofbench.cameras import Camera
+from dofbench.contracts import PointCloud
+from dofbench.gaussians.exposure import Shot, render_view, sampled, scattered, summed
+from dofbench.gaussians.lens_samples import lens_points, together
+from dofbench.gaussians.model import Gaussians
+from dofbench.gaussians.options import TrainerOptions
+from dofbench.gaussians.render import rasterise
+from dofbench.lens import DisparityRange, Lens
+
+WIDTH, HEIGHT = 96, 72
+BOUNDS = DisparityRange(0.1, 0.5)
+
+
+def _camera(**changes):
+    pose = np.eye(4)
+    pose[:3, 3] = 0.1, -0.05, 0.2
+    return Camera(**{"width": WIDTH, "height": HEIGHT, "fx": 90.0, "fy": 95.0, "cx": WIDTH / 2, "cy": HEIGHT / 2,
+                     "world_to_camera": pose, **changes})
+
+
+def _scene(depths, count=3000, seed=0):
+    """Opaque, coloured Gaussians on planes across the view."""
+    random = np.random.default_rng(seed)
+    depth = random.choice(depths, count)
+    xyz = np.stack([random.uniform(-0.7, 0.7, count) * depth, random.uniform(-0.6, 0.6, count) * depth, depth], axis=1)
+    pose = _camera().world_to_camera
+    colours = random.uniform(0.2, 0.9, (count, 3)).astype(np.float32)
+    gaussians = Gaussians.from_points(PointCloud(xyz - pose[:3, 3], colours, np.zeros(count, np.float32)), 0)
+    with torch.no_grad():
+        gaussians.parameters["opacity_logits"] += 4
+        gaussians.parameters["log_scales"][:] = torch.log(torch.from_numpy(depth).float() * 0.03)[:, None]
+    return gaussians
+
+
+def _options(**changes):
+    return TrainerOptions().with_overrides({"lens_model": "samples", "sh_degree": 0, **changes})
+
+
+@given(rings=st.integers(0, 6), rotation=st.floats(-10, 10))
+def test_points_and_cells_have_the_discs_variance(rings, rotation):
+    pattern = lens_points(rings, rotation)
+    assert len(pattern.points) == 1 + 3 * rings * (rings + 1)
+    assert np.hypot(*pattern.points.T).max(initial=0) < 1
+    covariance = pattern.points.T @ pattern.points / len(pattern.points) + 0.25 * pattern.cell * np.eye(2)
+    assert covariance == pytest.approx(0.25 * np.eye(2), abs=1e-12)
+    assert pattern.points.mean(axis=0) == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("rings", [0, 1, 2])
+def test_a_closed_lens_is_a_pinhole(rings):
+    gaussians, shot = _scene([3.0, 6.0]), Shot(_camera(), BOUNDS, 0.0, 0.0)
+    rasters, _ = sampled(gaussians, shot, _options(), rings)
+    sharp = rasterise(gaussians, shot.camera, _options()).color
+    for raster in rasters:
+        assert torch.equal(raster.color, sharp)
+
+
+def test_a_point_of_the_lens_sees_what_a_camera_there_sees():
+    """Against a camera that is moved across the lens, with its sensor shifted to keep the plane in focus in place."""
+    gaussians, camera, options = _scene([2.5, 5.0]), _camera(), _options(lens_rings=1)
+    lens = Lens(1.5, 0.4)
+    shot = Shot(camera, BOUNDS, lens.aperture, -lens.aperture * lens.focus)
+    rasters, _ = sampled(gaussians, shot, options, 1)
+    physical = lens.physical(BOUNDS, WIDTH)
+    for raster, point in zip(rasters[1:], lens_points(1).points[1:], strict=True):
+        offset = -physical.aperture * point / (camera.fx, camera.fy)
+        pose = camera.world_to_camera.copy()
+        pose[:2, 3] -= offset
+        moved = _camera(world_to_camera=pose, cx=camera.cx + camera.fx * offset[0] * physical.focus_disparity,
+                        cy=camera.cy + camera.fy * offset[1] * physical.focus_disparity)
+        # Without the share of the blur that belongs to the point's cell, which a moved camera hasn't.
+        plain = rasterise(gaussians, moved, options, means=gaussians.parameters["means"],
+                          blur=_cell_blur(gaussians, shot, options)).color
+        middle = rasterise(gaussians, camera, options).color
+        assert float((raster.color - plain).detach().abs().mean()) < LENS_MOVED_CAMERA
+        assert float((raster.color - middle).detach().abs().mean()) > 4 * LENS_MOVED_CAMERA
+
+
+def _cell_blur(gaussians, shot, options):
+    depth = gaussians.parameters["means"].detach()[:, 2] + float(shot.camera.world_to_camera[2, 3])
+    return shot.radius(1 / depth, options, False) ** 2 / 4 / 7
+
+
+def test_before_a_plane_it_blurs_as_the_scatter_does():
+    """Nothing hides anything on one plane, so that both models mean the same photograph."""
+    gaussians, camera = _scene([2.5], count=5000), _camera()
+    lens = Lens(4.0, 0.0).physical(BOUNDS, WIDTH)
+    by_samples = render_view(gaussians, camera, _options(), lens=lens).image
+    by_scatter = render_view(gaussians, camera, _options(lens_model="scatter"), lens=lens).image
+    sharp = render_view(gaussians, camera, _options(), lens=None).image
+    inside = (slice(8, -8), slice(8, -8))
+    assert np.abs(by_samples - by_scatter)[inside].mean() < SAMPLED_PLANE
+    assert np.abs(by_samples - sharp)[inside].mean() > 4 * SAMPLED_PLANE
+
+
+def test_a_sharp_foreground_hides_the_blurred_background_where_the_scatter_smears():
+    """A dark near plane covers the left half and is in focus; a bright far one is blurred by up to 9 px."""
+    gaussians, camera = _scene([2.0, 10.0], count=9000), _camera()
+    with torch.no_grad():
+        means = gaussians.parameters["means"]
+        near = means[:, 2] < 5
+        gaussians.parameters["sh_dc"][near], gaussians.parameters["sh_dc"][~near] = -1.4, 1.4
+        gaussians.parameters["opacity_logits"][near & (means[:, 0] > 0)] = -20
+    lens = Lens(12.0, float(BOUNDS.normalise(1 / 2.2))).physical(BOUNDS, WIDTH)
+    sharp, by_samples, by_scatter = (
+        render_view(gaussians, camera, _options(lens_model=model), lens=asked).image[..., 0]
+        for model, asked in (("samples", None), ("samples", lens), ("scatter", lens)))
+    hidden = np.zeros(sharp.shape, dtype=bool)
+    hidden[8:-8, 8:WIDTH // 2 - 6] = True
+    hidden &= sharp < 0.2
+    assert hidden.sum() > 500
+    assert np.abs(by_samples - sharp)[hidden].max() < LENS_SMEAR < np.abs(by_scatter - sharp)[hidden].max() / 2
+
+
+@pytest.mark.parametrize("rings", [0, 1])
+def test_the_gradient_by_the_lens_is_the_difference_quotient(rings):
+    gaussians, camera, options = _scene([2.5, 6.0], count=800), _camera(), _options(blur_to_depth=True)
+
+    def loss(slope, offset):
+        rasters, _ = sampled(gaussians, Shot(camera, BOUNDS, slope, offset), options, rings)
+        image = together([raster.color for raster in rasters], options.lens_gamma)
+        return (image - 0.5).square().sum()
+
+    values = torch.tensor([0.8, -0.3], requires_grad=True)
+    loss(values[0], values[1]).backward()
+    for index in range(2):
+        step = 0.02
+        with torch.no_grad():
+            up, down = values.detach().clone(), values.detach().clone()
+            up[index] += step
+            down[index] -= step
+            quotient = float(loss(*up) - loss(*down)) / (2 * step)
+        assert float(values.grad[index]) == pytest.approx(quotient, rel=LENS_GRADIENT)
+
+
+def test_without_gradient_to_depth_the_lens_still_learns():
+    gaussians, options = _scene([2.5, 6.0], count=300), _options(blur_to_depth=False)
+    slope = torch.tensor(0.8, requires_grad=True)
+    rasters, statistics = sampled(gaussians, Shot(_camera(), BOUNDS, slope, -0.3), options, 1, want_abs=True)
+    together([raster.color for raster in rasters], options.lens_gamma).square().sum().backward()
+    assert float(slope.grad) != 0
+    whole = summed(statistics)
+    assert torch.allclose(whole.grad_2d, sum(one.grad_2d for one in statistics), atol=FLOAT32_VALUE)
+    assert bool((whole.abs_grad_2d >= 0).all()) and bool(whole.visible.any())
+
+
+def test_a_mean_is_taken_in_linear_light():
+    black, white = torch.zeros(4, 4, 3), torch.ones(4, 4, 3)
+    assert together([black, white], 2.2).numpy() == pytest.approx(0.5 ** (1 / 2.2), abs=FLOAT32_VALUE)
+
+
+def test_the_focused_plane_is_as_sharp_as_without_a_lens():
+    gaussians, camera = _scene([2.5], count=2000), _camera()
+    lens = Lens(1.0, float(BOUNDS.normalise(1 / 2.5))).physical(BOUNDS, WIDTH)
+    image = render_view(gaussians, camera, _options(), lens=lens).image
+    sharp = render_view(gaussians, camera, _options(), lens=None).image
+    assert np.abs(image - sharp).max() < SAMPLED_PLANE
+
+
+def test_scatter_takes_a_polygon():
+    image = torch.zeros(41, 41, 3)
+    image[20, 20] = 1.0
+    disparity, camera = torch.full((41, 41), 0.5), _camera(width=41, height=41, cx=20.5, cy=20.5)
+    shot = Shot(camera, BOUNDS, 10.0, 0.0)
+    disc, triangle = (scattered(image, disparity, shot, _options(lens_model="scatter", lens_blades=blades))
+                      for blades in (0, 3))
+    lit = [int((picture[..., 0] > 0.5 * picture.max()).sum()) for picture in (disc, triangle)]
+    assert 0.3 < lit[1] / lit[0] < 0.6  # a triangle in a circle has 41 % of its area
