@@ -9,14 +9,15 @@ from typing import Any, ClassVar
 from dofbench.cameras import Camera
 from dofbench.contracts import Budget, FitOutcome, Observer, Rendering, TrainingSet
 from dofbench.errors import InputError
-from dofbench.files import read_json, write_json
 from dofbench.gaussians.exposure import render_view
+from dofbench.gaussians.lens_file import read_lenses, write_lenses
 from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.options import TrainerOptions
+from dofbench.gaussians.splats import lower_degree, read_splats, write_splats
 from dofbench.gaussians.trainer import Trainer
 from dofbench.lens import PhysicalLens
 
-_MODEL, _LENSES = "gaussians.npz", "lenses.json"
+_MODEL, _LENSES = "gaussians.ply", "lenses.json"
 
 
 class GaussianMethod:
@@ -57,19 +58,19 @@ class GaussianMethod:
         return {"gaussians": len(self._trained())}
 
     def save(self, folder: Path) -> None:
-        """Write the Gaussians and, where there is a lens, the learned lenses in scene units."""
-        self._trained().save(folder / _MODEL)
-        estimates = self.lens_estimates()
-        if estimates is not None:
-            write_json(folder / _LENSES, {name: vars(lens) for name, lens in estimates.items()})
+        """Write the Gaussians as 3DGS' .ply, and the learned lenses with the options of rendering as JSON.
+
+        The 3D filter becomes part of the Gaussians, so what is read back renders the same but for rounding.
+        """
+        write_splats(folder / _MODEL, self._trained())
+        write_lenses(folder / _LENSES, self.lens_estimates(), self.options)
 
     def load(self, folder: Path) -> None:
-        """Read what `save` wrote; raises InputError when it isn't there."""
+        """Read what `save` wrote; raises InputError when it isn't there or is damaged."""
+        gaussians = read_splats(folder / _MODEL)
+        self._lenses, self.options = read_lenses(folder / _LENSES, self.options)
+        self._gaussians = lower_degree(gaussians, self.options.sh_degree)
         self._trainer = None
-        self._gaussians = Gaussians.load(folder / _MODEL)
-        self._lenses = None
-        if self.options.lens:
-            self._lenses = {name: PhysicalLens(**values) for name, values in read_json(folder / _LENSES).items()}
 
     def _trained(self) -> Gaussians:
         if self._gaussians is None:

@@ -94,7 +94,10 @@ class Gaussians:
         self.filter_3d = finest * math.sqrt(FILTER_3D_VARIANCE)
 
     def save(self, path: Path) -> None:
-        """Write all parameters as a compressed numpy archive, atomically."""
+        """Write all parameters bit for bit as a compressed numpy archive, atomically: a file to go on from.
+
+        What others are to open is written by `splats.write_splats`.
+        """
         arrays = {name: value.detach().numpy() for name, value in self.parameters.items()}
         if self.filter_3d is not None:
             arrays["filter_3d"] = self.filter_3d.numpy()

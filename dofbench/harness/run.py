@@ -162,6 +162,8 @@ class _Execution:
             with self.stages["save model"].running():
                 (self.folder / MODEL_FOLDER).mkdir(parents=True, exist_ok=True)
                 self.method.save(self.folder / MODEL_FOLDER)
+                # Scored is what was kept, whether or not the run is interrupted here and goes on later.
+                self.method.load(self.folder / MODEL_FOLDER)
         trained = _Trained(outcome, observer.curve, clock.wall, provenance.peak_memory_mb(), self.stages.as_data())
         if outcome.status is Status.OK:
             write_json(self.folder / TRAINED_FILE, {

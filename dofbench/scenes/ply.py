@@ -1,4 +1,4 @@
-"""Coloured points from a PLY file: vertices alone, ASCII or binary."""
+"""The vertices of a PLY file, ASCII or binary, and coloured points from them."""
 
 from __future__ import annotations
 
@@ -24,16 +24,8 @@ def read_ply(file: Path) -> PointCloud:
 
     Error and tracks are unknown. Raises InputError for another format, a truncated file, NaN.
     """
-    if not file.is_file():
-        raise InputError(file, "no such file", "a PLY file with points")
-    content = file.read_bytes()
-    head, mark, body = content.partition(b"end_header")
-    if not content.startswith(b"ply") or not mark:
-        raise InputError(file, "no PLY header", "a PLY file with points")
-    order, count, fields = _header(head.decode("ascii", "replace"), file)
-    kind = np.dtype([(name, (order or "=") + code) for name, code in fields])
-    body = body[2:] if body.startswith(b"\r\n") else body[1:]
-    rows = _ascii(body, count, kind, file) if not order else _binary(body, count, kind, file)
+    rows = read_vertices(file, "a PLY file with points")
+    kind, count = rows.dtype, len(rows)
     xyz = np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=1)
     if not np.isfinite(xyz).all():
         raise InputError(file, "points with NaN or infinity", "finite coordinates")
@@ -45,7 +37,24 @@ def read_ply(file: Path) -> PointCloud:
     return PointCloud(xyz, rgb, np.full(count, np.nan, dtype=np.float32))
 
 
-def _header(text: str, file: Path) -> tuple[str, int, list[tuple[str, str]]]:
+def read_vertices(file: Path, expected: str) -> np.ndarray:
+    """All properties of the vertices as a structured array; x, y and z are among them.
+
+    expected: what the file should be, for the message. Raises InputError for another format or a truncated file.
+    """
+    if not file.is_file():
+        raise InputError(file, "no such file", expected)
+    content = file.read_bytes()
+    head, mark, body = content.partition(b"end_header")
+    if not content.startswith(b"ply") or not mark:
+        raise InputError(file, "no PLY header", expected)
+    order, count, fields = _header(head.decode("ascii", "replace"), file, expected)
+    kind = np.dtype([(name, (order or "=") + code) for name, code in fields])
+    body = body[2:] if body.startswith(b"\r\n") else body[1:]
+    return _ascii(body, count, kind, file) if not order else _binary(body, count, kind, file)
+
+
+def _header(text: str, file: Path, expected: str) -> tuple[str, int, list[tuple[str, str]]]:
     """(byte order or "", number of vertices, their properties); the vertices must come first."""
     order, count, fields, element = None, None, [], None
     for words in (line.split() for line in text.splitlines()[1:]):
@@ -61,7 +70,7 @@ def _header(text: str, file: Path) -> tuple[str, int, list[tuple[str, str]]]:
             case ["property", *rest] if element == "vertex":
                 raise InputError(file, f"vertex property {' '.join(rest)}", "numbers")
     if order is None or count is None:
-        raise InputError(file, "a PLY header without format or vertices", "a PLY file with points")
+        raise InputError(file, "a PLY header without format or vertices", expected)
     names = [name for name, _ in fields]
     if not {"x", "y", "z"} <= set(names) or len(set(names)) < len(names):
         raise InputError(file, f"vertex properties {', '.join(names) or 'none'}", "x, y, z, each once")

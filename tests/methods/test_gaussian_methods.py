@@ -1,11 +1,16 @@
 """The shipped methods through the contract that the harness uses."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
+from tolerances import FLOAT32_VALUE
 
 from dofbench.cameras import Camera
 from dofbench.contracts import Budget, PointCloud, TrainingSet, TrainingView
 from dofbench.errors import InputError
+from dofbench.gaussians.lens_file import RENDERING
+from dofbench.gaussians.options import TrainerOptions
 from dofbench.harness.methods import find_method
 from dofbench.lens import PhysicalLens
 
@@ -43,16 +48,78 @@ def _trained(name, training_set, **options):
 
 
 @pytest.mark.parametrize("name", ["dofgaussian", "mipsplatting"])
-def test_a_saved_method_renders_the_same_bits(name, training_set, tmp_path):
-    entry, method = _trained(name, training_set)
+def test_a_saved_method_renders_the_same_with_its_own_settings(name, training_set, tmp_path):
+    entry, method = _trained(name, training_set, filter_2d=0.3, background=0.2, lens_gamma=2.0)
     method.save(tmp_path)
-    again = entry.create({**entry.card.presets["smoke"], "steps": 6}, 0, "cpu")
+    # Of its settings this one knows nothing: they come from the file.
+    again = entry.create({}, 0, "cpu")
     again.load(tmp_path)
-    lens = LENS if entry.card.capabilities.refocus else None
-    before, after = method.render(CAMERA, lens), again.render(CAMERA, lens)
-    assert np.array_equal(before.image, after.image) and np.array_equal(before.depth, after.depth)
+    for lens in (None, LENS) if entry.card.capabilities.refocus else (None,):
+        before, after = method.render(CAMERA, lens), again.render(CAMERA, lens)
+        assert np.abs(before.image - after.image).max() < FLOAT32_VALUE
+        assert np.abs(before.depth / after.depth - 1).max() < FLOAT32_VALUE
     assert again.lens_estimates() == method.lens_estimates()
     assert again.describe() == method.describe()
+
+
+def test_what_is_loaded_and_saved_again_says_the_same(training_set, tmp_path):
+    entry, method = _trained("dofgaussian", training_set)
+    method.save(tmp_path / "a")
+    again = entry.create({}, 0, "cpu")
+    again.load(tmp_path / "a")
+    again.save(tmp_path / "b")
+    assert (tmp_path / "a" / "lenses.json").read_bytes() == (tmp_path / "b" / "lenses.json").read_bytes()
+    assert np.array_equal(again.render(CAMERA, LENS).image, _loaded(entry, tmp_path / "b").render(CAMERA, LENS).image)
+
+
+@pytest.mark.parametrize("model", ["scatter", "samples"])
+def test_every_option_that_rendering_looks_at_is_kept_in_the_file(training_set, model):
+    entry, method = _trained("dofgaussian", training_set)
+    looked_at = set()
+
+    class Watched(TrainerOptions):
+        def __getattribute__(self, name):
+            looked_at.add(name)
+            return super().__getattribute__(name)
+
+    method.options = Watched(lens_model=model)
+    method.render(CAMERA, None)
+    method.render(CAMERA, LENS)
+    # Baked into the Gaussians; which way gradients go.
+    elsewhere = {"filter_3d", "blur_to_depth"}
+    assert looked_at & {field.name for field in fields(TrainerOptions)} <= {*RENDERING, *elsewhere}
+    assert {"lens_gamma", "filter_2d"} <= looked_at
+
+
+def _loaded(entry, folder):
+    method = entry.create({}, 0, "cpu")
+    method.load(folder)
+    return method
+
+
+@pytest.mark.parametrize(("file", "change", "found"), [
+    ("gaussians.ply", None, "no such file"),
+    ("gaussians.ply", lambda data: data[:-3], "bytes of vertices"),
+    ("lenses.json", None, "No such file"),
+    ("lenses.json", lambda data: data[:-5], "no JSON"),
+    ("lenses.json", lambda data: data.replace(b'"version": 1', b'"version": 2'), "version: "),
+    ("lenses.json", lambda data: data.replace(b'"aperture"', b'"opening"', 3), "views.a"),
+    ("lenses.json", lambda data: data.replace(b'"sh_degree"', b'"degree"'), "rendering.degree"),
+    ("lenses.json", lambda data: data.replace(b'"filter_2d": 0.1', b'"filter_2d": "wide"'), "wide"),
+])
+def test_a_damaged_model_is_named(training_set, tmp_path, file, change, found):
+    entry, method = _trained("dofgaussian", training_set)
+    method.save(tmp_path)
+    path = tmp_path / file
+    if change is None:
+        path.unlink()
+    else:
+        damaged = change(path.read_bytes())
+        assert damaged != path.read_bytes()
+        path.write_bytes(damaged)
+    with pytest.raises(InputError, match=found) as caught:
+        _loaded(entry, tmp_path)
+    assert file in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_the_lens_blurs_and_all_in_focus_does_not(training_set):

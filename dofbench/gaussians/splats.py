@@ -1,0 +1,106 @@
+"""A scene's Gaussians as the .ply file that 3DGS writes and common splat viewers open."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from dofbench.errors import InputError
+from dofbench.files import replacing
+from dofbench.gaussians.model import Gaussians
+from dofbench.scenes.ply import read_vertices
+
+EXPECTED = "a .ply file of Gaussians as 3DGS writes it"
+_REST = 15  # coefficients a channel beyond the first, up to degree 3; some viewers demand them all
+_ALWAYS = (
+    "x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2",
+    "rot_0", "rot_1", "rot_2", "rot_3",
+)
+_PROPERTIES = (
+    "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", *(f"f_rest_{k}" for k in range(3 * _REST)),
+    "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3",
+)
+# An opacity of exactly 0 or 1 has no finite logit; at these it is either to more digits than float32 has.
+_LARGEST_LOGIT = 30.0
+
+
+def write_splats(path: Path, gaussians: Gaussians) -> None:
+    """Write N Gaussians as binary little-endian PLY of float32, atomically.
+
+    Mip-Splatting's 3D filter is made part of the scales and opacities, since no viewer knows of it. Scales are natural
+    logarithms of scene units, opacities logits, quaternions w first and of unit length; f_rest holds all of one
+    channel's coefficients before the next one's, zero above the scene's degree; normals are zero.
+    """
+    parameters = {name: value.detach().double().numpy() for name, value in gaussians.parameters.items()}
+    log_scales, logits = parameters["log_scales"], parameters["opacity_logits"]
+    if gaussians.filter_3d is not None:
+        log_scales, logits = _baked(log_scales, logits, gaussians.filter_3d.double().numpy())
+    count = len(gaussians)
+    rest = np.zeros((count, 3, _REST))
+    rest[:, :, : parameters["sh_rest"].shape[1]] = parameters["sh_rest"].transpose(0, 2, 1)
+    columns = (
+        parameters["means"], np.zeros((count, 3)), parameters["sh_dc"], rest.reshape(count, 3 * _REST), logits[:, None],
+        log_scales, _unit(parameters["quaternions"]),
+    )
+    header = "\n".join([
+        "ply", "format binary_little_endian 1.0", f"element vertex {count}",
+        *(f"property float {name}" for name in _PROPERTIES), "end_header\n",
+    ])
+    with replacing(path) as temporary, open(temporary, "wb") as stream:
+        stream.write(header.encode("ascii"))
+        stream.write(np.concatenate(columns, axis=1).astype("<f4").tobytes())
+
+
+def _baked(log_scales: np.ndarray, logits: np.ndarray, filter_3d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Scales and opacities with the 3D filter in them (Mip-Splatting, section 4.1)."""
+    with np.errstate(divide="ignore"):
+        log_filter = np.log(filter_3d)[:, None]
+    filtered = 0.5 * np.logaddexp(2 * log_scales, 2 * log_filter)
+    log_opacity = -np.logaddexp(0, -logits) + (log_scales - filtered).sum(axis=1)
+    with np.errstate(divide="ignore"):
+        baked = log_opacity - np.log(-np.expm1(log_opacity))
+    return filtered, np.clip(baked, -_LARGEST_LOGIT, _LARGEST_LOGIT)
+
+
+def _unit(quaternions: np.ndarray) -> np.ndarray:
+    """Of unit length; a zero quaternion means no rotation."""
+    length = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    return np.where(length > 0, quaternions / np.where(length > 0, length, 1), [1.0, 0.0, 0.0, 0.0])
+
+
+def read_splats(path: Path) -> Gaussians:
+    """Read Gaussians from 3DGS' PLY, binary or ASCII, with harmonics of degree 0 to 3, from any program.
+
+    Properties that 3DGS doesn't have are left alone but for Mip-Splatting's filter_3D. Raises InputError when the
+    file isn't there, is damaged, or lacks a property.
+    """
+    rows = read_vertices(path, EXPECTED)
+    names = set(rows.dtype.names or ())
+    missing = [name for name in _ALWAYS if name not in names]
+    if missing:
+        raise InputError(path, f"no {', '.join(missing)}", EXPECTED)
+    count = sum(name.startswith("f_rest_") for name in names)
+    if count not in (0, 9, 24, 45) or any(f"f_rest_{k}" not in names for k in range(count)):
+        raise InputError(path, f"{count} properties f_rest", "f_rest_0 to 8, 23 or 44, or none")
+
+    def columns(*wanted: str) -> torch.Tensor:
+        values = np.stack([rows[name] for name in wanted], axis=1) if wanted else np.empty((len(rows), 0))
+        if not np.isfinite(values).all():
+            raise InputError(path, f"NaN or infinity in {wanted[0]} to {wanted[-1]}", "finite numbers")
+        return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
+
+    rest = columns(*(f"f_rest_{k}" for k in range(count))).reshape(len(rows), 3, count // 3)
+    return Gaussians({
+        "means": columns("x", "y", "z"), "log_scales": columns("scale_0", "scale_1", "scale_2"),
+        "quaternions": columns("rot_0", "rot_1", "rot_2", "rot_3"), "opacity_logits": columns("opacity")[:, 0],
+        "sh_dc": columns("f_dc_0", "f_dc_1", "f_dc_2"), "sh_rest": rest.transpose(1, 2),
+    }, columns("filter_3D")[:, 0].contiguous() if "filter_3D" in names else None)
+
+
+def lower_degree(gaussians: Gaussians, degree: int) -> Gaussians:
+    """The Gaussians without the harmonics above `degree`."""
+    terms = (min(degree, gaussians.max_sh_degree) + 1) ** 2 - 1
+    return Gaussians({**gaussians.parameters, "sh_rest": gaussians.parameters["sh_rest"][:, :terms]},
+                     gaussians.filter_3d)
