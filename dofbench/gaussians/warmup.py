@@ -6,6 +6,7 @@ the other. On a machine that has compiled before nothing is started.
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from dofbench.defocus import defocus
 from dofbench.gaussians import losses
 from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.options import TrainerOptions
+from dofbench.gaussians.raster import Geometry, ViewStatistics
 from dofbench.gaussians.render import rasterise
 from dofbench.kernel_cache import is_compiled
 
@@ -25,9 +27,30 @@ _PATIENCE = 300.0  # seconds for the other process; after that this one compiles
 
 
 def compile_kernels(gaussians: Gaussians, camera: Camera, options: TrainerOptions) -> None:
-    """Have the kernels of a training step compiled, where no earlier process has done it; changes no argument."""
-    if is_compiled(import_module("dofbench.kernels.rasterize.cpu_project_backward").project_backward):
-        return
+    """Have the kernels of all training steps compiled, where no earlier process has done it; changes no argument."""
+    if not is_compiled(import_module("dofbench.kernels.rasterize.cpu_project_backward").project_backward):
+        _compile_side_by_side(gaussians, camera, options)
+    # What only later steps want would otherwise be compiled in the middle of training, on its clock.
+    later: dict[Geometry, bool] = {
+        "none": options.lens and options.lens_model == "samples",
+        "full": options.normal_weight > 0,
+        "distortion": options.distortion_weight > 0,
+    }
+    for geometry, wanted in later.items():
+        if wanted:
+            _rasterise_once(gaussians, camera, options, geometry)
+
+
+def _rasterise_once(gaussians: Gaussians, camera: Camera, options: TrainerOptions, geometry: Geometry) -> None:
+    statistics = ViewStatistics(want_abs=options.grow_absolute)
+    # Numbers that aren't finite are training's to report.
+    with contextlib.suppress(FloatingPointError):
+        raster = rasterise(gaussians, camera, options, geometry=geometry, statistics=statistics)
+        total = torch.stack([output.sum() for output in raster if output is not None]).sum()
+        torch.autograd.grad(total, list(gaussians.parameters.values()), allow_unused=True)
+
+
+def _compile_side_by_side(gaussians: Gaussians, camera: Camera, options: TrainerOptions) -> None:
     command = [sys.executable, "-P", "-m", "dofbench.gaussians.warmup", *(["lens"] if options.lens else [])]
     # A tenth of compiling is the garbage collector, which finds nothing.
     collecting = gc.isenabled()
@@ -35,12 +58,10 @@ def compile_kernels(gaussians: Gaussians, camera: Camera, options: TrainerOption
                           stderr=subprocess.DEVNULL) as other:
         try:
             gc.disable()
-            raster = rasterise(gaussians, camera, options)
-            torch.autograd.grad(raster.color.sum() + raster.depth.sum(), list(gaussians.parameters.values()),
-                                allow_unused=True)
+            _rasterise_once(gaussians, camera, options, "depth")
             other.wait(_PATIENCE)
-        except (subprocess.TimeoutExpired, FloatingPointError):
-            pass  # training compiles for itself what is missing, and reports numbers that aren't finite
+        except subprocess.TimeoutExpired:
+            pass  # training compiles for itself what is missing
         finally:
             other.kill()
             if collecting:
