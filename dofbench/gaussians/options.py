@@ -164,6 +164,10 @@ class TrainerOptions:
             return 1.0
         return 1.0 - (1.0 - self.cooldown_to) * (progress - self.cooldown_from) / (1.0 - self.cooldown_from)
 
+    def depth_factor(self, progress: float) -> float:
+        """The weight of depth supervision at `progress`, 0 to 1: w_d, falling linearly (supplement; released code)."""
+        return self.depth_weight * (1 - (1 - self.depth_decay) * progress)
+
     def with_overrides(self, overrides: Mapping[str, Any], subject: str = "option") -> TrainerOptions:
         """A copy with some options replaced; strings are converted to the option's type.
 

@@ -194,8 +194,7 @@ class Trainer:
             if view.known is not None:
                 supervision = losses.depth_loss(depth, alpha, view.known, options, self.range.extent, weight)
                 if supervision is not None:
-                    decay = 1 - (1 - options.depth_decay) * progress
-                    loss = loss + options.depth_weight * decay * supervision
+                    loss = loss + options.depth_factor(progress) * supervision
             if with_normals:
                 normal = raster.normal.detach().requires_grad_()
                 median = raster.median_depth.detach().requires_grad_(options.normal_median > 0)

@@ -2,6 +2,7 @@ import pytest
 
 from dofbench.errors import InputError
 from dofbench.gaussians.options import TrainerOptions
+from dofbench.harness.methods import find_method
 
 
 def test_strings_become_the_options_type():
@@ -31,3 +32,20 @@ def test_rates_cool_down_at_the_end_only():
     options = TrainerOptions(cooldown_from=0.8, cooldown_to=0.1)
     assert [options.cooldown(p) for p in (0.0, 0.8, 0.9, 1.0)] == pytest.approx([1, 1, 0.55, 0.1])
     assert TrainerOptions().cooldown(1.0) == 1.0
+
+
+@pytest.mark.parametrize("preset", ["paper", "released"])
+def test_depth_supervision_falls_to_a_tenth_as_published(preset):
+    entry = find_method("dofgaussian")
+    options = TrainerOptions().with_overrides(entry.preset(preset)[1])
+    for step in (0, 10_000, 30_000):
+        assert options.depth_factor(step / 30_000) == pytest.approx(0.01 * (1 - 0.9 * step / 30_000))
+    # The paper writes a norm, the released code takes absolute differences; both of depth itself.
+    assert (options.depth_norm, options.depth_space) == ({"paper": "l2", "released": "l1"}[preset], "depth")
+
+
+def test_the_released_preset_has_the_released_geometry_losses():
+    options = TrainerOptions().with_overrides(find_method("dofgaussian").preset("released")[1])
+    assert (options.normal_weight, options.normal_from, options.normal_median) == (0.05, 0.5, 0.6)
+    assert (options.distortion_weight, options.distortion_from) == (100.0, 0.5)
+    assert (options.distortion_near, options.distortion_far, options.normal_form) == (0.2, 100.0, "pixel")
