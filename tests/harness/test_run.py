@@ -64,6 +64,35 @@ def test_scores_are_of_what_was_saved(call, tmp_path: Path) -> None:
     assert result.scores["psnr"] == pytest.approx(mean)
 
 
+def test_the_rendered_depth_is_compared_with_the_exact_one(call, tmp_path: Path) -> None:
+    result, data = read_result(call().folder), FakeDataset(tmp_path / "data")
+    disparity, relative = [], []
+    for view in data.test_views():  # the fake renders z = 1 everywhere
+        truth = data.depth(view).astype(np.float64)
+        disparity.append(np.abs(1 - 1 / truth).mean() / 0.5)
+        relative.append(((truth - 1) / truth).mean())
+    assert [view.scores["depth_rel"] for view in result.views] == pytest.approx(relative)
+    assert result.scores["disparity_error"] == pytest.approx(np.mean(disparity))
+    assert result.scores["depth_rel"] == pytest.approx(np.mean(relative))
+
+
+def test_an_estimated_depth_is_compared_with_nothing(call, tmp_path: Path) -> None:
+    write_dataset(tmp_path / "data", exact=False)
+    result = read_result(call().folder)
+    assert not set(DEPTH_COLUMNS) & set(result.scores)
+    assert "is an estimate" in result.left_out["disparity_error"]
+
+
+def test_depth_that_is_no_number_is_seen(call, tmp_path: Path) -> None:
+    code = tmp_path / "methods" / "fake" / "trainer.py"
+    code.write_text(code.read_text().replace("np.ones(image.shape[:2]", "np.full(image.shape[:2], np.nan"))
+    end = call()
+    assert end.status is Status.DIVERGED
+    result = read_result(end.folder)
+    assert "values of the depth of view v0" in result.message and math.isnan(result.scores["disparity_error"])
+    assert result.nonfinite[0].stage == "render depth"
+
+
 def test_lens_errors_of_every_training_view(call) -> None:
     result = read_result(call().folder)
     assert [lens.name for lens in result.lens] == ["v2", "v3", "v4", "v5"]
