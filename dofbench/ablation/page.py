@@ -122,12 +122,15 @@ def _differences(filled: Filled, notes: Footnotes) -> list[str]:
     if not columns:
         return []
     pairs = len(filled.datasets) * len(filled.seeds)
-    said = (
-        f"Mean ± sample standard deviation of the row's score minus that of {reference}, over the {pairs} pairs of "
-        "equal dataset and seed; p by a two-sided paired t-test, adjusted for the rows of the column (Holm). *Better* "
-        f"and *worse* (for a cost: *more* and *less*) stand only where p < {SIGNIFICANT:g}. Seeds of one dataset are "
-        "no independent samples of datasets: p says whether the difference is more than chance on these datasets."
-    )
+    said = f"The row's score minus that of {reference}, of one dataset and one seed: a single pair tests nothing."
+    if pairs > 1:
+        said = (
+            f"Mean ± sample standard deviation of the row's score minus that of {reference}, over the {pairs} pairs of "
+            "equal dataset and seed; p by a two-sided paired t-test, adjusted for the rows of the column (Holm). "
+            "*Better* and *worse* (for a cost: *more* and *less*) stand only where "
+            f"p < {SIGNIFICANT:g}. Seeds of one dataset are no independent samples of datasets: p says whether the "
+            "difference is more than chance on these datasets."
+        )
     return [f"## Difference from {reference}", "", said, "",
             *table(["row", *(COLUMNS[column].heading for column in columns)], rows, left=1), ""]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -54,7 +55,9 @@ class Entry:
     def variant(self) -> tuple[str, ...]:
         """What runs must share to be called seeds of one another."""
         spec = self.spec
-        return spec.method, spec.preset, canonical_json(spec.overrides), spec.budget, spec.device, spec.code
+        # The options too: --force-all changes them, and nothing else.
+        chosen = canonical_json(spec.overrides), canonical_json(spec.options)
+        return spec.method, spec.preset, *chosen, spec.budget, spec.device, spec.code
 
 
 @dataclass(frozen=True)
@@ -134,19 +137,28 @@ def board_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], str]:
 
 
 def variant_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], tuple[str, str]]:
-    """(method, preset) to show for each variant, with budget, device or code added to the preset where
-    two variants would otherwise look alike."""
+    """(method, preset) to show for each variant, with what was left out, budget, device or code added to the preset
+    where two variants would otherwise look alike."""
     first = {variant: found[0] for variant, found in grouped(entries, "variant").items()}
     names = {variant: (entry.spec.method, entry.preset) for variant, entry in first.items()}
-    for detail in (lambda spec: spec.budget, lambda spec: spec.device, lambda spec: f"code {spec.code[-64:][:8]}"):
+    details_of: tuple[Callable[[Entry], str], ...] = (
+        _left_out_stages, lambda entry: entry.spec.budget, lambda entry: entry.spec.device,
+        lambda entry: f"code {entry.spec.code[-64:][:8]}",
+    )
+    for detail in details_of:
         alike: dict[tuple[str, str], list[tuple[str, ...]]] = {}
         for variant, name in names.items():
             alike.setdefault(name, []).append(variant)
         for (method, preset), variants in alike.items():
-            details = {variant: detail(first[variant].spec) for variant in variants}
+            details = {variant: detail(first[variant]) for variant in variants}
             if len(set(details.values())) > 1:
                 names |= {variant: (method, f"{preset}, {details[variant]}") for variant in variants}
     return names
+
+
+def _left_out_stages(entry: Entry) -> str:
+    stages = entry.result.plan["stages"] if entry.result else []
+    return ", ".join(f"{stage['name']} left out" for stage in stages if not stage["runs"]) or "nothing left out"
 
 
 def _text(value: Any) -> str:

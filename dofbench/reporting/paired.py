@@ -13,7 +13,7 @@ SIGNIFICANT = 0.05
 @dataclass(frozen=True)
 class Difference:
     """Of paired values, one minus the other. spread: sample standard deviation of the differences. p: of the test,
-    None where there is nothing to be tested: fewer than two pairs, or equal values throughout."""
+    None where there is nothing to be tested: fewer than two pairs, or differences that are all the same."""
 
     pairs: int
     mean: float
@@ -22,10 +22,7 @@ class Difference:
 
 
 def paired_difference(pairs: Sequence[tuple[float, float]]) -> Difference:
-    """The two-sided paired t-test (Student 1908) on (value, reference) pairs.
-
-    Differences that are all the same but not zero have p = 0. Raises ValueError for no pair at all.
-    """
+    """The two-sided paired t-test (Student 1908) on (value, reference) pairs. Raises ValueError for no pair at all."""
     if not pairs:
         raise ValueError("paired difference: expected at least one pair, found none")
     differences = [value - reference for value, reference in pairs]
@@ -33,8 +30,8 @@ def paired_difference(pairs: Sequence[tuple[float, float]]) -> Difference:
     if len(pairs) < 2 or not all(map(math.isfinite, differences)):
         return Difference(len(pairs), mean, None, None)
     spread = statistics.stdev(differences)
-    if spread == 0:
-        return Difference(len(pairs), mean, 0.0, None if mean == 0 else 0.0)
+    if spread == 0:  # mostly counts that happen to be equal: without a spread there is no scale to judge by
+        return Difference(len(pairs), mean, 0.0, None)
     from scipy.stats import ttest_rel
 
     values, references = zip(*pairs, strict=True)

@@ -164,6 +164,15 @@ def test_protocols_never_share_a_table(plain, call, made) -> None:
     assert {row["protocol"] for row in rows(out / "leaderboard.csv")} == {"refocus-v2", "sharp-inputs-v2"}
 
 
+def test_a_forced_stage_is_no_second_seed(plain, call, made) -> None:
+    call(inputs="all-in-focus")
+    call(inputs="all-in-focus", force_all=True)
+    _, out, _ = made()
+    rows = table_rows((out / "leaderboard.md").read_text(), "waves, sharp-inputs-v2")
+    assert {(row["preset"], row["seeds"]) for row in rows} == {
+        ("quick, lens left out", "0"), ("quick, nothing left out", "0")}
+
+
 def test_two_versions_of_a_dataset_never_share_a_table(plain, call, made, tmp_path: Path) -> None:
     first = read_result(call().folder).spec.dataset_checksum
     write_dataset(tmp_path / "data", test=3)
