@@ -16,8 +16,9 @@ from dofbench.harness.plan import dealt_lenses
 from dofbench.harness.prepare import choose, prepare
 from dofbench.harness.result import Spec
 from dofbench.harness.settings import Run, parse_overrides
-from dofbench.reporting.lenses import HELD_OUT, lens_words
+from dofbench.reporting.lenses import lens_words
 from dofbench.synthesis.dataset import Dataset
+from dofbench.synthesis.settings import Assign
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Source:
     folder: Path
     label: str
     scene: str
-    held_out: bool
+    assign: Assign
     lenses: str
 
 
@@ -77,9 +78,9 @@ def make_plan(settings: Ablate, declaration: Declaration) -> Plan:
     plans: list[TablePlan] = []
     skipped: list[str] = []
     for table in chosen_tables(declaration, settings.ids):
-        own = tuple(source for source in sources if source.held_out is table.held_out)
+        own = tuple(source for source in sources if source.assign in table.assign)
         if not own:
-            wanted = "made with --assign held-out" if table.held_out else "made without --assign held-out"
+            wanted = f"made with --assign {' or '.join(table.assign)}"
             if table.id in settings.ids:
                 raise InputError(f"table {table.id}", "no dataset for it in --data", f"one that was {wanted}")
             skipped.append(f"table {table.id} is left out: it wants a dataset {wanted}")
@@ -146,5 +147,5 @@ def _sources(folders: tuple[Path, ...]) -> tuple[Source, ...]:
         alone = names[dataset.name] == 1
         label = dataset.name if alone else f"{dataset.name} ({folder})"
         lenses = lens_words(dealt_lenses(dataset))
-        found.append(Source(folder, label, dataset.scene, dataset.assign == HELD_OUT, lenses))
+        found.append(Source(folder, label, dataset.scene, dataset.assign, lenses))
     return tuple(found)

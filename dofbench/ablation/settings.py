@@ -14,8 +14,8 @@ class Ablate:
     """Run declared tables of switches over datasets and seeds, and write them beside the paper's figures."""
 
     data: str
-    """Dataset folders, comma-separated. A table of held-out lenses takes those made with --assign held-out, every
-    other table the rest."""
+    """Dataset folders, comma-separated. A table of held-out lenses takes those made with --assign held-out, one of a
+    single plane those made with --assign fixed, every other table all but the held-out ones."""
     table: str | None = None
     """Ids of the tables, comma-separated. Default: every table of the file that a dataset was given for."""
     tables: Path | None = None

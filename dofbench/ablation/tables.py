@@ -12,6 +12,8 @@ from dofbench.content import content_folder
 from dofbench.errors import InputError
 from dofbench.harness.settings import Inputs
 from dofbench.reporting.columns import COLUMNS
+from dofbench.reporting.lenses import HELD_OUT
+from dofbench.synthesis.settings import Assign
 
 
 class _Strict(BaseModel):
@@ -42,8 +44,8 @@ class Table(_Strict):
 
     columns: scores by id (`dofbench.reporting.columns`). switches: columns that say what a row has. reference: label
     of the row that the others are compared with. source: where the paper's figures stand; paper_data: what they were
-    measured on. inputs: as of `dofbench run`; one for all rows, as protocols never share a table. held_out: it takes
-    the datasets whose test views ask for a focus that no training view has, and no others.
+    measured on. inputs: as of `dofbench run`; one for all rows, as protocols never share a table. assign: it takes
+    the datasets whose lenses are dealt so (`make-dataset --assign`), and no others; held-out ones stand alone.
     """
 
     id: str = Field(pattern=r"^[A-Za-z0-9_-]+$")
@@ -55,7 +57,7 @@ class Table(_Strict):
     source: str = ""
     paper_data: str = ""
     inputs: Inputs = "shallow"
-    held_out: bool = False
+    assign: tuple[Assign, ...] = Field(("per-view", "continuous", "fixed"), min_length=1)
     rows: tuple[Row, ...] = Field(min_length=1)
 
     @model_validator(mode="after")
@@ -64,6 +66,8 @@ class Table(_Strict):
         for column in self.columns:
             if column not in COLUMNS:
                 raise ValueError(f"unknown column {column!r}, expected one of {', '.join(COLUMNS)}")
+        if HELD_OUT in self.assign and len(self.assign) > 1:
+            raise ValueError(f"assign {', '.join(self.assign)}, expected {HELD_OUT} alone")
         if len(set(labels)) < len(labels):
             raise ValueError("two rows of one label")
         if self.reference is not None and self.reference not in labels:
@@ -75,6 +79,11 @@ class Table(_Strict):
             if (row.paper or row.paper_scenes) and not (self.source and self.paper_data):
                 raise ValueError(f"row {row.label}: figures of a paper without the table's source and paper_data")
         return self
+
+    @property
+    def held_out(self) -> bool:
+        """Whether its test views ask for a focus that no training view has."""
+        return HELD_OUT in self.assign
 
     def paper_columns(self) -> tuple[str, ...]:
         """Scores that the paper gives for any row."""

@@ -83,7 +83,7 @@ force_all = true
 id = "held"
 title = "Held out"
 columns = ["psnr"]
-held_out = true
+assign = ["held-out"]
 
 [[tables.rows]]
 label = "ours"
@@ -363,6 +363,8 @@ def test_an_option_that_the_code_does_not_know_is_named_with_its_row(ablate, tmp
         ('id = "again"', 'id = "noise"', "two tables of one id"),
         ("noisy = true, how = \"added\"", "noisy = true", "row more: switches noisy"),
         ('source = "Nobody 2020, Table 9"', "", "figures of a paper without the table's source"),
+        ('assign = ["held-out"]', 'assign = ["held-out", "fixed"]', "expected held-out alone"),
+        ('assign = ["held-out"]', 'assign = ["held"]', "assign"),
         ("force_all = true", "force = true", "Extra inputs are not permitted"),
         ("method =", "method", "no TOML"),
     ],
