@@ -33,24 +33,25 @@ def write_splats(path: Path, gaussians: Gaussians) -> None:
     logarithms of scene units, opacities logits, quaternions w first and of unit length; f_rest holds all of one
     channel's coefficients before the next one's, zero above the scene's degree; normals are zero.
     """
-    parameters = {name: value.detach().double().numpy() for name, value in gaussians.parameters.items()}
-    log_scales, logits = parameters["log_scales"], parameters["opacity_logits"]
+    parameters = {name: value.detach().numpy() for name, value in gaussians.parameters.items()}
+    log_scales, logits = (parameters[name].astype(np.float64) for name in ("log_scales", "opacity_logits"))
     if gaussians.filter_3d is not None:
         log_scales, logits = _baked(log_scales, logits, gaussians.filter_3d.double().numpy())
-    count = len(gaussians)
-    rest = np.zeros((count, 3, _REST))
-    rest[:, :, : parameters["sh_rest"].shape[1]] = parameters["sh_rest"].transpose(0, 2, 1)
-    columns = (
-        parameters["means"], np.zeros((count, 3)), parameters["sh_dc"], rest.reshape(count, 3 * _REST), logits[:, None],
-        log_scales, _unit(parameters["quaternions"]),
-    )
+    count, terms = len(gaussians), parameters["sh_rest"].shape[1]
+    rows = np.zeros((count, len(_PROPERTIES)), "<f4")  # columns in the order of _PROPERTIES
+    rows[:, 0:3], rows[:, 6:9] = parameters["means"], parameters["sh_dc"]
+    for channel in range(3):
+        first = 9 + channel * _REST
+        rows[:, first : first + terms] = parameters["sh_rest"][:, :, channel]
+    rows[:, 54] = np.clip(logits, -_LARGEST_LOGIT, _LARGEST_LOGIT)
+    rows[:, 55:58], rows[:, 58:62] = log_scales, _unit(parameters["quaternions"].astype(np.float64))
     header = "\n".join([
         "ply", "format binary_little_endian 1.0", f"element vertex {count}",
         *(f"property float {name}" for name in _PROPERTIES), "end_header\n",
     ])
     with replacing(path) as temporary, open(temporary, "wb") as stream:
         stream.write(header.encode("ascii"))
-        stream.write(np.concatenate(columns, axis=1).astype("<f4").tobytes())
+        stream.write(rows.data)
 
 
 def _baked(log_scales: np.ndarray, logits: np.ndarray, filter_3d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -60,8 +61,7 @@ def _baked(log_scales: np.ndarray, logits: np.ndarray, filter_3d: np.ndarray) ->
     filtered = 0.5 * np.logaddexp(2 * log_scales, 2 * log_filter)
     log_opacity = -np.logaddexp(0, -logits) + (log_scales - filtered).sum(axis=1)
     with np.errstate(divide="ignore"):
-        baked = log_opacity - np.log(-np.expm1(log_opacity))
-    return filtered, np.clip(baked, -_LARGEST_LOGIT, _LARGEST_LOGIT)
+        return filtered, log_opacity - np.log(-np.expm1(log_opacity))
 
 
 def _unit(quaternions: np.ndarray) -> np.ndarray:
