@@ -23,13 +23,18 @@ _ZERO, _ONE, _HALF, _INFINITY = _F(0), _F(1), _F(0.5), _F(np.inf)
 
 
 @njit(error_model="numpy")
-def _warp(image, matrix, disparity, first, radius, warped, inside):
-    """Fill warped (h, w) with the source seen at the plane; row 0 and column 0 are pixel (first, -radius)."""
+def _warp(image, matrix, disparity, first, radius, warped, inside, at, along, down):
+    """Fill warped (h, w) with the source seen at the plane; row 0 and column 0 are pixel (first, -radius).
+
+    inside (h, w): 1 where that is in the source, else 0. at, along, down: (w,) scratch. Coordinates are
+    found a row at a time, which vectorises, apart from the reads at them, which don't.
+    """
     height, width = image.shape
     last_x, last_y = _F(width - 1), _F(height - 1)
-    most_x, most_y = max(width - 2, 0), max(height - 2, 0)
-    step_x, step_y = min(1, width - 1), min(1, height - 1)
-    flat = image.reshape(-1)
+    most_x, most_y = _F(max(width - 2, 0)), _F(max(height - 2, 0))
+    wide, high = _F(width), _F(height)
+    right, below = _u(min(1, width - 1)), _u(min(1, height - 1) * width)
+    flat, pitch = image.reshape(-1), np.int32(width)
     a, b, c = matrix[0, 0], matrix[1, 0], matrix[2, 0]
     for row in range(warped.shape[0]):
         y = _F(first + row) + _HALF
@@ -37,27 +42,28 @@ def _warp(image, matrix, disparity, first, radius, warped, inside):
         v0 = matrix[1, 1] * y + (matrix[1, 2] + matrix[1, 3] * disparity)
         w0 = matrix[2, 1] * y + (matrix[2, 2] + matrix[2, 3] * disparity)
         for column in range(warped.shape[1]):
-            x = _F(column - radius) + _HALF
+            x = _F(np.int32(column - radius)) + _HALF
             w = c * x + w0
             u = (a * x + u0) / w
             v = (b * x + v0) / w
-            inside[row, column] = (w > _ZERO) & (u >= _ZERO) & (u < _F(width)) & (v >= _ZERO) & (v < _F(height))
+            there = (w > _ZERO) & (u >= _ZERO) & (u < wide) & (v >= _ZERO) & (v < high)
+            inside[row, column] = _ONE if there else _ZERO
             u -= _HALF
             v -= _HALF
             u = u if u > _ZERO else _ZERO  # NaN too
             v = v if v > _ZERO else _ZERO
             u = u if u < last_x else last_x
             v = v if v < last_y else last_y
-            left, top = np.int32(u), np.int32(v)
-            left = left if left < most_x else np.int32(most_x)
-            top = top if top < most_y else np.int32(most_y)
-            u -= _F(left)
-            v -= _F(top)
-            at = _u(top * width + left)
-            below = at + _u(step_y * width)
-            upper = flat[at] + u * (flat[at + _u(step_x)] - flat[at])
-            lower = flat[below] + u * (flat[below + _u(step_x)] - flat[below])
-            warped[row, column] = upper + v * (lower - upper)
+            left = np.int32(u if u < most_x else most_x)
+            top = np.int32(v if v < most_y else most_y)
+            along[column] = u - _F(left)
+            down[column] = v - _F(top)
+            at[column] = top * pitch + left
+        for column in range(warped.shape[1]):
+            place, x, y = _u(at[column]), along[column], down[column]
+            upper = flat[place] + x * (flat[place + right] - flat[place])
+            lower = flat[place + below] + x * (flat[place + below + right] - flat[place + below])
+            warped[row, column] = upper + y * (lower - upper)
 
 
 @njit(error_model="numpy")
@@ -95,7 +101,8 @@ def _sweep(reference, sources, maps, disparities, radius, best, scores):
                 patch[row, column] = reference[y, min(max(column - radius, 0), width - 1)]
         product = np.empty_like(patch)
         warped = np.empty_like(patch)
-        inside = np.empty(patch.shape, np.bool_)
+        inside = np.empty_like(patch)
+        at, along, down = np.empty(wide, np.int32), np.empty(wide, np.float32), np.empty(wide, np.float32)
         sums = np.empty(wide, np.float32)
         own, own_variance = np.empty((rows, width), np.float32), np.empty((rows, width), np.float32)
         other, variance = np.empty((rows, width), np.float32), np.empty((rows, width), np.float32)
@@ -114,7 +121,7 @@ def _sweep(reference, sources, maps, disparities, radius, best, scores):
         for index in range(count):
             largest[:] = -_INFINITY
             for s in range(sources.shape[0]):
-                _warp(sources[s], maps[s], disparities[index], top - radius, radius, warped, inside)
+                _warp(sources[s], maps[s], disparities[index], top - radius, radius, warped, inside, at, along, down)
                 _box(warped, radius, sums, other)
                 for row in range(patch.shape[0]):
                     for column in range(wide):
@@ -130,7 +137,7 @@ def _sweep(reference, sources, maps, disparities, radius, best, scores):
                         value = (value if value > _ZERO else _ZERO) + _F(FLOOR)
                         score = mixed[row, column] - own[row, column] * other[row, column]
                         score /= np.sqrt(own_variance[row, column] * value)
-                        seen = inside[row + radius, column + radius]
+                        seen = inside[row + radius, column + radius] > _ZERO
                         mixed[row, column] = score if seen else -_INFINITY
                     for k in range(best):
                         for column in range(width):

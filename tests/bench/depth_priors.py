@@ -13,6 +13,7 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import tyro
@@ -39,6 +40,8 @@ class Settings:
     """Priors, comma-separated; none is for training alone."""
     loss: str = "squared"
     """Form of Eq. 8."""
+    inputs: Literal["shallow", "all-in-focus"] = "shallow"
+    """Photographs that priors are made of in the first table."""
     seeds: str = "0"
     """Of training, comma-separated."""
     train_steps: int = 1500
@@ -65,7 +68,7 @@ def main(settings: Settings) -> None:
 
 
 def _measure(dataset: Dataset, prior: str, settings: Settings) -> None:
-    training_set = dataset.training_set()
+    training_set = dataset.training_set(settings.inputs)
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         options = {"depth_prior": prior, "depth_prior_loss": settings.loss, **_files(dataset, prior, Path(folder))}
