@@ -48,8 +48,8 @@ class TrainerOptions:
     Depth supervision (Eq. 9)
         depth_weight: w_d, 0 switches it off. depth_norm: "l1" or "l2"; depth_space: "depth" (scene
         units) or "disparity" (normalised); depth_decay: factor reached at the end, linearly.
-        depth_prior: what supervises: "sparse" points; "stereo", our own on the photographs; a depth
-        "network" as it is; one that is "tuned" to the scene by stereo depth and points (section 4.2);
+        depth_prior: what supervises: "sparse" points; "stereo", our own on the photographs, and the
+        points; a depth "network" as it is; one that is "tuned" to the scene by stereo depth and points (section 4.2);
         or "colmap", a dense workspace. depth_prior_file: the network, TorchScript; without it the
         shipped one. depth_prior_workspace: COLMAP's dense folder; "tuned" takes it in place of stereo.
         depth_prior_steps: of tuning, no more than the training's own. depth_prior_loss: Eq. 8,

@@ -30,6 +30,13 @@ class DepthMap:
     depth: np.ndarray
     weight: np.ndarray
 
+    def with_samples(self, samples: DepthSamples) -> DepthMap:
+        """The same map with other depths, of full weight, in those pixels."""
+        depth, weight = self.depth.copy(), self.weight.copy()
+        at = samples.rows.numpy(), samples.columns.numpy()
+        depth[at], weight[at] = samples.depth.numpy(), 1.0
+        return DepthMap(depth, weight)
+
     def samples(self, camera: Camera) -> DepthSamples:
         """What is known at the pixels of the same view at the camera's size.
 

@@ -66,7 +66,9 @@ def make_prior(training_set: TrainingSet, options: TrainerOptions, *, seed: int,
     from dofbench.priors.stereo import stereo_depth
 
     if options.depth_prior == "stereo":
-        return DensePrior(stereo_depth(training_set))
+        # A point was matched in several views at a corner of the image: it is the better of the two.
+        return DensePrior([found.with_samples(sparse_depth(points, view.camera, index)) for index, (found, view)
+                           in enumerate(zip(stereo_depth(training_set), training_set.views, strict=True))])
     from dofbench.priors.network import open_network, predicted_depth
 
     network = open_network(options.depth_prior_file, training_set)

@@ -26,6 +26,12 @@ class _Forever:
         return True
 
 
+def _by_pixel(samples) -> dict[tuple[int, int], float]:
+    """Depth by pixel; of several points in one pixel the last."""
+    pixels = zip(samples.rows.tolist(), samples.columns.tolist(), strict=True)
+    return dict(zip(pixels, samples.depth.tolist(), strict=True))
+
+
 def _options(**overrides) -> TrainerOptions:
     return TrainerOptions().with_overrides({"steps": 12, "sh_degree": 0, "adaptation": "off", "normal_weight": 0.0,
                                             "depth_space": "disparity", "depth_norm": "l1", **overrides})
@@ -36,6 +42,16 @@ def test_sparse_is_what_the_points_say(photographed):
     camera = photographed.training_set.views[1].camera
     expected = sparse_depth(photographed.training_set.points, camera, 1)
     assert torch.equal(prior.samples(1, camera).depth, expected.depth)
+
+
+def test_stereo_has_the_points_too(photographed):
+    training_set = photographed.training_set
+    prior = make_prior(training_set, _options(depth_prior="stereo"), seed=0, steps=1)
+    camera = training_set.views[1].camera
+    points = _by_pixel(sparse_depth(training_set.points, camera, 1))
+    found = _by_pixel(prior.samples(1, camera))
+    assert points and all(found[pixel] == depth for pixel, depth in points.items())
+    assert len(found) > 10 * len(points)
 
 
 @pytest.mark.parametrize(("overrides", "part"), [
