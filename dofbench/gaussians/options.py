@@ -52,6 +52,8 @@ class TrainerOptions:
         points; a depth "network" as it is; one that is "tuned" to the scene by stereo depth and points (section 4.2);
         or "colmap", a dense workspace. depth_prior_file: the network, TorchScript; without it the
         shipped one. depth_prior_workspace: COLMAP's dense folder; "tuned" takes it in place of stereo.
+        start_points: how many points on the prior's surfaces Gaussians start from, beside the sparse
+        points (not with "sparse").
         depth_prior_steps: of tuning, no more than the training's own. depth_prior_loss: Eq. 8,
         "squared" (printed) or "absolute" (released), either with the best scale a view.
     Normal consistency (Eq. 12)
@@ -129,6 +131,7 @@ class TrainerOptions:
     depth_prior_file: str = ""
     depth_prior_workspace: str = ""
     depth_prior_steps: int = 150
+    start_points: int = 0
     depth_prior_loss: Literal["squared", "absolute"] = "squared"
 
     normal_weight: float = 0.05

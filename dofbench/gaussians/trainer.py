@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from dofbench.cameras import Camera
-from dofbench.contracts import Budget, FitOutcome, NonFinite, Observer, Rendering, TrainingSet
+from dofbench.contracts import Budget, FitOutcome, NonFinite, Observer, PointCloud, Rendering, TrainingSet
 from dofbench.errors import Status
 from dofbench.gaussians import losses
 from dofbench.gaussians.density import DensityControl
@@ -29,7 +29,7 @@ from dofbench.gaussians.supervision import DepthSamples, all_disparities
 from dofbench.gaussians.warmup import compile_kernels
 from dofbench.images import resize
 from dofbench.lens import DisparityRange, PhysicalLens
-from dofbench.priors import Prior, make_prior
+from dofbench.priors import Prior, make_prior, with_surface_points
 
 _RENDER_RANGE_QUANTILE = 0.95  # the released code's near end of the disparity range
 _FILTER_3D_EVERY = 100         # steps; Mip-Splatting's interval
@@ -86,6 +86,9 @@ class Trainer:
         try:
             with self._timed("depth prior"):
                 self._prior = self._depth_prior(total)
+                if self._prior is not None and self.options.start_points > 0:
+                    self._start_from(with_surface_points(self._training_set, self._prior, self.options.start_points,
+                                                         self._seed))
             full = [self._view(index, 1) for index in range(len(self._views))]
             factor = self.options.coarse_factor
             coarse = full
@@ -125,6 +128,13 @@ class Trainer:
         image = torch.from_numpy(np.ascontiguousarray(resize(view.image, width, height)))
         known = None if self._prior is None else self._prior.samples(index, camera)
         return _Photograph(index, view.name, camera, image, known)
+
+    def _start_from(self, points: PointCloud) -> None:
+        """Begin anew from these points, in the same `gaussians`, which others hold too."""
+        self.gaussians.parameters = Gaussians.from_points(points, self.options.sh_degree).parameters
+        self._optimiser = GaussianOptimiser(self.gaussians, self.options, self._extent)
+        self._density = DensityControl(self.gaussians, self._optimiser, self.options, self._extent, self._generator)
+        self.gaussians.update_filter_3d(self._cameras)
 
     def _depth_prior(self, steps: int) -> Prior | None:
         if self.options.depth_weight <= 0:

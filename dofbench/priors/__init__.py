@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from dofbench.cameras import Camera
 from dofbench.contracts import PointCloud, TrainingSet
 from dofbench.errors import InputError
@@ -85,6 +87,33 @@ def make_prior(training_set: TrainingSet, options: TrainerOptions, *, seed: int,
     tune(network, training_set, known, steps=min(options.depth_prior_steps, steps), loss=options.depth_prior_loss,
          seed=seed)
     return DensePrior(predicted_depth(network, training_set, known))
+
+
+def with_surface_points(training_set: TrainingSet, prior: Prior, count: int, seed: int) -> PointCloud:
+    """The sparse points, and about `count` of the prior's: as many from each view, drawn by weight, in its colours.
+
+    Raises InputError for the sparse prior, whose points are there already.
+    """
+    points = training_set.points
+    if isinstance(prior, SparsePrior) or points is None:
+        raise InputError("option start_points", f"{count} with depth_prior sparse", "0, or a prior with surfaces")
+    random = np.random.default_rng(seed)
+    xyz, rgb = [points.xyz], [points.rgb]
+    for index, view in enumerate(training_set.views):
+        camera, samples = view.camera, prior.samples(index, view.camera)
+        depth = samples.depth.numpy().astype(np.float64)
+        weight = np.ones(len(depth)) if samples.weight is None else samples.weight.numpy().astype(np.float64)
+        wanted = min(len(depth), -(-count // len(training_set.views)))
+        chosen = np.zeros(0, np.int64)
+        if wanted:
+            chosen = np.sort(random.choice(len(depth), wanted, replace=False, p=weight / weight.sum()))
+        rows, columns, z = samples.rows.numpy()[chosen], samples.columns.numpy()[chosen], depth[chosen]
+        local = np.stack([(columns + 0.5 - camera.cx) / camera.fx * z, (rows + 0.5 - camera.cy) / camera.fy * z, z,
+                          np.ones_like(z)], axis=1)
+        xyz.append((local @ camera.camera_to_world.T)[:, :3])
+        rgb.append(view.image[rows, columns])
+    every, colours = np.concatenate(xyz), np.concatenate(rgb).astype(np.float32)
+    return PointCloud(every, colours, np.full(len(every), np.nan, np.float32))
 
 
 def _check_files(options: TrainerOptions) -> None:

@@ -28,10 +28,10 @@ PLANES = (16, 192)               # least and most planes
 MARGIN, QUANTILE = 0.1, 0.005    # the points' disparities, without so many at each end, and how far beyond
 SMALL, LARGE, EDGE = 0.05, 0.6, 0.05   # semiglobal penalties, in units of correlation, and of grey
 ANGLE = (3.0, 12.0)              # degrees between two views' rays: less is imprecise, more looks different
-SCORE, DISTINCT = 0.5, 0.03      # least correlation and margin that is believed
-OUTLINE, JUMP = 2, 0.05          # px around what is farther by this share of the planes' range
+SCORE, DISTINCT = 0.6, 0.05      # least correlation and margin that is believed
+OUTLINE, JUMP = 3, 0.03          # px around what is farther by this share of the planes' range
 AGREE_PX, AGREE_DEPTH = 1.0, 0.02      # forth and back: error in the image, and relative to the depth
-AGREEING = 2                     # other views that must agree, where there are so many
+AGREEING = 3                     # other views that must agree, but no more than half of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +187,7 @@ def _agreed(cameras: list[Camera], swept: list[_Swept], index: int, extent: floa
     others = [other for other in range(len(cameras)) if other != index]
     for other in others:
         agreeing += _returns(world[:, :3], depth, (columns + 0.5, rows + 0.5), camera, cameras[other], swept[other])
-    needed = min(AGREEING, len(others))
+    needed = min(AGREEING, max(1, len(others) // 2))
     kept = agreeing >= needed
     shape = (camera.height, camera.width)
     found, weight = np.zeros(shape, np.float32), np.zeros(shape, np.float32)

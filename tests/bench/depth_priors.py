@@ -37,7 +37,7 @@ class Settings:
     datasets: tyro.conf.Positional[tuple[Path, ...]]
     """Datasets with exact depth."""
     priors: str = "none,sparse,stereo,network,tuned,colmap"
-    """Priors, comma-separated; none is for training alone."""
+    """Priors, comma-separated; none is for training alone, and so is PRIOR:N, which starts from N of its points too."""
     loss: str = "squared"
     """Form of Eq. 8."""
     inputs: Literal["shallow", "all-in-focus"] = "shallow"
@@ -56,7 +56,7 @@ def main(settings: Settings) -> None:
           " | mean (px) | s |\n" + "|---" * 10 + "|", flush=True)
     for folder in settings.datasets:
         for prior in settings.priors.split(","):
-            if prior != "none":
+            if prior != "none" and ":" not in prior:
                 _measure(Dataset.load(folder), prior, settings)
     if settings.out is None:
         return
@@ -93,8 +93,9 @@ def _measure(dataset: Dataset, prior: str, settings: Settings) -> None:
 def _train(folder: Path, prior: str, settings: Settings) -> None:
     dataset = Dataset.load(folder)
     workspace = settings.out / "workspaces" / dataset.name
-    chosen = ["depth_weight=0"] if prior == "none" else [f"depth_prior={prior}"]
-    chosen += [f"{key}={value}" for key, value in _files(dataset, prior, workspace).items()]
+    source, _, start = prior.partition(":")
+    chosen = ["depth_weight=0"] if prior == "none" else [f"depth_prior={source}", f"start_points={start or 0}"]
+    chosen += [f"{key}={value}" for key, value in _files(dataset, source, workspace).items()]
     rows = []
     for seed in settings.seeds.split(","):
         end = run(Run(method="dofgaussian", data=folder, preset="cpu", budget=f"{settings.train_steps}it",
