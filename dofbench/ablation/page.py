@@ -157,7 +157,8 @@ def _how_made(filled: Filled, settings: Ablate) -> list[str]:
     budgets = ", ".join(dict.fromkeys(run.spec.budget for run in filled.plan.runs.values()))
     lines = ["## How this was made", "", f"    {settings.command()}", "",
              f"- Budget {budgets}, {some.spec.protocol}, device {some.spec.device}; {settings.jobs} at a time, each "
-             "with its share of the machine's threads, so training times compare only within one call."]
+             "with its share of the machine's threads. Runs that an earlier call finished are not repeated: their "
+             "training times are of then."]
     lines += [f"- {source.label}: {source.folder}, checksum {checksum[:16]}."
               for source, checksum in zip(filled.plan.sources, _checksums(filled), strict=True)]
     for name, describe in (("Commit", commit_text), ("Machine", machine_text)):
