@@ -53,7 +53,7 @@ class TrainerOptions:
         or "colmap", a dense workspace. depth_prior_file: the network, TorchScript; without it the
         shipped one. depth_prior_workspace: COLMAP's dense folder; "tuned" takes it in place of stereo.
         start_points: how many points on the prior's surfaces Gaussians start from, beside the sparse
-        points (not with "sparse").
+        points (not with "sparse"), whatever depth_weight is.
         depth_prior_steps: of tuning, no more than the training's own. depth_prior_loss: Eq. 8,
         "squared" (printed) or "absolute" (released), either with the best scale a view.
     Normal consistency (Eq. 12)

@@ -126,7 +126,8 @@ class Trainer:
         width, height = view.camera.width // factor, view.camera.height // factor
         camera = view.camera if factor == 1 else view.camera.resized(width, height)
         image = torch.from_numpy(np.ascontiguousarray(resize(view.image, width, height)))
-        known = None if self._prior is None else self._prior.samples(index, camera)
+        supervised = self._prior is not None and self.options.depth_weight > 0
+        known = self._prior.samples(index, camera) if supervised else None
         return _Photograph(index, view.name, camera, image, known)
 
     def _start_from(self, points: PointCloud) -> None:
@@ -137,7 +138,7 @@ class Trainer:
         self.gaussians.update_filter_3d(self._cameras)
 
     def _depth_prior(self, steps: int) -> Prior | None:
-        if self.options.depth_weight <= 0:
+        if self.options.depth_weight <= 0 and self.options.start_points <= 0:
             return None
         try:
             return make_prior(self._training_set, self.options, seed=self._seed, steps=steps)

@@ -112,6 +112,17 @@ def test_gaussians_start_on_the_priors_surfaces(photographed):
     assert len(held) == len(cloud) and held is trainer.gaussians
 
 
+def test_a_start_needs_no_supervision(photographed):
+    found = []
+    for prior in ("stereo", "sparse"):
+        start = 900 if prior == "stereo" else 0
+        trainer = Trainer(photographed.training_set, _options(depth_prior=prior, start_points=start, depth_weight=0.0,
+                                                              steps=1, densify_from=1.0), 0)
+        trainer.fit(Budget(), _Forever())
+        found.append(len(trainer.gaussians))
+    assert found[0] == found[1] + 900
+
+
 def test_sparse_has_no_surfaces_to_start_on(photographed):
     with pytest.raises(InputError, match="start_points"):
         Trainer(photographed.training_set, _options(start_points=10), 0).fit(Budget(), _Forever())
