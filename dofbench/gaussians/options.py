@@ -37,8 +37,9 @@ class TrainerOptions:
         "render" takes min and 95th percentile of each rendered view at each step (released code).
         lens_model: "scatter", the paper's, blurs the sharp rendering; "samples" rasterises the scene as seen from
         points of the lens, with the occlusion that comes with it, from lens_samples_from of the training on and in
-        every rendering. lens_rings: of those points around the centre (1 + 3 k (k + 1) points); 0 blurs each
-        Gaussian by its own circle of confusion. lens_blades, lens_rotation: the opening, a polygon or with 0 a disc.
+        every rendering. lens_rings: of those points around the centre (1 + 3 k (k + 1) points); 0, and any number
+        before lens_rings_from, blurs each Gaussian by its own circle of confusion, seen from the centre.
+        lens_blades, lens_rotation: the opening, a polygon or with 0 a disc; "samples" knows discs only.
         lens_per: "view", or "scene" for one lens that all photographs share.
         lens_activation: what is learned of a lens: "relu" (released), "log" or "ends" (`lenses.py`).
         lens_update: "view" keeps Adam's moments of each view by its own visits, "dense" runs one
@@ -111,6 +112,7 @@ class TrainerOptions:
     lens_model: Literal["scatter", "samples"] = "scatter"
     lens_rings: int = 1
     lens_samples_from: float = 0.5
+    lens_rings_from: float = 0.0
     lens_blades: int = 0
     lens_rotation: float = 0.0
     lens_per: Literal["view", "scene"] = "view"
@@ -160,6 +162,14 @@ class TrainerOptions:
     prune_opacity: float = 0.005
     prune_depth_graded: bool = False
     reset_every: float = 0.1
+
+    def __post_init__(self) -> None:
+        if self.lens_blades < 0 or self.lens_blades in (1, 2):
+            raise InputError("option lens_blades", str(self.lens_blades), "0, a disc, or at least 3")
+        if self.lens_model == "samples" and self.lens_blades:
+            raise InputError("option lens_blades", f"{self.lens_blades} with lens_model=samples", "0: a disc")
+        if self.lens_rings < 0:
+            raise InputError("option lens_rings", str(self.lens_rings), "at least 0")
 
     def cooldown(self, progress: float) -> float:
         """What all learning rates are multiplied by at `progress`, 0 to 1."""

@@ -167,11 +167,9 @@ class Trainer:
             statistics = ViewStatistics(want_abs=options.grow_absolute)
             geometry = "full" if with_normals else "depth" if with_depth else "none"
             geometry = "distortion" if with_distortion else geometry
-            try:
+            with self._located(step, view):
                 raster = rasterise(self.gaussians, view.camera, options, sh_degree=degree, geometry=geometry,
                                    statistics=statistics)
-            except FloatingPointError as error:
-                raise NonFiniteError(NonFinite(step, view.name, "rasterise", str(error))) from None
         # The graph is cut between the stages, so each stage's time and numbers can be looked at.
         colour = raster.color.detach().requires_grad_()
         alpha = raster.alpha.detach().requires_grad_(with_normals or with_distortion)
@@ -183,20 +181,16 @@ class Trainer:
             with self._timed("lens"):
                 disparity = self._disparity(alpha, depth) if by_disparity else None
                 lens = self._lens(view, alpha, disparity)
-                if adapting:
-                    out_of_focus = lens.out_of_focus(disparity)
+                out_of_focus = lens.out_of_focus(disparity) if adapting else None
                 if not sampling:
                     image = scattered(colour, disparity, lens, options, adapting)
             if sampling:
-                with self._timed("rasterise"):
-                    rasters, more = sampled(
-                        self.gaussians, lens, options, options.lens_rings, sh_degree=degree, adapting=adapting,
-                        rotation=self._random.uniform(0, 2 * math.pi), want_abs=options.grow_absolute)
-                samples = [sample.color.detach().requires_grad_() for sample in rasters]
-                outputs += [(sample.color, leaf) for sample, leaf in zip(rasters, samples, strict=True)]
+                samples, more = self._samples(step, progress, view, lens, degree, adapting)
+                leaves = [sample.detach().requires_grad_() for sample in samples]
+                outputs += zip(samples, leaves, strict=True)
                 seen += more
                 with self._timed("lens"):
-                    image = together(samples, options.lens_gamma)
+                    image = together(leaves, options.lens_gamma)
             self._check(image, step, view, "lens")
 
         with self._timed("loss"):
@@ -247,6 +241,26 @@ class Trainer:
             if changed or step % _FILTER_3D_EVERY == 0:
                 self.gaussians.update_filter_3d(self._cameras)
         return value
+
+    def _samples(self, step: int, progress: float, view: _Photograph, lens: Shot, degree: int,
+                 adapting: bool) -> tuple[list[Tensor], list[ViewStatistics]]:
+        """What the points of the lens see, and the statistics of each; the points turn at random."""
+        options = self.options
+        rings = options.lens_rings if progress >= options.lens_rings_from else 0
+        with self._timed("rasterise"), self._located(step, view):
+            rasters, statistics = sampled(
+                self.gaussians, lens, options, rings, rotation=self._random.uniform(0, 2 * math.pi), sh_degree=degree,
+                want_abs=options.grow_absolute, adapting=adapting)
+        return [raster.color for raster in rasters], statistics
+
+    @staticmethod
+    @contextmanager
+    def _located(step: int, view: _Photograph) -> Iterator[None]:
+        """Turns the rasteriser's complaint into one that names step and view."""
+        try:
+            yield
+        except FloatingPointError as error:
+            raise NonFiniteError(NonFinite(step, view.name, "rasterise", str(error))) from None
 
     def _disparity(self, alpha: Tensor, depth: Tensor) -> Tensor:
         surface = depth if self.options.blur_to_depth else depth.detach()

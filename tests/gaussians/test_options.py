@@ -12,12 +12,18 @@ def test_strings_become_the_options_type():
 
 @pytest.mark.parametrize(("name", "value", "part"), [
     ("stepz", 1, "unknown name"), ("steps", "many", "a number"), ("steps", "1.5", "a number"), ("steps", 1.5, "whole"),
-    ("lens", "maybe", "true or false"), ("depth_norm", "l3", "one of l1, l2"),
+    ("lens", "maybe", "true or false"), ("depth_norm", "l3", "one of l1, l2"), ("lens_blades", 2, "at least 3"),
+    ("lens_rings", -1, "at least 0"),
 ])
 def test_a_bad_override_is_one_clear_line(name, value, part):
     with pytest.raises(InputError, match=part) as caught:
         TrainerOptions().with_overrides({name: value})
     assert name in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_points_of_the_lens_make_a_disc_only():
+    with pytest.raises(InputError, match="0: a disc"):
+        TrainerOptions().with_overrides({"lens_model": "samples", "lens_blades": 6})
 
 
 def test_every_option_is_documented():

@@ -75,6 +75,8 @@ def _options(**overrides):
      "grow_absolute": True},
     {"lens_range": "render", "lens_update": "dense", "lens_energy": "algorithm1", "coarse_until": 0.4,
      "depth_norm": "l1", "depth_space": "disparity", "prune_depth_graded": True, "filter_2d": 0.0},
+    {"lens_model": "samples", "lens_rings": 1, "lens_samples_from": 0.3, "lens_rings_from": 0.7, "adaptation": "psi",
+     "lens_activation": "ends", "lens_per": "scene", "grow_absolute": True, "blur_to_depth": True},
     {"normal_form": "pixel", "normal_median": 0.6, "distortion_weight": 1.0},
 ])
 def test_training_lowers_the_loss(overrides):
