@@ -104,7 +104,9 @@ def _train(folder: Path, prior: str, settings: Settings) -> None:
         rows.append([*(result.scores.get(score, np.nan) for score in SCORES), result.stages["train"].wall,
                      result.method_stages.get("depth prior", 0.0)])
     mean, spread = np.mean(rows, axis=0), np.std(rows, axis=0)
-    cells = [f"{value:.4g} ± {around:.2g}" for value, around in zip(mean[:-2], spread[:-2], strict=True)]
+    # Where depth isn't exact, nothing is said of its errors.
+    cells = [f"{value:.4g} ± {around:.2g}" if np.isfinite(value) else "–"
+             for value, around in zip(mean[:-2], spread[:-2], strict=True)]
     print(f"| {dataset.name} | {prior} | {' | '.join(cells)} | {mean[-2]:.0f} | {mean[-1]:.1f} |", flush=True)
 
 
