@@ -91,10 +91,11 @@ def test_a_job_waits_for_the_one_before(first):
 
 
 PARENT = """
-import sys, time
-from functools import partial
+import signal, sys
 sys.path.insert(0, {folder!r})
 import test_processes as tests
+# What a shell starts in the background ignores Ctrl-C, and so do its children: not what is asked here.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 if __name__ == "__main__":
     class Loud(tests.Log):
         def reported(self, name, report):
