@@ -47,7 +47,7 @@ class LearnedLenses:
             case "relu":
                 return aperture, focus
             case "log":
-                return math.log(max(aperture, _FLOOR)), focus
+                return math.log(aperture), focus
         return -aperture * focus, aperture * (1 - focus)
 
     def _lens_of(self, view: int) -> int:

@@ -168,6 +168,9 @@ class TrainerOptions:
             raise InputError("option lens_blades", str(self.lens_blades), "0, a disc, or at least 3")
         if self.lens_model == "samples" and self.lens_blades:
             raise InputError("option lens_blades", f"{self.lens_blades} with lens_model=samples", "0: a disc")
+        if self.lens_init_aperture <= 0:
+            raise InputError("option lens_init_aperture", str(self.lens_init_aperture),
+                             "more than 0: a closed lens blurs nothing, so nothing would open it")
         if self.lens_rings < 0:
             raise InputError("option lens_rings", str(self.lens_rings), "at least 0")
 

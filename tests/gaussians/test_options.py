@@ -13,7 +13,7 @@ def test_strings_become_the_options_type():
 @pytest.mark.parametrize(("name", "value", "part"), [
     ("stepz", 1, "unknown name"), ("steps", "many", "a number"), ("steps", "1.5", "a number"), ("steps", 1.5, "whole"),
     ("lens", "maybe", "true or false"), ("depth_norm", "l3", "one of l1, l2"), ("lens_blades", 2, "at least 3"),
-    ("lens_rings", -1, "at least 0"),
+    ("lens_rings", -1, "at least 0"), ("lens_init_aperture", 0, "more than 0"),
 ])
 def test_a_bad_override_is_one_clear_line(name, value, part):
     with pytest.raises(InputError, match=part) as caught:
