@@ -169,3 +169,5 @@ LENS_SMEAR = 5e-2
 # float32 rendering's gradient against a central difference of 0.02 in the lens: the cut of alpha at 1/255 is a step
 # that no gradient sees; 4 % was measured where each Gaussian takes the whole blur, under 1 % with seven points.
 LENS_GRADIENT = 5e-2
+# The planes' ends beside the nearest and farthest true disparity, relative: percentiles of the points, and a margin.
+SWEEP_REACH = 0.5

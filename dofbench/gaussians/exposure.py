@@ -69,9 +69,9 @@ def sampled(gaussians: Gaussians, shot: Shot, options: TrainerOptions, rings: in
         depth = depth.detach()
     radius = shot.radius(1 / depth, options, adapting)
     pattern = lens_points(rings, rotation)
-    blur = cell_variance(radius, pattern)
+    blur = cell_variance(radius, len(pattern))
     rasters, statistics = [], []
-    for point in pattern.points:
+    for point in pattern:
         statistics.append(ViewStatistics(want_abs=want_abs))
         means = seen_from(gaussians, shot.camera, depth, radius, point)
         rasters.append(rasterise(gaussians, shot.camera, options, sh_degree=sh_degree, geometry="none",

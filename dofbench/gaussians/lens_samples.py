@@ -11,7 +11,6 @@ there is the centre alone, whose cell is the lens: the blur per Gaussian of DOF-
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -24,20 +23,8 @@ from dofbench.gaussians.model import Gaussians
 _LEAST_DEPTH = 1e-3  # share of the median depth: nearer Gaussians, and those behind, aren't drawn but must stay finite
 
 
-@dataclass(frozen=True, eq=False)
-class LensPoints:
-    """points: (N, 2) on the unit disc. cell: the area that one stands for, as a share of the disc's."""
-
-    points: np.ndarray
-
-    @property
-    def cell(self) -> float:
-        """Share of the disc that each point stands for."""
-        return 1 / len(self.points)
-
-
-def lens_points(rings: int, rotation: float = 0.0) -> LensPoints:
-    """The centre and rings of 6, 12, 18 ... points, each for an equal area; rotation in radians.
+def lens_points(rings: int, rotation: float = 0.0) -> np.ndarray:
+    """(N, 2) points on the unit disc: the centre and rings of 6, 12, 18 ..., each for an equal area, turned by radians.
 
     The radius of a ring is such that points and cells together have the disc's variance, 1/4 along each axis, and
     each ring with its cells the variance of its annulus.
@@ -48,7 +35,7 @@ def lens_points(rings: int, rotation: float = 0.0) -> LensPoints:
         radius = math.sqrt((0.5 + 3 * ring**2) / count)
         angles = rotation + 2 * math.pi * (np.arange(6 * ring) + 0.5 * (ring % 2)) / (6 * ring)
         points += [(radius * math.cos(angle), radius * math.sin(angle)) for angle in angles]
-    return LensPoints(np.array(points))
+    return np.array(points)
 
 
 def depth_of(gaussians: Gaussians, camera: Camera) -> Tensor:
@@ -71,9 +58,9 @@ def seen_from(gaussians: Gaussians, camera: Camera, depth: Tensor, radius: Tenso
             + (across * float(point[1] / camera.fy))[:, None] * down)
 
 
-def cell_variance(radius: Tensor, points: LensPoints) -> Tensor:
-    """(N,) px^2: a disc of radius R has the variance R^2 / 4 along each axis; a cell, its share of the area."""
-    return radius.square() * (0.25 * points.cell)
+def cell_variance(radius: Tensor, points: int) -> Tensor:
+    """(N,) px^2: a disc of radius R has the variance R^2 / 4 along each axis; one of so many cells, its share."""
+    return radius.square() * (0.25 / points)
 
 
 def together(images: list[Tensor], gamma: float) -> Tensor:

@@ -6,7 +6,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from random_gaussians import scene, view
-from tolerances import FLOAT32_SCALAR, FLOAT32_VALUE
+from tolerances import FLOAT32_SCALAR, FLOAT32_VALUE, LEVEL_8BIT
 
 from dofbench.errors import InputError
 from dofbench.gaussians.model import Gaussians
@@ -83,7 +83,7 @@ def test_extreme_gaussians_are_finite_and_render_the_same(tmp_path_factory, seed
     assert all(np.isfinite(independently(path)[name]).all() for name in FIELDS)
     difference = (picture(gaussians).color - picture(read_splats(path)).color).abs()
     # Beside the exact alpha of 1/255 rounding may take or leave a pixel.
-    assert difference.max() < 2 / 255 and difference.mean() < FLOAT32_VALUE
+    assert difference.max() < 2 * LEVEL_8BIT and difference.mean() < FLOAT32_VALUE
 
 
 def written(kind: str, rest: int, extra: tuple[str, ...] = ()) -> tuple[bytes, dict[str, np.ndarray]]:

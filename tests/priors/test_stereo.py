@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tolerances import STEREO_OUTLIERS, STEREO_RESIZED
+from tolerances import STEREO_OUTLIERS, STEREO_RESIZED, SWEEP_REACH
 
 from dofbench.cameras import Camera
 from dofbench.errors import InputError
@@ -63,7 +63,7 @@ def test_without_tracks_the_points_still_say_where_to_look(photographed, maps):
     blind = replace(photographed.training_set, points=replace(photographed.training_set.points, views=None))
     low, high = disparity_bounds(blind)
     own = disparity_bounds(photographed.training_set)
-    assert low == pytest.approx(own[0], rel=0.5) and high == pytest.approx(own[1], rel=0.5)
+    assert low == pytest.approx(own[0], rel=SWEEP_REACH) and high == pytest.approx(own[1], rel=SWEEP_REACH)
     assert all(len(set(chosen)) == 4 for chosen in choose_sources(blind))
 
 
