@@ -111,12 +111,27 @@ def defocus_by_radius(
         return encoded.numpy(), linear.numpy()
 
 
+def fast_decode(encoded: Tensor, gamma: float, backend: str = "auto") -> Tensor:
+    """`decode` by compiled powers where they can be had: float32 on the CPU, where torch's cost more than the scatter."""
+    return _power(encoded, gamma, TOE) if _compiled(encoded, backend) else decode(encoded, gamma)
+
+
+def fast_encode(linear: Tensor, gamma: float, backend: str = "auto") -> Tensor:
+    """`encode`, as `fast_decode`."""
+    return _power(linear, 1.0 / gamma, TOE**gamma) if _compiled(linear, backend) else encode(linear, gamma)
+
+
+def _compiled(image: Tensor, backend: str) -> bool:
+    return backend != "reference" and image.device.type == "cpu" and image.dtype == torch.float32
+
+
+def _power(image: Tensor, exponent: float, toe: float) -> Tensor:
+    return import_module("dofbench.kernels.scatter.cpu_tone").power_with_toe(image, exponent, toe)
+
+
 def _blur(image, radius, gamma, alpha, shape, energy, backend, form, layers=None):
-    """(encoded, linear) blurred image. float32 on the CPU takes compiled powers: torch's cost more than the scatter."""
+    """(encoded, linear) blurred image."""
     scatter = partial(load("scatter", backend, image.device.type), alpha=alpha, shape=shape, energy=energy, form=form)
-    compiled = backend != "reference" and image.device.type == "cpu" and image.dtype == torch.float32
-    if compiled:
-        power = import_module("dofbench.kernels.scatter.cpu_tone").power_with_toe
-    linear = power(image, gamma, TOE) if compiled else decode(image, gamma)
+    linear = fast_decode(image, gamma, backend)
     linear = scatter(linear, radius) if layers is None else layered_blur(linear, radius, scatter, layers=layers)
-    return (power(linear, 1.0 / gamma, TOE**gamma) if compiled else encode(linear, gamma)), linear
+    return fast_encode(linear, gamma, backend), linear

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from dofbench.cameras import Camera
-from dofbench.defocus import decode, encode
+from dofbench.defocus import fast_decode, fast_encode
 from dofbench.gaussians.model import Gaussians
 
 _LEAST_DEPTH = 1e-3  # share of the median depth: nearer Gaussians, and those behind, aren't drawn but must stay finite
@@ -67,7 +67,7 @@ def together(images: list[Tensor], gamma: float) -> Tensor:
     """The mean of encoded images (H, W, 3), taken in linear light; encoded."""
     if len(images) == 1:
         return images[0]
-    total = decode(images[0], gamma)
+    total = fast_decode(images[0], gamma)
     for image in images[1:]:
-        total = total + decode(image, gamma)
-    return encode(total / len(images), gamma)
+        total = total + fast_decode(image, gamma)
+    return fast_encode(total / len(images), gamma)

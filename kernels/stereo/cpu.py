@@ -86,6 +86,13 @@ def _box(product, radius, column_sums, out):
             out[row, column] *= share
 
 
+@njit(error_model="numpy")
+def _multiply(a, b, out):
+    for row in range(out.shape[0]):
+        for column in range(out.shape[1]):
+            out[row, column] = a[row, column] * b[row, column]
+
+
 @cached
 @njit(parallel=True, error_model="numpy")
 def _sweep(reference, sources, maps, disparities, radius, best, scores):
@@ -110,9 +117,7 @@ def _sweep(reference, sources, maps, disparities, radius, best, scores):
         largest = np.empty((best, rows, width), np.float32)
         plane = np.empty((count, rows, width), np.float32)
         _box(patch, radius, sums, own)
-        for row in range(patch.shape[0]):
-            for column in range(wide):
-                product[row, column] = patch[row, column] * patch[row, column]
+        _multiply(patch, patch, product)
         _box(product, radius, sums, own_variance)
         for row in range(rows):
             for column in range(width):
@@ -123,13 +128,9 @@ def _sweep(reference, sources, maps, disparities, radius, best, scores):
             for s in range(sources.shape[0]):
                 _warp(sources[s], maps[s], disparities[index], top - radius, radius, warped, inside, at, along, down)
                 _box(warped, radius, sums, other)
-                for row in range(patch.shape[0]):
-                    for column in range(wide):
-                        product[row, column] = warped[row, column] * warped[row, column]
+                _multiply(warped, warped, product)
                 _box(product, radius, sums, variance)
-                for row in range(patch.shape[0]):
-                    for column in range(wide):
-                        product[row, column] = warped[row, column] * patch[row, column]
+                _multiply(warped, patch, product)
                 _box(product, radius, sums, mixed)
                 for row in range(rows):
                     for column in range(width):
