@@ -74,11 +74,22 @@ def parse(arguments: Sequence[str]) -> Command:
     }
     named = tuple(Annotated[settings, tyro.conf.subcommand(name)] for name, settings in commands.items())
     look = (tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalMetavarFromFieldName)
+    _refuse_twice(arguments)
     with _input_errors_unframed():
         return tyro.cli(
             Union[named],  # noqa: UP007 - the alternatives are known only here
             prog="dofbench", description=_DESCRIPTION, args=list(arguments), config=look,
         )
+
+
+def _refuse_twice(arguments: Sequence[str]) -> None:
+    """The parser would keep the last of two equal options without a word, and drop what the first said."""
+    seen: set[str] = set()
+    for word in arguments:
+        option = word.partition("=")[0].replace("_", "-")
+        if word.startswith("--") and option in seen:
+            raise InputError(option, "the option twice", "once, with all its values behind it: --set a=1 b=2")
+        seen.add(option)
 
 
 def execute(settings: Any) -> int:

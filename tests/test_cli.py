@@ -70,6 +70,7 @@ def test_a_wrong_call_ends_with_2_and_says_so(arguments: str, capsys: pytest.Cap
      "make-dataset no/such/folder --out never", "make-dataset --focus 7 --out never", "make-dataset --aperture a,b",
      "make-dataset --depth guess",
      "run --method nobodys", "run --method dofgaussian --data no/such/folder", "run --method dofgaussian --budget lots",
+     "run --method dofgaussian --set sh_degree=3 --set steps=9",
      "ablate --data no/such/folder", "ablate --data a --seeds 0", "ablate --data a --tables none.toml",
      "report no/such/folder", "check no/such/folder", "scenes no/such/folder"],
 )
