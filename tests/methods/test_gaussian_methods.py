@@ -150,6 +150,13 @@ def test_every_preset_names_known_options(name):
         entry.create(entry.preset(preset)[1], 0, "cpu")
 
 
+@pytest.mark.parametrize("preset", ["cpu", "quick", "smoke"])
+def test_the_baseline_is_trained_as_well_as_the_method(preset):
+    ours, theirs = (find_method(name).preset(preset)[1] for name in ("dofgaussian", "mipsplatting"))
+    of_a_lens = {key for key in ours if key.startswith(("lens_", "blur_")) or key == "adaptation"}
+    assert theirs == {key: value for key, value in ours.items() if key not in of_a_lens}
+
+
 def test_no_points_is_the_users_mistake(training_set):
     entry = find_method("dofgaussian")
     method = entry.create(entry.card.presets["smoke"], 0, "cpu")
