@@ -112,7 +112,7 @@ def defocus_by_radius(
 
 
 def fast_decode(encoded: Tensor, gamma: float, backend: str = "auto") -> Tensor:
-    """`decode` by compiled powers where they can be had: float32 on the CPU, where torch's cost more than the scatter."""
+    """`decode` by compiled powers where there are any: float32 on the CPU, where torch's cost more than the scatter."""
     return _power(encoded, gamma, TOE) if _compiled(encoded, backend) else decode(encoded, gamma)
 
 
