@@ -22,9 +22,9 @@ import tyro
 from dofbench import __version__
 from dofbench.ablation.settings import Ablate
 from dofbench.errors import InputError, one_line
-from dofbench.harness.settings import Run
 from dofbench.rendering.settings import MakeScene
 from dofbench.reporting.settings import Report
+from dofbench.runs.settings import Runs
 from dofbench.synthesis.settings import MakeDatasets
 from dofbench.threads import configure_threads
 from dofbench.validation.settings import ValidateRenderer
@@ -63,13 +63,13 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(number)
 
 
-Command = MakeDatasets | MakeScene | Run | Ablate | Report | Check | Scenes | ValidateRenderer
+Command = MakeDatasets | MakeScene | Runs | Ablate | Report | Check | Scenes | ValidateRenderer
 
 
 def parse(arguments: Sequence[str]) -> Command:
     """The settings that the command line means. Raises InputError, or SystemExit after printing help or an error."""
     commands = {
-        "make-dataset": MakeDatasets, "make-scene": MakeScene, "run": Run, "ablate": Ablate, "report": Report,
+        "make-dataset": MakeDatasets, "make-scene": MakeScene, "run": Runs, "ablate": Ablate, "report": Report,
         "check": Check, "scenes": Scenes, "validate-renderer": ValidateRenderer,
     }
     named = tuple(Annotated[settings, tyro.conf.subcommand(name)] for name, settings in commands.items())
@@ -104,10 +104,10 @@ def execute(settings: Any) -> int:
 
             make_scene(settings)
             return DONE
-        case Run():
-            from dofbench.harness.run import run
+        case Runs():
+            from dofbench.runs.matrix import run_all
 
-            return DONE if run(settings) else FAILED
+            return DONE if run_all(settings) else FAILED
         case Ablate():
             from dofbench.ablation import ablate
 
@@ -141,7 +141,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     configure_threads()
     try:
         settings = parse(arguments)
-        if isinstance(settings, MakeDatasets | MakeScene | Run | Ablate | Check):
+        if isinstance(settings, MakeDatasets | MakeScene | Runs | Ablate | Check):
             # Its import puts a handler of its own on SIGTERM, which prints a stack and dies. These commands need
             # it anyway, so it comes first and ours replaces it.
             import pycolmap  # noqa: F401

@@ -21,17 +21,23 @@ Report = Callable[[Any], None]
 _THREADS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
+def _never() -> bool:
+    return False
+
+
 @dataclass(frozen=True)
 class Job:
     """Something to do in a process of its own.
 
     work: called with a function that sends a report; what it returns is the outcome's message. It travels to the
-    process by pickle, and so do reports. after: the name of a job that must have ended, well or not, before.
+    process by pickle, and so do reports. after: the name of a job that must have ended, well or not, before. busy:
+    whether it had better be left for later, as things are now.
     """
 
     name: str
     work: Callable[[Report], str]
     after: str | None = None
+    busy: Callable[[], bool] = _never
 
 
 @dataclass(frozen=True)
@@ -68,7 +74,8 @@ def run_jobs(jobs: Sequence[Job], *, workers: int, watcher: Watcher) -> list[Out
     try:
         while waiting or running:
             ready = [job for job in waiting if job.after is None or job.after in outcomes]
-            for job in ready[: workers - len(running)]:
+            free = workers - len(running)
+            for job in sorted(ready, key=lambda job: job.busy())[:free] if free else ():
                 waiting.remove(job)
                 running[job.name] = _start(job, threads)
                 watcher.started(job.name)

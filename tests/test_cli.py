@@ -30,8 +30,9 @@ def test_typical_calls_mean_what_they_say() -> None:
     assert (made.focus_values, made.aperture_values) == ((0.2, 0.5, 0.8), (0.5, 1.0))
 
     run = cli.parse("run --method dofgaussian --data data/fern --out results".split())
-    assert isinstance(run, cli.Run)
-    assert (run.method, run.data, run.out) == ("dofgaussian", Path("data/fern"), Path("results"))
+    assert isinstance(run, cli.Runs)
+    (cell,) = run.cells()
+    assert (cell.method, cell.data, cell.out) == ("dofgaussian", Path("data/fern"), Path("results"))
     assert cli.parse(["run", "--method", "dofgaussian"]).data is None
 
     ablate = cli.parse("ablate --data data/a,data/b --table table4,table5 --seeds 3 --budget 1500it --jobs 2".split())
@@ -70,6 +71,9 @@ def test_a_wrong_call_ends_with_2_and_says_so(arguments: str, capsys: pytest.Cap
      "make-dataset no/such/folder --out never", "make-dataset --focus 7 --out never", "make-dataset --aperture a,b",
      "make-dataset --depth guess",
      "run --method nobodys", "run --method dofgaussian --data no/such/folder", "run --method dofgaussian --budget lots",
+     "run --method dofgaussian --seeds 0", "run --method dofgaussian --jobs 0", "run --method dofgaussian, --seeds 2",
+     "run --method dofgaussian,dofgaussian", "run --method dofgaussian --budget 60s 60.0s",
+     "run --method dofgaussian --data a,b",
      "run --method dofgaussian --set sh_degree=3 --set steps=9",
      "ablate --data no/such/folder", "ablate --data a --seeds 0", "ablate --data a --tables none.toml",
      "report no/such/folder", "check no/such/folder", "scenes no/such/folder"],

@@ -1,47 +1,17 @@
-"""What the runs of a table came to: an entry for each that ended, and cells with mean and spread."""
+"""What the runs of a table came to: cells with mean and spread."""
 
 from __future__ import annotations
 
 import math
 import statistics
 from dataclasses import dataclass
-from pathlib import Path
 
-from dofbench.ablation.plan import PlannedRun, TablePlan
-from dofbench.harness.lock import LOCK_FILE, is_running
-from dofbench.harness.result import RESULT_FILE, read_result
-from dofbench.reporting.collect import Entry, dead_entry, entry_of
+from dofbench.ablation.plan import TablePlan
+from dofbench.reporting.collect import Entry
 from dofbench.reporting.summary import Cell, Line, scene_mean, seed_cell
+from dofbench.runs.ended import Ended
 
 NOT_RUN = Cell(None, failure="not run yet", reason="the same command goes on with it")
-
-
-class Ended:
-    """The runs that have ended, each read once."""
-
-    def __init__(self) -> None:
-        self._entries: dict[str, Entry] = {}
-
-    def find(self, run: PlannedRun) -> Entry | None:
-        """How the run ended; None when it hasn't been made, or is at work."""
-        key = run.spec.key
-        if key not in self._entries and (entry := _read(run.folder, key)) is not None:
-            self._entries[key] = entry
-        return self._entries.get(key)
-
-    def forget(self, run: PlannedRun) -> None:
-        """Read it anew next time."""
-        self._entries.pop(run.spec.key, None)
-
-
-def _read(folder: Path, key: str) -> Entry | None:
-    if (folder / RESULT_FILE).is_file():
-        result = read_result(folder)
-        return entry_of(folder, result) if result.key == key else None
-    if (folder / LOCK_FILE).is_file() and not is_running(folder):
-        entry = dead_entry(folder)
-        return entry if entry.spec.key == key else None
-    return None
 
 
 @dataclass(frozen=True)

@@ -16,14 +16,14 @@ from dofbench.content import content_folder
 
 _PACKAGE = Path(dofbench.__file__).resolve().parent
 # What only shows results or calls the rest can't change one: editing it must not outdate every result.
-_NEVER_SCORES = ("cli.py", "ablation", "reporting", "stability", "_content")
+_NEVER_SCORES = ("cli.py", "ablation", "reporting", "runs", "stability", "_content")
 _NEVER_SCORES_OF_A_METHOD = ("ablations.toml",)  # tables of runs; what a row sets is part of the run's own key
 
 
 def code_version(method_folder: Path) -> str:
     """`<package version>+<sha256>` over every source file that can change a score.
 
-    Those are dofbench (without ablation, reporting, stability and the command line), the kernels and the
+    Those are dofbench (without ablation, reporting, runs, stability and the command line), the kernels and the
     method's own folder (without its tables of ablations); names count relative to each, so the place of the
     checkout doesn't matter.
     """

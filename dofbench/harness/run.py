@@ -20,7 +20,7 @@ from dofbench.harness.clock import StageTimes
 from dofbench.harness.evaluate import Evaluation, Evaluator
 from dofbench.harness.lock import locked
 from dofbench.harness.observer import OneStep, Report, TrainingObserver
-from dofbench.harness.prepare import Prepared, choose, prepare
+from dofbench.harness.prepare import Prepared, choose, data_folder, prepare
 from dofbench.harness.progress import TrainingProgress, print_result
 from dofbench.harness.result import RESULT_FILE, SCHEMA_VERSION, CurvePoint, Event, Result, write_result
 from dofbench.harness.settings import Run
@@ -56,28 +56,32 @@ class _Trained:
     stages: dict[str, dict[str, float]]
 
 
-def run(settings: Run, console: Console | None = None, progress: ProgressBar = TrainingProgress) -> RunEnd:
+def run(
+    settings: Run, console: Console | None = None, progress: ProgressBar = TrainingProgress, *, key: str | None = None,
+    wait: bool = False,
+) -> RunEnd:
     """Train, score and write `<out>/<dataset>/<method>-<preset>-seed<k>-<key>/result.json`.
 
     A finished result of the same key is reused. A run that fails still writes its result, with a typed
-    status. progress: shows the training. Raises InputError when the call is wrong, and KeyboardInterrupt when it
-    was interrupted (after writing a result that says so).
+    status. progress: shows the training. key: what the run's must be. wait: for another process that has the same run
+    at work. Raises InputError when the call is wrong or the key is another one, and KeyboardInterrupt when it was
+    interrupted (after writing a result that says so).
     """
     console = console or Console()
     choices = choose(settings)
-    data = settings.data
-    if data is None:
-        data = _builtin_dataset(settings.dry_run, console)
-        if data is None:
-            return RunEnd(settings.out, None)
+    if settings.data is None and not builtin_dataset(settings.dry_run, console):
+        return RunEnd(settings.out, None)
 
-    run = prepare(settings, choices, data)
+    run = prepare(settings, choices, data_folder(settings))
+    if key is not None and run.spec.key != key:
+        raise InputError(run.folder, "code or data that changed since the call began",
+                         "the same; the same command goes on with the new")
     for line in run.plan.lines():
         _say(console, line)
     if settings.dry_run:
         return RunEnd(run.folder, None)
 
-    with locked(run.folder, run.spec, run.dataset.scene, _now()):
+    with locked(run.folder, run.spec, run.dataset.scene, _now(), wait=wait):
         if not settings.rerun and (earlier := run.finished()) is not None:
             _say(console, f"the same run is finished already, reusing it (--rerun runs again): {run.folder}")
             print_result(console, earlier)
@@ -256,20 +260,20 @@ def classify(error: Exception) -> tuple[Status, str]:
     return Status.CRASHED, text
 
 
-def _builtin_dataset(dry_run: bool, console: Console) -> Path | None:
-    """The built-in dataset's folder, made if it isn't there; None when a dry run would have to make it."""
+def builtin_dataset(dry_run: bool, console: Console) -> bool:
+    """See that the built-in dataset is there, making it if it isn't; false when a dry run would have to make it."""
     from dofbench.synthesis import builtin_folder, make_dataset
     from dofbench.synthesis.settings import MakeDataset
 
     folder = builtin_folder()
     if (folder / "dataset.json").is_file():
-        return folder
+        return True
     if dry_run:
         _say(console, f"would first make the built-in dataset in {folder}; the plan depends on it")
-        return None
+        return False
     _say(console, f"making the built-in dataset in {folder}")
     make_dataset(MakeDataset(out=folder))
-    return folder
+    return True
 
 
 def _say(console: Console, line: str) -> None:

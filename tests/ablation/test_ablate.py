@@ -7,11 +7,10 @@ import io
 import math
 import re
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import pytest
-from harness_fakes import fake_run, write_dataset
+from harness_fakes import Here, fake_run, write_dataset
 from report_pages import notes, table_rows
 from rich.console import Console
 from tolerances import CSV_DIGITS
@@ -23,7 +22,6 @@ from dofbench.ablation.tables import read_tables, shipped_file
 from dofbench.content import content_folder
 from dofbench.errors import InputError, one_line
 from dofbench.harness.result import read_result
-from dofbench.processes import Job, Outcome
 from dofbench.reporting.held_out import ASKED_HEADING
 from dofbench.synthesis import make_dataset
 from dofbench.synthesis.settings import MakeDataset
@@ -88,29 +86,6 @@ assign = ["held-out"]
 [[tables.rows]]
 label = "ours"
 """
-
-
-class Here:
-    """Runs jobs in this process, where the fakes are; `fatal` ends the call at the n-th, as a killed process would."""
-
-    def __init__(self, fatal: int | None = None):
-        self.made: list[str] = []
-        self.fatal = fatal
-
-    def __call__(self, jobs: list[Job], *, workers: int, watcher) -> list[Outcome]:
-        outcomes = []
-        for job in jobs:
-            if self.fatal is not None and len(self.made) == self.fatal:
-                raise KeyboardInterrupt
-            self.made.append(job.name)
-            watcher.started(job.name)
-            try:
-                outcome = Outcome(job.name, job.work(partial(watcher.reported, job.name)))
-            except Exception as error:
-                outcome = Outcome(job.name, problem=one_line(error) or repr(error))
-            watcher.ended(outcome)
-            outcomes.append(outcome)
-        return outcomes
 
 
 @pytest.fixture
@@ -320,7 +295,7 @@ def test_a_dry_run_runs_nothing(ablate, tmp_path: Path) -> None:
     assert "to be run, for noise more: dofbench run --method fake" in said and "--set noise=0.8" in said
     ablate(seeds=1)
     _, _, said, _ = ablate(dry_run=True)
-    assert said.count("finished, for noise") == 3 and re.search(r"about \d+ min to go", said)
+    assert said.count("finished, for noise") == 3 and re.search(r"about \d+ s to go", said)
 
 
 def test_options_for_every_row(ablate, tmp_path: Path) -> None:
