@@ -22,6 +22,7 @@ import tyro
 from dofbench import __version__
 from dofbench.ablation.settings import Ablate
 from dofbench.errors import InputError, one_line
+from dofbench.harness.clock import loading
 from dofbench.rendering.settings import MakeScene
 from dofbench.reporting.settings import Report
 from dofbench.runs.settings import Runs
@@ -105,7 +106,8 @@ def execute(settings: Any) -> int:
             make_scene(settings)
             return DONE
         case Runs():
-            from dofbench.runs.matrix import run_all
+            with loading.running():
+                from dofbench.runs.matrix import run_all
 
             return DONE if run_all(settings) else FAILED
         case Ablate():
@@ -144,7 +146,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(settings, MakeDatasets | MakeScene | Runs | Ablate | Check):
             # Its import puts a handler of its own on SIGTERM, which prints a stack and dies. These commands need
             # it anyway, so it comes first and ours replaces it.
-            import pycolmap  # noqa: F401
+            with loading.running():
+                import pycolmap  # noqa: F401
         with _signals_as_exceptions():
             return execute(settings)
     except InputError as mistake:

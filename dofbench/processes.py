@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
 import threading
@@ -16,6 +17,7 @@ from multiprocessing.process import BaseProcess, parent_process
 from typing import Any, Protocol
 
 from dofbench.errors import one_line
+from dofbench.harness.clock import loading
 
 Report = Callable[[Any], None]
 _THREADS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -100,7 +102,7 @@ def run_jobs(jobs: Sequence[Job], *, workers: int, watcher: Watcher) -> list[Out
 def _start(job: Job, threads: int) -> tuple[BaseProcess, Connection]:
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(job.work, theirs), name=job.name)
+    process = context.Process(target=_work, args=(pickle.dumps(job.work), theirs), name=job.name)
     with _environment(dict.fromkeys(_THREADS, str(threads))):
         process.start()
     # The process has its own copy: with ours closed, its end is the pipe's.
@@ -124,13 +126,15 @@ def _received(name: str, run: tuple[BaseProcess, Connection], watcher: Watcher) 
     return Outcome(name, **{kind: content})
 
 
-def _work(work: Callable[[Report], str], pipe: Connection) -> None:
-    """The process's main function."""
+def _work(pickled: bytes, pipe: Connection) -> None:
+    """The process's main function; what it needs is imported as the work is unpickled."""
     # Ctrl-C reaches every process of the terminal; the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
         try:
+            with loading.running():
+                work = pickle.loads(pickled)
             pipe.send(("message", work(lambda report: pipe.send(("report", report)))))
         except BrokenPipeError:
             raise

@@ -59,12 +59,14 @@ def git_state() -> dict[str, str | bool] | None:
 
 
 def machine(device: str) -> dict[str, str | int | float]:
-    """Processor, cores, memory (GiB), operating system, Python, and the accelerator if one is used."""
+    """Processor, cores, threads that the kernels may use, memory (GiB), operating system, Python, and the accelerator
+    if one is used."""
     pages, page_size = os.sysconf("SC_PHYS_PAGES"), os.sysconf("SC_PAGE_SIZE")
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     described: dict[str, str | int | float] = {
         "cpu": _cpu_model(),
         "cores": cores,
+        "threads": _threads(cores),
         "memory_gib": round(pages * page_size / 2**30, 1),
         "os": platform.platform(),
         "python": platform.python_version(),
@@ -75,6 +77,11 @@ def machine(device: str) -> dict[str, str | int | float]:
 
         described["accelerator"] = torch.cuda.get_device_name(device)
     return described
+
+
+def _threads(cores: int) -> int:
+    told = os.environ.get("NUMBA_NUM_THREADS") or os.environ.get("OMP_NUM_THREADS", "").split(",")[0]
+    return int(told) if told.isdigit() else cores
 
 
 def package_versions() -> dict[str, str]:
