@@ -56,6 +56,21 @@ class Check:
     """Dataset folder, result folder, or a folder of results."""
 
 
+@dataclass(frozen=True)
+class Score:
+    """Score finished runs again from the pictures and the model that they kept, and add the metrics that they lack:
+    without training, and into a file of its own (added.json); what they have must come out again."""
+
+    results: Annotated[tuple[Path, ...], tyro.conf.Positional] = (Path("results"),)
+    """Results, or folders of results."""
+
+    metrics: str | None = None
+    """Columns, comma-separated: psnr for refocused views, aif_psnr for all-in-focus ones. Default: all there are."""
+
+    data: Path | None = None
+    """The dataset's folder, if it isn't where the results say."""
+
+
 class Interrupted(KeyboardInterrupt):
     """A signal asked the process to end; `number` is the signal's."""
 
@@ -64,14 +79,14 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(number)
 
 
-Command = MakeDatasets | MakeScene | Runs | Ablate | Report | Check | Scenes | ValidateRenderer
+Command = MakeDatasets | MakeScene | Runs | Ablate | Score | Report | Check | Scenes | ValidateRenderer
 
 
 def parse(arguments: Sequence[str]) -> Command:
     """The settings that the command line means. Raises InputError, or SystemExit after printing help or an error."""
     commands = {
-        "make-dataset": MakeDatasets, "make-scene": MakeScene, "run": Runs, "ablate": Ablate, "report": Report,
-        "check": Check, "scenes": Scenes, "validate-renderer": ValidateRenderer,
+        "make-dataset": MakeDatasets, "make-scene": MakeScene, "run": Runs, "ablate": Ablate, "score": Score,
+        "report": Report, "check": Check, "scenes": Scenes, "validate-renderer": ValidateRenderer,
     }
     named = tuple(Annotated[settings, tyro.conf.subcommand(name)] for name, settings in commands.items())
     look = (tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalMetavarFromFieldName)
@@ -114,6 +129,10 @@ def execute(settings: Any) -> int:
             from dofbench.ablation import ablate
 
             return DONE if ablate(settings) else FAILED
+        case Score():
+            from dofbench.harness.score import score
+
+            return DONE if score(settings.results, settings.metrics, settings.data) else FAILED
         case Report():
             from dofbench.reporting import report
 
@@ -143,7 +162,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     configure_threads()
     try:
         settings = parse(arguments)
-        if isinstance(settings, MakeDatasets | MakeScene | Runs | Ablate | Check):
+        if isinstance(settings, MakeDatasets | MakeScene | Runs | Ablate | Score | Check):
             # Its import puts a handler of its own on SIGTERM, which prints a stack and dies. These commands need
             # it anyway, so it comes first and ours replaces it.
             with loading.running():

@@ -19,6 +19,7 @@ from dofbench.files import sha256_file
 from dofbench.harness import check as check_module
 from dofbench.harness import prepare as prepare_module
 from dofbench.harness import run as run_module
+from dofbench.harness import score as score_module
 from dofbench.harness.run import RunEnd
 from dofbench.harness.settings import Run
 from dofbench.images import from_8bit, to_8bit
@@ -251,7 +252,7 @@ def fake_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Run
     methods = write_method(folder / "methods")
     write_method(methods, "pinhole", refocus=False, learns_lens=False)
     monkeypatch.setenv("DOFBENCH_METHODS", str(methods))
-    for module in (check_module, comparison_module, planned_module, prepare_module):
+    for module in (check_module, comparison_module, planned_module, prepare_module, score_module):
         monkeypatch.setattr(module, "Dataset", FakeDataset)
     # FLIP takes a third of a second however small the image; what it says is tested elsewhere.
     quick = replace(METRICS["flip"], function=lambda prediction, truth: float(np.abs(prediction - truth).mean()))

@@ -7,6 +7,7 @@ import statistics
 from dataclasses import dataclass
 
 from dofbench.ablation.plan import TablePlan
+from dofbench.harness.protocol import arithmetic_mean
 from dofbench.reporting.collect import Entry
 from dofbench.reporting.summary import Cell, Line, scene_mean, seed_cell
 from dofbench.runs.ended import Ended
@@ -56,7 +57,7 @@ class Filled:
         lines = {dataset: self._line(row, {column: self.cell(row, dataset, column)}) for dataset in self.datasets}
         mean = scene_mean(lines, list(self.datasets), column)
         values = [[self.value(row, dataset, seed, column) for dataset in self.datasets] for seed in self.seeds]
-        means = [math.fsum(one) / len(one) for one in values if None not in one]  # type: ignore[arg-type]
+        means = [arithmetic_mean(one) for one in values if None not in one]  # type: ignore[arg-type]
         if mean.value is None or len(means) < 2 or not all(map(math.isfinite, means)):
             return mean
         return Cell(mean.value, statistics.stdev(means))

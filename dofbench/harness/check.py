@@ -10,7 +10,7 @@ from rich.console import Console
 from dofbench.errors import InputError, Status
 from dofbench.files import sha256_file
 from dofbench.harness.evaluate import PREFIX
-from dofbench.harness.protocol import PROTOCOLS
+from dofbench.harness.protocol import PROTOCOLS, arithmetic_mean
 from dofbench.harness.result import RESULT_FILE, Result, read_result
 from dofbench.images import read_image
 from dofbench.metrics import score_image
@@ -92,10 +92,10 @@ def _means(result: Result) -> list[str]:
     """The table's numbers must be the means of the values below them."""
     problems = []
     for column in (result.views[0].scores if result.views else {}):
-        mean = math.fsum(view.scores[column] for view in result.views) / len(result.views)
+        mean = arithmetic_mean([view.scores[column] for view in result.views])
         problems += _differing(column, result.scores.get(column), mean)
     for column in ("delta_a", "delta_f") if result.lens else ():
-        mean = math.fsum(getattr(view, column) for view in result.lens) / len(result.lens)
+        mean = arithmetic_mean([getattr(view, column) for view in result.lens])
         problems += _differing(column, result.scores.get(column), mean)
     return problems
 

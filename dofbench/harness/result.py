@@ -37,11 +37,13 @@ def _from_1(data: dict[str, Any]) -> dict[str, Any]:
 MIGRATIONS[1] = _from_1
 
 
-class _Model(BaseModel):
+class Stored(BaseModel):
+    """A part of a file: every key is known, nothing changes, NaN and infinities are numbers."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True, protected_namespaces=())
 
 
-class Spec(_Model):
+class Spec(Stored):
     """Everything that decides a result, and nothing else; its hash is the cache key.
 
     options: the preset's with the plan's and the user's changes; overrides: the user's alone.
@@ -72,14 +74,14 @@ class Spec(_Model):
         return Path(self.dataset) / f"{self.method}-{self.preset}-seed{self.seed}-{self.key[:8]}"
 
 
-class StageTime(_Model):
+class StageTime(Stored):
     """Seconds that one stage took: wall, and CPU over all threads."""
 
     wall: float
     cpu: float
 
 
-class CurvePoint(_Model):
+class CurvePoint(Stored):
     """Scores (column -> value) at one moment of training.
 
     train_s, train_cpu_s: training seconds, wall and CPU, evaluation excluded; the second is None in results of before
@@ -94,14 +96,14 @@ class CurvePoint(_Model):
     scores: dict[str, float]
 
 
-class ViewScores(_Model):
+class ViewScores(Stored):
     """Scores (column -> value) of one test view."""
 
     name: str
     scores: dict[str, float]
 
 
-class ViewLens(_Model):
+class ViewLens(Stored):
     """True and estimated lens of one training view, in the dataset's units, and their errors."""
 
     name: str
@@ -114,7 +116,7 @@ class ViewLens(_Model):
     delta_r: float
 
 
-class Event(_Model):
+class Event(Stored):
     """A NaN or infinity: the step and the place where it appeared."""
 
     step: int
@@ -123,14 +125,14 @@ class Event(_Model):
     detail: str
 
 
-class Git(_Model):
+class Git(Stored):
     """Commit of the checkout, and whether it had changes that no commit holds."""
 
     commit: str
     dirty: bool
 
 
-class Result(_Model):
+class Result(Stored):
     """One run.
 
     scores: the leaderboard's columns that were measured, column -> value. left_out: the columns

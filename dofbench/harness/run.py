@@ -17,6 +17,7 @@ from dofbench.contracts import Budget, FitOutcome, Method
 from dofbench.errors import InputError, Status
 from dofbench.files import read_json, sha256_file, write_json
 from dofbench.harness import provenance
+from dofbench.harness.added import ADDED_FILE
 from dofbench.harness.clock import StageTimes, loading
 from dofbench.harness.evaluate import Evaluation, Evaluator
 from dofbench.harness.lock import locked
@@ -145,7 +146,8 @@ class _Execution:
 
     def _train(self) -> _Trained:
         # An earlier result's files go before they are written anew: if this run dies, none is left half.
-        (self.folder / RESULT_FILE).unlink(missing_ok=True)
+        for name in (RESULT_FILE, ADDED_FILE):
+            (self.folder / name).unlink(missing_ok=True)
         for name in (MODEL_FOLDER, PREDICTIONS_FOLDER):
             shutil.rmtree(self.folder / name, ignore_errors=True)
         with self.stages["load data"].running():

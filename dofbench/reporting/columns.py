@@ -66,7 +66,7 @@ class Column:
 
 def _column(column: str) -> Column:
     metric = column.removeprefix(AIF_PREFIX)
-    digits = _DIGITS[metric]
+    digits = _DIGITS.get(metric, 4)
     if column in _COSTS:
         label, unit, higher_is_better, note = _COSTS[column]
         return Column(column, label, unit, higher_is_better, digits, note)
@@ -79,4 +79,7 @@ def _column(column: str) -> Column:
     return Column(column, label, entry.unit, entry.higher_is_better, digits, note)
 
 
-COLUMNS: dict[str, Column] = {column: _column(column) for column in SCORES}
+# What `dofbench score` can add beyond what every run measures.
+_ADDABLE = tuple(prefix + metric.id for prefix in ("", AIF_PREFIX) for metric in METRICS.values()
+                 if metric.needs == "images" and prefix + metric.id not in SCORES)
+COLUMNS: dict[str, Column] = {column: _column(column) for column in (*SCORES, *_ADDABLE)}

@@ -6,7 +6,7 @@ from typing import Any
 
 from dofbench.harness.methods import find_method, method_files
 from dofbench.harness.protocol import PROTOCOLS
-from dofbench.reporting.collect import Collection, Entry, board_names, grouped, variant_names
+from dofbench.reporting.collect import Collection, Entry, added_columns, board_names, grouped, variant_names
 from dofbench.reporting.columns import COLUMNS, SCORES
 from dofbench.reporting.footnotes import Footnotes, table
 from dofbench.reporting.held_out import ASKED_HEADING, asked_table
@@ -26,21 +26,22 @@ def leaderboard_markdown(collection: Collection, pictures: dict[tuple[str, ...],
     entries = collection.entries
     notes = Footnotes()
     names, boards = variant_names(entries), board_names(entries)
+    columns = [*SCORES, *added_columns(entries)]
     page = ["# Leaderboard", "", _INTRODUCTION, ""]
     by_kind: dict[str, dict[str, dict[tuple[str, ...], Line]]] = {}
     for board, members in grouped(entries, "board").items():
         lenses = next((entry.lenses for entry in members if entry.lenses), None)
         held_out = lenses is not None and lenses["assign"] == HELD_OUT
         kind = f"{board[2]}, held-out focus" if held_out else board[2]
-        lines = {variant: variant_line(seeds, names, list(SCORES))
+        lines = {variant: variant_line(seeds, names, columns)
                  for variant, seeds in grouped(members, "variant").items()}
         by_kind.setdefault(kind, {})[boards[board]] = lines
         shown = list(lines.values())
-        if (nothing := do_nothing_line(members, list(SCORES))) is not None:
+        if (nothing := do_nothing_line(members, columns)) is not None:
             shown.append(nothing)
         page += [f"## {boards[board]}, {kind}", "",
                  f"Scene {members[0].scene}; dataset checksum {board[1][:16]}{_lenses(board[2], lenses)}.", "",
-                 *_board(shown, notes), ""]
+                 *_board(shown, columns, notes), ""]
         if held_out:
             groups = [(*names[variant], seeds) for variant, seeds in grouped(members, "variant").items()]
             if asked := asked_table(groups, notes):
@@ -50,10 +51,11 @@ def leaderboard_markdown(collection: Collection, pictures: dict[tuple[str, ...],
     for kind, scenes in by_kind.items():
         if len(scenes) > 1:
             page += [f"## Means over scenes, {kind}", "", f"Scenes: {', '.join(scenes)}.", "",
-                     *_scene_means(scenes, notes), ""]
+                     *_scene_means(scenes, columns, notes), ""]
     page += _claims(entries, notes)
     page += ["## What the columns say", "",
-             *(f"- {column.label} ({column.id}): {column.note}." for column in COLUMNS.values()), ""]
+             *(f"- {COLUMNS[column].label} ({column}): {COLUMNS[column].note}." for column in columns), ""]
+    page += _added(entries)
     page += _how_made(entries, boards, names)
     if collection.unreadable:
         page += ["## Results that can't be read", "", *(f"- {problem}" for problem in collection.unreadable), ""]
@@ -68,23 +70,37 @@ def _lenses(protocol: str, lenses: dict[str, Any] | None) -> str:
     return "; trained on the sharp originals" if sharp else f"; {lens_words(lenses)}"
 
 
-def _board(lines: list[Line], notes: Footnotes) -> list[str]:
-    return line_table(sorted_lines(lines), SCORES, notes, before=_names("seeds"))
+def _board(lines: list[Line], columns: list[str], notes: Footnotes) -> list[str]:
+    return line_table(sorted_lines(lines), columns, notes, before=_names("seeds"))
 
 
 def _names(last: str) -> Beside:
     return Beside(["method", "preset", last], lambda line: [line.method, plain(line.preset), line.seeds])
 
 
-def _scene_means(scenes: dict[str, dict[tuple[str, ...], Line]], notes: Footnotes) -> list[str]:
+def _scene_means(
+    scenes: dict[str, dict[tuple[str, ...], Line]], columns: list[str], notes: Footnotes,
+) -> list[str]:
     variants = sorted({variant for lines in scenes.values() for variant in lines})
     means = []
     for variant in variants:
         own = {scene: lines[variant] for scene, lines in scenes.items() if variant in lines}
         some = next(iter(own.values()))
-        cells = {column: scene_mean(own, list(scenes), column) for column in SCORES}
+        cells = {column: scene_mean(own, list(scenes), column) for column in columns}
         means.append(Line(some.method, some.preset, f"{len(own)} of {len(scenes)}", cells))
-    return line_table(sorted_lines(means), SCORES, notes, before=_names("scenes"))
+    return line_table(sorted_lines(means), columns, notes, before=_names("scenes"))
+
+
+def _added(entries: tuple[Entry, ...]) -> list[str]:
+    """Which scores were computed after their runs, and by which code."""
+    by_code: dict[str, dict[str, None]] = {}
+    for entry in entries:
+        for column, score in (entry.added.scores if entry.added else {}).items():
+            by_code.setdefault(score.code, {})[column] = None
+    if not by_code:
+        return []
+    return ["## Added after the runs", "", "From the pictures and models that they kept, by `dofbench score`.", "",
+            *(f"- {', '.join(columns)}: by code {code}." for code, columns in by_code.items()), ""]
 
 
 def _claims(entries: tuple[Entry, ...], notes: Footnotes) -> list[str]:

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dofbench.errors import Status
-from dofbench.harness.protocol import DEPTH_COLUMNS, PROTOCOLS
+from dofbench.harness.protocol import DEPTH_COLUMNS, PROTOCOLS, arithmetic_mean
 from dofbench.reporting.collect import Entry
-from dofbench.reporting.columns import COLUMNS
+from dofbench.reporting.columns import COLUMNS, SCORES
 
 DO_NOTHING = "do nothing (Â = F̂ = 0.5)"
 
@@ -60,13 +60,15 @@ def spread_cell(values: Sequence[float], reason: str = "") -> Cell:
     if not values:
         return Cell(None, reason=reason)
     spread = statistics.stdev(values) if len(values) > 1 and all(map(math.isfinite, values)) else None
-    return Cell(math.fsum(values) / len(values), spread)
+    return Cell(arithmetic_mean(values), spread)
 
 
 def _no_reason(entry: Entry, column: str) -> str:
     protocol = PROTOCOLS.get(entry.spec.protocol)
     if protocol is not None and column in DEPTH_COLUMNS and not protocol.depth:
         return f"{protocol.id} has no such score"
+    if column not in SCORES:
+        return "not computed: `dofbench score` adds it"
     return "the result holds no such score, nor a reason"
 
 
@@ -131,7 +133,7 @@ def scene_mean(lines: dict[str, Line], scenes: list[str], column: str) -> Cell:
         return Cell(None, reason=f"no mean over an incomplete set: {', '.join(missing)} missing "
                                  f"of {len(scenes)} scenes")
     values = [lines[scene].cells[column].value for scene in scenes]
-    return Cell(math.fsum(value for value in values if value is not None) / len(values))
+    return Cell(arithmetic_mean([value for value in values if value is not None]))
 
 
 def _number(value: float | None) -> float:

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from dofbench.files import write_text
-from dofbench.reporting.collect import Entry, board_names
+from dofbench.reporting.collect import Entry, added_columns, board_names
 from dofbench.reporting.columns import ALL_IN_FOCUS, DEPTH, FILE_SCORES, IDENTITY, LENS, REFOCUS
 
 CURVE_SCORES = ("psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f")
@@ -24,7 +24,7 @@ def write_leaderboard_csv(path: Path, entries: tuple[Entry, ...]) -> None:
     """One row a run. A cell is empty when the run has no such score; the Markdown says why."""
     identities = _identities(entries)
     rows = [{**identity, **entry.scores} for entry, identity in zip(entries, identities, strict=True)]
-    write_csv(path, (*IDENTITY, *FILE_SCORES), rows)
+    write_csv(path, (*IDENTITY, *FILE_SCORES, *added_columns(entries)), rows)
 
 
 def write_per_view_csv(path: Path, entries: tuple[Entry, ...]) -> None:
@@ -33,11 +33,10 @@ def write_per_view_csv(path: Path, entries: tuple[Entry, ...]) -> None:
     for entry, identity in zip(entries, _identities(entries), strict=True):
         if entry.result is None:
             continue
-        rows += [{**identity, "view": view.name, "split": "test", **view.scores}
-                 for view in entry.result.views]
+        rows += [{**identity, "view": view, "split": "test", **scores} for view, scores in entry.views.items()]
         rows += [{**identity, "split": "train", **view.model_dump(exclude={"name"}), "view": view.name}
                  for view in entry.result.lens]
-    write_csv(path, VIEW_COLUMNS, rows)
+    write_csv(path, (*VIEW_COLUMNS, *added_columns(entries)), rows)
 
 
 def write_curves_csv(path: Path, entries: tuple[Entry, ...]) -> None:

@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tolerances import FLOAT64_VALUE
 
 from dofbench.errors import InputError, Status
 from dofbench.harness import result as module
+from dofbench.harness.protocol import arithmetic_mean
 from dofbench.harness.result import SCHEMA_VERSION, Result, Spec, read_result, write_result
 
 
@@ -136,3 +138,15 @@ def test_a_damaged_result_is_one_line(tmp_path: Path, text: str, match: str) -> 
 def test_a_missing_result_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
         read_result(tmp_path)
+
+
+@given(st.lists(st.floats(), min_size=1, max_size=6))
+def test_a_mean_leaves_no_value_out(values: list[float]) -> None:
+    mean = arithmetic_mean(values)
+    if any(math.isnan(value) for value in values) or {math.inf, -math.inf} <= set(values):
+        assert math.isnan(mean)
+    elif any(math.isinf(value) for value in values):
+        assert mean in values and math.isinf(mean)
+    else:
+        assert math.isfinite(mean)
+        assert min(values) <= mean <= max(values) or mean == pytest.approx(values[0], rel=FLOAT64_VALUE)
