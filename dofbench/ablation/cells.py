@@ -67,15 +67,10 @@ class Filled:
         entry = self.entries.get((row, dataset, seed))
         return entry.scores.get(column) if entry is not None and not self._failed(entry) else None
 
-    def pairs(self, row: str, reference: str, column: str) -> list[tuple[float, float]] | None:
-        """(row's, reference's) scores by dataset and seed; None when one is missing."""
-        found = [
-            (self.value(row, dataset, seed, column), self.value(reference, dataset, seed, column))
-            for dataset in self.datasets for seed in self.seeds
-        ]
-        if any(one is None or other is None for one, other in found):
-            return None
-        return [(one, other) for one, other in found if one is not None and other is not None]
+    def runs(self, row: str, dataset: str) -> list[Entry]:
+        """The row's runs on a dataset; empty unless every seed has ended."""
+        found = [self.entries.get((row, dataset, seed)) for seed in self.seeds]
+        return [entry for entry in found if entry is not None] if None not in found else []
 
     def _line(self, row: str, cells: dict[str, Cell]) -> Line:
         return Line(row, "", ", ".join(map(str, self.seeds)), cells)

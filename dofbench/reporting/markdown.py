@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from dofbench.harness.methods import find_method, method_files
@@ -12,11 +13,21 @@ from dofbench.reporting.footnotes import Footnotes, table
 from dofbench.reporting.held_out import ASKED_HEADING, asked_table
 from dofbench.reporting.lenses import HELD_OUT, lens_words
 from dofbench.reporting.line_table import Beside, line_table, plain
-from dofbench.reporting.summary import Line, do_nothing_line, scene_mean, sorted_lines, variant_line
+from dofbench.reporting.pairwise import HEADING as PAIRWISE
+from dofbench.reporting.pairwise import Seeds, board_pairs, explanation, pairwise_table, scene_pairs
+from dofbench.reporting.summary import (
+    Line,
+    do_nothing_line,
+    scene_mean,
+    scene_spread,
+    sorted_lines,
+    variant_line,
+)
 
 _INTRODUCTION = """\
-Best in bold. Where runs differ only in their seed, a cell is mean ± sample standard deviation over the
-seeds. A cell that a method can't have is –, with the reason below; a run that failed shows how. Results
+Best in bold, which alone doesn't make it better: see the differences below each table. Where runs differ
+only in their seed, a cell is mean ± sample standard deviation over the n seeds; without ±, there was one, and
+no spread is known. A cell that a method can't have is –, with the reason below; a run that failed shows how. Results
 of different protocols, or of different versions of a dataset, never share a table. The do-nothing line
 is what a predictor of the lens scores that learns nothing; an error above it is worse than no learning."""
 
@@ -28,22 +39,26 @@ def leaderboard_markdown(collection: Collection, pictures: dict[tuple[str, ...],
     names, boards = variant_names(entries), board_names(entries)
     columns = [*SCORES, *added_columns(entries)]
     page = ["# Leaderboard", "", _INTRODUCTION, ""]
-    by_kind: dict[str, dict[str, dict[tuple[str, ...], Line]]] = {}
+    by_kind: dict[str, dict[str, tuple[dict[tuple[str, ...], Line], Seeds]]] = {}
+    compared = False
     for board, members in grouped(entries, "board").items():
         lenses = next((entry.lenses for entry in members if entry.lenses), None)
         held_out = lenses is not None and lenses["assign"] == HELD_OUT
         kind = f"{board[2]}, held-out focus" if held_out else board[2]
-        lines = {variant: variant_line(seeds, names, columns)
-                 for variant, seeds in grouped(members, "variant").items()}
-        by_kind.setdefault(kind, {})[boards[board]] = lines
+        variants = grouped(members, "variant")
+        lines = {variant: variant_line(seeds, names, columns) for variant, seeds in variants.items()}
+        by_kind.setdefault(kind, {})[boards[board]] = lines, variants
         shown = list(lines.values())
         if (nothing := do_nothing_line(members, columns)) is not None:
             shown.append(nothing)
         page += [f"## {boards[board]}, {kind}", "",
                  f"Scene {members[0].scene}; dataset checksum {board[1][:16]}{_lenses(board[2], lenses)}.", "",
                  *_board(shown, columns, notes), ""]
+        if differences := pairwise_table(board_pairs(members), names, notes):
+            compared = True
+            page += [f"### {PAIRWISE}", "", *differences, ""]
         if held_out:
-            groups = [(*names[variant], seeds) for variant, seeds in grouped(members, "variant").items()]
+            groups = [(*names[variant], seeds) for variant, seeds in variants.items()]
             if asked := asked_table(groups, notes):
                 page += [f"### {ASKED_HEADING}", "", *asked, ""]
         for caption, path in pictures.get(board, []):
@@ -52,6 +67,9 @@ def leaderboard_markdown(collection: Collection, pictures: dict[tuple[str, ...],
         if len(scenes) > 1:
             page += [f"## Means over scenes, {kind}", "", f"Scenes: {', '.join(scenes)}.", "",
                      *_scene_means(scenes, columns, notes), ""]
+            if differences := pairwise_table(scene_pairs([seeds for _, seeds in scenes.values()]), names, notes):
+                page += [f"### {PAIRWISE}", "", *differences, ""]
+    page += explanation() if compared else []
     page += _claims(entries, notes)
     page += ["## What the columns say", "",
              *(f"- {COLUMNS[column].label} ({column}): {COLUMNS[column].note}." for column in columns), ""]
@@ -79,16 +97,20 @@ def _names(last: str) -> Beside:
 
 
 def _scene_means(
-    scenes: dict[str, dict[tuple[str, ...], Line]], columns: list[str], notes: Footnotes,
+    scenes: dict[str, tuple[dict[tuple[str, ...], Line], Seeds]], columns: list[str], notes: Footnotes,
 ) -> list[str]:
-    variants = sorted({variant for lines in scenes.values() for variant in lines})
+    variants = sorted({variant for lines, _ in scenes.values() for variant in lines})
     means = []
     for variant in variants:
-        own = {scene: lines[variant] for scene, lines in scenes.items() if variant in lines}
+        own = {scene: lines[variant] for scene, (lines, _) in scenes.items() if variant in lines}
+        runs = [seeds[variant] for _, seeds in scenes.values() if variant in seeds]
         some = next(iter(own.values()))
         cells = {column: scene_mean(own, list(scenes), column) for column in columns}
-        means.append(Line(some.method, some.preset, f"{len(own)} of {len(scenes)}", cells))
-    return line_table(sorted_lines(means), columns, notes, before=_names("scenes"))
+        cells = {column: cell if cell.value is None else replace(cell, spread=scene_spread(runs, column))
+                 for column, cell in cells.items()}
+        same = len({line.seeds for line in own.values()}) == 1
+        means.append(Line(some.method, some.preset, some.seeds if same else "not the same on all", cells))
+    return line_table(sorted_lines(means), columns, notes, before=_names("seeds"))
 
 
 def _added(entries: tuple[Entry, ...]) -> list[str]:
