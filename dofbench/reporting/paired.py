@@ -34,7 +34,7 @@ EXPLANATION = (
     "and there is none. p is of a two-sided permutation test that flips the signs of the views' differences, exact for "
     "few views: with n of them it is never below 2^(1−n), so fewer than six can't tell. It is adjusted for the "
     "comparisons of a column (Holm). *Better* and *worse* (for a cost: *more* and *less*) stand only where p < 0.05 "
-    "and the interval leaves zero out; \"one seed\" warns that training again could change it. Views of a scene are not "
+    "and the interval leaves zero out; \"one seed\" warns that training again could change it. Views of a scene aren't "
     "independent of each other, and scenes not drawn at random: p speaks of these views, not of other scenes."
 )
 
