@@ -44,8 +44,11 @@ class Entry:
     def views(self) -> dict[str, dict[str, float]]:
         """Test view -> column -> value, measured then or later."""
         later = self.added.scores.items() if self.added else ()
-        return {view.name: {**{column: score.views[view.name] for column, score in later}, **view.scores}
-                for view in self.result.views} if self.result else {}
+        return {
+            view.name: {**{column: score.views[view.name] for column, score in later if view.name in score.views},
+                        **view.scores}
+            for view in (self.result.views if self.result else ())
+        }
 
     @property
     def preset(self) -> str:

@@ -182,7 +182,8 @@ def machine_text(entry: Entry) -> str:
     """The machine of a run that left a result."""
     assert entry.result is not None
     facts = entry.result.machine
-    parts = [f"{facts['cpu']}, {facts['cores']} cores, {facts['memory_gib']} GiB", str(facts["os"]),
+    threads = f" ({facts['threads']} used)" if "threads" in facts else ""
+    parts = [f"{facts['cpu']}, {facts['cores']} cores{threads}, {facts['memory_gib']} GiB", str(facts["os"]),
              f"Python {facts['python']}"]
     if "accelerator" in facts:
         parts.append(str(facts["accelerator"]))

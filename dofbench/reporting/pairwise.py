@@ -89,8 +89,9 @@ def pairwise_table(pairs: Sequence[Pair], names: dict[Variant, tuple[str, str]],
         rows.append([*(plain(" ".join(names[side])) for side in (pair.one, pair.other)), *cells])
     counts = {column: {found.difference.pairs for pair in pairs if (found := pair.compared[column]).difference}
               for column in columns}
-    words = dict.fromkeys(f"{' or '.join(map(str, sorted(found)))} {'training' if column in LENS else 'test'} views"
-                          for column, found in counts.items())
+    words = dict.fromkeys(
+        f"{' or '.join(map(str, sorted(found)))} {'training' if column in LENS else 'test'} "
+        f"view{'' if found == {1} else 's'}" for column, found in counts.items())
     heading = ["", "minus", *(COLUMNS[column].heading for column in columns)]
     return [f"Over {' and '.join(words)}; see *How differences are tested*.", "", *table(heading, rows, left=2)]
 

@@ -108,14 +108,18 @@ def test_a_failed_run_shows_how_it_failed(plain, call, made) -> None:
     assert notes(page, shown["quick trouble=crash"]["δ_A ↓"]) == "RuntimeError: something broke"
 
 
-def test_a_nan_is_shown(plain, call, made) -> None:
-    end = call()
-    data = json.loads((end.folder / "result.json").read_text())
-    data["scores"]["flip"] = math.nan
-    (end.folder / "result.json").write_text(json.dumps(data))
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_what_is_no_finite_number_is_shown_as_what_it_is(plain, call, made, value: float) -> None:
+    end, other = call(), call(seed=1)
+    for folder, own in ((end.folder, value), (other.folder, -value)):
+        data = json.loads((folder / "result.json").read_text())
+        data["scores"]["flip"] = value
+        data["scores"]["gmsd"] = own  # of both signs over the two seeds: their mean is no number
+        (folder / "result.json").write_text(json.dumps(data))
     _, out, _ = made()
-    assert rows(out / "leaderboard.csv")[0]["flip"] == "nan"
-    assert table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v2")[0]["FLIP ↓"] == "nan"
+    assert [row["flip"] for row in rows(out / "leaderboard.csv")] == [str(value)] * 2
+    (row, _) = table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v2")
+    assert (row["FLIP ↓"], row["GMSD ↓"]) == (str(value), "nan")
 
 
 def test_seeds_have_a_spread_and_a_failed_seed_is_not_left_out_of_a_mean(plain, call, made) -> None:
