@@ -12,7 +12,8 @@ from dofbench.reporting.collect import Entry, added_columns, board_names
 from dofbench.reporting.columns import ALL_IN_FOCUS, DEPTH, FILE_SCORES, IDENTITY, LENS, REFOCUS
 
 CURVE_SCORES = ("psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f")
-CURVE_COLUMNS = ("method", "preset", "dataset", "protocol", "seed", "train_s", "steps", *CURVE_SCORES, "loss")
+CURVE_COLUMNS = ("method", "preset", "dataset", "protocol", "seed", "train_s", "steps", *CURVE_SCORES, "loss",
+                 "train_cpu_s")
 _LENS_VALUES = ("aperture", "aperture_estimated", "focus", "focus_estimated")
 VIEW_COLUMNS = (
     "method", "preset", "dataset", "scene", "protocol", "seed", "view", "split",
@@ -45,7 +46,7 @@ def write_curves_csv(path: Path, entries: tuple[Entry, ...]) -> None:
     for entry, identity in zip(entries, _identities(entries), strict=True):
         for point in entry.result.curve if entry.result else ():
             rows.append({**identity, **point.scores, "train_s": point.train_s, "steps": point.steps,
-                         "loss": point.loss})
+                         "loss": point.loss, "train_cpu_s": point.train_cpu_s})
     write_csv(path, CURVE_COLUMNS, rows)
 
 

@@ -318,6 +318,8 @@ def test_per_view_and_curve_tables(plain, call, made) -> None:
     taken = rows(out / "curves.csv")
     assert list(taken[0])[:7] == ["method", "preset", "dataset", "protocol", "seed", "train_s", "steps"]
     assert [int(row["steps"]) for row in taken] == [point.steps for point in result.curve]
+    assert [float(row["train_cpu_s"]) for row in taken] == pytest.approx(
+        [point.train_cpu_s for point in result.curve], rel=CSV_DIGITS)
 
 
 def test_figures_are_there_and_linked(call, made) -> None:
