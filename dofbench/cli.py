@@ -22,9 +22,10 @@ import tyro
 from dofbench import __version__
 from dofbench.ablation.settings import Ablate
 from dofbench.errors import InputError, one_line
-from dofbench.harness.settings import Run
+from dofbench.harness.clock import loading
 from dofbench.rendering.settings import MakeScene
 from dofbench.reporting.settings import Report
+from dofbench.runs.settings import Runs
 from dofbench.synthesis.settings import MakeDatasets
 from dofbench.threads import configure_threads
 from dofbench.validation.settings import ValidateRenderer
@@ -55,6 +56,21 @@ class Check:
     """Dataset folder, result folder, or a folder of results."""
 
 
+@dataclass(frozen=True)
+class Score:
+    """Score finished runs again from the pictures and the model that they kept, and add the metrics that they lack:
+    without training, and into a file of its own (added.json); what they have must come out again."""
+
+    results: Annotated[tuple[Path, ...], tyro.conf.Positional] = (Path("results"),)
+    """Results, or folders of results."""
+
+    metrics: str | None = None
+    """Columns, comma-separated: psnr for refocused views, aif_psnr for all-in-focus ones. Default: all there are."""
+
+    data: Path | None = None
+    """The dataset's folder, if it isn't where the results say."""
+
+
 class Interrupted(KeyboardInterrupt):
     """A signal asked the process to end; `number` is the signal's."""
 
@@ -63,14 +79,14 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(number)
 
 
-Command = MakeDatasets | MakeScene | Run | Ablate | Report | Check | Scenes | ValidateRenderer
+Command = MakeDatasets | MakeScene | Runs | Ablate | Score | Report | Check | Scenes | ValidateRenderer
 
 
 def parse(arguments: Sequence[str]) -> Command:
     """The settings that the command line means. Raises InputError, or SystemExit after printing help or an error."""
     commands = {
-        "make-dataset": MakeDatasets, "make-scene": MakeScene, "run": Run, "ablate": Ablate, "report": Report,
-        "check": Check, "scenes": Scenes, "validate-renderer": ValidateRenderer,
+        "make-dataset": MakeDatasets, "make-scene": MakeScene, "run": Runs, "ablate": Ablate, "score": Score,
+        "report": Report, "check": Check, "scenes": Scenes, "validate-renderer": ValidateRenderer,
     }
     named = tuple(Annotated[settings, tyro.conf.subcommand(name)] for name, settings in commands.items())
     look = (tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalMetavarFromFieldName)
@@ -104,14 +120,19 @@ def execute(settings: Any) -> int:
 
             make_scene(settings)
             return DONE
-        case Run():
-            from dofbench.harness.run import run
+        case Runs():
+            with loading.running():
+                from dofbench.runs.matrix import run_all
 
-            return DONE if run(settings) else FAILED
+            return DONE if run_all(settings) else FAILED
         case Ablate():
             from dofbench.ablation import ablate
 
             return DONE if ablate(settings) else FAILED
+        case Score():
+            from dofbench.harness.score import score
+
+            return DONE if score(settings.results, settings.metrics, settings.data) else FAILED
         case Report():
             from dofbench.reporting import report
 
@@ -141,10 +162,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     configure_threads()
     try:
         settings = parse(arguments)
-        if isinstance(settings, MakeDatasets | MakeScene | Run | Ablate | Check):
+        if isinstance(settings, MakeDatasets | MakeScene | Runs | Ablate | Score | Check):
             # Its import puts a handler of its own on SIGTERM, which prints a stack and dies. These commands need
             # it anyway, so it comes first and ours replaces it.
-            import pycolmap  # noqa: F401
+            with loading.running():
+                import pycolmap  # noqa: F401
         with _signals_as_exceptions():
             return execute(settings)
     except InputError as mistake:

@@ -8,6 +8,7 @@ from pathlib import Path
 from numba.core.caching import FunctionCache
 
 _SHARED = Path(__file__).with_name("simd.py")
+_compiled = 0
 
 
 class _SourceCache(FunctionCache):
@@ -16,6 +17,11 @@ class _SourceCache(FunctionCache):
     def __init__(self, py_func, digest: str) -> None:
         super().__init__(py_func)
         self._digest = digest
+
+    def save_overload(self, sig, data):
+        global _compiled
+        _compiled += 1
+        super().save_overload(sig, data)
 
     def _index_key(self, sig, codegen):
         return (*super()._index_key(sig, codegen), self._digest)
@@ -38,6 +44,11 @@ def cached(dispatcher):
         # Numba's way to say that it found no writable folder.
         pass
     return dispatcher
+
+
+def compiled() -> int:
+    """How many functions this process has compiled and put on disk, rather than found there."""
+    return _compiled
 
 
 def is_compiled(dispatcher) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
 import threading
@@ -16,9 +17,14 @@ from multiprocessing.process import BaseProcess, parent_process
 from typing import Any, Protocol
 
 from dofbench.errors import one_line
+from dofbench.harness.clock import loading
 
 Report = Callable[[Any], None]
 _THREADS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+def _never() -> bool:
+    return False
 
 
 @dataclass(frozen=True)
@@ -26,12 +32,14 @@ class Job:
     """Something to do in a process of its own.
 
     work: called with a function that sends a report; what it returns is the outcome's message. It travels to the
-    process by pickle, and so do reports. after: the name of a job that must have ended, well or not, before.
+    process by pickle, and so do reports. after: the name of a job that must have ended, well or not, before. busy:
+    whether it had better be left for later, as things are now.
     """
 
     name: str
     work: Callable[[Report], str]
     after: str | None = None
+    busy: Callable[[], bool] = _never
 
 
 @dataclass(frozen=True)
@@ -68,7 +76,8 @@ def run_jobs(jobs: Sequence[Job], *, workers: int, watcher: Watcher) -> list[Out
     try:
         while waiting or running:
             ready = [job for job in waiting if job.after is None or job.after in outcomes]
-            for job in ready[: workers - len(running)]:
+            free = workers - len(running)
+            for job in sorted(ready, key=lambda job: job.busy())[:free] if free else ():
                 waiting.remove(job)
                 running[job.name] = _start(job, threads)
                 watcher.started(job.name)
@@ -93,7 +102,7 @@ def run_jobs(jobs: Sequence[Job], *, workers: int, watcher: Watcher) -> list[Out
 def _start(job: Job, threads: int) -> tuple[BaseProcess, Connection]:
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(job.work, theirs), name=job.name)
+    process = context.Process(target=_work, args=(pickle.dumps(job.work), theirs), name=job.name)
     with _environment(dict.fromkeys(_THREADS, str(threads))):
         process.start()
     # The process has its own copy: with ours closed, its end is the pipe's.
@@ -117,13 +126,15 @@ def _received(name: str, run: tuple[BaseProcess, Connection], watcher: Watcher) 
     return Outcome(name, **{kind: content})
 
 
-def _work(work: Callable[[Report], str], pipe: Connection) -> None:
-    """The process's main function."""
+def _work(pickled: bytes, pipe: Connection) -> None:
+    """The process's main function; what it needs is imported as the work is unpickled."""
     # Ctrl-C reaches every process of the terminal; the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
         try:
+            with loading.running():
+                work = pickle.loads(pickled)
             pipe.send(("message", work(lambda report: pipe.send(("report", report)))))
         except BrokenPipeError:
             raise

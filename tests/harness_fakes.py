@@ -5,26 +5,29 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from dofbench.ablation import plan as ablation_plan
 from dofbench.cameras import Camera
 from dofbench.contracts import PointCloud, TrainingSet, TrainingView
-from dofbench.errors import InputError
+from dofbench.errors import InputError, one_line
 from dofbench.files import sha256_file
 from dofbench.harness import check as check_module
 from dofbench.harness import prepare as prepare_module
 from dofbench.harness import run as run_module
+from dofbench.harness import score as score_module
 from dofbench.harness.run import RunEnd
 from dofbench.harness.settings import Run
 from dofbench.images import from_8bit, to_8bit
 from dofbench.lens import DisparityRange, Lens, PhysicalLens
 from dofbench.metrics import METRICS
+from dofbench.processes import Job, Outcome
 from dofbench.reporting import comparison as comparison_module
+from dofbench.runs import planned as planned_module
 
 WIDTH, HEIGHT = 64, 48
 
@@ -249,7 +252,7 @@ def fake_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Run
     methods = write_method(folder / "methods")
     write_method(methods, "pinhole", refocus=False, learns_lens=False)
     monkeypatch.setenv("DOFBENCH_METHODS", str(methods))
-    for module in (ablation_plan, check_module, comparison_module, prepare_module):
+    for module in (check_module, comparison_module, planned_module, prepare_module, score_module):
         monkeypatch.setattr(module, "Dataset", FakeDataset)
     # FLIP takes a third of a second however small the image; what it says is tested elsewhere.
     quick = replace(METRICS["flip"], function=lambda prediction, truth: float(np.abs(prediction - truth).mean()))
@@ -261,3 +264,26 @@ def fake_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Run
         return run_module.run(settings, console or Console(quiet=True))
 
     return call
+
+
+class Here:
+    """Runs jobs in this process, where the fakes are; `fatal` ends the call at the n-th, as a killed process would."""
+
+    def __init__(self, fatal: int | None = None):
+        self.made: list[str] = []
+        self.fatal = fatal
+
+    def __call__(self, jobs: list[Job], *, workers: int, watcher) -> list[Outcome]:
+        outcomes = []
+        for job in jobs:
+            if self.fatal is not None and len(self.made) == self.fatal:
+                raise KeyboardInterrupt
+            self.made.append(job.name)
+            watcher.started(job.name)
+            try:
+                outcome = Outcome(job.name, job.work(partial(watcher.reported, job.name)))
+            except Exception as error:
+                outcome = Outcome(job.name, problem=one_line(error) or repr(error))
+            watcher.ended(outcome)
+            outcomes.append(outcome)
+        return outcomes

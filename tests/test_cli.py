@@ -30,8 +30,9 @@ def test_typical_calls_mean_what_they_say() -> None:
     assert (made.focus_values, made.aperture_values) == ((0.2, 0.5, 0.8), (0.5, 1.0))
 
     run = cli.parse("run --method dofgaussian --data data/fern --out results".split())
-    assert isinstance(run, cli.Run)
-    assert (run.method, run.data, run.out) == ("dofgaussian", Path("data/fern"), Path("results"))
+    assert isinstance(run, cli.Runs)
+    (cell,) = run.cells()
+    assert (cell.method, cell.data, cell.out) == ("dofgaussian", Path("data/fern"), Path("results"))
     assert cli.parse(["run", "--method", "dofgaussian"]).data is None
 
     ablate = cli.parse("ablate --data data/a,data/b --table table4,table5 --seeds 3 --budget 1500it --jobs 2".split())
@@ -44,6 +45,8 @@ def test_typical_calls_mean_what_they_say() -> None:
     assert (report.results, report.out) == (Path("results"), Path("reports"))
     assert cli.parse(["report"]).results == Path("results")
 
+    assert cli.parse(["score", "a", "b", "--metrics", "aif_gmsd"]) == cli.Score((Path("a"), Path("b")), "aif_gmsd")
+    assert cli.parse(["score"]).results == (Path("results"),)
     assert cli.parse(["check", "data/fern"]) == cli.Check(Path("data/fern"))
     assert cli.parse(["scenes"]) == cli.Scenes()
     assert cli.parse(["scenes", "a", "b"]) == cli.Scenes((Path("a"), Path("b")))
@@ -70,9 +73,13 @@ def test_a_wrong_call_ends_with_2_and_says_so(arguments: str, capsys: pytest.Cap
      "make-dataset no/such/folder --out never", "make-dataset --focus 7 --out never", "make-dataset --aperture a,b",
      "make-dataset --depth guess",
      "run --method nobodys", "run --method dofgaussian --data no/such/folder", "run --method dofgaussian --budget lots",
+     "run --method dofgaussian --seeds 0", "run --method dofgaussian --jobs 0", "run --method dofgaussian, --seeds 2",
+     "run --method dofgaussian,dofgaussian", "run --method dofgaussian --budget 60s 60.0s",
+     "run --method dofgaussian --data a,b",
      "run --method dofgaussian --set sh_degree=3 --set steps=9",
      "ablate --data no/such/folder", "ablate --data a --seeds 0", "ablate --data a --tables none.toml",
-     "report no/such/folder", "check no/such/folder", "scenes no/such/folder"],
+     "report no/such/folder", "check no/such/folder", "score no/such/folder",
+     "score . --metrics lpips", "scenes no/such/folder"],
 )
 def test_a_wrong_input_is_one_line_with_what_was_expected(
     arguments: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -90,7 +97,8 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"dofbench {__version__}\n"
 
 
-@pytest.mark.parametrize("command", ["make-dataset", "make-scene", "run", "ablate", "report", "check", "scenes"])
+@pytest.mark.parametrize("command", ["make-dataset", "make-scene", "run", "ablate", "score", "report", "check",
+                                     "scenes"])
 def test_help_names_every_option_with_a_sentence(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         cli.main([command, "--help"])

@@ -90,6 +90,14 @@ def test_a_job_waits_for_the_one_before(first):
     assert log.events.index(("ended", first)) < log.events.index(("started", "second"))
 
 
+def test_a_busy_job_is_left_for_later_and_done_at_the_end():
+    log = Log()
+    first, second = jobs("well", "wrong input")
+    outcomes = run_jobs([Job(first.name, first.work, busy=lambda: True), second], workers=1, watcher=log)
+    assert [event[1] for event in log.events if event[0] == "started"] == ["wrong input", "well"]
+    assert [outcome.name for outcome in outcomes] == ["well", "wrong input"] and outcomes[0].message == "well, done"
+
+
 PARENT = """
 import signal, sys
 sys.path.insert(0, {folder!r})

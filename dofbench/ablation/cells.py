@@ -1,47 +1,18 @@
-"""What the runs of a table came to: an entry for each that ended, and cells with mean and spread."""
+"""What the runs of a table came to: cells with mean and spread."""
 
 from __future__ import annotations
 
 import math
 import statistics
 from dataclasses import dataclass
-from pathlib import Path
 
-from dofbench.ablation.plan import PlannedRun, TablePlan
-from dofbench.harness.lock import LOCK_FILE, is_running
-from dofbench.harness.result import RESULT_FILE, read_result
-from dofbench.reporting.collect import Entry, dead_entry, entry_of
+from dofbench.ablation.plan import TablePlan
+from dofbench.harness.protocol import arithmetic_mean
+from dofbench.reporting.collect import Entry
 from dofbench.reporting.summary import Cell, Line, scene_mean, seed_cell
+from dofbench.runs.ended import Ended
 
 NOT_RUN = Cell(None, failure="not run yet", reason="the same command goes on with it")
-
-
-class Ended:
-    """The runs that have ended, each read once."""
-
-    def __init__(self) -> None:
-        self._entries: dict[str, Entry] = {}
-
-    def find(self, run: PlannedRun) -> Entry | None:
-        """How the run ended; None when it hasn't been made, or is at work."""
-        key = run.spec.key
-        if key not in self._entries and (entry := _read(run.folder, key)) is not None:
-            self._entries[key] = entry
-        return self._entries.get(key)
-
-    def forget(self, run: PlannedRun) -> None:
-        """Read it anew next time."""
-        self._entries.pop(run.spec.key, None)
-
-
-def _read(folder: Path, key: str) -> Entry | None:
-    if (folder / RESULT_FILE).is_file():
-        result = read_result(folder)
-        return entry_of(folder, result) if result.key == key else None
-    if (folder / LOCK_FILE).is_file() and not is_running(folder):
-        entry = dead_entry(folder)
-        return entry if entry.spec.key == key else None
-    return None
 
 
 @dataclass(frozen=True)
@@ -86,7 +57,7 @@ class Filled:
         lines = {dataset: self._line(row, {column: self.cell(row, dataset, column)}) for dataset in self.datasets}
         mean = scene_mean(lines, list(self.datasets), column)
         values = [[self.value(row, dataset, seed, column) for dataset in self.datasets] for seed in self.seeds]
-        means = [math.fsum(one) / len(one) for one in values if None not in one]  # type: ignore[arg-type]
+        means = [arithmetic_mean(one) for one in values if None not in one]  # type: ignore[arg-type]
         if mean.value is None or len(means) < 2 or not all(map(math.isfinite, means)):
             return mean
         return Cell(mean.value, statistics.stdev(means))
@@ -96,15 +67,10 @@ class Filled:
         entry = self.entries.get((row, dataset, seed))
         return entry.scores.get(column) if entry is not None and not self._failed(entry) else None
 
-    def pairs(self, row: str, reference: str, column: str) -> list[tuple[float, float]] | None:
-        """(row's, reference's) scores by dataset and seed; None when one is missing."""
-        found = [
-            (self.value(row, dataset, seed, column), self.value(reference, dataset, seed, column))
-            for dataset in self.datasets for seed in self.seeds
-        ]
-        if any(one is None or other is None for one, other in found):
-            return None
-        return [(one, other) for one, other in found if one is not None and other is not None]
+    def runs(self, row: str, dataset: str) -> list[Entry]:
+        """The row's runs on a dataset; empty unless every seed has ended."""
+        found = [self.entries.get((row, dataset, seed)) for seed in self.seeds]
+        return [entry for entry in found if entry is not None] if None not in found else []
 
     def _line(self, row: str, cells: dict[str, Cell]) -> Line:
         return Line(row, "", ", ".join(map(str, self.seeds)), cells)

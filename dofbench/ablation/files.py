@@ -6,12 +6,14 @@ from pathlib import Path
 
 from dofbench.ablation.cells import NOT_RUN, Filled
 from dofbench.ablation.differences import differences
+from dofbench.reporting.columns import COLUMNS
+from dofbench.reporting.differences import verdict
 from dofbench.reporting.summary import Cell
 from dofbench.reporting.tables import write_csv
 
 CELLS = ("table", "row", "dataset", "seed", "column", "value", "status")
 SUMMARY = ("table", "row", "dataset", "seeds", "column", "mean", "sd", "status", "paper",
-           "difference", "difference_sd", "p", "pairs")
+           "difference", "difference_sd", "p", "pairs", "difference_low", "difference_high", "verdict")
 MEAN = "mean"  # stands for the dataset in the rows that average over all of them
 
 
@@ -31,7 +33,7 @@ def write_cells(path: Path, filled: Filled) -> None:
 
 def write_summary(path: Path, filled: Filled) -> None:
     """One row a cell of the page. paper: the paper's mean, on its own data. The difference is from the reference row,
-    over all datasets and seeds, with p as on the page."""
+    over the views of all datasets (for a cost, the seeds), with p and interval as on the page."""
     declared = filled.plan.table
     paper = {row.label: row.paper for row in declared.rows}
     rows = []
@@ -41,9 +43,10 @@ def write_summary(path: Path, filled: Filled) -> None:
             for dataset in filled.datasets:
                 rows.append(_row(filled, row, dataset, column, filled.cell(row, dataset, column)))
             mean = _row(filled, row, MEAN, column, filled.mean_cell(row, column)) | {"paper": paper[row].get(column)}
-            if (difference := found.get(row)) is not None:
+            if row in found and (difference := found[row].difference) is not None:
                 mean |= {"difference": difference.mean, "difference_sd": difference.spread, "p": difference.p,
-                         "pairs": difference.pairs}
+                         "pairs": difference.pairs, "difference_low": difference.low,
+                         "difference_high": difference.high, "verdict": verdict(difference, COLUMNS[column])}
             rows.append(mean)
     write_csv(path, SUMMARY, rows)
 

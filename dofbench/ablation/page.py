@@ -18,7 +18,7 @@ from dofbench.reporting.footnotes import Footnotes, table
 from dofbench.reporting.held_out import ASKED_HEADING, asked_table
 from dofbench.reporting.line_table import Beside, line_table, plain
 from dofbench.reporting.markdown import commit_text, machine_text
-from dofbench.reporting.paired import SIGNIFICANT
+from dofbench.reporting.paired import EXPLANATION
 from dofbench.reporting.summary import Line
 
 _PAPER_DIGITS = 3  # of a printed SSIM
@@ -121,16 +121,8 @@ def _differences(filled: Filled, notes: Footnotes) -> list[str]:
     columns, rows = difference_cells(filled, notes)
     if not columns:
         return []
-    pairs = len(filled.datasets) * len(filled.seeds)
-    said = f"The row's score minus that of {reference}, of one dataset and one seed: a single pair tests nothing."
-    if pairs > 1:
-        said = (
-            f"Mean ± sample standard deviation of the row's score minus that of {reference}, over the {pairs} pairs of "
-            "equal dataset and seed; p by a two-sided paired t-test, adjusted for the rows of the column (Holm). "
-            "*Better* and *worse* (for a cost: *more* and *less*) stand only where "
-            f"p < {SIGNIFICANT:g}. Seeds of one dataset are no independent samples of datasets: p says whether the "
-            "difference is more than chance on these datasets."
-        )
+    said = (f"The row's score minus that of {reference}, view by view over all datasets, each of which weighs the "
+            f"same; a cost is paired by dataset and seed. {EXPLANATION}")
     return [f"## Difference from {reference}", "", said, "",
             *table(["row", *(COLUMNS[column].heading for column in columns)], rows, left=1), ""]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from dataclasses import asdict, dataclass, is_dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,9 @@ from dofbench.ablation.tables import Declaration, Row, Table, chosen_tables
 from dofbench.errors import InputError
 from dofbench.files import canonical_json, sha256_text
 from dofbench.harness.plan import dealt_lenses
-from dofbench.harness.prepare import choose, prepare
-from dofbench.harness.result import Spec
 from dofbench.harness.settings import Run, parse_overrides
 from dofbench.reporting.lenses import lens_words
-from dofbench.synthesis.dataset import Dataset
+from dofbench.runs.planned import PlannedRun, different_datasets, plan_run
 from dofbench.synthesis.settings import Assign
 
 
@@ -31,22 +29,6 @@ class Source:
     scene: str
     assign: Assign
     lenses: str
-
-
-@dataclass(frozen=True)
-class PlannedRun:
-    """A run that one or more cells need. settings: as `dofbench run` takes them. options: all that the method runs
-    with, its defaults too, where it says so (as its `options`, a dataclass); else those of the spec."""
-
-    settings: Run
-    spec: Spec
-    folder: Path
-    options: dict[str, Any]
-
-    @property
-    def name(self) -> str:
-        """Dataset, method and seed, for a line of progress."""
-        return str(self.spec.folder)
 
 
 @dataclass(frozen=True)
@@ -90,7 +72,7 @@ def make_plan(settings: Ablate, declaration: Declaration) -> Plan:
             for source in own:
                 first = _run(settings, declaration, table, row, source, shared)
                 for seed in range(settings.seeds):
-                    run = _with_seed(first, seed)
+                    run = first.with_seed(seed)
                     cells[row.label, source.label, seed] = runs.setdefault(_what_runs(run), run)
         plans.append(TablePlan(table, own, cells))
     ordered = sorted(runs.values(), key=lambda run: run.spec.seed)  # stable: tables and rows keep their order
@@ -108,17 +90,9 @@ def _run(
         force_all=row.force_all,
     )
     try:
-        prepared = prepare(run, choose(run), source.folder)
+        return plan_run(run)
     except InputError as error:
         raise InputError(f"table {table.id}, row {row.label}: {error.subject}", error.found, error.expected) from None
-    options = getattr(prepared.method, "options", None)
-    known = asdict(options) if is_dataclass(options) and not isinstance(options, type) else prepared.spec.options
-    return PlannedRun(run, prepared.spec, prepared.folder, known)
-
-
-def _with_seed(run: PlannedRun, seed: int) -> PlannedRun:
-    spec = run.spec.model_copy(update={"seed": seed})
-    return replace(run, settings=replace(run.settings, seed=seed), spec=spec, folder=run.settings.out / spec.folder)
 
 
 def _what_runs(run: PlannedRun) -> str:
@@ -136,11 +110,7 @@ def _toml(value: Any) -> str:
 
 def _sources(folders: tuple[Path, ...]) -> tuple[Source, ...]:
     """Raises InputError for a folder that is no dataset, or given twice."""
-    datasets = [Dataset.load(folder) for folder in folders]
-    for checksum, times in Counter(dataset.checksum for dataset in datasets).items():
-        if times > 1:
-            double = next(folder for folder, one in zip(folders, datasets, strict=True) if one.checksum == checksum)
-            raise InputError("--data", f"{double} {times} times", "every dataset once")
+    datasets = different_datasets(folders)
     names = Counter(dataset.name for dataset in datasets)
     found = []
     for folder, dataset in zip(folders, datasets, strict=True):

@@ -3,47 +3,53 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 from rich.console import Console
 
 from dofbench.errors import InputError, Status
 from dofbench.files import sha256_file
+from dofbench.harness.added import ADDED_FILE, read_added
+from dofbench.harness.consistency import added_inconsistencies, inconsistencies
 from dofbench.harness.evaluate import PREFIX
-from dofbench.harness.protocol import PROTOCOLS
+from dofbench.harness.lock import LOCK_FILE, is_running
 from dofbench.harness.result import RESULT_FILE, Result, read_result
+from dofbench.harness.run import TRAINED_FILE
 from dofbench.images import read_image
 from dofbench.metrics import score_image
 from dofbench.synthesis.dataset import Dataset
 
 # The pictures hold exactly what was scored (8 bits), so only the order of summation may differ.
 PSNR_AGREEMENT = 1e-4  # dB
-MEAN_AGREEMENT = 1e-9  # relative, between a mean and the per-view values that it was taken of
 
 
 def check(path: Path, console: Console | None = None) -> bool:
     """Check a dataset, a result, or every result below a folder; print what is wrong. True when nothing is.
 
-    Raises InputError when there is neither at `path`.
+    Below a folder also: runs that died, and results that are there twice. Raises InputError when there is neither a
+    dataset nor a result at `path`.
     """
     console = console or Console()
     if not path.exists():
         raise InputError(path, "no such file or folder", "a dataset, a result or a folder of results")
     folder = path if path.is_dir() else path.parent
+
+    def say(line: str) -> None:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
     if (folder / "dataset.json").is_file():
         from dofbench.synthesis.verify import check_dataset
 
         problems = {folder: check_dataset(folder)}
     else:
-        results = sorted(file.parent for file in folder.rglob(RESULT_FILE))
-        if not results:
-            raise InputError(path, f"neither dataset.json nor {RESULT_FILE}", "a dataset or a folder of results")
-        problems = {result: check_result(result) for result in results}
-    for subject, found in problems.items():
-        for problem in found:
-            console.print(f"{subject}: {problem}", highlight=False, markup=False, soft_wrap=True)
+        found = {file.parent for name in (RESULT_FILE, LOCK_FILE) for file in folder.rglob(name)}
         if not found:
-            console.print(f"{subject}: good", highlight=False, markup=False, soft_wrap=True)
+            raise InputError(path, f"neither dataset.json nor {RESULT_FILE}", "a dataset or a folder of results")
+        problems = _check_results(sorted(found), say)
+    for subject, lines in problems.items():
+        for line in lines or ["good"]:
+            say(f"{subject}: {line}")
     return not any(problems.values())
 
 
@@ -58,55 +64,61 @@ def check_result(folder: Path) -> list[str]:
         result = read_result(folder)
     except InputError as error:
         return [str(error)]
-    problems = []
-    if result.spec.key != result.key:
-        problems.append(f"the key is {result.key[:8]}…, the spec's hash {result.spec.key[:8]}…")
-    known = PROTOCOLS.get(result.spec.protocol)
-    if known is None:
-        problems.append(f"unknown protocol {result.spec.protocol!r}, expected one of {', '.join(PROTOCOLS)}")
-    problems += _pictures(folder, result)
-    problems += _means(result)
-    if result.status is Status.OK:
-        expected = result.plan.get("columns", [])
-        problems += [f"no score {column}, though the plan has it" for column in expected
-                     if column not in result.scores and column not in result.left_out]
-    if not problems:
-        problems += _scores_again(folder, result)
+    problems = [*inconsistencies(result), *_place(folder, result), *_pictures(folder, result), *_added(folder, result)]
+    return problems or _scores_again(folder, result)
+
+
+def _check_results(folders: list[Path], say) -> dict[Path, list[str]]:
+    problems: dict[Path, list[str]] = {}
+    keys: dict[str, Path] = {}
+    for folder in folders:
+        if is_running(folder):
+            say(f"{folder}: a run is at work there, not checked")
+        elif not (folder / RESULT_FILE).is_file():
+            problems[folder] = ["a run died here and left no result; its command goes on with it"]
+        else:
+            problems[folder] = check_result(folder)
+            if not problems[folder]:
+                key = read_result(folder).key
+                if (first := keys.setdefault(key, folder)) != folder:
+                    problems[folder].append(f"the same run as in {first}: counted twice it would be a second seed")
     return problems
 
 
-def _pictures(folder: Path, result: Result) -> list[str]:
-    problems = []
-    for name, checksum in result.predictions.items():
+def _place(folder: Path, result: Result) -> Iterator[str]:
+    if folder.resolve().name != result.spec.folder.name:
+        yield f"the folder of this run would be {result.spec.folder.name}: it is found by its name"
+    if (folder / TRAINED_FILE).is_file():
+        yield f"{TRAINED_FILE}: left by a run that died while it scored; its command goes on with it"
+    for file in sorted(folder.rglob(".*")):
+        if file.is_file():
+            yield f"{file.relative_to(folder)}: half a file, left by a process that died"
+
+
+def _pictures(folder: Path, result: Result) -> Iterator[str]:
+    for name, checksum in {**result.predictions, **result.model}.items():
         file = folder / name
         if not file.resolve().is_relative_to(folder.resolve()):
-            problems.append(f"{name}: outside of the result's folder")
+            yield f"{name}: outside of the result's folder"
         elif not file.is_file():
-            problems.append(f"{name}: missing")
+            yield f"{name}: missing"
         elif sha256_file(file) != checksum:
-            problems.append(f"{name}: not the file that was scored (its sha256 is another one)")
-    return problems
+            yield f"{name}: not the file that was scored (its sha256 is another one)"
+    for view in result.views if result.status is Status.OK else ():
+        for kind, prefix in PREFIX.items():
+            name = f"predictions/{kind}/{view.name}.png"
+            if f"{prefix}psnr" in view.scores and name not in result.predictions:
+                yield f"view {view.name}: scores of {kind}, and no picture of it in the result"
 
 
-def _means(result: Result) -> list[str]:
-    """The table's numbers must be the means of the values below them."""
-    problems = []
-    for column in (result.views[0].scores if result.views else {}):
-        mean = math.fsum(view.scores[column] for view in result.views) / len(result.views)
-        problems += _differing(column, result.scores.get(column), mean)
-    for column in ("delta_a", "delta_f") if result.lens else ():
-        mean = math.fsum(getattr(view, column) for view in result.lens) / len(result.lens)
-        problems += _differing(column, result.scores.get(column), mean)
-    return problems
-
-
-def _differing(column: str, stored: float | None, mean: float) -> list[str]:
-    if stored is None:
-        return [f"{column}: no mean, though there are per-view values"]
-    same = stored == mean or (math.isnan(stored) and math.isnan(mean))
-    if same or math.isclose(stored, mean, rel_tol=MEAN_AGREEMENT, abs_tol=MEAN_AGREEMENT):
-        return []
-    return [f"{column}: {stored:.6g} is not the mean of the per-view values, {mean:.6g}"]
+def _added(folder: Path, result: Result) -> Iterator[str]:
+    try:
+        added = read_added(folder)
+    except InputError as error:
+        yield str(error)
+        return
+    if added is not None:
+        yield from (f"{ADDED_FILE}: {problem}" for problem in added_inconsistencies(added, result))
 
 
 def _scores_again(folder: Path, result: Result) -> list[str]:

@@ -15,10 +15,10 @@ from dofbench.contracts import Method, NonFinite, Rendering
 from dofbench.files import sha256_file
 from dofbench.harness.error_maps import error_map
 from dofbench.harness.plan import RunPlan
-from dofbench.harness.protocol import AIF_PREFIX, DEPTH_COLUMNS, LENS_COLUMNS, Protocol
+from dofbench.harness.protocol import AIF_PREFIX, DEPTH_COLUMNS, LENS_COLUMNS, Protocol, arithmetic_mean
 from dofbench.harness.result import ViewLens, ViewScores
 from dofbench.images import from_8bit, to_8bit, write_png
-from dofbench.lens import Lens
+from dofbench.lens import DisparityRange, Lens
 from dofbench.metrics import score_image
 from dofbench.metrics.depth_errors import disparity_error, relative_error
 from dofbench.metrics.lens_errors import do_nothing_errors, lens_errors
@@ -144,10 +144,7 @@ class Evaluator:
             detail = f"{bad} of {depth.size} values of the depth"
             found.nonfinite.append(NonFinite(step=0, view=view.name, stage="render depth", detail=detail))
             return dict.fromkeys(DEPTH_COLUMNS, math.nan)
-        return {
-            "disparity_error": disparity_error(depth, truth, self._dataset.disparity_range),
-            "depth_rel": relative_error(depth, truth),
-        }
+        return depth_scores(depth, truth, self._dataset.disparity_range)
 
     def _rendered(self, kind: Kind, view: DatasetView) -> Rendering:
         return self._method.render(view.camera, view.physical_lens if kind == "refocus" else None)
@@ -207,7 +204,6 @@ class Evaluator:
             ))
         return {"delta_a": errors.delta_a, "delta_f": errors.delta_f, "delta_r": errors.delta_r}, views
 
-
     def _true_lenses(self) -> dict[str, Lens]:
         return {view.name: view.lens for view in self._train}
 
@@ -218,7 +214,13 @@ class Evaluator:
         return {view.name: self._dataset.depth(view) for view in self._train}
 
 
+def depth_scores(depth: np.ndarray, truth: np.ndarray, disparity_range: DisparityRange) -> dict[str, float]:
+    """`DEPTH_COLUMNS` of a rendered depth map; both (H, W), scene units, 0 where empty or unknown."""
+    errors = disparity_error(depth, truth, disparity_range), relative_error(depth, truth)
+    return dict(zip(DEPTH_COLUMNS, errors, strict=True))
+
+
 def _means(rows: list[dict[str, float]]) -> dict[str, float]:
     """Mean of each column over the views. A NaN stays in it: a view that failed isn't left out."""
     columns = list(rows[0]) if rows else []
-    return {column: float(np.mean([row[column] for row in rows])) for column in columns}
+    return {column: arithmetic_mean([row[column] for row in rows]) for column in columns}

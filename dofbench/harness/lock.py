@@ -5,9 +5,11 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TextIO
 
 from pydantic import ValidationError
 
@@ -16,22 +18,19 @@ from dofbench.files import read_json
 from dofbench.harness.result import Spec
 
 LOCK_FILE = "running.lock"
+_GLANCE = 0.2  # seconds; who asks whether a run is at work (`is_running`) holds its lock for an instant
 
 
 @contextmanager
-def locked(folder: Path, spec: Spec, scene: str, started: str) -> Iterator[None]:
+def locked(folder: Path, spec: Spec, scene: str, started: str, *, wait: bool = False) -> Iterator[None]:
     """Hold the folder's lock, and say in its file what is being run.
 
     The system drops the lock with the process, however that ends; the file then stays behind, and
-    says that a run died here. Raises InputError when another process holds the lock.
+    says that a run died here. While another process holds the lock: waits, or raises InputError.
     """
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / LOCK_FILE
-    with open(file, "a", encoding="utf-8") as stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(folder, "another process at work on the same run", "to be alone") from None
+    with _owned(file, wait) as stream:
         stream.truncate(0)
         json.dump({"process": os.getpid(), "started": started, "scene": scene, "spec": spec.model_dump()}, stream)
         stream.flush()
@@ -39,6 +38,29 @@ def locked(folder: Path, spec: Spec, scene: str, started: str) -> Iterator[None]
             yield
         finally:
             file.unlink(missing_ok=True)
+
+
+def _owned(file: Path, wait: bool) -> TextIO:
+    """The lock's file, open and locked. Its last owner may have removed it between our opening and our locking it:
+    then a third process could lock a new one, so a lock counts only on the file that has the name still."""
+    deadline = time.monotonic() + _GLANCE
+    while True:
+        stream = open(file, "a", encoding="utf-8")
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+            if os.path.samestat(os.fstat(stream.fileno()), os.stat(file)):
+                return stream
+        except FileNotFoundError:
+            pass
+        except BlockingIOError:
+            if time.monotonic() > deadline:
+                stream.close()
+                raise InputError(file.parent, "another process at work on the same run", "to be alone") from None
+            time.sleep(_GLANCE / 10)
+        except BaseException:
+            stream.close()
+            raise
+        stream.close()
 
 
 def is_running(folder: Path) -> bool:

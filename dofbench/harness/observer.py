@@ -103,7 +103,8 @@ class TrainingObserver:
             scores = self._evaluate()
         loss = math.fsum(self._losses) / len(self._losses) if self._losses else None
         self._losses.clear()
-        self.curve.append(CurvePoint(train_s=seconds, steps=step, loss=loss, scores=scores))
+        self.curve.append(
+            CurvePoint(train_s=seconds, train_cpu_s=self._clock.cpu, steps=step, loss=loss, scores=scores))
 
 
 class OneStep:

@@ -80,6 +80,13 @@ def prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
     return Prepared(settings, choices, dataset, data, plan, spec, method, settings.out / spec.folder)
 
 
+def data_folder(settings: Run) -> Path:
+    """Where the run's dataset is; the built-in one's place where the call names none."""
+    from dofbench.synthesis import builtin_folder
+
+    return builtin_folder() if settings.data is None else settings.data
+
+
 def _budget(settings: Run, preset: Budget | None, options: dict, subject: str) -> Budget:
     """The call's budget, else the preset's, else the preset's option `steps`."""
     if settings.budget is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -70,6 +72,21 @@ PROTOCOLS: dict[str, Protocol] = {
         Protocol(id="sharp-inputs-v2", inputs="all-in-focus", lens=(), depth=DEPTH_COLUMNS, **_SHARED),
     )
 }
+
+
+def arithmetic_mean(values: Sequence[float]) -> float:
+    """How values make one number. A NaN stays one, and so do infinities of both signs: none is left out.
+
+    Raises ValueError for no value at all.
+    """
+    if not values:
+        raise ValueError("mean: expected at least one value, found none")
+    try:
+        return math.fsum(values) / len(values)
+    except OverflowError:  # the sum alone is beyond float64
+        return math.fsum(value / len(values) for value in values)
+    except ValueError:  # infinities of both signs
+        return math.nan
 
 
 def protocol_for(inputs: Inputs) -> Protocol:

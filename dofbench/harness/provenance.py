@@ -16,14 +16,14 @@ from dofbench.content import content_folder
 
 _PACKAGE = Path(dofbench.__file__).resolve().parent
 # What only shows results or calls the rest can't change one: editing it must not outdate every result.
-_NEVER_SCORES = ("cli.py", "ablation", "reporting", "stability", "_content")
+_NEVER_SCORES = ("cli.py", "ablation", "reporting", "runs", "stability", "_content")
 _NEVER_SCORES_OF_A_METHOD = ("ablations.toml",)  # tables of runs; what a row sets is part of the run's own key
 
 
 def code_version(method_folder: Path) -> str:
     """`<package version>+<sha256>` over every source file that can change a score.
 
-    Those are dofbench (without ablation, reporting, stability and the command line), the kernels and the
+    Those are dofbench (without ablation, reporting, runs, stability and the command line), the kernels and the
     method's own folder (without its tables of ablations); names count relative to each, so the place of the
     checkout doesn't matter.
     """
@@ -59,12 +59,14 @@ def git_state() -> dict[str, str | bool] | None:
 
 
 def machine(device: str) -> dict[str, str | int | float]:
-    """Processor, cores, memory (GiB), operating system, Python, and the accelerator if one is used."""
+    """Processor, cores, threads that the kernels may use, memory (GiB), operating system, Python, and the accelerator
+    if one is used."""
     pages, page_size = os.sysconf("SC_PHYS_PAGES"), os.sysconf("SC_PAGE_SIZE")
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     described: dict[str, str | int | float] = {
         "cpu": _cpu_model(),
         "cores": cores,
+        "threads": _threads(cores),
         "memory_gib": round(pages * page_size / 2**30, 1),
         "os": platform.platform(),
         "python": platform.python_version(),
@@ -75,6 +77,11 @@ def machine(device: str) -> dict[str, str | int | float]:
 
         described["accelerator"] = torch.cuda.get_device_name(device)
     return described
+
+
+def _threads(cores: int) -> int:
+    told = os.environ.get("NUMBA_NUM_THREADS") or os.environ.get("OMP_NUM_THREADS", "").split(",")[0]
+    return int(told) if told.isdigit() else cores
 
 
 def package_versions() -> dict[str, str]:

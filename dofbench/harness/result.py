@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from dofbench.errors import InputError, Status
 from dofbench.files import canonical_json, sha256_text, write_json
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 RESULT_FILE = "result.json"
 
 # Version -> function that turns a result of that version into one of the next: the plain JSON data
@@ -23,11 +23,27 @@ RESULT_FILE = "result.json"
 MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
 
 
-class _Model(BaseModel):
+def _from_1(data: dict[str, Any]) -> dict[str, Any]:
+    """Version 2 has CPU seconds and cold start as scores, CPU seconds along the curve, the model's checksums, and how
+    many kernels were compiled. The stages held CPU seconds before; what nobody measured is left out, with the reason.
+    """
+    training = data["stages"].get("train")
+    scores = data["scores"] | ({"train_cpu_s": training["cpu"]} if training else {})
+    left_out = data["left_out"] | {"cold_start_s": "a result of schema version 1, when nobody measured it"}
+    curve = [point | {"train_cpu_s": None} for point in data["curve"]]
+    return data | {"scores": scores, "left_out": left_out, "curve": curve, "model": {}, "kernels_compiled": None}
+
+
+MIGRATIONS[1] = _from_1
+
+
+class Stored(BaseModel):
+    """A part of a file: every key is known, nothing changes, NaN and infinities are numbers."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True, protected_namespaces=())
 
 
-class Spec(_Model):
+class Spec(Stored):
     """Everything that decides a result, and nothing else; its hash is the cache key.
 
     options: the preset's with the plan's and the user's changes; overrides: the user's alone.
@@ -58,34 +74,36 @@ class Spec(_Model):
         return Path(self.dataset) / f"{self.method}-{self.preset}-seed{self.seed}-{self.key[:8]}"
 
 
-class StageTime(_Model):
+class StageTime(Stored):
     """Seconds that one stage took: wall, and CPU over all threads."""
 
     wall: float
     cpu: float
 
 
-class CurvePoint(_Model):
+class CurvePoint(Stored):
     """Scores (column -> value) at one moment of training.
 
-    train_s: training seconds, evaluation excluded. loss: mean of the training loss since the point
+    train_s, train_cpu_s: training seconds, wall and CPU, evaluation excluded; the second is None in results of before
+    schema version 2. loss: mean of the training loss since the point
     before; None if no step was taken since.
     """
 
     train_s: float
+    train_cpu_s: float | None
     steps: int
     loss: float | None
     scores: dict[str, float]
 
 
-class ViewScores(_Model):
+class ViewScores(Stored):
     """Scores (column -> value) of one test view."""
 
     name: str
     scores: dict[str, float]
 
 
-class ViewLens(_Model):
+class ViewLens(Stored):
     """True and estimated lens of one training view, in the dataset's units, and their errors."""
 
     name: str
@@ -98,7 +116,7 @@ class ViewLens(_Model):
     delta_r: float
 
 
-class Event(_Model):
+class Event(Stored):
     """A NaN or infinity: the step and the place where it appeared."""
 
     step: int
@@ -107,22 +125,23 @@ class Event(_Model):
     detail: str
 
 
-class Git(_Model):
+class Git(Stored):
     """Commit of the checkout, and whether it had changes that no commit holds."""
 
     commit: str
     dirty: bool
 
 
-class Result(_Model):
+class Result(Stored):
     """One run.
 
     scores: the leaderboard's columns that were measured, column -> value. left_out: the columns
     that were not, column -> reason. left_out_stages: parts of the method that were switched off or
     not needed, with the reason. do_nothing: errors of a predictor that always says A = F = 0.5.
     stages: the harness's stages; method_stages: the method's own, wall seconds within "train".
-    predictions: file, relative to the result's folder -> sha256. data: the dataset's folder, as
-    it was given. plan, protocol: as plain data. git is None outside a checkout.
+    kernels_compiled: by this process, 0 where all lay on disk; None where nobody counted (before schema version 2).
+    predictions, model: file, relative to the result's folder -> sha256; model is empty before version 2. data: the
+    dataset's folder, as it was given. plan, protocol: as plain data. git is None outside a checkout.
     """
 
     schema_version: int
@@ -148,8 +167,10 @@ class Result(_Model):
     stages: dict[str, StageTime]
     method_stages: dict[str, float]
     description: dict[str, float]
+    kernels_compiled: int | None
     nonfinite: list[Event]
     predictions: dict[str, str]
+    model: dict[str, str]
     git: Git | None
     machine: dict[str, str | int | float]
     packages: dict[str, str]
@@ -197,7 +218,11 @@ def migrate(data: Any, path: Path) -> dict[str, Any]:
     while version < SCHEMA_VERSION:
         if version not in MIGRATIONS:
             raise InputError(path, f"schema_version {version}", expected)
-        data = MIGRATIONS[version](data)
+        try:
+            data = MIGRATIONS[version](data)
+        except (KeyError, TypeError, AttributeError) as error:
+            raise InputError(path, f"schema_version {version}, and in it {type(error).__name__}: {error}",
+                             "what a result of that version holds") from None
         version += 1
         data["schema_version"] = version
     return data

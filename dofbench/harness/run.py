@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sys
 import traceback
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -14,13 +15,14 @@ from rich.console import Console
 
 from dofbench.contracts import Budget, FitOutcome, Method
 from dofbench.errors import InputError, Status
-from dofbench.files import read_json, write_json
+from dofbench.files import read_json, sha256_file, write_json
 from dofbench.harness import provenance
-from dofbench.harness.clock import StageTimes
+from dofbench.harness.added import ADDED_FILE
+from dofbench.harness.clock import StageTimes, loading
 from dofbench.harness.evaluate import Evaluation, Evaluator
 from dofbench.harness.lock import locked
 from dofbench.harness.observer import OneStep, Report, TrainingObserver
-from dofbench.harness.prepare import Prepared, choose, prepare
+from dofbench.harness.prepare import Prepared, choose, data_folder, prepare
 from dofbench.harness.progress import TrainingProgress, print_result
 from dofbench.harness.result import RESULT_FILE, SCHEMA_VERSION, CurvePoint, Event, Result, write_result
 from dofbench.harness.settings import Run
@@ -30,6 +32,7 @@ from dofbench.metrics import METRICS
 ProgressBar = Callable[[Console, Budget], AbstractContextManager[Report]]
 
 MODEL_FOLDER, PREDICTIONS_FOLDER = "model", "predictions"
+IMPORT, WARM_UP, TRAIN = "import", "warm up", "train"
 TRAINED_FILE = "trained.json"
 
 
@@ -51,49 +54,57 @@ class _Trained:
 
     outcome: FitOutcome
     curve: list[CurvePoint]
-    seconds: float
     peak_mb: float
+    compiled: int
     stages: dict[str, dict[str, float]]
 
 
-def run(settings: Run, console: Console | None = None, progress: ProgressBar = TrainingProgress) -> RunEnd:
+def run(
+    settings: Run, console: Console | None = None, progress: ProgressBar = TrainingProgress, *, key: str | None = None,
+    wait: bool = False,
+) -> RunEnd:
     """Train, score and write `<out>/<dataset>/<method>-<preset>-seed<k>-<key>/result.json`.
 
     A finished result of the same key is reused. A run that fails still writes its result, with a typed
-    status. progress: shows the training. Raises InputError when the call is wrong, and KeyboardInterrupt when it
-    was interrupted (after writing a result that says so).
+    status. progress: shows the training. key: what the run's must be. wait: for another process that has the same run
+    at work. Raises InputError when the call is wrong or the key is another one, and KeyboardInterrupt when it was
+    interrupted (after writing a result that says so).
     """
     console = console or Console()
+    stages = StageTimes()
     choices = choose(settings)
-    data = settings.data
-    if data is None:
-        data = _builtin_dataset(settings.dry_run, console)
-        if data is None:
-            return RunEnd(settings.out, None)
+    if settings.data is None and not builtin_dataset(settings.dry_run, console):
+        return RunEnd(settings.out, None)
 
-    run = prepare(settings, choices, data)
+    stages[IMPORT].move(loading)
+    with stages[IMPORT].running():  # the method's own modules
+        run = prepare(settings, choices, data_folder(settings))
+    if key is not None and run.spec.key != key:
+        raise InputError(run.folder, "code or data that changed since the call began",
+                         "the same; the same command goes on with the new")
     for line in run.plan.lines():
         _say(console, line)
     if settings.dry_run:
         return RunEnd(run.folder, None)
 
-    with locked(run.folder, run.spec, run.dataset.scene, _now()):
+    with locked(run.folder, run.spec, run.dataset.scene, _now(), wait=wait):
         if not settings.rerun and (earlier := run.finished()) is not None:
+            (run.folder / TRAINED_FILE).unlink(missing_ok=True)  # of a process that died after its result was written
             _say(console, f"the same run is finished already, reusing it (--rerun runs again): {run.folder}")
             print_result(console, earlier)
             return RunEnd(run.folder, earlier.status, reused=True)
-        return _Execution(run, console, progress).go()
+        return _Execution(run, console, progress, stages).go()
 
 
 class _Execution:
     """The part of a run that writes: everything that was decided goes in, a result comes out."""
 
-    def __init__(self, run: Prepared, console: Console, progress: ProgressBar):
+    def __init__(self, run: Prepared, console: Console, progress: ProgressBar, stages: StageTimes):
         self.settings, self.console, self.progress = run.settings, console, progress
         self.entry, self.protocol, self.budget = run.choices.entry, run.choices.protocol, run.choices.budget
         self.dataset, self.data, self.plan, self.spec, self.folder = (
             run.dataset, run.data, run.plan, run.spec, run.folder)
-        self.stages = StageTimes()
+        self.stages = stages
         self._use(run.method)
         self.observer: TrainingObserver | None = None
         self.do_nothing: dict[str, float] = {}
@@ -135,19 +146,20 @@ class _Execution:
 
     def _train(self) -> _Trained:
         # An earlier result's files go before they are written anew: if this run dies, none is left half.
-        (self.folder / RESULT_FILE).unlink(missing_ok=True)
+        for name in (RESULT_FILE, ADDED_FILE):
+            (self.folder / name).unlink(missing_ok=True)
         for name in (MODEL_FOLDER, PREDICTIONS_FOLDER):
             shutil.rmtree(self.folder / name, ignore_errors=True)
         with self.stages["load data"].running():
             training_set = self.dataset.training_set(self.settings.inputs)
         _say(self.console, "warming up: the first call compiles kernels, which isn't counted")
-        with self.stages["warm up"].running():
+        with self.stages[WARM_UP].running():
             # Kernels compile at their first call, for a minute or for none, as their cache has it. A first
             # step that isn't counted keeps that out of the training time, and of a budget in seconds.
             self.method.fit(miniature(training_set), Budget(steps=1), OneStep())
         self._use(self.entry.create(dict(self.plan.options), self.spec.seed, self.spec.device))
         provenance.reset_peak_memory()
-        clock, evaluating = self.stages["train"], self.stages["evaluate during training"]
+        clock, evaluating = self.stages[TRAIN], self.stages["evaluate during training"]
         with self.progress(self.console, self.budget) as progress:
             observer = TrainingObserver(self.budget, clock, evaluating, self.evaluator.quick, progress)
             self.observer = observer
@@ -164,13 +176,14 @@ class _Execution:
                 self.method.save(self.folder / MODEL_FOLDER)
                 # Scored is what was kept, whether or not the run is interrupted here and goes on later.
                 self.method.load(self.folder / MODEL_FOLDER)
-        trained = _Trained(outcome, observer.curve, clock.wall, provenance.peak_memory_mb(), self.stages.as_data())
+        trained = _Trained(outcome, observer.curve, provenance.peak_memory_mb(), kernels_compiled(),
+                           self.stages.as_data())
         if outcome.status is Status.OK:
             write_json(self.folder / TRAINED_FILE, {
                 "key": self.spec.key, "started": self.started, "steps": outcome.steps, "message": outcome.message,
                 "method_stages": outcome.stages, "left_out": outcome.left_out,
                 "curve": [point.model_dump() for point in trained.curve],
-                "seconds": trained.seconds, "peak_mb": trained.peak_mb, "stages": trained.stages,
+                "peak_mb": trained.peak_mb, "compiled": trained.compiled, "stages": trained.stages,
             })
         return trained
 
@@ -192,7 +205,9 @@ class _Execution:
         self.started = data["started"]
         outcome = FitOutcome(Status.OK, data["steps"], data["message"], (), data["method_stages"], data["left_out"])
         curve = [CurvePoint.model_validate(point) for point in data["curve"]]
-        return _Trained(outcome, curve, data["seconds"], data["peak_mb"], data["stages"])
+        # Its pictures, of which some may be half, are made anew.
+        shutil.rmtree(self.folder / PREDICTIONS_FOLDER, ignore_errors=True)
+        return _Trained(outcome, curve, data["peak_mb"], data["compiled"], data["stages"])
 
     def _score(self) -> Evaluation:
         with self.stages["score"].running():
@@ -210,6 +225,11 @@ class _Execution:
             found.left_out["gaussians"] = f"{self.entry.card.name} has no Gaussians"
         return found
 
+    def _model(self) -> dict[str, str]:
+        root = self.folder / MODEL_FOLDER
+        return {file.relative_to(self.folder).as_posix(): sha256_file(file)
+                for file in sorted(root.rglob("*")) if file.is_file()}
+
     def _steps(self, trained: _Trained | None) -> int:
         if trained is not None:
             return trained.outcome.steps
@@ -219,9 +239,11 @@ class _Execution:
         self, status: Status, message: str, trace: str, trained: _Trained | None, found: Evaluation
     ) -> Result:
         observer, outcome = self.observer, trained.outcome if trained else None
-        seconds = trained.seconds if trained else self.stages["train"].wall
+        stages = {**(trained.stages if trained else {}), **self.stages.as_data()}
+        training = stages.get(TRAIN, {"wall": 0.0, "cpu": 0.0})
         scores, left_out = dict(found.scores), {**self.plan.left_out, **found.left_out}
-        scores |= {"train_s": seconds, "steps": self._steps(trained)}
+        scores |= {"train_s": training["wall"], "steps": self._steps(trained), "train_cpu_s": training["cpu"],
+                   "cold_start_s": sum(stages[name]["wall"] for name in (IMPORT, WARM_UP) if name in stages)}
         scores["peak_mb"] = max(provenance.peak_memory_mb(), trained.peak_mb if trained else 0.0)
         events = [*(observer.nonfinite if observer else ()), *(outcome.nonfinite if outcome else ()), *found.nonfinite]
         result = Result(
@@ -234,14 +256,21 @@ class _Execution:
                              **(outcome.left_out if outcome else {})},
             do_nothing=self.do_nothing, views=found.views, lens=found.lens,
             curve=trained.curve if trained else observer.curve if observer else [],
-            stages={**(trained.stages if trained else {}), **self.stages.as_data()},
+            stages=stages,
             method_stages=outcome.stages if outcome else {}, description=self.description,
+            kernels_compiled=trained.compiled if trained else kernels_compiled(), model=self._model(),
             nonfinite=[Event(**asdict(event)) for event in events], predictions=found.predictions,
             git=provenance.git_state(), machine=provenance.machine(self.spec.device),
             packages=provenance.package_versions(),
         )
         write_result(self.folder, result)
         return result
+
+
+def kernels_compiled() -> int:
+    """Kernels that this process has compiled so far; none where their machine code lay on disk."""
+    cache = sys.modules.get("dofbench.kernel_cache")
+    return cache.compiled() if cache else 0
 
 
 def classify(error: Exception) -> tuple[Status, str]:
@@ -256,20 +285,20 @@ def classify(error: Exception) -> tuple[Status, str]:
     return Status.CRASHED, text
 
 
-def _builtin_dataset(dry_run: bool, console: Console) -> Path | None:
-    """The built-in dataset's folder, made if it isn't there; None when a dry run would have to make it."""
+def builtin_dataset(dry_run: bool, console: Console) -> bool:
+    """See that the built-in dataset is there, making it if it isn't; false when a dry run would have to make it."""
     from dofbench.synthesis import builtin_folder, make_dataset
     from dofbench.synthesis.settings import MakeDataset
 
     folder = builtin_folder()
     if (folder / "dataset.json").is_file():
-        return folder
+        return True
     if dry_run:
         _say(console, f"would first make the built-in dataset in {folder}; the plan depends on it")
-        return None
+        return False
     _say(console, f"making the built-in dataset in {folder}")
     make_dataset(MakeDataset(out=folder))
-    return folder
+    return True
 
 
 def _say(console: Console, line: str) -> None:

@@ -1,4 +1,4 @@
-"""What a call of `dofbench run` says, and how its small languages (budget, key=value) are read."""
+"""What one run is told, and how its small languages (budget, key=value) are read."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Inputs = Literal["shallow", "all-in-focus"]
 
 @dataclass(frozen=True)
 class Run:
-    """Train a method on a dataset, score it and write a result."""
+    """One run, as `dofbench run` makes it (`dofbench.runs.settings` has the call, which may name many)."""
 
     method: str
     """Id of the method: a folder in methods/ or in a folder that DOFBENCH_METHODS lists."""

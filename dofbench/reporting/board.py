@@ -16,6 +16,7 @@ from dofbench.reporting.comparison import write_strip
 from dofbench.reporting.curves import write_curves
 from dofbench.reporting.figures import file_name
 from dofbench.reporting.markdown import leaderboard_markdown
+from dofbench.reporting.pairwise import board_pairs, write_comparisons_csv
 from dofbench.reporting.settings import Report
 
 
@@ -35,7 +36,7 @@ class Written:
 
 
 def write_report(settings: Report, console: Console | None = None) -> Written:
-    """Write leaderboard.csv, per_view.csv, curves.csv, curves/, comparison/ and leaderboard.md.
+    """Write leaderboard.csv, per_view.csv, curves.csv, comparisons.csv, curves/, comparison/ and leaderboard.md.
 
     The same results give the same files, byte for byte. A result that can't be read is skipped and
     named. Raises InputError when there is no result at all.
@@ -55,13 +56,15 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
     for folder in collection.doubles:
         say(f"not counted, a copy of another result: {folder}")
 
-    files = [out / name for name in ("leaderboard.csv", "per_view.csv", "curves.csv")]
+    files = [out / name for name in ("leaderboard.csv", "per_view.csv", "curves.csv", "comparisons.csv")]
     tables.write_leaderboard_csv(files[0], entries)
     tables.write_per_view_csv(files[1], entries)
     tables.write_curves_csv(files[2], entries)
 
     pictures: dict[tuple[str, ...], list[tuple[str, str]]] = {}
     names, boards = variant_names(entries), board_names(entries)
+    pairs = [(boards[board], board[2], board_pairs(own)) for board, own in grouped(entries, "board").items()]
+    write_comparisons_csv(files[3], pairs, names)
     for board, members in grouped(entries, "board").items():
         name = boards[board]
         shown = pictures.setdefault(board, [])

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from dofbench.errors import InputError, Status
 from dofbench.files import canonical_json
+from dofbench.harness.added import Added, read_added
 from dofbench.harness.lock import LOCK_FILE, is_running, read_lock
 from dofbench.harness.result import RESULT_FILE, Result, Spec, read_result
+from dofbench.reporting.columns import COLUMNS, SCORES
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One run. result: None when the process died before it could write one."""
+    """One run. result: None when the process died before it could write one. added: scores of later (`dofbench score`),
+    None where there are none."""
 
     folder: Path
     spec: Spec
@@ -24,16 +27,28 @@ class Entry:
     status: Status
     message: str
     result: Result | None
+    added: Added | None = None
 
     @property
     def scores(self) -> dict[str, float]:
-        """Column -> value of what was measured."""
-        return self.result.scores if self.result else {}
+        """Column -> value of what was measured, then or later."""
+        later = {column: score.value for column, score in self.added.scores.items()} if self.added else {}
+        return {**later, **self.result.scores} if self.result else {}
 
     @property
     def left_out(self) -> dict[str, str]:
         """Column -> why it wasn't measured."""
-        return self.result.left_out if self.result else {}
+        return {**(self.added.left_out if self.added else {}), **self.result.left_out} if self.result else {}
+
+    @property
+    def views(self) -> dict[str, dict[str, float]]:
+        """Test view -> column -> value, measured then or later."""
+        later = self.added.scores.items() if self.added else ()
+        return {
+            view.name: {**{column: score.views[view.name] for column, score in later if view.name in score.views},
+                        **view.scores}
+            for view in (self.result.views if self.result else ())
+        }
 
     @property
     def preset(self) -> str:
@@ -90,7 +105,11 @@ def collect(folder: Path) -> Collection:
             doubles.append(file.parent)
             continue
         keys.add(result.key)
-        entries.append(entry_of(file.parent, result))
+        try:
+            entries.append(entry_of(file.parent, result))
+        except InputError as error:  # what was added can't be read; what was there before can
+            unreadable.append(str(error))
+            entries.append(Entry(file.parent, result.spec, result.scene, result.status, result.message, result))
     for file in sorted(folder.rglob(LOCK_FILE)):
         if is_running(file.parent):
             running.append(file.parent)
@@ -106,8 +125,8 @@ def collect(folder: Path) -> Collection:
 
 
 def entry_of(folder: Path, result: Result) -> Entry:
-    """The run that left this result in `folder`."""
-    return Entry(folder, result.spec, result.scene, result.status, result.message, result)
+    """The run that left this result in `folder`. Raises InputError when what was added to it can't be read."""
+    return Entry(folder, result.spec, result.scene, result.status, result.message, result, read_added(folder))
 
 
 def dead_entry(folder: Path) -> Entry:
@@ -115,6 +134,12 @@ def dead_entry(folder: Path) -> Entry:
     spec, scene, started = read_lock(folder)
     message = f"started {started}, and the process died without a word (killed, or out of memory)"
     return Entry(folder, spec, scene, Status.CRASHED, message, None)
+
+
+def added_columns(entries: Sequence[Entry]) -> tuple[str, ...]:
+    """Columns that no run measures by itself and that were added to any of these (`dofbench score`)."""
+    found = dict.fromkeys(column for entry in entries if entry.added for column in entry.added.scores)
+    return tuple(column for column in COLUMNS if column in found and column not in SCORES)
 
 
 def grouped(entries: tuple[Entry, ...] | list[Entry], attribute: str) -> dict[tuple[str, ...], list[Entry]]:

@@ -13,16 +13,21 @@ REFOCUS = ("psnr", "ssim", "ms_ssim", "flip", "gmsd", "delta_e")
 ALL_IN_FOCUS = ("aif_psnr", "aif_ssim", "aif_flip")
 LENS = ("delta_a", "delta_f", "delta_r")
 DEPTH = ("disparity_error", "depth_rel")
-COST = ("train_s", "steps", "render_fps", "peak_mb", "gaussians")
+COST = ("train_s", "train_cpu_s", "cold_start_s", "steps", "render_fps", "peak_mb", "gaussians")
 SCORES = (*REFOCUS, *ALL_IN_FOCUS, *LENS, *DEPTH, *COST)
-FILE_SCORES = (*REFOCUS, *ALL_IN_FOCUS, *LENS, *COST, *DEPTH)  # in files, what is new comes last
+_NEW_IN_FILES = (*DEPTH, "train_cpu_s", "cold_start_s")  # in files, what is new comes last
+FILE_SCORES = (*(column for column in SCORES if column not in _NEW_IN_FILES), *_NEW_IN_FILES)
 
 _DIGITS = {
     "psnr": 2, "ssim": 4, "ms_ssim": 4, "flip": 4, "gmsd": 4, "delta_e": 3, "delta_a": 3, "delta_f": 3, "delta_r": 3,
-    "disparity_error": 4, "depth_rel": 4, "train_s": 1, "steps": 0, "render_fps": 1, "peak_mb": 0, "gaussians": 0,
+    "disparity_error": 4, "depth_rel": 4, "train_s": 1, "train_cpu_s": 1, "cold_start_s": 1, "steps": 0,
+    "render_fps": 1, "peak_mb": 0, "gaussians": 0,
 }
 _COSTS = {
-    "train_s": ("training", "s", None, "wall time of training, evaluation excluded"),
+    "train_s": ("training", "s", None, "wall time of training, evaluation and cold start excluded"),
+    "train_cpu_s": ("training, CPU", "s", None, "processor time of the same, over all threads"),
+    "cold_start_s": ("cold start", "s", None, "wall time of imports and of a first step that isn't counted as "
+                     "training; a minute where kernels had to be compiled, seconds where their code lay on disk"),
     "steps": ("steps", "", None, "training steps taken"),
     "render_fps": ("rendering", "frames/s", True, "1 / median time of rendering a test view without a lens"),
     "peak_mb": ("peak memory", "MB", None, "largest resident memory of the whole process, 10^6 bytes"),
@@ -61,7 +66,7 @@ class Column:
 
 def _column(column: str) -> Column:
     metric = column.removeprefix(AIF_PREFIX)
-    digits = _DIGITS[metric]
+    digits = _DIGITS.get(metric, 4)
     if column in _COSTS:
         label, unit, higher_is_better, note = _COSTS[column]
         return Column(column, label, unit, higher_is_better, digits, note)
@@ -74,4 +79,7 @@ def _column(column: str) -> Column:
     return Column(column, label, entry.unit, entry.higher_is_better, digits, note)
 
 
-COLUMNS: dict[str, Column] = {column: _column(column) for column in SCORES}
+# What `dofbench score` can add beyond what every run measures.
+_ADDABLE = tuple(prefix + metric.id for prefix in ("", AIF_PREFIX) for metric in METRICS.values()
+                 if metric.needs == "images" and prefix + metric.id not in SCORES)
+COLUMNS: dict[str, Column] = {column: _column(column) for column in (*SCORES, *_ADDABLE)}

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
 from dofbench.errors import Status
-from dofbench.harness.protocol import AIF_PREFIX
+from dofbench.harness.protocol import AIF_PREFIX, arithmetic_mean
 from dofbench.reporting.collect import Entry
 from dofbench.reporting.footnotes import Footnotes
 from dofbench.reporting.line_table import Beside, line_table, plain
@@ -45,7 +44,7 @@ def _lines(method: str, preset: str, seeds: list[Entry]) -> list[Line]:
         cells = {}
         for column in COLUMNS_SHOWN:
             known = all(prefix + column in scores for run in by_seed for scores in run.values())
-            values = [math.fsum(scores[prefix + column] for scores in run.values()) / len(run)
+            values = [arithmetic_mean([scores[prefix + column] for scores in run.values()])
                       for run in by_seed] if known else []
             cells[column] = spread_cell(values, results[0].left_out.get(prefix + column, "no such score"))
         if any(cell.value is not None for cell in cells.values()):

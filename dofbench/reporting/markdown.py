@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from dofbench.harness.methods import find_method, method_files
 from dofbench.harness.protocol import PROTOCOLS
-from dofbench.reporting.collect import Collection, Entry, board_names, grouped, variant_names
+from dofbench.reporting.collect import Collection, Entry, added_columns, board_names, grouped, variant_names
 from dofbench.reporting.columns import COLUMNS, SCORES
 from dofbench.reporting.footnotes import Footnotes, table
 from dofbench.reporting.held_out import ASKED_HEADING, asked_table
 from dofbench.reporting.lenses import HELD_OUT, lens_words
 from dofbench.reporting.line_table import Beside, line_table, plain
-from dofbench.reporting.summary import Line, do_nothing_line, scene_mean, sorted_lines, variant_line
+from dofbench.reporting.pairwise import HEADING as PAIRWISE
+from dofbench.reporting.pairwise import Seeds, board_pairs, explanation, pairwise_table, scene_pairs
+from dofbench.reporting.summary import (
+    Line,
+    do_nothing_line,
+    scene_mean,
+    scene_spread,
+    sorted_lines,
+    variant_line,
+)
 
 _INTRODUCTION = """\
-Best in bold. Where runs differ only in their seed, a cell is mean ± sample standard deviation over the
-seeds. A cell that a method can't have is –, with the reason below; a run that failed shows how. Results
+Best in bold, which alone doesn't make it better: see the differences below each table. Where runs differ
+only in their seed, a cell is mean ± sample standard deviation over the n seeds; without ±, there was one, and
+no spread is known. A cell that a method can't have is –, with the reason below; a run that failed shows how. Results
 of different protocols, or of different versions of a dataset, never share a table. The do-nothing line
 is what a predictor of the lens scores that learns nothing; an error above it is worse than no learning."""
 
@@ -26,23 +37,28 @@ def leaderboard_markdown(collection: Collection, pictures: dict[tuple[str, ...],
     entries = collection.entries
     notes = Footnotes()
     names, boards = variant_names(entries), board_names(entries)
+    columns = [*SCORES, *added_columns(entries)]
     page = ["# Leaderboard", "", _INTRODUCTION, ""]
-    by_kind: dict[str, dict[str, dict[tuple[str, ...], Line]]] = {}
+    by_kind: dict[str, dict[str, tuple[dict[tuple[str, ...], Line], Seeds]]] = {}
+    compared = False
     for board, members in grouped(entries, "board").items():
         lenses = next((entry.lenses for entry in members if entry.lenses), None)
         held_out = lenses is not None and lenses["assign"] == HELD_OUT
         kind = f"{board[2]}, held-out focus" if held_out else board[2]
-        lines = {variant: variant_line(seeds, names, list(SCORES))
-                 for variant, seeds in grouped(members, "variant").items()}
-        by_kind.setdefault(kind, {})[boards[board]] = lines
+        variants = grouped(members, "variant")
+        lines = {variant: variant_line(seeds, names, columns) for variant, seeds in variants.items()}
+        by_kind.setdefault(kind, {})[boards[board]] = lines, variants
         shown = list(lines.values())
-        if (nothing := do_nothing_line(members, list(SCORES))) is not None:
+        if (nothing := do_nothing_line(members, columns)) is not None:
             shown.append(nothing)
         page += [f"## {boards[board]}, {kind}", "",
                  f"Scene {members[0].scene}; dataset checksum {board[1][:16]}{_lenses(board[2], lenses)}.", "",
-                 *_board(shown, notes), ""]
+                 *_board(shown, columns, notes), ""]
+        if differences := pairwise_table(board_pairs(members), names, notes):
+            compared = True
+            page += [f"### {PAIRWISE}", "", *differences, ""]
         if held_out:
-            groups = [(*names[variant], seeds) for variant, seeds in grouped(members, "variant").items()]
+            groups = [(*names[variant], seeds) for variant, seeds in variants.items()]
             if asked := asked_table(groups, notes):
                 page += [f"### {ASKED_HEADING}", "", *asked, ""]
         for caption, path in pictures.get(board, []):
@@ -50,10 +66,14 @@ def leaderboard_markdown(collection: Collection, pictures: dict[tuple[str, ...],
     for kind, scenes in by_kind.items():
         if len(scenes) > 1:
             page += [f"## Means over scenes, {kind}", "", f"Scenes: {', '.join(scenes)}.", "",
-                     *_scene_means(scenes, notes), ""]
+                     *_scene_means(scenes, columns, notes), ""]
+            if differences := pairwise_table(scene_pairs([seeds for _, seeds in scenes.values()]), names, notes):
+                page += [f"### {PAIRWISE}", "", *differences, ""]
+    page += explanation() if compared else []
     page += _claims(entries, notes)
     page += ["## What the columns say", "",
-             *(f"- {column.label} ({column.id}): {column.note}." for column in COLUMNS.values()), ""]
+             *(f"- {COLUMNS[column].label} ({column}): {COLUMNS[column].note}." for column in columns), ""]
+    page += _added(entries)
     page += _how_made(entries, boards, names)
     if collection.unreadable:
         page += ["## Results that can't be read", "", *(f"- {problem}" for problem in collection.unreadable), ""]
@@ -68,23 +88,41 @@ def _lenses(protocol: str, lenses: dict[str, Any] | None) -> str:
     return "; trained on the sharp originals" if sharp else f"; {lens_words(lenses)}"
 
 
-def _board(lines: list[Line], notes: Footnotes) -> list[str]:
-    return line_table(sorted_lines(lines), SCORES, notes, before=_names("seeds"))
+def _board(lines: list[Line], columns: list[str], notes: Footnotes) -> list[str]:
+    return line_table(sorted_lines(lines), columns, notes, before=_names("seeds"))
 
 
 def _names(last: str) -> Beside:
     return Beside(["method", "preset", last], lambda line: [line.method, plain(line.preset), line.seeds])
 
 
-def _scene_means(scenes: dict[str, dict[tuple[str, ...], Line]], notes: Footnotes) -> list[str]:
-    variants = sorted({variant for lines in scenes.values() for variant in lines})
+def _scene_means(
+    scenes: dict[str, tuple[dict[tuple[str, ...], Line], Seeds]], columns: list[str], notes: Footnotes,
+) -> list[str]:
+    variants = sorted({variant for lines, _ in scenes.values() for variant in lines})
     means = []
     for variant in variants:
-        own = {scene: lines[variant] for scene, lines in scenes.items() if variant in lines}
+        own = {scene: lines[variant] for scene, (lines, _) in scenes.items() if variant in lines}
+        runs = [seeds[variant] for _, seeds in scenes.values() if variant in seeds]
         some = next(iter(own.values()))
-        cells = {column: scene_mean(own, list(scenes), column) for column in SCORES}
-        means.append(Line(some.method, some.preset, f"{len(own)} of {len(scenes)}", cells))
-    return line_table(sorted_lines(means), SCORES, notes, before=_names("scenes"))
+        cells = {column: scene_mean(own, list(scenes), column) for column in columns}
+        cells = {column: cell if cell.value is None else replace(cell, spread=scene_spread(runs, column))
+                 for column, cell in cells.items()}
+        same = len({line.seeds for line in own.values()}) == 1
+        means.append(Line(some.method, some.preset, some.seeds if same else "not the same on all", cells))
+    return line_table(sorted_lines(means), columns, notes, before=_names("seeds"))
+
+
+def _added(entries: tuple[Entry, ...]) -> list[str]:
+    """Which scores were computed after their runs, and by which code."""
+    by_code: dict[str, dict[str, None]] = {}
+    for entry in entries:
+        for column, score in (entry.added.scores if entry.added else {}).items():
+            by_code.setdefault(score.code, {})[column] = None
+    if not by_code:
+        return []
+    return ["## Added after the runs", "", "From the pictures and models that they kept, by `dofbench score`.", "",
+            *(f"- {', '.join(columns)}: by code {code}." for code, columns in by_code.items()), ""]
 
 
 def _claims(entries: tuple[Entry, ...], notes: Footnotes) -> list[str]:
@@ -144,7 +182,8 @@ def machine_text(entry: Entry) -> str:
     """The machine of a run that left a result."""
     assert entry.result is not None
     facts = entry.result.machine
-    parts = [f"{facts['cpu']}, {facts['cores']} cores, {facts['memory_gib']} GiB", str(facts["os"]),
+    threads = f" ({facts['threads']} used)" if "threads" in facts else ""
+    parts = [f"{facts['cpu']}, {facts['cores']} cores{threads}, {facts['memory_gib']} GiB", str(facts["os"]),
              f"Python {facts['python']}"]
     if "accelerator" in facts:
         parts.append(str(facts["accelerator"]))

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dofbench.errors import Status
-from dofbench.harness.protocol import DEPTH_COLUMNS, PROTOCOLS
+from dofbench.harness.protocol import DEPTH_COLUMNS, PROTOCOLS, arithmetic_mean
 from dofbench.reporting.collect import Entry
-from dofbench.reporting.columns import COLUMNS
+from dofbench.reporting.columns import COLUMNS, SCORES
 
 DO_NOTHING = "do nothing (Â = F̂ = 0.5)"
 
@@ -60,13 +60,15 @@ def spread_cell(values: Sequence[float], reason: str = "") -> Cell:
     if not values:
         return Cell(None, reason=reason)
     spread = statistics.stdev(values) if len(values) > 1 and all(map(math.isfinite, values)) else None
-    return Cell(math.fsum(values) / len(values), spread)
+    return Cell(arithmetic_mean(values), spread)
 
 
 def _no_reason(entry: Entry, column: str) -> str:
     protocol = PROTOCOLS.get(entry.spec.protocol)
     if protocol is not None and column in DEPTH_COLUMNS and not protocol.depth:
         return f"{protocol.id} has no such score"
+    if column not in SCORES:
+        return "not computed: `dofbench score` adds it"
     return "the result holds no such score, nor a reason"
 
 
@@ -74,7 +76,12 @@ def variant_line(entries: list[Entry], names: dict[tuple[str, ...], tuple[str, s
     """The line of one variant: all of its seeds on one dataset."""
     method, preset = names[entries[0].variant]
     cells = {column: seed_cell(entries, column) for column in columns}
-    return Line(method, preset, ", ".join(str(entry.spec.seed) for entry in entries), cells)
+    return Line(method, preset, seeds_text([entry.spec.seed for entry in entries]), cells)
+
+
+def seeds_text(seeds: Sequence[int]) -> str:
+    """As "0, 1, 2 (n = 3)"; a single one by itself."""
+    return ", ".join(map(str, seeds)) + (f" (n = {len(seeds)})" if len(seeds) > 1 else "")
 
 
 def do_nothing_line(entries: list[Entry], columns: list[str]) -> Line | None:
@@ -131,7 +138,19 @@ def scene_mean(lines: dict[str, Line], scenes: list[str], column: str) -> Cell:
         return Cell(None, reason=f"no mean over an incomplete set: {', '.join(missing)} missing "
                                  f"of {len(scenes)} scenes")
     values = [lines[scene].cells[column].value for scene in scenes]
-    return Cell(math.fsum(value for value in values if value is not None) / len(values))
+    return Cell(arithmetic_mean([value for value in values if value is not None]))
+
+
+def scene_spread(seeds: Sequence[list[Entry]], column: str) -> float | None:
+    """Sample standard deviation over seeds of the mean over scenes. seeds: a variant's on every scene; None unless they
+    are the same on all of them, and several."""
+    by_scene = [{entry.spec.seed: entry.scores.get(column) for entry in own} for own in seeds]
+    common = sorted(by_scene[0])
+    if len(common) < 2 or any(sorted(own) != common for own in by_scene):
+        return None
+    rows = [[own[seed] for own in by_scene] for seed in common]
+    means = [arithmetic_mean([value for value in row if value is not None]) for row in rows if None not in row]
+    return statistics.stdev(means) if len(means) == len(common) and all(map(math.isfinite, means)) else None
 
 
 def _number(value: float | None) -> float:

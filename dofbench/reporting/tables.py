@@ -8,11 +8,12 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from dofbench.files import write_text
-from dofbench.reporting.collect import Entry, board_names
+from dofbench.reporting.collect import Entry, added_columns, board_names
 from dofbench.reporting.columns import ALL_IN_FOCUS, DEPTH, FILE_SCORES, IDENTITY, LENS, REFOCUS
 
 CURVE_SCORES = ("psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f")
-CURVE_COLUMNS = ("method", "preset", "dataset", "protocol", "seed", "train_s", "steps", *CURVE_SCORES, "loss")
+CURVE_COLUMNS = ("method", "preset", "dataset", "protocol", "seed", "train_s", "steps", *CURVE_SCORES, "loss",
+                 "train_cpu_s")
 _LENS_VALUES = ("aperture", "aperture_estimated", "focus", "focus_estimated")
 VIEW_COLUMNS = (
     "method", "preset", "dataset", "scene", "protocol", "seed", "view", "split",
@@ -24,7 +25,7 @@ def write_leaderboard_csv(path: Path, entries: tuple[Entry, ...]) -> None:
     """One row a run. A cell is empty when the run has no such score; the Markdown says why."""
     identities = _identities(entries)
     rows = [{**identity, **entry.scores} for entry, identity in zip(entries, identities, strict=True)]
-    write_csv(path, (*IDENTITY, *FILE_SCORES), rows)
+    write_csv(path, (*IDENTITY, *FILE_SCORES, *added_columns(entries)), rows)
 
 
 def write_per_view_csv(path: Path, entries: tuple[Entry, ...]) -> None:
@@ -33,11 +34,10 @@ def write_per_view_csv(path: Path, entries: tuple[Entry, ...]) -> None:
     for entry, identity in zip(entries, _identities(entries), strict=True):
         if entry.result is None:
             continue
-        rows += [{**identity, "view": view.name, "split": "test", **view.scores}
-                 for view in entry.result.views]
+        rows += [{**identity, "view": view, "split": "test", **scores} for view, scores in entry.views.items()]
         rows += [{**identity, "split": "train", **view.model_dump(exclude={"name"}), "view": view.name}
                  for view in entry.result.lens]
-    write_csv(path, VIEW_COLUMNS, rows)
+    write_csv(path, (*VIEW_COLUMNS, *added_columns(entries)), rows)
 
 
 def write_curves_csv(path: Path, entries: tuple[Entry, ...]) -> None:
@@ -46,7 +46,7 @@ def write_curves_csv(path: Path, entries: tuple[Entry, ...]) -> None:
     for entry, identity in zip(entries, _identities(entries), strict=True):
         for point in entry.result.curve if entry.result else ():
             rows.append({**identity, **point.scores, "train_s": point.train_s, "steps": point.steps,
-                         "loss": point.loss})
+                         "loss": point.loss, "train_cpu_s": point.train_cpu_s})
     write_csv(path, CURVE_COLUMNS, rows)
 
 

@@ -82,8 +82,8 @@ class Terminal:
 class Several:
     """Progress of several jobs done side by side, as their watcher (`dofbench.processes`).
 
-    Reports are (stage, items done, items in all). The time left is known from the first job finished on, or from the
-    beginning where `expected` says how many seconds one takes. things: what the jobs make.
+    Reports are (stage, items done, items in all; 0 where nothing is counted). The time left is known from the first job
+    finished on, or from the beginning where `expected` says how many seconds one takes. things: what the jobs make.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Several:
     def reported(self, name: str, report: tuple[str, int, int]) -> None:
         """Say now and then what is being done."""
         stage, done, total = report
-        self._doing[name] = f"{stage} {done} of {total}"
+        self._doing[name] = f"{stage} {done} of {total}" if total else stage
         if time.monotonic() - self._last >= self._interval:
             self._say()
 

@@ -4,21 +4,36 @@ from __future__ import annotations
 
 import io
 import json
+import math
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from harness_fakes import fake_run
 from rich.console import Console
 
 from dofbench.errors import InputError
 from dofbench.files import sha256_file
 from dofbench.harness.check import check, check_result
+from dofbench.harness.consistency import inconsistencies
+from dofbench.harness.lock import locked
+from dofbench.harness.result import read_result
+from dofbench.harness.score import score
 from dofbench.images import read_image, write_png
 
 
+@pytest.fixture(scope="module")
+def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One good run."""
+    with pytest.MonkeyPatch.context() as patch:
+        return fake_run(tmp_path_factory.mktemp("original"), patch)().folder
+
+
 @pytest.fixture
-def folder(call) -> Path:
-    return call().folder
+def folder(call, original: Path, tmp_path: Path) -> Path:
+    """Its result, to be damaged."""
+    return shutil.copytree(original, tmp_path / "results" / "waves" / original.name)
 
 
 def edit(folder: Path, change: Callable[[dict], None]) -> None:
@@ -37,10 +52,44 @@ def test_a_failed_result_can_be_a_good_one(call, status: str) -> None:
     assert check_result(call(set=(f"trouble={status}",)).folder) == []
 
 
+def test_results_of_version_1_agree_with_themselves() -> None:
+    for status in ("ok", "diverged", "crashed"):
+        assert inconsistencies(read_result(Path(__file__).parent / "old_results" / f"v1-{status}.json")) == []
+
+
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
         (lambda data: data["spec"].update(seed=5), "the key is"),
+        (lambda data: data["spec"].update(seed=5), "the plan's seed is 0, the spec's 5"),
+        (lambda data: data["protocol"].update(levels=16), "protocol refocus-v2: its levels is not"),
+        (lambda data: data["left_out"].update(psnr="why"), "psnr: a score, and a reason why there is none"),
+        (lambda data: data["left_out"].update(lpips=" "), "lpips: left out without a reason"),
+        (lambda data: data["left_out_stages"].update(normals=""), "normals: left out without a reason"),
+        (lambda data: [view["scores"].pop("ssim") for view in data["views"]] and data["scores"].pop("ssim"),
+         "no score ssim, though the plan has it"),
+        (lambda data: data["views"][1]["scores"].pop("ssim"), "ssim: not of every view"),
+        (lambda data: [view["scores"].pop("ssim") for view in data["views"]], "ssim: a mean without per-view values"),
+        (lambda data: data["lens"][0].update(focus_estimated=9.0), "view v2: delta_f is"),
+        (lambda data: data["lens"][0].update(name="v9"), "view v9: another true lens than the plan's"),
+        (lambda data: data["views"][0].update(name="v9"), "scores of other views than the plan's test views"),
+        (lambda data: data["views"][0]["scores"].update(ssim=math.nan), "view v0: ssim is nan, and the run ended ok"),
+        (lambda data: data["nonfinite"].append({"step": 1, "view": "", "stage": "loss", "detail": "loss is inf"}),
+         "loss: loss is inf, and the run ended ok"),
+        (lambda data: data.update(status="crashed", message=""), "ended crashed without a message"),
+        (lambda data: data.update(status="diverged", message="?"), "ended diverged, with scores all the same"),
+        (lambda data: data["scores"].update(train_s=0.001), "train_s is 0.001, its stages took"),
+        (lambda data: data["scores"].update(train_cpu_s=77.0), "train_cpu_s is 77, its stages took"),
+        (lambda data: data["scores"].update(cold_start_s=0.0), "cold_start_s is 0, its stages took"),
+        (lambda data: data["stages"]["score"].update(wall=-1.0), "stage score: -1.0 s"),
+        (lambda data: data["stages"]["score"].update(cpu=math.nan), "stage score:"),
+        (lambda data: data["curve"].reverse(), "the curve goes back"),
+        (lambda data: data["curve"][-1].update(train_s=1e6), "the curve goes on after the end of training"),
+        (lambda data: data["curve"].pop(), "the curve ends at step"),
+        (lambda data: data["predictions"].pop("predictions/refocus/v0.png"),
+         "view v0: scores of refocus, and no picture of it"),
+        (lambda data: data["model"].update({"model/model.json": "0"}), "model/model.json: not the file"),
+        (lambda data: data["model"].update({"model/more.json": "0"}), "model/more.json: missing"),
         (lambda data: data["spec"].update(protocol="own-v1"), "unknown protocol 'own-v1'"),
         (lambda data: data["scores"].update(psnr=99.0), "psnr: 99 is not the mean"),
         (lambda data: data["scores"].update(delta_a=0.0), "delta_a: 0 is not the mean"),
@@ -52,6 +101,64 @@ def test_a_failed_result_can_be_a_good_one(call, status: str) -> None:
 def test_tampering_with_the_result_is_named(folder: Path, change: Callable, problem: str) -> None:
     edit(folder, change)
     assert any(problem in line for line in check_result(folder))
+
+
+def test_a_lost_value_without_an_event_is_named(call) -> None:
+    folder = call(set=("trouble=hole",)).folder
+    assert check_result(folder) == []
+    edit(folder, lambda data: data["nonfinite"].clear())
+    assert any("is nan, and no event says so" in line for line in check_result(folder))
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda data: data["scores"]["aif_gmsd"].update(value=0.5), "added aif_gmsd: 0.5 is not the mean"),
+        (lambda data: data["scores"]["aif_gmsd"]["views"].pop("v0"), "added aif_gmsd: of other views"),
+        (lambda data: data["scores"].update(psnr=data["scores"]["aif_gmsd"]), "added psnr: the result has that score"),
+        (lambda data: data["scores"].update(lpips=data["scores"]["aif_gmsd"]), "added lpips: no such metric"),
+        (lambda data: data.update(key="0" * 64), "added scores of the key 00000000"),
+        (lambda data: data.update(result_sha256="0" * 64), "scores of another result.json"),
+        (lambda data: data.update(schema_version=9), "found schema_version 9"),
+        (lambda data: data["scores"]["aif_gmsd"].pop("code"), "scores.aif_gmsd.code: Field required"),
+    ],
+)
+def test_tampering_with_added_scores_is_named(folder: Path, change: Callable, problem: str) -> None:
+    score([folder], "aif_gmsd", console=Console(quiet=True))
+    assert check_result(folder) == []
+    data = json.loads((folder / "added.json").read_text())
+    change(data)
+    (folder / "added.json").write_text(json.dumps(data))
+    assert any(problem in line for line in check_result(folder))
+
+
+def said_of(folder: Path) -> tuple[bool, str]:
+    stream = io.StringIO()
+    good = check(folder, Console(file=stream, width=400))
+    return good, stream.getvalue()
+
+
+def test_what_dead_processes_leave_is_named(folder: Path) -> None:
+    spec = read_result(folder).spec.model_copy(update={"seed": 7})
+    (folder / "trained.json").write_text("{}")
+    (folder / "predictions" / ".v0.abc.png").touch()
+    dead = folder.parent / "dead"
+    with locked(dead, spec, "waves", "noon"):
+        lock = (dead / "running.lock").read_bytes()
+        assert "a run is at work there, not checked" in said_of(folder.parent)[1]
+    (dead / "running.lock").write_bytes(lock)
+    good, said = said_of(folder.parent)
+    assert not good and f"{dead}: a run died here" in said
+    assert "trained.json: left by a run" in said and "predictions/.v0.abc.png: half a file" in said
+
+
+def test_a_folder_of_another_name_and_a_result_twice_are_named(folder: Path) -> None:
+    copy = folder.parent / "backup"
+    shutil.copytree(folder, copy)
+    assert check_result(copy) == [f"the folder of this run would be {folder.name}: it is found by its name"]
+    shutil.copytree(folder, folder.parent.parent / "again" / folder.name)
+    good, said = said_of(folder.parent.parent)
+    assert not good and "the same run as in" in said
 
 
 def test_another_picture_is_named(folder: Path) -> None:

@@ -9,10 +9,12 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tolerances import FLOAT64_VALUE
 
 from dofbench.errors import InputError, Status
 from dofbench.harness import result as module
-from dofbench.harness.result import Result, Spec, read_result, write_result
+from dofbench.harness.protocol import arithmetic_mean
+from dofbench.harness.result import SCHEMA_VERSION, Result, Spec, read_result, write_result
 
 
 def make_spec(**changes) -> Spec:
@@ -27,11 +29,11 @@ def make_spec(**changes) -> Spec:
 def make_result(**changes) -> Result:
     spec = changes.pop("spec", make_spec())
     values = {
-        "schema_version": 1, "key": spec.key, "spec": spec, "protocol": {}, "plan": {}, "status": "ok", "message": "",
+        "schema_version": 2, "key": spec.key, "spec": spec, "protocol": {}, "plan": {}, "status": "ok", "message": "",
         "traceback": "", "scene": "waves", "data": "data", "command": "dofbench run --method fake", "started": "now",
         "ended": "then", "scores": {}, "left_out": {}, "left_out_stages": {}, "do_nothing": {}, "views": [],
         "lens": [], "curve": [], "stages": {}, "method_stages": {}, "description": {}, "nonfinite": [],
-        "predictions": {}, "git": None, "machine": {}, "packages": {},
+        "kernels_compiled": 0, "predictions": {}, "model": {}, "git": None, "machine": {}, "packages": {},
     }
     return Result(**{**values, **changes})
 
@@ -85,16 +87,45 @@ def test_old_results_are_migrated(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     def rename(old: dict) -> dict:
         return {**{key: value for key, value in old.items() if key != "title"}, "command": old["title"]}
 
-    monkeypatch.setattr(module, "MIGRATIONS", {-1: rename, 0: lambda data: {**data, "message": "migrated"}})
+    monkeypatch.setattr(module, "MIGRATIONS", {
+        -1: rename, 0: lambda data: {**data, "message": "migrated"}, 1: lambda data: data})
     assert read_result(tmp_path).command == "dofbench run --method fake"
     assert read_result(tmp_path).message == "migrated"
+
+
+@pytest.mark.parametrize("status", ["ok", "diverged", "crashed"])
+def test_results_of_version_1_still_read(status: str) -> None:
+    """Files that the code of that version wrote."""
+    file = Path(__file__).parent / "old_results" / f"v1-{status}.json"
+    old = json.loads(file.read_text())
+    assert old["schema_version"] == 1
+    result = read_result(file)
+    assert result.schema_version == SCHEMA_VERSION and result.status == status and result.spec.key == result.key
+    assert result.scores["train_s"] == old["scores"]["train_s"]
+    assert result.scores["train_cpu_s"] == old["stages"]["train"]["cpu"]
+    assert "cold_start_s" not in result.scores and "schema version 1" in result.left_out["cold_start_s"]
+    assert [point.train_s for point in result.curve] == [point["train_s"] for point in old["curve"]]
+    assert all(point.train_cpu_s is None for point in result.curve)
+    assert result.model == {} and result.kernels_compiled is None
+    for column, value in old["scores"].items():
+        assert same(result.scores[column], value)
+    if status == "diverged":  # one value of its predictions is NaN, and so are its scores
+        assert math.isnan(result.scores["psnr"]) and result.nonfinite
+
+
+def test_what_a_migration_gives_is_of_this_version(tmp_path: Path) -> None:
+    old = Path(__file__).parent / "old_results" / "v1-ok.json"
+    write_result(tmp_path, read_result(old))
+    assert read_result(tmp_path) == read_result(old)
+    assert json.loads((tmp_path / "result.json").read_text())["schema_version"] == SCHEMA_VERSION
 
 
 @pytest.mark.parametrize(
     ("text", "match"),
     [
         ("{", "JSON"), ("[]", "no schema_version"), ("{}", "no schema_version"),
-        ('{"schema_version": 2}', "newer dofbench"), ('{"schema_version": 1}', "key: Field required"),
+        ('{"schema_version": 3}', "newer dofbench"), ('{"schema_version": 2}', "key: Field required"),
+        ('{"schema_version": 1}', "schema_version 1, and in it KeyError: 'stages'"),
         ("\xff", "JSON"),
     ],
 )
@@ -107,3 +138,15 @@ def test_a_damaged_result_is_one_line(tmp_path: Path, text: str, match: str) -> 
 def test_a_missing_result_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
         read_result(tmp_path)
+
+
+@given(st.lists(st.floats(), min_size=1, max_size=6))
+def test_a_mean_leaves_no_value_out(values: list[float]) -> None:
+    mean = arithmetic_mean(values)
+    if any(math.isnan(value) for value in values) or {math.inf, -math.inf} <= set(values):
+        assert math.isnan(mean)
+    elif any(math.isinf(value) for value in values):
+        assert mean in values and math.isinf(mean)
+    else:
+        assert math.isfinite(mean)
+        assert min(values) <= mean <= max(values) or mean == pytest.approx(values[0], rel=FLOAT64_VALUE)

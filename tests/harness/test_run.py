@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import fcntl
 import io
 import json
 import math
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -19,10 +22,14 @@ from rich.console import Console
 
 from dofbench import synthesis
 from dofbench.errors import InputError, Status
+from dofbench.files import sha256_file
+from dofbench.harness.clock import Stopwatch, loading
 from dofbench.harness.evaluate import Evaluator
 from dofbench.harness.lock import is_running, locked, read_lock
+from dofbench.harness.prepare import choose, data_folder, prepare
 from dofbench.harness.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS
 from dofbench.harness.result import read_result
+from dofbench.harness.settings import Run
 from dofbench.images import read_image
 
 OPEN = PROTOCOLS["refocus-v2"]
@@ -40,7 +47,8 @@ def test_a_good_run(call, tmp_path: Path) -> None:
     result = read_result(end.folder)
     assert end.folder.name == f"fake-quick-seed0-{result.key[:8]}"
     assert set(result.scores) == {*OPEN.refocus_columns, *OPEN.all_in_focus_columns, *LENS_COLUMNS, *DEPTH_COLUMNS,
-                                  "train_s", "steps", "render_fps", "peak_mb", "gaussians"}
+                                  "train_s", "train_cpu_s", "cold_start_s", "steps", "render_fps", "peak_mb",
+                                  "gaussians"}
     assert result.scores["steps"] == 8 and result.scores["gaussians"] == 80
     assert result.scores["psnr"] > 30 and result.scores["peak_mb"] > 10
     assert [point.steps for point in result.curve][::len(result.curve) - 1] == [1, 8]
@@ -48,7 +56,8 @@ def test_a_good_run(call, tmp_path: Path) -> None:
     assert {"psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f"} == set(result.curve[0].scores)
     assert result.left_out_stages == {"normals": "a fake has none"} and result.method_stages == {"guess": 0.01}
     assert {"train", "score", "evaluate during training"} <= set(result.stages)
-    assert (end.folder / "model" / "model.json").is_file()
+    assert result.model == {"model/model.json": sha256_file(end.folder / "model" / "model.json")}
+    assert result.kernels_compiled == 0 and result.machine["threads"] >= 1
     assert sorted(path.name for path in end.folder.iterdir()) == ["model", "predictions", "result.json"]
 
 
@@ -108,7 +117,7 @@ def test_lens_errors_of_every_training_view(call) -> None:
 def test_same_seed_same_scores(call) -> None:
     one = read_result(call().folder)
     two = read_result(call(rerun=True).folder)
-    timed = {"train_s", "render_fps", "peak_mb"}
+    timed = {"train_s", "train_cpu_s", "cold_start_s", "render_fps", "peak_mb"}
     assert {k: v for k, v in one.scores.items() if k not in timed} == {
         k: v for k, v in two.scores.items() if k not in timed}
     assert one.predictions == two.predictions
@@ -128,6 +137,37 @@ def test_compilation_is_not_training_time(call, tmp_path: Path) -> None:
     result = read_result(call(budget="0.3s", set=("pause=0.02",)).folder)
     assert result.status is Status.OK and result.scores["steps"] >= 5
     assert result.stages["warm up"].wall >= 0.5
+    assert result.scores["cold_start_s"] == pytest.approx(
+        result.stages["import"].wall + result.stages["warm up"].wall)
+    assert result.scores["train_s"] == result.stages["train"].wall < 0.5 + result.scores["cold_start_s"]
+
+
+def test_processor_time_is_told_from_wall_time(call, tmp_path: Path) -> None:
+    code = tmp_path / "methods" / "fake" / "behaviour.py"
+    code.write_text(code.read_text().replace('    time.sleep(options["pause"])\n', '    time.sleep(0.02)\n'))
+    result = read_result(call().folder)
+    assert result.scores["train_cpu_s"] == result.stages["train"].cpu
+    assert result.scores["train_cpu_s"] < 0.7 * result.scores["train_s"]  # it sleeps
+    cpu = [point.train_cpu_s for point in result.curve]
+    assert cpu == sorted(cpu) and 0 <= cpu[0] <= cpu[-1] <= result.scores["train_cpu_s"]
+
+
+def test_the_processor_time_of_other_processes_counts_when_they_end() -> None:
+    watch = Stopwatch()
+    with watch.running():
+        subprocess.run([sys.executable, "-c", "sum(range(10**7))"], check=True)
+    assert watch.cpu > 0.05
+    other = Stopwatch()
+    other.move(watch)
+    assert other.cpu > 0.05 and watch.cpu == watch.wall == 0.0
+
+
+def test_imports_are_counted_once(call) -> None:
+    loading.move(Stopwatch())
+    with loading.running():
+        time.sleep(0.2)
+    assert read_result(call().folder).stages["import"].wall > 0.2
+    assert read_result(call(seed=1).folder).stages["import"].wall < 0.2
 
 
 def test_the_preset_says_steps_where_it_has_no_budget(call) -> None:
@@ -162,6 +202,28 @@ def test_other_data_or_code_is_another_result(call, tmp_path: Path) -> None:
     third = call()
     assert not second.reused and not third.reused
     assert len({first.folder, second.folder, third.folder}) == 3
+
+
+def test_nothing_else_changes_the_key(call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Code, data, options and seed do (above, and `test_provenance`); where, when and on what it runs doesn't."""
+    key = read_result(call().folder).key
+
+    def again(data: Path = tmp_path / "data", **changes) -> str:
+        settings = Run(**{"method": "fake", "data": data, "out": tmp_path / "results", **changes})
+        return prepare(settings, choose(settings), data_folder(settings)).spec.key
+
+    assert again(out=tmp_path / "elsewhere") == again(rerun=True) == again(dry_run=True) == key
+    assert again(preset="quick") == again(budget="8it") == again(device="cpu") == key  # what is so anyway
+    assert again(shutil.copytree(tmp_path / "data", tmp_path / "moved" / "deep")) == key
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "7")
+    monkeypatch.chdir(tmp_path)
+    assert again(Path("data")) == key
+    shutil.move(tmp_path / "methods", tmp_path / "installed")
+    monkeypatch.setenv("DOFBENCH_METHODS", str(tmp_path / "installed"))
+    assert again() == key
+    (tmp_path / "installed" / "fake" / "notes.md").write_text("no code")
+    assert again() == key and again(seed=1) != key
 
 
 @pytest.mark.parametrize(
@@ -320,6 +382,44 @@ def test_a_prediction_of_a_wrong_size_is_a_crash(call, tmp_path: Path) -> None:
     result = read_result(call().folder)
     assert result.status is Status.CRASHED
     assert "expected an image of shape (48, 64, 3), found (47, 64, 3)" in result.message
+
+
+def test_what_a_process_left_that_died_after_its_result_is_cleared_away(call) -> None:
+    end = call()
+    (end.folder / "trained.json").write_text("{}")
+    assert call().reused and not (end.folder / "trained.json").exists()
+
+
+def test_a_lock_is_only_one_on_the_file_that_has_the_name(call, tmp_path: Path) -> None:
+    """Its last owner removes the file: who had opened it before must not take the removed one for the lock."""
+    spec = read_result(call().folder).spec
+    folder, entered = tmp_path / "shared", []
+
+    def other() -> None:
+        with locked(folder, spec, "waves", "later", wait=True):
+            entered.append(is_running(folder))
+
+    with locked(folder, spec, "waves", "now"):
+        threads = [threading.Thread(target=other) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        time.sleep(0.1)
+        assert not entered
+    for thread in threads:
+        thread.join(10)
+    # Each held a lock that everybody could see; on the removed file nobody would.
+    assert entered == [True] * 3 and not (folder / "running.lock").exists()
+
+
+def test_a_glance_at_a_lock_does_not_turn_a_run_away(call, tmp_path: Path) -> None:
+    spec = read_result(call().folder).spec
+    folder = tmp_path / "glanced"
+    folder.mkdir()
+    with open(folder / "running.lock", "w") as stream:
+        fcntl.flock(stream, fcntl.LOCK_SH)
+        threading.Timer(0.05, fcntl.flock, (stream, fcntl.LOCK_UN)).start()
+        with locked(folder, spec, "waves", "now"):
+            assert is_running(folder)
 
 
 def test_a_terminal_gets_a_bar_and_the_files_place(call) -> None:

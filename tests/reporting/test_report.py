@@ -29,7 +29,8 @@ from dofbench.reporting.settings import Report
 
 HEADER = (
     "method,preset,dataset,scene,protocol,seed,status,psnr,ssim,ms_ssim,flip,gmsd,delta_e,aif_psnr,aif_ssim,aif_flip,"
-    "delta_a,delta_f,delta_r,train_s,steps,render_fps,peak_mb,gaussians,disparity_error,depth_rel"
+    "delta_a,delta_f,delta_r,train_s,steps,render_fps,peak_mb,gaussians,disparity_error,depth_rel,"
+    "train_cpu_s,cold_start_s"
 )
 
 
@@ -107,14 +108,18 @@ def test_a_failed_run_shows_how_it_failed(plain, call, made) -> None:
     assert notes(page, shown["quick trouble=crash"]["δ_A ↓"]) == "RuntimeError: something broke"
 
 
-def test_a_nan_is_shown(plain, call, made) -> None:
-    end = call()
-    data = json.loads((end.folder / "result.json").read_text())
-    data["scores"]["flip"] = math.nan
-    (end.folder / "result.json").write_text(json.dumps(data))
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_what_is_no_finite_number_is_shown_as_what_it_is(plain, call, made, value: float) -> None:
+    end, other = call(), call(seed=1)
+    for folder, own in ((end.folder, value), (other.folder, -value)):
+        data = json.loads((folder / "result.json").read_text())
+        data["scores"]["flip"] = value
+        data["scores"]["gmsd"] = own  # of both signs over the two seeds: their mean is no number
+        (folder / "result.json").write_text(json.dumps(data))
     _, out, _ = made()
-    assert rows(out / "leaderboard.csv")[0]["flip"] == "nan"
-    assert table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v2")[0]["FLIP ↓"] == "nan"
+    assert [row["flip"] for row in rows(out / "leaderboard.csv")] == [str(value)] * 2
+    (row, _) = table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v2")
+    assert (row["FLIP ↓"], row["GMSD ↓"]) == (str(value), "nan")
 
 
 def test_seeds_have_a_spread_and_a_failed_seed_is_not_left_out_of_a_mean(plain, call, made) -> None:
@@ -123,7 +128,7 @@ def test_seeds_have_a_spread_and_a_failed_seed_is_not_left_out_of_a_mean(plain, 
     (row, _) = table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v2")
     mean = sum(values) / 3
     spread = math.sqrt(sum((value - mean) ** 2 for value in values) / 2)
-    assert row["seeds"] == "0, 1, 2" and row["PSNR [dB] ↑"] == f"{mean:.2f} ± {spread:.2f}"
+    assert row["seeds"] == "0, 1, 2 (n = 3)" and row["PSNR [dB] ↑"] == f"{mean:.2f} ± {spread:.2f}"
 
     file = next((out.parent / "results").rglob("*seed2*/result.json"))
     data = json.loads(file.read_text())
@@ -208,6 +213,80 @@ def test_means_only_over_complete_sets_of_scenes(plain, call, made, tmp_path: Pa
     assert notes(page, gap) == "no mean over an incomplete set: ripples missing of 2 scenes"
 
 
+def test_a_mean_over_scenes_has_the_spread_of_its_seeds(plain, call, made, tmp_path: Path) -> None:
+    other = write_dataset(tmp_path / "other", name="ripples", seed=1)
+    scores = [[read_result(call(data=data, seed=seed).folder).scores["aif_psnr"] for seed in (0, 1)]
+              for data in (tmp_path / "data", other)]
+    call(method="pinhole", seed=0)
+    call(method="pinhole", seed=1, data=other)
+    _, out, _ = made()
+    means = {row["method"]: row for row in table_rows((out / "leaderboard.md").read_text(),
+                                                      "Means over scenes, refocus-v2")}
+    by_seed = [sum(one) / 2 for one in zip(*scores, strict=True)]
+    spread = abs(by_seed[0] - by_seed[1]) / math.sqrt(2)
+    column = "all-in-focus PSNR [dB] ↑"
+    assert means["fake"][column].strip("*") == f"{sum(by_seed) / 2:.2f} ± {spread:.2f}"
+    assert means["fake"]["seeds"] == "0, 1 (n = 2)"
+    # Seeds that aren't the same on every scene have no common spread.
+    assert "±" not in means["pinhole"][column] and means["pinhole"]["seeds"] == "not the same on all"
+
+
+def test_methods_are_compared_view_by_view(plain, call, made, tmp_path: Path) -> None:
+    write_dataset(tmp_path / "data", test=7)
+    one = read_result(call(set=("noise=0.5",)).folder)
+    other = read_result(call(set=("noise=0.05",)).folder)
+    call(method="pinhole")
+    call(set=("trouble=lost",))
+    _, out, _ = made()
+    page = (out / "leaderboard.md").read_text()
+    rows_ = {(row[""], row["minus"]): row for row in table_rows(page, "Compared view by view")}
+    assert list(rows_)[0] == ("fake quick noise=0.05", "fake quick noise=0.5") and len(rows_) == 6
+    column = "PSNR [dB] ↑"
+    cell = rows_["fake quick noise=0.05", "fake quick noise=0.5"][column]
+    differences = [a.scores["psnr"] - b.scores["psnr"] for a, b in zip(other.views, one.views, strict=True)]
+    # All seven views say the same: 2 of 128 choices of signs are as far out, times the comparisons of the column.
+    assert cell.startswith(f"{sum(differences) / 7:+.2f} [") and cell.endswith("p = 0.016, **better** (one seed)")
+    gap = rows_["fake quick noise=0.05", "pinhole quick"][column]
+    assert notes(page, gap) == "a run of the pair failed, or lacks this score"
+    assert "Over 7 test views and 4 training views" in page and "## How differences are tested" in page
+    table = {(row["preset"], row["against_preset"], row["method"], row["against_method"], row["column"]): row
+             for row in rows(out / "comparisons.csv")}
+    found = table["quick noise=0.05", "quick noise=0.5", "fake", "fake", "psnr"]
+    assert float(found["difference"]) == pytest.approx(sum(differences) / 7, rel=CSV_DIGITS)
+    assert (found["pairs"], found["seeds"], found["verdict"]) == ("7", "1", "better")
+    assert float(found["low"]) < float(found["difference"]) < float(found["high"])
+
+
+def test_a_board_of_one_compares_nothing(plain, call, made) -> None:
+    call()
+    call(seed=1)
+    _, out, _ = made()
+    page = (out / "leaderboard.md").read_text()
+    assert "Compared view by view" not in page and "How differences are tested" not in page
+    assert rows(out / "comparisons.csv") == []
+
+
+def test_two_views_never_make_it_better(plain, call, made) -> None:
+    call(set=("noise=0.5",))
+    call(set=("noise=0.05",))
+    _, out, _ = made()
+    (row,) = table_rows((out / "leaderboard.md").read_text(), "Compared view by view")
+    assert row["PSNR [dB] ↑"].endswith("p = 0.500") and "better" not in "".join(row.values())
+
+
+def test_scenes_are_compared_together_where_both_have_all(plain, call, made, tmp_path: Path) -> None:
+    write_dataset(tmp_path / "data", test=4)
+    other = write_dataset(tmp_path / "other", name="ripples", seed=1, test=3)
+    for noise in (0.5, 0.05):
+        for data in (tmp_path / "data", other):
+            call(data=data, set=(f"noise={noise}",))
+    call(method="pinhole")
+    _, out, _ = made()
+    page = (out / "leaderboard.md").read_text().split("## Means over scenes")[1]
+    (row,) = table_rows(page, "Compared view by view")
+    assert "Over 7 test views" in page and row["PSNR [dB] ↑"].endswith("**better** (one seed)")
+
+
 def test_claims_stand_apart_with_their_source(plain, call, made) -> None:
     call()
     _, out, _ = made()
@@ -239,6 +318,8 @@ def test_per_view_and_curve_tables(plain, call, made) -> None:
     taken = rows(out / "curves.csv")
     assert list(taken[0])[:7] == ["method", "preset", "dataset", "protocol", "seed", "train_s", "steps"]
     assert [int(row["steps"]) for row in taken] == [point.steps for point in result.curve]
+    assert [float(row["train_cpu_s"]) for row in taken] == pytest.approx(
+        [point.train_cpu_s for point in result.curve], rel=CSV_DIGITS)
 
 
 def test_figures_are_there_and_linked(call, made) -> None:

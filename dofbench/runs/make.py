@@ -5,19 +5,19 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from rich.console import Console
 
-from dofbench.ablation.plan import PlannedRun
 from dofbench.contracts import Budget
-from dofbench.errors import InputError
-from dofbench.harness.prepare import choose, prepare
+from dofbench.harness.lock import is_running
 from dofbench.harness.result import read_result
 from dofbench.harness.run import run
 from dofbench.harness.settings import Run
 from dofbench.processes import Job, Outcome, Report, Watcher, run_jobs
+from dofbench.runs.planned import PlannedRun
 
 RunJobs = Callable[..., list[Outcome]]
 _REPORT_EVERY = 2.0  # seconds
@@ -29,28 +29,29 @@ def make_runs(
 ) -> list[Outcome]:
     """Make the runs in their order, `workers` at a time; one that fails doesn't stop the others.
 
-    ended: told after each. Returns the outcomes; a run that failed with a typed status left its result, and its
-    outcome has no problem: `problem` is for what left none.
+    A run that another command has at work is left for later, and waited for at the end, so that two commands on one
+    folder share the work. ended: told after each. Returns the outcomes; a run that failed with a typed status left its
+    result, and its outcome has no problem: `problem` is for what left none.
     """
     named = {run.name: run for run in runs}
-    jobs = [Job(name, partial(make_run, run.settings, run.spec.key)) for name, run in named.items()]
+    jobs = [Job(name, partial(make_run, run.settings, run.spec.key, run.folder), busy=partial(is_running, run.folder))
+            for name, run in named.items()]
     return run_jobs(jobs, workers=workers, watcher=_Told(watcher, lambda name: ended(named[name])))
 
 
-def make_run(settings: Run, key: str, report: Report) -> str:
+def make_run(settings: Run, key: str, folder: Path, report: Report) -> str:
     """One run, in the process that is its own; returns one line about its end.
 
-    Raises InputError when the run is another one than was planned: code or data changed meanwhile.
+    key: the run's, as it was planned. folder: its result's. Raises InputError when the run is another one than was
+    planned: code or data changed meanwhile.
     """
-    assert settings.data is not None
-    prepared = prepare(settings, choose(settings), settings.data)
-    if prepared.spec.key != key:
-        raise InputError(prepared.folder, "code or data that changed since the call began",
-                         "the same; the same command goes on with the new")
-    end = run(settings, Console(quiet=True), partial(_Reported, report))
+    if is_running(folder):
+        report(("waiting for another process that has it at work", 0, 0))
+    end = run(settings, Console(quiet=True), partial(_Reported, report), key=key, wait=True)
     result = read_result(end.folder)
     trained = f"{result.scores['steps']:.0f} steps in {result.scores['train_s']:.0f} s"
-    return f"{prepared.spec.folder}: {result.status}, {trained}" + (f": {result.message}" if result.message else "")
+    parts = [f"{result.status}, {trained}", *(["by another process"] * end.reused)]
+    return f"{result.spec.folder}: {', '.join(parts)}" + (f": {result.message}" if result.message else "")
 
 
 class _Reported:

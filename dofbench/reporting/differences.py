@@ -1,0 +1,115 @@
+"""Differences between runs, column by column: which values are paired, and how a difference reads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dofbench.errors import Status
+from dofbench.harness.protocol import LENS_COLUMNS
+from dofbench.reporting.collect import Entry
+from dofbench.reporting.columns import COLUMNS, COST, Column
+from dofbench.reporting.paired import Difference, Group, grouped_difference, holm
+
+Side = Sequence[Entry]  # the seeds of one variant on one dataset
+
+
+@dataclass(frozen=True)
+class Compared:
+    """difference: None where there is none, for the `reason`."""
+
+    difference: Difference | None
+    reason: str = ""
+
+
+def compare(groups: Sequence[tuple[Side, Side]], column: str) -> Compared:
+    """One side's runs against the other's in a column, paired by view; for a cost, which has no views, by seed.
+
+    groups: the two sides' seeds on each dataset. There is no difference over an incomplete set: every run must have
+    gone well, and have the score of the same views.
+    """
+    pairs: list[Group] = []
+    for one, other in groups:
+        found = _by_seed(one, other, column) if column in COST else _by_view(one, other, column)
+        if isinstance(found, str):
+            return Compared(None, found)
+        pairs.append(found)
+    difference = grouped_difference(pairs)
+    if column in COST:  # there the seeds are what is paired
+        difference = replace(difference, seeds=min(len(one) for one, _ in groups))
+    return Compared(difference)
+
+
+def adjusted(compared: Sequence[Compared]) -> list[Compared]:
+    """The same with p adjusted for their number."""
+    p = holm([one.difference.p if one.difference else None for one in compared])
+    return [one if one.difference is None else Compared(replace(one.difference, p=value))
+            for one, value in zip(compared, p, strict=True)]
+
+
+def difference_text(difference: Difference, column: Column) -> str:
+    """As "+0.31 [+0.12, +0.50], p = 0.003, better"; the word only where test and interval bear it."""
+    text = number = _signed(difference.mean, column)
+    if difference.low is not None and difference.high is not None:
+        text += f" [{_signed(difference.low, column)}, {_signed(difference.high, column)}]"
+    if difference.p is None:
+        return text
+    text += ", p < 0.001" if difference.p < 0.001 else f", p = {difference.p:.3f}"
+    word = verdict(difference, column)
+    if not word or float(number) == 0:  # what can't be seen in the table is no better
+        return text
+    shown = f"**{word}**" if word in ("better", "worse") else word
+    return f"{text}, {shown}" + (" (one seed)" if difference.seeds < 2 else "")
+
+
+def verdict(difference: Difference, column: Column) -> str:
+    """better, worse, more, less, or "" where nothing can be said."""
+    if not difference.telling:
+        return ""
+    if column.higher_is_better is None:
+        return "more" if difference.mean > 0 else "less"
+    return "better" if (difference.mean > 0) is column.higher_is_better else "worse"
+
+
+def _signed(value: float, column: Column) -> str:
+    return f"{value:+.{column.digits}f}"
+
+
+def _by_view(one: Side, other: Side, column: str) -> Group | str:
+    sides, names = [], []
+    for entries in (one, other):
+        rows = [_values(entry, column) for entry in entries]
+        if not rows or any(row is None for row in rows):
+            return "a run of the pair failed, or lacks this score"
+        sides.append(rows)
+        names += [sorted(row) for row in rows if row is not None]
+    if any(name != names[0] for name in names) or not names[0]:
+        return "the two have no scores of the same views"
+    first, second = (np.array([[row[name] for name in names[0]] for row in rows if row is not None]) for rows in sides)
+    return first, second
+
+
+def _by_seed(one: Side, other: Side, column: str) -> Group | str:
+    found = []
+    for entries in (one, other):
+        if any(entry.status is not Status.OK or column not in entry.scores for entry in entries):
+            return "a run of the pair failed, or lacks this score"
+        found.append({entry.spec.seed: entry.scores[column] for entry in entries})
+    if found[0].keys() != found[1].keys() or not found[0]:
+        return "the two were not run with the same seeds"
+    first, second = (np.array([[values[seed] for seed in sorted(values)]]) for values in found)
+    return first, second
+
+
+def _values(entry: Entry, column: str) -> dict[str, float] | None:
+    """View -> value of a run; None where it hasn't a value of every view."""
+    if entry.status is not Status.OK or entry.result is None or column not in COLUMNS:
+        return None
+    if column in LENS_COLUMNS:
+        return {view.name: getattr(view, column) for view in entry.result.lens} or None
+    views = entry.views
+    if not views or any(column not in scores for scores in views.values()):
+        return None
+    return {name: scores[column] for name, scores in views.items()}

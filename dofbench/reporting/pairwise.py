@@ -1,0 +1,121 @@
+"""Every method of a board against every other: how much better, and how sure that is."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from dofbench.harness.protocol import arithmetic_mean
+from dofbench.reporting.collect import Entry, grouped
+from dofbench.reporting.columns import ALL_IN_FOCUS, COLUMNS, DEPTH, LENS, REFOCUS
+from dofbench.reporting.differences import Compared, adjusted, compare, difference_text, verdict
+from dofbench.reporting.footnotes import Footnotes, table
+from dofbench.reporting.line_table import plain
+from dofbench.reporting.paired import EXPLANATION
+from dofbench.reporting.tables import write_csv
+
+Variant = tuple[str, ...]
+Seeds = dict[Variant, list[Entry]]  # of one dataset
+
+COMPARED = ("psnr", "ssim", "flip", "aif_psnr", "aif_ssim", "aif_flip", "delta_a", "delta_f", "disparity_error")
+EVERY_PAIR = 8  # variants of which every pair is compared; of more, each with the first, or a page would be all pairs
+HEADING = "Compared view by view"
+FILE_COLUMNS = ("dataset", "protocol", "method", "preset", "against_method", "against_preset", "column", "pairs",
+                "seeds", "difference", "low", "high", "p", "verdict", "reason")
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two variants and what their differences are, by column."""
+
+    one: Variant
+    other: Variant
+    compared: dict[str, Compared]
+
+
+def pairwise(datasets: Sequence[Seeds], order: Sequence[Variant]) -> list[Pair]:
+    """Compare the variants that every dataset has, in this order, in every score; p adjusted over a column's pairs."""
+    whole = [variant for variant in order if all(variant in seeds for seeds in datasets)]
+    pairs = list(itertools.combinations(whole, 2))
+    if len(whole) > EVERY_PAIR:
+        pairs = [pair for pair in pairs if pair[0] == whole[0]]
+    found: list[dict[str, Compared]] = [{} for _ in pairs]
+    for column in (*REFOCUS, *ALL_IN_FOCUS, *LENS, *DEPTH):
+        raw = [compare([(seeds[one], seeds[other]) for seeds in datasets], column) for one, other in pairs]
+        for compared, one in zip(found, adjusted(raw), strict=True):
+            compared[column] = one
+    return [Pair(*pair, compared) for pair, compared in zip(pairs, found, strict=True)]
+
+
+def board_pairs(members: Sequence[Entry]) -> list[Pair]:
+    """The pairs of one board, in the order of its table."""
+    variants = grouped(list(members), "variant")
+    return pairwise([variants], _ranked([variants]))
+
+
+def scene_pairs(scenes: Sequence[Seeds]) -> list[Pair]:
+    """The pairs of a mean over scenes: of the variants that every scene has, over all their views."""
+    return pairwise(scenes, _ranked(scenes))
+
+
+def _ranked(datasets: Sequence[Seeds]) -> list[Variant]:
+    """As lines are ranked: best refocus PSNR first, then by all-in-focus PSNR."""
+    def place(variant: Variant) -> tuple:
+        means = []
+        for column in ("psnr", "aif_psnr"):
+            values = [entry.scores.get(column) for seeds in datasets for entry in seeds.get(variant, [])]
+            known = [value for value in values if value is not None and not math.isnan(value)]
+            means += [not known, -arithmetic_mean(known) if known else 0.0]
+        return (*means, variant)
+
+    return sorted({variant for seeds in datasets for variant in seeds}, key=place)
+
+
+def pairwise_table(pairs: Sequence[Pair], names: dict[Variant, tuple[str, str]], notes: Footnotes) -> list[str]:
+    """Markdown; empty where there is no pair, or no score that two have."""
+    columns = [column for column in COMPARED if any(pair.compared[column].difference for pair in pairs)]
+    if not columns:
+        return []
+    rows = []
+    for pair in pairs:
+        cells = []
+        for column in columns:
+            found = pair.compared[column]
+            cells.append(f"–{notes.mark(found.reason)}" if found.difference is None
+                         else difference_text(found.difference, COLUMNS[column]))
+        rows.append([*(plain(" ".join(names[side])) for side in (pair.one, pair.other)), *cells])
+    counts = {column: {found.difference.pairs for pair in pairs if (found := pair.compared[column]).difference}
+              for column in columns}
+    words = dict.fromkeys(
+        f"{' or '.join(map(str, sorted(found)))} {'training' if column in LENS else 'test'} "
+        f"view{'' if found == {1} else 's'}" for column, found in counts.items())
+    heading = ["", "minus", *(COLUMNS[column].heading for column in columns)]
+    return [f"Over {' and '.join(words)}; see *How differences are tested*.", "", *table(heading, rows, left=2)]
+
+
+def explanation() -> list[str]:
+    """What the tables of differences say, once for a page."""
+    return ["## How differences are tested", "", EXPLANATION, ""]
+
+
+def write_comparisons_csv(
+    path: Path, boards: Sequence[tuple[str, str, list[Pair]]], names: dict[Variant, tuple[str, str]],
+) -> None:
+    """One row a pair and score. boards: (dataset or datasets, protocol, pairs)."""
+    rows = []
+    for dataset, protocol, pairs in boards:
+        for pair in pairs:
+            (method, preset), (against, against_preset) = names[pair.one], names[pair.other]
+            for column, found in pair.compared.items():
+                row: dict[str, object] = {
+                    "dataset": dataset, "protocol": protocol, "method": method, "preset": preset,
+                    "against_method": against, "against_preset": against_preset, "column": column,
+                    "reason": found.reason}
+                if (one := found.difference) is not None:
+                    row |= {"pairs": one.pairs, "seeds": one.seeds, "difference": one.mean, "low": one.low,
+                            "high": one.high, "p": one.p, "verdict": verdict(one, COLUMNS[column])}
+                rows.append(row)
+    write_csv(path, FILE_COLUMNS, rows)

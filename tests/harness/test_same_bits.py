@@ -1,0 +1,54 @@
+"""Same seed, same numbers: the command line as a user calls it, on other numbers of threads."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dofbench.content import content_folder
+from dofbench.harness.result import Result, read_result
+from dofbench.synthesis import make_dataset
+from dofbench.synthesis.settings import MakeDataset
+
+TIMED = {"train_s", "train_cpu_s", "cold_start_s", "render_fps", "peak_mb"}
+LIMIT = 600  # seconds, with kernels that must be compiled, on a busy machine
+
+
+def trained(folder: Path, threads: int) -> Path:
+    """The result's folder of one run of 60 steps in a process of its own, with all that the default preset does."""
+    command = [sys.executable, "-m", "dofbench", "run", "--method", "dofgaussian", "--preset", "cpu",
+               "--budget", "60it", "--data", str(folder / "data"), "--out", str(folder / f"on-{threads}")]
+    environment = os.environ | {"OMP_NUM_THREADS": str(threads), "NUMBA_NUM_THREADS": str(threads)}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT, env=environment)
+    assert done.returncode == 0, done.stderr
+    (file,) = (folder / f"on-{threads}").rglob("result.json")
+    return file.parent
+
+
+def timeless(result: Result) -> list:
+    """All that a result says but times, memory and where it was made."""
+    return [result.spec, {column: value for column, value in result.scores.items() if column not in TIMED},
+            result.views, result.lens, [(point.steps, point.loss, point.scores) for point in result.curve],
+            result.description, result.do_nothing, result.predictions, result.model]
+
+
+@pytest.mark.slow
+def test_one_and_two_threads_give_the_same_bits(tmp_path: Path) -> None:
+    make_dataset(MakeDataset(scene=str(content_folder("datasets") / "thinlens" / "foliage"), width=96,
+                             out=tmp_path / "data"))
+    one, two = (trained(tmp_path, threads) for threads in (1, 2))
+    files = [sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file()) for folder in (one, two)]
+    assert files[0] == files[1] and Path("model/gaussians.ply") in files[0]
+    different = [str(name) for name in files[0]
+                 if name.name != "result.json" and (one / name).read_bytes() != (two / name).read_bytes()]
+    assert different == []
+    first, second = read_result(one), read_result(two)
+    assert (first.machine["threads"], second.machine["threads"]) == (1, 2)
+    assert timeless(first) == timeless(second)
+    # It is a training that is compared: the scene grew, and came closer to the photographs.
+    assert first.curve[-1].scores["aif_psnr"] > first.curve[0].scores["aif_psnr"] + 3
+    assert first.curve[-1].loss < 0.7 * first.curve[0].loss
