@@ -171,3 +171,5 @@ LENS_SMEAR = 5e-2
 LENS_GRADIENT = 5e-2
 # The planes' ends beside the nearest and farthest true disparity, relative: percentiles of the points, and a margin.
 SWEEP_REACH = 0.5
+# A level is a whole number of steps; both are floats.
+ROUNDED_LEVEL = 1e-9

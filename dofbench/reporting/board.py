@@ -11,12 +11,21 @@ from rich.console import Console
 from dofbench.files import write_text
 from dofbench.reporting import tables
 from dofbench.reporting.collect import board_names, collect, grouped, variant_names
-from dofbench.reporting.columns import COLUMNS
 from dofbench.reporting.comparison import write_strip
 from dofbench.reporting.curves import write_curves
 from dofbench.reporting.figures import file_name
 from dofbench.reporting.markdown import leaderboard_markdown
+from dofbench.reporting.plots import Plot, make_plots
+from dofbench.reporting.reach import RULE
 from dofbench.reporting.settings import Report
+from dofbench.reporting.timing import (
+    FRONT_RULE,
+    TIME_RULE,
+    level_words,
+    timing_lines,
+    write_front_csv,
+    write_reach_csv,
+)
 
 
 @dataclass(frozen=True)
@@ -35,7 +44,7 @@ class Written:
 
 
 def write_report(settings: Report, console: Console | None = None) -> Written:
-    """Write leaderboard.csv, per_view.csv, curves.csv, curves/, comparison/ and leaderboard.md.
+    """Write leaderboard.csv, per_view.csv, curves.csv, reach.csv, pareto.csv, curves/, comparison/ and leaderboard.md.
 
     The same results give the same files, byte for byte. A result that can't be read is skipped and
     named. Raises InputError when there is no result at all.
@@ -55,31 +64,50 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
     for folder in collection.doubles:
         say(f"not counted, a copy of another result: {folder}")
 
-    files = [out / name for name in ("leaderboard.csv", "per_view.csv", "curves.csv")]
+    names, boards = variant_names(entries), board_names(entries)
+    plots = make_plots(entries, names, boards, settings.levels)
+    files = [out / name for name in ("leaderboard.csv", "per_view.csv", "curves.csv", "reach.csv", "pareto.csv")]
     tables.write_leaderboard_csv(files[0], entries)
     tables.write_per_view_csv(files[1], entries)
     tables.write_curves_csv(files[2], entries)
+    write_reach_csv(files[3], plots)
+    write_front_csv(files[4], plots)
 
-    pictures: dict[tuple[str, ...], list[tuple[str, str]]] = {}
-    names, boards = variant_names(entries), board_names(entries)
+    drawn = write_curves(out / "curves", plots)
+    blocks: dict[tuple[str, ...], list[str]] = {}
+    rules = [f"{TIME_RULE}. {RULE} {level_words(plots)} {FRONT_RULE}.", ""]
     for board, members in grouped(entries, "board").items():
         name = boards[board]
-        shown = pictures.setdefault(board, [])
-        for column, paths in write_curves(out / "curves", members, name, names).items():
-            files += paths
-            shown.append((f"{COLUMNS[column].label} against training time", f"curves/{paths[0].name}"))
+        own = [plot for plot in plots if plot.board == board]
+        block = blocks.setdefault(board, _time_block(own, drawn, rules if own else []))
+        rules = [] if own else rules  # said once
+        files += [path for paths in drawn.get(board, {}).values() for path in paths]
         if not settings.pictures:
             continue
         strip = out / "comparison" / f"{file_name(name, board[2])}.png"
         trouble = write_strip(strip, members, names)
         if trouble is None:
             files.append(strip)
-            shown.append(("truth, predictions and errors", f"comparison/{strip.name}"))
+            block += [f"![truth, predictions and errors](comparison/{strip.name})", ""]
         else:
             say(f"no pictures of {name}, {board[2]}: {trouble}")
     page = out / "leaderboard.md"
-    write_text(page, leaderboard_markdown(collection, pictures))
+    write_text(page, leaderboard_markdown(collection, blocks))
     files.append(page)
     for file in files:
         say(f"wrote {file}")
     return Written(tuple(files), collection.unreadable)
+
+
+def _time_block(
+    plots: list[Plot], drawn: dict[tuple[str, ...], dict[str, list[Path]]], rules: list[str]
+) -> list[str]:
+    """Error against run time on one board: for each score the plot, the front, and the time to reach levels of it."""
+    if not plots:
+        return []
+    lines = ["### Error against run time", "", *rules]
+    for plot in plots:
+        if (paths := drawn.get(plot.board, {}).get(plot.column)) is not None:
+            lines += [f"![{plot.score.label} against training time](curves/{paths[0].name})", ""]
+        lines += timing_lines(plot)
+    return lines

@@ -21,7 +21,7 @@ from dofbench.errors import InputError
 from dofbench.harness.check import check_result
 from dofbench.harness.lock import locked
 from dofbench.harness.result import Spec, read_result
-from dofbench.reporting import board, curves, report
+from dofbench.reporting import board, curves, reach, report
 from dofbench.reporting.board import Written, write_report
 from dofbench.reporting.columns import DEPTH
 from dofbench.reporting.held_out import ASKED_HEADING
@@ -49,9 +49,9 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
 def made(tmp_path: Path) -> Callable[..., tuple[Written, Path, str]]:
     """`made()` writes the report of tmp_path/results; returns what was written, where, and what was said."""
 
-    def made(out: str = "board", pictures: bool = True) -> tuple[Written, Path, str]:
+    def made(out: str = "board", pictures: bool = True, reach: str = "") -> tuple[Written, Path, str]:
         stream = io.StringIO()
-        settings = Report(tmp_path / "results", tmp_path / out, pictures)
+        settings = Report(tmp_path / "results", tmp_path / out, pictures, reach)
         written = write_report(settings, Console(file=stream, width=400))
         return written, tmp_path / out, stream.getvalue()
 
@@ -239,6 +239,29 @@ def test_per_view_and_curve_tables(plain, call, made) -> None:
     taken = rows(out / "curves.csv")
     assert list(taken[0])[:7] == ["method", "preset", "dataset", "protocol", "seed", "train_s", "steps"]
     assert [int(row["steps"]) for row in taken] == [point.steps for point in result.curve]
+
+
+def test_time_to_reach_a_score(plain, call, made) -> None:
+    end = call()
+    call(set=("trouble=lost",))
+    points = read_result(end.folder).curve
+    level = 20.0
+    first = next(point for point in points if point.scores["psnr"] >= level)
+    before = max((point.train_s for point in points if point.train_s < first.train_s), default=0.0)
+    _, out, _ = made(reach="psnr=20,psnr=999")
+    found = {(row["preset"], row["level"]): row for row in rows(out / "reach.csv") if row["score"] == "psnr"}
+    good = found["quick", "20"]
+    assert float(good["reached_s"]) == pytest.approx(first.train_s, rel=CSV_DIGITS)
+    assert float(good["not_before_s"]) == pytest.approx(before, rel=CSV_DIGITS) and good["held"] == "yes"
+    assert found["quick", "999"]["reached_s"] == "" and found["quick trouble=lost", "20"]["reached_s"] == ""
+    page = (out / "leaderboard.md").read_text()
+    lines = {row["time to reach"]: row for row in table_rows(page, "Error against run time")}
+    assert lines["fake quick"]["PSNR ≥ 20 dB"] == reach.seconds_text(first.train_s)
+    assert lines["fake quick"]["PSNR ≥ 999 dB"] == lines["fake quick trouble=lost"]["PSNR ≥ 20 dB"] == "not reached"
+    assert page.count(reach.RULE) == 1 and re.search(r"^Pareto front: fake quick from [\d.]+ s", page, re.MULTILINE)
+    front = [row for row in rows(out / "pareto.csv") if row["score"] == "psnr"]
+    assert {float(row["value"]) for row in front} <= {float(f"{p.scores['psnr']:.8g}") for p in points}
+    assert max(float(row["value"]) for row in front) == max(float(f"{p.scores['psnr']:.8g}") for p in points)
 
 
 def test_figures_are_there_and_linked(call, made) -> None:
