@@ -14,6 +14,8 @@ from dofbench.reporting.collect import board_names, collect, grouped, variant_na
 from dofbench.reporting.comparison import write_strip
 from dofbench.reporting.curves import write_curves
 from dofbench.reporting.figures import file_name
+from dofbench.reporting.html.ablations import read_ablations
+from dofbench.reporting.html.page import report_page
 from dofbench.reporting.markdown import leaderboard_markdown
 from dofbench.reporting.plots import Plot, make_plots
 from dofbench.reporting.reach import RULE
@@ -44,14 +46,16 @@ class Written:
 
 
 def write_report(settings: Report, console: Console | None = None) -> Written:
-    """Write leaderboard.csv, per_view.csv, curves.csv, reach.csv, pareto.csv, curves/, comparison/ and leaderboard.md.
+    """Write leaderboard.csv, per_view.csv, curves.csv, reach.csv, pareto.csv, curves/, comparison/, leaderboard.md
+    and report.html.
 
     The same results give the same files, byte for byte. A result that can't be read is skipped and
-    named. Raises InputError when there is no result at all.
+    named. Raises InputError when there is no result at all, or no table in a folder of ablations.
     """
     console = console or Console()
     collection = collect(settings.results)
     entries, out = collection.entries, settings.out
+    ablations = read_ablations(settings.ablation) if settings.ablation is not None else []
 
     def say(line: str) -> None:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
@@ -94,6 +98,9 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
     page = out / "leaderboard.md"
     write_text(page, leaderboard_markdown(collection, blocks))
     files.append(page)
+    whole = out / "report.html"
+    write_text(whole, report_page(collection, plots, ablations, pictures=settings.pictures))
+    files.append(whole)
     for file in files:
         say(f"wrote {file}")
     return Written(tuple(files), collection.unreadable)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from dofbench.reporting.series import Series
 
 PLOTTED = ("psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f")
 FRONT_LABEL = "Pareto front"
+_LEGEND_WIDTH = 95    # characters
+_LEGEND_LINE = 0.16   # inches
 
 
 def write_curves(folder: Path, plots: Iterable[Plot]) -> dict[tuple[str, ...], dict[str, list[Path]]]:
@@ -29,13 +32,15 @@ def write_curves(folder: Path, plots: Iterable[Plot]) -> dict[tuple[str, ...], d
 
 
 def _figure(plot: Plot):
-    figure = new_figure(7.0, 4.2)
+    labels = [_wrapped(_label(series)) for series in plot.series]
+    lines = sum(label.count("\n") + 1 for label in labels) + (len(plot.front) > 1) + (plot.nothing is not None)
+    figure = new_figure(7.0, 3.9 + _LEGEND_LINE * lines)
     axes = figure.add_subplot()
     if len(plot.front) > 1:  # below the curves, so that it hides none
         axes.step([point.time for point in plot.front], [point.score for point in plot.front], where="post",
                   color=NEUTRAL, alpha=0.3, linewidth=6, solid_capstyle="butt", label=FRONT_LABEL)
-    for index, series in enumerate(plot.series):
-        _draw(axes, series, look(index))
+    for index, (series, label) in enumerate(zip(plot.series, labels, strict=True)):
+        _draw(axes, series, label, look(index))
     if plot.nothing is not None:
         axes.axhline(plot.nothing, color=NEUTRAL, linestyle=(0, (1, 3)), label="do nothing")
     axes.set_xscale("log")
@@ -43,21 +48,34 @@ def _figure(plot: Plot):
     axes.set_ylabel(plot.score.heading)
     axes.set_title(f"{plot.dataset}, {plot.protocol}")
     axes.grid(True, which="both", alpha=0.3)
-    axes.legend(fontsize=8)
+    axes.xaxis.set_major_formatter("{x:g}")
+    figure.legend(fontsize=8, loc="outside lower left")  # below: options can make a label longer than the plot
     return figure
 
 
-def _draw(axes, series: Series, style: dict[str, str]) -> None:
+def _label(series: Series) -> str:
+    seeds = f", median of {len(series.runs)} seeds" if _several(series) else ""
+    return series.name + (f" ({series.failures})" if series.failures else "") + seeds
+
+
+def _wrapped(label: str) -> str:
+    return "\n".join(textwrap.wrap(label, _LEGEND_WIDTH, subsequent_indent="  "))
+
+
+def _several(series: Series) -> bool:
+    return len(series.runs) > 1 and bool(series.median)
+
+
+def _draw(axes, series: Series, label: str, style: dict[str, str]) -> None:
     """A run as its scored moments; several as thin lines and their median, which is a step as no score is
     interpolated."""
-    label = series.name + (f" ({series.failures})" if series.failures else "")
-    several = len(series.runs) > 1 and bool(series.median)
+    several = _several(series)
+    unnamed = not several  # one label a series; matplotlib leaves those with an underscore out of the legend
     for run in series.runs:
         if not run.points:
             continue
         thin = {"linewidth": 0.8, "alpha": 0.5, "markersize": 2} if several else {"markersize": 3}
-        axes.plot(*zip(*run.points, strict=True), label="_seed" if several else label, marker="o", **thin, **style)
-        label = "_another seed"  # matplotlib leaves labels with an underscore out of the legend
+        axes.plot(*zip(*run.points, strict=True), label=label if unnamed else "_seed", marker="o", **thin, **style)
+        unnamed = False
     if several:
-        label = f"{series.name}, median of {len(series.runs)} seeds"
         axes.step(*zip(*series.median, strict=True), where="post", label=label, linewidth=2, **style)

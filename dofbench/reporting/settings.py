@@ -23,6 +23,8 @@ class Report:
     reach: str = ""
     """Levels for the tables of time to reach a score, comma-separated: psnr=30,delta_f=0.01. Scores without one get
     levels chosen from the data."""
+    ablation: Path | None = None
+    """Folder of tables, as `dofbench ablate` writes them, to be shown in report.html too."""
 
     def __post_init__(self) -> None:
         self.levels  # noqa: B018 - a wrong level is named before anything is read
