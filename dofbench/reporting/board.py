@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 
 from dofbench.files import write_text
 from dofbench.reporting import tables
-from dofbench.reporting.collect import board_names, collect, grouped, variant_names
+from dofbench.reporting.collect import Entry, board_names, collect, grouped, variant_names
 from dofbench.reporting.comparison import write_strip
+from dofbench.reporting.costs import cost_lines, write_times_csv
 from dofbench.reporting.curves import write_curves
 from dofbench.reporting.figures import file_name
+from dofbench.reporting.footnotes import Footnotes
 from dofbench.reporting.html.ablations import read_ablations
 from dofbench.reporting.html.page import report_page
 from dofbench.reporting.markdown import leaderboard_markdown
@@ -46,8 +49,8 @@ class Written:
 
 
 def write_report(settings: Report, console: Console | None = None) -> Written:
-    """Write leaderboard.csv, per_view.csv, curves.csv, reach.csv, pareto.csv, curves/, comparison/, leaderboard.md
-    and report.html.
+    """Write leaderboard.csv, per_view.csv, curves.csv, reach.csv, pareto.csv, times.csv, curves/, comparison/,
+    leaderboard.md and report.html.
 
     The same results give the same files, byte for byte. A result that can't be read is skipped and
     named. Raises InputError when there is no result at all, or no table in a folder of ablations.
@@ -70,31 +73,32 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
 
     names, boards = variant_names(entries), board_names(entries)
     plots = make_plots(entries, names, boards, settings.levels)
-    files = [out / name for name in ("leaderboard.csv", "per_view.csv", "curves.csv", "reach.csv", "pareto.csv")]
+    files = [out / name for name in (
+        "leaderboard.csv", "per_view.csv", "curves.csv", "reach.csv", "pareto.csv", "times.csv")]
     tables.write_leaderboard_csv(files[0], entries)
     tables.write_per_view_csv(files[1], entries)
     tables.write_curves_csv(files[2], entries)
     write_reach_csv(files[3], plots)
     write_front_csv(files[4], plots)
+    write_times_csv(files[5], entries)
 
     drawn = write_curves(out / "curves", plots)
-    blocks: dict[tuple[str, ...], list[str]] = {}
-    rules = [f"{TIME_RULE}. {RULE} {level_words(plots)} {FRONT_RULE}.", ""]
+    blocks: dict[tuple[str, ...], Callable[[Footnotes], list[str]]] = {}
     for board, members in grouped(entries, "board").items():
-        name = boards[board]
+        figures = drawn.get(board, {})
+        files += [path for paths in figures.values() for path in paths]
+        strip = None
+        if settings.pictures:
+            strip = out / "comparison" / f"{file_name(boards[board], board[2])}.png"
+            trouble = write_strip(strip, members, names)
+            if trouble is None:
+                files.append(strip)
+            else:
+                strip = None
+                say(f"no pictures of {boards[board]}, {board[2]}: {trouble}")
         own = [plot for plot in plots if plot.board == board]
-        block = blocks.setdefault(board, _time_block(own, drawn, rules if own else []))
-        rules = [] if own else rules  # said once
-        files += [path for paths in drawn.get(board, {}).values() for path in paths]
-        if not settings.pictures:
-            continue
-        strip = out / "comparison" / f"{file_name(name, board[2])}.png"
-        trouble = write_strip(strip, members, names)
-        if trouble is None:
-            files.append(strip)
-            block += [f"![truth, predictions and errors](comparison/{strip.name})", ""]
-        else:
-            say(f"no pictures of {name}, {board[2]}: {trouble}")
+        rules = "" if blocks else f"{TIME_RULE}. {RULE} {level_words(plots)} {FRONT_RULE}."  # said once
+        blocks[board] = partial(_block, members, names, own, figures, strip, rules)
     page = out / "leaderboard.md"
     write_text(page, leaderboard_markdown(collection, blocks))
     files.append(page)
@@ -106,15 +110,17 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
     return Written(tuple(files), collection.unreadable)
 
 
-def _time_block(
-    plots: list[Plot], drawn: dict[tuple[str, ...], dict[str, list[Path]]], rules: list[str]
+def _block(
+    members: list[Entry], names: dict[tuple[str, ...], tuple[str, str]], plots: list[Plot],
+    figures: dict[str, list[Path]], strip: Path | None, rules: str, notes: Footnotes,
 ) -> list[str]:
-    """Error against run time on one board: for each score the plot, the front, and the time to reach levels of it."""
-    if not plots:
-        return []
-    lines = ["### Error against run time", "", *rules]
+    """What stands below the tables of one board: error against run time, its cost, and pictures."""
+    lines = ["### Error against run time", "", *([rules, ""] if rules else []),
+             *cost_lines(members, names, notes), ""]
     for plot in plots:
-        if (paths := drawn.get(plot.board, {}).get(plot.column)) is not None:
+        if (paths := figures.get(plot.column)) is not None:
             lines += [f"![{plot.score.label} against training time](curves/{paths[0].name})", ""]
         lines += timing_lines(plot)
+    if strip is not None:
+        lines += [f"![truth, predictions and errors](comparison/{strip.name})", ""]
     return lines

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from dofbench.harness.methods import find_method, method_files
@@ -21,8 +22,10 @@ of different protocols, or of different versions of a dataset, never share a tab
 is what a predictor of the lens scores that learns nothing; an error above it is worse than no learning."""
 
 
-def leaderboard_markdown(collection: Collection, blocks: dict[tuple[str, ...], list[str]]) -> str:
-    """The page. blocks: board -> the lines below its tables: plots, times to reach a score, pictures."""
+def leaderboard_markdown(
+    collection: Collection, blocks: dict[tuple[str, ...], Callable[[Footnotes], list[str]]]
+) -> str:
+    """The page. blocks: board -> writes the lines below its tables: costs, plots, times to reach a score, pictures."""
     entries = collection.entries
     notes = Footnotes()
     names, boards = variant_names(entries), board_names(entries)
@@ -45,7 +48,7 @@ def leaderboard_markdown(collection: Collection, blocks: dict[tuple[str, ...], l
             groups = [(*names[variant], seeds) for variant, seeds in grouped(members, "variant").items()]
             if asked := asked_table(groups, notes):
                 page += [f"### {ASKED_HEADING}", "", *asked, ""]
-        page += blocks.get(board, [])
+        page += blocks[board](notes)
     for kind, scenes in by_kind.items():
         if len(scenes) > 1:
             page += [f"## Means over scenes, {kind}", "", f"Scenes: {', '.join(scenes)}.", "",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -42,6 +43,16 @@ class Made:
         return (self.out / "report.html").read_text()
 
 
+def set_times(file: Path) -> None:
+    """Half a second a step, and a tenth more for each seed: what these runs really took is chance."""
+    data = json.loads(file.read_text())
+    pace = 0.5 * (1 + 0.1 * data["spec"]["seed"])
+    for point in data["curve"]:
+        point["train_s"] = pace * point["steps"]
+    data["scores"]["train_s"] = pace * data["scores"]["steps"]
+    file.write_text(json.dumps(data))
+
+
 @pytest.fixture(scope="session")
 def made_report(tmp_path_factory: pytest.TempPathFactory) -> Made:
     """Two scenes of which the paper has one, three seeds, a method without a lens, a failure, and sharp inputs."""
@@ -57,6 +68,8 @@ def made_report(tmp_path_factory: pytest.TempPathFactory) -> Made:
         call(data=fern)
         call(data=fern, method="pinhole")
         call(inputs="all-in-focus")
+        for file in sorted((folder / "results").rglob("result.json")):
+            set_times(file)
         ablation = folder / "ablation"
         ablation.mkdir()
         (ablation / "table4-summary.csv").write_text(SUMMARY)

@@ -169,17 +169,18 @@ def test_every_pair_of_score_and_scene_can_be_chosen(opened: Page) -> None:
 
 def test_curves_show_values_on_hover(opened: Page, made_report) -> None:
     choose(opened, "plot-board", "fern_small, refocus-v2")
-    choose(opened, "plot-score", "all-in-focus PSNR")
-    (pinhole,) = [one for path in made_report.results.rglob("result.json")
-                  if (one := read_result(path)).spec.method == "pinhole" and one.spec.dataset == "fern_small"]
-    last = pinhole.curve[-1].scores["aif_psnr"]
-    # The last mark of the last curve, before the empty layer for what is hovered.
+    choose(opened, "plot-score", "PSNR")  # which the pinhole has not: there is one curve
+    (fake,) = [one for path in made_report.results.rglob("result.json")
+               if (one := read_result(path)).spec.method == "fake" and one.spec.dataset == "fern_small"]
+    last = fake.curve[-1]
+    # The last path is the curve's last mark.
     x, y = middle(opened, "document.querySelector('#chart svg')")
     x, y = opened.run("(({left, top, width, height}) => [left + width / 2, top + height / 2])"
                       "([...document.querySelectorAll('#chart svg > path')].at(-1).getBoundingClientRect())")
     opened.mouse("moved", x, y)
     said = opened.run("document.getElementById('tip').textContent")
-    assert said.startswith("pinhole quick, seed 0") and f"all-in-focus PSNR {last:.2f} dB after " in said
+    assert said.startswith("fake quick, nothing left out, seed 0")
+    assert f"PSNR {last.scores['psnr']:.2f} dB after {last.train_s:.1f} s" in said
     opened.mouse("moved", 1, 1)
     assert opened.run("document.getElementById('tip').hidden")
 

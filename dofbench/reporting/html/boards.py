@@ -5,21 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dofbench.errors import Status
 from dofbench.harness.protocol import PROTOCOLS
 from dofbench.reporting.collect import Entry, board_names, grouped, variant_names
-from dofbench.reporting.columns import COST, SCORES, Column
+from dofbench.reporting.columns import COST, SCORES
+from dofbench.reporting.costs import COLD_START, STAGE_COLUMNS, TRAIN_CPU, stage_cell
 from dofbench.reporting.lenses import HELD_OUT, lens_words
-from dofbench.reporting.summary import Cell, Line, do_nothing_line, spread_cell, variant_line
+from dofbench.reporting.summary import Line, do_nothing_line, variant_line
 
 Variant = tuple[str, ...]
 
-# Beside the columns that results have by name; from the stages that they time.
-COLD_START = Column("warm_up_s", "cold start", "s", None, 1,
-                    "wall time of a first step before training, which compiles kernels where they aren't cached; in no "
-                    "other figure")
-TRAIN_CPU = Column("train_cpu_s", "training, CPU", "s", None, 1, "CPU time of training, summed over threads")
-_STAGES = {COLD_START.id: ("warm up", "wall"), TRAIN_CPU.id: ("train", "cpu")}
 COST_COLUMNS = ("train_s", TRAIN_CPU.id, COLD_START.id, *(column for column in COST if column != "train_s"))
 
 
@@ -70,20 +64,6 @@ def _board(key: tuple[str, ...], name: str, members: list[Entry], names: dict[Va
 
 def _line(seeds: list[Entry], names: dict[Variant, tuple[str, str]]) -> Line:
     line = variant_line(seeds, names, list(SCORES))
-    for column in _STAGES:
-        line.cells.setdefault(column, _stage_cell(seeds, column))
+    for column in STAGE_COLUMNS:
+        line.cells.setdefault(column, stage_cell(seeds, column))
     return line
-
-
-def _stage_cell(seeds: list[Entry], column: str) -> Cell:
-    """Seconds of a stage over the seeds; as with scores, none where a seed failed."""
-    failed = [entry for entry in seeds if entry.status is not Status.OK]
-    if failed:
-        kinds = ", ".join(sorted({str(entry.status) for entry in failed}))
-        return Cell(None, failure=kinds, reason=failed[0].message or "no message")
-    stage, part = _STAGES[column]
-    times = [getattr(entry.result.stages[stage], part) for entry in seeds
-             if entry.result is not None and stage in entry.result.stages]
-    if len(times) < len(seeds):
-        return Cell(None, reason=f"the result doesn't time the stage {stage!r}")
-    return spread_cell(times)

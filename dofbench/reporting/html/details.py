@@ -7,8 +7,9 @@ from html import escape
 
 from dofbench.reporting.collect import Collection, grouped
 from dofbench.reporting.columns import COLUMNS, SCORES
+from dofbench.reporting.costs import STAGE_COLUMNS
 from dofbench.reporting.held_out import ASKED_HEADING, COLUMNS_SHOWN, asked_lines
-from dofbench.reporting.html.boards import COLD_START, TRAIN_CPU, Board
+from dofbench.reporting.html.boards import Board
 from dofbench.reporting.html.layouts import not_shown
 from dofbench.reporting.html.markup import Notes, Td, Th, score_cell, score_heading, table, text_cell
 from dofbench.reporting.markdown import commit_text, machine_text
@@ -37,7 +38,7 @@ def board_sections(boards: Sequence[Board], notes: Notes) -> str:
 
 def column_notes() -> str:
     """What each column says."""
-    columns = [*COLUMNS.values(), TRAIN_CPU, COLD_START]
+    columns = [*COLUMNS.values(), *STAGE_COLUMNS.values()]
     return "<dl class=\"columns\">" + "".join(
         f"<dt>{escape(column.heading)}</dt><dd>{escape(column.note)}</dd>" for column in columns) + "</dl>"
 

@@ -9,7 +9,8 @@ from html import escape
 
 from dofbench.harness.methods import find_method, method_files
 from dofbench.reporting.columns import COLUMNS, Column
-from dofbench.reporting.html.boards import COLD_START, COST_COLUMNS, TRAIN_CPU, Board, Variant, by_kind
+from dofbench.reporting.costs import STAGE_COLUMNS
+from dofbench.reporting.html.boards import COST_COLUMNS, Board, Variant, by_kind
 from dofbench.reporting.html.markup import (
     Notes,
     Td,
@@ -25,7 +26,6 @@ from dofbench.reporting.paper import Figures, paper_figures
 from dofbench.reporting.summary import Line, best_texts, empty_columns, scene_mean
 
 _SIDEWAYS = 6  # methods; with more of them the table of scenes has a row for each method
-_EXTRA = {column.id: column for column in (COLD_START, TRAIN_CPU)}
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def layout_sections(boards: Sequence[Board], notes: Notes) -> list[str]:
 
 def column_of(column: str) -> Column:
     """A column by id, those that only this page has included."""
-    return _EXTRA.get(column) or COLUMNS[column]
+    return STAGE_COLUMNS.get(column) or COLUMNS[column]
 
 
 def _section(layout: Layout, kind: str, boards: list[Board], notes: Notes) -> list[str]:
