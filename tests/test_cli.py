@@ -43,6 +43,7 @@ def test_typical_calls_mean_what_they_say() -> None:
     assert isinstance(report, cli.Report)
     assert (report.results, report.out) == (Path("results"), Path("reports"))
     assert cli.parse(["report"]).results == Path("results")
+    assert cli.parse("report --reach psnr=30,delta_f=0.01".split()).levels == {"psnr": (30.0,), "delta_f": (0.01,)}
 
     assert cli.parse(["check", "data/fern"]) == cli.Check(Path("data/fern"))
     assert cli.parse(["scenes"]) == cli.Scenes()
@@ -72,7 +73,7 @@ def test_a_wrong_call_ends_with_2_and_says_so(arguments: str, capsys: pytest.Cap
      "run --method nobodys", "run --method dofgaussian --data no/such/folder", "run --method dofgaussian --budget lots",
      "run --method dofgaussian --set sh_degree=3 --set steps=9",
      "ablate --data no/such/folder", "ablate --data a --seeds 0", "ablate --data a --tables none.toml",
-     "report no/such/folder", "check no/such/folder", "scenes no/such/folder"],
+     "report no/such/folder", "report --reach psnr=fast", "check no/such/folder", "scenes no/such/folder"],
 )
 def test_a_wrong_input_is_one_line_with_what_was_expected(
     arguments: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
