@@ -24,7 +24,7 @@ _FLAGS = (
     "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
     "--hide-scrollbars", "--disable-extensions", "--no-default-browser-check", "--remote-debugging-port=0",
 )
-_PATIENCE = 60.0  # s, for a start or an answer on a busy machine; nothing is timed by it
+_PATIENCE = 240.0  # s, for a start or an answer on a machine that is busy with other work; nothing is timed by it
 
 
 class Page:
