@@ -17,7 +17,7 @@ from dofbench.errors import InputError
 from dofbench.harness.result import Result, read_result
 from dofbench.reporting import truth
 from dofbench.reporting.collect import collect
-from dofbench.reporting.html.ablations import read_ablations
+from dofbench.reporting.html.ablations import ablation_sections, read_ablations
 from dofbench.reporting.html.boards import gather
 from dofbench.reporting.html.markup import Notes, Td, Th, number_cell, table
 from dofbench.reporting.html.overview import duration
@@ -286,6 +286,18 @@ def test_ablations_are_shown_with_the_papers_figures(reader: Reader) -> None:
     assert block.cell("#1", "measured here", "PSNR [dB] ↑").startswith("–")
     (difference,) = [one for one in reader.tables if "difference from the reference row" in one.caption]
     assert difference.cell("#1", "", "all-in-focus PSNR [dB] ↑") == "-2.25 ± 0.12p = 0.010, worse"
+
+
+def test_the_switches_of_a_shipped_table_are_shown(made_report, tmp_path: Path) -> None:
+    rows = [f"table4,#{row},waves,0,aif_psnr,2{row}.5,,ok,,,,," for row in range(1, 6)]
+    header = (made_report.ablation / "table4-summary.csv").read_text().splitlines()[0]
+    (tmp_path / "table4-summary.csv").write_text("\n".join([header, *rows, ""]))
+    found = read_ablations(tmp_path)
+    assert found[0].switches["#3"] == {"lens": "yes", "depth": "no", "adaptation": "yes"}
+    (block,) = read(ablation_sections(found, Notes())).tables
+    assert block.headings[:5] == ["row", "lens", "depth", "adaptation", "seeds"]
+    assert [text for text, _ in block.rows[3][:5]] == ["#4", "yes", "yes", "no", "0"]
+    assert read_ablations(made_report.ablation)[0].switches == {}  # other rows than the shipped table's
 
 
 def test_a_folder_without_ablations_is_an_error(tmp_path: Path) -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
+from dofbench.ablation.page import word
+from dofbench.ablation.tables import read_tables, shipped_file
 from dofbench.errors import InputError
 from dofbench.reporting.columns import COLUMNS, Column
 from dofbench.reporting.html.layouts import not_shown
@@ -33,12 +35,13 @@ _MEAN = "mean"  # the dataset of rows that average over all of them
 
 @dataclass(frozen=True)
 class Ablation:
-    """One table. blocks: dataset (or "mean") -> its lines. paper: row -> score -> their figure. differences: row ->
-    score -> the CSV's row."""
+    """One table. switches: row -> switch -> setting, of a table that is shipped. blocks: dataset (or "mean") -> its
+    lines. paper: row -> score -> their figure. differences: row -> score -> the CSV's row."""
 
     id: str
     title: str
     columns: tuple[str, ...]
+    switches: dict[str, dict[str, str]]
     blocks: dict[str, list[Line]]
     paper: dict[str, dict[str, float]]
     differences: dict[str, dict[str, dict[str, str]]]
@@ -92,14 +95,24 @@ def _parsed(file: Path, rows: list[dict[str, str]]) -> Ablation:
                   for name, found in named.items()]
         for dataset, named in cells.items()
     }
-    return Ablation(file.name.removesuffix(_SUFFIX), _title(file), columns, blocks, paper, differences)
+    table_id = file.name.removesuffix(_SUFFIX)
+    return Ablation(table_id, _title(file), columns, _switches(table_id, seeds), blocks, paper, differences)
+
+
+def _switches(table_id: str, rows: Iterable[str]) -> dict[str, dict[str, str]]:
+    """Of the shipped table of that id; none where its rows are others by now."""
+    shipped = next((one for one in read_tables(shipped_file()).tables if one.id == table_id), None)
+    if shipped is None or {row.label for row in shipped.rows} != set(rows):
+        return {}
+    return {row.label: {name: word(row.switches[name]) for name in shipped.switches} for row in shipped.rows}
 
 
 def _summary_cell(row: dict[str, str]) -> Cell:
     if row["mean"]:
         return Cell(float(row["mean"]), float(row["sd"]) if row["sd"] else None)
     if row["status"] == "no such score":
-        return Cell(None, reason="no run of this row has such a score")
+        of_all = row["dataset"] == _MEAN
+        return Cell(None, reason="not every dataset has it" if of_all else "no run of this row has such a score")
     return Cell(None, failure=row["status"], reason=f"{row['row']} on {row['dataset']}: {row['status']}")
 
 
@@ -128,10 +141,12 @@ def _block(ablation: Ablation, dataset: str, notes: Notes) -> str:
     best = best_texts(lines, shown)
     means = dataset == _MEAN or len(scenes) == 1  # their figures are means too, and stand where ours are
     paper = [column for column in ablation.columns if means and any(column in row for row in ablation.paper.values())]
-    headings = [Th("row", words=True), Th("seeds", words=True)]
+    switches = list(next(iter(ablation.switches.values()), {}))
+    headings = [Th("row", words=True), *(Th(name, words=True) for name in switches), Th("seeds", words=True)]
     headings += [score_heading(COLUMNS[column], "measured here") for column in shown]
     headings += [score_heading(COLUMNS[column], "the paper's, on other data") for column in paper]
-    rows = [[text_cell(line.method), text_cell(line.seeds),
+    rows = [[text_cell(line.method), *(text_cell(ablation.switches[line.method][name]) for name in switches),
+             text_cell(line.seeds),
              *(score_cell(line.cells[column], COLUMNS[column], best[column], notes) for column in shown),
              *_theirs(ablation.paper.get(line.method, {}), paper, notes)] for line in lines]
     return table(headings, rows, f"{ablation.title}: {over}") + not_shown(empty)
