@@ -1,4 +1,4 @@
-"""Where the content folders (datasets, methods, kernels) are: checkout or installed wheel.
+"""Where the content folders (datasets, methods, kernels, the report's templates) are: checkout or installed wheel.
 
 `datasets` and `kernels` are also names of registry packages, so these folders must never be
 importable at the top level: they hold content, loaded by id, and have no `__init__.py`.
@@ -12,7 +12,7 @@ from pathlib import Path
 from dofbench.errors import InputError
 
 _PACKAGE = Path(__file__).resolve().parent
-FOLDERS = ("datasets", "kernels", "methods")
+FOLDERS = ("datasets", "kernels", "methods", "reports/templates")
 
 
 def content_folder(name: str) -> Path:

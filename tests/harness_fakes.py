@@ -26,7 +26,7 @@ from dofbench.images import from_8bit, to_8bit
 from dofbench.lens import DisparityRange, Lens, PhysicalLens
 from dofbench.metrics import METRICS
 from dofbench.processes import Job, Outcome
-from dofbench.reporting import comparison as comparison_module
+from dofbench.reporting import truth as truth_module
 from dofbench.runs import planned as planned_module
 
 WIDTH, HEIGHT = 64, 48
@@ -75,6 +75,9 @@ class FakeDataset:
         lens = Lens(aperture=(0.5, 1.0)[index % 2], focus=(0.2, 0.5, 0.8)[index % 3])
         return FakeView(name, split, camera, lens, lens.physical(self.disparity_range, WIDTH), coc)
 
+    def view(self, name: str) -> FakeView:
+        return next(view for view in self.views if view.name == name)
+
     def test_views(self) -> tuple[FakeView, ...]:
         return tuple(view for view in self.views if view.split == "test")
 
@@ -83,6 +86,9 @@ class FakeDataset:
 
     def image(self, view: FakeView) -> np.ndarray:
         return from_8bit(to_8bit(self.all_in_focus(view) * (1 - 0.1 * view.lens.aperture)))
+
+    def require_intact(self, view: FakeView, part: str) -> None:
+        """Its pictures are computed: none can have changed."""
 
     def depth(self, view: FakeView) -> np.ndarray:
         return np.linspace(2.0, 9.0, WIDTH * HEIGHT, dtype=np.float32).reshape(HEIGHT, WIDTH)
@@ -252,7 +258,7 @@ def fake_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Run
     methods = write_method(folder / "methods")
     write_method(methods, "pinhole", refocus=False, learns_lens=False)
     monkeypatch.setenv("DOFBENCH_METHODS", str(methods))
-    for module in (check_module, comparison_module, planned_module, prepare_module, score_module):
+    for module in (check_module, planned_module, prepare_module, score_module, truth_module):
         monkeypatch.setattr(module, "Dataset", FakeDataset)
     # FLIP takes a third of a second however small the image; what it says is tested elsewhere.
     quick = replace(METRICS["flip"], function=lambda prediction, truth: float(np.abs(prediction - truth).mean()))

@@ -44,6 +44,7 @@ def test_typical_calls_mean_what_they_say() -> None:
     assert isinstance(report, cli.Report)
     assert (report.results, report.out) == (Path("results"), Path("reports"))
     assert cli.parse(["report"]).results == Path("results")
+    assert cli.parse("report --reach psnr=30,delta_f=0.01".split()).levels == {"psnr": (30.0,), "delta_f": (0.01,)}
 
     assert cli.parse(["score", "a", "b", "--metrics", "aif_gmsd"]) == cli.Score((Path("a"), Path("b")), "aif_gmsd")
     assert cli.parse(["score"]).results == (Path("results"),)
@@ -78,7 +79,7 @@ def test_a_wrong_call_ends_with_2_and_says_so(arguments: str, capsys: pytest.Cap
      "run --method dofgaussian --data a,b",
      "run --method dofgaussian --set sh_degree=3 --set steps=9",
      "ablate --data no/such/folder", "ablate --data a --seeds 0", "ablate --data a --tables none.toml",
-     "report no/such/folder", "check no/such/folder", "score no/such/folder",
+     "report no/such/folder", "report --reach psnr=fast", "check no/such/folder", "score no/such/folder",
      "score . --metrics lpips", "scenes no/such/folder"],
 )
 def test_a_wrong_input_is_one_line_with_what_was_expected(

@@ -18,7 +18,7 @@ from dofbench.content import FOLDERS, content_folder
 
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-TOP_FOLDERS = (*FOLDERS, "reports")  # published boards: named like a registry package too, but not shipped
+TOP_FOLDERS = tuple(dict.fromkeys(folder.partition("/")[0] for folder in FOLDERS))
 CODE = ("dofbench", "kernels", "methods", "datasets")
 LARGEST_FILE = 3_000_000  # bytes; the repository holds code, not data
 

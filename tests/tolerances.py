@@ -171,3 +171,10 @@ LENS_SMEAR = 5e-2
 LENS_GRADIENT = 5e-2
 # The planes' ends beside the nearest and farthest true disparity, relative: percentiles of the points, and a margin.
 SWEEP_REACH = 0.5
+# A level is a whole number of steps; both are floats.
+ROUNDED_LEVEL = 1e-9
+# Half a unit of the last printed digit of a mean, and of each value that it is of.
+PRINTED_MEAN = {"psnr": 0.0101, "ssim": 0.00101, "delta_a": 0.00101, "delta_f": 0.00101, "aif_psnr": 0.0101,
+                "aif_ssim": 0.00101}
+# A p value is printed with three digits.
+PRINTED_P = 5.1e-4

@@ -70,7 +70,7 @@ def _block(filled: Filled, lines: list[Line], notes: Footnotes, figures: dict[st
 
     def switches(line: Line) -> list[str]:
         own = rows[line.method].switches
-        return [plain(line.method), *(_word(own[switch]) for switch in declared.switches)]
+        return [plain(line.method), *(word(own[switch]) for switch in declared.switches)]
 
     paper = [column for column in declared.paper_columns() if any(column in given for given in figures.values())]
 
@@ -104,7 +104,8 @@ def _asked(filled: Filled, source: Source, notes: Footnotes) -> list[str]:
     return [f"### {ASKED_HEADING}", "", *asked, ""] if asked else []
 
 
-def _word(switch: bool | str) -> str:
+def word(switch: bool | str) -> str:
+    """How a switch is shown."""
     return _WORDS[switch] if isinstance(switch, bool) else plain(switch)
 
 

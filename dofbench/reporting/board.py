@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 
 from dofbench.files import write_text
 from dofbench.reporting import tables
-from dofbench.reporting.collect import board_names, collect, grouped, variant_names
-from dofbench.reporting.columns import COLUMNS
+from dofbench.reporting.collect import Entry, board_names, collect, grouped, variant_names
 from dofbench.reporting.comparison import write_strip
+from dofbench.reporting.costs import cost_lines, write_times_csv
 from dofbench.reporting.curves import write_curves
 from dofbench.reporting.figures import file_name
+from dofbench.reporting.footnotes import Footnotes
+from dofbench.reporting.html.ablations import read_ablations
+from dofbench.reporting.html.page import report_page
 from dofbench.reporting.markdown import leaderboard_markdown
 from dofbench.reporting.pairwise import board_pairs, write_comparisons_csv
+from dofbench.reporting.plots import Plot, make_plots
+from dofbench.reporting.reach import RULE
 from dofbench.reporting.settings import Report
+from dofbench.reporting.timing import (
+    FRONT_RULE,
+    TIME_RULE,
+    level_words,
+    timing_lines,
+    write_front_csv,
+    write_reach_csv,
+)
 
 
 @dataclass(frozen=True)
@@ -36,14 +50,16 @@ class Written:
 
 
 def write_report(settings: Report, console: Console | None = None) -> Written:
-    """Write leaderboard.csv, per_view.csv, curves.csv, comparisons.csv, curves/, comparison/ and leaderboard.md.
+    """Write leaderboard.csv, per_view.csv, curves.csv, comparisons.csv, reach.csv, pareto.csv, times.csv, curves/,
+    comparison/, leaderboard.md and report.html.
 
     The same results give the same files, byte for byte. A result that can't be read is skipped and
-    named. Raises InputError when there is no result at all.
+    named. Raises InputError when there is no result at all, or no table in a folder of ablations.
     """
     console = console or Console()
     collection = collect(settings.results)
     entries, out = collection.entries, settings.out
+    ablations = read_ablations(settings.ablation) if settings.ablation is not None else []
 
     def say(line: str) -> None:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
@@ -56,33 +72,58 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
     for folder in collection.doubles:
         say(f"not counted, a copy of another result: {folder}")
 
-    files = [out / name for name in ("leaderboard.csv", "per_view.csv", "curves.csv", "comparisons.csv")]
+    names, boards = variant_names(entries), board_names(entries)
+    plots = make_plots(entries, names, boards, settings.levels)
+    files = [out / name for name in (
+        "leaderboard.csv", "per_view.csv", "curves.csv", "comparisons.csv", "reach.csv", "pareto.csv", "times.csv")]
     tables.write_leaderboard_csv(files[0], entries)
     tables.write_per_view_csv(files[1], entries)
     tables.write_curves_csv(files[2], entries)
+    write_reach_csv(files[4], plots)
+    write_front_csv(files[5], plots)
+    write_times_csv(files[6], entries)
 
-    pictures: dict[tuple[str, ...], list[tuple[str, str]]] = {}
-    names, boards = variant_names(entries), board_names(entries)
     pairs = [(boards[board], board[2], board_pairs(own)) for board, own in grouped(entries, "board").items()]
     write_comparisons_csv(files[3], pairs, names)
+    drawn = write_curves(out / "curves", plots)
+    blocks: dict[tuple[str, ...], Callable[[Footnotes], list[str]]] = {}
     for board, members in grouped(entries, "board").items():
-        name = boards[board]
-        shown = pictures.setdefault(board, [])
-        for column, paths in write_curves(out / "curves", members, name, names).items():
-            files += paths
-            shown.append((f"{COLUMNS[column].label} against training time", f"curves/{paths[0].name}"))
-        if not settings.pictures:
-            continue
-        strip = out / "comparison" / f"{file_name(name, board[2])}.png"
-        trouble = write_strip(strip, members, names)
-        if trouble is None:
-            files.append(strip)
-            shown.append(("truth, predictions and errors", f"comparison/{strip.name}"))
-        else:
-            say(f"no pictures of {name}, {board[2]}: {trouble}")
+        figures = drawn.get(board, {})
+        files += [path for paths in figures.values() for path in paths]
+        strip = None
+        if settings.pictures:
+            strip = out / "comparison" / f"{file_name(boards[board], board[2])}.png"
+            trouble = write_strip(strip, members, names)
+            if trouble is None:
+                files.append(strip)
+            else:
+                strip = None
+                say(f"no pictures of {boards[board]}, {board[2]}: {trouble}")
+        own = [plot for plot in plots if plot.board == board]
+        rules = "" if blocks else f"{TIME_RULE}. {RULE} {level_words(plots)} {FRONT_RULE}."  # said once
+        blocks[board] = partial(_block, members, names, own, figures, strip, rules)
     page = out / "leaderboard.md"
-    write_text(page, leaderboard_markdown(collection, pictures))
+    write_text(page, leaderboard_markdown(collection, blocks))
     files.append(page)
+    whole = out / "report.html"
+    write_text(whole, report_page(collection, plots, ablations, pictures=settings.pictures))
+    files.append(whole)
     for file in files:
         say(f"wrote {file}")
     return Written(tuple(files), collection.unreadable)
+
+
+def _block(
+    members: list[Entry], names: dict[tuple[str, ...], tuple[str, str]], plots: list[Plot],
+    figures: dict[str, list[Path]], strip: Path | None, rules: str, notes: Footnotes,
+) -> list[str]:
+    """What stands below the tables of one board: error against run time, its cost, and pictures."""
+    lines = ["### Error against run time", "", *([rules, ""] if rules else []),
+             *cost_lines(members, names, notes), ""]
+    for plot in plots:
+        if (paths := figures.get(plot.column)) is not None:
+            lines += [f"![{plot.score.label} against training time](curves/{paths[0].name})", ""]
+        lines += timing_lines(plot)
+    if strip is not None:
+        lines += [f"![truth, predictions and errors](comparison/{strip.name})", ""]
+    return lines

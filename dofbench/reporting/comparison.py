@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from dofbench.errors import Status
+from dofbench.errors import InputError, Status
 from dofbench.harness.error_maps import FULL_SCALE
 from dofbench.harness.evaluate import PREFIX, Kind
 from dofbench.images import read_image
 from dofbench.reporting.collect import Entry, grouped
 from dofbench.reporting.columns import COLUMNS
 from dofbench.reporting.figures import new_figure, save
-from dofbench.synthesis.dataset import Dataset
+from dofbench.reporting.truth import find_dataset, prediction_file, true_picture
 
 _TITLES: dict[Kind, str] = {"refocus": "through the true lens", "all_in_focus": "all in focus"}
 _PANEL = 2.6  # inches wide
@@ -31,11 +31,11 @@ def write_strip(path: Path, entries: list[Entry], names: dict[tuple[str, ...], t
     ]
     if not shown:
         return "no run has predictions"
-    dataset = _dataset(shown)
+    dataset, trouble = find_dataset(entry for _, entry in shown)
     if dataset is None:
-        return f"the dataset {entries[0].spec.dataset} isn't where its results say"
+        return trouble
     view = next(view for view in dataset.views if view.split == "test")
-    kinds = [kind for kind in PREFIX if any(_picture(entry, kind, view.name) for _, entry in shown)]
+    kinds = [kind for kind in PREFIX if any(prediction_file(entry, kind, view.name) for _, entry in shown)]
     if not kinds:
         return "the predictions aren't beside the results"
     height = _PANEL * view.camera.height / view.camera.width
@@ -44,13 +44,16 @@ def write_strip(path: Path, entries: list[Entry], names: dict[tuple[str, ...], t
     for axes in grid.flat:
         axes.axis("off")
     for index, kind in enumerate(kinds):
-        truth = dataset.image(view) if kind == "refocus" else dataset.all_in_focus(view)
+        try:
+            truth = true_picture(dataset, kind, view)
+        except InputError as error:
+            return str(error)
         upper, lower = grid[2 * index], grid[2 * index + 1]
         _show(upper[0], truth, f"truth, {_TITLES[kind]}")
         lower[0].text(0.5, 0.5, f"this row: mean absolute error,\nblack 0, lightest {FULL_SCALE} or more",
                       ha="center", va="center", fontsize=8, transform=lower[0].transAxes)
         for column, ((method, preset), entry) in enumerate(shown, start=1):
-            picture = _picture(entry, kind, view.name)
+            picture = prediction_file(entry, kind, view.name)
             if picture is None:
                 reason = entry.left_out.get(f"{PREFIX[kind]}psnr", "the picture isn't beside the result")
                 upper[column].text(0.5, 0.5, textwrap.fill(f"{method} {preset}: {reason}", 28), ha="center",
@@ -59,27 +62,12 @@ def write_strip(path: Path, entries: list[Entry], names: dict[tuple[str, ...], t
             psnr = next(scored.scores[f"{PREFIX[kind]}psnr"] for scored in entry.result.views
                         if scored.name == view.name)
             _show(upper[column], read_image(picture), f"{method} {preset}\n{COLUMNS['psnr'].text(psnr)} dB")
-            error = _picture(entry, f"{kind}_error", view.name)
+            error = prediction_file(entry, f"{kind}_error", view.name)
             if error is not None:
                 _show(lower[column], read_image(error), "")
     figure.suptitle(f"{dataset.name}, view {view.name}, {entries[0].spec.protocol}", fontsize=10)
     save(figure, path)
     return None
-
-
-def _dataset(shown: list[tuple[tuple[str, str], Entry]]) -> Dataset | None:
-    for _, entry in shown:
-        folder = Path(entry.result.data)
-        if (folder / "dataset.json").is_file():
-            dataset = Dataset.load(folder)
-            if dataset.checksum == entry.spec.dataset_checksum:
-                return dataset
-    return None
-
-
-def _picture(entry: Entry, kind: str, view: str) -> Path | None:
-    path = entry.folder / "predictions" / kind / f"{view}.png"
-    return path if path.is_file() else None
 
 
 def _show(axes, image: np.ndarray, title: str) -> None:

@@ -1,60 +1,81 @@
-"""Score against training time: one plot for each dataset, protocol and score."""
+"""Score against training time as pictures: one for each dataset, protocol and score."""
 
 from __future__ import annotations
 
-import math
+import textwrap
+from collections.abc import Iterable
 from pathlib import Path
 
-from dofbench.errors import Status
-from dofbench.reporting.collect import Entry, grouped
-from dofbench.reporting.columns import COLUMNS
 from dofbench.reporting.figures import NEUTRAL, file_name, look, new_figure, save
+from dofbench.reporting.plots import Plot
+from dofbench.reporting.series import Series
 
-PLOTTED = ("psnr", "aif_psnr", "delta_a", "delta_f")
+PLOTTED = ("psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f")
+FRONT_LABEL = "Pareto front"
+_LEGEND_WIDTH = 95    # characters
+_LEGEND_LINE = 0.16   # inches
 
 
-def write_curves(
-    folder: Path, entries: list[Entry], name: str, names: dict[tuple[str, ...], tuple[str, str]]
-) -> dict[str, list[Path]]:
-    """Plot the curves of one board. name: the dataset's. Returns column -> [svg, png], for the columns
-    of which any run has a point."""
-    written: dict[str, list[Path]] = {}
-    for column in PLOTTED:
-        if not any(column in point.scores for entry in entries for point in _curve(entry)):
+def write_curves(folder: Path, plots: Iterable[Plot]) -> dict[tuple[str, ...], dict[str, list[Path]]]:
+    """Draw the plots of the scores in `PLOTTED`. Returns board -> score -> [svg, png]."""
+    written: dict[tuple[str, ...], dict[str, list[Path]]] = {}
+    for plot in plots:
+        if plot.column not in PLOTTED:
             continue
-        figure = _plot(entries, column, f"{name}, {entries[0].spec.protocol}", names)
-        stem = file_name(name, entries[0].spec.protocol, column)
-        written[column] = [folder / f"{stem}{suffix}" for suffix in (".svg", ".png")]
-        for path in written[column]:
+        figure = _figure(plot)
+        stem = file_name(plot.dataset, plot.protocol, plot.column)
+        paths = [folder / f"{stem}{suffix}" for suffix in (".svg", ".png")]
+        for path in paths:
             save(figure, path)
+        written.setdefault(plot.board, {})[plot.column] = paths
     return written
 
 
-def _plot(entries: list[Entry], column: str, title: str, names: dict[tuple[str, ...], tuple[str, str]]):
-    figure = new_figure(7.0, 4.2)
+def _figure(plot: Plot):
+    labels = [_wrapped(_label(series)) for series in plot.series]
+    lines = sum(label.count("\n") + 1 for label in labels) + (len(plot.front) > 1) + (plot.nothing is not None)
+    figure = new_figure(7.0, 3.9 + _LEGEND_LINE * lines)
     axes = figure.add_subplot()
-    for index, (variant, seeds) in enumerate(grouped(entries, "variant").items()):
-        failures = sorted({str(entry.status) for entry in seeds if entry.status is not Status.OK})
-        label = " ".join(names[variant]) + (f" ({', '.join(failures)})" if failures else "")
-        for entry in seeds:
-            points = [(point.train_s, point.scores[column]) for point in _curve(entry)
-                      if point.train_s > 0 and math.isfinite(point.scores.get(column, math.nan))]
-            if points:
-                axes.plot(*zip(*points, strict=True), label=label, marker="o", markersize=3, **look(index))
-                label = "_another seed"  # matplotlib leaves labels with an underscore out of the legend
-    nothing = next((entry.result.do_nothing[column] for entry in entries
-                    if entry.result and column in entry.result.do_nothing), None)
-    if nothing is not None:
-        axes.axhline(nothing, color=NEUTRAL, linestyle=(0, (1, 3)), label="do nothing")
+    if len(plot.front) > 1:  # below the curves, so that it hides none
+        axes.step([point.time for point in plot.front], [point.score for point in plot.front], where="post",
+                  color=NEUTRAL, alpha=0.3, linewidth=6, solid_capstyle="butt", label=FRONT_LABEL)
+    for index, (series, label) in enumerate(zip(plot.series, labels, strict=True)):
+        _draw(axes, series, label, look(index))
+    if plot.nothing is not None:
+        axes.axhline(plot.nothing, color=NEUTRAL, linestyle=(0, (1, 3)), label="do nothing")
     axes.set_xscale("log")
     axes.set_xlabel("training time [s]")
-    axes.set_ylabel(COLUMNS[column].heading)
-    axes.set_title(title)
+    axes.set_ylabel(plot.score.heading)
+    axes.set_title(f"{plot.dataset}, {plot.protocol}")
     axes.grid(True, which="both", alpha=0.3)
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend()
+    axes.xaxis.set_major_formatter("{x:g}")
+    figure.legend(fontsize=8, loc="outside lower left")  # below: options can make a label longer than the plot
     return figure
 
 
-def _curve(entry: Entry):
-    return entry.result.curve if entry.result else []
+def _label(series: Series) -> str:
+    seeds = f", median of {len(series.runs)} seeds" if _several(series) else ""
+    return series.name + (f" ({series.failures})" if series.failures else "") + seeds
+
+
+def _wrapped(label: str) -> str:
+    return "\n".join(textwrap.wrap(label, _LEGEND_WIDTH, subsequent_indent="  "))
+
+
+def _several(series: Series) -> bool:
+    return len(series.runs) > 1 and bool(series.median)
+
+
+def _draw(axes, series: Series, label: str, style: dict[str, str]) -> None:
+    """A run as its scored moments; several as thin lines and their median, which is a step as no score is
+    interpolated."""
+    several = _several(series)
+    unnamed = not several  # one label a series; matplotlib leaves those with an underscore out of the legend
+    for run in series.runs:
+        if not run.points:
+            continue
+        thin = {"linewidth": 0.8, "alpha": 0.5, "markersize": 2} if several else {"markersize": 3}
+        axes.plot(*zip(*run.points, strict=True), label=label if unnamed else "_seed", marker="o", **thin, **style)
+        unnamed = False
+    if several:
+        axes.step(*zip(*series.median, strict=True), where="post", label=label, linewidth=2, **style)

@@ -21,11 +21,16 @@ def asked_table(groups: Iterable[tuple[str, str, list[Entry]]], notes: Footnotes
 
     A group with a run that failed is left out: the table of all scores has it.
     """
-    lines = [line for method, preset, seeds in groups for line in _lines(method, preset, seeds)]
+    lines = asked_lines(groups)
     if not lines:
         return []
     names = Beside(["method", "asked for"], lambda line: [plain(f"{line.method} {line.preset}".strip()), line.seeds])
     return line_table(lines, COLUMNS_SHOWN, notes, before=names)
+
+
+def asked_lines(groups: Iterable[tuple[str, str, list[Entry]]]) -> list[Line]:
+    """As rows: `Line.seeds` says what was asked for."""
+    return [line for method, preset, seeds in groups for line in _lines(method, preset, seeds)]
 
 
 def _lines(method: str, preset: str, seeds: list[Entry]) -> list[Line]:

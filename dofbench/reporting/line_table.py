@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from dofbench.reporting.columns import COLUMNS
+from dofbench.reporting.columns import COLUMNS, Column
 from dofbench.reporting.footnotes import Footnotes, table
-from dofbench.reporting.summary import Cell, Line, best_texts, empty_columns
+from dofbench.reporting.summary import Line, best_texts, empty_columns
 
 
 @dataclass(frozen=True)
@@ -35,13 +35,15 @@ def line_table(
     return [*table(heading, rows, left=len(before.headings)), *_not_shown(empty)]
 
 
-def cell_text(line: Line, column: str, best: str | None, notes: Footnotes) -> str:
-    """A cell as it is shown, with a footnote where it has no number."""
-    cell: Cell = line.cells[column]
+def cell_text(
+    line: Line, column: str, best: str | None, notes: Footnotes, known: Column | None = None
+) -> str:
+    """A cell as it is shown, with a footnote where it has no number. known: the column, where it is no score's."""
+    cell, known = line.cells[column], known or COLUMNS[column]
     if cell.value is None:
         return (cell.failure or "–") + notes.mark(cell.reason)
-    text = COLUMNS[column].text(cell.value)
-    shown = text if cell.spread is None else f"{text} ± {COLUMNS[column].text(cell.spread)}"
+    text = known.text(cell.value)
+    shown = text if cell.spread is None else f"{text} ± {known.text(cell.spread)}"
     return f"**{shown}**" if line.competes and text == best else shown
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -32,8 +33,10 @@ of different protocols, or of different versions of a dataset, never share a tab
 is what a predictor of the lens scores that learns nothing; an error above it is worse than no learning."""
 
 
-def leaderboard_markdown(collection: Collection, pictures: dict[tuple[str, ...], list[tuple[str, str]]]) -> str:
-    """The page. pictures: board -> (caption, path relative to the page)."""
+def leaderboard_markdown(
+    collection: Collection, blocks: dict[tuple[str, ...], Callable[[Footnotes], list[str]]]
+) -> str:
+    """The page. blocks: board -> writes the lines below its tables: costs, plots, times to reach a score, pictures."""
     entries = collection.entries
     notes = Footnotes()
     names, boards = variant_names(entries), board_names(entries)
@@ -61,8 +64,7 @@ def leaderboard_markdown(collection: Collection, pictures: dict[tuple[str, ...],
             groups = [(*names[variant], seeds) for variant, seeds in variants.items()]
             if asked := asked_table(groups, notes):
                 page += [f"### {ASKED_HEADING}", "", *asked, ""]
-        for caption, path in pictures.get(board, []):
-            page += [f"![{caption}]({path})", ""]
+        page += blocks[board](notes)
     for kind, scenes in by_kind.items():
         if len(scenes) > 1:
             page += [f"## Means over scenes, {kind}", "", f"Scenes: {', '.join(scenes)}.", "",

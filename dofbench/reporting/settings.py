@@ -20,3 +20,20 @@ class Report:
     pictures: bool = True
     """Strips of photographs and predictions; leave them out of a board that is published where the
     photographs may not be."""
+    reach: str = ""
+    """Levels for the tables of time to reach a score, comma-separated: psnr=30,delta_f=0.01. Scores without one get
+    levels chosen from the data."""
+    ablation: Path | None = None
+    """Folder of tables, as `dofbench ablate` writes them, to be shown in report.html too."""
+
+    def __post_init__(self) -> None:
+        self.levels  # noqa: B018 - a wrong level is named before anything is read
+
+    @property
+    def levels(self) -> dict[str, tuple[float, ...]]:
+        """Score -> levels of `reach`."""
+        if not self.reach:
+            return {}
+        from dofbench.reporting.reach import parse_levels  # here, as it brings numpy, which help doesn't need
+
+        return parse_levels(self.reach)

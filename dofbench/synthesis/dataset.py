@@ -156,6 +156,15 @@ class Dataset:
         """The sharp original: (H, W, 3) float32, encoded, [0, 1], at 8-bit levels."""
         return read_image(write.sharp_path(self.folder, _name(view)))
 
+    def require_intact(self, view: DatasetView | str, part: Literal["image", "all_in_focus"]) -> None:
+        """Raise InputError when that picture of a view is missing or isn't what the manifest says."""
+        path = (write.shallow_path if part == "image" else write.sharp_path)(self.folder, _name(view))
+        record = self.manifest.files.get(path.relative_to(self.folder).as_posix())
+        if record is None or not path.is_file():
+            raise InputError(path, "no such file of the dataset", "a picture that the manifest lists")
+        if sha256_file(path) != record.sha256:
+            raise InputError(path, "a changed file", f"sha256 {record.sha256[:16]}, as the manifest says")
+
     def depth(self, view: DatasetView | str) -> np.ndarray:
         """True z-depth: (H, W) float32, scene units, 0 where unknown."""
         return read_exr(write.depth_path(self.folder, _name(view)))

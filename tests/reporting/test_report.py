@@ -21,7 +21,7 @@ from dofbench.errors import InputError
 from dofbench.harness.check import check_result
 from dofbench.harness.lock import locked
 from dofbench.harness.result import Spec, read_result
-from dofbench.reporting import board, curves, report
+from dofbench.reporting import board, curves, reach, report
 from dofbench.reporting.board import Written, write_report
 from dofbench.reporting.columns import DEPTH
 from dofbench.reporting.held_out import ASKED_HEADING
@@ -50,9 +50,9 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
 def made(tmp_path: Path) -> Callable[..., tuple[Written, Path, str]]:
     """`made()` writes the report of tmp_path/results; returns what was written, where, and what was said."""
 
-    def made(out: str = "board", pictures: bool = True) -> tuple[Written, Path, str]:
+    def made(out: str = "board", pictures: bool = True, reach: str = "") -> tuple[Written, Path, str]:
         stream = io.StringIO()
-        settings = Report(tmp_path / "results", tmp_path / out, pictures)
+        settings = Report(tmp_path / "results", tmp_path / out, pictures, reach)
         written = write_report(settings, Console(file=stream, width=400))
         return written, tmp_path / out, stream.getvalue()
 
@@ -322,24 +322,59 @@ def test_per_view_and_curve_tables(plain, call, made) -> None:
         [point.train_cpu_s for point in result.curve], rel=CSV_DIGITS)
 
 
-def test_figures_are_there_and_linked(call, made) -> None:
+def test_time_to_reach_a_score(plain, call, made) -> None:
+    end = call()
+    call(set=("trouble=lost",))
+    points = read_result(end.folder).curve
+    level = 20.0
+    first = next(point for point in points if point.scores["psnr"] >= level)
+    before = max((point.train_s for point in points if point.train_s < first.train_s), default=0.0)
+    _, out, _ = made(reach="psnr=20,psnr=999")
+    found = {(row["preset"], row["level"]): row for row in rows(out / "reach.csv") if row["score"] == "psnr"}
+    good = found["quick", "20"]
+    assert float(good["reached_s"]) == pytest.approx(first.train_s, rel=CSV_DIGITS)
+    assert float(good["not_before_s"]) == pytest.approx(before, rel=CSV_DIGITS) and good["held"] == "yes"
+    assert found["quick", "999"]["reached_s"] == "" and found["quick trouble=lost", "20"]["reached_s"] == ""
+    page = (out / "leaderboard.md").read_text()
+    below = page.split("| time to reach | PSNR ≥ 20 dB", 1)[1]
+    lines = {row["time to reach"]: row for row in table_rows(f"## T\n| time to reach | PSNR ≥ 20 dB{below}", "T")}
+    assert lines["fake quick"]["PSNR ≥ 20 dB"] == reach.seconds_text(first.train_s)
+    assert lines["fake quick"]["PSNR ≥ 999 dB"] == lines["fake quick trouble=lost"]["PSNR ≥ 20 dB"] == "not reached"
+    assert page.count(reach.RULE) == 1 and re.search(r"^Pareto front: fake quick from [\d.]+ s", page, re.MULTILINE)
+    (cost, *_) = (row for row in table_rows(page, "Error against run time") if row["cost"] == "fake quick")
+    result = read_result(end.folder)
+    assert cost["training, CPU [s]"] == f"{result.stages['train'].cpu:.1f}"
+    assert cost["cold start [s]"] == f"{result.stages['warm up'].wall:.1f}"
+    times = {row["stage"]: row for row in rows(out / "times.csv") if row["preset"] == "quick"}
+    assert float(times["train"]["cpu_s"]) == pytest.approx(result.stages["train"].cpu, rel=CSV_DIGITS)
+    assert times["guess"]["within"] == "train" and times["guess"]["cpu_s"] == ""
+    front = [row for row in rows(out / "pareto.csv") if row["score"] == "psnr"]
+    assert {float(row["value"]) for row in front} <= {float(f"{p.scores['psnr']:.8g}") for p in points}
+    assert max(float(row["value"]) for row in front) == max(float(f"{p.scores['psnr']:.8g}") for p in points)
+
+
+def test_figures_are_there_and_linked(call, made, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert {"psnr", "aif_psnr", "delta_a", "delta_f"} < set(curves.PLOTTED)
+    monkeypatch.setattr(curves, "PLOTTED", ("psnr", "delta_f"))
     call()
     call(method="pinhole")
     written, out, _ = made()
     assert written and all(path.is_file() for path in written)
     page = (out / "leaderboard.md").read_text()
     links = re.findall(r"!\[[^]]*\]\(([^)]+)\)", page)
-    assert {f"curves/waves-refocus-v2-{c}.svg" for c in ("psnr", "aif_psnr", "delta_a", "delta_f")} < set(links)
+    assert {f"curves/waves-refocus-v2-{c}.svg" for c in ("psnr", "delta_f")} < set(links)
     assert "comparison/waves-refocus-v2.png" in links
     assert all((out / link).is_file() for link in links)
     assert {path.suffix for path in (out / "curves").iterdir()} == {".svg", ".png"}
 
 
-def test_a_board_without_pictures_has_none_and_links_none(call, made) -> None:
+def test_a_board_without_pictures_has_none_and_links_none(call, made, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(curves, "PLOTTED", ("psnr",))
     call()
     _, out, _ = made(pictures=False)
     assert not (out / "comparison").exists() and (out / "curves").is_dir()
     assert "comparison/" not in (out / "leaderboard.md").read_text()
+    assert "data:image" not in (out / "report.html").read_text()
 
 
 def test_the_same_results_give_the_same_files(call, made, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -79,6 +79,22 @@ def test_a_scene_without_points(write_scene, tmp_path):
     assert not dataset.has_points and len(dataset.training_set().views) == 4
 
 
+def test_a_picture_that_changed_is_told(dataset_folder, tmp_path):
+    copy = shutil.copytree(dataset_folder, tmp_path / "copy")
+    dataset = Dataset.load(copy)
+    name, other = dataset.views[0].name, dataset.views[1].name
+    for part, below in (("image", "images"), ("all_in_focus", "all_in_focus")):
+        dataset.require_intact(name, part)
+        file = copy / below / f"{name}.png"
+        shutil.copyfile(copy / below / f"{other}.png", file)
+        with pytest.raises(InputError, match="a changed file"):
+            dataset.require_intact(name, part)
+        file.unlink()
+        with pytest.raises(InputError, match="no such file of the dataset"):
+            dataset.require_intact(name, part)
+        dataset.require_intact(other, part)
+
+
 def test_an_unknown_view(dataset):
     with pytest.raises(InputError, match="no view 'v99'"):
         dataset.view("v99")

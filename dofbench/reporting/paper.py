@@ -1,0 +1,60 @@
+"""What the authors of the method printed, by layout: never mixed with what was measured here."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from dofbench.content import content_folder
+
+
+@dataclass(frozen=True)
+class Figures:
+    """One printed table. means, scenes: method -> score -> value, for what is printed and no more."""
+
+    source: str
+    data: str
+    columns: tuple[str, ...]
+    means: dict[str, dict[str, float]]
+    scenes: dict[str, dict[str, dict[str, float]]]
+
+    def of_scene(self, scene: str) -> dict[str, dict[str, float]]:
+        """Their figures of the scene that a dataset was made from: fern for llff_fern or llff/fern."""
+        words = set(re.split(r"[^a-z0-9]+", scene.lower()))
+        return next((found for name, found in self.scenes.items() if name in words), {})
+
+
+@cache
+def paper_figures() -> dict[str, Figures]:
+    """Layout -> what was printed of it."""
+    data = tomllib.loads((content_folder("reports/templates") / "paper.toml").read_text(encoding="utf-8"))
+    source = data.pop("source")
+    return {layout: _figures(source, table) for layout, table in data.items()}
+
+
+def _figures(source: str, table: dict[str, Any]) -> Figures:
+    columns = tuple(table["columns"])
+    scenes = {scene: {method: _by_column(columns, values) for method, values in methods.items()}
+              for scene, methods in table.get("scenes", {}).items()}
+    means = {method: _by_column(columns, values) for method, values in table.get("means", {}).items()}
+    return Figures(f"{source}, {table['table']}", table["data"], columns, means or _means(columns, scenes), scenes)
+
+
+def _by_column(columns: tuple[str, ...], values: list[float]) -> dict[str, float]:
+    return {column: float(value) for column, value in zip(columns, values, strict=True) if math.isfinite(value)}
+
+
+def _means(
+    columns: tuple[str, ...], scenes: dict[str, dict[str, dict[str, float]]]
+) -> dict[str, dict[str, float]]:
+    """Over all scenes, for the methods that have every one."""
+    methods = dict.fromkeys(method for found in scenes.values() for method in found)
+    return {
+        method: {column: math.fsum(found[method][column] for found in scenes.values()) / len(scenes)
+                 for column in columns}
+        for method in methods if all(method in found for found in scenes.values())
+    }

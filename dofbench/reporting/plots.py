@@ -1,0 +1,69 @@
+"""Every pair of score and scene as one plot against training time: curves, Pareto front, levels to reach."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from dofbench.reporting.collect import Entry, grouped
+from dofbench.reporting.columns import COLUMNS, Column
+from dofbench.reporting.pareto import FrontPoint, front_of
+from dofbench.reporting.reach import levels
+from dofbench.reporting.series import Series, curve_columns, series_of
+
+
+@dataclass(frozen=True)
+class Plot:
+    """One score on one board. dataset: the board's name. levels: to be reached, in the unit of the score; chosen: by
+    the user. nothing: what a predictor of the lens scores that learns nothing."""
+
+    board: tuple[str, ...]
+    dataset: str
+    scene: str
+    column: str
+    series: tuple[Series, ...]
+    front: tuple[FrontPoint, ...]
+    levels: tuple[float, ...]
+    chosen: bool
+    nothing: float | None
+
+    @property
+    def protocol(self) -> str:
+        """The protocol under which all of it was scored."""
+        return self.board[2]
+
+    @property
+    def score(self) -> Column:
+        """What is plotted."""
+        return COLUMNS[self.column]
+
+    @property
+    def higher_is_better(self) -> bool:
+        """Which way is up."""
+        return bool(self.score.higher_is_better)
+
+
+def make_plots(
+    entries: Sequence[Entry], names: dict[tuple[str, ...], tuple[str, str]], boards: dict[tuple[str, ...], str],
+    wanted: dict[str, tuple[float, ...]],
+) -> tuple[Plot, ...]:
+    """The plots of every board, for the scores that its curves have. wanted: score -> levels, in place of chosen
+    ones."""
+    return tuple(plot for board, members in grouped(list(entries), "board").items()
+                 for plot in _board_plots(board, members, names, boards[board], wanted))
+
+
+def _board_plots(
+    board: tuple[str, ...], members: list[Entry], names: dict[tuple[str, ...], tuple[str, str]], dataset: str,
+    wanted: dict[str, tuple[float, ...]],
+) -> Iterator[Plot]:
+    nothing = next((entry.result.do_nothing for entry in members if entry.result and entry.result.do_nothing), {})
+    for column in curve_columns(members):
+        series = series_of(members, column, names)
+        if not series:
+            continue
+        higher = bool(COLUMNS[column].higher_is_better)
+        yield Plot(
+            board, dataset, members[0].scene, column, series, front_of(series, higher_is_better=higher),
+            wanted.get(column) or levels(series, higher_is_better=higher), column in wanted, nothing.get(column),
+        )

@@ -1,0 +1,98 @@
+"""Score against training time, as plain data: every run's curve, and the median over seeds."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dofbench.errors import Status
+from dofbench.reporting.collect import Entry, grouped
+from dofbench.reporting.columns import COLUMNS
+
+Point = tuple[float, float]  # (training seconds, score)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One seed. points: every scored moment with a finite score, by time. dropped: moments whose score isn't finite,
+    which can't be drawn and reach nothing."""
+
+    seed: int
+    status: Status
+    points: tuple[Point, ...]
+    dropped: int
+
+
+@dataclass(frozen=True)
+class Series:
+    """The seeds of one variant. median: of its seeds; empty where a seed failed or has no point."""
+
+    variant: tuple[str, ...]
+    method: str
+    preset: str
+    runs: tuple[Run, ...]
+    median: tuple[Point, ...]
+
+    @property
+    def name(self) -> str:
+        """Method and preset, as legends show them."""
+        return f"{self.method} {self.preset}".strip()
+
+    @property
+    def failures(self) -> str:
+        """How runs of it failed; empty where none did."""
+        return ", ".join(sorted({str(run.status) for run in self.runs if run.status is not Status.OK}))
+
+
+def curve_columns(entries: Sequence[Entry]) -> list[str]:
+    """The scores that any curve has, in the order of the tables."""
+    found = {column for entry in entries if entry.result for point in entry.result.curve for column in point.scores}
+    return [column for column in COLUMNS if column in found]
+
+
+def series_of(
+    entries: Sequence[Entry], column: str, names: dict[tuple[str, ...], tuple[str, str]]
+) -> tuple[Series, ...]:
+    """The series of one board, those without any point left out."""
+    found = []
+    for variant, seeds in grouped(list(entries), "variant").items():
+        runs = tuple(run_of(entry, column) for entry in seeds)
+        if not any(run.points for run in runs):
+            continue
+        whole = all(run.points and run.status is Status.OK for run in runs)
+        median = median_curve([run.points for run in runs]) if whole else ()
+        found.append(Series(variant, *names[variant], runs, median))
+    return tuple(found)
+
+
+def run_of(entry: Entry, column: str) -> Run:
+    """One run's curve in one score."""
+    scored = [(point.train_s, point.scores[column]) for point in (entry.result.curve if entry.result else ())
+              if column in point.scores and point.train_s > 0]
+    points = tuple(point for point in scored if math.isfinite(point[1]))
+    return Run(entry.spec.seed, entry.status, points, len(scored) - len(points))
+
+
+def median_curve(curves: Sequence[Sequence[Point]]) -> tuple[Point, ...]:
+    """Median over seeds at every moment when any of them was scored, once all of them have been.
+
+    Between two scored moments a seed's score is the last one that was measured: no value is interpolated. Of an even
+    number of seeds it is the mean of the two in the middle. Raises ValueError for a curve without a point.
+    """
+    if not curves or not all(curves):
+        raise ValueError("median curve: expected at least one point a seed, found none")
+    if len(curves) == 1:
+        return tuple(curves[0])
+    start = max(curve[0][0] for curve in curves)
+    times = sorted({time for curve in curves for time, _ in curve if time >= start})
+    return tuple((time, statistics.median(last_score(curve, time) for curve in curves)) for time in times)
+
+
+def last_score(curve: Sequence[Point], time: float) -> float:
+    """The score measured last, at `time` or before. Raises ValueError where there was none yet."""
+    known = [score for moment, score in curve if moment <= time]
+    if not known:
+        raise ValueError(f"last score: expected one by {time:g} s, the first is of {curve[0][0]:g} s")
+    return known[-1]

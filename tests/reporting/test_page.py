@@ -1,0 +1,388 @@
+"""report.html as a file: well-formed, whole in itself, and saying what the results say."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import dataclass, field
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from harness_fakes import FakeDataset
+from tolerances import PRINTED_MEAN
+
+from dofbench.errors import InputError
+from dofbench.harness.result import Result, read_result
+from dofbench.reporting import truth
+from dofbench.reporting.collect import collect
+from dofbench.reporting.html.ablations import ablation_sections, read_ablations
+from dofbench.reporting.html.boards import gather
+from dofbench.reporting.html.markup import Notes, Td, Th, number_cell, table
+from dofbench.reporting.html.overview import duration
+from dofbench.reporting.html.page import report_page
+from dofbench.reporting.html.pictures import NOT_THERE, gallery
+from dofbench.reporting.paper import paper_figures
+from dofbench.reporting.reach import RULE
+
+QUICK = "quick, nothing left out"  # told apart from the run on sharp inputs, which leaves the lens out
+VOID = {"meta", "link", "img", "input", "br", "hr"}
+
+
+@dataclass
+class Table:
+    """A table of the page. groups: above the headings, with how many each spans. rows: texts and classes."""
+
+    caption: str = ""
+    groups: list[tuple[str, int]] = field(default_factory=list)
+    headings: list[str] = field(default_factory=list)
+    rows: list[list[tuple[str, str]]] = field(default_factory=list)
+
+    @property
+    def grouped(self) -> list[tuple[str, str]]:
+        """(group, heading) of each column."""
+        above = [group for group, count in self.groups for _ in range(count)] or [""] * len(self.headings)
+        return list(zip(above, self.headings, strict=True))
+
+    def cell(self, row: str, group: str, heading: str) -> str:
+        """The text of a cell, by the text of the row's first cells joined by a space."""
+        column = self.grouped.index((group, heading))
+        (found,) = [cells for cells in self.rows if " ".join(text for text, _ in cells).startswith(row)]
+        return found[column][0]
+
+
+class Reader(HTMLParser):
+    """Reads the page; raises AssertionError where an element isn't closed, or another one is."""
+
+    def __init__(self) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.addresses: list[str] = []
+        self.tables: list[Table] = []
+        self.data = ""
+        self.texts: list[str] = []
+        self._cell: list[str] | None = None
+        self._kind = ""
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        found = dict(attributes)
+        if tag not in VOID:
+            self.open.append(tag)
+        if "id" in found:
+            self.ids.append(found["id"])
+        if tag == "a":
+            self.links.append(found["href"])
+        self.addresses += [found[name] for name in ("src", "srcset", "action", "data", "poster") if found.get(name)]
+        if tag == "link":
+            self.addresses.append(found["href"])
+        if tag == "table":
+            self.tables.append(Table())
+        if tag in ("th", "td", "caption"):
+            self._cell, self._kind = [], found.get("class", "")
+            if tag != "caption" and "colspan" in found:
+                self._kind = f"span {found['colspan']}"
+        if tag == "tr" and "tbody" in self.open:
+            self.tables[-1].rows.append([])
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open and self.open[-1] == tag, f"</{tag}> closes <{self.open[-1] if self.open else ''}>"
+        self.open.pop()
+        if tag not in ("th", "td", "caption") or not self.tables:
+            return
+        text, current = " ".join("".join(self._cell or []).split()), self.tables[-1]
+        if tag == "caption":
+            current.caption = text
+        elif self._kind.startswith("span"):
+            current.groups.append((text, int(self._kind.split()[1])))
+        elif "thead" in self.open:
+            current.headings.append(text)
+        else:
+            current.rows[-1].append((text, self._kind))
+        self._cell = None
+
+    def handle_data(self, text: str) -> None:
+        inside = self.open[-1] if self.open else ""
+        if inside == "script" and not self.data:
+            self.data = text
+        if inside not in ("script", "style"):
+            self.texts.append(text)
+        if self._cell is not None:
+            self._cell.append(text)
+
+
+def read(page: str) -> Reader:
+    """The page, read to its end."""
+    reader = Reader()
+    reader.feed(page)
+    reader.close()
+    assert reader.open == []
+    return reader
+
+
+@pytest.fixture(scope="module")
+def reader(made_report) -> Reader:
+    return read(made_report.page)
+
+
+def of(made_report, method: str, **spec) -> Result:
+    """The one result of a method with this in its spec."""
+    results = [read_result(path) for path in sorted(made_report.results.rglob("result.json"))]
+    (found,) = [one for one in results if one.spec.method == method
+                and all(getattr(one.spec, name) == value for name, value in spec.items())]
+    return found
+
+
+# ---- whole in itself ----
+
+
+def test_every_element_is_closed_and_every_link_leads_somewhere(reader: Reader) -> None:
+    assert len(set(reader.ids)) == len(reader.ids)
+    assert reader.links and all(link.startswith("#") and link[1:] in reader.ids for link in reader.links)
+
+
+def test_nothing_is_fetched_from_anywhere(made_report, reader: Reader) -> None:
+    page = made_report.page
+    assert all(address.startswith("data:") for address in reader.addresses)
+    outside = [found for found in re.findall(r"https?://[^\s\"'<>)]+", page) if found != "http://www.w3.org/2000/svg"]
+    assert outside == []  # that one is the name of a namespace, which nothing fetches
+    assert not re.search(r"@import|url\((?!data:)|XMLHttpRequest|fetch\(|\bimport\(|<script[^>]+src=", page)
+    assert "default-src 'none'" in page
+
+
+def test_the_data_are_strict_json(reader: Reader) -> None:
+    def refused(name: str) -> None:
+        raise AssertionError(f"{name} is no JSON")
+
+    data = json.loads(reader.data, parse_constant=refused)
+    assert set(data) == {"plots", "pictures"} and data["plots"] and data["pictures"]
+
+
+def test_text_of_results_can_not_become_markup() -> None:
+    wicked = '<script>alert("x")</script>&'
+    html = table([Th(wicked, wicked, wicked)], [[number_cell(1.0, wicked)]], wicked) + Notes().mark(wicked, wicked)
+    assert "<script" not in html and html.count("&lt;script&gt;") >= 4
+    assert read(html)
+
+
+# ---- what it says ----
+
+
+def test_no_column_is_empty(reader: Reader) -> None:
+    assert len(reader.tables) > 8
+    for one in reader.tables:
+        for index, heading in enumerate(one.headings if one.rows else []):
+            cells = [row[index] for row in one.rows]
+            assert any(text and "gap" not in kind for text, kind in cells), (one.caption, heading)
+
+
+def test_a_column_that_no_row_has_is_named_below(reader: Reader) -> None:
+    text = " ".join("".join(reader.texts).split())
+    assert re.search(r"Not shown, as no row has it: .*δ_A.* \(.*sharp photographs", text)
+
+
+def test_which_is_best_by_how_much_and_how_sure(made_report, reader: Reader) -> None:
+    glance = next(one for one in reader.tables if one.caption.startswith("The best"))
+    row = next(cells for cells in glance.rows if cells[0][0] == "waves" and cells[1][0] == "refocus-v2")
+    found = {heading: text for heading, (text, _) in zip(glance.headings, row, strict=True)}
+    scores = {noise: [of(made_report, "fake", seed=seed, dataset="waves", overrides=overrides, protocol="refocus-v2")
+                      .scores["psnr"] for seed in (0, 1, 2)]
+              for noise, overrides in (("", {}), ("noise=0.4", {"noise": 0.4}))}
+    ahead = sum(scores[""]) / 3 - sum(scores["noise=0.4"]) / 3
+    assert found["best"] == f"fake {QUICK}" and found["ahead of"] == "fake quick noise=0.4"
+    assert found["by"] == f"+{ahead:.2f} dB" and found["PSNR"].startswith(f"{sum(scores['']) / 3:.2f} ±")
+    assert found["how sure"].startswith("over 3 seeds in pairs:") and found["how sure"].endswith("better")
+    single = next(cells for cells in glance.rows if cells[0][0].startswith("fern"))
+    assert any("nothing to compare" in text or "another seed would change" in text for text, _ in single)
+
+
+def test_what_was_run_on_what_and_how_long(made_report, reader: Reader) -> None:
+    text = " ".join("".join(reader.texts).split())
+    runs = len(list(made_report.results.rglob("result.json")))
+    assert f"{runs} runs · 2 methods · 2 datasets" in text
+    assert "fake quick trouble=lost on waves, seed 0: diverged: loss is nan at step 3" in text
+    assert "4 training and 2 test views" in text and "trained on shallow photographs" in text
+    assert "cold start" in text and "trained on sharp originals" in text
+    (runs_table,) = [one for one in reader.tables if one.caption == "How each run was made"]
+    assert len(runs_table.rows) == runs
+
+
+def test_cells_are_the_means_of_the_results(made_report, reader: Reader) -> None:
+    (board,) = [one for one in reader.tables if one.caption == "waves, refocus-v2"]
+    values = [of(made_report, "fake", seed=seed, dataset="waves", overrides={}, protocol="refocus-v2").scores["psnr"]
+              for seed in (0, 1, 2)]
+    mean = sum(values) / 3
+    assert board.cell(f"fake {QUICK} 0, 1, 2", "", "PSNR [dB] ↑").startswith(f"{mean:.2f} ±")
+    assert board.cell("pinhole quick", "", "PSNR [dB] ↑").startswith("–")
+    assert board.cell("fake quick trouble=lost", "", "PSNR [dB] ↑").startswith("diverged")
+
+
+def test_a_gap_has_its_reason_on_hover_and_as_a_note(made_report) -> None:
+    reason = "Pinhole has no lens to refocus with"
+    found = re.search(rf'<a class="why" href="#(note-\d+)" title="{reason}">–', made_report.page)
+    assert f'<li id="{found[1]}">{reason}</li>' in made_report.page
+
+
+def test_time_and_frames_a_second(made_report, reader: Reader) -> None:
+    (costs,) = [one for one in reader.tables if one.caption == "Processing time, sharp-inputs-v2: waves"]
+    result = of(made_report, "fake", protocol="sharp-inputs-v2")
+    here = "measured here, waves"
+    assert costs.cell("fake", here, "training, CPU [s]") == f"{result.stages['train'].cpu:.1f}"
+    assert costs.cell("fake", here, "cold start [s]") == f"{result.stages['warm up'].wall:.1f}"
+    assert costs.cell("fake", here, "peak memory [MB]") == f"{result.scores['peak_mb']:.0f}"
+    assert costs.cell("DoF-Gaussian", "the paper's, on other data", "rendering [frames/s] ↑") == "364.0"
+
+
+def test_the_papers_figures_have_columns_of_their_own(reader: Reader) -> None:
+    (scenes,) = [one for one in reader.tables if one.caption.endswith("learned: scene by scene")]
+    theirs = "the paper's DoF-Gaussian, on other data"
+    assert scenes.cell("fern_small", theirs, "PSNR [dB] ↑") == "28.41"
+    assert scenes.cell("fern_small", theirs, "δ_F ↓") == "0.102"
+    assert scenes.cell("waves", theirs, "PSNR [dB] ↑").startswith("–")  # they have no such scene
+    (means,) = [one for one in reader.tables if one.caption.endswith("learned: mean over 2 scenes")]
+    assert means.cell("DoF-NeRF", "the paper's, on other data", "PSNR [dB] ↑") == "25.59"
+    assert means.cell("DoF-NeRF", "measured here, mean over 2 scenes", "PSNR [dB] ↑").startswith("–")
+
+
+def test_the_papers_means_are_those_of_its_scenes() -> None:
+    """Two prints of one number: a slip of the pen in either shows."""
+    figures = paper_figures()
+    assert set(figures) == {"main", "synthetic", "all_in_focus", "time"}
+    theirs = figures["synthetic"].scenes
+    llff = [theirs[scene] for scene in ("fern", "flower", "fortress", "horns", "orchids", "room", "trex")]
+    for layout, scenes in (("synthetic", llff), ("all_in_focus", list(figures["all_in_focus"].scenes.values()))):
+        for method, printed in figures[layout].means.items():
+            for column, value in printed.items():
+                mean = sum(scene[method][column] for scene in scenes) / len(scenes)
+                if (layout, method, column) == ("all_in_focus", "DoF-Gaussian", "aif_psnr"):
+                    assert (value, round(mean, 2)) == (27.81, 27.86)  # the paper disagrees with its supplement
+                    continue
+                assert mean == pytest.approx(value, abs=PRINTED_MEAN[column]), (layout, method, column)
+    main = figures["main"].means["DoF-Gaussian"]  # Table 4, row #5, is the same method on the same scenes
+    assert main["aif_psnr"] == pytest.approx(23.97, abs=PRINTED_MEAN["aif_psnr"])
+    assert main["aif_ssim"] == pytest.approx(0.756, abs=PRINTED_MEAN["aif_ssim"])
+
+
+def test_times_to_reach_and_the_front_are_in_it(reader: Reader) -> None:
+    text = " ".join("".join(reader.texts).split())
+    assert RULE in text
+    caption = "Training time to reach a score: PSNR on waves, refocus-v2"
+    (reach,) = [one for one in reader.tables if one.caption == caption]
+    assert reach.headings[0] == "method and preset" and reach.headings[1].startswith("PSNR ≥ ")
+    lost = next(row for row in reach.rows if row[0][0] == "fake quick trouble=lost")
+    assert {text for text, _ in lost[1:]} == {"not reached"}
+    assert any(one.caption.startswith("Pareto front of PSNR on waves") for one in reader.tables)
+
+
+# ---- ablations ----
+
+
+def test_ablations_are_shown_with_the_papers_figures(reader: Reader) -> None:
+    (block,) = [one for one in reader.tables if one.caption == "What each component is worth: waves"]
+    assert block.cell("#1", "measured here", "all-in-focus PSNR [dB] ↑") == "20.50 ± 0.25"
+    assert block.cell("#1", "the paper's, on other data", "all-in-focus PSNR [dB] ↑") == "21.31"
+    assert block.cell("#1", "measured here", "PSNR [dB] ↑").startswith("–")
+    (difference,) = [one for one in reader.tables if "difference from the reference row" in one.caption]
+    assert difference.cell("#1", "", "all-in-focus PSNR [dB] ↑") == "-2.25 ± 0.12p = 0.010, worse"
+
+
+def test_the_switches_of_a_shipped_table_are_shown(made_report, tmp_path: Path) -> None:
+    rows = [f"table4,#{row},waves,0,aif_psnr,2{row}.5,,ok,,,,," for row in range(1, 6)]
+    header = (made_report.ablation / "table4-summary.csv").read_text().splitlines()[0]
+    (tmp_path / "table4-summary.csv").write_text("\n".join([header, *rows, ""]))
+    found = read_ablations(tmp_path)
+    assert found[0].switches["#3"] == {"lens": "yes", "depth": "no", "adaptation": "yes"}
+    (block,) = read(ablation_sections(found, Notes())).tables
+    assert block.headings[:5] == ["row", "lens", "depth", "adaptation", "seeds"]
+    assert [text for text, _ in block.rows[3][:5]] == ["#4", "yes", "yes", "no", "0"]
+    assert read_ablations(made_report.ablation)[0].switches == {}  # other rows than the shipped table's
+
+
+def test_a_folder_without_ablations_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no \\*-summary.csv"):
+        read_ablations(tmp_path)
+    (tmp_path / "a-summary.csv").write_text("table,row\n1,2\n")
+    with pytest.raises(InputError, match="other columns"):
+        read_ablations(tmp_path)
+
+
+# ---- pictures ----
+
+
+@pytest.fixture
+def boards(made_report, monkeypatch: pytest.MonkeyPatch) -> list:
+    monkeypatch.setattr(truth, "Dataset", FakeDataset)
+    return gather(collect(made_report.results).entries)
+
+
+def test_every_view_kind_and_method_has_its_pictures(made_report, reader: Reader) -> None:
+    galleries = {one["board"]: one for one in json.loads(reader.data)["pictures"]}
+    assert set(galleries) == {"waves, refocus-v2", "waves, sharp-inputs-v2", "fern_small, refocus-v2"}
+    views = galleries["fern_small, refocus-v2"]["views"]
+    assert [view["name"] for view in views] == ["v0", "v1", "v2"] and views[0]["lens"] == "F 0.2, A 0.5"
+    kinds = views[0]["kinds"]
+    assert set(kinds) == {"refocus", "all_in_focus"}
+    assert all(kind["truth"].startswith("data:image/webp;base64,") for kind in kinds.values())
+    fake, pinhole = kinds["refocus"]["runs"]
+    assert fake["picture"] and fake["error"] and pinhole["picture"] is None
+    assert pinhole["reason"] == "Pinhole has no lens to refocus with"
+    scores = of(made_report, "fake", dataset="fern_small").views[0].scores
+    assert ["PSNR [dB] ↑", f"{scores['psnr']:.2f}"] in fake["scores"]
+
+
+def test_pictures_stay_within_their_budget(boards: list) -> None:
+    def count(data: list) -> tuple[int, int]:
+        kinds = [kind for board in data for view in board["views"] for kind in view["kinds"].values()]
+        uris = [kind["truth"] for kind in kinds]
+        uris += [run[name] for kind in kinds for run in kind["runs"] for name in ("picture", "error")]
+        return sum(len(uri) for uri in uris if uri), sum(len(board["views"]) for board in data)
+
+    whole, views = count(gallery(boards).data)
+    fewer = gallery(boards, budget_mb=whole / 1e6 * 0.6)
+    assert count(fewer.data)[0] <= whole * 0.6 and 0 < count(fewer.data)[1] < views
+    assert "test views of each dataset, so that the page stays small" in fewer.said
+    assert gallery(boards, budget_mb=1e-6).data == [] and "No pictures" in gallery(boards, budget_mb=1e-6).said
+
+
+def test_a_truth_or_prediction_that_changed_is_not_shown(boards: list, monkeypatch: pytest.MonkeyPatch) -> None:
+    fern = [board for board in boards if board.name == "fern_small"]
+    entry = fern[0].members[0]
+    manifest, picture = Path(entry.result.data) / "dataset.json", entry.folder / "predictions/refocus/v0.png"
+    before, pixels = manifest.read_text(), picture.read_bytes()
+    try:
+        manifest.write_text(before + " ")
+        picture.write_bytes((entry.folder / "predictions/refocus/v1.png").read_bytes())
+        (shown,) = gallery(fern).data
+        kinds = shown["views"][0]["kinds"]
+        assert kinds["all_in_focus"]["truth"] is None and "checksum isn't that" in kinds["all_in_focus"]["reason"]
+        assert "refocus" not in kinds or kinds["refocus"]["runs"][0]["reason"] == NOT_THERE
+        manifest.unlink()
+        (shown,) = gallery(fern).data
+        assert "isn't where its results say" in shown["views"][0]["kinds"]["all_in_focus"]["reason"]
+    finally:
+        manifest.write_text(before)
+        picture.write_bytes(pixels)
+
+
+def test_a_page_without_pictures_has_none(made_report) -> None:
+    page = report_page(collect(made_report.results), (), [], pictures=False)
+    assert "data:image" not in page and "Truth, prediction" not in page
+    assert json.loads(read(page).data) == {"plots": [], "pictures": []}
+
+
+# ---- parts ----
+
+
+def test_sorting_keys_are_numbers_or_absent() -> None:
+    cells = [number_cell(1.5, "1.50"), number_cell(math.nan, "nan"), number_cell(math.inf, "inf"), Td("–", None)]
+    html = table([Th("a"), Th("b"), Th("c"), Th("d")], [cells], "t", left=0)
+    assert re.findall(r"<td[^>]*>", html) == [
+        '<td class="number" data-sort="1.5">', '<td class="number">', '<td class="number" data-sort="Infinity">',
+        '<td class="">']
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(48.2, "48 s"), (700, "12 min"), (7500, "2 h 05 min")])
+def test_durations(seconds: float, text: str) -> None:
+    assert duration(seconds) == text

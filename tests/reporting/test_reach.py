@@ -1,0 +1,177 @@
+"""Time to reach a score, medians over seeds and the Pareto front, against what they are by definition."""
+
+from __future__ import annotations
+
+import math
+import statistics
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tolerances import ROUNDED_LEVEL
+
+from dofbench.errors import InputError, Status
+from dofbench.reporting.pareto import pareto_front, spans
+from dofbench.reporting.reach import (
+    levels,
+    parse_levels,
+    reach_cell,
+    reached,
+    round_step,
+    seconds_text,
+)
+from dofbench.reporting.series import Run, Series, median_curve
+
+# Few values, so that equal times and equal scores turn up.
+TIMES = st.integers(1, 12).map(float)
+SCORES = st.integers(-4, 4).map(float)
+
+
+def curve_of(points: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """One score a time, by time."""
+    return tuple(sorted(dict(points).items()))
+
+
+CURVES = st.lists(st.tuples(TIMES, SCORES), min_size=1, max_size=8).map(curve_of)
+
+
+def series(*curves: tuple[tuple[float, float], ...], status: Status = Status.OK) -> Series:
+    """A series with a seed for each curve."""
+    runs = tuple(Run(seed, status, curve, 0) for seed, curve in enumerate(curves))
+    return Series(("v",), "fake", "quick", runs, median_curve(curves) if status is Status.OK else ())
+
+
+# ---- the front ----
+
+
+def beaten(one: tuple[float, float], other: tuple[float, float], sign: float) -> bool:
+    """Whether `other` is as early and as good as `one`, and earlier or better."""
+    return other[0] <= one[0] and sign * other[1] >= sign * one[1] and other != one
+
+
+@given(st.lists(CURVES, min_size=1, max_size=4), st.booleans())
+def test_the_front_is_what_nothing_beats(curves, higher_is_better: bool) -> None:
+    sign = 1 if higher_is_better else -1
+    every = [(time, score, index) for index, curve in enumerate(curves) for time, score in curve]
+    expected = {(t, s, i) for t, s, i in every if not any(beaten((t, s), (u, r), sign) for u, r, _ in every)}
+    front = pareto_front(curves, higher_is_better=higher_is_better)
+    assert {(point.time, point.score, point.series) for point in front} == expected
+    assert len(front) == len(expected)
+    assert [point.time for point in front] == sorted(point.time for point in front)
+
+
+@given(st.lists(CURVES, min_size=1, max_size=4))
+def test_spans_cover_the_front_and_change_hands(curves) -> None:
+    front = pareto_front(curves, higher_is_better=True)
+    held = spans(front)
+    assert all(one.series != other.series for one, other in zip(held, held[1:], strict=False))
+    assert held[0].first == (front[0].time, front[0].score) and held[-1].last == (front[-1].time, front[-1].score)
+
+
+def test_a_curve_that_failed_is_not_on_the_front() -> None:
+    assert pareto_front([(), ((1.0, 2.0),)], higher_is_better=True)[0].series == 1
+    assert pareto_front([()], higher_is_better=True) == ()
+
+
+# ---- the median over seeds ----
+
+
+@given(st.lists(CURVES, min_size=1, max_size=4))
+def test_the_median_is_of_what_was_measured_last(curves) -> None:
+    median = dict(median_curve(curves))
+    start = max(curve[0][0] for curve in curves)
+    assert set(median) == {time for curve in curves for time, _ in curve if time >= start}
+    for time, score in median.items():
+        known = [max((t, s) for t, s in curve if t <= time)[1] for curve in curves]
+        assert score == statistics.median(known)
+
+
+def test_a_seed_without_a_point_has_no_median() -> None:
+    with pytest.raises(ValueError, match="at least one point a seed"):
+        median_curve([((1.0, 2.0),), ()])
+
+
+# ---- time to reach ----
+
+
+@given(CURVES, SCORES, st.booleans())
+def test_reached_is_the_first_scored_moment_and_no_other(curve, level: float, higher_is_better: bool) -> None:
+    found = reached(curve, level, higher_is_better=higher_is_better)
+    good = [time for time, score in curve if (score >= level if higher_is_better else score <= level)]
+    assert found.time == (min(good) if good else None)
+    if good:
+        earlier = [time for time, _ in curve if time < min(good)]
+        assert found.before == (max(earlier) if earlier else 0.0)
+        assert found.held == (max(curve)[0] in good)
+
+
+@given(st.lists(CURVES, min_size=1, max_size=5), SCORES)
+def test_a_seed_that_never_gets_there_is_later_than_all(curves, level: float) -> None:
+    cell = reach_cell(series(*curves), level, higher_is_better=True)
+    times = [min((t for t, s in curve if s >= level), default=math.inf) for curve in curves]
+    assert (cell.median, cell.low, cell.high) == (statistics.median(times), min(times), max(times))
+    assert cell.count == sum(map(math.isfinite, times)) and cell.seeds == len(curves)
+    assert cell.text.startswith("not reached") == math.isinf(cell.median)
+
+
+def test_what_a_cell_says() -> None:
+    one, slow, never = ((1.0, 30.0),), ((9.0, 10.0), (12.0, 30.0)), ((1.0, 10.0),)
+    def text(*curves) -> str:
+        return reach_cell(series(*curves), 30.0, higher_is_better=True).text
+
+    assert text(one) == "1.0 s"
+    assert text(one, slow, slow) == "12.0 s (1.0 s to 12.0 s)"
+    assert text(one, one, never) == "1.0 s (1.0 s to not reached)"
+    assert text(one, never, never) == "not reached (1 of 3 seeds did)"
+    assert text(never) == "not reached"
+    assert text(((1.0, 30.0), (2.0, 29.0))) == "1.0 s, lost again"
+    assert text(((1.0, 30.0), (2.0, 29.0)), one) == "1.0 s (1.0 s to 1.0 s), lost again by 1 of 2"
+
+
+def test_a_run_that_failed_reaches_nothing() -> None:
+    cell = reach_cell(series(((1.0, 40.0),), status=Status.DIVERGED), 30.0, higher_is_better=True)
+    assert cell.text == "not reached"
+
+
+def test_a_nan_reaches_nothing() -> None:
+    assert reached(((1.0, math.nan),), 0.0, higher_is_better=True).time is None
+    assert reached(((1.0, math.nan),), 0.0, higher_is_better=False).time is None
+
+
+# ---- levels ----
+
+
+def test_levels_by_the_stated_rule() -> None:
+    rising = series(((1.0, 15.0), (9.0, 31.0)))
+    assert levels([rising], higher_is_better=True) == (23.0, 27.5, 30.0)  # steps of 0.5 dB: a twentieth of 16 is 0.8
+    falling = series(((1.0, 0.2), (9.0, 0.006)))
+    assert levels([falling], higher_is_better=False) == (0.105, 0.045, 0.02)
+    assert levels([series(((1.0, 15.0),))], higher_is_better=True) == ()
+
+
+@given(st.lists(CURVES, min_size=1, max_size=4), st.booleans())
+def test_the_best_series_reaches_every_level(curves, higher_is_better: bool) -> None:
+    every = [series(curve) for curve in curves]
+    for level in levels(every, higher_is_better=higher_is_better):
+        assert any(reach_cell(one, level, higher_is_better=higher_is_better).count for one in every)
+
+
+@given(st.floats(1e-9, 1e9))
+def test_a_step_is_round_and_not_above(largest: float) -> None:
+    step = round_step(largest)
+    assert step <= largest * (1 + ROUNDED_LEVEL) and largest < step * 2.5 * (1 + ROUNDED_LEVEL)
+    assert f"{step:.6e}"[0] in "125"
+
+
+def test_levels_on_the_command_line() -> None:
+    assert parse_levels("psnr=28, psnr=30,delta_f=0.01") == {"psnr": (28.0, 30.0), "delta_f": (0.01,)}
+    assert parse_levels("") == {}
+    for wrong, found in (("psnr", "'psnr'"), ("nice=1", "'nice=1'"), ("psnr=fast", "a number for psnr"),
+                         ("psnr=nan", "a number"), ("steps=5", "'steps=5'")):
+        with pytest.raises(InputError, match=found):
+            parse_levels(wrong)
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(0.0312, "0.03 s"), (1.04, "1.0 s"), (99.9, "99.9 s"), (412.3, "412 s")])
+def test_seconds(seconds: float, text: str) -> None:
+    assert seconds_text(seconds) == text
