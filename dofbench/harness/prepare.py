@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from dofbench.contracts import Budget, Method
 from dofbench.errors import InputError
 from dofbench.harness import provenance
+from dofbench.harness.facts import Facts, facts_of
 from dofbench.harness.methods import MethodEntry, find_method
 from dofbench.harness.plan import RunPlan, make_plan
 from dofbench.harness.protocol import Protocol, protocol_for
 from dofbench.harness.result import RESULT_FILE, Result, Spec, read_result
-from dofbench.harness.settings import Run, parse_budget, parse_overrides
+from dofbench.harness.settings import Inputs, Run, parse_budget, parse_overrides
 from dofbench.synthesis.dataset import Dataset
 
 
@@ -67,8 +69,9 @@ def prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
     an option."""
     dataset = Dataset.load(data)
     entry = choices.entry
+    facts = _facts(data.resolve(), dataset.checksum, settings.inputs)
     plan = make_plan(
-        entry, choices.preset, choices.options, choices.overrides, choices.budget, dataset, choices.protocol,
+        entry, choices.preset, choices.options, choices.overrides, choices.budget, dataset, facts, choices.protocol,
         seed=settings.seed, device=choices.device, force_all=settings.force_all,
     )
     spec = Spec(
@@ -78,6 +81,13 @@ def prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
     )
     method = entry.create(dict(plan.options), settings.seed, choices.device)  # raises for an unknown option
     return Prepared(settings, choices, dataset, data, plan, spec, method, settings.out / spec.folder)
+
+
+@lru_cache(maxsize=64)
+def _facts(folder: Path, checksum: str, inputs: Inputs) -> Facts:
+    """Facts of a dataset, which many runs in one call may share. checksum: so that it is the same one still."""
+    dataset = Dataset.load(folder)
+    return facts_of(dataset.training_set(inputs), one_lens=dataset.assign == "fixed")
 
 
 def _budget(settings: Run, preset: Budget | None, options: dict, subject: str) -> Budget:
