@@ -58,8 +58,8 @@ def largest_blur(images: Sequence[np.ndarray], seen: Sequence[Seen]) -> float | 
 def blur_deviation(luma: np.ndarray) -> np.ndarray:
     """(H, W) standard deviation, pixels, of the blur around each pixel of (H, W) luma; NaN where there is no detail.
 
-    Of an edge blurred by a Gaussian of deviation s, the squared gradients sum up to something in proportion to 1 / s. So
-    the ratio q of the sums before and after a second blur of deviation t gives s = t / sqrt(q ** 2 - 1).
+    Of an edge blurred by a Gaussian of deviation s, the squared gradients sum up to something in proportion to
+    1 / s. So the ratio q of the sums before and after a second blur of deviation t gives s = t / sqrt(q ** 2 - 1).
     """
     from scipy.ndimage import gaussian_filter, uniform_filter
 
@@ -80,7 +80,7 @@ def blur_deviation(luma: np.ndarray) -> np.ndarray:
 
 
 def noise_deviation(luma: np.ndarray) -> float:
-    """Standard deviation of white noise: the median of |a second difference along both axes| (after Immerkaer, 1996)."""
+    """Standard deviation of white noise, by the median |second difference along both axes| (after Immerkaer, 1996)."""
     rows = luma[2:] - 2 * luma[1:-1] + luma[:-2]
     both = rows[:, 2:] - 2 * rows[:, 1:-1] + rows[:, :-2]
     return float(np.median(np.abs(both)) / 0.6745 / 6) if both.size else 0.0

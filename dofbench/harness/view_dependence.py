@@ -1,8 +1,8 @@
 """How much surfaces change their colour with the direction from which they are seen, told from the photographs.
 
 A point's colour is compared over the views that see it, where the image around it is nearly even: there a point that is
-a little off, or a blur, changes nothing, and what is left is gloss, changing light and noise. The few points at which it
-is largest count, since a scene with one glossy thing needs view-dependent colours.
+a little off, or a blur, changes nothing, and what is left is gloss, changing light and noise. The few points at which
+it is largest count, since a scene with one glossy thing needs view-dependent colours.
 """
 
 from __future__ import annotations

@@ -27,7 +27,8 @@ def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
              **dataset) -> RunPlan:
         data = FakeDataset(write_dataset(tmp_path / "data", **dataset))
         return make_plan(find_method(method), "quick", {"noise": 0.2}, overrides or {}, Budget(steps=8), data,
-                         Facts(points, blur, dependence, one_lens), protocol_for(inputs), seed=0, device="cpu", force_all=force_all)
+                         Facts(points, blur, dependence, one_lens), protocol_for(inputs), seed=0, device="cpu",
+                         force_all=force_all)
 
     return plan
 
