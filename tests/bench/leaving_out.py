@@ -3,7 +3,8 @@
     python tests/bench/leaving_out.py DATASET... --out reports/leaving-out [--seeds 3] [--budget 1000it]
 
 Every dataset is looked at twice, by its shallow photographs and by its sharp ones. Where the plan leaves something out,
-the method is trained as planned and with --force-all, from the same seeds; where it leaves nothing out, the table says why.
+the method is trained as planned and with --force-all, from the same seeds; where it leaves nothing out, the table says
+why.
 """
 
 from __future__ import annotations
