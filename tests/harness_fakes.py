@@ -130,7 +130,7 @@ default_preset = "quick"
 [capabilities]
 refocus = {refocus}
 learns_lens = {learns_lens}
-needs_points = true
+needs_points = {needs_points}
 
 [presets.quick]
 budget = "8it"
@@ -141,6 +141,18 @@ noise = 0.2
 
 [leave_out.lens]
 lens = false
+
+[leave_out.lens_per_view]
+lens_per = "scene"
+
+[leave_out.sparse_depth]
+depth = 0
+
+[leave_out.normals]
+normals = 0
+
+[leave_out.harmonics]
+harmonics = 0
 
 [claims]
 source = "Nobody 2020, Table 1"
@@ -161,7 +173,8 @@ from dofbench.lens import PhysicalLens
 
 from .behaviour import misbehave
 
-DEFAULTS = {"steps": 8, "noise": 0.1, "lens": True, "trouble": "", "at": 3, "scene": 1, "pause": 0.0}
+DEFAULTS = {"steps": 8, "noise": 0.1, "lens": True, "trouble": "", "at": 3, "scene": 1, "pause": 0.0,
+            "lens_per": "view", "depth": 1, "normals": 1, "harmonics": 3}
 
 
 class Fake:
@@ -240,12 +253,14 @@ def misbehave(options, step, loss):
 
 
 def write_method(
-    root: Path, method: str = "fake", *, refocus: bool = True, learns_lens: bool = True, toml: str = METHOD_TOML
+    root: Path, method: str = "fake", *, refocus: bool = True, learns_lens: bool = True, needs_points: bool = True,
+    toml: str = METHOD_TOML,
 ) -> Path:
     """Write a method folder below `root`; returns `root`, for DOFBENCH_METHODS."""
     folder = root / method
     folder.mkdir(parents=True)
-    words = {"name": method.capitalize(), "refocus": str(refocus).lower(), "learns_lens": str(learns_lens).lower()}
+    words = {"name": method.capitalize(), "refocus": str(refocus).lower(), "learns_lens": str(learns_lens).lower(),
+             "needs_points": str(needs_points).lower()}
     (folder / "method.toml").write_text(toml.format(**words))
     (folder / "trainer.py").write_text(METHOD_CODE)
     (folder / "behaviour.py").write_text(BEHAVIOUR_CODE)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from dofbench.cameras import Camera
 from dofbench.contracts import PointCloud
-from dofbench.scenes.visibility import hidden
+from dofbench.scenes.visibility import visible
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,26 +55,13 @@ class DepthMap:
 
 
 def sparse_depth(points: PointCloud, camera: Camera, view: int) -> DepthSamples:
-    """The points that view number `view` sees, projected to pixels.
-
-    With tracks, those whose track names the view. Without tracks, those inside the image that are
-    not behind most of the points around them: sparse points have no surfaces, so a point counts
-    as hidden only when at least half of its neighbours in the image are clearly nearer.
-    """
-    xy, depth = camera.project(points.xyz)
-    with np.errstate(invalid="ignore"):
-        seen = (depth > 0) & (xy >= 0).all(axis=1) & (xy[:, 0] < camera.width) & (xy[:, 1] < camera.height)
-    if points.views is not None:
-        tracked = np.fromiter((view in track for track in points.views), dtype=bool, count=len(points))
-        seen &= tracked
-    chosen = np.nonzero(seen)[0]
-    if points.views is None:
-        chosen = chosen[~hidden(xy[chosen], depth[chosen], camera.width)]
-    pixels = xy[chosen].astype(np.int64)
+    """The points that view number `view` sees (`scenes/visibility.py`), projected to pixels."""
+    seen = visible(points, camera, view)
+    pixels = seen.xy.astype(np.int64)
     return DepthSamples(
         rows=torch.from_numpy(pixels[:, 1].copy()),
         columns=torch.from_numpy(pixels[:, 0].copy()),
-        depth=torch.from_numpy(depth[chosen].astype(np.float32)),
+        depth=torch.from_numpy(seen.depth.astype(np.float32)),
     )
 
 

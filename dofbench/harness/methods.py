@@ -56,7 +56,7 @@ class Card(_Strict):
     one replaces some of its options.
     builtin_preset: the preset of a run without a dataset, which shows the whole on the built-in one;
     without it, default_preset.
-    leave_out: stage of the plan ("lens", "sparse_depth") -> options that switch that stage off,
+    leave_out: stage of the plan (`STAGES`) -> options that switch that stage off,
     set by the plan when a dataset doesn't need it.
     """
 
@@ -81,7 +81,7 @@ class Card(_Strict):
         return value
 
 
-STAGES = ("lens", "sparse_depth")
+STAGES = ("lens", "lens_per_view", "sparse_depth", "normals", "harmonics")
 
 
 @dataclass(frozen=True)

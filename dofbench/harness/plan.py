@@ -7,12 +7,14 @@ from typing import Any
 
 from dofbench.contracts import Budget
 from dofbench.errors import InputError
+from dofbench.harness.facts import Facts
 from dofbench.harness.methods import MethodEntry
 from dofbench.harness.protocol import LENS_COLUMNS, Protocol
 from dofbench.harness.settings import format_budget
 from dofbench.synthesis.dataset import Dataset
 
-NEEDLESS_COC = 0.5  # px: a disc of less than a pixel's width is the pixel, so such a lens does nothing
+NEEDLESS_BLUR = 0.75       # px, radius as estimated: photographs in focus give up to 0.6
+NEEDLESS_DEPENDENCE = 2.5  # levels of 255: below it no harmonics would be seen
 NO_TEST_VIEWS = "the dataset has no test views"
 
 
@@ -29,8 +31,8 @@ class Stage:
 class RunPlan:
     """Printed by --dry-run and stored in the result.
 
-    budget: as `--budget` takes it. options: what the method is created with. largest_coc_px: of the
-    photographs that the method trains on. lenses: as `dealt_lenses`. columns: scores that will be measured.
+    budget: as `--budget` takes it. options: what the method is created with. facts: what the training photographs
+    show, as `Facts`. lenses: as `dealt_lenses`. columns: scores that will be measured.
     left_out: scores that will not, with the reason.
     """
 
@@ -44,7 +46,7 @@ class RunPlan:
     options: dict[str, Any]
     train_views: int
     test_views: int
-    largest_coc_px: float
+    facts: Facts
     lenses: dict[str, Any]
     stages: tuple[Stage, ...]
     columns: tuple[str, ...]
@@ -59,7 +61,7 @@ class RunPlan:
         lines = [
             f"{self.method} ({self.preset}, seed {self.seed}, {self.device}) on {self.dataset}, {self.protocol}",
             f"budget {self.budget}; {self.train_views} training views, {self.test_views} test views, "
-            f"largest CoC radius {self.largest_coc_px:.2f} px",
+            f"{self.facts.points} sparse points",
             "options " + (", ".join(f"{key}={value}" for key, value in self.options.items()) or "the method's own"),
         ]
         lines += [f"stage {stage.name}: {'runs' if stage.runs else 'left out'}: {stage.reason}"
@@ -83,9 +85,9 @@ def dealt_lenses(dataset: Dataset) -> dict[str, Any]:
 
 def make_plan(
     entry: MethodEntry, preset: str, options: dict[str, Any], overrides: dict[str, Any], budget: Budget,
-    dataset: Dataset, protocol: Protocol, *, seed: int, device: str, force_all: bool,
+    dataset: Dataset, facts: Facts, protocol: Protocol, *, seed: int, device: str, force_all: bool,
 ) -> RunPlan:
-    """Decide from the dataset and the method's card.
+    """Decide from the dataset, from what its photographs show and from the method's card.
 
     options: the preset's; overrides: the user's, which win over what the plan sets. force_all: every
     stage runs, needed or not. Raises InputError when the dataset lacks what the method can't do without.
@@ -94,46 +96,60 @@ def make_plan(
     test = [view for view in dataset.views if view.split == "test"]
     if not train:
         raise InputError(f"dataset {dataset.name}", "no training view", "at least one")
-    has_points = dataset.has_points
-    if entry.card.capabilities.needs_points and not has_points:
+    if entry.card.capabilities.needs_points and not facts.points:
         raise InputError(f"dataset {dataset.name}", "no sparse points", f"some, as {entry.id} starts from them")
 
-    sharp = protocol.inputs == "all-in-focus"
-    largest = 0.0 if sharp else max(view.max_coc_px for view in train)
-    stages, switched = [], {}
-    if entry.card.capabilities.learns_lens:
-        needless = "the training photographs are sharp" if sharp else (
-            f"the largest CoC radius is {largest:.2f} px, below {NEEDLESS_COC} px" if largest < NEEDLESS_COC else "")
-        needed = f"the largest CoC radius is {largest:.2f} px"
-        stages.append(_decide("lens", needless, needed, entry, force_all, switched))
-    if entry.card.capabilities.needs_points or "sparse_depth" in entry.card.leave_out:
-        needless = "" if has_points else "the dataset has no sparse points"
-        stages.append(_decide("sparse_depth", needless, "the dataset has sparse points", entry, force_all, switched))
-
+    stages, switched = _stages(entry, {**options, **overrides}, facts, force_all)
     left_out = _left_out(entry, protocol, stages, bool(test)) | _no_depth_errors(dataset, protocol, bool(test))
     every = (*protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.lens, *protocol.depth)
     return RunPlan(
         method=entry.id, preset=preset, dataset=dataset.name, protocol=protocol.id, budget=format_budget(budget),
         seed=seed, device=device, options={**options, **switched, **overrides},
-        train_views=len(train), test_views=len(test), largest_coc_px=float(largest), lenses=dealt_lenses(dataset),
+        train_views=len(train), test_views=len(test), facts=facts, lenses=dealt_lenses(dataset),
         stages=tuple(stages),
         columns=tuple(column for column in every if column not in left_out), left_out=left_out,
     )
 
 
-def _decide(
-    name: str, needless: str, needed: str, entry: MethodEntry, force_all: bool, switched: dict[str, Any],
-) -> Stage:
-    """One stage; adds the options that switch it off to `switched`. needless: why it could be left out."""
-    if not needless:
-        return Stage(name, True, needed)
-    if force_all:
-        return Stage(name, True, f"--force-all, although {needless}")
-    switch = entry.card.leave_out.get(name)
-    if switch is None:
-        return Stage(name, True, f"{entry.id} can't leave it out, although {needless}")
-    switched.update(switch)
-    return Stage(name, False, needless)
+def _stages(entry: MethodEntry, options: dict[str, Any], facts: Facts, force_all: bool) -> tuple[list[Stage], dict]:
+    """What runs and what doesn't, and the options that switch off what doesn't."""
+    stages, switched = [], {}
+
+    def decide(name: str, needless: bool, why: str) -> bool:
+        """needless: whether the stage could be left out; why: the fact that says so, either way."""
+        switch = entry.card.leave_out.get(name)
+        if switch is not None and all(options.get(key) == value for key, value in switch.items()):
+            return False  # the preset or the user has switched it off: nothing to be decided
+        runs = not needless or force_all or switch is None
+        if needless and force_all:
+            why = f"--force-all, although {why}"
+        elif needless and switch is None:
+            why = f"{entry.id} can't leave it out, although {why}"
+        elif not runs:
+            switched.update(switch)
+        stages.append(Stage(name, runs, why))
+        return runs
+
+    if entry.card.capabilities.learns_lens:
+        blur = facts.blur_px
+        shown = ("the photographs don't tell how blurred they are" if blur is None else
+                 f"the photographs show circles of confusion of up to {blur:.2f} px, by an estimate of which "
+                 f"{NEEDLESS_BLUR} px mean nothing")
+        if decide("lens", blur is not None and blur < NEEDLESS_BLUR, shown):
+            said = "one lens took all photographs" if facts.one_lens else "photographs by several lenses"
+            decide("lens_per_view", facts.one_lens, f"the dataset says: {said}")
+    supervised = True
+    if entry.card.capabilities.needs_points or "sparse_depth" in entry.card.leave_out:
+        supervised = decide("sparse_depth", not facts.points, f"{facts.points or 'no'} sparse points")
+    if "normals" in entry.card.leave_out:
+        decide("normals", not supervised, "they smooth what depth supervision has placed" if supervised
+               else "without depth supervision they smooth what nothing has placed")
+    if "harmonics" in entry.card.leave_out:
+        spread = facts.view_dependence
+        even = spread is not None and spread < NEEDLESS_DEPENDENCE
+        decide("harmonics", even, "too few points are seen often enough to tell" if spread is None else
+               f"surfaces change by {spread:.1f} of 255 with the direction, {NEEDLESS_DEPENDENCE} can be seen")
+    return stages, switched
 
 
 def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], has_test_views: bool) -> dict[str, str]:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from dofbench.contracts import Budget, Method
 from dofbench.errors import InputError
 from dofbench.harness import provenance
+from dofbench.harness.facts import Facts, facts_of
 from dofbench.harness.methods import MethodEntry, find_method
 from dofbench.harness.plan import RunPlan, make_plan
 from dofbench.harness.protocol import Protocol, protocol_for
 from dofbench.harness.result import RESULT_FILE, Result, Spec, read_result
-from dofbench.harness.settings import Run, parse_budget, parse_overrides
+from dofbench.harness.settings import Inputs, Run, parse_budget, parse_overrides
 from dofbench.synthesis.dataset import Dataset
 
 
@@ -67,8 +69,9 @@ def prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
     an option."""
     dataset = Dataset.load(data)
     entry = choices.entry
+    facts = _facts(data.resolve(), dataset.checksum, settings.inputs)
     plan = make_plan(
-        entry, choices.preset, choices.options, choices.overrides, choices.budget, dataset, choices.protocol,
+        entry, choices.preset, choices.options, choices.overrides, choices.budget, dataset, facts, choices.protocol,
         seed=settings.seed, device=choices.device, force_all=settings.force_all,
     )
     spec = Spec(
@@ -85,6 +88,13 @@ def data_folder(settings: Run) -> Path:
     from dofbench.synthesis import builtin_folder
 
     return builtin_folder() if settings.data is None else settings.data
+
+
+@lru_cache(maxsize=64)
+def _facts(folder: Path, checksum: str, inputs: Inputs) -> Facts:
+    """Facts of a dataset, which many runs in one call may share. checksum: so that it is the same one still."""
+    dataset = Dataset.load(folder)
+    return facts_of(dataset.training_set(inputs), one_lens=dataset.assign == "fixed")
 
 
 def _budget(settings: Run, preset: Budget | None, options: dict, subject: str) -> Budget:

@@ -1,13 +1,43 @@
-"""Which sparse points a view can't see, where no track says so."""
+"""Which sparse points a view sees: by their tracks, or by what hides what."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+
+from dofbench.cameras import Camera
+from dofbench.contracts import PointCloud
 
 _NEIGHBOURS = 12       # points around a point that may hide it
 _RADIUS_SHARE = 0.03   # how far away they may be, as a share of the image width
 _HIDDEN_RATIO = 0.85   # a neighbour this much nearer counts as being in front
 _HIDING_SHARE = 0.5    # hidden when at least this share of the neighbours is in front
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Points that a view sees. index: (M,) into the cloud; xy: (M, 2) image coordinates, pixels; depth: (M,) z."""
+
+    index: np.ndarray
+    xy: np.ndarray
+    depth: np.ndarray
+
+
+def visible(points: PointCloud, camera: Camera, view: int) -> Seen:
+    """The points that view number `view` sees.
+
+    With tracks, those whose track names the view. Without tracks, those inside the image that aren't `hidden`.
+    """
+    xy, depth = camera.project(points.xyz)
+    with np.errstate(invalid="ignore"):
+        seen = (depth > 0) & (xy >= 0).all(axis=1) & (xy[:, 0] < camera.width) & (xy[:, 1] < camera.height)
+    if points.views is not None:
+        seen &= np.fromiter((view in track for track in points.views), dtype=bool, count=len(points))
+    index = np.nonzero(seen)[0]
+    if points.views is None:
+        index = index[~hidden(xy[index], depth[index], camera.width)]
+    return Seen(index, xy[index], depth[index])
 
 
 def hidden(xy: np.ndarray, depth: np.ndarray, width: int) -> np.ndarray:

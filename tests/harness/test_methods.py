@@ -70,7 +70,7 @@ def test_unknown_method_lists_what_there_is(folder: Path) -> None:
 
 
 def test_unknown_option_lists_the_known_ones(folder: Path) -> None:
-    with pytest.raises(InputError, match="option nose.*lens, noise"):
+    with pytest.raises(InputError, match="option nose.*lens_per, noise"):
         find_method("fake").create({"nose": 1}, 0, "cpu")
 
 
@@ -110,6 +110,7 @@ def test_a_class_without_the_contract_is_refused(folder: Path) -> None:
 
 def test_a_missing_class_is_refused(folder: Path) -> None:
     (folder / "method.toml").write_text(
-        METHOD_TOML.format(name="Fake", refocus="true", learns_lens="true").replace("trainer:Fake", "trainer:Fakir"))
+        METHOD_TOML.format(name="Fake", refocus="true", learns_lens="true", needs_points="true")
+        .replace("trainer:Fake", "trainer:Fakir"))
     with pytest.raises(InputError, match="trainer:Fakir"):
         find_method("fake").create({}, 0, "cpu")

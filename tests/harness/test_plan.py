@@ -10,6 +10,7 @@ from harness_fakes import FakeDataset, write_dataset, write_method
 from dofbench.contracts import Budget
 from dofbench.errors import InputError
 from dofbench.files import canonical_json
+from dofbench.harness.facts import Facts
 from dofbench.harness.methods import find_method
 from dofbench.harness.plan import RunPlan, make_plan
 from dofbench.harness.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS, protocol_for
@@ -19,12 +20,15 @@ from dofbench.harness.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS, pr
 def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("DOFBENCH_METHODS", str(write_method(tmp_path / "methods")))
     write_method(tmp_path / "methods", "pinhole", refocus=False, learns_lens=False)
+    write_method(tmp_path / "methods", "pointless", needs_points=False)
 
     def plan(method: str = "fake", inputs: str = "shallow", overrides: dict | None = None, force_all: bool = False,
+             blur: float | None = 4.0, dependence: float | None = 20.0, one_lens: bool = False, points: int = 900,
              **dataset) -> RunPlan:
         data = FakeDataset(write_dataset(tmp_path / "data", **dataset))
         return make_plan(find_method(method), "quick", {"noise": 0.2}, overrides or {}, Budget(steps=8), data,
-                         protocol_for(inputs), seed=0, device="cpu", force_all=force_all)
+                         Facts(points, blur, dependence, one_lens), protocol_for(inputs), seed=0, device="cpu",
+                         force_all=force_all)
 
     return plan
 
@@ -57,17 +61,51 @@ def test_the_plan_has_every_view_s_lens(plan) -> None:
     assert lenses["train"]["v2"] == [0.5, 0.8]  # A, F
 
 
+def _runs(made: RunPlan) -> dict[str, bool]:
+    return {stage.name: stage.runs for stage in made.stages}
+
+
 def test_a_needless_lens_is_left_out(plan) -> None:
-    made = plan(coc=0.4)
-    assert [stage.runs for stage in made.stages if stage.name == "lens"] == [False]
+    made = plan(blur=0.4)
+    assert _runs(made)["lens"] is False and "lens_per_view" not in _runs(made)
     assert made.options == {"noise": 0.2, "lens": False}
-    assert all("0.40 px, below 0.5 px" in made.left_out[column] for column in LENS_COLUMNS)
+    assert all("up to 0.40 px" in made.left_out[column] for column in LENS_COLUMNS)
+
+
+@pytest.mark.parametrize("blur", [0.9, None])
+def test_a_lens_runs_where_something_is_blurred_or_nothing_tells(plan, blur: float | None) -> None:
+    assert _runs(plan(blur=blur))["lens"] and "lens" not in plan(blur=blur).options
+
+
+def test_sharp_photographs_are_seen_as_such_and_not_told(plan) -> None:
+    assert _runs(plan(inputs="all-in-focus", blur=4.0))["lens"]
+    assert not _runs(plan(inputs="all-in-focus", blur=0.1))["lens"]
+
+
+def test_one_lens_is_learned_where_the_dataset_says_so(plan) -> None:
+    assert plan(one_lens=True).options["lens_per"] == "scene"
+    assert "lens_per" not in plan(one_lens=False).options
+    assert plan(one_lens=True, overrides={"lens_per": "view"}).options["lens_per"] == "view"
+    assert "lens_per_view" not in _runs(plan(one_lens=True, overrides={"lens_per": "scene"}))  # nothing to decide
+
+
+def test_harmonics_are_left_out_of_a_scene_that_looks_alike_from_everywhere(plan) -> None:
+    assert plan(dependence=1.0).options["harmonics"] == 0
+    assert "harmonics" not in plan(dependence=4.0).options and "harmonics" not in plan(dependence=None).options
+
+
+def test_normals_need_depth_supervision(plan) -> None:
+    sparing = "pointless"
+    assert plan(sparing, points=0).options["normals"] == 0 and plan(sparing, points=0).options["depth"] == 0
+    assert not {"normals", "depth"} & set(plan(sparing).options)
+    forced = plan(sparing, points=0, force_all=True)
+    assert not {"normals", "depth"} & set(forced.options) and all(_runs(forced).values())
 
 
 def test_force_all_and_the_user_override_the_plan(plan) -> None:
-    forced = plan(coc=0.4, force_all=True)
+    forced = plan(blur=0.4, force_all=True)
     assert "lens" not in forced.options and forced.left_out == {}
-    assert plan(coc=0.4, overrides={"lens": True}).options["lens"] is True
+    assert plan(blur=0.4, overrides={"lens": True}).options["lens"] is True
 
 
 def test_no_test_view_means_no_image_scores(plan) -> None:
@@ -81,10 +119,9 @@ def test_sharp_inputs_have_no_lens_errors(plan) -> None:
     made = plan(inputs="all-in-focus")
     assert made.protocol == "sharp-inputs-v2"
     assert "sharp photographs" in made.left_out["delta_f"]
-    assert made.largest_coc_px == 0
 
 
-@pytest.mark.parametrize("dataset", [{"points": False}, {"train": 0}])
+@pytest.mark.parametrize("dataset", [{"points": 0}, {"train": 0}])
 def test_what_a_method_cannot_do_without(plan, dataset: dict) -> None:
     with pytest.raises(InputError, match="dataset waves"):
         plan(**dataset)

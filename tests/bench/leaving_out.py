@@ -1,0 +1,109 @@
+"""What leaving out saves, and what it costs: leaving-out.md and leaving-out.csv.
+
+    python tests/bench/leaving_out.py DATASET... --out reports/leaving-out [--seeds 3] [--budget 1000it]
+
+Every dataset is looked at twice, by its shallow photographs and by its sharp ones. Where the plan leaves something out,
+the method is trained as planned and with --force-all, from the same seeds; where it leaves nothing out, the table says
+why.
+"""
+
+from __future__ import annotations
+
+import statistics
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import tyro
+from rich.console import Console
+
+from dofbench.files import write_text
+from dofbench.harness.prepare import choose, prepare
+from dofbench.harness.result import Result, read_result
+from dofbench.harness.run import run
+from dofbench.harness.settings import Run
+from dofbench.reporting.tables import write_csv
+from dofbench.threads import configure_threads
+
+SCORES = ("train_s", "aif_psnr", "aif_ssim", "psnr")
+COLUMNS = ("dataset", "inputs", "left_out", "reason", "forced", "seed", *SCORES)
+INPUTS = ("shallow", "all-in-focus")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What to train, and where the table goes."""
+
+    data: tyro.conf.Positional[tuple[Path, ...]]
+    """Datasets."""
+    out: Path
+    """Folder for the table."""
+    results: Path = Path("results")
+    """Folder of results; what is finished there isn't trained again."""
+    method: str = "dofgaussian"
+    """Method."""
+    preset: str | None = None
+    """Preset; default: the method's."""
+    set: tuple[str, ...] = ()
+    """Options of every run."""
+    budget: str = "1000it"
+    """Budget of every run."""
+    seeds: int = 3
+    """Seeds, from 0."""
+
+
+def main(settings: Settings) -> None:
+    """Train what isn't trained yet and write the table."""
+    configure_threads()
+    rows, lines = [], []
+    for data in settings.data:
+        for inputs in INPUTS:
+            some, line = _compared(settings, data, inputs)
+            rows += some
+            lines.append(line)
+    settings.out.mkdir(parents=True, exist_ok=True)
+    write_csv(settings.out / "leaving-out.csv", COLUMNS, rows)
+    head = ("| dataset | photographs | left out | because | training, planned [s] | forced [s] | saved | all-in-focus "
+            "PSNR, planned [dB] | forced [dB] | refocus PSNR, planned [dB] | forced [dB] |")
+    rule = "| :--- | :--- | :--- | :--- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |"
+    write_text(settings.out / "leaving-out.md", "\n".join([head, rule, *lines]) + "\n")
+
+
+def _compared(settings: Settings, data: Path, inputs: str) -> tuple[list[dict], str]:
+    call = Run(method=settings.method, data=data, preset=settings.preset, set=settings.set, budget=settings.budget,
+               out=settings.results, inputs=inputs)
+    plan = prepare(call, choose(call), data).plan
+    needless = {stage.name: stage.reason for stage in plan.stages if not stage.runs}
+    if not needless:
+        reasons = "; ".join(f"{stage.name}: {stage.reason}" for stage in plan.stages)
+        return [], f"| {plan.dataset} | {inputs} | nothing | {reasons} |" + " – |" * 7
+    rows, found = [], {False: [], True: []}
+    for seed in range(settings.seeds):
+        for forced in (False, True):
+            result = _trained(call, seed, forced)
+            found[forced].append(result)
+            rows.append({"dataset": plan.dataset, "inputs": inputs, "left_out": ", ".join(needless),
+                         "reason": "; ".join(needless.values()), "forced": forced, "seed": seed,
+                         **{score: result.scores.get(score) for score in SCORES}})
+    planned, forced = (statistics.median(result.scores["train_s"] for result in found[key]) for key in (False, True))
+    cells = [f"{planned:.0f}", f"{forced:.0f}", f"{1 - planned / forced:.0%}"]
+    cells += [_spread(found[key], score) for score in ("aif_psnr", "psnr") for key in (False, True)]
+    reasons = "; ".join(needless.values())
+    return rows, f"| {plan.dataset} | {inputs} | {', '.join(needless)} | {reasons} | " + " | ".join(cells) + " |"
+
+
+def _trained(call: Run, seed: int, forced: bool) -> Result:
+    end = run(replace(call, seed=seed, force_all=forced), Console(quiet=True))
+    if not end:
+        raise SystemExit(f"{end.folder}: {end.status}")
+    return read_result(end.folder)
+
+
+def _spread(results: list[Result], score: str) -> str:
+    values = [result.scores[score] for result in results if score in result.scores]
+    if not values:
+        return "–"
+    return f"{statistics.fmean(values):.2f} ± {statistics.stdev(values) if len(values) > 1 else 0:.2f}"
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Settings))

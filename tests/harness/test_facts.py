@@ -1,0 +1,121 @@
+"""What photographs tell about themselves: how blurred they are, and whether colours depend on the direction."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
+
+from dofbench.cameras import Camera
+from dofbench.content import content_folder
+from dofbench.contracts import PointCloud, TrainingSet, TrainingView
+from dofbench.defocus import defocus_numpy
+from dofbench.harness.facts import facts_of
+from dofbench.harness.plan import NEEDLESS_BLUR, NEEDLESS_DEPENDENCE
+from dofbench.harness.sharpness import blur_deviation, noise_deviation
+from dofbench.images import from_8bit, resize, to_8bit
+from dofbench.lens import DisparityRange, Lens
+from dofbench.scenes import load_scene
+
+SMALLER = 2  # the built-in scene is looked at at half its size: seconds instead of half a minute
+LENSES = tuple(Lens(aperture, focus) for aperture in (0.5, 1.0) for focus in (0.2, 0.5, 0.8))
+
+
+@pytest.fixture(scope="module")
+def sharp() -> tuple[TrainingSet, list[np.ndarray]]:
+    """The built-in scene's photographs as they are, and the depth of each."""
+    scene = load_scene(content_folder("datasets") / "tabletop")
+    views, depths = [], []
+    for view in scene.views[::2]:
+        camera = view.camera.resized(view.camera.width // SMALLER, view.camera.height // SMALLER)
+        image = from_8bit(to_8bit(resize(view.image(), camera.width, camera.height)))
+        views.append(TrainingView(view.name, camera, image))
+        depths.append(view.depth()[SMALLER // 2::SMALLER, SMALLER // 2::SMALLER][:camera.height, :camera.width])
+    return TrainingSet(tuple(views), PointCloud(scene.points.xyz, scene.points.rgb, scene.points.error)), depths
+
+
+def _through(sharp, lenses, noise: float = 0.0) -> TrainingSet:
+    training_set, depths = sharp
+    bounds = DisparityRange.of_disparity(np.concatenate([1 / depth[depth > 0] for depth in depths]))
+    random, views = np.random.default_rng(0), []
+    for number, (view, depth) in enumerate(zip(training_set.views, depths, strict=True)):
+        image = defocus_numpy(view.image, depth, lenses[number % len(lenses)].physical(bounds, view.camera.width))[0]
+        image = from_8bit(to_8bit(image + random.normal(0, noise, image.shape).astype(np.float32)))
+        views.append(replace(view, image=image))
+    return TrainingSet(tuple(views), training_set.points)
+
+
+def test_photographs_in_focus_are_seen_to_be(sharp) -> None:
+    assert facts_of(sharp[0], one_lens=False).blur_px < NEEDLESS_BLUR
+
+
+@pytest.mark.parametrize("lenses", [LENSES, (Lens(1.0, 0.2),), (Lens(1.0, 0.8),)], ids=["several", "far", "near"])
+def test_shallow_photographs_are_seen_to_be(sharp, lenses) -> None:
+    assert facts_of(_through(sharp, lenses), one_lens=False).blur_px > NEEDLESS_BLUR
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.03])
+def test_noise_doesn_t_pass_for_sharpness(sharp, noise: float) -> None:
+    blur = facts_of(_through(sharp, LENSES, noise), one_lens=False).blur_px
+    assert blur is None or blur > NEEDLESS_BLUR
+
+
+@given(st.floats(0.6, 3.0), st.floats(0.2, 0.8), st.booleans())
+def test_a_known_blur_of_an_edge_is_found(deviation: float, contrast: float, upright: bool) -> None:
+    edge = np.zeros((48, 48))
+    edge[:, 24:] = contrast
+    image = gaussian_filter(edge if upright else edge.T, deviation)
+    found = blur_deviation(image)[24, 24]
+    # The differences that stand for the gradient blur by themselves, and the window cuts the tails of a wide edge.
+    assert deviation * 0.8 <= found <= np.hypot(deviation, 0.6) * 1.25
+
+
+def test_nothing_to_judge_by_is_nothing_found() -> None:
+    assert np.isnan(blur_deviation(np.full((32, 32), 0.5))).all()
+    assert np.isnan(blur_deviation(np.random.default_rng(1).normal(0.5, 0.02, (64, 64)))).mean() > 0.9
+
+
+@given(st.floats(0.002, 0.1))
+def test_noise_is_measured(deviation: float) -> None:
+    ramp = np.linspace(0, 1, 128)[None, :] * np.linspace(0, 1, 128)[:, None]
+    found = noise_deviation(ramp + np.random.default_rng(0).normal(0, deviation, ramp.shape))
+    assert found == pytest.approx(deviation, rel=0.05)
+
+
+def _plain(change: float) -> TrainingSet:
+    """A wall with soft stains, seen by six cameras side by side; each sees it brighter by `change` of 255 at most."""
+    random = np.random.default_rng(2)
+    stains = gaussian_filter(random.normal(0, 1, (200, 400, 3)), (12, 12, 0))
+    wall = 0.5 + 0.1 * stains / stains.std()
+    points = np.stack([random.uniform(-1, 1, 800), random.uniform(-0.4, 0.4, 800), np.full(800, 2.0)], axis=1)
+    views = []
+    for number in range(6):
+        pose = np.eye(4)
+        pose[0, 3] = 0.05 * number  # 5 pixels at fx 200 and z 2
+        camera = Camera(160, 120, 200.0, 200.0, 80.0, 60.0, pose)
+        image = wall[40:160, 120 - 5 * number:280 - 5 * number] + change * number / 5 / 255
+        views.append(TrainingView(f"v{number}", camera, from_8bit(to_8bit(image.astype(np.float32)))))
+    return TrainingSet(tuple(views), PointCloud(points, np.zeros((800, 3), np.float32), np.zeros(800, np.float32)))
+
+
+def test_a_wall_that_looks_alike_from_everywhere_is_seen_to() -> None:
+    assert facts_of(_plain(0.0), one_lens=False).view_dependence < NEEDLESS_DEPENDENCE
+
+
+def test_a_wall_that_changes_with_the_direction_is_seen_to() -> None:
+    assert facts_of(_plain(20.0), one_lens=False).view_dependence > NEEDLESS_DEPENDENCE
+
+
+def test_without_points_nothing_is_told() -> None:
+    facts = facts_of(TrainingSet(_plain(0.0).views, None), one_lens=True)
+    assert (facts.points, facts.blur_px, facts.view_dependence, facts.one_lens) == (0, None, None, True)
+
+
+def test_points_that_nothing_sees_tell_nothing() -> None:
+    behind = PointCloud(np.full((50, 3), -1.0), np.zeros((50, 3), np.float32), np.zeros(50, np.float32))
+    facts = facts_of(TrainingSet(_plain(0.0).views, behind), one_lens=False)
+    assert (facts.points, facts.blur_px, facts.view_dependence) == (50, None, None)
