@@ -26,6 +26,7 @@ from dofbench.harness.clock import loading
 from dofbench.rendering.settings import MakeScene
 from dofbench.reporting.settings import Report
 from dofbench.runs.settings import Runs
+from dofbench.stability.settings import Stability
 from dofbench.synthesis.settings import MakeDatasets
 from dofbench.threads import configure_threads
 from dofbench.validation.settings import ValidateRenderer
@@ -79,7 +80,9 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(number)
 
 
-Command = MakeDatasets | MakeScene | Runs | Ablate | Score | Report | Check | Scenes | ValidateRenderer
+Command = (
+    MakeDatasets | MakeScene | Runs | Ablate | Score | Report | Check | Scenes | ValidateRenderer | Stability
+)
 
 
 def parse(arguments: Sequence[str]) -> Command:
@@ -87,6 +90,7 @@ def parse(arguments: Sequence[str]) -> Command:
     commands = {
         "make-dataset": MakeDatasets, "make-scene": MakeScene, "run": Runs, "ablate": Ablate, "score": Score,
         "report": Report, "check": Check, "scenes": Scenes, "validate-renderer": ValidateRenderer,
+        "stability": Stability,
     }
     named = tuple(Annotated[settings, tyro.conf.subcommand(name)] for name, settings in commands.items())
     look = (tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalMetavarFromFieldName)
@@ -150,6 +154,10 @@ def execute(settings: Any) -> int:
 
             validate_renderer(settings)
             return DONE
+        case Stability():
+            from dofbench.stability.run import stability
+
+            return DONE if stability(settings) else FAILED
     raise AssertionError(f"no command for {type(settings).__name__}")
 
 
@@ -162,7 +170,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     configure_threads()
     try:
         settings = parse(arguments)
-        if isinstance(settings, MakeDatasets | MakeScene | Runs | Ablate | Score | Check):
+        if isinstance(settings, MakeDatasets | MakeScene | Runs | Ablate | Score | Check | Stability):
             # Its import puts a handler of its own on SIGTERM, which prints a stack and dies. These commands need
             # it anyway, so it comes first and ours replaces it.
             with loading.running():

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from dofbench.cameras import Camera
 from dofbench.contracts import Budget, FitOutcome, NonFinite, Observer, PointCloud, Rendering, TrainingSet
-from dofbench.errors import Status
+from dofbench.errors import InputError, Status
 from dofbench.gaussians import losses
 from dofbench.gaussians.density import DensityControl
 from dofbench.gaussians.exposure import Shot, render_view, sampled, scattered, summed
@@ -78,7 +78,7 @@ class Trainer:
         self.gaussians.update_filter_3d(self._cameras)
 
     def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
-        """Train until the budget, or the observer, ends it. A non-finite number ends it as diverged."""
+        """Train until the budget or the observer ends it; a non-finite number, or nothing left to see, is diverged."""
         compile_kernels(self.gaussians, self._cameras[0], self.options)
         total = budget.steps or self.options.steps
         step, event = 0, None
@@ -106,7 +106,7 @@ class Trainer:
                 if views[0].camera.width != self._cameras[0].width:
                     # The sampling interval of the 3D filter is that of the images trained on.
                     self._cameras = [view.camera for view in views]
-                    self.gaussians.update_filter_3d(self._cameras)
+                    self._update_filter(step, views[order[-1]])
                 step += 1
                 loss = self._step(step, progress, views[order.pop()])
                 if not observer.after_step(step, loss):
@@ -114,7 +114,10 @@ class Trainer:
         except NonFiniteError as error:
             event = error.event
             self._optimiser.discard_gradients()
-        self.gaussians.update_filter_3d([view.camera for view in self._views])
+        try:
+            self.gaussians.update_filter_3d([view.camera for view in self._views])
+        except InputError as error:
+            event = event or NonFinite(step, "", "3D filter", error.found)
         status = Status.DIVERGED if event else Status.OK
         return FitOutcome(
             status=status, steps=step, message=str(event) if event else "",
@@ -167,7 +170,7 @@ class Trainer:
             statistics = ViewStatistics(want_abs=options.grow_absolute)
             geometry = "full" if with_normals else "depth" if with_depth else "none"
             geometry = "distortion" if with_distortion else geometry
-            with self._located(step, view):
+            with self._located(step, view, "rasterise"):
                 raster = rasterise(self.gaussians, view.camera, options, sh_degree=degree, geometry=geometry,
                                    statistics=statistics)
         # The graph is cut between the stages, so each stage's time and numbers can be looked at.
@@ -183,7 +186,8 @@ class Trainer:
                 lens = self._lens(view, alpha, disparity)
                 out_of_focus = lens.out_of_focus(disparity) if adapting else None
                 if not sampling:
-                    image = scattered(colour, disparity, lens, options, adapting)
+                    with self._located(step, view, "lens"):
+                        image = scattered(colour, disparity, lens, options, adapting)
             if sampling:
                 samples, more = self._samples(step, progress, view, lens, degree, adapting)
                 leaves = [sample.detach().requires_grad_() for sample in samples]
@@ -239,15 +243,22 @@ class Trainer:
             graded = self.gaussians.parameters["means"].detach()[:, 2] if options.prune_depth_graded else None
             changed = self._density.after_step(step, progress, graded)
             if changed or step % _FILTER_3D_EVERY == 0:
-                self.gaussians.update_filter_3d(self._cameras)
+                self._update_filter(step, view)
         return value
+
+    def _update_filter(self, step: int, view: _Photograph) -> None:
+        """The 3D filter anew. Gaussians that all faded, or fled, are training's failure and not the user's mistake."""
+        try:
+            self.gaussians.update_filter_3d(self._cameras)
+        except InputError as error:
+            raise NonFiniteError(NonFinite(step, view.name, "density control", error.found)) from None
 
     def _samples(self, step: int, progress: float, view: _Photograph, lens: Shot, degree: int,
                  adapting: bool) -> tuple[list[Tensor], list[ViewStatistics]]:
         """What the points of the lens see, and the statistics of each; the points turn at random."""
         options = self.options
         rings = options.lens_rings if progress >= options.lens_rings_from else 0
-        with self._timed("rasterise"), self._located(step, view):
+        with self._timed("rasterise"), self._located(step, view, "rasterise"):
             rasters, statistics = sampled(
                 self.gaussians, lens, options, rings, rotation=self._random.uniform(0, 2 * math.pi), sh_degree=degree,
                 want_abs=options.grow_absolute, adapting=adapting)
@@ -255,12 +266,12 @@ class Trainer:
 
     @staticmethod
     @contextmanager
-    def _located(step: int, view: _Photograph) -> Iterator[None]:
-        """Turns the rasteriser's complaint into one that names step and view."""
+    def _located(step: int, view: _Photograph, stage: str) -> Iterator[None]:
+        """Turns a kernel's complaint into one that names step, view and stage."""
         try:
             yield
         except FloatingPointError as error:
-            raise NonFiniteError(NonFinite(step, view.name, "rasterise", str(error))) from None
+            raise NonFiniteError(NonFinite(step, view.name, stage, str(error))) from None
 
     def _disparity(self, alpha: Tensor, depth: Tensor) -> Tensor:
         surface = depth if self.options.blur_to_depth else depth.detach()

@@ -4,8 +4,8 @@
 
 Everything is measured in one run on one thread pool, the variants of a panel in turns, medians of several. Panels:
 scatter by the width of its soft band, both forms, against float64 sums over the whole image; photographs by their
-resolution, against full size; the thin lens of training by its number of points, against 469; the rasteriser's float32 kernel,
-against float64. Layers and rays of the dataset builder are in `dofbench validate-renderer`, against optics.
+resolution, against full size; the thin lens of training by its number of points, against 469; the rasteriser's float32
+kernel, against float64. Layers and rays of the dataset builder are in `dofbench validate-renderer`, against optics.
 """
 
 from __future__ import annotations
