@@ -20,6 +20,7 @@ from dofbench.harness import check as check_module
 from dofbench.harness import prepare as prepare_module
 from dofbench.harness import run as run_module
 from dofbench.harness import score as score_module
+from dofbench.harness.facts import Facts
 from dofbench.harness.run import RunEnd
 from dofbench.harness.settings import Run
 from dofbench.images import from_8bit, to_8bit
@@ -98,6 +99,13 @@ class FakeDataset:
         views = tuple(TrainingView(v.name, v.camera, read(v)) for v in self.views if v.split == "train")
         few = PointCloud(np.zeros((3, 3)), np.zeros((3, 3), np.float32), np.zeros(3, np.float32))
         return TrainingSet(views, few if self.has_points else None)
+
+
+def fake_facts(folder: Path, checksum: str, inputs: str) -> Facts:
+    """What the photographs of a fake dataset would show: by its dataset.json, since they are mere noise."""
+    dataset = FakeDataset(folder)
+    blur = 0.1 if inputs == "all-in-focus" else dataset.views[-1].max_coc_px
+    return Facts(900 if dataset.has_points else 0, blur, 20.0, dataset.assign == "fixed")
 
 
 def sharp_image(seed: int, camera: Camera) -> np.ndarray:
@@ -275,6 +283,7 @@ def fake_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Run
     monkeypatch.setenv("DOFBENCH_METHODS", str(methods))
     for module in (check_module, planned_module, prepare_module, score_module, truth_module):
         monkeypatch.setattr(module, "Dataset", FakeDataset)
+    monkeypatch.setattr(prepare_module, "_facts", fake_facts)
     # FLIP takes a third of a second however small the image; what it says is tested elsewhere.
     quick = replace(METRICS["flip"], function=lambda prediction, truth: float(np.abs(prediction - truth).mean()))
     monkeypatch.setitem(METRICS, "flip", quick)

@@ -23,10 +23,8 @@ from rich.console import Console
 from dofbench import synthesis
 from dofbench.errors import InputError, Status
 from dofbench.files import sha256_file
-from dofbench.harness import prepare as prepare_module
 from dofbench.harness.clock import Stopwatch, loading
 from dofbench.harness.evaluate import Evaluator
-from dofbench.harness.facts import Facts
 from dofbench.harness.lock import is_running, locked, read_lock
 from dofbench.harness.prepare import choose, data_folder, prepare
 from dofbench.harness.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS
@@ -311,8 +309,8 @@ def test_a_method_that_refuses_to_refocus_leaves_it_out(call) -> None:
     assert result.scores["aif_psnr"] > 30
 
 
-def test_leaving_out_a_needless_lens_changes_no_other_score(call, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prepare_module, "facts_of", lambda training_set, *, one_lens: Facts(900, 0.1, None, one_lens))
+def test_leaving_out_a_needless_lens_changes_no_other_score(call, tmp_path: Path) -> None:
+    write_dataset(tmp_path / "data", coc=0.1)
     left_out, forced = (read_result(call(force_all=force).folder) for force in (False, True))
     assert left_out.left_out_stages["lens"].startswith("the photographs show circles of confusion of up to 0.10 px")
     assert left_out.scores["aif_psnr"] == forced.scores["aif_psnr"]
