@@ -470,10 +470,12 @@ def test_a_result_of_an_older_protocol_is_still_reported(plain, call, made) -> N
             del view["scores"][column]
     del data["plan"]["lenses"]
     data["plan"]["columns"] = [column for column in data["plan"]["columns"] if column not in DEPTH]
-    data["spec"]["protocol"] = "refocus-v1"
-    data["key"] = Spec.model_validate(data["spec"]).key
+    data["spec"]["protocol"] = data["plan"]["protocol"] = data["protocol"]["id"] = "refocus-v1"
+    del data["protocol"]["depth"]
+    spec = Spec.model_validate(data["spec"])
+    data["key"] = spec.key
     (end.folder / "result.json").write_text(json.dumps(data))
-    assert check_result(end.folder) == []
+    assert check_result(end.folder.rename(end.folder.with_name(spec.folder.name))) == []
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text()
     (row, _) = table_rows(page, "waves, refocus-v1")
