@@ -17,6 +17,7 @@ from dofbench.errors import InputError
 from dofbench.harness.result import Result, read_result
 from dofbench.reporting import truth
 from dofbench.reporting.collect import collect
+from dofbench.reporting.html import layouts
 from dofbench.reporting.html.ablations import ablation_sections, read_ablations
 from dofbench.reporting.html.boards import gather
 from dofbench.reporting.html.markup import Notes, Td, Th, number_cell, table
@@ -246,7 +247,19 @@ def test_the_papers_figures_have_columns_of_their_own(reader: Reader) -> None:
     assert scenes.cell("waves", theirs, "PSNR [dB] ↑").startswith("–")  # they have no such scene
     (means,) = [one for one in reader.tables if one.caption.endswith("learned: mean over 2 scenes")]
     assert means.cell("DoF-NeRF", "the paper's, on other data", "PSNR [dB] ↑") == "25.59"
+    assert means.cell("DoF-NeRF", "the paper's, on other data", "SSIM ↑") == "0.788"  # the digits that it prints
     assert means.cell("DoF-NeRF", "measured here, mean over 2 scenes", "PSNR [dB] ↑").startswith("–")
+
+
+def test_the_papers_figures_stand_beside_the_method_as_it_is(boards: list, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not beside rows with options changed, which aren't what the paper measured."""
+    monkeypatch.setattr(layouts, "_card_name", {"fake": "DoF-Gaussian", "pinhole": "Mip-Splatting"}.get)
+    tables = read("".join(layouts.layout_sections(boards, Notes()))).tables
+    means = next(one for one in tables if one.caption.endswith("learned: mean over 2 scenes"))
+    theirs = "the paper's, on other data"
+    assert means.cell(f"fake {QUICK}", theirs, "PSNR [dB] ↑") == "28.70"
+    assert means.cell("fake quick noise=0.4", theirs, "PSNR [dB] ↑").startswith("–")
+    assert not any(row[0][0] == "DoF-Gaussian" for row in means.rows)  # it has a row already
 
 
 def test_the_papers_means_are_those_of_its_scenes() -> None:

@@ -12,13 +12,12 @@ from dofbench.ablation.page import word
 from dofbench.ablation.tables import read_tables, shipped_file
 from dofbench.errors import InputError
 from dofbench.reporting.columns import COLUMNS, Column
-from dofbench.reporting.html.layouts import not_shown
+from dofbench.reporting.html.layouts import not_shown, paper_number
 from dofbench.reporting.html.markup import (
     Notes,
     Td,
     Th,
     gap_cell,
-    number_cell,
     score_cell,
     score_heading,
     table,
@@ -154,7 +153,7 @@ def _block(ablation: Ablation, dataset: str, notes: Notes) -> str:
 
 def _theirs(printed: dict[str, float], columns: list[str], notes: Notes) -> Iterator[Td]:
     for column in columns:
-        yield (number_cell(printed[column], COLUMNS[column].text(printed[column]), kind="theirs") if column in printed
+        yield (paper_number(printed[column], COLUMNS[column]) if column in printed
                else gap_cell("the paper has no such figure of this row", notes))
 
 

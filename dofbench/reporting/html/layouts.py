@@ -25,6 +25,8 @@ from dofbench.reporting.html.markup import (
 from dofbench.reporting.paper import Figures, paper_figures
 from dofbench.reporting.summary import Line, best_texts, empty_columns, scene_mean
 
+_PAPER_DIGITS = 3  # of a printed SSIM
+_CHANGED = "the paper's figures are of the method as it is, not with these options"
 _SIDEWAYS = 6  # methods; with more of them the table of scenes has a row for each method
 
 
@@ -43,10 +45,12 @@ class Layout:
 
 @dataclass(frozen=True)
 class _Over:
-    """What a table's cells are of: a single board, over its seeds, or a mean over several."""
+    """What a table's cells are of: a single board, over its seeds, or a mean over several. unchanged: variants in which
+    the user changed no option."""
 
     single: bool
     words: str
+    unchanged: frozenset[Variant]
 
 
 LAYOUTS = (
@@ -87,7 +91,8 @@ def _section(layout: Layout, kind: str, boards: list[Board], notes: Notes) -> li
     where = f"{boards[0].scene}, {figures.data}" if single else figures.data
     nothing = _nothing(boards, layout.columns)
     html = [f"<h3>{escape(layout.title)} <small>{escape(kind)}</small></h3>", f"<p>{escape(layout.about)}</p>"]
-    if any(line.cells[column].value is not None for line in lines for column in layout.columns) or len(boards) == 1:
+    has_mean = any(line.cells[column].value is not None for line in lines.values() for column in layout.columns)
+    if has_mean or len(boards) == 1:
         html += [_mean_table(lines, nothing, layout.columns, over, theirs, figures, caption, notes),
                  _paper_note(figures, where) if theirs else ""]
     else:
@@ -99,23 +104,24 @@ def _section(layout: Layout, kind: str, boards: list[Board], notes: Notes) -> li
 
 def _over(boards: list[Board]) -> _Over:
     single = len(boards) == 1
-    return _Over(single, boards[0].name if single else f"mean over {len(boards)} scenes")
+    unchanged = {entry.variant for board in boards for entry in board.members if not entry.spec.overrides}
+    return _Over(single, boards[0].name if single else f"mean over {len(boards)} scenes", frozenset(unchanged))
 
 
-def _means(boards: list[Board], columns: Sequence[str]) -> list[Line]:
+def _means(boards: list[Board], columns: Sequence[str]) -> dict[Variant, Line]:
     """A line for each variant: its own on one board, its mean over several."""
     if len(boards) == 1:
-        return list(boards[0].lines.values())
+        return boards[0].lines
     scenes = [board.name for board in boards]
     found: dict[Variant, dict[str, Line]] = {}
     for board in boards:
         for variant, line in board.lines.items():
             found.setdefault(variant, {})[board.name] = line
-    means = []
-    for own in found.values():
+    means = {}
+    for variant, own in found.items():
         some = next(iter(own.values()))
         cells = {column: scene_mean(own, scenes, column) for column in columns}
-        means.append(Line(some.method, some.preset, f"{len(own)} of {len(scenes)}", cells))
+        means[variant] = Line(some.method, some.preset, f"{len(own)} of {len(scenes)}", cells)
     return means
 
 
@@ -131,10 +137,12 @@ def _nothing(boards: list[Board], columns: Sequence[str]) -> Line | None:
 
 
 def _mean_table(
-    lines: list[Line], nothing: Line | None, columns: Sequence[str], over: _Over, theirs: dict[str, dict[str, float]],
-    figures: Figures, caption: str, notes: Notes,
+    means: dict[Variant, Line], nothing: Line | None, columns: Sequence[str], over: _Over,
+    theirs: dict[str, dict[str, float]], figures: Figures, caption: str, notes: Notes,
 ) -> str:
-    """Rows are methods; the paper's figures, of the methods that it has, come behind ours."""
+    """Rows are methods; the paper's figures, of the methods that it has, come behind ours. They are of the methods as
+    they are, so a row with options changed has none."""
+    lines = list(means.values())
     empty = empty_columns(lines, columns)
     shown = [column for column in columns if column not in empty]
     best = best_texts(lines, [column for column in shown if column in COLUMNS]) | dict.fromkeys(
@@ -144,22 +152,24 @@ def _mean_table(
     headings += [score_heading(column_of(column), f"measured here, {over.words}") for column in shown]
     paper = [column for column in figures.columns if any(column in row for row in theirs.values())]
     headings += [score_heading(column_of(column), "the paper's, on other data") for column in paper]
-    silent = f"{figures.source} has no such figure of it"
+    of_it = f"{figures.source} has no such figure of it"
     rows = []
+    as_it_is = [line for variant, line in means.items() if variant in over.unchanged]
     for line in [*_sorted(lines, shown), *([nothing] if nothing else [])]:
-        printed = theirs.get(_card_name(line.method), {}) if line.competes else {}
+        printed = theirs.get(_card_name(line.method), {}) if line in as_it_is else {}
+        silent = of_it if line in as_it_is or not line.competes else _CHANGED
         rows.append([
             text_cell(line.method), text_cell(line.preset), text_cell(line.seeds),
             *(score_cell(line.cells[column], column_of(column), best[column] if line.competes else None, notes)
               for column in shown),
             *(_paper_cell(printed, column, silent, notes) for column in paper),
         ])
-    here = {_card_name(line.method) for line in lines}
+    here = {_card_name(line.method) for line in as_it_is}
     for method, printed in theirs.items():
         if method not in here:
             rows.append([text_cell(method), text_cell("the paper's only"), text_cell(""),
                          *(gap_cell("not run here", notes) for _ in shown),
-                         *(_paper_cell(printed, column, silent, notes) for column in paper)])
+                         *(_paper_cell(printed, column, of_it, notes) for column in paper)])
     return table(headings, rows, caption, left=1) + not_shown(empty)
 
 
@@ -243,7 +253,12 @@ def _paper_note(figures: Figures, where: str) -> str:
 def _paper_cell(printed: dict[str, float], column: str, silent: str, notes: Notes) -> Td:
     if column not in printed:
         return gap_cell(silent, notes)
-    return number_cell(printed[column], column_of(column).text(printed[column]), kind="theirs")
+    return paper_number(printed[column], column_of(column))
+
+
+def paper_number(value: float, column: Column) -> Td:
+    """A figure of the paper, with the digits that it prints."""
+    return number_cell(value, f"{value:.{min(column.digits, _PAPER_DIGITS)}f}", kind="theirs")
 
 
 def not_shown(empty: dict[str, str], said: str = "Not shown, as no row has it") -> str:
