@@ -176,5 +176,3 @@ ROUNDED_LEVEL = 1e-9
 # Half a unit of the last printed digit of a mean, and of each value that it is of.
 PRINTED_MEAN = {"psnr": 0.0101, "ssim": 0.00101, "delta_a": 0.00101, "delta_f": 0.00101, "aif_psnr": 0.0101,
                 "aif_ssim": 0.00101}
-# A p value is printed with three digits.
-PRINTED_P = 5.1e-4

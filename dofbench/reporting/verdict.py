@@ -18,8 +18,8 @@ HEADLINES = ("psnr", "aif_psnr")  # the first of these that any row has
 @dataclass(frozen=True)
 class Verdict:
     """best, second: variants by the mean of `column`; second is None without a rival. ahead: by how much, positive.
-    sure: what bears it, in words. told_apart: whether the test over views says that best is better; None where there was
-    nothing to test."""
+    sure: what bears it, in words. told_apart: whether the test over views says that best is better; None where there
+    was nothing to test."""
 
     column: str
     best: tuple[str, ...]

@@ -272,7 +272,7 @@ def test_sharp_inputs_leave_the_lens_out_unless_forced(ablate) -> None:
     page = (out / "sharp.md").read_text()
     assert len(made) == 2
     planned, forced = table_rows(page, "What the rows are")
-    assert planned["left out by the plan"].startswith("lens: the photographs show circles of confusion of up to 0.10 px")
+    assert planned["left out by the plan"].startswith("lens: the photographs show circles of confusion of up to 0.1")
     assert planned["left out by the plan"].endswith("; normals: a fake has none")
     assert forced["left out by the plan"] == "normals: a fake has none"
     shown = table_rows(page, "waves")
