@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 
 from dofbench.files import write_text
 from dofbench.reporting import tables
-from dofbench.reporting.collect import Entry, board_names, collect, grouped, variant_names
+from dofbench.reporting.collect import board_names, collect, grouped, variant_names
 from dofbench.reporting.comparison import write_strip
-from dofbench.reporting.costs import cost_lines, write_times_csv
 from dofbench.reporting.curves import write_curves
 from dofbench.reporting.figures import file_name
-from dofbench.reporting.footnotes import Footnotes
 from dofbench.reporting.html.ablations import read_ablations
 from dofbench.reporting.html.page import report_page
 from dofbench.reporting.markdown import leaderboard_markdown
@@ -24,6 +21,7 @@ from dofbench.reporting.pairwise import board_pairs, write_comparisons_csv
 from dofbench.reporting.plots import Plot, make_plots
 from dofbench.reporting.reach import RULE
 from dofbench.reporting.settings import Report
+from dofbench.reporting.times import write_times_csv
 from dofbench.reporting.timing import (
     FRONT_RULE,
     TIME_RULE,
@@ -86,7 +84,7 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
     pairs = [(boards[board], board[2], board_pairs(own)) for board, own in grouped(entries, "board").items()]
     write_comparisons_csv(files[3], pairs, names)
     drawn = write_curves(out / "curves", plots)
-    blocks: dict[tuple[str, ...], Callable[[Footnotes], list[str]]] = {}
+    blocks: dict[tuple[str, ...], list[str]] = {}
     for board, members in grouped(entries, "board").items():
         figures = drawn.get(board, {})
         files += [path for paths in figures.values() for path in paths]
@@ -101,7 +99,7 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
                 say(f"no pictures of {boards[board]}, {board[2]}: {trouble}")
         own = [plot for plot in plots if plot.board == board]
         rules = "" if blocks else f"{TIME_RULE}. {RULE} {level_words(plots)} {FRONT_RULE}."  # said once
-        blocks[board] = partial(_block, members, names, own, figures, strip, rules)
+        blocks[board] = _block(own, figures, strip, rules)
     page = out / "leaderboard.md"
     write_text(page, leaderboard_markdown(collection, blocks))
     files.append(page)
@@ -114,12 +112,10 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
 
 
 def _block(
-    members: list[Entry], names: dict[tuple[str, ...], tuple[str, str]], plots: list[Plot],
-    figures: dict[str, list[Path]], strip: Path | None, rules: str, notes: Footnotes,
+    plots: list[Plot], figures: dict[str, list[Path]], strip: Path | None, rules: str,
 ) -> list[str]:
-    """What stands below the tables of one board: error against run time, its cost, and pictures."""
-    lines = ["### Error against run time", "", *([rules, ""] if rules else []),
-             *cost_lines(members, names, notes), ""]
+    """What stands below the tables of one board: error against run time, and pictures."""
+    lines = ["### Error against run time", "", *([rules, ""] if rules else [])]
     for plot in plots:
         if (paths := figures.get(plot.column)) is not None:
             lines += [f"![{plot.score.label} against training time](curves/{paths[0].name})", ""]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -34,9 +33,9 @@ is what a predictor of the lens scores that learns nothing; an error above it is
 
 
 def leaderboard_markdown(
-    collection: Collection, blocks: dict[tuple[str, ...], Callable[[Footnotes], list[str]]]
+    collection: Collection, blocks: dict[tuple[str, ...], list[str]]
 ) -> str:
-    """The page. blocks: board -> writes the lines below its tables: costs, plots, times to reach a score, pictures."""
+    """The page. blocks: board -> the lines below its tables: plots, times to reach a score, pictures."""
     entries = collection.entries
     notes = Footnotes()
     names, boards = variant_names(entries), board_names(entries)
@@ -64,7 +63,7 @@ def leaderboard_markdown(
             groups = [(*names[variant], seeds) for variant, seeds in variants.items()]
             if asked := asked_table(groups, notes):
                 page += [f"### {ASKED_HEADING}", "", *asked, ""]
-        page += blocks[board](notes)
+        page += blocks[board]
     for kind, scenes in by_kind.items():
         if len(scenes) > 1:
             page += [f"## Means over scenes, {kind}", "", f"Scenes: {', '.join(scenes)}.", "",

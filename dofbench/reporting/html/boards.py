@@ -7,14 +7,11 @@ from dataclasses import dataclass
 
 from dofbench.harness.protocol import PROTOCOLS
 from dofbench.reporting.collect import Entry, board_names, grouped, variant_names
-from dofbench.reporting.columns import COST, SCORES
-from dofbench.reporting.costs import COLD_START, STAGE_COLUMNS, TRAIN_CPU, stage_cell
+from dofbench.reporting.columns import SCORES
 from dofbench.reporting.lenses import HELD_OUT, lens_words
 from dofbench.reporting.summary import Line, do_nothing_line, variant_line
 
 Variant = tuple[str, ...]
-
-COST_COLUMNS = ("train_s", TRAIN_CPU.id, COLD_START.id, *(column for column in COST if column != "train_s"))
 
 
 @dataclass(frozen=True)
@@ -57,13 +54,9 @@ def _board(key: tuple[str, ...], name: str, members: list[Entry], names: dict[Va
     trained_on = "sharp originals" if sharp else "shallow photographs"
     if lenses is not None and not sharp:
         trained_on += f" of {lens_words(lenses).removeprefix('trained on ')}"
-    lines = {variant: _line(seeds, names) for variant, seeds in grouped(members, "variant").items()}
+    lines = {variant: variant_line(seeds, names, list(SCORES))
+             for variant, seeds in grouped(members, "variant").items()}
     return Board(key, name, members[0].scene, f"{key[2]}, held-out focus" if held_out else key[2], sharp, held_out,
                  trained_on, tuple(members), lines, do_nothing_line(members, list(SCORES)))
 
 
-def _line(seeds: list[Entry], names: dict[Variant, tuple[str, str]]) -> Line:
-    line = variant_line(seeds, names, list(SCORES))
-    for column in STAGE_COLUMNS:
-        line.cells.setdefault(column, stage_cell(seeds, column))
-    return line

@@ -7,7 +7,6 @@ from html import escape
 
 from dofbench.reporting.collect import Collection, grouped
 from dofbench.reporting.columns import COLUMNS, SCORES
-from dofbench.reporting.costs import STAGE_COLUMNS
 from dofbench.reporting.held_out import ASKED_HEADING, COLUMNS_SHOWN, asked_lines
 from dofbench.reporting.html.boards import Board
 from dofbench.reporting.html.layouts import not_shown
@@ -38,9 +37,8 @@ def board_sections(boards: Sequence[Board], notes: Notes) -> str:
 
 def column_notes() -> str:
     """What each column says."""
-    columns = [*COLUMNS.values(), *STAGE_COLUMNS.values()]
     return "<dl class=\"columns\">" + "".join(
-        f"<dt>{escape(column.heading)}</dt><dd>{escape(column.note)}</dd>" for column in columns) + "</dl>"
+        f"<dt>{escape(column.heading)}</dt><dd>{escape(column.note)}</dd>" for column in COLUMNS.values()) + "</dl>"
 
 
 def run_table(collection: Collection, boards: Sequence[Board]) -> str:

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from html import escape
 
 from dofbench.harness.methods import find_method, method_files
-from dofbench.reporting.columns import COLUMNS, Column
-from dofbench.reporting.costs import STAGE_COLUMNS
-from dofbench.reporting.html.boards import COST_COLUMNS, Board, Variant, by_kind
+from dofbench.reporting.columns import COLUMNS, COST, Column
+from dofbench.reporting.html.boards import Board, Variant, by_kind
 from dofbench.reporting.html.markup import (
     Notes,
     Td,
@@ -72,11 +71,6 @@ def layout_sections(boards: Sequence[Board], notes: Notes) -> list[str]:
         for kind, members in by_kind([board for board in boards if board.sharp is layout.sharp]).items():
             sections += _section(layout, kind, members, notes)
     return [*sections, *_time_sections(boards, notes)]
-
-
-def column_of(column: str) -> Column:
-    """A column by id, those that only this page has included."""
-    return STAGE_COLUMNS.get(column) or COLUMNS[column]
 
 
 def _section(layout: Layout, kind: str, boards: list[Board], notes: Notes) -> list[str]:
@@ -149,9 +143,9 @@ def _mean_table(
         column for column in shown if column not in COLUMNS)
     headings = [Th("method", words=True), Th("preset", words=True),
                 Th("seeds" if over.single else "scenes", words=True)]
-    headings += [score_heading(column_of(column), f"measured here, {over.words}") for column in shown]
+    headings += [score_heading(COLUMNS[column], f"measured here, {over.words}") for column in shown]
     paper = [column for column in figures.columns if any(column in row for row in theirs.values())]
-    headings += [score_heading(column_of(column), "the paper's, on other data") for column in paper]
+    headings += [score_heading(COLUMNS[column], "the paper's, on other data") for column in paper]
     of_it = f"{figures.source} has no such figure of it"
     rows = []
     as_it_is = [line for variant, line in means.items() if variant in over.unchanged]
@@ -160,7 +154,7 @@ def _mean_table(
         silent = of_it if line in as_it_is or not line.competes else _CHANGED
         rows.append([
             text_cell(line.method), text_cell(line.preset), text_cell(line.seeds),
-            *(score_cell(line.cells[column], column_of(column), best[column] if line.competes else None, notes)
+            *(score_cell(line.cells[column], COLUMNS[column], best[column] if line.competes else None, notes)
               for column in shown),
             *(_paper_cell(printed, column, silent, notes) for column in paper),
         ])
@@ -233,12 +227,12 @@ def _time_sections(boards: Sequence[Board], notes: Notes) -> list[str]:
     figures = paper_figures()["time"]
     sections = []
     for kind, members in by_kind(boards).items():
-        lines = _means(members, COST_COLUMNS)
+        lines = _means(members, COST)
         over = _over(members)
         sections += [
             '<section class="layout">', f"<h3>Processing time and frames a second <small>{escape(kind)}</small></h3>",
             "<p>Training is wall time with the clock stopped while scoring. Peak memory is the whole process's.</p>",
-            _mean_table(lines, None, COST_COLUMNS, over, figures.means, figures,
+            _mean_table(lines, None, COST, over, figures.means, figures,
                         f"Processing time, {kind}: {over.words}", notes),
             _paper_note(figures, figures.data), "</section>",
         ]
@@ -253,7 +247,7 @@ def _paper_note(figures: Figures, where: str) -> str:
 def _paper_cell(printed: dict[str, float], column: str, silent: str, notes: Notes) -> Td:
     if column not in printed:
         return gap_cell(silent, notes)
-    return paper_number(printed[column], column_of(column))
+    return paper_number(printed[column], COLUMNS[column])
 
 
 def paper_number(value: float, column: Column) -> Td:
@@ -265,7 +259,7 @@ def not_shown(empty: dict[str, str], said: str = "Not shown, as no row has it") 
     """Which columns a table has not, as no row has them, and why; empty where it has all."""
     reasons: dict[str, list[str]] = {}
     for column, reason in empty.items():
-        reasons.setdefault(" ".join(reason.split()), []).append(column_of(column).label)
+        reasons.setdefault(" ".join(reason.split()), []).append(COLUMNS[column].label)
     if not reasons:
         return ""
     parts = "; ".join(f"{', '.join(labels)} ({reason})" for reason, labels in reasons.items())
@@ -276,7 +270,7 @@ def _sorted(lines: list[Line], shown: Sequence[str]) -> list[Line]:
     """Best of the first score first; costs by the least."""
     if not shown:
         return lines
-    down = bool(column_of(shown[0]).higher_is_better)
+    down = bool(COLUMNS[shown[0]].higher_is_better)
 
     def place(line: Line) -> tuple[bool, float, str, str]:
         value = line.cells[shown[0]].value

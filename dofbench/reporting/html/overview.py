@@ -116,8 +116,8 @@ def _time_words(entries: Sequence[Entry]) -> str:
     whole = sum(stage.wall for entry in entries if entry.result for stage in entry.result.stages.values())
     cpu = sum(entry.result.stages["train"].cpu for entry in entries
               if entry.result and "train" in entry.result.stages)
-    cold = sum(entry.result.stages["warm up"].wall for entry in entries
-               if entry.result and "warm up" in entry.result.stages)
+    cold = sum(entry.result.stages[stage].wall for entry in entries if entry.result
+               for stage in ("import", "warm up") if stage in entry.result.stages)
     return (f"training {duration(_trained(entries))} wall, {duration(cpu)} CPU; cold start {duration(cold)}; "
             f"everything with scoring {duration(whole)}")
 
