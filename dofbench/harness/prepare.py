@@ -7,6 +7,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console
+
 from dofbench.contracts import Budget, Method
 from dofbench.errors import InputError
 from dofbench.harness import provenance
@@ -95,6 +97,25 @@ def _facts(folder: Path, checksum: str, inputs: Inputs) -> Facts:
     """Facts of a dataset, which many runs in one call may share. checksum: so that it is the same one still."""
     dataset = Dataset.load(folder)
     return facts_of(dataset.training_set(inputs), one_lens=dataset.assign == "fixed")
+
+
+def builtin_dataset(dry_run: bool, console: Console) -> bool:
+    """See that the built-in dataset is there, making it if it isn't; false when a dry run would have to make it."""
+    from dofbench.synthesis import builtin_folder, make_dataset
+    from dofbench.synthesis.settings import MakeDataset
+
+    def say(line: str) -> None:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+    folder = builtin_folder()
+    if (folder / "dataset.json").is_file():
+        return True
+    if dry_run:
+        say(f"would first make the built-in dataset in {folder}; the plan depends on it")
+        return False
+    say(f"making the built-in dataset in {folder}")
+    make_dataset(MakeDataset(out=folder))
+    return True
 
 
 def _budget(settings: Run, preset: Budget | None, options: dict, subject: str) -> Budget:

@@ -22,7 +22,7 @@ from dofbench.harness.clock import StageTimes, loading
 from dofbench.harness.evaluate import Evaluation, Evaluator
 from dofbench.harness.lock import locked
 from dofbench.harness.observer import OneStep, Report, TrainingObserver
-from dofbench.harness.prepare import Prepared, choose, data_folder, prepare
+from dofbench.harness.prepare import Prepared, builtin_dataset, choose, data_folder, prepare
 from dofbench.harness.progress import TrainingProgress, print_result
 from dofbench.harness.result import RESULT_FILE, SCHEMA_VERSION, CurvePoint, Event, Result, write_result
 from dofbench.harness.settings import Run
@@ -283,22 +283,6 @@ def classify(error: Exception) -> tuple[Status, str]:
     if isinstance(error, FloatingPointError):
         return Status.DIVERGED, text
     return Status.CRASHED, text
-
-
-def builtin_dataset(dry_run: bool, console: Console) -> bool:
-    """See that the built-in dataset is there, making it if it isn't; false when a dry run would have to make it."""
-    from dofbench.synthesis import builtin_folder, make_dataset
-    from dofbench.synthesis.settings import MakeDataset
-
-    folder = builtin_folder()
-    if (folder / "dataset.json").is_file():
-        return True
-    if dry_run:
-        _say(console, f"would first make the built-in dataset in {folder}; the plan depends on it")
-        return False
-    _say(console, f"making the built-in dataset in {folder}")
-    make_dataset(MakeDataset(out=folder))
-    return True
 
 
 def _say(console: Console, line: str) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from dofbench.errors import InputError
-from dofbench.harness.run import builtin_dataset
+from dofbench.harness.prepare import builtin_dataset
 from dofbench.harness.run import run as run_one
 from dofbench.harness.settings import Run
 from dofbench.processes import run_jobs

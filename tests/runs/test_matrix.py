@@ -12,7 +12,7 @@ import pytest
 from harness_fakes import Here, fake_run, write_dataset
 from rich.console import Console
 
-from dofbench import cli
+from dofbench import cli, synthesis
 from dofbench.errors import InputError
 from dofbench.harness.lock import locked
 from dofbench.harness.result import read_result
@@ -168,6 +168,18 @@ def test_a_wrong_call_is_one_line_before_anything_runs(matrix, tmp_path: Path, c
     with pytest.raises(InputError, match=match):
         matrix(**changes)
     assert not (tmp_path / "results").exists()
+
+
+def test_without_data_the_builtin_dataset_is_made_once(call, matrix, tmp_path: Path, monkeypatch) -> None:
+    folder, made_data = tmp_path / "builtin", []
+    monkeypatch.setattr(synthesis, "builtin_folder", lambda: folder)
+    monkeypatch.setattr(synthesis, "make_dataset", lambda settings: made_data.append(write_dataset(settings.out)))
+    _, _, said = matrix(data=None, dry_run=True)
+    assert "would first make the built-in dataset" in said and not made_data
+    good, made, _ = matrix(data=None)
+    assert good and len(made) == 2 and made_data == [folder]
+    commands = {read_result(file).command for file in (tmp_path / "results").rglob("result.json")}
+    assert commands == {f"dofbench run --method {method} --out {tmp_path / 'results'}" for method in ("fake", "pinhole")}
 
 
 def test_one_dataset_under_two_names_is_refused(matrix, tmp_path: Path) -> None:
