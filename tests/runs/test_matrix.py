@@ -179,7 +179,8 @@ def test_without_data_the_builtin_dataset_is_made_once(call, matrix, tmp_path: P
     good, made, _ = matrix(data=None)
     assert good and len(made) == 2 and made_data == [folder]
     commands = {read_result(file).command for file in (tmp_path / "results").rglob("result.json")}
-    assert commands == {f"dofbench run --method {method} --out {tmp_path / 'results'}" for method in ("fake", "pinhole")}
+    out = tmp_path / "results"
+    assert commands == {f"dofbench run --method {method} --out {out}" for method in ("fake", "pinhole")}
 
 
 def test_one_dataset_under_two_names_is_refused(matrix, tmp_path: Path) -> None:
