@@ -25,7 +25,10 @@ def rotation_matrices(quaternions: Tensor) -> Tensor:
     """(N, 3, 3) from quaternions (N, 4), w first, any length; a zero quaternion gives the identity."""
     zero = (quaternions == 0).all(dim=1, keepdim=True)
     identity = torch.tensor([1.0, 0.0, 0.0, 0.0]).to(quaternions)
-    w, x, y, z = torch.nn.functional.normalize(torch.where(zero, identity, quaternions), dim=1, eps=0.0).unbind(1)
+    some = torch.where(zero, identity, quaternions)
+    # Divided by the largest entry, whose choice changes no rotation, the squares neither vanish nor overflow.
+    some = some / some.detach().abs().amax(dim=1, keepdim=True)
+    w, x, y, z = torch.nn.functional.normalize(some, dim=1, eps=0.0).unbind(1)
     rows = [
         1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
         2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),

@@ -46,12 +46,12 @@ def scatter(
     """Blur `image`, (H, W, C) linear light, by `signed_radius`, (H, W) pixels; (H, W, C).
 
     Differentiable by both, with d|s|/ds = +1 at s = 0. `form` is part of the op's signature and
-    means nothing here: there is one way to sum. Raises FloatingPointError for a radius that isn't finite.
+    means nothing here: there is one way to sum. Raises FloatingPointError for a radius that isn't finite, or so large
+    that the area term isn't a normal number any more (in float32 from 9e18 pixels).
     """
-    if not bool(torch.isfinite(signed_radius).all()):
-        raise FloatingPointError("signed_radius: expected finite values, found NaN or infinity")
     height, width, _ = image.shape
     radius = torch.where(signed_radius >= 0, signed_radius, -signed_radius)
+    check_largest(float(radius.detach().max()), torch.finfo(radius.dtype))
     share = 1.0 / (radius * radius + AREA_EPSILON) if energy == "area" else torch.ones_like(radius)
     reach = math.ceil(float(radius.detach().max()) + TAIL_EXPONENT / (2.0 * alpha))
 
@@ -65,6 +65,17 @@ def scatter(
             blurred[rows_to, columns_to] += weight[..., None] * image[rows, columns]
             total[rows_to, columns_to] += weight
     return blurred / total[..., None]
+
+
+def check_largest(radius: float, kind: torch.finfo) -> None:
+    """Raise FloatingPointError unless the area term of the largest radius, pixels, is a normal number.
+
+    NaN fails too: as a largest value it says that there is one.
+    """
+    if not math.isfinite(radius):
+        raise FloatingPointError("signed_radius: expected finite values, found NaN or infinity")
+    if radius > kind.tiny ** -0.5:
+        raise FloatingPointError(f"signed_radius: expected at most {kind.tiny ** -0.5:.3g} pixels, found {radius:.3g}")
 
 
 def _overlap(offset: int, size: int) -> tuple[slice, slice]:

@@ -1,0 +1,77 @@
+"""Small inputs that cases share: pictures with disparity, Gaussians before a camera. All fit float32 exactly."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dofbench.cameras import Camera
+
+HEIGHT, WIDTH = 24, 32
+
+
+def picture(height: int = HEIGHT, width: int = WIDTH, channels: int = 3, seed: int = 0) -> np.ndarray:
+    """Light between 0.05 and 1, (H, W, C) float32, a colour of its own in every pixel."""
+    return np.random.default_rng(seed).uniform(0.05, 1, (height, width, channels)).astype(np.float32)
+
+
+def disparity(height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
+    """Normalised disparity, (H, W) float32, 0 ... 1: a slanted background behind a step, as most pictures have."""
+    y, x = np.mgrid[:height, :width] / max(height, width, 2)
+    values = np.where(x > 0.55, 0.7 + 0.3 * y, 0.35 * (x + y))
+    return values.astype(np.float32)
+
+
+def radii(focus: float, radius: float = 10.0, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
+    """Signed radii, (H, W) float32 pixels, of `disparity` through a lens of `radius` pixels per unit."""
+    return (np.float32(radius) * (disparity(height, width) - np.float32(focus))).astype(np.float32)
+
+
+def camera(width: int = WIDTH, height: int = HEIGHT, *, turned: float = 0.1) -> Camera:
+    """A camera near the origin, looking along z, turned a little, its principal point off the middle."""
+    pose = np.eye(4)
+    pose[0, 0], pose[0, 2] = math.cos(turned), math.sin(turned)
+    pose[2, 0], pose[2, 2] = -math.sin(turned), math.cos(turned)
+    pose[:3, 3] = (0.1, 0.05, 0.2) if turned else (0.0, 0.0, 0.0)
+    return Camera(width, height, 1.1 * WIDTH, 1.2 * WIDTH, 0.45 * width, 0.55 * height, pose)
+
+
+def straight(width: int = WIDTH, height: int = HEIGHT) -> Camera:
+    """A camera at the origin along z with square pixels and its principal point in the middle."""
+    return Camera(width, height, float(WIDTH), float(WIDTH), width / 2, height / 2, np.eye(4))
+
+
+def gaussians(
+    count: int = 40, seed: int = 1, *, depth: float = 4.0, log_scale: float = -2.0, rest: int = 3
+) -> dict[str, np.ndarray]:
+    """Random Gaussians around `depth` before the camera, as the rasteriser's six arguments, float32."""
+    random = np.random.default_rng(seed)
+    made = {
+        "means": random.normal(size=(count, 3)) * (0.8, 0.6, 0.4) + (0.0, 0.0, depth),
+        "log_scales": random.normal(size=(count, 3)) * 0.4 + log_scale,
+        "quaternions": random.normal(size=(count, 4)),
+        "opacity_logits": random.normal(size=count),
+        "sh_dc": random.uniform(-1, 1, (count, 3)),
+        "sh_rest": random.normal(size=(count, rest, 3)) * 0.2,
+    }
+    return {name: value.astype(np.float32) for name, value in made.items()}
+
+
+def single(
+    *, mean: tuple[float, float, float] = (0.0, 0.0, 4.0), scale: float | tuple[float, float, float] = 0.1,
+    quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0), logit: float = 0.0,
+    colour: tuple[float, float, float] = (0.9, 0.5, 0.2),
+) -> dict[str, np.ndarray]:
+    """One Gaussian of one colour. scale: scene units; quaternion: w first."""
+    made = {
+        "means": [mean], "log_scales": [np.log(np.broadcast_to(scale, 3))], "quaternions": [quaternion],
+        "opacity_logits": [logit], "sh_dc": [(np.array(colour) - 0.5) * 2 * math.sqrt(math.pi)],
+        "sh_rest": np.zeros((1, 0, 3)),
+    }
+    return {name: np.array(value, dtype=np.float32) for name, value in made.items()}
+
+
+def together(*parts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Several scenes as one, in this order."""
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -1,0 +1,26 @@
+"""What a call of `dofbench stability` says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+GROUPS = ("lens", "light", "invariants", "gaussians", "images", "training", "gradients")
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Run stiff and extreme cases and say which of their bounds are met: a table and an exit status."""
+
+    kernel: str | None = None
+    """Only the cases of this kernel: rasterize, scatter, ssim or stereo."""
+    method: str | None = None
+    """Only the training of this method. Without it, of the methods that are shipped."""
+    group: tuple[str, ...] = ()
+    """Only these groups: lens, light, invariants, gaussians, images, training, gradients."""
+    case: tuple[str, ...] = ()
+    """Only these cases, by the names in the table."""
+    out: Path = Path("reports/stability")
+    """Folder for stability.csv and stability.md."""
+    dry_run: bool = False
+    """Print the cases, and what must hold in each, and run nothing."""
