@@ -25,6 +25,7 @@ from dofbench.errors import InputError, one_line
 from dofbench.harness.settings import Run
 from dofbench.rendering.settings import MakeScene
 from dofbench.reporting.settings import Report
+from dofbench.stability.settings import Stability
 from dofbench.synthesis.settings import MakeDatasets
 from dofbench.threads import configure_threads
 from dofbench.validation.settings import ValidateRenderer
@@ -63,7 +64,7 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(number)
 
 
-Command = MakeDatasets | MakeScene | Run | Ablate | Report | Check | Scenes | ValidateRenderer
+Command = MakeDatasets | MakeScene | Run | Ablate | Report | Check | Scenes | ValidateRenderer | Stability
 
 
 def parse(arguments: Sequence[str]) -> Command:
@@ -71,6 +72,7 @@ def parse(arguments: Sequence[str]) -> Command:
     commands = {
         "make-dataset": MakeDatasets, "make-scene": MakeScene, "run": Run, "ablate": Ablate, "report": Report,
         "check": Check, "scenes": Scenes, "validate-renderer": ValidateRenderer,
+        "stability": Stability,
     }
     named = tuple(Annotated[settings, tyro.conf.subcommand(name)] for name, settings in commands.items())
     look = (tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalMetavarFromFieldName)
@@ -129,6 +131,10 @@ def execute(settings: Any) -> int:
 
             validate_renderer(settings)
             return DONE
+        case Stability():
+            from dofbench.stability.run import stability
+
+            return DONE if stability(settings) else FAILED
     raise AssertionError(f"no command for {type(settings).__name__}")
 
 
@@ -141,7 +147,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     configure_threads()
     try:
         settings = parse(arguments)
-        if isinstance(settings, MakeDatasets | MakeScene | Run | Ablate | Check):
+        if isinstance(settings, MakeDatasets | MakeScene | Run | Ablate | Check | Stability):
             # Its import puts a handler of its own on SIGTERM, which prints a stack and dies. These commands need
             # it anyway, so it comes first and ours replaces it.
             import pycolmap  # noqa: F401

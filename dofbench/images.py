@@ -13,6 +13,7 @@ from dofbench.errors import InputError
 from dofbench.files import refused, replacing
 from dofbench.lens import GAMMA
 
+_LARGEST_HALF = 65504.0
 _NO_DATE = "1970:01:01 00:00:00"
 
 
@@ -27,7 +28,11 @@ def encode(linear: np.ndarray, gamma: float = GAMMA) -> np.ndarray:
 
 
 def to_8bit(image: np.ndarray) -> np.ndarray:
-    """Round an encoded image to the 256 levels that a PNG keeps; uint8, values outside [0, 1] saturate."""
+    """Round an encoded image to the 256 levels that a PNG keeps; uint8, values outside [0, 1] saturate.
+
+    Raises FloatingPointError for NaN, which is no level.
+    """
+    _check_numbers(image)
     return np.floor(np.clip(image, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
 
 
@@ -76,8 +81,19 @@ def read_image(path: Path) -> np.ndarray:
 
 
 def to_16bit(image: np.ndarray) -> np.ndarray:
-    """Round an encoded image to the 65536 levels of a 16-bit PNG; uint16, values outside [0, 1] saturate."""
+    """Round an encoded image to the 65536 levels of a 16-bit PNG; uint16, values outside [0, 1] saturate.
+
+    Raises FloatingPointError for NaN, which is no level.
+    """
+    _check_numbers(image)
     return np.floor(np.clip(image.astype(np.float64), 0.0, 1.0) * 65535.0 + 0.5).astype(np.uint16)
+
+
+def _check_numbers(image: np.ndarray) -> None:
+    # Cast to an integer, NaN is black on one machine and white on another, and nobody is told.
+    if np.isnan(image).any():
+        found = f"NaN in {np.isnan(image).sum()} of {image.size} values"
+        raise FloatingPointError(f"image: expected numbers, found {found}")
 
 
 def write_png(path: Path, image: np.ndarray, *, bits: int = 8) -> None:
@@ -95,10 +111,15 @@ def write_grey_png(path: Path, values: np.ndarray) -> None:
 
 
 def write_exr(path: Path, values: np.ndarray, *, half: bool = False) -> None:
-    """Write (H, W) or (H, W, 3) float values as EXR (zip), atomically. (H, W) becomes channel Z."""
+    """Write (H, W) or (H, W, 3) float values as EXR (zip), atomically. (H, W) becomes channel Z.
+
+    half: 11 bits a number; finite values beyond 65504, the largest of these, saturate.
+    """
     names = ["Z"] if values.ndim == 2 else ["R", "G", "B"]
-    pixels = values[..., None] if values.ndim == 2 else values
-    _write(path, pixels.astype(np.float32), "half" if half else "float", {"compression": "zip"}, names)
+    pixels = (values[..., None] if values.ndim == 2 else values).astype(np.float32)
+    if half:
+        pixels = np.where(np.isfinite(pixels), np.clip(pixels, -_LARGEST_HALF, _LARGEST_HALF), pixels)
+    _write(path, pixels, "half" if half else "float", {"compression": "zip"}, names)
 
 
 def read_exr(path: Path) -> np.ndarray:

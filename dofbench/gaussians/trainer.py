@@ -167,7 +167,7 @@ class Trainer:
             statistics = ViewStatistics(want_abs=options.grow_absolute)
             geometry = "full" if with_normals else "depth" if with_depth else "none"
             geometry = "distortion" if with_distortion else geometry
-            with self._located(step, view):
+            with self._located(step, view, "rasterise"):
                 raster = rasterise(self.gaussians, view.camera, options, sh_degree=degree, geometry=geometry,
                                    statistics=statistics)
         # The graph is cut between the stages, so each stage's time and numbers can be looked at.
@@ -183,7 +183,8 @@ class Trainer:
                 lens = self._lens(view, alpha, disparity)
                 out_of_focus = lens.out_of_focus(disparity) if adapting else None
                 if not sampling:
-                    image = scattered(colour, disparity, lens, options, adapting)
+                    with self._located(step, view, "lens"):
+                        image = scattered(colour, disparity, lens, options, adapting)
             if sampling:
                 samples, more = self._samples(step, progress, view, lens, degree, adapting)
                 leaves = [sample.detach().requires_grad_() for sample in samples]
@@ -247,7 +248,7 @@ class Trainer:
         """What the points of the lens see, and the statistics of each; the points turn at random."""
         options = self.options
         rings = options.lens_rings if progress >= options.lens_rings_from else 0
-        with self._timed("rasterise"), self._located(step, view):
+        with self._timed("rasterise"), self._located(step, view, "rasterise"):
             rasters, statistics = sampled(
                 self.gaussians, lens, options, rings, rotation=self._random.uniform(0, 2 * math.pi), sh_degree=degree,
                 want_abs=options.grow_absolute, adapting=adapting)
@@ -255,12 +256,12 @@ class Trainer:
 
     @staticmethod
     @contextmanager
-    def _located(step: int, view: _Photograph) -> Iterator[None]:
-        """Turns the rasteriser's complaint into one that names step and view."""
+    def _located(step: int, view: _Photograph, stage: str) -> Iterator[None]:
+        """Turns a kernel's complaint into one that names step, view and stage."""
         try:
             yield
         except FloatingPointError as error:
-            raise NonFiniteError(NonFinite(step, view.name, "rasterise", str(error))) from None
+            raise NonFiniteError(NonFinite(step, view.name, stage, str(error))) from None
 
     def _disparity(self, alpha: Tensor, depth: Tensor) -> Tensor:
         surface = depth if self.options.blur_to_depth else depth.detach()

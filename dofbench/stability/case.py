@@ -86,8 +86,8 @@ class Found:
 class Case:
     """A stiff or extreme case.
 
-    name: unique within its group. subject: the kernel's op, the method's id, or what else is under test. holds: what must
-    hold. bound: how far off it may be, and why. settings: where it is run. measure: runs it.
+    name: unique within its group. subject: the kernel's op, the method's id, or what else is under test. holds: what
+    must hold. bound: how far off it may be, and why. settings: where it is run. measure: runs it.
     """
 
     group: str

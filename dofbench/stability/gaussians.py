@@ -1,4 +1,4 @@
-"""Gaussians at their ends: scales, needles, quaternions, opacities, the near plane, a million on a tile, none at all."""
+"""Gaussians at their ends: scales, needles, quaternions, opacities, the near plane, a million on a tile, none."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from dofbench.stability.case import (
     values,
 )
 from dofbench.stability.lens import EXACT, NAMED
-from dofbench.stability.oracle import ROUNDINGS, sensitivity
-from dofbench.stability.samples import HEIGHT, WIDTH, camera, gaussians, single, straight, together
+from dofbench.stability.oracle import sensitivity
+from dofbench.stability.samples import VIEW_HEIGHT, VIEW_WIDTH, camera, gaussians, single, straight, together
 
 Scene = dict[str, np.ndarray]
 GEOMETRY = "full"
@@ -50,8 +50,9 @@ def against_reference(setting: Setting, scene: Scene, filter_3d: float = 0.0, **
     double, kernel = Setting("reference", "float64"), load("rasterize", "reference")
 
     def exact(*parameters: np.ndarray) -> np.ndarray:
-        return _stacked(render(kernel, dict(zip(names, parameters, strict=True)), double,
-                               filter_3d=double.tensor(size), **options))
+        return _stacked(
+            render(kernel, dict(zip(names, parameters, strict=True)), double, filter_3d=double.tensor(size), **options)
+        )
 
     given = tuple(scene[name].astype(np.float64) for name in names)
     expected = exact(*given)
@@ -63,8 +64,11 @@ def against_reference(setting: Setting, scene: Scene, filter_3d: float = 0.0, **
     moved = sensitivity(exact, given, setting.eps / 2, measure=apart)
     raster = render(setting.kernel("rasterize"), scene, setting, filter_3d=setting.tensor(size), **options)
     error = math.inf if not_finite(*raster[:5]) else apart(_stacked(raster), expected)
-    return Found(error, 8 * moved + 64 * setting.eps, f"condition {2 * moved / setting.eps:.3g}, drawn "
-                 f"{float((expected[..., 3] > 0).mean()):.0%} of the pixels")
+    return Found(
+        error,
+        8 * moved + 64 * setting.eps,
+        f"condition {2 * moved / setting.eps:.3g}, drawn {float((expected[..., 3] > 0).mean()):.0%} of the pixels",
+    )
 
 
 def _stacked(raster) -> np.ndarray:
@@ -100,7 +104,7 @@ def _empty(setting: Setting) -> Found:
     tensors = {name: setting.tensor(value, gradient=True) for name, value in scene.items()}
     background = setting.tensor(np.array([0.25, 0.5, 0.75]))
     raster = setting.kernel("rasterize")(**tensors, camera=straight(), geometry="distortion", background=background)
-    blank = np.broadcast_to(values(background), (HEIGHT, WIDTH, 3))
+    blank = np.broadcast_to(values(background), (VIEW_HEIGHT, VIEW_WIDTH, 3))
     wrong = differing(raster.color, blank) + sum(differing(part, np.zeros(part.shape)) for part in raster[1:])
     if raster.color.requires_grad:
         raster.color.sum().backward()
@@ -130,14 +134,12 @@ def _opacity(setting: Setting, logit: float) -> Found:
 
 
 def _left_out(setting: Setting, scene: Scene) -> Found:
-    raster = render(setting.kernel("rasterize"), scene, setting, camera=straight(), geometry="distortion",
-                    near=NEAR)
+    raster = render(setting.kernel("rasterize"), scene, setting, camera=straight(), geometry="distortion", near=NEAR)
     return Found(sum(float(np.count_nonzero(values(part))) for part in raster), 0.0)
 
 
 def _drawn(setting: Setting, scene: Scene) -> Found:
-    raster = render(setting.kernel("rasterize"), scene, setting, camera=straight(), geometry="distortion",
-                    near=NEAR)
+    raster = render(setting.kernel("rasterize"), scene, setting, camera=straight(), geometry="distortion", near=NEAR)
     seen = float((values(raster.alpha) > 0).any())
     return Found(not_finite(*raster) + (1 - seen), 0.0, "nothing was drawn" if not seen else "")
 
@@ -147,7 +149,7 @@ def _half_a_pixel(setting: Setting) -> Found:
     # of variance 0.25 + 0.1 px^2 leaves out: 4 exp(-2 pi^2 0.35) = 4e-3, and the rim below 1/255 of its peak.
     worst = 0.0
     for x, y in ((0.0, 0.0), (0.5, 0.5), (0.25, 0.4), (0.9, 0.1)):
-        scene = single(mean=(x * 4 / WIDTH, y * 4 / WIDTH, 4.0), scale=0.5 * 4 / WIDTH, logit=0.0)
+        scene = single(mean=(x * 4 / VIEW_WIDTH, y * 4 / VIEW_WIDTH, 4.0), scale=0.5 * 4 / VIEW_WIDTH, logit=0.0)
         raster = render(setting.kernel("rasterize"), scene, setting, camera=straight(), geometry="none")
         integral = 0.5 * 2 * math.pi * 0.25
         worst = max(worst, abs(float(values(raster.alpha).sum()) / integral - 1))
@@ -165,8 +167,11 @@ def _many_on_a_tile(setting: Setting, count: int) -> Found:
     covered = 1 - (1 - 0.005) ** layers
     bound = (layers + 64) * setting.eps + 0.005 * 1e-4  # one layer more or less where rounding decides the last
     expected = np.broadcast_to(covered * np.array([0.2, 0.5, 0.8]), (16, 16, 3))
-    return Found(max(off(raster.alpha, np.full((16, 16), covered)), off(raster.color, expected)), bound,
-                 f"{layers} of {count} take part")
+    return Found(
+        max(off(raster.alpha, np.full((16, 16), covered)), off(raster.color, expected)),
+        bound,
+        f"{layers} of {count} take part",
+    )
 
 
 def _harmonics(setting: Setting, size: float) -> Found:
@@ -188,71 +193,194 @@ def _overflowing_harmonics(setting: Setting) -> Found:
 
 def _scaled(factor: float) -> Scene:
     scene = gaussians()
-    return {**scene, "means": scene["means"] * np.float32(factor),
-            "log_scales": scene["log_scales"] + np.float32(math.log(factor))}
+    return {
+        **scene,
+        "means": scene["means"] * np.float32(factor),
+        "log_scales": scene["log_scales"] + np.float32(math.log(factor)),
+    }
 
 
 def _cases() -> tuple[Case, ...]:
     extreme = partial(Case, "gaussians")
     before, beyond = (float(np.nextafter(np.float32(NEAR), np.float32(side))) for side in (0, 1))
-    planes = {"on": (NEAR, _left_out, "on the near plane is left out"),
-              "before": (before, _left_out, "just before the near plane is left out"),
-              "beyond": (beyond, _drawn, "just beyond the near plane is drawn, with finite numbers")}
+    planes = {
+        "on": (NEAR, _left_out, "on the near plane is left out"),
+        "before": (before, _left_out, "just before the near plane is left out"),
+        "beyond": (beyond, _drawn, "just beyond the near plane is drawn, with finite numbers"),
+    }
     unit, slanted = math.sqrt(0.5), (0.9, 0.1, 0.2, 0.3)
     scenes: dict[str, tuple[str, Scene]] = {
         "needle-1e2": ("a needle 100 times as long as thick", single(scale=(3.0, 0.03, 0.03), quaternion=slanted)),
         "needle-1e4": ("a needle 10^4 times as long as thick", single(scale=(300.0, 0.03, 0.03), quaternion=slanted)),
         "needle-at-the-camera": ("a needle along the ray", single(scale=(0.05, 0.05, 5.0), mean=(0.1, 0.1, 8.0))),
-        "disc-edge-on": ("a disc seen exactly edge-on", single(scale=(50.0, 50.0, 0.01), quaternion=(unit, 0.0, unit, 0.0))),
-        "disc-nearly-edge-on": ("a disc seen edge-on to 10^-3", single(scale=(50.0, 50.0, 0.01), mean=(0.3, 0.0, 4.0),
-                                                                        quaternion=(0.7067, 0.0, 0.7075, 0.0))),
+        "disc-edge-on": (
+            "a disc seen exactly edge-on",
+            single(scale=(50.0, 50.0, 0.01), quaternion=(unit, 0.0, unit, 0.0)),
+        ),
+        "disc-nearly-edge-on": (
+            "a disc seen edge-on to 10^-3",
+            single(scale=(50.0, 50.0, 0.01), mean=(0.3, 0.0, 4.0), quaternion=(0.7067, 0.0, 0.7075, 0.0)),
+        ),
         "far": ("a scene 10^6 away and as much larger", _scaled(2.5e5)),
         "close": ("a scene 2 near planes away and as much smaller", _scaled(0.2)),
-        "beside-the-image": ("Gaussians far beside the image", together(single(mean=(50.0, 0.0, 1.0), scale=5.0),
-                                                                      single(mean=(0.0, -90.0, 1.0), scale=20.0), single())),
+        "beside-the-image": (
+            "Gaussians far beside the image",
+            together(single(mean=(50.0, 0.0, 1.0), scale=5.0), single(mean=(0.0, -90.0, 1.0), scale=20.0), single()),
+        ),
         "thousand": ("a thousand Gaussians over each other", gaussians(1000)),
     }
     return (
-        *(extreme(f"scale-{scale:g}", "rasterize", f"Gaussians of {scale:g} scene units, with the 3D filter that training "
-                  "gives them", ROUNDED, SINGLE, partial(_scale, scale=scale))
-          for scale in (1e-8, 1e-4, 1e-1, 1e2, 1e4)),
-        extreme("scale-1e-8-no-filter", "rasterize", "a footprint without an area is left out", EXACT, KERNELS,
-                partial(_left_out, scene=single(scale=1e-8, logit=5.0))),
-        extreme("scale-e100", "rasterize", "a scale whose footprint float32 doesn't hold is refused by name", NAMED
-                + "; by torch, not finite", SINGLE, _too_large),
-        *(extreme(name, "rasterize", f"{what}: as the float64 reference has it", ROUNDED, SINGLE,
-                  partial(against_reference, scene=scene)) for name, (what, scene) in scenes.items()),
+        *(
+            extreme(
+                f"scale-{scale:g}",
+                "rasterize",
+                f"Gaussians of {scale:g} scene units, with the 3D filter that training gives them",
+                ROUNDED,
+                SINGLE,
+                partial(_scale, scale=scale),
+            )
+            for scale in (1e-8, 1e-4, 1e-1, 1e2, 1e4)
+        ),
+        extreme(
+            "scale-1e-8-no-filter",
+            "rasterize",
+            "a footprint without an area is left out",
+            EXACT,
+            KERNELS,
+            partial(_left_out, scene=single(scale=1e-8, logit=5.0)),
+        ),
+        extreme(
+            "scale-e100",
+            "rasterize",
+            "a scale whose footprint float32 doesn't hold is refused by name",
+            NAMED + "; by torch, not finite",
+            SINGLE,
+            _too_large,
+        ),
+        *(
+            extreme(
+                name,
+                "rasterize",
+                f"{what}: as the float64 reference has it",
+                ROUNDED,
+                SINGLE,
+                partial(against_reference, scene=scene),
+            )
+            for name, (what, scene) in scenes.items()
+        ),
         extreme("quaternion-0", "rasterize", "a quaternion of zeros is no rotation", EXACT, KERNELS, _zero_quaternion),
-        *(extreme(f"quaternion-length-{length:g}", "rasterize", f"a quaternion of length {length:g} rotates as one of length 1",
-                  "64 roundings of float32", KERNELS, partial(_quaternion_length, length=length))
-          for length in (1e-30, 1e-15, 1e15, 1e30)),
-        *(extreme(f"opacity-logit-{logit:g}", "rasterize", what, ROUNDED, SINGLE, partial(_opacity, logit=logit))
-          for logit, what in ((-100.0, "opacity 0 to the last digit"), (-5.0, "opacity 0.0067"), (4.0, "opacity 0.98"),
-                              (100.0, "opacity 1 to the last digit"))),
-        extreme("opacity-0", "rasterize", "an opacity of 0 draws nothing", EXACT, KERNELS,
-                partial(_left_out, scene=single(scale=0.5, logit=-1e4))),
-        extreme("behind", "rasterize", "what is behind the camera is left out", EXACT, KERNELS,
-                partial(_left_out, scene=single(mean=(0.0, 0.0, -4.0), scale=3.0, logit=5.0))),
-        extreme("at-the-camera", "rasterize", "a Gaussian at the camera's centre is left out", EXACT, KERNELS,
-                partial(_left_out, scene=single(mean=(0.0, 0.0, 0.0), scale=3.0, logit=5.0))),
-        *(extreme(f"near-plane-{name}", "rasterize", f"a Gaussian {what}", "0: every number", KERNELS,
-                  partial(measure, scene=single(mean=(0.01, 0.0, z), scale=0.05, logit=2.0)))
-          for name, (z, measure, what) in planes.items()),
-        extreme("half-a-pixel", "rasterize", "half a pixel wide, its light is its integral, wherever it lies between pixels",
-                "the first harmonic that sampling leaves, and the rim below 1/255 of the peak", KERNELS, _half_a_pixel),
-        extreme("thousand-on-a-tile", "rasterize", "1000 layers of opacity 0.005 cover what the formula says",
-                "one rounding a layer; the last layer", KERNELS, partial(_many_on_a_tile, count=1000)),
-        extreme("million-on-a-tile", "rasterize", "10^6 layers of opacity 0.005 cover what the formula says",
-                "one rounding a layer; the last layer", COMPILED, partial(_many_on_a_tile, count=1_000_000)),
+        *(
+            extreme(
+                f"quaternion-length-{length:g}",
+                "rasterize",
+                f"a quaternion of length {length:g} rotates as one of length 1",
+                "64 roundings of float32",
+                KERNELS,
+                partial(_quaternion_length, length=length),
+            )
+            for length in (1e-30, 1e-15, 1e15, 1e30)
+        ),
+        *(
+            extreme(f"opacity-logit-{logit:g}", "rasterize", what, ROUNDED, SINGLE, partial(_opacity, logit=logit))
+            for logit, what in (
+                (-100.0, "opacity 0 to the last digit"),
+                (-5.0, "opacity 0.0067"),
+                (4.0, "opacity 0.98"),
+                (100.0, "opacity 1 to the last digit"),
+            )
+        ),
+        extreme(
+            "opacity-0",
+            "rasterize",
+            "an opacity of 0 draws nothing",
+            EXACT,
+            KERNELS,
+            partial(_left_out, scene=single(scale=0.5, logit=-1e4)),
+        ),
+        extreme(
+            "behind",
+            "rasterize",
+            "what is behind the camera is left out",
+            EXACT,
+            KERNELS,
+            partial(_left_out, scene=single(mean=(0.0, 0.0, -4.0), scale=3.0, logit=5.0)),
+        ),
+        extreme(
+            "at-the-camera",
+            "rasterize",
+            "a Gaussian at the camera's centre is left out",
+            EXACT,
+            KERNELS,
+            partial(_left_out, scene=single(mean=(0.0, 0.0, 0.0), scale=3.0, logit=5.0)),
+        ),
+        *(
+            extreme(
+                f"near-plane-{name}",
+                "rasterize",
+                f"a Gaussian {what}",
+                "0: every number",
+                KERNELS,
+                partial(measure, scene=single(mean=(0.01, 0.0, z), scale=0.05, logit=2.0)),
+            )
+            for name, (z, measure, what) in planes.items()
+        ),
+        extreme(
+            "half-a-pixel",
+            "rasterize",
+            "half a pixel wide, its light is its integral, wherever it lies between pixels",
+            "the first harmonic that sampling leaves, and the rim below 1/255 of the peak",
+            KERNELS,
+            _half_a_pixel,
+        ),
+        extreme(
+            "thousand-on-a-tile",
+            "rasterize",
+            "1000 layers of opacity 0.005 cover what the formula says",
+            "one rounding a layer; the last layer",
+            KERNELS,
+            partial(_many_on_a_tile, count=1000),
+        ),
+        extreme(
+            "million-on-a-tile",
+            "rasterize",
+            "10^6 layers of opacity 0.005 cover what the formula says",
+            "one rounding a layer; the last layer",
+            COMPILED,
+            partial(_many_on_a_tile, count=1_000_000),
+        ),
         extreme("none", "rasterize", "a scene of no Gaussians is background", EXACT, KERNELS, _empty),
-        *(extreme(f"harmonics-{size:g}", "rasterize", f"harmonics of {size:g}", ROUNDED, SINGLE, partial(_harmonics, size=size))
-          for size in (1e3, 1e6, 1e30)),
-        extreme("harmonics-3e38", "rasterize", "harmonics whose sum overflows come out as not finite, or are refused",
-                "0: no number", SINGLE, _overflowing_harmonics),
-        *(extreme(f"{what}-{name}", "rasterize", f"{what} in {name} is refused by name", NAMED, COMPILED,
-                  partial(_bad_number, name=name, value=value))
-          for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
-          for what, value in (("nan", np.nan), ("inf", np.inf)) if (what, name) != ("inf", "opacity_logits")),
+        *(
+            extreme(
+                f"harmonics-{size:g}",
+                "rasterize",
+                f"harmonics of {size:g}",
+                ROUNDED,
+                SINGLE,
+                partial(_harmonics, size=size),
+            )
+            for size in (1e3, 1e6, 1e30)
+        ),
+        extreme(
+            "harmonics-3e38",
+            "rasterize",
+            "harmonics whose sum overflows come out as not finite, or are refused",
+            "0: no number",
+            SINGLE,
+            _overflowing_harmonics,
+        ),
+        *(
+            extreme(
+                f"{what}-{name}",
+                "rasterize",
+                f"{what} in {name} is refused by name",
+                NAMED,
+                COMPILED,
+                partial(_bad_number, name=name, value=value),
+            )
+            for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
+            for what, value in (("nan", np.nan), ("inf", np.inf))
+            if (what, name) != ("inf", "opacity_logits")
+        ),
     )
 
 

@@ -1,4 +1,4 @@
-"""What must stay as it is: constants, energy, order, scale, place, mirror images; of the lens, the rasteriser and the rest."""
+"""What must stay as it is: constants, energy, order, scale, place, mirror images; of the lens and of the rest."""
 
 from __future__ import annotations
 
@@ -25,7 +25,18 @@ from dofbench.stability.case import (
 )
 from dofbench.stability.lens import EXACT, scatter_bound
 from dofbench.stability.oracle import ROUNDINGS
-from dofbench.stability.samples import HEIGHT, WIDTH, camera, disparity, gaussians, picture, radii, single, straight, together
+from dofbench.stability.samples import (
+    HEIGHT,
+    WIDTH,
+    camera,
+    disparity,
+    gaussians,
+    picture,
+    radii,
+    single,
+    straight,
+    together,
+)
 
 SUMMED = "16 roundings and one a pixel that is added up"
 
@@ -37,7 +48,9 @@ def _summed(setting: Setting) -> float:
 # ---- scatter ----
 
 
-def _constant(setting: Setting, form: str = "auto", shape: ApertureShape = ApertureShape(), layered: bool = False) -> Found:
+def _constant(
+    setting: Setting, form: str = "auto", shape: ApertureShape = ApertureShape(), layered: bool = False
+) -> Found:
     image = setting.tensor(np.broadcast_to([0.1, 0.5, 0.9], (HEIGHT, WIDTH, 3)))
     blur = partial(setting.kernel("scatter"), form=form, shape=shape)
     radius = setting.tensor(radii(0.5, 25.0))
@@ -69,8 +82,9 @@ def _energy(setting: Setting, radius: float) -> Found:
 def _linear(setting: Setting) -> Found:
     scatter, radius = setting.kernel("scatter"), setting.tensor(radii(0.5))
     a, b = setting.tensor(picture()), setting.tensor(picture(seed=1))
-    return Found(off(scatter(2 * a + 0.5 * b, radius), 2 * scatter(a, radius) + 0.5 * scatter(b, radius)),
-                 2 * _summed(setting))
+    return Found(
+        off(scatter(2 * a + 0.5 * b, radius), 2 * scatter(a, radius) + 0.5 * scatter(b, radius)), 2 * _summed(setting)
+    )
 
 
 def _lens_and_scene(setting: Setting, factor: float) -> Found:
@@ -102,8 +116,10 @@ def _shifted(setting: Setting) -> Found:
     whole = values(scatter(setting.tensor(image), setting.tensor(radius)))
     part = scatter(setting.tensor(image[3:, 5:]), setting.tensor(radius[3:, 5:]))
     inner = (slice(margin, -margin), slice(margin, -margin))
-    return Found(off(values(part)[inner], whole[3:, 5:][inner]),
-                 _summed(setting) + np.exp(-12.0) * (setting.backend != "reference"))
+    return Found(
+        off(values(part)[inner], whole[3:, 5:][inner]),
+        _summed(setting) + np.exp(-12.0) * (setting.backend != "reference"),
+    )
 
 
 def _forms(setting: Setting, radius: float) -> Found:
@@ -117,8 +133,9 @@ def _forms(setting: Setting, radius: float) -> Found:
 
 
 def _render(setting: Setting, scene: dict[str, np.ndarray], view: Camera, **options):
-    return setting.kernel("rasterize")(**{name: setting.tensor(value) for name, value in scene.items()}, camera=view,
-                                       **options)
+    return setting.kernel("rasterize")(
+        **{name: setting.tensor(value) for name, value in scene.items()}, camera=view, **options
+    )
 
 
 def _permuted(scene: dict[str, np.ndarray], order: np.ndarray) -> dict[str, np.ndarray]:
@@ -136,8 +153,9 @@ def _order(setting: Setting) -> Found:
 
 def _coplanar() -> dict[str, np.ndarray]:
     colours = ((1.0, 0.1, 0.1), (0.1, 1.0, 0.1), (0.1, 0.1, 1.0))
-    return together(*(single(mean=(0.05 * k, 0.0, 4.0), scale=0.3, logit=1.0, colour=colour)
-                      for k, colour in enumerate(colours)))
+    return together(
+        *(single(mean=(0.05 * k, 0.0, 4.0), scale=0.3, logit=1.0, colour=colour) for k, colour in enumerate(colours))
+    )
 
 
 def _equal_depth_index(setting: Setting) -> Found:
@@ -146,8 +164,10 @@ def _equal_depth_index(setting: Setting) -> Found:
     nudged = {name: value.copy() for name, value in scene.items()}
     for k in (1, 2):
         nudged["means"][k, 2] = np.nextafter(nudged["means"][k - 1, 2], np.float32(9))
-    return Found(off(_render(setting, scene, straight()).color, _render(setting, nudged, straight()).color),
-                 64 * float(np.finfo(np.float32).eps))
+    return Found(
+        off(_render(setting, scene, straight()).color, _render(setting, nudged, straight()).color),
+        64 * float(np.finfo(np.float32).eps),
+    )
 
 
 def _equal_depth_any(setting: Setting) -> Found:
@@ -181,8 +201,12 @@ def _scaled_scene(setting: Setting, factor: float) -> Found:
     # log_scales of size log(factor) are rounded to float32 and exponentiated: that is their relative error.
     eps = float(np.finfo(np.float32).eps)
     bound = 64 * (abs(np.log(factor)) + 8) * eps
-    return Found(max(off(found.color, plain.color), off(found.alpha, plain.alpha),
-                     off(values(found.depth) / factor, plain.depth)), bound)
+    return Found(
+        max(
+            off(found.color, plain.color), off(found.alpha, plain.alpha), off(values(found.depth) / factor, plain.depth)
+        ),
+        bound,
+    )
 
 
 def _layers_of_one_colour(setting: Setting) -> Found:
@@ -190,8 +214,10 @@ def _layers_of_one_colour(setting: Setting) -> Found:
     scene["sh_rest"] = np.zeros((40, 0, 3), np.float32)
     scene["sh_dc"] = np.broadcast_to(((background - 0.5) * 2 * np.sqrt(np.pi)), (40, 3)).astype(np.float32)
     found = _render(setting, scene, camera(), background=setting.tensor(background))
-    return Found(off(found.color, np.broadcast_to(background, (HEIGHT, WIDTH, 3))),
-                 (40 + ROUNDINGS) * float(np.finfo(np.float32).eps))
+    return Found(
+        off(found.color, np.broadcast_to(background, found.color.shape)),
+        (40 + ROUNDINGS) * float(np.finfo(np.float32).eps),
+    )
 
 
 # ---- the others ----
@@ -212,16 +238,25 @@ def _symmetric(setting: Setting) -> Found:
 
 def _channels(setting: Setting) -> Found:
     a, b, ssim = picture(), picture(seed=1), setting.kernel("ssim")
-    apart = [float(ssim(setting.tensor(a[..., k:k + 1]), setting.tensor(b[..., k:k + 1]))) for k in range(3)]
-    return Found(abs(float(ssim(setting.tensor(a), setting.tensor(b))) - float(np.mean(apart))),
-                 8 * ROUNDINGS * setting.eps)
+    apart = [float(ssim(setting.tensor(a[..., k : k + 1]), setting.tensor(b[..., k : k + 1]))) for k in range(3)]
+    return Found(
+        abs(float(ssim(setting.tensor(a), setting.tensor(b))) - float(np.mean(apart))), 8 * ROUNDINGS * setting.eps
+    )
 
 
 def _sweep(setting: Setting, reference: np.ndarray, source: np.ndarray, planes: np.ndarray) -> np.ndarray:
     """Scores (H, W, D) of a source shifted by the disparity."""
     maps = np.array([[[1.0, 0, 0, -1.0], [0, 1, 0, 0], [0, 0, 1, 0]]])
-    return values(setting.kernel("stereo")(setting.tensor(reference), setting.tensor(source[None]), setting.tensor(maps),
-                                           setting.tensor(planes), radius=2, best=1))
+    return values(
+        setting.kernel("stereo")(
+            setting.tensor(reference),
+            setting.tensor(source[None]),
+            setting.tensor(maps),
+            setting.tensor(planes),
+            radius=2,
+            best=1,
+        )
+    )
 
 
 def _brightness(setting: Setting) -> Found:
@@ -243,57 +278,183 @@ def _correlation(setting: Setting) -> Found:
 def _cases() -> tuple[Case, ...]:
     rule = partial(Case, "invariants")
     turns: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-        "mirrored": lambda a: np.ascontiguousarray(a[:, ::-1]), "upside-down": lambda a: np.ascontiguousarray(a[::-1]),
+        "mirrored": lambda a: np.ascontiguousarray(a[:, ::-1]),
+        "upside-down": lambda a: np.ascontiguousarray(a[::-1]),
         "transposed": lambda a: np.ascontiguousarray(a.swapaxes(0, 1)),
     }
     hexagon = ApertureShape(blades=6, rotation=0.2, obstruction=0.4)
     return (
         rule("constant", "scatter", "a constant image stays constant", SUMMED, KERNELS, _constant),
-        rule("constant-direct", "scatter", "a constant image stays constant, in the direct form", SUMMED, COMPILED,
-             partial(_constant, form="direct")),
-        rule("constant-shape", "scatter", "a constant image stays constant through a stopped hexagon", SUMMED, KERNELS,
-             partial(_constant, shape=hexagon)),
-        rule("constant-layered", "layered", "a constant image stays constant over eight layers",
-             SUMMED + ", of each layer", SINGLE_ON_CPU, partial(_constant, layered=True)),
+        rule(
+            "constant-direct",
+            "scatter",
+            "a constant image stays constant, in the direct form",
+            SUMMED,
+            COMPILED,
+            partial(_constant, form="direct"),
+        ),
+        rule(
+            "constant-shape",
+            "scatter",
+            "a constant image stays constant through a stopped hexagon",
+            SUMMED,
+            KERNELS,
+            partial(_constant, shape=hexagon),
+        ),
+        rule(
+            "constant-layered",
+            "layered",
+            "a constant image stays constant over eight layers",
+            SUMMED + ", of each layer",
+            SINGLE_ON_CPU,
+            partial(_constant, layered=True),
+        ),
         rule("bounded", "scatter", "no pixel gets lighter or darker than all there are", SUMMED, KERNELS, _bounded),
-        *(rule(f"energy-{radius:g}", "scatter", f"a light on a plane blurred by {radius:g} pixels keeps its energy",
-               SUMMED + "; compiled, the rim below exp(-12)", KERNELS, partial(_energy, radius=radius))
-          for radius in (0.5, 3.0, 12.0)),
+        *(
+            rule(
+                f"energy-{radius:g}",
+                "scatter",
+                f"a light on a plane blurred by {radius:g} pixels keeps its energy",
+                SUMMED + "; compiled, the rim below exp(-12)",
+                KERNELS,
+                partial(_energy, radius=radius),
+            )
+            for radius in (0.5, 3.0, 12.0)
+        ),
         rule("linear", "scatter", "the blur of a sum is the sum of the blurs", SUMMED + ", twice", KERNELS, _linear),
-        rule("lens-and-scene-times-4", "defocus", "scene and lens four times as large: the same photograph", EXACT,
-             SINGLE_ON_CPU, partial(_lens_and_scene, factor=4.0)),
-        rule("lens-and-scene-times-370", "defocus", "scene and lens 370 times as large: the same photograph",
-             "rounding depth once more, as the radius and the formula make of it", SINGLE_ON_CPU,
-             partial(_lens_and_scene, factor=370.0)),
-        *(rule(name, "scatter", f"a picture {name} is blurred likewise", SUMMED + ", twice", KERNELS,
-               partial(_moved, change=change)) for name, change in turns.items()),
-        rule("shifted", "scatter", "shifting the picture shifts the result, away from the borders",
-             SUMMED + "; compiled, what lies below exp(-12)", KERNELS, _shifted),
-        *(rule(f"forms-{radius:g}", "scatter", f"direct and linear form are one, for radii to {radius / 2:g} pixels",
-               "twice a form's own bound", COMPILED, partial(_forms, radius=radius)) for radius in (2.0, 40.0, 1000.0)),
-        rule("order", "rasterize", "the order that Gaussians are stored in doesn't matter",
-             EXACT + "; by torch, 64 roundings", KERNELS, _order),
-        rule("order-at-equal-depth-is-stored", "rasterize", "at equal depth what is stored first is in front",
-             "64 roundings of float32: a nudge by the last digit", KERNELS, _equal_depth_index),
-        rule("order-at-equal-depth", "rasterize", "at equal depth the stored order doesn't matter", "64 roundings", KERNELS,
-             _equal_depth_any),
-        rule("tiles", "rasterize", "a window of the view is rendered as the whole, wherever its tiles begin",
-             "what pixel coordinates of 70 lose, times twice the largest exponent", KERNELS, _tiles),
-        *(rule(f"scene-times-{factor:g}", "rasterize", f"everything {factor:g} times as large looks the same",
-               "what float32 keeps of the logarithms of the scales, 64 times", KERNELS,
-               partial(_scaled_scene, factor=factor)) for factor in (4.0, 1e3, 1e-3)),
-        rule("one-colour", "rasterize", "Gaussians of the background's colour can't be seen",
-             "one rounding of float32 a Gaussian, and 16", KERNELS, _layers_of_one_colour),
-        *(rule(f"ssim-of-itself-{name}", "ssim", f"an image is like itself: {name}", "16 roundings", KERNELS,
-               partial(_same_image, value=value))
-          for name, value in (("textured", picture()), ("black", np.zeros((24, 32, 3))), ("bright", 1e3 * picture()))),
-        rule("ssim-symmetric", "ssim", "which image comes first doesn't matter",
-             "128 roundings: variances are differences of sums", KERNELS, _symmetric),
+        rule(
+            "lens-and-scene-times-4",
+            "defocus",
+            "scene and lens four times as large: the same photograph",
+            EXACT,
+            SINGLE_ON_CPU,
+            partial(_lens_and_scene, factor=4.0),
+        ),
+        rule(
+            "lens-and-scene-times-370",
+            "defocus",
+            "scene and lens 370 times as large: the same photograph",
+            "rounding depth once more, as the radius and the formula make of it",
+            SINGLE_ON_CPU,
+            partial(_lens_and_scene, factor=370.0),
+        ),
+        *(
+            rule(
+                name,
+                "scatter",
+                f"a picture {name} is blurred likewise",
+                SUMMED + ", twice",
+                KERNELS,
+                partial(_moved, change=change),
+            )
+            for name, change in turns.items()
+        ),
+        rule(
+            "shifted",
+            "scatter",
+            "shifting the picture shifts the result, away from the borders",
+            SUMMED + "; compiled, what lies below exp(-12)",
+            KERNELS,
+            _shifted,
+        ),
+        *(
+            rule(
+                f"forms-{radius:g}",
+                "scatter",
+                f"direct and linear form are one, for radii to {radius / 2:g} pixels",
+                "twice a form's own bound",
+                COMPILED,
+                partial(_forms, radius=radius),
+            )
+            for radius in (2.0, 40.0, 1000.0)
+        ),
+        rule(
+            "order",
+            "rasterize",
+            "the order that Gaussians are stored in doesn't matter",
+            EXACT + "; by torch, 64 roundings",
+            KERNELS,
+            _order,
+        ),
+        rule(
+            "order-at-equal-depth-is-stored",
+            "rasterize",
+            "at equal depth what is stored first is in front",
+            "64 roundings of float32: a nudge by the last digit",
+            KERNELS,
+            _equal_depth_index,
+        ),
+        rule(
+            "order-at-equal-depth",
+            "rasterize",
+            "at equal depth the stored order doesn't matter",
+            "64 roundings",
+            KERNELS,
+            _equal_depth_any,
+        ),
+        rule(
+            "tiles",
+            "rasterize",
+            "a window of the view is rendered as the whole, wherever its tiles begin",
+            "what pixel coordinates of 70 lose, times twice the largest exponent",
+            KERNELS,
+            _tiles,
+        ),
+        *(
+            rule(
+                f"scene-times-{factor:g}",
+                "rasterize",
+                f"everything {factor:g} times as large looks the same",
+                "what float32 keeps of the logarithms of the scales, 64 times",
+                KERNELS,
+                partial(_scaled_scene, factor=factor),
+            )
+            for factor in (4.0, 1e3, 1e-3)
+        ),
+        rule(
+            "one-colour",
+            "rasterize",
+            "Gaussians of the background's colour can't be seen",
+            "one rounding of float32 a Gaussian, and 16",
+            KERNELS,
+            _layers_of_one_colour,
+        ),
+        *(
+            rule(
+                f"ssim-of-itself-{name}",
+                "ssim",
+                f"an image is like itself: {name}",
+                "16 roundings",
+                KERNELS,
+                partial(_same_image, value=value),
+            )
+            for name, value in (("textured", picture()), ("black", np.zeros((24, 32, 3))), ("bright", 1e3 * picture()))
+        ),
+        rule(
+            "ssim-symmetric",
+            "ssim",
+            "which image comes first doesn't matter",
+            "128 roundings: variances are differences of sums",
+            KERNELS,
+            _symmetric,
+        ),
         rule("ssim-channels", "ssim", "three channels are the mean of each", "128 roundings", KERNELS, _channels),
-        rule("stereo-brightness", "stereo", "another exposure matches as well", "the variances' floor, and their rounding",
-             tuple(s for s in KERNELS if s.device == "cpu"), _brightness),
-        rule("stereo-shift", "stereo", "scores lie in -1 ... 1, and are best at the true plane",
-             "rounding of a variance of 0.005", tuple(s for s in KERNELS if s.device == "cpu"), _correlation),
+        rule(
+            "stereo-brightness",
+            "stereo",
+            "another exposure matches as well",
+            "the variances' floor, and their rounding",
+            tuple(s for s in KERNELS if s.device == "cpu"),
+            _brightness,
+        ),
+        rule(
+            "stereo-shift",
+            "stereo",
+            "scores lie in -1 ... 1, and are best at the true plane",
+            "rounding of a variance of 0.005",
+            tuple(s for s in KERNELS if s.device == "cpu"),
+            _correlation,
+        ),
     )
 
 

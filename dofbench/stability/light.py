@@ -49,8 +49,10 @@ def _black_gradient(setting: Setting, gamma: float) -> Found:
 
 
 def _white(setting: Setting) -> Found:
-    return Found(off(_blurred(setting, np.ones((HEIGHT, WIDTH, 3))), np.ones((HEIGHT, WIDTH, 3))),
-                 (2 * ROUNDINGS + HEIGHT * WIDTH / 2) * setting.eps + 2 * POWER * (setting.backend == "cpu"))
+    return Found(
+        off(_blurred(setting, np.ones((HEIGHT, WIDTH, 3))), np.ones((HEIGHT, WIDTH, 3))),
+        (2 * ROUNDINGS + HEIGHT * WIDTH / 2) * setting.eps + 2 * POWER * (setting.backend == "cpu"),
+    )
 
 
 def _highlight(setting: Setting, form: str, brightness: float = 1e6) -> Found:
@@ -61,8 +63,11 @@ def _highlight(setting: Setting, form: str, brightness: float = 1e6) -> Found:
     # Beside so bright a pixel its weight's own rounding counts: its logarithm is 2 alpha (R - l), up to 2 alpha times
     # the radius and as far as the edge is followed, of which float32 keeps all but half an eps.
     argument = 2 * 4.0 * (2 * float(np.abs(radius).max()) + 4)
-    return Found(off_each(found, exact), (argument + ROUNDINGS + radius.size / 2) * setting.eps + np.exp(-12.0) / 4,
-                 f"each pixel as a share of itself; brightest {float(exact.max()):.3g}")
+    return Found(
+        off_each(found, exact),
+        (argument + ROUNDINGS + radius.size / 2) * setting.eps + np.exp(-12.0) / 4,
+        f"each pixel as a share of itself; brightest {float(exact.max()):.3g}",
+    )
 
 
 def _scaled(setting: Setting, factor: float) -> Found:
@@ -100,7 +105,9 @@ def _pair(setting: Setting):
 def _expected_decode(tones: np.ndarray, gamma: float) -> np.ndarray:
     exact = tones.astype(np.longdouble)
     toe = np.longdouble(TOE)
-    return np.where(exact >= toe, np.maximum(exact, toe) ** np.longdouble(gamma), exact * toe ** np.longdouble(gamma - 1))
+    return np.where(
+        exact >= toe, np.maximum(exact, toe) ** np.longdouble(gamma), exact * toe ** np.longdouble(gamma - 1)
+    )
 
 
 def _power_bound(setting: Setting, exponent: float, largest: float = 1e4) -> float:
@@ -132,8 +139,9 @@ def _slope_at_zero(setting: Setting, gamma: float) -> Found:
     steepest = TOE ** (1 - gamma)
     # Below the toe the line's slope; above, 1 / gamma of it.
     expected = np.where(near < TOE**gamma, steepest, steepest / gamma)
-    return Found(off_each(slope, expected), _power_bound(setting, gamma) + 2e-5,
-                 f"slope {float(slope.max()):.4g}, finite")
+    return Found(
+        off_each(slope, expected), _power_bound(setting, gamma) + 2e-5, f"slope {float(slope.max()):.4g}, finite"
+    )
 
 
 def _continuous_toe(setting: Setting, gamma: float) -> Found:
@@ -158,8 +166,10 @@ def _half_lit(setting: Setting, gamma: float) -> Found:
     checks = np.repeat(((x + y) % 2)[..., None], 3, axis=2).astype(np.float32)
     radius = setting.tensor(np.full((HEIGHT, WIDTH), 1e4, np.float32))
     found = defocus(setting.tensor(checks), radius, gamma=gamma, backend=setting.backend)
-    return Found(off(found, np.full(checks.shape, 0.5 ** (1 / gamma))),
-                 (ROUNDINGS + HEIGHT * WIDTH / 2) * setting.eps + POWER * (setting.backend == "cpu"))
+    return Found(
+        off(found, np.full(checks.shape, 0.5 ** (1 / gamma))),
+        (ROUNDINGS + HEIGHT * WIDTH / 2) * setting.eps + POWER * (setting.backend == "cpu"),
+    )
 
 
 # ---- levels ----
@@ -188,43 +198,166 @@ def _cases() -> tuple[Case, ...]:
     power = "eps times e log2 x, the number whose power is taken; compiled, 3e-6, which the kernel states"
     return (
         light("black", "defocus", "black stays black", EXACT, SINGLE_ON_CPU, _black),
-        *(light(f"black-gradient-gamma-{gamma:g}", "defocus", "black pixels leave the gradient finite", "0: every number",
+        *(
+            light(
+                f"black-gradient-gamma-{gamma:g}",
+                "defocus",
+                "black pixels leave the gradient finite",
+                "0: every number",
                 SINGLE_ON_CPU,
-                partial(_black_gradient, gamma=gamma)) for gamma in GAMMAS),
-        light("white", "defocus", "white stays white", "32 roundings and one a pixel; compiled powers 6e-6",
-              SINGLE_ON_CPU, _white),
-        light("highlight-1e6", "scatter", "one pixel 10^6 times as bright: every pixel is right to its own digits",
-              relative, KERNELS, partial(_highlight, form="auto")),
-        light("highlight-1e6-linear", "scatter", "the same in the linear form", relative, SINGLE_ON_CPU[-1:],
-              partial(_highlight, form="linear")),
-        light("highlight-1e12", "scatter", "one pixel 10^12 times as bright: every pixel is right to its own digits",
-              relative, KERNELS, partial(_highlight, form="auto", brightness=1e12)),
-        light("highlight-1e30", "scatter", "one pixel 10^30 times as bright: every pixel is right to its own digits",
-              relative, KERNELS, partial(_highlight, form="auto", brightness=1e30)),
-        light("dim-2^-100", "scatter", "light of 2^-100 is blurred as any other", "16 roundings and one a pixel", KERNELS,
-              partial(_scaled, factor=2.0**-100)),
-        light("bright-2^100", "scatter", "light of 2^100 is blurred as any other", "16 roundings and one a pixel", KERNELS,
-              partial(_scaled, factor=2.0**100)),
-        *(light(f"{name}-in-the-image", "scatter", f"{value} in one channel comes out there, and in no other channel",
-                "0: neither swallowed nor spread", KERNELS, partial(_not_a_number, value=value))
-          for name, value in (("nan", np.nan), ("inf", np.inf))),
-        *(light(f"decode-gamma-{gamma:g}", "defocus", "decoding is the power, and its toe a line through 0", power,
-                KERNELS, partial(_decoded, gamma=gamma)) for gamma in GAMMAS),
-        *(light(f"round-trip-gamma-{gamma:g}", "defocus", "decoding and encoding give every tone back", power, KERNELS,
-                partial(_round_trip, gamma=gamma)) for gamma in GAMMAS),
-        *(light(f"slope-at-0-gamma-{gamma:g}", "defocus", "encoding's infinite slope at 0 is the toe's", power + "; 2e-5 "
-                "for where on the curve the slope is taken", KERNELS, partial(_slope_at_zero, gamma=gamma))
-          for gamma in GAMMAS),
-        *(light(f"toe-gamma-{gamma:g}", "defocus", "no jump where the toe begins", power, KERNELS,
-                partial(_continuous_toe, gamma=gamma)) for gamma in GAMMAS),
-        light("negative", "defocus", "light below 0 passes through decoding and encoding", "8 roundings", KERNELS, _negative),
-        *(light(f"mean-gamma-{gamma:g}", "defocus", "black and white in equal parts blur to half the light",
-                "16 roundings and one a pixel; compiled powers 3e-6", SINGLE_ON_CPU, partial(_half_lit, gamma=gamma))
-          for gamma in GAMMAS),
-        light("levels", "images", "levels saturate, and those of 8 and 16 bits come back as they were", EXACT, NUMPY,
-              _levels),
-        *(light(f"nan-{bits}-bit", "images", "NaN is no level: refused by name", NAMED, NUMPY,
-                partial(_nan_level, bits=bits)) for bits in (8, 16)),
+                partial(_black_gradient, gamma=gamma),
+            )
+            for gamma in GAMMAS
+        ),
+        light(
+            "white",
+            "defocus",
+            "white stays white",
+            "32 roundings and one a pixel; compiled powers 6e-6",
+            SINGLE_ON_CPU,
+            _white,
+        ),
+        light(
+            "highlight-1e6",
+            "scatter",
+            "one pixel 10^6 times as bright: every pixel is right to its own digits",
+            relative,
+            KERNELS,
+            partial(_highlight, form="auto"),
+        ),
+        light(
+            "highlight-1e6-linear",
+            "scatter",
+            "the same in the linear form",
+            relative,
+            SINGLE_ON_CPU[-1:],
+            partial(_highlight, form="linear"),
+        ),
+        light(
+            "highlight-1e12",
+            "scatter",
+            "one pixel 10^12 times as bright: every pixel is right to its own digits",
+            relative,
+            KERNELS,
+            partial(_highlight, form="auto", brightness=1e12),
+        ),
+        light(
+            "highlight-1e30",
+            "scatter",
+            "one pixel 10^30 times as bright: every pixel is right to its own digits",
+            relative,
+            KERNELS,
+            partial(_highlight, form="auto", brightness=1e30),
+        ),
+        light(
+            "dim-2^-100",
+            "scatter",
+            "light of 2^-100 is blurred as any other",
+            "16 roundings and one a pixel",
+            KERNELS,
+            partial(_scaled, factor=2.0**-100),
+        ),
+        light(
+            "bright-2^100",
+            "scatter",
+            "light of 2^100 is blurred as any other",
+            "16 roundings and one a pixel",
+            KERNELS,
+            partial(_scaled, factor=2.0**100),
+        ),
+        *(
+            light(
+                f"{name}-in-the-image",
+                "scatter",
+                f"{value} in one channel comes out there, and in no other channel",
+                "0: neither swallowed nor spread",
+                KERNELS,
+                partial(_not_a_number, value=value),
+            )
+            for name, value in (("nan", np.nan), ("inf", np.inf))
+        ),
+        *(
+            light(
+                f"decode-gamma-{gamma:g}",
+                "defocus",
+                "decoding is the power, and its toe a line through 0",
+                power,
+                KERNELS,
+                partial(_decoded, gamma=gamma),
+            )
+            for gamma in GAMMAS
+        ),
+        *(
+            light(
+                f"round-trip-gamma-{gamma:g}",
+                "defocus",
+                "decoding and encoding give every tone back",
+                power,
+                KERNELS,
+                partial(_round_trip, gamma=gamma),
+            )
+            for gamma in GAMMAS
+        ),
+        *(
+            light(
+                f"slope-at-0-gamma-{gamma:g}",
+                "defocus",
+                "encoding's infinite slope at 0 is the toe's",
+                power + "; 2e-5 for where on the curve the slope is taken",
+                KERNELS,
+                partial(_slope_at_zero, gamma=gamma),
+            )
+            for gamma in GAMMAS
+        ),
+        *(
+            light(
+                f"toe-gamma-{gamma:g}",
+                "defocus",
+                "no jump where the toe begins",
+                power,
+                KERNELS,
+                partial(_continuous_toe, gamma=gamma),
+            )
+            for gamma in GAMMAS
+        ),
+        light(
+            "negative",
+            "defocus",
+            "light below 0 passes through decoding and encoding",
+            "8 roundings",
+            KERNELS,
+            _negative,
+        ),
+        *(
+            light(
+                f"mean-gamma-{gamma:g}",
+                "defocus",
+                "black and white in equal parts blur to half the light",
+                "16 roundings and one a pixel; compiled powers 3e-6",
+                SINGLE_ON_CPU,
+                partial(_half_lit, gamma=gamma),
+            )
+            for gamma in GAMMAS
+        ),
+        light(
+            "levels",
+            "images",
+            "levels saturate, and those of 8 and 16 bits come back as they were",
+            EXACT,
+            NUMPY,
+            _levels,
+        ),
+        *(
+            light(
+                f"nan-{bits}-bit",
+                "images",
+                "NaN is no level: refused by name",
+                NAMED,
+                NUMPY,
+                partial(_nan_level, bits=bits),
+            )
+            for bits in (8, 16)
+        ),
     )
 
 

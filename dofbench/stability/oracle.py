@@ -17,8 +17,13 @@ BAND_EXPONENT, FOCUS_EXPONENT = 12.0, 18.0
 
 
 def dense_scatter(
-    image: np.ndarray, radius: np.ndarray, *, alpha: float = ALPHA, shape: ApertureShape = ApertureShape(),
-    area: bool = True, kind: type[np.floating] = np.longdouble,
+    image: np.ndarray,
+    radius: np.ndarray,
+    *,
+    alpha: float = ALPHA,
+    shape: ApertureShape = ApertureShape(),
+    area: bool = True,
+    kind: type[np.floating] = np.longdouble,
 ) -> np.ndarray:
     """Every pixel's weight on every pixel, in long double: (H, W, C). For small images: takes (H W)^2 numbers.
 
@@ -30,8 +35,9 @@ def dense_scatter(
     return (light / weight.sum(axis=1, keepdims=True)).reshape(image.shape)
 
 
-def left_out(radius: np.ndarray, *, alpha: float = ALPHA, shape: ApertureShape = ApertureShape(), area: bool = True
-             ) -> float:
+def left_out(
+    radius: np.ndarray, *, alpha: float = ALPHA, shape: ApertureShape = ApertureShape(), area: bool = True
+) -> float:
     """The largest share of a pixel's weights that lies beyond where the compiled scatter follows an edge."""
     weight, beyond = _weights(radius, alpha, shape, area, np.float64)
     spread = max(1.0, float(np.abs(radius).max()) ** 2 / radius.size)
@@ -40,10 +46,11 @@ def left_out(radius: np.ndarray, *, alpha: float = ALPHA, shape: ApertureShape =
     return float((np.where(tail, weight, 0).sum(axis=1) / weight.sum(axis=1)).max())
 
 
-def _weights(radius: np.ndarray, alpha: float, shape: ApertureShape, area: bool, kind: type[np.floating]
-             ) -> tuple[np.ndarray, np.ndarray]:
+def _weights(
+    radius: np.ndarray, alpha: float, shape: ApertureShape, area: bool, kind: type[np.floating]
+) -> tuple[np.ndarray, np.ndarray]:
     """(targets, sources): weights, and how far each target lies beyond the source's radius, pixels."""
-    rows, columns = (index.reshape(-1) for index in np.mgrid[:radius.shape[0], :radius.shape[1]])
+    rows, columns = (index.reshape(-1) for index in np.mgrid[: radius.shape[0], : radius.shape[1]])
     dy, dx = rows[:, None] - rows, columns[:, None] - columns
     distance = np.sqrt((dx * dx + dy * dy).astype(kind))
     size = np.abs(radius.reshape(-1).astype(kind))
@@ -63,7 +70,12 @@ def _weights(radius: np.ndarray, alpha: float, shape: ApertureShape, area: bool,
 
 
 def sensitivity(
-    function: Callable[..., np.ndarray], inputs: tuple[np.ndarray, ...], eps: float, *, draws: int = 3, seed: int = 5,
+    function: Callable[..., np.ndarray],
+    inputs: tuple[np.ndarray, ...],
+    eps: float,
+    *,
+    draws: int = 3,
+    seed: int = 5,
     measure: Callable[[np.ndarray, np.ndarray], float] | None = None,
 ) -> float:
     """How much a result moves when each number that goes in is off by up to eps, relative: what rounding must cost.

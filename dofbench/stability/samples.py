@@ -8,7 +8,8 @@ import numpy as np
 
 from dofbench.cameras import Camera
 
-HEIGHT, WIDTH = 24, 32
+HEIGHT, WIDTH = 16, 20  # pictures: a pixel's weights on all others are worked out in a few ways
+VIEW_HEIGHT, VIEW_WIDTH = 24, 32  # what a camera sees
 
 
 def picture(height: int = HEIGHT, width: int = WIDTH, channels: int = 3, seed: int = 0) -> np.ndarray:
@@ -28,18 +29,18 @@ def radii(focus: float, radius: float = 10.0, height: int = HEIGHT, width: int =
     return (np.float32(radius) * (disparity(height, width) - np.float32(focus))).astype(np.float32)
 
 
-def camera(width: int = WIDTH, height: int = HEIGHT, *, turned: float = 0.1) -> Camera:
+def camera(width: int = VIEW_WIDTH, height: int = VIEW_HEIGHT, *, turned: float = 0.1) -> Camera:
     """A camera near the origin, looking along z, turned a little, its principal point off the middle."""
     pose = np.eye(4)
     pose[0, 0], pose[0, 2] = math.cos(turned), math.sin(turned)
     pose[2, 0], pose[2, 2] = -math.sin(turned), math.cos(turned)
     pose[:3, 3] = (0.1, 0.05, 0.2) if turned else (0.0, 0.0, 0.0)
-    return Camera(width, height, 1.1 * WIDTH, 1.2 * WIDTH, 0.45 * width, 0.55 * height, pose)
+    return Camera(width, height, 1.1 * VIEW_WIDTH, 1.2 * VIEW_WIDTH, 0.45 * width, 0.55 * height, pose)
 
 
-def straight(width: int = WIDTH, height: int = HEIGHT) -> Camera:
+def straight(width: int = VIEW_WIDTH, height: int = VIEW_HEIGHT) -> Camera:
     """A camera at the origin along z with square pixels and its principal point in the middle."""
-    return Camera(width, height, float(WIDTH), float(WIDTH), width / 2, height / 2, np.eye(4))
+    return Camera(width, height, float(VIEW_WIDTH), float(VIEW_WIDTH), width / 2, height / 2, np.eye(4))
 
 
 def gaussians(
@@ -59,14 +60,20 @@ def gaussians(
 
 
 def single(
-    *, mean: tuple[float, float, float] = (0.0, 0.0, 4.0), scale: float | tuple[float, float, float] = 0.1,
-    quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0), logit: float = 0.0,
+    *,
+    mean: tuple[float, float, float] = (0.0, 0.0, 4.0),
+    scale: float | tuple[float, float, float] = 0.1,
+    quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0),
+    logit: float = 0.0,
     colour: tuple[float, float, float] = (0.9, 0.5, 0.2),
 ) -> dict[str, np.ndarray]:
     """One Gaussian of one colour. scale: scene units; quaternion: w first."""
     made = {
-        "means": [mean], "log_scales": [np.log(np.broadcast_to(scale, 3))], "quaternions": [quaternion],
-        "opacity_logits": [logit], "sh_dc": [(np.array(colour) - 0.5) * 2 * math.sqrt(math.pi)],
+        "means": [mean],
+        "log_scales": [np.log(np.broadcast_to(scale, 3))],
+        "quaternions": [quaternion],
+        "opacity_logits": [logit],
+        "sh_dc": [(np.array(colour) - 0.5) * 2 * math.sqrt(math.pi)],
         "sh_rest": np.zeros((1, 0, 3)),
     }
     return {name: np.array(value, dtype=np.float32) for name, value in made.items()}
