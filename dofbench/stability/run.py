@@ -115,9 +115,9 @@ def _heading(settings: Stability) -> list[str]:
         f"`{shlex.join(words)}`{commit}; {facts['cpu']}, {torch.get_num_threads()} thread"
         f"{'s' if torch.get_num_threads() != 1 else ''}, torch {torch.__version__}.",
         "",
-        "Each row is a case in one backend and precision. It is met where the error is at most the bound, which follows "
-        "from precision and the problem's condition, not from what was measured. A bound that isn't met is either a known "
-        "limit, with its reason, or makes the command end with status 1.",
+        "Each row is a case in one backend and precision. It is met where the error is at most the bound, which "
+        "follows from precision and the problem's condition, not from what was measured. A bound that isn't met is "
+        "either a known limit, with its reason, or makes the command end with status 1.",
     ]
 
 

@@ -1,0 +1,76 @@
+"""The list of known limits: it names cases that exist, explains each, and each is still a limit."""
+
+from __future__ import annotations
+
+import pytest
+
+from dofbench.errors import InputError
+from dofbench.stability.case import Case, Found, Setting
+from dofbench.stability.catalogue import catalogue
+from dofbench.stability.limits import Limit, limit_of, read_limits
+from dofbench.stability.run import judged, measured
+from dofbench.stability.tables import KNOWN, MET, NOT_MET, STALE
+
+HERE = Setting("cpu", "float32")
+CASES = {case.id: case for case in catalogue()}
+# These train, or differentiate what takes long.
+SLOW = ("training", "gradients")
+
+
+def case(found: Found) -> Case:
+    return Case("lens", "made-up", "scatter", "something", "a reason", (HERE,), lambda setting: found)
+
+
+@pytest.mark.parametrize(
+    ("found", "listed", "verdict"),
+    [(Found(0.5, 1.0), False, MET), (Found(2.0, 1.0), False, NOT_MET), (Found(2.0, 1.0), True, KNOWN),
+     (Found(0.5, 1.0), True, STALE), (Found(float("nan"), 1.0), False, NOT_MET),
+     (Found(float("inf"), float("inf")), False, NOT_MET)],
+)
+def test_a_verdict_follows_from_bound_and_list(found, listed, verdict):
+    limits = (Limit("lens/made-up", ("cpu float32",), "so it is"),) if listed else ()
+    row = judged(case(found), HERE, found, limits)
+    assert row.verdict == verdict
+    assert row.note == ("so it is" if listed else found.note)
+
+
+def test_an_exception_is_no_verdict_but_an_infinite_error():
+    def fails(setting):
+        raise RuntimeError("no such thing")
+
+    found = measured(Case("lens", "made-up", "scatter", "something", "a reason", (HERE,), fails), HERE)
+    assert not found.met and "RuntimeError: no such thing" in found.note
+
+
+def test_every_limit_names_a_case_and_places_where_it_is_run():
+    for limit in read_limits():
+        known = CASES[limit.case]
+        places = {f"{setting.label} {setting.precision}" for setting in known.settings}
+        assert set(limit.where) <= places | {"all"}, limit.case
+
+
+@pytest.mark.parametrize("limit", [limit for limit in read_limits() if not limit.case.startswith(SLOW)],
+                         ids=lambda limit: f"{limit.case} {' '.join(limit.where)}")
+def test_a_known_limit_is_still_one(limit):
+    known = CASES[limit.case]
+    places = [setting for setting in known.settings if limit_of(known, setting, (limit,))]
+    assert places and not [setting for setting in places if measured(known, setting).met]
+
+
+@pytest.mark.parametrize("text", ["[[limit]]\ncase = 'a'\nwhere = ['all']", "limit = 3", "[[limit"])
+def test_a_list_that_is_none_is_a_mistake_of_one_line(tmp_path, text):
+    file = tmp_path / "limits.toml"
+    file.write_text(text)
+    with pytest.raises(InputError, match="no list of limits"):
+        read_limits(file)
+
+
+def test_a_limit_twice_or_without_a_reason_is_refused(tmp_path):
+    file = tmp_path / "limits.toml"
+    entry = "[[limit]]\ncase = 'a'\nwhere = ['all']\nreason = '{}'\n"
+    file.write_text(entry.format("x") + entry.format("y"))
+    with pytest.raises(InputError, match="twice"):
+        read_limits(file)
+    file.write_text(entry.format(" "))
+    with pytest.raises(InputError, match="without a reason"):
+        read_limits(file)
