@@ -14,7 +14,7 @@ from torch import Tensor
 
 from dofbench.cameras import Camera
 from dofbench.contracts import Budget, FitOutcome, NonFinite, Observer, PointCloud, Rendering, TrainingSet
-from dofbench.errors import Status
+from dofbench.errors import InputError, Status
 from dofbench.gaussians import losses
 from dofbench.gaussians.density import DensityControl
 from dofbench.gaussians.exposure import Shot, render_view, sampled, scattered, summed
@@ -78,7 +78,7 @@ class Trainer:
         self.gaussians.update_filter_3d(self._cameras)
 
     def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
-        """Train until the budget, or the observer, ends it. A non-finite number ends it as diverged."""
+        """Train until the budget or the observer ends it; a non-finite number, or nothing left to see, is diverged."""
         compile_kernels(self.gaussians, self._cameras[0], self.options)
         total = budget.steps or self.options.steps
         step, event = 0, None
@@ -106,7 +106,7 @@ class Trainer:
                 if views[0].camera.width != self._cameras[0].width:
                     # The sampling interval of the 3D filter is that of the images trained on.
                     self._cameras = [view.camera for view in views]
-                    self.gaussians.update_filter_3d(self._cameras)
+                    self._update_filter(step, views[order[-1]])
                 step += 1
                 loss = self._step(step, progress, views[order.pop()])
                 if not observer.after_step(step, loss):
@@ -114,7 +114,10 @@ class Trainer:
         except NonFiniteError as error:
             event = error.event
             self._optimiser.discard_gradients()
-        self.gaussians.update_filter_3d([view.camera for view in self._views])
+        try:
+            self.gaussians.update_filter_3d([view.camera for view in self._views])
+        except InputError as error:
+            event = event or NonFinite(step, "", "3D filter", error.found)
         status = Status.DIVERGED if event else Status.OK
         return FitOutcome(
             status=status, steps=step, message=str(event) if event else "",
@@ -240,8 +243,15 @@ class Trainer:
             graded = self.gaussians.parameters["means"].detach()[:, 2] if options.prune_depth_graded else None
             changed = self._density.after_step(step, progress, graded)
             if changed or step % _FILTER_3D_EVERY == 0:
-                self.gaussians.update_filter_3d(self._cameras)
+                self._update_filter(step, view)
         return value
+
+    def _update_filter(self, step: int, view: _Photograph) -> None:
+        """The 3D filter anew. Gaussians that all faded, or fled, are training's failure and not the user's mistake."""
+        try:
+            self.gaussians.update_filter_3d(self._cameras)
+        except InputError as error:
+            raise NonFiniteError(NonFinite(step, view.name, "density control", error.found)) from None
 
     def _samples(self, step: int, progress: float, view: _Photograph, lens: Shot, degree: int,
                  adapting: bool) -> tuple[list[Tensor], list[ViewStatistics]]:

@@ -86,7 +86,7 @@ class Problem:
     @cached_property
     def least(self) -> dict[str, float]:
         """By each input, the length of a gradient of too little effect to be measured by itself."""
-        size = {name: max(float(np.abs(value).max()), 1.0) for name, value in self.given.items()}
+        size = {name: float(np.abs(value).max(initial=1.0)) for name, value in self.given.items()}
         most = max(float(np.linalg.norm(self.exact[name])) * size[name] for name in size)
         return {name: LEAST * most / size[name] for name in size}
 

@@ -350,6 +350,31 @@ def _planted(setting: Setting, method: str, what: str, value: float) -> Found:
     return Found(0.0 if right else 1.0, 0.0, f"{outcome.status}: {outcome.message}"[:120])
 
 
+def _vanished(setting: Setting, method: str, what: str) -> Found:
+    """Gaussians that all fade, or all get behind the cameras: the step that finds none left must say so."""
+    entry = find_method(method)
+    made = entry.create(options_of(entry), 0, "cpu")
+    assert isinstance(made, GaussianMethod)
+    trainer = Trainer(scene(), made.options, 0)
+
+    def vanish(step: int) -> None:
+        with torch.no_grad():
+            if step == 7 and what == "faded":
+                trainer.gaussians.parameters["opacity_logits"][:] = -20.0
+            elif step == 7:
+                trainer.gaussians.parameters["means"][:, 2] = -5.0
+
+    try:
+        outcome = trainer.fit(Budget(steps=STEPS), Watch(vanish))
+    except Exception as error:
+        return Found(1.0, 0.0, f"no status: {type(error).__name__}: {error}"[:120])
+    event = outcome.nonfinite[0] if outcome.nonfinite else None
+    # The first look that density control takes, every so many steps.
+    right = outcome.status is Status.DIVERGED and event is not None and event.step == outcome.steps
+    right = right and outcome.steps % SHORT["densify_every"] == 0
+    return Found(0.0 if right else 1.0, 0.0, f"{outcome.status}: {outcome.message}"[:120])
+
+
 def _bad_photograph(setting: Setting, method: str, value: float) -> Found:
     """A photograph with a number that isn't finite: the first step that looks at it must say so."""
 
@@ -442,6 +467,12 @@ def cases_of(method: str) -> tuple[Case, ...]:
                 what="means",
                 value=np.inf,
             )
+        ]
+    if ours:
+        found += [
+            trained(f"vanished-{what}", f"Gaussians that all {how} end as diverged, at the step that finds out",
+                    "0: the right step", _vanished, what=what)
+            for what, how in (("faded", "fade"), ("behind", "get behind the cameras"))
         ]
     if ours and learns:
         found += [
