@@ -114,14 +114,17 @@ class Problem:
             bound += self.compiled if setting.backend != "reference" else 0.0
             error = apart(found[name], exact[name], self.least[name])
             if not error <= ratio * bound:
-                lengths = np.linalg.norm(found[name]), np.linalg.norm(exact[name])
-                cosine = float((found[name] * exact[name]).sum() / max(lengths[0] * lengths[1], 1e-300))
-                note = (
-                    f"by {name}: cosine 1 - {max(0.0, 1 - cosine):.2g}, magnitude "
-                    f"{lengths[0] / max(lengths[1], 1e-300):.7g}, condition {2 * self.moved[name] / EPS:.3g}"
-                )
-                worst, ratio = Found(error, bound, note), error / bound
+                worst, ratio = Found(error, bound, self._note(name, found[name])), error / bound
         return worst
+
+    def _note(self, name: str, found: np.ndarray) -> str:
+        exact, least = self.exact[name], self.least[name]
+        told = f"condition {2 * self.moved[name] / EPS:.3g}"
+        lengths = float(np.linalg.norm(found)), float(np.linalg.norm(exact))
+        if lengths[1] <= least:
+            return f"by {name}: of next to no effect, {lengths[0]:.3g} for {lengths[1]:.3g}, {told}"
+        cosine = float((found * exact).sum()) / max(lengths[0] * lengths[1], 1e-300)
+        return f"by {name}: cosine 1 - {max(0.0, 1 - cosine):.2g}, magnitude {lengths[0] / lengths[1]:.7g}, {told}"
 
 
 # ---- losses ----

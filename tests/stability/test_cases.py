@@ -26,9 +26,9 @@ CHEAP = (
 
 
 def test_there_are_at_least_eighty_cases_of_every_group_with_names_of_their_own():
-    assert len(CASES) == len(catalogue()) >= 80
+    assert len(CASES) >= 80
     assert {case.group for case in CASES.values()} == set(GROUPS)
-    assert not [name for name, count in Counter(CASES).items() if count > 1]
+    assert not [name for name, count in Counter(case.id for case in catalogue()).items() if count > 1]
 
 
 def test_every_case_says_what_must_hold_where_and_where_its_bound_comes_from():
