@@ -386,7 +386,7 @@ def _cases() -> tuple[Case, ...]:
         raster(
             "raster-away-from-kinks",
             "Gaussians in the middle of all thresholds",
-            together(_threshold(0.4), _footprint(30.0)),
+            _threshold(0.4),
         ),
         raster("raster-random", "40 random Gaussians, thresholds wherever they fall", gaussians(rest=15)),
         raster("raster-alpha-above-threshold", "alpha 1e-4 above 1/255", _threshold(above)),

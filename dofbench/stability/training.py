@@ -29,7 +29,7 @@ from dofbench.kernels import load
 from dofbench.lens import DisparityRange, Lens
 from dofbench.stability.case import COMPILED, Case, Found, Setting
 
-WIDTH, HEIGHT, STEPS, VIEWS = 64, 48, 120, 6
+WIDTH, HEIGHT, STEPS, VIEWS = 64, 48, 240, 6
 NEAR, FAR = 2.0, 6.0
 # Wider than 0 ... 1: on so few pixels those would blur by one. A = 5 is 6.4 pixels.
 TRUE_APERTURES, TRUE_FOCI = (3.0, 5.0), (0.2, 0.5, 0.8)
@@ -274,8 +274,8 @@ def _measured(entry: MethodEntry, ends: list[End]) -> Found:
 
 # ---- cases ----
 
-SEEDS = (0,)
-START_APERTURES, START_FOCI = (0.05, 0.5, 8.0), (-1.0, 0.5, 2.0)
+SEEDS = (0, 1)
+START_APERTURES, START_FOCI = (0.5, 2.0, 6.0), (-0.5, 0.25, 0.75, 1.5)
 
 
 def _hard(setting: Setting, method: str, make: Callable[[], TrainingSet], one_plane: bool = False) -> Found:
@@ -506,7 +506,7 @@ def cases_of(method: str) -> tuple[Case, ...]:
                 )
                 for factor in (10.0, 100.0)
             ),
-            trained("bad-starts", f"A from 0.05 to 8, F from -1 to 2 at the start: {SANE}", SANE_BOUND, _starts),
+            trained("bad-starts", f"A from 0.5 to 6, F from -0.5 to 1.5 at the start: {SANE}", SANE_BOUND, _starts),
             trained(
                 "bad-starts-found",
                 "and from each of them the lens is found: half the error of one that learns nothing",
