@@ -108,7 +108,7 @@ def scene(views: int = VIEWS, one_plane: bool = False, textureless: bool = False
         "sh_dc": tensor((colour - 0.5) * 2 * math.sqrt(math.pi)),
         "sh_rest": torch.zeros(count, 0, 3),
     }
-    background, taken = tensor([0.4, 0.4, 0.4] if textureless else [0.15, 0.2, 0.3]), []
+    background, taken = tensor([0.5, 0.5, 0.5] if textureless else [0.15, 0.2, 0.3]), []
     for index in range(views):
         angle = 2 * math.pi * index / views
         pose = np.eye(4)
@@ -407,7 +407,7 @@ def cases_of(method: str) -> tuple[Case, ...]:
 
     makers: Mapping[str, tuple[str, Callable[[], TrainingSet]]] = {
         "3-views": ("three views", partial(scene, 3)),
-        "textureless": ("a scene of one colour", partial(scene, textureless=True)),
+        "textureless": ("a scene of one colour, background and all", partial(scene, textureless=True)),
         "noise": ("noise of 0.2", partial(_noise, 0.2)),
         "only-noise": ("photographs of nothing but noise", _nothing_but_noise),
         "wrong-pose": ("one camera turned by 11 degrees", _wrong_pose),
