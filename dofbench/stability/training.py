@@ -177,11 +177,11 @@ class End:
 
 
 def options_of(entry: MethodEntry, **changes: Any) -> dict[str, Any]:
-    """The method's default preset, cut short, with changes; empty for a method of another trainer."""
+    """The method's default preset, cut short, with changes; a method of another trainer's as it is."""
     _, options, _ = entry.preset(None)
     made = entry.create({}, 0, "cpu")
     if not isinstance(made, GaussianMethod):
-        return {}
+        return options
     short = {**SHORT, **(SHORT_LENS if entry.card.capabilities.learns_lens else {})}
     return {key: value for key, value in {**options, **short, **changes}.items() if key not in made.FORCED}
 
@@ -398,7 +398,7 @@ def _bad_photograph(setting: Setting, method: str, value: float) -> Found:
 def cases_of(method: str) -> tuple[Case, ...]:
     """The cases of one method. Those that set options are there only for methods of this project's trainer."""
     entry = find_method(method)
-    learns, ours = entry.card.capabilities.learns_lens, bool(options_of(entry))
+    learns, ours = entry.card.capabilities.learns_lens, isinstance(entry.create({}, 0, "cpu"), GaussianMethod)
 
     def trained(name: str, holds: str, bound: str, measure: Callable[..., Found], **arguments: Any) -> Case:
         return Case(
