@@ -58,12 +58,13 @@ def measured(case: Case, setting: Setting) -> Found:
 
 
 def judged(case: Case, setting: Setting, found: Found, limits: Sequence[Limit]) -> Row:
-    """What was found, with its verdict; a known limit's note is its reason."""
+    """What was found, with its verdict; a known limit's note begins with its reason."""
     limit = limit_of(case, setting, limits)
     if limit is None:
         verdict, note = (MET if found.met else NOT_MET), found.note
     else:
-        verdict, note = (STALE if found.met else KNOWN), limit.reason
+        verdict = STALE if found.met else KNOWN
+        note = f"{limit.reason} Here: {found.note}" if found.note else limit.reason
     return Row(case.name, case.group, setting.label, setting.precision, found.error, found.bound, verdict, note)
 
 

@@ -15,7 +15,7 @@ class Stability:
     kernel: str | None = None
     """Only the cases of this kernel: rasterize, scatter, ssim or stereo."""
     method: str | None = None
-    """Only the training of this method. Without it, of the methods that are shipped."""
+    """Only the training of this method. Without it, of every method that is found."""
     group: tuple[str, ...] = ()
     """Only these groups: lens, light, invariants, gaussians, images, training, gradients."""
     case: tuple[str, ...] = ()

@@ -108,7 +108,7 @@ def scene(views: int = VIEWS, one_plane: bool = False, textureless: bool = False
         "sh_dc": tensor((colour - 0.5) * 2 * math.sqrt(math.pi)),
         "sh_rest": torch.zeros(count, 0, 3),
     }
-    background, taken = tensor([0.4, 0.4, 0.4] if textureless else [0.15, 0.2, 0.3]), []
+    background, taken = tensor([0.5, 0.5, 0.5] if textureless else [0.15, 0.2, 0.3]), []
     for index in range(views):
         angle = 2 * math.pi * index / views
         pose = np.eye(4)
@@ -177,11 +177,11 @@ class End:
 
 
 def options_of(entry: MethodEntry, **changes: Any) -> dict[str, Any]:
-    """The method's default preset, cut short, with changes; empty for a method of another trainer."""
+    """The method's default preset, cut short, with changes; a method of another trainer's as it is."""
     _, options, _ = entry.preset(None)
     made = entry.create({}, 0, "cpu")
     if not isinstance(made, GaussianMethod):
-        return {}
+        return options
     short = {**SHORT, **(SHORT_LENS if entry.card.capabilities.learns_lens else {})}
     return {key: value for key, value in {**options, **short, **changes}.items() if key not in made.FORCED}
 
@@ -398,7 +398,7 @@ def _bad_photograph(setting: Setting, method: str, value: float) -> Found:
 def cases_of(method: str) -> tuple[Case, ...]:
     """The cases of one method. Those that set options are there only for methods of this project's trainer."""
     entry = find_method(method)
-    learns, ours = entry.card.capabilities.learns_lens, bool(options_of(entry))
+    learns, ours = entry.card.capabilities.learns_lens, isinstance(entry.create({}, 0, "cpu"), GaussianMethod)
 
     def trained(name: str, holds: str, bound: str, measure: Callable[..., Found], **arguments: Any) -> Case:
         return Case(
@@ -407,7 +407,7 @@ def cases_of(method: str) -> tuple[Case, ...]:
 
     makers: Mapping[str, tuple[str, Callable[[], TrainingSet]]] = {
         "3-views": ("three views", partial(scene, 3)),
-        "textureless": ("a scene of one colour", partial(scene, textureless=True)),
+        "textureless": ("a scene of one colour, background and all", partial(scene, textureless=True)),
         "noise": ("noise of 0.2", partial(_noise, 0.2)),
         "only-noise": ("photographs of nothing but noise", _nothing_but_noise),
         "wrong-pose": ("one camera turned by 11 degrees", _wrong_pose),

@@ -21,7 +21,8 @@ CHEAP = (
     "gaussians/half-a-pixel", "gaussians/nan-means", "images/scatter-1x1", "images/rasterize-1x9", "images/ssim-1x1",
     "images/stereo-1x1", "images/exr-half", "images/alpha-8-bit", "images/dataset-1x1", "images/dataset-noisy-black",
     "training/dofgaussian-planted-nan-lens", "training/dofgaussian-planted-nan-means",
-    "training/mipsplatting-photograph-nan", "gradients/raster-alpha-above-threshold", "gradients/ssim-close",
+    "training/mipsplatting-photograph-nan", "training/mipsplatting-vanished-faded",
+    "gradients/raster-alpha-above-threshold", "gradients/ssim-close",
 )
 
 
