@@ -136,11 +136,11 @@ def readme_text(
         dealt=_dealt_text(settings), bits=settings.bits, sensor=_sensor_text(settings),
         lost="".join(f"\nCareful: {note}.\n" for note in lost),
         but=" but for a rare last bit of the ray tracer's" if settings.renderer == "thinlens" else "",
-        origin=f", from {source.origin}" if source.origin else "", licence=_licence_text(scene, source),
+        origin=f", from {source.origin}" if source.origin else "", licence=licence_text(scene, source),
     )
 
 
-def _licence_text(scene: Scene, source: SourceRecord) -> str:
+def licence_text(scene: Scene, source: SourceRecord) -> str:
     lines = [f"Licence of the images: {source.licence}{f' ({source.terms})' if source.terms else ''}."]
     notes = [f"`{name}`" for name in _NOTES if (scene.root / name).is_file()]
     if notes:
