@@ -17,8 +17,7 @@ from dofbench.harness.prepare import choose, prepare
 from dofbench.harness.result import Spec
 from dofbench.harness.settings import Run, parse_overrides
 from dofbench.reporting.lenses import lens_words
-from dofbench.synthesis.dataset import Dataset
-from dofbench.synthesis.settings import Assign
+from dofbench.synthesis.dataset import Dataset, Dealt
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,7 @@ class Source:
     folder: Path
     label: str
     scene: str
-    assign: Assign
+    assign: Dealt
     lenses: str
 
 
@@ -80,7 +79,7 @@ def make_plan(settings: Ablate, declaration: Declaration) -> Plan:
     for table in chosen_tables(declaration, settings.ids):
         own = tuple(source for source in sources if source.assign in table.assign)
         if not own:
-            wanted = f"made with --assign {' or '.join(table.assign)}"
+            wanted = f"made with --assign {' or '.join(one for one in table.assign if one != 'unknown')}"
             if table.id in settings.ids:
                 raise InputError(f"table {table.id}", "no dataset for it in --data", f"one that was {wanted}")
             skipped.append(f"table {table.id} is left out: it wants a dataset {wanted}")

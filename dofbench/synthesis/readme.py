@@ -141,6 +141,7 @@ def readme_text(
 
 
 def licence_text(scene: Scene, source: SourceRecord) -> str:
+    """Under which terms the images are, where more about it stands, and whom to cite."""
     lines = [f"Licence of the images: {source.licence}{f' ({source.terms})' if source.terms else ''}."]
     notes = [f"`{name}`" for name in _NOTES if (scene.root / name).is_file()]
     if notes:
