@@ -72,11 +72,16 @@ def test_photographs_that_are_sharp_after_all_are_trained_on_without_a_lens(
     data = tmp_path / "data"
     assert cli.main(["make-dataset", "tabletop", "--width", str(WIDTH), "--photographs", "shallow", "--out",
                      str(data)]) == 0
-    assert cli.main(["run", "--method", "dofgaussian", "--data", str(data), "--dry-run"]) == 0
+    assert cli.main(["run", "--method", "dofgaussian", "--preset", "smoke", "--data", str(data), "--budget", "5it",
+                     "--out", str(tmp_path / "results")]) == 0
     plan = capsys.readouterr().out
     assert "stage lens: left out: the photographs show" in plan and "lens=False" in plan
     # The scene's own depth is known, and so its errors are the only scores.
     assert "scores disparity_error, depth_rel" in plan and "no aif_psnr, aif_ssim, aif_flip: no sharp" in plan
+    (file,) = (tmp_path / "results").rglob("result.json")
+    result = read_result(file)
+    assert 0 < result.scores["disparity_error"] < 1 and result.predictions == {}
+    assert cli.main(["check", str(tmp_path / "results")]) == 0
 
 
 def test_sharp_photographs_to_train_on_are_asked_for_in_vain(

@@ -98,17 +98,19 @@ def photographs_sheet(
 ) -> np.ndarray:
     """Draw the sheet of photographs whose lens nobody knows; (H, W, 3) uint8.
 
-    A column for depth is there where the range is, and a missing picture is a grey one that says so.
+    A column is there where any row has its picture; a picture that is missing in it is a grey one that says so.
     """
-    drawn = []
-    for row in rows:
-        panels = [Panel(row.photograph, f"{row.name}  ({row.split})"),
-                  Panel(row.sharp, "no such photograph" if row.sharp is None else "")]
-        if disparity_range is not None:
+    columns = [Column("photograph, lens unknown")]
+    drawn = [[Panel(row.photograph, f"{row.name}  ({row.split})")] for row in rows]
+    if any(row.sharp is not None for row in rows):
+        columns.append(Column("all in focus"))
+        for row, panels in zip(rows, drawn, strict=True):
+            panels.append(Panel(row.sharp, "no such photograph" if row.sharp is None else ""))
+    if disparity_range is not None and any(row.depth is not None for row in rows):
+        columns.append(_DEPTH)
+        for row, panels in zip(rows, drawn, strict=True):
             panels.append(Panel(None, "unknown") if row.depth is None else _depth_panel(row.depth, disparity_range))
-        drawn.append(tuple(panels))
-    columns = (Column("photograph, lens unknown"), Column("all in focus"), _DEPTH)
-    return draw(title, columns if disparity_range is not None else columns[:2], drawn)
+    return draw(title, columns, drawn)
 
 
 def _depth_panel(depth: np.ndarray, disparity_range: DisparityRange) -> Panel:

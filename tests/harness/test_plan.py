@@ -162,6 +162,12 @@ def test_some_test_views_without_a_lens(plan) -> None:
     assert plan("pinhole", unknown=("v1",)).left_out["psnr"] == "Pinhole has no lens to refocus with"
 
 
+def test_no_test_view_with_a_lens(plan) -> None:
+    made = plan(unknown=TESTED)
+    assert made.left_out == dict.fromkeys(REFOCUS, "no test lens") and set(LENS_COLUMNS) <= set(made.columns)
+    assert lens_words(made.lenses) == "trained on F 0.2, 0.5, 0.8 and A 0.5, 1; no test lens"
+
+
 def test_training_views_without_a_lens(plan) -> None:
     made = plan(unknown=("v3", "v4"))
     assert {made.left_out[column] for column in LENS_COLUMNS} == {"no true lens of 2 of 4 training views: v3, v4"}
