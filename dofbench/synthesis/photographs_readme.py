@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from dofbench import __version__
 from dofbench.scenes.types import Scene
-from dofbench.synthesis.readme import licence_text
+from dofbench.synthesis.readme import DEPTH_TEXT, licence_text
 from dofbench.synthesis.schema import DepthRecord, SourceRecord
 from dofbench.synthesis.settings import MakeDataset
 
@@ -16,7 +16,8 @@ _TEXT = """\
 ![A few views: the photograph, and what else is known of it](contact_sheet.png)
 
 {count} views ({train} to train on, {test} to test on), {size}. Every image in `images/` is a photograph as it was
-taken{resized}, in 8 bits: {shallow} of them are shallow, by a lens that nobody knows, and {sharp} all in focus.
+taken{resized}, in 8 bits: {shallow} of them are shallow, by a lens that nobody knows, and {sharp} all in focus. Only
+distortion that the scene's cameras have is taken out.
 
 Made by dofbench {version}:
 
@@ -67,27 +68,29 @@ def photographs_readme(
     sizes = sorted({(view.camera.width, view.camera.height) for view in views})
     sharp = [view.name for view in views if view.photograph == "all-in-focus"]
     measured = 0 if depth is None else len(depth.views)
+    origin = "" if depth is None else DEPTH_TEXT[depth.source]
+    files = _files(len(sharp), measured, origin, len(views), bounded)
     return _TEXT.format(
         name=scene.name, layout=scene.layout, version=__version__, count=len(views),
         train=sum(view.split == "train" for view in views), test=sum(view.split == "test" for view in views),
         size=" and ".join(f"{width}x{height}" for width, height in sizes) + " pixels",
         resized=" but for its size" if settings.width is not None else "",
         shallow=len(views) - len(sharp), sharp=len(sharp), command=settings.command(settings.scene or scene.name),
-        files="\n".join(f"| {name} | {what} |" for name, what in _files(len(sharp), measured, len(views), bounded)),
+        files="\n".join(f"| {name} | {what} |" for name, what in files),
         missing="\n".join(f"- {line}" for line in _missing(len(sharp), measured, len(views), bounded)),
         lost="".join(f"\nCareful: {note}.\n" for note in lost),
         origin=f", from {source.origin}" if source.origin else "", licence=licence_text(scene, source),
     )
 
 
-def _files(sharp: int, measured: int, count: int, bounded: bool) -> list[tuple[str, str]]:
+def _files(sharp: int, measured: int, origin: str, count: int, bounded: bool) -> list[tuple[str, str]]:
     files = [("`images/VIEW.png`", "the photograph, encoded, 8 bit")]
     if sharp:
         files.append(("`all_in_focus/VIEW.png`", f"the same of the {sharp} views whose photograph is all in focus: "
                                                  "the truth for all-in-focus renders"))
     if measured:
-        files += [("`depth/VIEW.exr`", f"z-depth in scene units, float32, 0 where unknown; of {measured} of {count} "
-                                       "views"),
+        files += [("`depth/VIEW.exr`", f"z-depth in scene units, float32, 0 where unknown, of {measured} of {count} "
+                                       f"views; from {origin}"),
                   ("`confidence/VIEW.png`", "where it is known, 8 bit: 0 or 255")]
     files += [("`lens.json`", "that the lens is unknown, for every view"
                + (", and the range of the known disparity" if measured else "")),

@@ -15,7 +15,7 @@ from dofbench.synthesis.settings import MakeDataset
 _NOTES = ("CITATION.cff", "LICENCE", "LICENCE.md", "LICENCE.txt", "LICENSE", "LICENSE.md", "LICENSE.txt",
           "README.md", "README.txt", "SOURCE.md")
 
-_DEPTH_TEXT = {
+DEPTH_TEXT = {
     "given": "the scene's own depth maps",
     "folder": "depth maps of another program",
     "splat": "a Gaussian reconstruction of all all-in-focus views (settings in dataset.json)",
@@ -126,7 +126,7 @@ def readme_text(
         train=sum(record.split == "train" for record in records),
         test=sum(record.split == "test" for record in records),
         size=" and ".join(f"{width}x{height}" for width, height in sizes) + " pixels",
-        linear="half" if settings.linear == "exr-half" else "float", depth=_DEPTH_TEXT[depth.source],
+        linear="half" if settings.linear == "exr-half" else "float", depth=DEPTH_TEXT[depth.source],
         gamma=settings.gamma, alpha=settings.alpha, area=" / (R_i^2 + 0.2)" if settings.energy == "area" else "",
         shape="" if shape.is_disc else "; R_i is scaled by direction to the aperture's `shape`",
         layered=_LAYERED.format(layers=settings.layers) if settings.renderer == "layered" else "",

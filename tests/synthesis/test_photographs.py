@@ -14,6 +14,7 @@ from scipy.ndimage import uniform_filter
 from dofbench import cli
 from dofbench.errors import InputError
 from dofbench.files import sha256_file, write_json
+from dofbench.harness.truth import NO_EXACT_DEPTH, missing_truth
 from dofbench.images import read_image, write_png
 from dofbench.scenes import export, load_scene
 from dofbench.synthesis import Dataset, check_dataset, make_dataset, photographs
@@ -191,6 +192,15 @@ def test_depth_is_there_where_the_scene_has_it(write_scene: Callable, tmp_path: 
         make(root, tmp_path / "given", layout="auto", photographs="shallow-train", depth="given")
 
 
+def test_depth_of_another_program(write_scene: Callable, blurred: Path, tmp_path: Path) -> None:
+    maps = write_scene(tmp_path / "scene") / "depth"
+    dataset = Dataset.load(make(blurred, tmp_path / "out", depth=f"folder:{maps}"))
+    assert all(view.has_depth for view in dataset.views) and not dataset.has_exact_depth, "nobody knows how good it is"
+    assert missing_truth(dataset).depth == NO_EXACT_DEPTH and missing_truth(dataset).refocus == "no test lens"
+    assert "from depth maps of another program" in (dataset.folder / "README.md").read_text()
+    assert check_dataset(dataset.folder) == []
+
+
 def test_of_a_folder_without_sharp_photographs_none_is_made_up(write_scene: Callable, tmp_path: Path) -> None:
     root = write_scene(tmp_path / "scene", depth=False, points=False)
     out = tmp_path / "out"
@@ -223,6 +233,9 @@ def test_stopped_in_the_middle_it_goes_on(
     make(blurred, out)
     assert contents(out) == contents(made)
     assert times == {path: path.stat().st_mtime_ns for path in written}
+    (out / "images" / "v01.png").unlink()  # a finished one that has lost a file since
+    make(blurred, out)
+    assert contents(out) == contents(made)
     monkeypatch.setattr(photographs, "write_png", None)  # complete: nothing is written
     make(blurred, out)
 
