@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -40,15 +40,18 @@ class FakeView:
     name: str
     split: str
     camera: Camera
-    lens: Lens
-    physical_lens: PhysicalLens
-    max_coc_px: float
+    lens: Lens | None
+    physical_lens: PhysicalLens | None
+    max_coc_px: float | None
+    has_all_in_focus: bool = True
+    has_depth: bool = True
 
 
 class FakeDataset:
     """As `dofbench.synthesis.dataset.Dataset`; its folder holds a dataset.json with these few choices.
 
-    The image of a view is smooth noise; its shallow photograph is the sharp one, darkened by the aperture.
+    The image of a view is smooth noise; its shallow photograph is the sharp one, darkened by the aperture, which only
+    this class knows where the view's lens is unknown.
     """
 
     def __init__(self, folder: Path):
@@ -58,14 +61,17 @@ class FakeDataset:
         choices = json.loads((self.folder / "dataset.json").read_text())
         self.name, self.scene = choices["name"], choices["name"].split("_")[0]
         self.checksum = sha256_file(self.folder / "dataset.json")
-        self.has_points, self.assign = choices["points"], choices["assign"]
+        self.has_points = choices["points"]
         self.has_exact_depth = choices["exact"]
+        self._unknown, self._blurred, self._flat = (set(choices[key]) for key in ("unknown", "blurred", "flat"))
         self.disparity_range = DisparityRange(0.1, 0.6)
         self._seed = choices["seed"]
         self.views = tuple(
             self._view(f"v{index}", "test" if index < choices["test"] else "train", choices["coc"], index)
             for index in range(choices["test"] + choices["train"])
         )
+        known = any(view.lens is not None for view in self.views)
+        self.assign = choices["assign"] if known or not self.views else "unknown"
 
     load = classmethod(lambda cls, folder: cls(folder))
 
@@ -73,8 +79,16 @@ class FakeDataset:
         pose = np.eye(4)
         pose[0, 3] = index
         camera = Camera(WIDTH, HEIGHT, 200.0, 200.0, WIDTH / 2, HEIGHT / 2, pose)
-        lens = Lens(aperture=(0.5, 1.0)[index % 2], focus=(0.2, 0.5, 0.8)[index % 3])
-        return FakeView(name, split, camera, lens, lens.physical(self.disparity_range, WIDTH), coc)
+        lens = self._lens(index)
+        known = name not in self._unknown
+        return FakeView(
+            name, split, camera, lens if known else None, lens.physical(self.disparity_range, WIDTH) if known else None,
+            coc if known else None, name not in self._blurred, name not in self._flat,
+        )
+
+    @staticmethod
+    def _lens(index: int) -> Lens:
+        return Lens(aperture=(0.5, 1.0)[index % 2], focus=(0.2, 0.5, 0.8)[index % 3])
 
     def view(self, name: str) -> FakeView:
         return next(view for view in self.views if view.name == name)
@@ -82,16 +96,19 @@ class FakeDataset:
     def test_views(self) -> tuple[FakeView, ...]:
         return tuple(view for view in self.views if view.split == "test")
 
-    def all_in_focus(self, view: FakeView) -> np.ndarray:
-        return sharp_image(self._seed, view.camera)
+    def all_in_focus(self, view: FakeView) -> np.ndarray | None:
+        return sharp_image(self._seed, view.camera) if view.has_all_in_focus else None
 
     def image(self, view: FakeView) -> np.ndarray:
-        return from_8bit(to_8bit(self.all_in_focus(view) * (1 - 0.1 * view.lens.aperture)))
+        aperture = self._lens(int(view.name[1:])).aperture
+        return from_8bit(to_8bit(sharp_image(self._seed, view.camera) * (1 - 0.1 * aperture)))
 
     def require_intact(self, view: FakeView, part: str) -> None:
         """Its pictures are computed: none can have changed."""
 
-    def depth(self, view: FakeView) -> np.ndarray:
+    def depth(self, view: FakeView) -> np.ndarray | None:
+        if not view.has_depth:
+            return None
         return np.linspace(2.0, 9.0, WIDTH * HEIGHT, dtype=np.float32).reshape(HEIGHT, WIDTH)
 
     def training_set(self, inputs: str = "shallow") -> TrainingSet:
@@ -118,12 +135,14 @@ def sharp_image(seed: int, camera: Camera) -> np.ndarray:
 
 def write_dataset(
     folder: Path, *, name: str = "waves", seed: int = 1, train: int = 4, test: int = 2, coc: float = 4.0,
-    points: bool = True, assign: str = "per-view", exact: bool = True,
+    points: bool = True, assign: str = "per-view", exact: bool = True, unknown: Sequence[str] = (),
+    blurred: Sequence[str] = (), flat: Sequence[str] = (),
 ) -> Path:
-    """Write the dataset.json that `FakeDataset` reads; returns the folder."""
+    """Write the dataset.json that `FakeDataset` reads; returns the folder. unknown, blurred, flat: the views without a
+    known lens, a sharp photograph, depth."""
     folder.mkdir(parents=True, exist_ok=True)
     choices = {"name": name, "seed": seed, "train": train, "test": test, "coc": coc, "points": points}
-    choices |= {"assign": assign, "exact": exact}
+    choices |= {"assign": assign, "exact": exact, "unknown": [*unknown], "blurred": [*blurred], "flat": [*flat]}
     (folder / "dataset.json").write_text(json.dumps(choices))
     return folder
 

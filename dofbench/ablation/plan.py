@@ -16,7 +16,7 @@ from dofbench.harness.plan import dealt_lenses
 from dofbench.harness.settings import Run, parse_overrides
 from dofbench.reporting.lenses import lens_words
 from dofbench.runs.planned import PlannedRun, different_datasets, plan_run
-from dofbench.synthesis.settings import Assign
+from dofbench.synthesis.dataset import Dealt
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Source:
     folder: Path
     label: str
     scene: str
-    assign: Assign
+    assign: Dealt
     lenses: str
 
 
@@ -62,7 +62,7 @@ def make_plan(settings: Ablate, declaration: Declaration) -> Plan:
     for table in chosen_tables(declaration, settings.ids):
         own = tuple(source for source in sources if source.assign in table.assign)
         if not own:
-            wanted = f"made with --assign {' or '.join(table.assign)}"
+            wanted = f"made with --assign {' or '.join(one for one in table.assign if one != 'unknown')}"
             if table.id in settings.ids:
                 raise InputError(f"table {table.id}", "no dataset for it in --data", f"one that was {wanted}")
             skipped.append(f"table {table.id} is left out: it wants a dataset {wanted}")

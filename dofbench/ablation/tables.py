@@ -13,7 +13,7 @@ from dofbench.errors import InputError
 from dofbench.harness.settings import Inputs
 from dofbench.reporting.columns import COLUMNS
 from dofbench.reporting.lenses import HELD_OUT
-from dofbench.synthesis.settings import Assign
+from dofbench.synthesis.dataset import Dealt
 
 
 class _Strict(BaseModel):
@@ -45,7 +45,8 @@ class Table(_Strict):
     columns: scores by id (`dofbench.reporting.columns`). switches: columns that say what a row has. reference: label
     of the row that the others are compared with. source: where the paper's figures stand; paper_data: what they were
     measured on. inputs: as of `dofbench run`; one for all rows, as protocols never share a table. assign: it takes
-    the datasets whose lenses are dealt so (`make-dataset --assign`), and no others; held-out ones stand alone.
+    the datasets whose lenses are dealt so (`make-dataset --assign`), or unknown, and no others; held-out ones stand
+    alone.
     """
 
     id: str = Field(pattern=r"^[A-Za-z0-9_-]+$")
@@ -57,7 +58,7 @@ class Table(_Strict):
     source: str = ""
     paper_data: str = ""
     inputs: Inputs = "shallow"
-    assign: tuple[Assign, ...] = Field(("per-view", "continuous", "fixed"), min_length=1)
+    assign: tuple[Dealt, ...] = Field(("per-view", "continuous", "fixed", "unknown"), min_length=1)
     rows: tuple[Row, ...] = Field(min_length=1)
 
     @model_validator(mode="after")

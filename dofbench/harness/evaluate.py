@@ -17,6 +17,7 @@ from dofbench.harness.error_maps import error_map
 from dofbench.harness.plan import RunPlan
 from dofbench.harness.protocol import AIF_PREFIX, DEPTH_COLUMNS, LENS_COLUMNS, Protocol, arithmetic_mean
 from dofbench.harness.result import ViewLens, ViewScores
+from dofbench.harness.truth import missing_truth
 from dofbench.images import from_8bit, to_8bit, write_png
 from dofbench.lens import DisparityRange, Lens
 from dofbench.metrics import score_image
@@ -96,8 +97,9 @@ class Evaluator:
         return found
 
     def do_nothing(self) -> dict[str, float]:
-        """Lens errors of a predictor that always says A = F = 0.5, by column; none if the protocol has none."""
-        if not self._protocol.lens:
+        """Lens errors of a predictor that always says A = F = 0.5, by column; none if the protocol has none, or the
+        true lenses aren't known."""
+        if not self._protocol.lens or missing_truth(self._dataset).lens:
             return {}
         errors = do_nothing_errors(self._true_lenses(), self._dataset.disparity_range, self._width(), self._depths())
         return {"delta_a": errors.delta_a, "delta_f": errors.delta_f, "delta_r": errors.delta_r}

@@ -17,16 +17,16 @@ class Facts:
     points: number of sparse points. blur_px: largest circle of confusion that the photographs show, radius in
     pixels; None where it can't be told. view_dependence: how much surfaces change their colour with the
     direction they are seen from, levels of 255; None where it can't be told. one_lens: the dataset says that one
-    lens took all its photographs.
+    lens took all its photographs; None where it knows no lens.
     """
 
     points: int
     blur_px: float | None
     view_dependence: float | None
-    one_lens: bool
+    one_lens: bool | None
 
 
-def facts_of(training_set: TrainingSet, *, one_lens: bool) -> Facts:
+def facts_of(training_set: TrainingSet, *, one_lens: bool | None) -> Facts:
     """Look at the photographs; takes about a second for 17 of 504 x 378."""
     points = training_set.points
     if points is None or not len(points):

@@ -11,11 +11,11 @@ from dofbench.harness.facts import Facts
 from dofbench.harness.methods import MethodEntry
 from dofbench.harness.protocol import LENS_COLUMNS, Protocol
 from dofbench.harness.settings import format_budget
+from dofbench.harness.truth import NO_TEST_VIEWS, MissingTruth, missing_truth
 from dofbench.synthesis.dataset import Dataset
 
 NEEDLESS_BLUR = 0.75       # px, radius as estimated: photographs in focus give up to 0.6
 NEEDLESS_DEPENDENCE = 2.5  # levels of 255: below it no harmonics would be seen
-NO_TEST_VIEWS = "the dataset has no test views"
 
 
 @dataclass(frozen=True)
@@ -75,9 +75,11 @@ class RunPlan:
 
 
 def dealt_lenses(dataset: Dataset) -> dict[str, Any]:
-    """How the dataset deals its lenses ("assign"), and per split ("train", "test") view -> [A, F], as plain data."""
+    """How the dataset deals its lenses ("assign"), and per split ("train", "test") view -> [A, F], or None where nobody
+    knows the lens; as plain data."""
     dealt = {
-        split: {view.name: [view.lens.aperture, view.lens.focus] for view in dataset.views if view.split == split}
+        split: {view.name: None if view.lens is None else [view.lens.aperture, view.lens.focus]
+                for view in dataset.views if view.split == split}
         for split in ("train", "test")
     }
     return {"assign": dataset.assign, **dealt}
@@ -100,7 +102,7 @@ def make_plan(
         raise InputError(f"dataset {dataset.name}", "no sparse points", f"some, as {entry.id} starts from them")
 
     stages, switched = _stages(entry, {**options, **overrides}, facts, force_all)
-    left_out = _left_out(entry, protocol, stages, bool(test)) | _no_depth_errors(dataset, protocol, bool(test))
+    left_out = _left_out(entry, protocol, stages, missing_truth(dataset))
     every = (*protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.lens, *protocol.depth)
     return RunPlan(
         method=entry.id, preset=preset, dataset=dataset.name, protocol=protocol.id, budget=format_budget(budget),
@@ -136,8 +138,10 @@ def _stages(entry: MethodEntry, options: dict[str, Any], facts: Facts, force_all
                  f"the photographs show circles of confusion of up to {blur:.2f} px, by an estimate of which "
                  f"{NEEDLESS_BLUR} px mean nothing")
         if decide("lens", blur is not None and blur < NEEDLESS_BLUR, shown):
-            said = "one lens took all photographs" if facts.one_lens else "photographs by several lenses"
-            decide("lens_per_view", facts.one_lens, f"the dataset says: {said}")
+            said = "the dataset says: one lens took all photographs" if facts.one_lens else \
+                "the dataset says: photographs by several lenses" if facts.one_lens is not None else \
+                "nobody knows the photographs' lenses, so each may have one of its own"
+            decide("lens_per_view", bool(facts.one_lens), said)
     supervised = True
     if entry.card.capabilities.needs_points or "sparse_depth" in entry.card.leave_out:
         supervised = decide("sparse_depth", not facts.points, f"{facts.points or 'no'} sparse points")
@@ -152,29 +156,22 @@ def _stages(entry: MethodEntry, options: dict[str, Any], facts: Facts, force_all
     return stages, switched
 
 
-def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], has_test_views: bool) -> dict[str, str]:
+def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], missing: MissingTruth) -> dict[str, str]:
     capabilities = entry.card.capabilities
-    left_out: dict[str, str] = {}
-    if not has_test_views:
-        left_out.update(dict.fromkeys((*protocol.refocus_columns, *protocol.all_in_focus_columns), NO_TEST_VIEWS))
-    elif not capabilities.refocus:
-        left_out.update(dict.fromkeys(protocol.refocus_columns, f"{entry.card.name} has no lens to refocus with"))
+    refocus = missing.refocus
+    if not capabilities.refocus and refocus != NO_TEST_VIEWS:
+        refocus = f"{entry.card.name} has no lens to refocus with"
     lens_stage = next((stage for stage in stages if stage.name == "lens"), None)
     if not capabilities.learns_lens:
-        reason = f"{entry.card.name} learns no lens"
+        lens = f"{entry.card.name} learns no lens"
     elif not protocol.lens:
-        reason = f"{protocol.id} trains on sharp photographs, which have no lens to be learned"
-    elif lens_stage is not None and not lens_stage.runs:
-        reason = f"the lens was left out: {lens_stage.reason}"
+        lens = f"{protocol.id} trains on sharp photographs, which have no lens to be learned"
+    elif missing.lens:
+        lens = missing.lens
     else:
-        return left_out
-    left_out.update(dict.fromkeys(LENS_COLUMNS, reason))
-    return left_out
-
-
-def _no_depth_errors(dataset: Dataset, protocol: Protocol, has_test_views: bool) -> dict[str, str]:
-    if not has_test_views:
-        return dict.fromkeys(protocol.depth, NO_TEST_VIEWS)
-    if dataset.has_exact_depth:
-        return {}
-    return dict.fromkeys(protocol.depth, "the dataset's own depth is an estimate, no truth to compare with")
+        lens = f"the lens was left out: {lens_stage.reason}" if lens_stage is not None and not lens_stage.runs else ""
+    reasons = (
+        (protocol.refocus_columns, refocus), (protocol.all_in_focus_columns, missing.all_in_focus),
+        (LENS_COLUMNS, lens), (protocol.depth, missing.depth),
+    )
+    return {column: reason for columns, reason in reasons if reason for column in columns}

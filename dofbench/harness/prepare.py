@@ -96,7 +96,8 @@ def data_folder(settings: Run) -> Path:
 def _facts(folder: Path, checksum: str, inputs: Inputs) -> Facts:
     """Facts of a dataset, which many runs in one call may share. checksum: so that it is the same one still."""
     dataset = Dataset.load(folder)
-    return facts_of(dataset.training_set(inputs), one_lens=dataset.assign == "fixed")
+    one_lens = None if dataset.assign == "unknown" else dataset.assign == "fixed"
+    return facts_of(dataset.training_set(inputs), one_lens=one_lens)
 
 
 def builtin_dataset(dry_run: bool, console: Console) -> bool:

@@ -27,7 +27,8 @@ def write_strip(path: Path, entries: list[Entry], names: dict[tuple[str, ...], t
     """
     shown = [
         (names[variant], good[0]) for variant, seeds in grouped(entries, "variant").items()
-        if (good := [entry for entry in seeds if entry.status is Status.OK and entry.result and entry.result.views])
+        if (good := [entry for entry in seeds
+                     if entry.status is Status.OK and entry.result and entry.result.predictions])
     ]
     if not shown:
         return "no run has predictions"

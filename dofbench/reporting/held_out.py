@@ -38,8 +38,9 @@ def _lines(method: str, preset: str, seeds: list[Entry]) -> list[Line]:
     if not results or len(results) < len(seeds):
         return []
     asked: dict[tuple[float, float], list[str]] = {}
-    for view, (aperture, focus) in results[0].plan["lenses"]["test"].items():
-        asked.setdefault((focus, aperture), []).append(view)
+    for view, lens in results[0].plan["lenses"]["test"].items():
+        if lens is not None:  # else nobody knows it
+            asked.setdefault((lens[1], lens[0]), []).append(view)
     rows = [(f"F {focus:g}, A {aperture:g}", views, "") for (focus, aperture), views in sorted(asked.items())
             if aperture > 0]
     rows.append((ALL_IN_FOCUS, list(results[0].plan["lenses"]["test"]), AIF_PREFIX))

@@ -48,7 +48,7 @@ def read(root: Path, *, width: int | None, images: str | None, hold: int | None)
         frame = posed[_SHARP if split == "test" else shallow][index]
         # Views are called as their sharp photographs, whichever of the three they are.
         frames.append(replace(frame, name=posed[_SHARP][index].name, split=split))
-    return _scene(root, folder / _SHARP, stacks[_SHARP], frames, width)
+    return _scene(root, folder / _SHARP, stacks[_SHARP], frames, width).taken_as(train="shallow", test="all-in-focus")
 
 
 def _one_stack(root: Path, images: str, width: int | None, hold: int | None) -> Scene:
@@ -63,7 +63,7 @@ def _one_stack(root: Path, images: str, width: int | None, hold: int | None) -> 
         replace(frame, split=split) for frame, split in zip(llff.posed_frames(root, folder, files), splits, strict=True)
     ]
     scene = _scene(root, folder, files, frames, width)
-    return replace(scene, photographs="all-in-focus") if stack == _SHARP else scene
+    return scene if stack == _SHARP else scene.taken_as(train="shallow", test="shallow")
 
 
 def _scene(root: Path, folder: Path, files: Sequence[Path], frames: Sequence[Frame], width: int | None) -> Scene:
@@ -71,7 +71,7 @@ def _scene(root: Path, folder: Path, files: Sequence[Path], frames: Sequence[Fra
     points = llff.read_points(model, folder, files) if model else None
     scene = assemble(root, "dofnerf", frames, points, width=width, subject=root / "poses_bounds.npy")
     check_inside(scene, model)
-    return replace(scene, photographs="shallow")
+    return scene
 
 
 def _files(folder: Path) -> list[Path]:

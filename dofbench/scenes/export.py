@@ -101,7 +101,7 @@ def write_transforms(
     file_paths: Sequence[str],
     cameras: Sequence[Camera],
     *,
-    depth_paths: Sequence[str] | None = None,
+    depth_paths: Sequence[str | None] | None = None,
     splits: Sequence[Split] | None = None,
     extra: Sequence[Mapping[str, Any]] | None = None,
     ply_path: str | None = None,
@@ -109,8 +109,8 @@ def write_transforms(
     """Write nerfstudio's `transforms.json`, with OpenGL camera axes.
 
     Paths are relative to the file's folder. Intrinsics stand once where all cameras share them,
-    else in every frame. depth_paths: z-depth in scene units, float EXR. splits give train_filenames
-    and test_filenames. extra: more entries for each frame; they must not clash with the layout's own.
+    else in every frame. depth_paths: z-depth in scene units, float EXR; None of a view without. splits give
+    train_filenames and test_filenames. extra: more entries for each frame; they must not clash with the layout's own.
     """
     _check_equal(len(file_paths), len(cameras), "file_paths", "cameras")
     lenses = [_lens(camera) for camera in cameras]
@@ -118,14 +118,15 @@ def write_transforms(
     content: dict[str, Any] = {"camera_model": "PINHOLE", **shared}
     if depth_paths is not None:
         _check_equal(len(depth_paths), len(cameras), "depth_paths", "cameras")
-        content["depth_unit_scale_factor"] = 1.0
+        if any(path is not None for path in depth_paths):
+            content["depth_unit_scale_factor"] = 1.0
     if ply_path is not None:
         content["ply_file_path"] = ply_path
     frames = []
     for index, (file_path, camera) in enumerate(zip(file_paths, cameras, strict=True)):
         frame = {"file_path": file_path, **({} if shared else lenses[index])}
         frame["transform_matrix"] = opengl_to_opencv(camera.camera_to_world).tolist()
-        if depth_paths is not None:
+        if depth_paths is not None and depth_paths[index] is not None:
             frame["depth_file_path"] = depth_paths[index]
         if extra is not None:
             clash = sorted(frame.keys() & extra[index].keys())

@@ -14,8 +14,8 @@ from dofbench.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.errors import InputError
 
 Split = Literal["train", "test"]
-# Of the training views; test views are always sharp.
-Photographs = Literal["all-in-focus", "shallow"]
+# What a view's image is: all in focus, or taken by a lens with shallow depth of field that nobody knows.
+Photograph = Literal["all-in-focus", "shallow"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class SceneView:
     """One view. `image()` reads it: (H, W, 3) float32, encoded, undistorted, at the camera's size.
 
     `depth()` gives exact z-depth (H, W) float32, scene units, 0 where unknown; None when the
-    scene has none. `source` is the file behind the image, for messages and provenance.
+    scene has none. `source` is the file behind the image, for messages and provenance. photograph: what the image is.
     """
 
     name: str
@@ -32,15 +32,14 @@ class SceneView:
     source: Path
     split: Split = "train"
     depth: Callable[[], np.ndarray] | None = None
+    photograph: Photograph = "all-in-focus"
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Views with poses. `views` are sorted by name; names carry no suffix.
 
-    points.views, where known, index into `views`. layout: the reader's id. photographs: all in focus in nearly every
-    layout; or the training views are photographs by a lens that nobody knows, to train on as they are, and the test
-    views sharp photographs, to score all-in-focus renders with.
+    points.views, where known, index into `views`. layout: the reader's id.
     """
 
     name: str
@@ -48,7 +47,17 @@ class Scene:
     layout: str
     views: tuple[SceneView, ...]
     points: PointCloud | None
-    photographs: Photographs = "all-in-focus"
+
+    @property
+    def photographs(self) -> Photograph:
+        """All in focus in nearly every layout; or shallow: photographs to train on as they are, of which those of the
+        test views may be sharp ones, to score all-in-focus renders with."""
+        return "shallow" if any(view.photograph == "shallow" for view in self.views) else "all-in-focus"
+
+    def taken_as(self, train: Photograph, test: Photograph) -> Scene:
+        """The scene with it said what the photographs of its training and of its test views are."""
+        photograph = {"train": train, "test": test}
+        return replace(self, views=tuple(replace(view, photograph=photograph[view.split]) for view in self.views))
 
     def with_hold(self, hold: int) -> Scene:
         """Views 0, hold, 2 hold, ... in name order become test views, the others training views.
@@ -76,5 +85,5 @@ class Scene:
         )
 
     def test_views(self) -> tuple[SceneView, ...]:
-        """The views held back, sorted by name: sharp, whatever the training views are."""
+        """The views held back, sorted by name."""
         return tuple(view for view in self.views if view.split == "test")

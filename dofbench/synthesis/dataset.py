@@ -17,25 +17,37 @@ from dofbench.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
 from dofbench.scenes import load_scene
 from dofbench.scenes.types import Split
 from dofbench.synthesis import write
-from dofbench.synthesis.schema import MANIFEST, LensFile, Manifest, read_lens_file, read_manifest
+from dofbench.synthesis.schema import (
+    MANIFEST,
+    LensFile,
+    Manifest,
+    UnknownLensFile,
+    ViewRecord,
+    read_lens_file,
+    read_manifest,
+)
 from dofbench.synthesis.settings import Assign
 
 Inputs = Literal["shallow", "all-in-focus"]
+Dealt = Assign | Literal["unknown"]
 
 
 @dataclass(frozen=True, eq=False)
 class DatasetView:
     """One view with its true lens, in the units of the scene's disparity range and in scene units.
 
-    max_coc_px: largest CoC radius among its pixels.
+    max_coc_px: largest CoC radius among its pixels. The three are None where nobody knows the lens: then the view is a
+    photograph as it was taken. has_all_in_focus, has_depth: whether the dataset has these of the view.
     """
 
     name: str
     split: Split
     camera: Camera
-    lens: Lens
-    physical_lens: PhysicalLens
-    max_coc_px: float
+    lens: Lens | None
+    physical_lens: PhysicalLens | None
+    max_coc_px: float | None
+    has_all_in_focus: bool = True
+    has_depth: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +56,7 @@ class Dataset:
 
     folder: Path
     manifest: Manifest
-    lenses: LensFile
+    lenses: LensFile | UnknownLensFile
     views: tuple[DatasetView, ...]
     points: PointCloud | None
     checksum: str
@@ -70,15 +82,17 @@ class Dataset:
             raise InputError(folder, f"another split in {write.TRANSFORMS} than in lens.json for {', '.join(moved)}",
                              "the same split in both")
         disparity_range = lenses.range()
-        found = tuple(
-            DatasetView(
-                name=name, split=record.split, camera=views[name].camera, lens=record.lens,
-                physical_lens=record.lens.physical(disparity_range, views[name].camera.width),
-                max_coc_px=record.max_coc_px,
-            )
-            for name, record in sorted(records.items())
-        )
-        return Dataset(folder, manifest, lenses, found, scene.points, sha256_file(folder / MANIFEST))
+        found = []
+        for name, record in sorted(records.items()):
+            camera, known = views[name].camera, isinstance(record, ViewRecord)
+            found.append(DatasetView(
+                name=name, split=record.split, camera=camera, lens=record.lens if known else None,
+                physical_lens=record.lens.physical(disparity_range, camera.width) if known else None,
+                max_coc_px=record.max_coc_px if known else None,
+                has_all_in_focus=write.relative(write.sharp_path, name) in manifest.files,
+                has_depth=write.relative(write.depth_path, name) in manifest.files,
+            ))
+        return Dataset(folder, manifest, lenses, tuple(found), scene.points, sha256_file(folder / MANIFEST))
 
     @property
     def name(self) -> str:
@@ -91,34 +105,35 @@ class Dataset:
         return self.manifest.source.scene
 
     @property
-    def assign(self) -> Assign:
-        """How its lenses were dealt over the views."""
-        return self.manifest.settings.get("assign", "per-view")
+    def assign(self) -> Dealt:
+        """How its lenses were dealt over the views; unknown where no view's lens is known."""
+        return self.manifest.settings.get("assign", "per-view") if self.lenses.known else "unknown"
 
     @property
     def has_exact_depth(self) -> bool:
-        """Whether its depth is the scene's own exact maps, and not an estimate."""
-        return self.manifest.depth.source == "given"
+        """Whether all test views have depth, and that is the scene's own exact maps, and no estimate."""
+        given = self.manifest.depth is not None and self.manifest.depth.source == "given"
+        return given and all(view.has_depth for view in self.test_views())
 
     @property
-    def disparity_range(self) -> DisparityRange:
-        """What the views' aperture and focus refer to."""
+    def disparity_range(self) -> DisparityRange | None:
+        """What the views' aperture and focus refer to; None where neither a lens nor any depth is known."""
         return self.lenses.range()
 
     @property
-    def gamma(self) -> float:
-        """Exponent of the display encoding."""
-        return self.lenses.gamma
+    def gamma(self) -> float | None:
+        """Exponent of the display encoding; None where no lens is known."""
+        return self.lenses.gamma if isinstance(self.lenses, LensFile) else None
 
     @property
-    def alpha(self) -> float:
-        """Hardness of the blur disc's edge, per pixel."""
-        return self.lenses.alpha
+    def alpha(self) -> float | None:
+        """Hardness of the blur disc's edge, per pixel; None where no lens is known."""
+        return self.lenses.alpha if isinstance(self.lenses, LensFile) else None
 
     @property
-    def shape(self) -> ApertureShape:
-        """Shape of the aperture."""
-        return self.lenses.shape.shape()
+    def shape(self) -> ApertureShape | None:
+        """Shape of the aperture; None where no lens is known."""
+        return self.lenses.shape.shape() if isinstance(self.lenses, LensFile) else None
 
     @property
     def has_points(self) -> bool:
@@ -140,21 +155,25 @@ class Dataset:
         """The views held back, by name."""
         return tuple(view for view in self.views if view.split == "test")
 
-    def lens(self, view: DatasetView | str) -> Lens:
-        """The view's true lens, in the units of `disparity_range`."""
-        return (self.view(view) if isinstance(view, str) else view).lens
+    def lens(self, view: DatasetView | str) -> Lens | None:
+        """The view's true lens, in the units of `disparity_range`; None where nobody knows it."""
+        return self._view(view).lens
 
     def image(self, view: DatasetView | str) -> np.ndarray:
-        """The shallow photograph: (H, W, 3) float32, encoded, [0, 1], at 8-bit levels."""
+        """The shallow photograph: (H, W, 3) float32, encoded, [0, 1], at 8-bit levels.
+
+        Of a view whose lens nobody knows: its photograph as it was taken, which of a test view may be a sharp one.
+        """
         return read_image(write.shallow_path(self.folder, _name(view)))
 
-    def linear(self, view: DatasetView | str) -> np.ndarray:
-        """The shallow photograph before encoding: (H, W, 3) float32, linear."""
-        return read_exr(write.linear_path(self.folder, _name(view)))
+    def linear(self, view: DatasetView | str) -> np.ndarray | None:
+        """The shallow photograph before encoding: (H, W, 3) float32, linear; None of a view whose lens nobody knows."""
+        return read_exr(write.linear_path(self.folder, _name(view))) if self.lens(view) is not None else None
 
-    def all_in_focus(self, view: DatasetView | str) -> np.ndarray:
-        """The sharp original: (H, W, 3) float32, encoded, [0, 1], at 8-bit levels."""
-        return read_image(write.sharp_path(self.folder, _name(view)))
+    def all_in_focus(self, view: DatasetView | str) -> np.ndarray | None:
+        """The sharp original: (H, W, 3) float32, encoded, [0, 1], at 8-bit levels; None where there is none."""
+        known = self._view(view).has_all_in_focus
+        return read_image(write.sharp_path(self.folder, _name(view))) if known else None
 
     def require_intact(self, view: DatasetView | str, part: Literal["image", "all_in_focus"]) -> None:
         """Raise InputError when that picture of a view is missing or isn't what the manifest says."""
@@ -165,9 +184,9 @@ class Dataset:
         if sha256_file(path) != record.sha256:
             raise InputError(path, "a changed file", f"sha256 {record.sha256[:16]}, as the manifest says")
 
-    def depth(self, view: DatasetView | str) -> np.ndarray:
-        """True z-depth: (H, W) float32, scene units, 0 where unknown."""
-        return read_exr(write.depth_path(self.folder, _name(view)))
+    def depth(self, view: DatasetView | str) -> np.ndarray | None:
+        """True z-depth: (H, W) float32, scene units, 0 where unknown; None where there is none."""
+        return read_exr(write.depth_path(self.folder, _name(view))) if self._view(view).has_depth else None
 
     def confidence(self, view: DatasetView | str) -> np.ndarray | None:
         """Confidence of the depth: (H, W) float32, 0 unknown ... 1 certain; None in datasets from before there was any.
@@ -179,14 +198,22 @@ class Dataset:
         """All that a method may see: training photographs, cameras, points; no lens, no depth, no test view.
 
         inputs: the shallow photographs, or the sharp originals (a protocol of its own). Points that
-        only test views saw are left out; tracks name training views alone.
+        only test views saw are left out; tracks name training views alone. Raises InputError where a training view has
+        no sharp original.
         """
         if inputs not in ("shallow", "all-in-focus"):
             raise InputError("inputs", repr(inputs), "shallow or all-in-focus")
+        blurred = [view.name for view in self.training_views() if not view.has_all_in_focus]
+        if inputs == "all-in-focus" and blurred:
+            found = f"no all-in-focus photograph of {len(blurred)} training views ({blurred[0]} first)"
+            raise InputError(self.folder, found, "one of each for --inputs all-in-focus")
         read = self.image if inputs == "shallow" else self.all_in_focus
         views = tuple(TrainingView(view.name, view.camera, read(view)) for view in self.training_views())
         training = [index for index, view in enumerate(self.views) if view.split == "train"]
         return TrainingSet(views, None if self.points is None else self.points.seen_by(training))
+
+    def _view(self, view: DatasetView | str) -> DatasetView:
+        return self.view(view) if isinstance(view, str) else view
 
 
 def _name(view: DatasetView | str) -> str:

@@ -77,14 +77,16 @@ def check_depth(dataset: Dataset) -> list[str]:
 
     Computed from the maps, not read from the manifest, so that older datasets are checked too.
     """
-    problems = [problem for view in dataset.views if (problem := _odd_confidence(dataset, view.name))]
-    found = _agreement(dataset)
+    measured = [index for index, view in enumerate(dataset.views) if view.has_depth]
+    names = [dataset.views[index].name for index in measured]
+    problems = [problem for name in names if (problem := _odd_confidence(dataset, name))]
+    found = _agreement(dataset, measured)
     usual = np.median([(one.difference, 1 - one.consistent) for one in found if one is not None] or [(0, 0)], axis=0)
     for index in views_off(found):
         one = found[index]
         assert one is not None
         problems.append(
-            f"{write.relative(write.depth_path, dataset.views[index].name)}: disparity differs by {one.difference:.1%} "
+            f"{write.relative(write.depth_path, names[index])}: disparity differs by {one.difference:.1%} "
             f"(median; signed {one.bias:+.1%}) from the neighbouring views', and by more than {AGREEMENT:.0%} in "
             f"{1 - one.consistent:.0%} of the pixels; {usual[0]:.1%} and {usual[1]:.0%} are usual here"
         )
@@ -103,10 +105,14 @@ def _odd_confidence(dataset: Dataset, view: str) -> str | None:
     return None
 
 
-def _agreement(dataset: Dataset) -> Sequence[Consistency | None]:
+def _agreement(dataset: Dataset, measured: Sequence[int]) -> Sequence[Consistency | None]:
+    """Of the views that have depth, by index into the dataset's."""
+    if not measured:
+        return []
+    views = [dataset.views[index] for index in measured]
     return consistencies(
-        [view.name for view in dataset.views], [view.camera for view in dataset.views],
-        lambda index: dataset.depth(dataset.views[index]), dataset.points, dataset.disparity_range,
+        [view.name for view in views], [view.camera for view in views], lambda index: dataset.depth(views[index]),
+        None if dataset.points is None else dataset.points.seen_by(measured), dataset.disparity_range,
     )
 
 

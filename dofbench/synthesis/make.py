@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,25 +15,26 @@ from dofbench.cameras import Camera
 from dofbench.depth.given import with_folder_depth
 from dofbench.depth.network import find_network, network_digest
 from dofbench.errors import InputError
-from dofbench.files import canonical_json, read_json, sha256_file, sha256_text, write_json
+from dofbench.files import canonical_json, read_json, sha256_text, write_json
 from dofbench.images import read_exr, read_image, to_8bit, write_exr, write_png
 from dofbench.lens import DisparityRange
 from dofbench.scenes.folders import listed
 from dofbench.scenes.named import Reading, ResolvedScene, find_data_root, resolve
-from dofbench.scenes.types import Scene, SceneView, Split
+from dofbench.scenes.types import Scene, Split
 from dofbench.synthesis import write
 from dofbench.synthesis.depth_record import make_depth
 from dofbench.synthesis.optics import Optics, exposed
+from dofbench.synthesis.photographs import make_of_photographs
 from dofbench.synthesis.plan import Plan, deal_plan, draw_plan
 from dofbench.synthesis.progress import Progress
 from dofbench.synthesis.render import Blur, shallow_image, view_record
-from dofbench.synthesis.schema import SourceImage, SourceRecord, ViewRecord
+from dofbench.synthesis.schema import SourceRecord, ViewRecord
 from dofbench.synthesis.settings import MakeDataset
 from dofbench.synthesis.sibling import take_over
+from dofbench.synthesis.source import NEAR_FAR, check_source, encoded, source_record
 from dofbench.synthesis.work import WORK, Identity, finish, only_writer, prepare
 
 BUILT_IN = "tabletop"
-_BOUNDS = (0.1, 99.9)  # percentiles of depth that LLFF calls near and far
 
 
 def find_scene(settings: MakeDataset) -> ResolvedScene:
@@ -50,17 +50,12 @@ def find_scene(settings: MakeDataset) -> ResolvedScene:
 
 
 def read_scene(found: ResolvedScene, settings: MakeDataset) -> tuple[Scene, MakeDataset]:
-    """Read the scene, and say in the settings what was taken from what is known of it; there it goes by its label.
-
-    Raises InputError also for photographs that are shallow already.
-    """
+    """Read the scene, and say in the settings what was taken from what is known of it; there it goes by its label."""
     asked = Reading(width=settings.width, images=settings.images, layout=settings.layout, hold=settings.hold)
     scene = found.load(**asked)
-    if scene.photographs == "shallow":
-        sharp = ", or --images f11 for the sharp ones of this scene" if scene.layout == "dofnerf" else ""
-        raise InputError(
-            found.root, f"photographs that are shallow already ({scene.layout})",
-            f"an all-in-focus scene: these are to train on as they are{sharp}",
+    if settings.photographs != "auto":
+        scene = scene.taken_as(
+            train="shallow", test="shallow" if settings.photographs == "shallow" else "all-in-focus"
         )
     return scene, replace(settings, scene=found.label, **found.reading(**asked))
 
@@ -76,10 +71,13 @@ def make(
     """Make the dataset, or finish it, or find that it is complete; returns its folder. See `make_dataset`.
 
     sibling: a dataset of the same scene with another lens: if it is complete, its sharp images and depth are used.
-    expected: the scene that it must be; InputError for any other.
+    expected: the scene that it must be; InputError for any other. Photographs that are shallow already are taken as
+    they are.
     """
     found = find_scene(settings)
     scene, settings = read_scene(found, settings)
+    if scene.photographs == "shallow":
+        return make_of_photographs(found, scene, settings, progress, expected=expected)
     kind, place = settings.depth_source
     network = find_network(str(place)) if kind == "onnx" else None
     if kind == "folder" and place is not None:
@@ -87,9 +85,9 @@ def make(
     plan = _assigned([(view.name, view.split) for view in scene.views], settings)
     source_id = depth.resolve(kind, scene)
     optics = Optics.of_scene(found.root, settings.lens_samples) if settings.renderer == "thinlens" else None
-    source = _source_record(scene, found, with_depth=source_id in ("given", "folder"))
+    source = source_record(scene, found, with_depth=source_id in ("given", "folder"))
     if expected is not None:
-        _check_source(source, expected, scene.root)
+        check_source(source, expected, scene.root)
     identity = Identity(
         rest=sha256_text(canonical_json({
             "settings": settings.recipe(), "depth": source_id, "plan": plan.hash, "dofbench": __version__,
@@ -123,7 +121,8 @@ def make(
         write.sheet(out, f"{scene.name}: {len(records)} views with a known lens", records, blur.disparity_range)
         write.readme(out, scene, settings, source, depth_record, records, notes, blur.thinlens)
         write.manifest(
-            out, name=scene.name, settings=settings, source=source, depth=depth_record, identity=identity.digest,
+            out, name=scene.name, settings=settings, recipe=settings.recipe(), source=source, depth=depth_record,
+            identity=identity.digest,
         )
         finish(out)
     progress.finished(out, f"{len(records)} views")
@@ -136,45 +135,13 @@ def _assigned(views: list[tuple[str, Split]], settings: MakeDataset) -> Plan:
     return deal_plan(views, settings.values, seed=settings.seed, held_out=settings.held_out_values)
 
 
-def _source_record(scene: Scene, found: ResolvedScene, with_depth: bool) -> SourceRecord:
-    digest = hashlib.sha256()
-    for view in scene.views:
-        camera = view.camera
-        digest.update(canonical_json({
-            "name": view.name, "split": view.split, "size": [camera.width, camera.height],
-            "intrinsics": [camera.fx, camera.fy, camera.cx, camera.cy],
-            "world_to_camera": camera.world_to_camera.tolist(),
-        }).encode())
-        if with_depth and view.depth is not None:
-            digest.update(np.ascontiguousarray(view.depth(), dtype=np.float32).tobytes())
-    if scene.points is not None:
-        for array in (scene.points.xyz, scene.points.rgb, scene.points.error, *(scene.points.views or ())):
-            digest.update(np.ascontiguousarray(array).tobytes() + b"|")
-    return SourceRecord(
-        scene=scene.name, layout=scene.layout, geometry=digest.hexdigest(),
-        images=tuple(SourceImage(view=view.name, sha256=sha256_file(view.source)) for view in scene.views),
-        licence=found.licence, terms=found.terms, citation=found.citation, origin=found.origin,
-    )
-
-
 def _all_in_focus(scene: Scene, out: Path, progress: Progress) -> None:
     with progress.stage("all-in-focus", len(scene.views)) as advance:
         for index, view in enumerate(scene.views):
             path = write.sharp_path(out, view.name)
             if not path.is_file():
-                write_png(path, _encoded(view))
+                write_png(path, encoded(view))
             advance(index + 1)
-
-
-def _encoded(view: SceneView) -> np.ndarray:
-    """The view's image in 8 bits. Raises InputError when it isn't encoded, in [0, 1], of its camera's size."""
-    image = view.image()
-    size = (view.camera.height, view.camera.width, 3)
-    if image.shape != size:
-        raise InputError(view.source, f"an image of shape {image.shape}", f"{size}, as its camera")
-    if not np.isfinite(image).all() or image.min() < 0 or image.max() > 1:
-        raise InputError(view.source, f"values from {image.min():g} to {image.max():g}", "an encoded image in [0, 1]")
-    return to_8bit(image)
 
 
 def _near_far(scene: Scene, out: Path, disparity_range: DisparityRange) -> np.ndarray:
@@ -184,7 +151,7 @@ def _near_far(scene: Scene, out: Path, disparity_range: DisparityRange) -> np.nd
         depth_map = read_exr(write.depth_path(out, view.name))
         known = depth_map[depth_map > 0]
         bounds.append(
-            np.percentile(known, _BOUNDS) if known.size else (1 / disparity_range.q_max, 1 / disparity_range.q_min)
+            np.percentile(known, NEAR_FAR) if known.size else (1 / disparity_range.q_max, 1 / disparity_range.q_min)
         )
     return np.array(bounds)
 
@@ -229,15 +196,3 @@ def _shoot(
         write_exr(linear_path, linear, half=half)
         write_png(path, encoded, bits=blur.bits)
     return record.model_copy(update=read_json(noise_path)) if seen else record
-
-
-def _check_source(source: SourceRecord, expected: SourceRecord, root: Path) -> None:
-    before = {image.view: image.sha256 for image in expected.images}
-    now = {image.view: image.sha256 for image in source.images}
-    if before.keys() != now.keys():
-        raise InputError(root, f"{len(now)} views", f"the {len(before)} of the manifest, by name")
-    for view, digest in now.items():
-        if before[view] != digest:
-            raise InputError(root, f"another image of view {view}", "the image whose sha256 is in the manifest")
-    if source.geometry != expected.geometry:
-        raise InputError(root, "other cameras, split, depth or points", "those of the manifest")

@@ -15,7 +15,7 @@ from dofbench.synthesis.settings import MakeDataset
 _NOTES = ("CITATION.cff", "LICENCE", "LICENCE.md", "LICENCE.txt", "LICENSE", "LICENSE.md", "LICENSE.txt",
           "README.md", "README.txt", "SOURCE.md")
 
-_DEPTH_TEXT = {
+DEPTH_TEXT = {
     "given": "the scene's own depth maps",
     "folder": "depth maps of another program",
     "splat": "a Gaussian reconstruction of all all-in-focus views (settings in dataset.json)",
@@ -126,7 +126,7 @@ def readme_text(
         train=sum(record.split == "train" for record in records),
         test=sum(record.split == "test" for record in records),
         size=" and ".join(f"{width}x{height}" for width, height in sizes) + " pixels",
-        linear="half" if settings.linear == "exr-half" else "float", depth=_DEPTH_TEXT[depth.source],
+        linear="half" if settings.linear == "exr-half" else "float", depth=DEPTH_TEXT[depth.source],
         gamma=settings.gamma, alpha=settings.alpha, area=" / (R_i^2 + 0.2)" if settings.energy == "area" else "",
         shape="" if shape.is_disc else "; R_i is scaled by direction to the aperture's `shape`",
         layered=_LAYERED.format(layers=settings.layers) if settings.renderer == "layered" else "",
@@ -136,11 +136,12 @@ def readme_text(
         dealt=_dealt_text(settings), bits=settings.bits, sensor=_sensor_text(settings),
         lost="".join(f"\nCareful: {note}.\n" for note in lost),
         but=" but for a rare last bit of the ray tracer's" if settings.renderer == "thinlens" else "",
-        origin=f", from {source.origin}" if source.origin else "", licence=_licence_text(scene, source),
+        origin=f", from {source.origin}" if source.origin else "", licence=licence_text(scene, source),
     )
 
 
-def _licence_text(scene: Scene, source: SourceRecord) -> str:
+def licence_text(scene: Scene, source: SourceRecord) -> str:
+    """Under which terms the images are, where more about it stands, and whom to cite."""
     lines = [f"Licence of the images: {source.licence}{f' ({source.terms})' if source.terms else ''}."]
     notes = [f"`{name}`" for name in _NOTES if (scene.root / name).is_file()]
     if notes:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, ValidationError
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, PositiveInt, Tag, ValidationError
 
 from dofbench.errors import InputError
 from dofbench.files import read_json
 from dofbench.lens import ApertureShape, DisparityRange, Energy, Lens, PhysicalLens, SceneRenderer
-from dofbench.scenes.types import Split
+from dofbench.scenes.types import Photograph, Split
 from dofbench.synthesis.sensor import Sensor
 
 SCHEMA = "dofbench-dataset"
-VERSION = 1
+# 1: every view has its lens, its depth and its sharp image. 2: some of that may be unknown, and is then said to be.
+# Written is the lowest that can hold the dataset, so that older programs go on reading what they can.
+ALL_KNOWN, SOME_UNKNOWN = 1, 2
+VERSIONS = (ALL_KNOWN, SOME_UNKNOWN)
 MANIFEST = "dataset.json"
 LENS_FILE = "lens.json"
 
@@ -77,6 +80,25 @@ class ViewRecord(_Record):
         return PhysicalLens(aperture=self.aperture_scene, focus_disparity=1.0 / self.focus_scene, width=width)
 
 
+class UnknownLens(_Record):
+    """A view whose lens nobody knows: its image is a photograph, as it was taken."""
+
+    name: str
+    split: Split
+    lens: Literal["unknown"]
+
+
+# No names of fields: where something is wrong with a view, they are left out of what is said of it.
+_KNOWN, _UNKNOWN = "(known)", "(unknown)"
+
+
+def _which(view: Any) -> str:
+    return _UNKNOWN if isinstance(view, UnknownLens) or (isinstance(view, dict) and "lens" in view) else _KNOWN
+
+
+AnyView = Annotated[Annotated[ViewRecord, Tag(_KNOWN)] | Annotated[UnknownLens, Tag(_UNKNOWN)], Discriminator(_which)]
+
+
 class SensorRecord(_Record):
     """The noise on the photographs, as `Sensor`, and the bits per channel of the encoded ones."""
 
@@ -116,18 +138,44 @@ class LensFile(_Record):
     layers: int | None = Field(default=None, ge=1)
     thinlens: ThinLensRecord | None = None
     sensor: SensorRecord = SensorRecord()
-    views: tuple[ViewRecord, ...]
+    views: tuple[AnyView, ...]
 
     def range(self) -> DisparityRange:
         """The scene's disparity range. Raises ValueError when it is empty."""
         return DisparityRange(*self.disparity_range)
 
+    @property
+    def known(self) -> tuple[ViewRecord, ...]:
+        """The views whose lens is known: all of them, but for test views that are photographs."""
+        return tuple(view for view in self.views if isinstance(view, ViewRecord))
+
+
+class UnknownLensFile(_Record):
+    """lens.json where no view's lens is known. disparity_range: of the views that have depth; absent without any."""
+
+    disparity_range: tuple[FiniteFloat, FiniteFloat] | None = None
+    views: tuple[UnknownLens, ...]
+
+    def range(self) -> DisparityRange | None:
+        """The scene's disparity range, if depth tells it. Raises ValueError when it is empty."""
+        return None if self.disparity_range is None else DisparityRange(*self.disparity_range)
+
+    @property
+    def known(self) -> tuple[ViewRecord, ...]:
+        """No view."""
+        return ()
+
 
 class SourceImage(_Record):
-    """The file that a view came from, by content."""
+    """The file that a view came from, by content.
+
+    photograph: of a view that is that photograph, as it was taken, by a lens that nobody knows. Absent of a view that
+    was blurred from an all-in-focus image.
+    """
 
     view: str
     sha256: str = Checksum
+    photograph: Photograph | None = None
 
 
 class SourceRecord(_Record):
@@ -196,7 +244,8 @@ class FileRecord(_Record):
 class Manifest(_Record):
     """dataset.json: written last, so that a folder with a manifest is complete.
 
-    identity: sha256 of everything that decides the content (settings, source, lens plan, version).
+    identity: sha256 of everything that decides the content (settings, source, lens plan, version). depth: absent where
+    no view has any.
     """
 
     schema_name: Literal["dofbench-dataset"] = Field(alias="schema")
@@ -208,7 +257,7 @@ class Manifest(_Record):
     seed: int
     settings: dict
     source: SourceRecord
-    depth: DepthRecord
+    depth: DepthRecord | None = None
     files: dict[str, FileRecord]
 
 
@@ -231,17 +280,31 @@ def read_manifest(folder: Path) -> Manifest:
     raw = read_json(path)
     if not isinstance(raw, dict) or raw.get("schema") != SCHEMA:
         raise InputError(path, "another kind of JSON", f'a manifest with "schema": "{SCHEMA}"')
-    if raw.get("version") != VERSION:
-        raise InputError(path, f"schema version {raw.get('version')}", f"version {VERSION}")
-    return _validate(path, raw, Manifest)
+    if raw.get("version") not in VERSIONS:
+        raise InputError(path, f"schema version {raw.get('version')}", f"version {' or '.join(map(str, VERSIONS))}")
+    manifest = _validate(path, raw, Manifest)
+    photographs = [image.view for image in manifest.source.images if image.photograph is not None]
+    if manifest.version == ALL_KNOWN and (photographs or manifest.depth is None):
+        found = f"view {photographs[0]} of unknown lens" if photographs else "no depth"
+        raise InputError(path, f"{found} in schema version {ALL_KNOWN}", f"version {SOME_UNKNOWN}")
+    return manifest
 
 
-def read_lens_file(folder: Path) -> LensFile:
+def read_lens_file(folder: Path) -> LensFile | UnknownLensFile:
     """Read lens.json of a dataset folder. Raises InputError, one line, when it is missing or damaged."""
     path = folder / LENS_FILE
     if not path.is_file():
         raise InputError(path, "no such file", "the lens of every view")
-    lenses = _validate(path, read_json(path), LensFile)
+    raw = read_json(path)
+    views = raw.get("views") if isinstance(raw, dict) else None
+    if isinstance(views, list) and views and all(_which(view) == _UNKNOWN for view in views):
+        photographs = _validate(path, raw, UnknownLensFile)
+        try:
+            photographs.range()
+        except ValueError as error:
+            raise InputError(path, str(error), "a possible disparity range") from None
+        return photographs
+    lenses = _validate(path, raw, LensFile)
     if (lenses.renderer == "thinlens") is (lenses.thinlens is None):
         raise InputError(path, f"renderer {lenses.renderer} and thinlens {lenses.thinlens}", "both, or neither")
     try:
@@ -262,6 +325,8 @@ def _validate(path: Path, raw: object, model: type[Model]) -> Model:
         return model.model_validate(raw)
     except ValidationError as error:
         problems = "; ".join(
-            f"{'.'.join(map(str, problem['loc'])) or 'file'}: {problem['msg']}" for problem in error.errors()
+            f"{'.'.join(str(part) for part in problem['loc'] if part not in (_KNOWN, _UNKNOWN)) or 'file'}: "
+            f"{problem['msg']}" for problem in error.errors()
         )
-        raise InputError(path, problems, f"a {path.name} of schema version {VERSION}") from None
+        expected = f"a {path.name} of schema version {' or '.join(map(str, VERSIONS))}"
+        raise InputError(path, problems, expected) from None

@@ -19,7 +19,16 @@ DepthSource = Literal["auto", "given", "folder", "splat", "sfm", "onnx"]
 Normaliser = Literal["scene", "view"]
 Assign = Literal["per-view", "fixed", "held-out", "continuous"]
 Bits = Literal[8, 16]
+Photographs = Literal["auto", "shallow", "shallow-train"]
 LinearFormat = Literal["exr-half", "exr-float"]
+
+
+# Options that mean nothing for photographs that are taken as they are.
+_BLURRING = (
+    "assign", "focus", "aperture", "test_focus", "test_aperture", "renderer", "layers", "lens_samples", "normaliser",
+    "gamma", "alpha", "shape", "shape_rotation", "shape_curvature", "shape_obstruction", "energy", "photons",
+    "read_noise", "bits", "linear", "depth_steps",
+)
 
 
 @dataclass(frozen=True)
@@ -117,6 +126,11 @@ class DatasetOptions:
 
     layout: str = "auto"
     """Layout of the scene folder: nerfstudio, llff, colmap, dofnerf, deblurnerf, or auto to find out."""
+
+    photographs: Photographs = "auto"
+    """Whether the scene's photographs are shallow already, by a lens that nobody knows: as its layout says (auto), all
+    of them (shallow), or those to train on while those to test with are sharp (shallow-train). They are taken as they
+    are, and what isn't known of them is left out of the dataset."""
 
     out: Path | None = None
     """Folder to write, or with several datasets the folder that they all go into; without it, data/<scene name>."""
@@ -222,6 +236,27 @@ class DatasetOptions:
         kind, place = self.depth_source
         return kind if place is None else f"{kind}:{place.name}"
 
+    def check_unblurred(self, scene: str) -> None:
+        """Raise InputError for an option that says how to blur: the photographs of this scene are shallow already."""
+        default = MakeDataset()
+        for name in _BLURRING:
+            given = getattr(self, name)
+            if given != getattr(default, name):
+                raise InputError(
+                    f"--{name.replace('_', '-')}", f"{given} for {scene}, whose photographs are shallow already",
+                    "no option that says how to blur them, or how much",
+                )
+        if self.depth_source[0] not in ("auto", "given", "folder"):
+            raise InputError(
+                "--depth", f"{self.depth} for {scene}, whose photographs are shallow already",
+                "given, folder:DIR or auto: what is known, no estimate",
+            )
+
+    def photograph_recipe(self) -> dict[str, object]:
+        """Of `recipe`, what decides a dataset of photographs that are shallow already."""
+        names = ("width", "hold", "depth", "depth_unit", "images", "layout")
+        return {name: self.recipe()[name] for name in names} | {"photographs": self.photographs}
+
     def recipe(self) -> dict[str, object]:
         """Everything that decides the dataset's content, as plain data: no path, nothing of this machine."""
         return {
@@ -238,6 +273,8 @@ class DatasetOptions:
             "test_aperture": _listed(self.held_out_values, "aperture"),
             "photons": self.photons, "read_noise": self.read_noise, "bits": self.bits, "linear": self.linear,
             "seed": self.seed, "images": self.images, "layout": self.layout,
+            # Absent from the datasets of all-in-focus scenes, whose recipe was there first.
+            **({} if self.photographs == "auto" else {"photographs": self.photographs}),
         }
 
     def command(self, scene_name: str) -> str:
@@ -245,7 +282,7 @@ class DatasetOptions:
         words = ["dofbench make-dataset", scene_name]
         default = MakeDataset().recipe()
         for key, value in self.recipe().items():
-            if value != default[key]:
+            if value != default.get(key):
                 text = ",".join(f"{number:g}" for number in value) if isinstance(value, list) else str(value)
                 words.append(f"--{key.replace('_', '-')} {text}")
         return " ".join(words)
@@ -253,7 +290,7 @@ class DatasetOptions:
 
 @dataclass(frozen=True)
 class MakeDataset(DatasetOptions):
-    """One shallow depth-of-field dataset whose lens is known, of one all-in-focus scene."""
+    """One shallow depth-of-field dataset: its lens is known where the scene is all in focus, unknown where it isn't."""
 
     scene: str | None = None
     """As one of `MakeDatasets.scenes`."""
@@ -267,7 +304,8 @@ class MakeDataset(DatasetOptions):
 
 @dataclass(frozen=True)
 class MakeDatasets(DatasetOptions):
-    """Make shallow depth-of-field datasets whose lens is known from all-in-focus scenes."""
+    """Make shallow depth-of-field datasets whose lens is known from all-in-focus scenes, or of photographs that are
+    shallow already, by a lens that nobody knows."""
 
     scenes: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
     """Scene folders in any supported layout, built-in scenes, scenes of named datasets, such as llff/fern, or named

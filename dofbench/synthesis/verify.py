@@ -18,7 +18,16 @@ from dofbench.synthesis.depth_record import check_depth
 from dofbench.synthesis.disparity import disparity_of
 from dofbench.synthesis.plan import PlannedView
 from dofbench.synthesis.render import Blur, shallow_image, view_record
-from dofbench.synthesis.schema import MANIFEST, LensFile, Manifest, ViewRecord, read_lens_file, read_manifest
+from dofbench.synthesis.schema import (
+    MANIFEST,
+    LensFile,
+    Manifest,
+    UnknownLens,
+    UnknownLensFile,
+    ViewRecord,
+    read_lens_file,
+    read_manifest,
+)
 
 RECOMPUTED_PSNR = 55.0  # dB; rounding to 8 bits alone leaves 58.9
 SCATTERED_PSNR = 18.0   # dB, the scatter of a photograph through a real lens, at depth edges and with highlights
@@ -31,7 +40,7 @@ def check_dataset(folder: Path) -> list[str]:
 
     Every file is read and compared with its checksum; the lens of every view is computed again; a
     part of the most blurred view is blurred again: scattered in float64, or by the renderer named; the
-    depth of every view is compared with its neighbours'.
+    depth of every view is compared with its neighbours'. What isn't known of photographs must be said not to be.
     Raises InputError only when there is no manifest to check against.
     """
     folder = Path(folder)
@@ -48,7 +57,8 @@ def check_dataset(folder: Path) -> list[str]:
         dataset = Dataset.load(folder)
     except InputError as error:
         return [str(error)]
-    return [*_check_blur(folder, lenses), *check_depth(dataset)]
+    blur = _check_blur(folder, lenses) if isinstance(lenses, LensFile) else []
+    return [*blur, *check_depth(dataset)]
 
 
 def blurred_again(
@@ -102,20 +112,22 @@ def _check_files(folder: Path, manifest: Manifest) -> list[str]:
             problems.append(f"{name}: content differs from its checksum in {MANIFEST}")
     found = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
     problems += [f"{name}: not in {MANIFEST}" for name in sorted(found - manifest.files.keys() - {MANIFEST})]
-    names = [image.view for image in manifest.source.images]
-    expected = set(write.expected_files(folder, names, manifest.depth))
+    expected = set(write.expected_files(folder, manifest.source, manifest.depth))
     problems += [f"{name}: not listed in {MANIFEST}" for name in sorted(expected - manifest.files.keys() - found)]
     return problems
 
 
-def _check_lenses(folder: Path, lenses: LensFile, manifest: Manifest) -> list[str]:
+def _check_lenses(folder: Path, lenses: LensFile | UnknownLensFile, manifest: Manifest) -> list[str]:
     names = [record.name for record in lenses.views]
     problems = []
     if sorted(names) != sorted(image.view for image in manifest.source.images):
         problems.append(f"lens.json: {len(names)} views, not those of the {len(manifest.source.images)} source images")
+    problems += _check_photographs(lenses, manifest)
+    if isinstance(lenses, UnknownLensFile):
+        return [*problems, *_check_split(lenses, manifest)]
     if lenses.normaliser != manifest.settings.get("normaliser"):
         problems.append(f"lens.json: normaliser {lenses.normaliser}, {manifest.settings.get('normaliser')} in settings")
-    for record in lenses.views:
+    for record in lenses.known:
         depth_path, image_path = write.depth_path(folder, record.name), write.shallow_path(folder, record.name)
         if depth_path.is_file() and image_path.is_file():
             problems += _check_lens(record, lenses, read_exr(depth_path))
@@ -144,12 +156,33 @@ def _blur_of(lenses: LensFile, record: ViewRecord) -> Blur:
     )
 
 
-def _check_split(lenses: LensFile, manifest: Manifest) -> list[str]:
+def _check_photographs(lenses: LensFile | UnknownLensFile, manifest: Manifest) -> list[str]:
+    """A view has no lens where, and only where, it is a photograph as it was taken; a sharp one is its own truth."""
+    problems = []
+    photograph = {image.view: image.photograph for image in manifest.source.images}
+    for view in lenses.views:
+        unknown, taken = isinstance(view, UnknownLens), photograph.get(view.name)
+        if unknown is (taken is None):
+            said = "a photograph as it was taken" if taken else "no photograph as it was taken"
+            problems.append(f"lens.json: view {view.name}: lens {'unknown' if unknown else 'known'}, and in {MANIFEST} "
+                            f"{said}")
+        images, sharp = (write.relative(place, view.name) for place in (write.shallow_path, write.sharp_path))
+        if unknown and sharp in manifest.files and manifest.files[sharp] != manifest.files.get(images):
+            problems.append(f"{sharp}: another picture than {images}")
+    known_depth = any(record.startswith("depth/") for record in manifest.files)
+    if isinstance(lenses, UnknownLensFile) and known_depth is (lenses.disparity_range is None):
+        problems.append(f"lens.json: {'no ' if known_depth else 'a '}disparity range, and "
+                        f"{'depth' if known_depth else 'no depth'} in {MANIFEST}")
+    return problems
+
+
+def _check_split(lenses: LensFile | UnknownLensFile, manifest: Manifest) -> list[str]:
     """No photograph, by content, may be on both sides of the split."""
-    digest = {
-        record.name: manifest.files[write.relative(write.sharp_path, record.name)].sha256
-        for record in lenses.views if write.relative(write.sharp_path, record.name) in manifest.files
-    }
+    digest = {}
+    for record in lenses.views:
+        place = write.shallow_path if isinstance(record, UnknownLens) else write.sharp_path
+        if (name := write.relative(place, record.name)) in manifest.files:
+            digest[record.name] = manifest.files[name].sha256
     training = {digest[view.name]: view.name for view in lenses.views if view.split == "train" and view.name in digest}
     return [
         f"view {view.name}, to test on: the same photograph as view {training[digest[view.name]]}, to train on"
@@ -159,7 +192,7 @@ def _check_split(lenses: LensFile, manifest: Manifest) -> list[str]:
 
 
 def _check_blur(folder: Path, lenses: LensFile) -> list[str]:
-    record = max(lenses.views, key=lambda view: view.max_coc_px)
+    record = max(lenses.known, key=lambda view: view.max_coc_px)
     sharp, depth = read_image(write.sharp_path(folder, record.name)), read_exr(write.depth_path(folder, record.name))
     shallow = read_image(write.shallow_path(folder, record.name))
     rows, columns = (_middle(size) for size in sharp.shape[:2])

@@ -57,7 +57,8 @@ def prepare(root: Path, identity: Identity) -> Literal["complete", "open"]:
             return "complete"
         _begin(root, identity)
         # Where the depth is whole, it need not be made again to say how it was made.
-        write_json(work / DEPTH_RECORD, manifest.depth.model_dump(mode="json"))
+        if manifest.depth is not None:
+            write_json(work / DEPTH_RECORD, manifest.depth.model_dump(mode="json"))
         _drop_damaged(root, manifest)
         (root / MANIFEST).unlink()
         return "open"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import asdict
 from pathlib import Path
 
@@ -17,10 +17,11 @@ from dofbench.scenes.types import Scene
 from dofbench.synthesis.readme import readme_text
 from dofbench.synthesis.render import Blur
 from dofbench.synthesis.schema import (
+    ALL_KNOWN,
     LENS_FILE,
     MANIFEST,
     SCHEMA,
-    VERSION,
+    SOME_UNKNOWN,
     DepthRecord,
     FileRecord,
     LensFile,
@@ -29,11 +30,20 @@ from dofbench.synthesis.schema import (
     ShapeRecord,
     SourceRecord,
     ThinLensRecord,
+    UnknownLens,
+    UnknownLensFile,
     ViewRecord,
     as_json,
 )
 from dofbench.synthesis.settings import MakeDataset
-from dofbench.synthesis.sheet import SheetRow, choose_rows, contact_sheet
+from dofbench.synthesis.sheet import (
+    PhotographRow,
+    SheetRow,
+    choose_photographs,
+    choose_rows,
+    contact_sheet,
+)
+from dofbench.synthesis.sheet import photographs_sheet as draw_photographs
 
 SHEET, README = "contact_sheet.png", "README.md"
 TRANSFORMS, POSES_BOUNDS, SPARSE = "transforms.json", "poses_bounds.npy", "sparse/0"
@@ -83,6 +93,13 @@ def lens_file(root: Path, blur: Blur, records: Sequence[ViewRecord]) -> None:
     write_json(root / LENS_FILE, as_json(lenses))
 
 
+def unknown_lens_file(root: Path, scene: Scene, disparity_range: DisparityRange | None) -> None:
+    """Write lens.json of photographs whose lens nobody knows. disparity_range: of the depth, where there is any."""
+    ends = None if disparity_range is None else (disparity_range.q_min, disparity_range.q_max)
+    views = tuple(UnknownLens(name=view.name, split=view.split, lens="unknown") for view in scene.views)
+    write_json(root / LENS_FILE, as_json(UnknownLensFile(disparity_range=ends, views=views)))
+
+
 def sheet(root: Path, title: str, records: Sequence[ViewRecord], disparity_range: DisparityRange) -> None:
     """Draw the contact sheet from the files of a few views."""
     rows = [
@@ -95,6 +112,20 @@ def sheet(root: Path, title: str, records: Sequence[ViewRecord], disparity_range
     write_png(root / SHEET, contact_sheet(title, rows, disparity_range))
 
 
+def photographs_sheet(root: Path, scene: Scene, measured: Set[str], disparity_range: DisparityRange | None) -> None:
+    """Draw the contact sheet of photographs whose lens nobody knows. measured: the views that have depth."""
+    rows = []
+    for view in choose_photographs(scene):
+        sharp = view.photograph == "all-in-focus"
+        rows.append(PhotographRow(
+            name=view.name, split=view.split, photograph=to_8bit(read_image(shallow_path(root, view.name))),
+            sharp=to_8bit(read_image(sharp_path(root, view.name))) if sharp else None,
+            depth=read_exr(depth_path(root, view.name)) if view.name in measured else None,
+        ))
+    title = f"{scene.name}: {len(scene.views)} views, lens unknown"
+    write_png(root / SHEET, draw_photographs(title, rows, disparity_range))
+
+
 def readme(
     root: Path, scene: Scene, settings: MakeDataset, source: SourceRecord, depth: DepthRecord,
     records: Sequence[ViewRecord], notes: Sequence[str], thinlens: ThinLensRecord | None,
@@ -103,45 +134,62 @@ def readme(
     write_text(root / README, readme_text(scene, settings, source, depth, records, notes, thinlens))
 
 
-def expected_files(root: Path, names: Sequence[str], depth: DepthRecord) -> list[str]:
+def expected_files(root: Path, source: SourceRecord, depth: DepthRecord | None) -> list[str]:
     """Names, relative to the folder, of all files of a dataset of these views but the manifest; sorted.
 
-    depth: says whether there are confidence maps, which older datasets have not.
+    depth: says whether there are confidence maps, which older datasets have not, and which photographs have depth.
     """
-    patterns = [_SHALLOW, _LINEAR, _SHARP, _DEPTH, *([_CONFIDENCE] if depth.views else [])]
-    views = [pattern.format(name) for name in names for pattern in patterns]
+    measured = {record.view for record in depth.views} if depth is not None else set()
+    views = []
+    for image in source.images:
+        if image.photograph is None:
+            patterns = [_SHALLOW, _LINEAR, _SHARP, _DEPTH, *([_CONFIDENCE] if measured else [])]
+        else:
+            patterns = [_SHALLOW, *([_SHARP] if image.photograph == "all-in-focus" else []),
+                        *([_DEPTH, _CONFIDENCE] if image.view in measured else [])]
+        views += [pattern.format(image.view) for pattern in patterns]
     model = [path.relative_to(root).as_posix() for path in (root / SPARSE).iterdir()]
-    return sorted([*views, *model, LENS_FILE, POSES_BOUNDS, TRANSFORMS, SHEET, README])
+    # Photographs without points have no bounds of depth, and then no such file.
+    unbounded = all(image.photograph is not None for image in source.images) and not (root / POSES_BOUNDS).is_file()
+    bounds = [] if unbounded else [POSES_BOUNDS]
+    return sorted([*views, *model, *bounds, LENS_FILE, TRANSFORMS, SHEET, README])
 
 
 def manifest(
-    root: Path, *, name: str, settings: MakeDataset, source: SourceRecord, depth: DepthRecord, identity: str
+    root: Path, *, name: str, settings: MakeDataset, recipe: Mapping[str, object], source: SourceRecord,
+    depth: DepthRecord | None, identity: str,
 ) -> None:
-    """Write dataset.json over all files there, which makes the dataset complete."""
+    """Write dataset.json over all files there, which makes the dataset complete. recipe: what is kept of the settings.
+    """
     files = {
         file: FileRecord(sha256=sha256_file(root / file), size=(root / file).stat().st_size)
-        for file in expected_files(root, [image.view for image in source.images], depth)
+        for file in expected_files(root, source, depth)
     }
+    known = depth is not None and all(image.photograph is None for image in source.images)
     record = Manifest(
-        schema=SCHEMA, version=VERSION, name=name, dofbench=__version__,
+        schema=SCHEMA, version=ALL_KNOWN if known else SOME_UNKNOWN, name=name, dofbench=__version__,
         command=settings.command(settings.scene or name), identity=identity, seed=settings.seed,
-        settings=settings.recipe(), source=source, depth=depth, files=files,
+        settings=dict(recipe), source=source, depth=depth, files=files,
     )
     write_json(root / MANIFEST, as_json(record))
 
 
-def geometry(root: Path, scene: Scene, near_far: np.ndarray) -> list[str]:
+def geometry(root: Path, scene: Scene, near_far: np.ndarray | None, measured: Set[str] | None = None) -> list[str]:
     """Write the cameras, at this size, and the points: a COLMAP model, poses_bounds.npy, transforms.json.
 
-    near_far: (N, 2), scene units, of the views in the scene's order. Returns what poses_bounds.npy can't hold.
+    near_far: (N, 2), scene units, of the views in the scene's order; without it there is no poses_bounds.npy.
+    measured: the views that have depth, None for all. Returns what poses_bounds.npy can't hold.
     """
     cameras = [view.camera for view in scene.views]
     files = [relative(shallow_path, view.name) for view in scene.views]
     export.write_colmap(root, [Path(file).name for file in files], cameras, scene.points)
     export.write_transforms(
         root / TRANSFORMS, files, cameras, splits=[view.split for view in scene.views],
-        depth_paths=[relative(depth_path, view.name) for view in scene.views],
+        depth_paths=[relative(depth_path, view.name) if measured is None or view.name in measured else None
+                     for view in scene.views],
     )
+    if near_far is None:
+        return []
     # Rows belong to the sorted *files*: "a-b.png" comes before "a.png", though "a" comes before "a-b".
     order = sorted(range(len(files)), key=files.__getitem__)
     return export.write_poses_bounds(root / POSES_BOUNDS, [cameras[index] for index in order], near_far[order])

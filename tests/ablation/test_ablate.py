@@ -137,6 +137,18 @@ def test_a_table_of_one_dataset(ablate, tmp_path: Path) -> None:
     assert not re.search(r"^## Mean over", page, re.MULTILINE)
 
 
+def test_a_table_of_photographs_whose_lens_nobody_knows(ablate, tmp_path: Path) -> None:
+    every = [f"v{index}" for index in range(6)]
+    write_dataset(tmp_path / "data", unknown=every, blurred=every[2:])
+    good, made, _, out = ablate(seeds=1)
+    assert good and len(made) == 3
+    page = (out / "noise.md").read_text()
+    assert "Trained on unknown lenses; no test lens." in page
+    assert all("all-in-focus PSNR [dB] ↑" in row and "PSNR [dB] ↑" not in row for row in table_rows(page, "waves"))
+    with pytest.raises(InputError, match="made with --assign held-out"):
+        ablate(table="held")
+
+
 def test_every_value_of_the_files_is_a_run_s(ablate, tmp_path: Path) -> None:
     _, _, _, out = ablate()
     cells = rows(out / "noise.csv")

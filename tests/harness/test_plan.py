@@ -14,6 +14,7 @@ from dofbench.harness.facts import Facts
 from dofbench.harness.methods import find_method
 from dofbench.harness.plan import RunPlan, make_plan
 from dofbench.harness.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS, protocol_for
+from dofbench.reporting.lenses import lens_words
 
 
 @pytest.fixture
@@ -23,7 +24,8 @@ def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     write_method(tmp_path / "methods", "pointless", needs_points=False)
 
     def plan(method: str = "fake", inputs: str = "shallow", overrides: dict | None = None, force_all: bool = False,
-             blur: float | None = 4.0, dependence: float | None = 20.0, one_lens: bool = False, points: int = 900,
+             blur: float | None = 4.0, dependence: float | None = 20.0, one_lens: bool | None = False,
+             points: int = 900,
              **dataset) -> RunPlan:
         data = FakeDataset(write_dataset(tmp_path / "data", **dataset))
         return make_plan(find_method(method), "quick", {"noise": 0.2}, overrides or {}, Budget(steps=8), data,
@@ -119,6 +121,69 @@ def test_sharp_inputs_have_no_lens_errors(plan) -> None:
     made = plan(inputs="all-in-focus")
     assert made.protocol == "sharp-inputs-v2"
     assert "sharp photographs" in made.left_out["delta_f"]
+
+
+# ---- metrics without their truth: the fake dataset tests on v0 and v1, and trains on v2 to v5 ----
+
+EVERY, TESTED, TRAINED = tuple(f"v{index}" for index in range(6)), ("v0", "v1"), ("v2", "v3", "v4", "v5")
+REFOCUS = PROTOCOLS["refocus-v2"].refocus_columns
+ALL_IN_FOCUS = PROTOCOLS["refocus-v2"].all_in_focus_columns
+
+
+def test_photographs_of_unknown_lens_with_sharp_ones_to_test_with(plan) -> None:
+    made = plan(unknown=EVERY, blurred=TRAINED, flat=EVERY, exact=False, one_lens=None)
+    assert made.columns == ALL_IN_FOCUS
+    assert {made.left_out[column] for column in REFOCUS} == {"no test lens"}
+    assert {made.left_out[column] for column in LENS_COLUMNS} == {"no true lens"}
+    assert {made.left_out[column] for column in DEPTH_COLUMNS} == {"no depth"}
+    assert canonical_json(made.as_data())
+    lines = made.lines()
+    assert any(line.endswith("delta_a, delta_f, delta_r: no true lens") for line in lines)
+    assert made.lenses == {
+        "assign": "unknown", "train": dict.fromkeys(TRAINED), "test": dict.fromkeys(TESTED)}
+    assert lens_words(made.lenses) == "trained on unknown lenses; no test lens"
+
+
+@pytest.mark.parametrize(("blur", "runs"), [(4.0, True), (None, True), (0.4, False)])
+def test_of_an_unknown_lens_the_photographs_tell_whether_it_is_needed(plan, blur: float | None, runs: bool) -> None:
+    made = plan(unknown=EVERY, blurred=TRAINED, blur=blur, one_lens=None)
+    assert _runs(made)["lens"] is runs and ("lens" in made.options) is not runs
+    assert "lens_per" not in made.options and made.left_out["delta_a"] == "no true lens"
+    if runs:
+        (stage,) = (stage for stage in made.stages if stage.name == "lens_per_view")
+        assert stage.runs and "each may have one of its own" in stage.reason
+
+
+def test_some_test_views_without_a_lens(plan) -> None:
+    made = plan(unknown=("v1",))
+    assert {made.left_out[column] for column in REFOCUS} == {"no test lens of 1 of 2 test views: v1"}
+    assert made.left_out.keys() == set(REFOCUS)  # the rest has its truth
+    assert lens_words(made.lenses).endswith("the test views ask for F 0.2 and A 0.5 (1 of 2 lenses unknown)")
+    assert plan("pinhole", unknown=("v1",)).left_out["psnr"] == "Pinhole has no lens to refocus with"
+
+
+def test_no_test_view_with_a_lens(plan) -> None:
+    made = plan(unknown=TESTED)
+    assert made.left_out == dict.fromkeys(REFOCUS, "no test lens") and set(LENS_COLUMNS) <= set(made.columns)
+    assert lens_words(made.lenses) == "trained on F 0.2, 0.5, 0.8 and A 0.5, 1; no test lens"
+
+
+def test_training_views_without_a_lens(plan) -> None:
+    made = plan(unknown=("v3", "v4"))
+    assert {made.left_out[column] for column in LENS_COLUMNS} == {"no true lens of 2 of 4 training views: v3, v4"}
+    assert made.left_out.keys() == set(LENS_COLUMNS)
+
+
+def test_test_views_without_a_sharp_photograph_or_depth(plan) -> None:
+    made = plan(blurred=("v0",), flat=("v0", "v1"))
+    assert {made.left_out[column] for column in ALL_IN_FOCUS} == {"no sharp photograph of 1 of 2 test views: v0"}
+    assert {made.left_out[column] for column in DEPTH_COLUMNS} == {"no depth"}
+    assert plan(blurred=TRAINED, flat=TRAINED).left_out == {}  # those of the training views are no score's truth
+
+
+def test_nothing_to_score_against(plan) -> None:
+    made = plan(unknown=EVERY, blurred=EVERY, flat=EVERY)
+    assert made.columns == () and "scores none" in made.lines()
 
 
 @pytest.mark.parametrize("dataset", [{"points": 0}, {"train": 0}])

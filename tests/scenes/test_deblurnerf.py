@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from tolerances import POSE_ROUND_TRIP
 
-from dofbench import cli
 from dofbench.errors import InputError
 from dofbench.images import read_image
 from dofbench.scenes import load_scene
 from dofbench.scenes.export import write_colmap, write_poses_bounds
+from dofbench.scenes.named import resolve
 
 COUNT, SIZE = 13, (96, 72)
 # Photographs of a camera, as the real scenes have them, and numbered copies.
@@ -38,6 +38,7 @@ def test_blurred_views_to_train_on_and_sharp_ones_to_test_with(folder: Path, mak
     scene = load_scene(folder, layout="deblurnerf")
     assert (scene.layout, scene.photographs) == ("deblurnerf", "shallow")
     assert [view.name for view in scene.test_views()] == [Path(NAMES[index]).stem for index in (0, 6, 12)]
+    assert all((view.photograph == "shallow") is (view.split == "train") for view in scene.views)
     assert {(view.camera.width, view.camera.height) for view in scene.views} == {(24, 18)}, "factor 4"
     for index, (view, camera) in enumerate(zip(scene.views, make_cameras(COUNT, size=SIZE), strict=True)):
         assert view.source == folder / "images_4" / SMALL[index]
@@ -79,11 +80,5 @@ def test_it_is_not_found_out_by_itself(folder: Path) -> None:
     assert (scene.layout, scene.photographs) == ("llff", "all-in-focus")
 
 
-def test_no_dataset_is_made_of_blurred_photographs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = folder.parent / "out"
-    assert cli.main(["make-dataset", str(folder), "--layout", "deblurnerf", "--out", str(out)]) == 2
-    # Called as one of the known scenes, it is known to be blurred.
-    assert cli.main(["make-dataset", str(folder), "--out", str(out)]) == 2
-    for line in capsys.readouterr().err.splitlines():
-        assert "photographs that are shallow already (deblurnerf), expected an all-in-focus scene" in line
-    assert not out.exists()
+def test_as_one_of_the_known_scenes_it_is_known_to_be_blurred(folder: Path) -> None:
+    assert resolve(str(folder), None)[0].load().photographs == "shallow"

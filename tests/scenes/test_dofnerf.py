@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from tolerances import FLOAT32_VALUE, LEVEL_8BIT, POSE_ROUND_TRIP
 
-from dofbench import cli
 from dofbench.errors import InputError
 from dofbench.images import write_png
 from dofbench.scenes import load_scene
@@ -55,6 +54,7 @@ def test_every_view_is_the_photograph_of_its_role(folder: Path, make_cameras: Ca
     for index, (view, camera) in enumerate(zip(scene.views, make_cameras(COUNT, size=SIZE), strict=True)):
         stack = expected_stack(index, hold or 9)
         assert view.split == ("test" if stack == "f11" else "train")
+        assert view.photograph == ("all-in-focus" if stack == "f11" else "shallow")
         assert view.name == Path(file_name("f11", index)).stem, "one name, whichever photograph"
         assert view.source == folder / "images_8" / stack / file_name(stack, index)
         np.testing.assert_allclose(view.image(), GREY[stack] + 0.005 * index, atol=LEVEL_8BIT / 2 + FLOAT32_VALUE)
@@ -94,14 +94,8 @@ def test_the_sharp_photographs_alone_are_an_all_in_focus_scene(
 
 def test_one_shallow_stack_alone_stays_shallow(folder: Path) -> None:
     scene = load_scene(folder, images="f4_bak")
-    assert scene.photographs == "shallow" and {view.source.parent.name for view in scene.views} == {"f4_bak"}
-
-
-def test_datasets_are_made_of_the_sharp_photographs_only(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["make-dataset", str(folder), "--out", str(folder.parent / "out")]) == 2
-    line = capsys.readouterr().err
-    assert "photographs that are shallow already (dofnerf)" in line and "--images f11" in line
-    assert not (folder.parent / "out").exists()
+    assert {view.photograph for view in scene.views} == {"shallow"}, "those to test with too"
+    assert {view.source.parent.name for view in scene.views} == {"f4_bak"}
 
 
 # ---- what is wrong is named ----

@@ -78,7 +78,7 @@ def test_a_sibling_lends_its_sharp_images_and_depth(scene, tmp_path, contents, m
     alone = make_dataset(settings("0.8", "alone"), progress=Silent())
     another = make_dataset(settings("0.8", "narrow", width=64), progress=Silent())
     with monkeypatch.context() as patch:
-        patch.setattr(make, "_encoded", None)
+        patch.setattr(make, "encoded", None)
         lent = make.make(settings("0.8", "lent"), Silent(), sibling=first)
         with pytest.raises(TypeError):
             make.make(settings("0.8", "not lent"), Silent(), sibling=another)

@@ -82,17 +82,16 @@ def test_defaults_of_the_dataset_unless_the_user_says_otherwise(
     assert sum(view.split == "test" for view in scene.views) == len(range(0, 17, hold))
 
 
-def test_sharp_photographs_of_a_triplet_scene_are_taken_when_asked_for(tmp_path: Path) -> None:
+def test_a_triplet_scene_is_shallow_unless_its_sharp_photographs_are_asked_for(tmp_path: Path) -> None:
     root = tmp_path / "dof_nerf" / "desk"
     write_poses(root, 10)
     for stack in ("f11", "f4_bak", "f4_obj"):
         write_photographs(root / "images_8" / stack, 10, (84, 63))
     settings = MakeDataset(scene="dof-nerf/desk", data_root=tmp_path)
-    with pytest.raises(InputError, match="shallow already .* --images f11"):
-        read_scene(find_scene(settings), settings)
+    assert read_scene(find_scene(settings), settings)[0].photographs == "shallow"
     settings = replace(settings, images="f11")
     scene, used = read_scene(find_scene(settings), settings)
-    assert {view.source.parent.name for view in scene.views} == {"f11"}
+    assert {view.source.parent.name for view in scene.views} == {"f11"} and scene.photographs == "all-in-focus"
     assert (used.images, used.hold, used.layout, scene.name) == ("f11", 9, "dofnerf", "dof-nerf-desk")
 
 

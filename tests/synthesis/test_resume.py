@@ -81,7 +81,7 @@ def test_killed_and_started_again(scene, dataset_folder, tmp_path, contents):
 
 
 @pytest.mark.parametrize("function, calls", [
-    ("_encoded", 3), ("write_exr", 4), ("shallow_image", 1), ("write.geometry", 0), ("write.manifest", 0),
+    ("encoded", 3), ("write_exr", 4), ("shallow_image", 1), ("write.geometry", 0), ("write.manifest", 0),
     ("finish", 0),
 ])
 def test_stopped_at_any_stage(scene, dataset_folder, tmp_path, contents, monkeypatch, function, calls):

@@ -1,0 +1,114 @@
+"""The README that goes into a dataset of photographs whose lens nobody knows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dofbench import __version__
+from dofbench.scenes.types import Scene
+from dofbench.synthesis.readme import DEPTH_TEXT, licence_text
+from dofbench.synthesis.schema import DepthRecord, SourceRecord
+from dofbench.synthesis.settings import MakeDataset
+
+_TEXT = """\
+# {name}: photographs with shallow depth of field, lens unknown
+
+![A few views: the photograph, and what else is known of it](contact_sheet.png)
+
+{count} views ({train} to train on, {test} to test on), {size}. Every image in `images/` is a photograph as it was
+taken{resized}, in 8 bits: {shallow} of them are shallow, by a lens that nobody knows, and {sharp} all in focus. Only
+distortion that the scene's cameras have is taken out.
+
+Made by dofbench {version}:
+
+    {command}
+
+Running it again on the same scene gives the same bytes:
+`dofbench make-dataset SCENE --like dataset.json --out DIR` does so and compares them. `dofbench check` compares every
+file with its checksum in `dataset.json`.
+
+## Files
+
+| file | what it is |
+| --- | --- |
+{files}
+
+## What is not known, and so is not here
+
+{missing}
+
+## Reading it
+
+    from dofbench.synthesis import Dataset
+    dataset = Dataset.load("{name}")
+    training_set = dataset.training_set()        # photographs, cameras, points
+    view = dataset.test_views()[0]
+    view.lens                                    # None: nobody knows it
+    dataset.all_in_focus(view)                   # None where there is no sharp photograph
+    dataset.depth(view)                          # None where there is no depth
+
+`transforms.json` and `sparse/0` open in nerfstudio, gsplat, COLMAP and their like. Views in `test_filenames` of
+`transforms.json` are not for training: of some of them `images/` has a sharp photograph.
+{lost}
+## Source
+
+The photographs are those of the scene "{name}" ({layout} layout){origin}; their sha256 are in `dataset.json`.
+
+{licence}
+"""
+
+
+def photographs_readme(
+    scene: Scene, settings: MakeDataset, source: SourceRecord, depth: DepthRecord | None, lost: Sequence[str], *,
+    bounded: bool,
+) -> str:
+    """The text, without anything of the machine or the time. lost: what a layout can't hold of the cameras. bounded:
+    whether there is a poses_bounds.npy."""
+    views = scene.views
+    sizes = sorted({(view.camera.width, view.camera.height) for view in views})
+    sharp = [view.name for view in views if view.photograph == "all-in-focus"]
+    measured = 0 if depth is None else len(depth.views)
+    origin = "" if depth is None else DEPTH_TEXT[depth.source]
+    files = _files(len(sharp), measured, origin, len(views), bounded)
+    return _TEXT.format(
+        name=scene.name, layout=scene.layout, version=__version__, count=len(views),
+        train=sum(view.split == "train" for view in views), test=sum(view.split == "test" for view in views),
+        size=" and ".join(f"{width}x{height}" for width, height in sizes) + " pixels",
+        resized=" but for its size" if settings.width is not None else "",
+        shallow=len(views) - len(sharp), sharp=len(sharp), command=settings.command(settings.scene or scene.name),
+        files="\n".join(f"| {name} | {what} |" for name, what in files),
+        missing="\n".join(f"- {line}" for line in _missing(len(sharp), measured, len(views), bounded)),
+        lost="".join(f"\nCareful: {note}.\n" for note in lost),
+        origin=f", from {source.origin}" if source.origin else "", licence=licence_text(scene, source),
+    )
+
+
+def _files(sharp: int, measured: int, origin: str, count: int, bounded: bool) -> list[tuple[str, str]]:
+    files = [("`images/VIEW.png`", "the photograph, encoded, 8 bit")]
+    if sharp:
+        files.append(("`all_in_focus/VIEW.png`", f"the same of the {sharp} views whose photograph is all in focus: "
+                                                 "the truth for all-in-focus renders"))
+    if measured:
+        files += [("`depth/VIEW.exr`", f"z-depth in scene units, float32, 0 where unknown, of {measured} of {count} "
+                                       f"views; from {origin}"),
+                  ("`confidence/VIEW.png`", "where it is known, 8 bit: 0 or 255")]
+    files += [("`lens.json`", "that the lens is unknown, for every view"
+               + (", and the range of the known disparity" if measured else "")),
+              ("`transforms.json`", "cameras and split in nerfstudio's layout (OpenGL axes)")]
+    if bounded:
+        files.append(("`poses_bounds.npy`", "the same cameras in LLFF's layout"))
+    return [*files, ("`sparse/0/`", "the same cameras and the sparse points as a COLMAP model"),
+            ("`contact_sheet.png`", "a few views"),
+            ("`dataset.json`", "source, settings, sha256 and size of every other file")]
+
+
+def _missing(sharp: int, measured: int, count: int, bounded: bool) -> list[str]:
+    missing = ["The lens of every view: no aperture, no focus, so no refocused render and no learned lens can be "
+               "scored.", "The photographs in linear light: how they were encoded isn't known either."]
+    if sharp < count:
+        missing.append(f"A sharp photograph of {count - sharp} of {count} views.")
+    if measured < count:
+        missing.append(f"Depth of {count - measured} of {count} views.")
+    if not bounded:
+        missing.append("`poses_bounds.npy`: without depth and without points nobody knows how near and far things are.")
+    return missing

@@ -1,0 +1,75 @@
+"""Runs on photographs whose lens nobody knows: scored is what has its truth, and the report has no empty column."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from harness_fakes import write_dataset
+from rich.console import Console
+
+from dofbench.errors import Status
+from dofbench.harness.check import check_result
+from dofbench.harness.result import read_result
+from dofbench.harness.run import RunEnd
+from dofbench.reporting.board import write_report
+from dofbench.reporting.settings import Report
+
+EVERY, TRAINED = [f"v{index}" for index in range(6)], [f"v{index}" for index in range(2, 6)]
+
+
+@pytest.fixture
+def unknown(call: Callable[..., RunEnd], tmp_path: Path) -> Callable[..., RunEnd]:
+    """A run on a dataset of photographs: `unknown(blurred=…)` as `write_dataset`."""
+    def run(**dataset) -> RunEnd:
+        options = {"unknown": EVERY, "blurred": TRAINED, "flat": EVERY, "exact": False, **dataset}
+        return call(data=write_dataset(tmp_path / "photographs", name="seal", **options))
+
+    return run
+
+
+def test_what_has_its_truth_is_scored(unknown: Callable[..., RunEnd]) -> None:
+    result = read_result(unknown().folder)
+    assert result.status is Status.OK and check_result(unknown().folder) == []
+    assert {"aif_psnr", "aif_ssim", "aif_flip", "train_s", "render_fps"} <= result.scores.keys()
+    assert not {"psnr", "delta_a", "disparity_error"} & result.scores.keys()
+    assert result.left_out["psnr"] == "no test lens" and result.left_out["delta_a"] == "no true lens"
+    assert result.do_nothing == {} and result.lens == []
+    assert all(set(view.scores) == {"aif_psnr", "aif_ssim", "aif_flip"} for view in result.views)
+    assert all(set(point.scores) == {"aif_psnr", "aif_ssim"} for point in result.curve)
+    assert not any(name.startswith("predictions/refocus") for name in result.predictions)
+
+
+def test_a_run_that_nothing_can_be_scored_of_still_ends_well(unknown: Callable[..., RunEnd], tmp_path: Path) -> None:
+    folder = unknown(blurred=EVERY).folder
+    result = read_result(folder)
+    assert result.status is Status.OK and check_result(folder) == [] and result.scores["steps"] == 8
+    assert result.left_out["aif_psnr"] == "no sharp photograph" and result.predictions == {}
+    stream = io.StringIO()
+    write_report(Report(results=tmp_path / "results", out=tmp_path / "report"), Console(file=stream, width=300))
+    assert "no run has predictions" in stream.getvalue()
+
+
+def test_some_lenses_unknown(call: Callable[..., RunEnd], tmp_path: Path) -> None:
+    result = read_result(call(data=write_dataset(tmp_path / "mixed", unknown=["v0"])).folder)
+    assert result.left_out["psnr"] == "no test lens of 1 of 2 test views: v0"
+    assert {"aif_psnr", "delta_a", "delta_r", "depth_rel"} <= result.scores.keys()
+    assert result.do_nothing.keys() == {"delta_a", "delta_f", "delta_r"}
+
+
+def test_the_report_shows_no_column_without_a_value(
+    unknown: Callable[..., RunEnd], call: Callable[..., RunEnd], tmp_path: Path
+) -> None:
+    unknown()
+    call(method="pinhole", data=tmp_path / "photographs")
+    write_report(Report(results=tmp_path / "results", out=tmp_path / "report"), Console(quiet=True))
+    page = (tmp_path / "report" / "leaderboard.md").read_text()
+    board = page[page.index("## seal"):page.index("## What the columns say")]
+    heading = next(line for line in board.splitlines() if line.startswith("| method"))
+    assert "all-in-focus PSNR" in heading
+    assert not any(word in heading for word in ("| PSNR", "δ", "disparity error", "AbsRel"))
+    assert "trained on unknown lenses; no test lens" in board
+    assert "do nothing" not in board and "no test lens" in board[board.index("Not shown"):]
+    assert (tmp_path / "report" / "comparison" / "seal-refocus-v2.png").is_file()
