@@ -24,14 +24,13 @@ from dofbench.harness.lock import locked
 from dofbench.harness.methods import MethodEntry, find_method
 from dofbench.harness.protocol import AIF_PREFIX, DEPTH_COLUMNS, arithmetic_mean
 from dofbench.harness.result import RESULT_FILE, Result, read_result
+from dofbench.harness.truth import missing_truth
 from dofbench.images import read_image, to_8bit
 from dofbench.metrics import METRICS, score_image
 from dofbench.synthesis.dataset import Dataset
 
 SAME = 1e-6       # relative, between a score and the same one computed again from the same pictures
 SAME_LEVELS = 1   # of 255, between a kept picture and the kept model rendered again: float32 sums of another machine
-
-NO_TRUTH = "the dataset's own depth is an estimate, no truth to compare with"
 
 
 @dataclass(eq=False)
@@ -193,10 +192,8 @@ def _kept_method(
     """The trained method, or None and the reason: nothing to compare with, or what was kept can't be rendered as then.
     """
     views = _test_views(dataset)
-    if not views:
-        return None, "the dataset has no test views"
-    if not dataset.has_exact_depth:
-        return None, NO_TRUTH
+    if reason := missing_truth(dataset).depth:
+        return None, reason
     if not (folder / "model").is_dir():
         return None, "the run kept no model"
     for name, checksum in result.model.items():
