@@ -27,8 +27,10 @@ SMALL = "--views 3 --width 40 --height 30 --samples 8 --lens-views 1 --lens-samp
 
 
 def call(out: Path, *more: str, recipe: str = "corridor") -> int:
-    """Exit status of make-scene with small images."""
-    return cli.main(["make-scene", recipe, "--out", str(out), *SMALL.split(), *more])
+    """Exit status of make-scene with small images, `more` in place of those options."""
+    words = iter(SMALL.split())
+    small = [word for option in words for word in (option, next(words)) if option not in more]
+    return cli.main(["make-scene", recipe, "--out", str(out), *small, *more])
 
 
 def record(folder: Path) -> dict:
