@@ -139,7 +139,7 @@ class Result(Stored):
     that were not, column -> reason. left_out_stages: parts of the method that were switched off or
     not needed, with the reason. do_nothing: errors of a predictor that always says A = F = 0.5.
     stages: the harness's stages; method_stages: the method's own, wall seconds within "train".
-    kernels_compiled: by this process, 0 where all lay on disk; None where nobody counted (before schema version 2).
+    kernels_compiled: during the run, 0 where all lay on disk; None where nobody counted (before schema version 2).
     predictions, model: file, relative to the result's folder -> sha256; model is empty before version 2. data: the
     dataset's folder, as it was given. plan, protocol: as plain data. git is None outside a checkout.
     """

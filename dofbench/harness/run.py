@@ -72,6 +72,7 @@ def run(
     """
     console = console or Console()
     stages = StageTimes()
+    already_compiled = _kernels_compiled()
     choices = choose(settings)
     if settings.data is None and not builtin_dataset(settings.dry_run, console):
         return RunEnd(settings.out, None)
@@ -93,18 +94,19 @@ def run(
             _say(console, f"the same run is finished already, reusing it (--rerun runs again): {run.folder}")
             print_result(console, earlier)
             return RunEnd(run.folder, earlier.status, reused=True)
-        return _Execution(run, console, progress, stages).go()
+        return _Execution(run, console, progress, stages, already_compiled).go()
 
 
 class _Execution:
     """The part of a run that writes: everything that was decided goes in, a result comes out."""
 
-    def __init__(self, run: Prepared, console: Console, progress: ProgressBar, stages: StageTimes):
+    def __init__(self, run: Prepared, console: Console, progress: ProgressBar, stages: StageTimes,
+                 already_compiled: int):
         self.settings, self.console, self.progress = run.settings, console, progress
         self.entry, self.protocol, self.budget = run.choices.entry, run.choices.protocol, run.choices.budget
         self.dataset, self.data, self.plan, self.spec, self.folder = (
             run.dataset, run.data, run.plan, run.spec, run.folder)
-        self.stages = stages
+        self.stages, self.already_compiled = stages, already_compiled
         self._use(run.method)
         self.observer: TrainingObserver | None = None
         self.do_nothing: dict[str, float] = {}
@@ -144,6 +146,10 @@ class _Execution:
         _say(self.console, f"result {self.folder / RESULT_FILE}")
         return RunEnd(self.folder, status)
 
+    def _compiled(self) -> int:
+        """Kernels compiled since the run began; a process may have had other work before."""
+        return _kernels_compiled() - self.already_compiled
+
     def _train(self) -> _Trained:
         # An earlier result's files go before they are written anew: if this run dies, none is left half.
         for name in (RESULT_FILE, ADDED_FILE):
@@ -176,7 +182,7 @@ class _Execution:
                 self.method.save(self.folder / MODEL_FOLDER)
                 # Scored is what was kept, whether or not the run is interrupted here and goes on later.
                 self.method.load(self.folder / MODEL_FOLDER)
-        trained = _Trained(outcome, observer.curve, provenance.peak_memory_mb(), kernels_compiled(),
+        trained = _Trained(outcome, observer.curve, provenance.peak_memory_mb(), self._compiled(),
                            self.stages.as_data())
         if outcome.status is Status.OK:
             write_json(self.folder / TRAINED_FILE, {
@@ -258,7 +264,7 @@ class _Execution:
             curve=trained.curve if trained else observer.curve if observer else [],
             stages=stages,
             method_stages=outcome.stages if outcome else {}, description=self.description,
-            kernels_compiled=trained.compiled if trained else kernels_compiled(), model=self._model(),
+            kernels_compiled=trained.compiled if trained else self._compiled(), model=self._model(),
             nonfinite=[Event(**asdict(event)) for event in events], predictions=found.predictions,
             git=provenance.git_state(), machine=provenance.machine(self.spec.device),
             packages=provenance.package_versions(),
@@ -267,7 +273,7 @@ class _Execution:
         return result
 
 
-def kernels_compiled() -> int:
+def _kernels_compiled() -> int:
     """Kernels that this process has compiled so far; none where their machine code lay on disk."""
     cache = sys.modules.get("dofbench.kernel_cache")
     return cache.compiled() if cache else 0
