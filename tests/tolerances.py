@@ -176,3 +176,11 @@ ROUNDED_LEVEL = 1e-9
 # Half a unit of the last printed digit of a mean, and of each value that it is of.
 PRINTED_MEAN = {"psnr": 0.0101, "ssim": 0.00101, "delta_a": 0.00101, "delta_f": 0.00101, "aif_psnr": 0.0101,
                 "aif_ssim": 0.00101}
+# The blur of an edge, as a factor: the window in which it is measured cuts the tails of a wide one.
+EDGE_BLUR = 1.25
+# Deviation in pixels by which the differences that stand for a gradient blur an edge themselves.
+DIFFERENCE_BLUR = 0.6
+# A noise's deviation from a median over 128 x 128 numbers: by chance 1 %, and a ramp adds to small ones.
+MEASURED_NOISE = 5e-2
+# Coordinates that a browser computes in double precision and that come back as decimal text.
+DRAWN_PIXEL = 1e-6

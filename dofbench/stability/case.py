@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -155,3 +157,13 @@ def refuses(kind: type[Exception], call: Callable[[], object], *words: str) -> F
         missing = [word for word in words if word not in message]
         return Found(float(len(missing)), 0.0, f"{kind.__name__}: {message}"[:160])
     return Found(1.0, 0.0, "went through without an error")
+
+
+def in_folder(measure: Callable[[Path], Found]) -> Callable[[Setting], Found]:
+    """A measure that is given an empty folder of its own, in any setting."""
+
+    def run(setting: Setting) -> Found:
+        with tempfile.TemporaryDirectory(prefix="dofbench-stability-") as folder:
+            return measure(Path(folder))
+
+    return run

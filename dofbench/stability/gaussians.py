@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
-import torch
 
-from dofbench.kernels import load
 from dofbench.stability.case import (
     COMPILED,
     KERNELS,
@@ -24,57 +20,10 @@ from dofbench.stability.case import (
     refuses,
     values,
 )
-from dofbench.stability.lens import EXACT, NAMED
-from dofbench.stability.oracle import sensitivity
+from dofbench.stability.comparisons import EXACT, GEOMETRY, NAMED, RASTERIZED, Scene, against_reference, render
 from dofbench.stability.samples import VIEW_HEIGHT, VIEW_WIDTH, camera, gaussians, single, straight, together
 
-Scene = dict[str, np.ndarray]
-GEOMETRY = "full"
-ROUNDED = "8 times what rounding all parameters once moves the float64 reference, and 64 roundings"
 NEAR = float(np.float32(0.2))  # a number that both precisions hold
-
-
-def render(kernel: Callable, scene: Scene, setting: Setting, **options: Any):
-    """The raster of a scene, without gradient."""
-    with torch.no_grad():
-        return kernel(**{name: setting.tensor(value) for name, value in scene.items()}, **options)
-
-
-def against_reference(setting: Setting, scene: Scene, filter_3d: float = 0.0, **options: Any) -> Found:
-    """The rendering's error against the float64 reference, each output as a share of its largest magnitude.
-
-    filter_3d: scene units, of every Gaussian.
-    """
-    options = {"camera": straight(), "geometry": GEOMETRY, **options}
-    names, size = tuple(scene), np.full(len(scene["means"]), filter_3d)
-    double, kernel = Setting("reference", "float64"), load("rasterize", "reference")
-
-    def exact(*parameters: np.ndarray) -> np.ndarray:
-        return _stacked(
-            render(kernel, dict(zip(names, parameters, strict=True)), double, filter_3d=double.tensor(size), **options)
-        )
-
-    given = tuple(scene[name].astype(np.float64) for name in names)
-    expected = exact(*given)
-    scale = np.maximum(np.abs(expected).max(axis=(0, 1)), 1e-30)
-
-    def apart(a: np.ndarray, b: np.ndarray) -> float:
-        return float((np.abs(a - b) / scale).max())
-
-    moved = sensitivity(exact, given, setting.eps / 2, measure=apart)
-    raster = render(setting.kernel("rasterize"), scene, setting, filter_3d=setting.tensor(size), **options)
-    error = math.inf if not_finite(*raster[:5]) else apart(_stacked(raster), expected)
-    return Found(
-        error,
-        8 * moved + 64 * setting.eps,
-        f"condition {2 * moved / setting.eps:.3g}, drawn {float((expected[..., 3] > 0).mean()):.0%} of the pixels",
-    )
-
-
-def _stacked(raster) -> np.ndarray:
-    """Colour, alpha, and depth times alpha, (H, W, 5): depth alone jumps from 0 where there is next to nothing."""
-    alpha = values(raster.alpha)
-    return np.dstack([values(raster.color), alpha, values(raster.depth) * alpha])
 
 
 def _scale(setting: Setting, scale: float) -> Found:
@@ -235,7 +184,7 @@ def _cases() -> tuple[Case, ...]:
                 f"scale-{scale:g}",
                 "rasterize",
                 f"Gaussians of {scale:g} scene units, with the 3D filter that training gives them",
-                ROUNDED,
+                RASTERIZED,
                 SINGLE,
                 partial(_scale, scale=scale),
             )
@@ -262,7 +211,7 @@ def _cases() -> tuple[Case, ...]:
                 name,
                 "rasterize",
                 f"{what}: as the float64 reference has it",
-                ROUNDED,
+                RASTERIZED,
                 SINGLE,
                 partial(against_reference, scene=scene),
             )
@@ -281,7 +230,7 @@ def _cases() -> tuple[Case, ...]:
             for length in (1e-30, 1e-15, 1e15, 1e30)
         ),
         *(
-            extreme(f"opacity-logit-{logit:g}", "rasterize", what, ROUNDED, SINGLE, partial(_opacity, logit=logit))
+            extreme(f"opacity-logit-{logit:g}", "rasterize", what, RASTERIZED, SINGLE, partial(_opacity, logit=logit))
             for logit, what in (
                 (-100.0, "opacity 0 to the last digit"),
                 (-5.0, "opacity 0.0067"),
@@ -354,7 +303,7 @@ def _cases() -> tuple[Case, ...]:
                 f"harmonics-{size:g}",
                 "rasterize",
                 f"harmonics of {size:g}",
-                ROUNDED,
+                RASTERIZED,
                 SINGLE,
                 partial(_harmonics, size=size),
             )

@@ -23,7 +23,7 @@ from dofbench.stability.case import (
     off,
     values,
 )
-from dofbench.stability.lens import EXACT, scatter_bound
+from dofbench.stability.comparisons import EXACT, scatter_bound
 from dofbench.stability.oracle import ROUNDINGS
 from dofbench.stability.samples import (
     HEIGHT,

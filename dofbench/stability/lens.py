@@ -24,45 +24,11 @@ from dofbench.stability.case import (
     refuses,
     values,
 )
-from dofbench.stability.oracle import ROUNDINGS, dense_scatter, left_out, sensitivity
+from dofbench.stability.comparisons import EXACT, NAMED, SCATTERED, against_formula, scatter_bound
+from dofbench.stability.oracle import ROUNDINGS, dense_scatter
 from dofbench.stability.samples import HEIGHT, WIDTH, disparity, picture, radii, single, straight
 
 FORMULA = "the result is the formula's in a finer precision"
-ROUNDED = (
-    "8 times what rounding image and radii once moves the formula, 16 roundings and one a pixel that is added up; "
-    "compiled, also what lies beyond where the kernel follows an edge"
-)
-EXACT = "0: the same bits"
-NAMED = "0: an error of that kind, with these words"
-
-
-def scatter_bound(setting: Setting, image: np.ndarray, radius: np.ndarray, **options: Any) -> tuple[float, str]:
-    """How far off a scatter may be, as a share of the brightest pixel, and the condition number as a note.
-
-    Rounding image and radii is half an eps; numbers that are added up one after another round once each, and where all
-    are alike, all to the same side.
-    """
-    largest = float(np.abs(image).max())
-    kind = np.longdouble if setting.precision == "float64" else np.float64
-    exact = partial(dense_scatter, kind=kind, **options)
-    moved = sensitivity(exact, (image.astype(kind), radius.astype(kind)), setting.eps / 2) / largest
-    beyond = 0.0 if setting.backend == "reference" else left_out(radius, **options)
-    bound = 8 * moved + (ROUNDINGS + radius.size / 2) * setting.eps + beyond
-    return bound, f"condition {2 * moved / setting.eps:.3g}"
-
-
-def against_formula(
-    setting: Setting, image: np.ndarray, radius: np.ndarray, *, energy: str = "area", form: str = "auto", **options: Any
-) -> Found:
-    """The scatter's error against the formula in long double, as a share of the brightest pixel."""
-    image, radius = image.astype(np.float32), radius.astype(np.float32)
-    found = setting.kernel("scatter")(
-        setting.tensor(image), setting.tensor(radius), energy=energy, form=form, **options
-    )
-    kind = np.longdouble if setting.precision == "float64" else np.float64
-    exact = partial(dense_scatter, area=energy == "area", kind=kind, **options)
-    bound, note = scatter_bound(setting, image, radius, area=energy == "area", **options)
-    return Found(off(found, exact(image, radius)), bound, note)
 
 
 def _formula(name: str, radius: np.ndarray, *, image: np.ndarray | None = None, what: str = "", **options: Any) -> Case:
@@ -73,7 +39,7 @@ def _formula(name: str, radius: np.ndarray, *, image: np.ndarray | None = None, 
         name,
         "scatter",
         f"{what or name}: {FORMULA}",
-        ROUNDED,
+        SCATTERED,
         forms,
         lambda setting: against_formula(setting, light, radius, **options),
     )
@@ -309,7 +275,7 @@ def _cases() -> tuple[Case, ...]:
                 f"depth-{name}",
                 "defocus",
                 f"a depth of {value} counts as infinitely far",
-                ROUNDED,
+                SCATTERED,
                 SINGLE_ON_CPU,
                 partial(_unknown_depth, value=value),
             )

@@ -22,7 +22,7 @@ from dofbench.stability.case import (
     refuses,
     values,
 )
-from dofbench.stability.lens import EXACT, NAMED
+from dofbench.stability.comparisons import EXACT, NAMED
 from dofbench.stability.oracle import ROUNDINGS, dense_scatter
 from dofbench.stability.samples import HEIGHT, WIDTH, picture, radii
 

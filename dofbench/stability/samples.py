@@ -17,6 +17,11 @@ def picture(height: int = HEIGHT, width: int = WIDTH, channels: int = 3, seed: i
     return np.random.default_rng(seed).uniform(0.05, 1, (height, width, channels)).astype(np.float32)
 
 
+def size_name(size: tuple[int, int]) -> str:
+    """(H, W) as a picture's size is written: width x height."""
+    return f"{size[1]}x{size[0]}"
+
+
 def disparity(height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
     """Normalised disparity, (H, W) float32, 0 ... 1: a slanted background behind a step, as most pictures have."""
     y, x = np.mgrid[:height, :width] / max(height, width, 2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-GROUPS = ("lens", "light", "invariants", "gaussians", "images", "training", "gradients")
+GROUPS = ("lens", "light", "invariants", "gaussians", "images", "files", "datasets", "training", "gradients")
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class Stability:
     method: str | None = None
     """Only the training of this method. Without it, of every method that is found."""
     group: tuple[str, ...] = ()
-    """Only these groups: lens, light, invariants, gaussians, images, training, gradients."""
+    """Only these groups: lens, light, invariants, gaussians, images, files, datasets, training, gradients."""
     case: tuple[str, ...] = ()
     """Only these cases, by the names in the table."""
     out: Path = Path("reports/stability")

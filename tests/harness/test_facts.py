@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
+from tolerances import DIFFERENCE_BLUR, EDGE_BLUR, MEASURED_NOISE
 
 from dofbench.cameras import Camera
 from dofbench.content import content_folder
@@ -70,8 +71,7 @@ def test_a_known_blur_of_an_edge_is_found(deviation: float, contrast: float, upr
     edge[:, 24:] = contrast
     image = gaussian_filter(edge if upright else edge.T, deviation)
     found = blur_deviation(image)[24, 24]
-    # The differences that stand for the gradient blur by themselves, and the window cuts the tails of a wide edge.
-    assert deviation * 0.8 <= found <= np.hypot(deviation, 0.6) * 1.25
+    assert deviation / EDGE_BLUR <= found <= np.hypot(deviation, DIFFERENCE_BLUR) * EDGE_BLUR
 
 
 def test_nothing_to_judge_by_is_nothing_found() -> None:
@@ -83,7 +83,7 @@ def test_nothing_to_judge_by_is_nothing_found() -> None:
 def test_noise_is_measured(deviation: float) -> None:
     ramp = np.linspace(0, 1, 128)[None, :] * np.linspace(0, 1, 128)[:, None]
     found = noise_deviation(ramp + np.random.default_rng(0).normal(0, deviation, ramp.shape))
-    assert found == pytest.approx(deviation, rel=0.05)
+    assert found == pytest.approx(deviation, rel=MEASURED_NOISE)
 
 
 def _plain(change: float) -> TrainingSet:

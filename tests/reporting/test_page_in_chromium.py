@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from chromium import Page, browser
+from tolerances import DRAWN_PIXEL
 
 from dofbench.harness.result import read_result
 
@@ -228,7 +229,7 @@ def test_time_is_on_a_log_axis(opened: Page) -> None:
     xs = [float(point.split(",")[0]) for point in drawn[1:].split("L")]
     assert len(xs) == len(run) > 3
     ratios = [(x - xs[0]) / math.log(time / run[0][0]) for x, (time, _) in zip(xs[1:], run[1:], strict=True)]
-    assert max(ratios) == pytest.approx(min(ratios), rel=1e-6)
+    assert max(ratios) == pytest.approx(min(ratios), rel=DRAWN_PIXEL)
 
 
 # ---- pictures ----

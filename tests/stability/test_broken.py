@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 import torch
 
+from dofbench.contracts import Budget
 from dofbench.gaussians import trainer
+from dofbench.gaussians.method import GaussianMethod
+from dofbench.harness.methods import find_method
 from dofbench.kernels import load
-from dofbench.stability import images, training
+from dofbench.stability import files, training_scene, trials
 from dofbench.stability.case import Setting
 from dofbench.stability.catalogue import catalogue
 from dofbench.stability.run import measured
@@ -163,23 +166,23 @@ def test_a_wrong_loss_and_wrong_scores_are_seen(broken):
 
 
 def test_files_that_change_what_they_keep_are_seen(monkeypatch):
-    read = images.read_image
-    monkeypatch.setattr(images, "read_image", lambda path: read(path) + np.float32(1 / 255))
-    for name in ("images/png-8-bit-9x1", "images/alpha-8-bit", "images/one-channel"):
+    read = files.read_image
+    monkeypatch.setattr(files, "read_image", lambda path: read(path) + np.float32(1 / 255))
+    for name in ("files/png-8-bit-9x1", "files/alpha-8-bit", "files/one-channel"):
         assert not error_of(name, Setting("numpy", "float32")).met, name
 
 
 def test_a_half_float_that_overflows_is_seen(monkeypatch):
-    assert error_of("images/exr-half", Setting("numpy", "float32")).met
+    assert error_of("files/exr-half", Setting("numpy", "float32")).met
     monkeypatch.setattr("dofbench.images._LARGEST_HALF", np.inf)
-    assert not error_of("images/exr-half", Setting("numpy", "float32")).met
+    assert not error_of("files/exr-half", Setting("numpy", "float32")).met
 
 
 def test_a_dataset_that_is_not_what_it_says_is_seen(monkeypatch):
     shallow = import_module("dofbench.synthesis.make").shallow_image
     monkeypatch.setattr("dofbench.synthesis.make.shallow_image",
                         lambda *args: tuple(0.9 * part for part in shallow(*args)))
-    assert not error_of("images/dataset-33x17", Setting("numpy", "float32")).met
+    assert not error_of("datasets/33x17", Setting("numpy", "float32")).met
 
 
 def test_a_trainer_that_does_not_look_is_seen(monkeypatch):
@@ -190,25 +193,25 @@ def test_a_trainer_that_does_not_look_is_seen(monkeypatch):
 
 
 def test_an_absurd_lens_or_picture_with_status_ok_is_seen(monkeypatch):
-    monkeypatch.setattr(training, "STEPS", 4)
-    entry = training.find_method("dofgaussian")
-    assert training.run(entry, training.scene(3)).wrong == ""
+    monkeypatch.setattr(trials, "STEPS", 4)
+    entry = find_method("dofgaussian")
+    assert trials.run(entry, training_scene.scene(3)).wrong == ""
     estimates = trainer.Trainer.lens_estimates
 
     def blown_up(self):
         return {name: type(lens)(1e9, lens.focus_disparity, lens.width) for name, lens in estimates(self).items()}
 
     monkeypatch.setattr(trainer.Trainer, "lens_estimates", blown_up)
-    assert training.run(entry, training.scene(3)).wrong != ""
+    assert trials.run(entry, training_scene.scene(3)).wrong != ""
     monkeypatch.setattr(trainer.Trainer, "lens_estimates", estimates)
-    render = training.GaussianMethod.render
+    render = GaussianMethod.render
 
     def white_hot(self, camera, lens):
         rendering = render(self, camera, lens)
         return type(rendering)(rendering.image * 1e3, rendering.depth)
 
-    monkeypatch.setattr(training.GaussianMethod, "render", white_hot)
-    assert "times white" in training.run(entry, training.scene(3)).wrong
+    monkeypatch.setattr(GaussianMethod, "render", white_hot)
+    assert "times white" in trials.run(entry, training_scene.scene(3)).wrong
 
 
 def test_a_fit_without_a_status_is_seen(monkeypatch):
@@ -216,16 +219,17 @@ def test_a_fit_without_a_status_is_seen(monkeypatch):
         raise ZeroDivisionError("nothing left")
 
     monkeypatch.setattr(trainer.Trainer, "fit", fails)
-    end = training.run(training.find_method("dofgaussian"), training.scene(3))
+    end = trials.run(find_method("dofgaussian"), training_scene.scene(3))
     assert end.status == "no status" and "ZeroDivisionError" in end.wrong
 
 
 def test_a_lens_that_is_not_learned_is_not_found(monkeypatch):
-    monkeypatch.setattr(training, "STEPS", 4)
-    entry = training.find_method("dofgaussian")
-    method = entry.create(training.options_of(entry), 0, "cpu")
-    method.fit(training.scene(3), training.Budget(steps=4), training.Watch())
-    assert not training._lens_found(method, one_plane=False)
-    true = {f"v{k}": training.true_lens(k).physical(training.true_range(), training.WIDTH) for k in range(3)}
+    monkeypatch.setattr(trials, "STEPS", 4)
+    entry = find_method("dofgaussian")
+    method = entry.create(trials.options_of(entry), 0, "cpu")
+    method.fit(training_scene.scene(3), Budget(steps=4), trials.Watch())
+    assert not trials.lens_found(method, one_plane=False)
+    unit, width = training_scene.true_range(), training_scene.WIDTH
+    true = {f"v{k}": training_scene.true_lens(k).physical(unit, width) for k in range(3)}
     monkeypatch.setattr(trainer.Trainer, "lens_estimates", lambda self: true)
-    assert training._lens_found(method, one_plane=False)
+    assert trials.lens_found(method, one_plane=False)

@@ -19,7 +19,7 @@ CHEAP = (
     "light/round-trip-gamma-2.2", "light/nan-8-bit", "invariants/constant", "invariants/order", "invariants/tiles",
     "invariants/stereo-shift", "gaussians/quaternion-length-1e-30", "gaussians/needle-1e4", "gaussians/none",
     "gaussians/half-a-pixel", "gaussians/nan-means", "images/scatter-1x1", "images/rasterize-1x9", "images/ssim-1x1",
-    "images/stereo-1x1", "images/exr-half", "images/alpha-8-bit", "images/dataset-1x1", "images/dataset-noisy-black",
+    "images/stereo-1x1", "files/exr-half", "files/alpha-8-bit", "datasets/1x1", "datasets/noisy-black",
     "training/dofgaussian-planted-nan-lens", "training/dofgaussian-planted-nan-means",
     "training/mipsplatting-photograph-nan", "training/mipsplatting-vanished-faded",
     "gradients/raster-alpha-above-threshold", "gradients/ssim-close",

@@ -1,0 +1,99 @@
+"""How groups of cases compare: the scatter with its formula, the rasteriser with its reference in float64."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch
+
+from dofbench.kernels import load
+from dofbench.stability.case import Found, Setting, not_finite, off, values
+from dofbench.stability.oracle import ROUNDINGS, dense_scatter, left_out, sensitivity
+from dofbench.stability.samples import straight
+
+SCATTERED = (
+    "8 times what rounding image and radii once moves the formula, 16 roundings and one a pixel that is added up; "
+    "compiled, also what lies beyond where the kernel follows an edge"
+)
+EXACT = "0: the same bits"
+NAMED = "0: an error of that kind, with these words"
+RASTERIZED = "8 times what rounding all parameters once moves the float64 reference, and 64 roundings"
+GEOMETRY = "full"
+
+Scene = dict[str, np.ndarray]
+
+
+def scatter_bound(setting: Setting, image: np.ndarray, radius: np.ndarray, **options: Any) -> tuple[float, str]:
+    """How far off a scatter may be, as a share of the brightest pixel, and the condition number as a note.
+
+    Rounding image and radii is half an eps; numbers that are added up one after another round once each, and where all
+    are alike, all to the same side.
+    """
+    largest = float(np.abs(image).max())
+    kind = np.longdouble if setting.precision == "float64" else np.float64
+    exact = partial(dense_scatter, kind=kind, **options)
+    moved = sensitivity(exact, (image.astype(kind), radius.astype(kind)), setting.eps / 2) / largest
+    beyond = 0.0 if setting.backend == "reference" else left_out(radius, **options)
+    bound = 8 * moved + (ROUNDINGS + radius.size / 2) * setting.eps + beyond
+    return bound, f"condition {2 * moved / setting.eps:.3g}"
+
+
+def against_formula(
+    setting: Setting, image: np.ndarray, radius: np.ndarray, *, energy: str = "area", form: str = "auto", **options: Any
+) -> Found:
+    """The scatter's error against the formula in long double, as a share of the brightest pixel."""
+    image, radius = image.astype(np.float32), radius.astype(np.float32)
+    found = setting.kernel("scatter")(
+        setting.tensor(image), setting.tensor(radius), energy=energy, form=form, **options
+    )
+    kind = np.longdouble if setting.precision == "float64" else np.float64
+    exact = partial(dense_scatter, area=energy == "area", kind=kind, **options)
+    bound, note = scatter_bound(setting, image, radius, area=energy == "area", **options)
+    return Found(off(found, exact(image, radius)), bound, note)
+
+
+def render(kernel: Callable, scene: Scene, setting: Setting, **options: Any):
+    """The raster of a scene, without gradient."""
+    with torch.no_grad():
+        return kernel(**{name: setting.tensor(value) for name, value in scene.items()}, **options)
+
+
+def against_reference(setting: Setting, scene: Scene, filter_3d: float = 0.0, **options: Any) -> Found:
+    """The rendering's error against the float64 reference, each output as a share of its largest magnitude.
+
+    filter_3d: scene units, of every Gaussian.
+    """
+    options = {"camera": straight(), "geometry": GEOMETRY, **options}
+    names, size = tuple(scene), np.full(len(scene["means"]), filter_3d)
+    double, kernel = Setting("reference", "float64"), load("rasterize", "reference")
+
+    def exact(*parameters: np.ndarray) -> np.ndarray:
+        return _stacked(
+            render(kernel, dict(zip(names, parameters, strict=True)), double, filter_3d=double.tensor(size), **options)
+        )
+
+    given = tuple(scene[name].astype(np.float64) for name in names)
+    expected = exact(*given)
+    scale = np.maximum(np.abs(expected).max(axis=(0, 1)), 1e-30)
+
+    def apart(a: np.ndarray, b: np.ndarray) -> float:
+        return float((np.abs(a - b) / scale).max())
+
+    moved = sensitivity(exact, given, setting.eps / 2, measure=apart)
+    raster = render(setting.kernel("rasterize"), scene, setting, filter_3d=setting.tensor(size), **options)
+    error = math.inf if not_finite(*raster[:5]) else apart(_stacked(raster), expected)
+    return Found(
+        error,
+        8 * moved + 64 * setting.eps,
+        f"condition {2 * moved / setting.eps:.3g}, drawn {float((expected[..., 3] > 0).mean()):.0%} of the pixels",
+    )
+
+
+def _stacked(raster) -> np.ndarray:
+    """Colour, alpha, and depth times alpha, (H, W, 5): depth alone jumps from 0 where there is next to nothing."""
+    alpha = values(raster.alpha)
+    return np.dstack([values(raster.color), alpha, values(raster.depth) * alpha])

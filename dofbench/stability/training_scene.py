@@ -1,0 +1,107 @@
+"""A tiny scene to train on, and what may be wrong with its photographs.
+
+Rendered and blurred by the method's own model, so that nothing but the start, the rates and what was done to the
+photographs stands in the way.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache, partial
+
+import numpy as np
+import torch
+
+from dofbench.cameras import Camera
+from dofbench.contracts import PointCloud, TrainingSet, TrainingView
+from dofbench.defocus import defocus
+from dofbench.kernels import load
+from dofbench.lens import DisparityRange, Lens
+
+WIDTH, HEIGHT, VIEWS = 64, 48, 6
+NEAR, FAR = 2.0, 6.0
+# Wider than 0 ... 1: on so few pixels those would blur by one. A = 5 is 6.4 pixels.
+TRUE_APERTURES, TRUE_FOCI = (3.0, 5.0), (0.2, 0.5, 0.8)
+
+
+@cache
+def true_range() -> DisparityRange:
+    """What F = 0 and F = 1 mean."""
+    return DisparityRange(1 / FAR, 1 / NEAR)
+
+
+def true_lens(view: int, one_plane: bool = False) -> Lens:
+    """The lens that took a view; `one_plane`: all are focused at 0.5."""
+    focus = 0.5 if one_plane else TRUE_FOCI[view % len(TRUE_FOCI)]
+    return Lens(TRUE_APERTURES[view % len(TRUE_APERTURES)], focus)
+
+
+@cache
+def scene(views: int = VIEWS, one_plane: bool = False, textureless: bool = False) -> TrainingSet:
+    """Photographs of two layers of coloured dots, and their centres as sparse points."""
+    random = np.random.default_rng(0)
+    count = 220
+    depth = np.where(random.uniform(size=count) < 0.4, NEAR + 0.4, FAR - 0.4) + random.uniform(-0.4, 0.4, count)
+    xyz = np.stack(
+        [random.uniform(-0.75, 0.75, count) * depth, random.uniform(-0.55, 0.55, count) * depth, depth], axis=1
+    )
+    xyz[:60, :2] *= 0.5
+    colour = np.full((count, 3), 0.5) if textureless else random.uniform(0, 1, (count, 3))
+    tensor = partial(torch.tensor, dtype=torch.float32)
+    truth = {
+        "means": tensor(xyz),
+        "log_scales": tensor(np.log(0.035 * depth)[:, None].repeat(3, 1)),
+        "quaternions": tensor([[1.0, 0, 0, 0]]).repeat(count, 1),
+        "opacity_logits": torch.full((count,), 3.0),
+        "sh_dc": tensor((colour - 0.5) * 2 * math.sqrt(math.pi)),
+        "sh_rest": torch.zeros(count, 0, 3),
+    }
+    background, taken = tensor([0.5, 0.5, 0.5] if textureless else [0.15, 0.2, 0.3]), []
+    for index in range(views):
+        angle = 2 * math.pi * index / views
+        pose = np.eye(4)
+        pose[:2, 3] = -0.35 * math.cos(angle), -0.25 * math.sin(angle)
+        camera = Camera(WIDTH, HEIGHT, 50.0, 50.0, WIDTH / 2, HEIGHT / 2, pose)
+        with torch.no_grad():
+            raster = load("rasterize")(**truth, camera=camera, background=background)
+            surface = torch.where(raster.alpha > 0.1, raster.depth, FAR).clamp_min(NEAR / 2)
+            lens = true_lens(index, one_plane).physical(true_range(), WIDTH)
+            photograph = defocus(raster.color, lens.signed_radius(1 / surface, WIDTH)).clamp(0, 1)
+        taken.append(TrainingView(f"v{index}", camera, photograph.numpy()))
+    points = PointCloud(
+        xyz + random.normal(0, 0.01, xyz.shape), colour.astype(np.float32), np.full(count, 0.3, np.float32)
+    )
+    return TrainingSet(tuple(taken), points)
+
+
+def spoiled(training_set: TrainingSet, index: int | None, change: Callable[[np.ndarray], np.ndarray]) -> TrainingSet:
+    views = tuple(
+        replace(view, image=change(view.image).astype(np.float32)) if index in (None, k) else view
+        for k, view in enumerate(training_set.views)
+    )
+    return replace(training_set, views=views)
+
+
+def noise(sigma: float) -> TrainingSet:
+    random = np.random.default_rng(1)
+    return spoiled(scene(), None, lambda image: np.clip(image + random.normal(0, sigma, image.shape), 0, 1))
+
+
+def nothing_but_noise() -> TrainingSet:
+    random = np.random.default_rng(1)
+    return spoiled(scene(), None, lambda image: random.uniform(0, 1, image.shape))
+
+
+def black(index: int | None) -> TrainingSet:
+    return spoiled(scene(), index, np.zeros_like)
+
+
+def wrong_pose() -> TrainingSet:
+    views = list(scene().views)
+    turn, pose = 0.2, views[2].camera.world_to_camera.copy()
+    rotation = np.array([[math.cos(turn), 0, math.sin(turn)], [0, 1, 0], [-math.sin(turn), 0, math.cos(turn)]])
+    pose[:3] = rotation @ pose[:3]
+    views[2] = replace(views[2], camera=replace(views[2].camera, world_to_camera=pose))
+    return replace(scene(), views=tuple(views))
