@@ -15,8 +15,6 @@ from dofbench.stability.settings import GROUPS
 FILE = ".unfinished.jsonl"
 # What arranges and judges, and measures nothing.
 _NEVER_MEASURES = ("catalogue.py", "limits.py", "limits.toml", "run.py", "settings.py", "store.py", "tables.py")
-# Groups whose modules others take from: a change in one of these concerns all.
-_SHARED = ("lens", "gaussians")
 
 
 class Unfinished:
@@ -56,7 +54,7 @@ class Unfinished:
 
 def code_of(group: str) -> str:
     """A hash of every source that can change what a group's cases find: all but the other groups' modules."""
-    others = {f"{other}.py" for other in GROUPS if other not in (group, *_SHARED)}
+    others = {f"{other}.py" for other in GROUPS if other != group}
     digest, package = hashlib.sha256(), Path(dofbench.__file__).resolve().parent
     for root in (package, content_folder("kernels"), *method_folders()):
         for file in sorted(root.rglob("*")):

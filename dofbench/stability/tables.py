@@ -13,15 +13,6 @@ from dofbench.stability.settings import GROUPS
 
 MET, NOT_MET, KNOWN, STALE = "met", "not met", "known limit", "stale limit"
 FIELDS = ("case", "group", "backend", "precision", "error", "bound", "verdict", "note")
-_TITLES = {
-    "lens": "Lens",
-    "light": "Light",
-    "invariants": "Invariants",
-    "gaussians": "Gaussians",
-    "images": "Images",
-    "training": "Training",
-    "gradients": "Gradients",
-}
 
 
 @dataclass(frozen=True)
@@ -88,7 +79,7 @@ def markdown(rows: Sequence[Row], explained: dict[str, Explained], heading: Sequ
         if not some:
             continue
         lines += [
-            f"## {_TITLES[group]}",
+            f"## {GROUPS[group]}",
             "",
             "| case | what must hold | bound | backend | error | bound | verdict | found |",
             "| --- | --- | --- | --- | --- | --- | --- | --- |",

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
+from pathlib import Path
 
 import pytest
 
 from dofbench.kernels import BACKENDS, OPS
+from dofbench.stability import settings
 from dofbench.stability.catalogue import catalogue, chosen
 from dofbench.stability.limits import limit_of, read_limits
 from dofbench.stability.run import measured
@@ -59,6 +62,14 @@ def test_a_kernel_and_a_group_narrow_the_cases():
     left = chosen(Stability(kernel="ssim", group=("invariants", "images")))
     assert {case.subject for case in left} == {"ssim"}
     assert {case.group for case in left} == {"invariants", "images"}
+
+
+def test_no_group_takes_from_another():
+    """What a group found is kept while the others change, so nothing of a group may depend on another's module."""
+    folder = Path(settings.__file__).parent
+    for group in GROUPS:
+        found = re.findall(r"from dofbench\.stability\.(\w+) import", (folder / f"{group}.py").read_text())
+        assert found and not GROUPS.keys() & set(found), group
 
 
 def test_a_method_narrows_to_its_training():
