@@ -77,6 +77,7 @@ def scene(views: int = VIEWS, one_plane: bool = False, textureless: bool = False
 
 
 def spoiled(training_set: TrainingSet, index: int | None, change: Callable[[np.ndarray], np.ndarray]) -> TrainingSet:
+    """The set with the photograph of this index changed; of None, every photograph."""
     views = tuple(
         replace(view, image=change(view.image).astype(np.float32)) if index in (None, k) else view
         for k, view in enumerate(training_set.views)
@@ -85,20 +86,24 @@ def spoiled(training_set: TrainingSet, index: int | None, change: Callable[[np.n
 
 
 def noise(sigma: float) -> TrainingSet:
+    """Gaussian noise of this deviation on every photograph."""
     random = np.random.default_rng(1)
     return spoiled(scene(), None, lambda image: np.clip(image + random.normal(0, sigma, image.shape), 0, 1))
 
 
 def nothing_but_noise() -> TrainingSet:
+    """Photographs of uniform noise, and of nothing else."""
     random = np.random.default_rng(1)
     return spoiled(scene(), None, lambda image: random.uniform(0, 1, image.shape))
 
 
 def black(index: int | None) -> TrainingSet:
+    """The photograph of this index black; of None, every photograph."""
     return spoiled(scene(), index, np.zeros_like)
 
 
 def wrong_pose() -> TrainingSet:
+    """One camera turned by 0.2 radians."""
     views = list(scene().views)
     turn, pose = 0.2, views[2].camera.world_to_camera.copy()
     rotation = np.array([[math.cos(turn), 0, math.sin(turn)], [0, 1, 0], [-math.sin(turn), 0, math.cos(turn)]])

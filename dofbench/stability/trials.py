@@ -141,6 +141,7 @@ def _absurd(method: Method, training_set: TrainingSet, losses: list[float]) -> s
 
 
 def lens_found(method: Method, one_plane: bool) -> bool:
+    """Whether the learned lenses blur as the true ones do, to half the error of one that learns nothing."""
     lenses = method.lens_estimates()
     if lenses is None:
         return False
