@@ -80,7 +80,7 @@ def _compared(settings: Settings, data: Path, inputs: str, measured: set[str]) -
     reasons = "; ".join(needless.values())
     if measured >= needless.keys():
         return [], f"| {plan.dataset} | {inputs} | {', '.join(needless)} | {reasons} |" + " as above |" * 7
-    measured |= needless.keys()
+    measured.update(needless)
     rows, found = [], {False: [], True: []}
     for seed in range(settings.seeds):
         for forced in (False, True):
