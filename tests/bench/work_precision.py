@@ -24,6 +24,7 @@ import numpy as np  # noqa: E402
 import torch  # noqa: E402
 import tyro  # noqa: E402
 from dofbench.kernels.scatter import cpu_pack  # noqa: E402
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter  # noqa: E402
 from scatter import surfaces, weights  # noqa: E402  - the benchmark beside this one
 
 from dofbench.content import content_folder  # noqa: E402
@@ -74,7 +75,9 @@ def main(settings: Settings) -> None:
     settings.out.mkdir(parents=True, exist_ok=True)
     write_csv(settings.out / "work-precision.csv", tuple(f.name for f in fields(Point)), [vars(one) for one in points])
     lines = ["| what | variant | knob | error | | ms |", "| :--- | :--- | :--- | ---: | :--- | ---: |"]
-    lines += [f"| {p.panel} | {p.line} | {p.knob} | {p.error:.2g} | {p.unit} | {1e3 * p.seconds:.1f} |" for p in points]
+    for p in points:
+        error = f"{p.error:.2g}" if np.isfinite(p.error) else "the reference"
+        lines.append(f"| {p.panel} | {p.line} | {p.knob} | {error} | {p.unit} | {1e3 * p.seconds:.1f} |")
     write_text(settings.out / "work-precision.md", "\n".join(lines) + "\n")
     _plot(points, settings.out / "work-precision.png")
 
@@ -223,7 +226,13 @@ def _plot(points: list[Point], path: Path) -> None:
                       **look(index))
             for p in found:
                 axes.annotate(p.knob, (1e3 * p.seconds, p.error), textcoords="offset points", xytext=(3, 3), fontsize=7)
-        axes.set(xscale="log", yscale="log", title=panel, xlabel="time [ms]", ylabel=f"error ({some[0].unit})")
+        axes.set(xscale="log", yscale="log", xmargin=0.2, ymargin=0.2, title=panel, xlabel="time [ms]",
+                 ylabel=f"error ({some[0].unit})")
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = axis.get_view_interval()
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 100 * low else (1,)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(NullFormatter())
         axes.legend(fontsize=7)
     save(figure, path)
 
