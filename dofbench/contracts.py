@@ -11,6 +11,7 @@ import numpy as np
 
 from dofbench.cameras import Camera
 from dofbench.errors import Status
+from dofbench.exif import Exif
 from dofbench.lens import PhysicalLens
 
 
@@ -52,11 +53,13 @@ class PointCloud:
 
 @dataclass(frozen=True, eq=False)
 class TrainingView:
-    """One training photograph: image (H, W, 3) float32, encoded, [0, 1]."""
+    """One training photograph: image (H, W, 3) float32, encoded, [0, 1]. exif: what its camera wrote down, if it did.
+    """
 
     name: str
     camera: Camera
     image: np.ndarray
+    exif: Exif | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ import numpy as np
 from dofbench.cameras import Camera
 from dofbench.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.errors import InputError
+from dofbench.exif import Exif
 
 Split = Literal["train", "test"]
 # What a view's image is: all in focus, or taken by a lens with shallow depth of field that nobody knows.
@@ -24,6 +25,7 @@ class SceneView:
 
     `depth()` gives exact z-depth (H, W) float32, scene units, 0 where unknown; None when the
     scene has none. `source` is the file behind the image, for messages and provenance. photograph: what the image is.
+    exif: what the camera wrote down, if it did.
     """
 
     name: str
@@ -33,6 +35,7 @@ class SceneView:
     split: Split = "train"
     depth: Callable[[], np.ndarray] | None = None
     photograph: Photograph = "all-in-focus"
+    exif: Exif | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +83,7 @@ class Scene:
         training = [index for index, view in enumerate(self.views) if view.split == "train"]
         views = [self.views[index] for index in training]
         return TrainingSet(
-            tuple(TrainingView(view.name, view.camera, view.image()) for view in views),
+            tuple(TrainingView(view.name, view.camera, view.image(), view.exif) for view in views),
             None if self.points is None else self.points.seen_by(training),
         )
 

@@ -11,6 +11,7 @@ import numpy as np
 from dofbench.cameras import Camera
 from dofbench.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.errors import InputError
+from dofbench.exif import Exif, read_exif
 from dofbench.files import sha256_file
 from dofbench.images import read_exr, read_image
 from dofbench.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
@@ -37,7 +38,8 @@ class DatasetView:
     """One view with its true lens, in the units of the scene's disparity range and in scene units.
 
     max_coc_px: largest CoC radius among its pixels. The three are None where nobody knows the lens: then the view is a
-    photograph as it was taken. has_all_in_focus, has_depth: whether the dataset has these of the view.
+    photograph as it was taken. has_all_in_focus, has_depth: whether the dataset has these of the view. exif: what its
+    camera wrote down, if it did.
     """
 
     name: str
@@ -48,6 +50,7 @@ class DatasetView:
     max_coc_px: float | None
     has_all_in_focus: bool = True
     has_depth: bool = True
+    exif: Exif | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +85,7 @@ class Dataset:
             raise InputError(folder, f"another split in {write.TRANSFORMS} than in lens.json for {', '.join(moved)}",
                              "the same split in both")
         disparity_range = lenses.range()
-        found = []
+        exif, found = read_exif(folder), []
         for name, record in sorted(records.items()):
             camera, known = views[name].camera, isinstance(record, ViewRecord)
             found.append(DatasetView(
@@ -91,6 +94,7 @@ class Dataset:
                 max_coc_px=record.max_coc_px if known else None,
                 has_all_in_focus=write.relative(write.sharp_path, name) in manifest.files,
                 has_depth=write.relative(write.depth_path, name) in manifest.files,
+                exif=exif.get(name),
             ))
         return Dataset(folder, manifest, lenses, tuple(found), scene.points, sha256_file(folder / MANIFEST))
 
@@ -208,7 +212,7 @@ class Dataset:
             found = f"no all-in-focus photograph of {len(blurred)} training views ({blurred[0]} first)"
             raise InputError(self.folder, found, "one of each for --inputs all-in-focus")
         read = self.image if inputs == "shallow" else self.all_in_focus
-        views = tuple(TrainingView(view.name, view.camera, read(view)) for view in self.training_views())
+        views = tuple(TrainingView(view.name, view.camera, read(view), view.exif) for view in self.training_views())
         training = [index for index, view in enumerate(self.views) if view.split == "train"]
         return TrainingSet(views, None if self.points is None else self.points.seen_by(training))
 
