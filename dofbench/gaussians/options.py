@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from dofbench.errors import InputError
+from dofbench.gaussians.lens_ties import LensPer
 from dofbench.lens import ALPHA, GAMMA, Energy
 
 
@@ -40,7 +41,8 @@ class TrainerOptions:
         every rendering. lens_rings: of those points around the centre (1 + 3 k (k + 1) points); 0, and any number
         before lens_rings_from, blurs each Gaussian by its own circle of confusion, seen from the centre.
         lens_blades, lens_rotation: the opening, a polygon or with 0 a disc; "samples" knows discs only.
-        lens_per: "view", or "scene" for one lens that all photographs share.
+        lens_per: what photographs share (`lens_ties.py`): "view" nothing; "aperture" one aperture, with a focus each;
+        "group" one aperture for each f-number; "exif" one aperture x f-number; "scene" the whole lens.
         lens_activation: what is learned of a lens: "relu" (released), "log" or "ends" (`lenses.py`).
         lens_update: "view" keeps Adam's moments of each view by its own visits, "dense" runs one
         Adam over the vectors (released). lens_lr, lens_lr_final: rate at the start and the end.
@@ -115,7 +117,7 @@ class TrainerOptions:
     lens_rings_from: float = 0.0
     lens_blades: int = 0
     lens_rotation: float = 0.0
-    lens_per: Literal["view", "scene"] = "view"
+    lens_per: LensPer = "view"
     lens_activation: Literal["relu", "log", "ends"] = "relu"
     lens_update: Literal["view", "dense"] = "view"
     lens_lr: float = 5e-4
@@ -171,6 +173,9 @@ class TrainerOptions:
         if self.lens_init_aperture <= 0:
             raise InputError("option lens_init_aperture", str(self.lens_init_aperture),
                              "more than 0: a closed lens blurs nothing, so nothing would open it")
+        if self.lens_range == "render" and self.lens_per not in ("view", "scene"):
+            raise InputError("option lens_per", f"{self.lens_per} with lens_range=render",
+                             "view or scene: an aperture in units of each view's own range can't be shared")
         if self.lens_rings < 0:
             raise InputError("option lens_rings", str(self.lens_rings), "at least 0")
 

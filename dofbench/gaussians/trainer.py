@@ -19,6 +19,7 @@ from dofbench.gaussians import losses
 from dofbench.gaussians.density import DensityControl
 from dofbench.gaussians.exposure import Shot, render_view, sampled, scattered, summed
 from dofbench.gaussians.lens_samples import together
+from dofbench.gaussians.lens_ties import lens_ties
 from dofbench.gaussians.lenses import LearnedLenses
 from dofbench.gaussians.model import Gaussians, scene_extent
 from dofbench.gaussians.optimiser import GaussianOptimiser
@@ -71,7 +72,10 @@ class Trainer:
         self._generator = torch.Generator().manual_seed(seed)
         self._random = np.random.default_rng(seed)
         self.range = DisparityRange.of_disparity(all_disparities(training_set.points, self._cameras))
-        self.lenses = LearnedLenses(len(self._views), self.range, options) if options.lens else None
+        self.lenses = None
+        if options.lens:
+            ties = lens_ties(self._views, options.lens_per)
+            self.lenses = LearnedLenses(len(self._views), self.range, options, ties)
         self._optimiser = GaussianOptimiser(self.gaussians, options, self._extent)
         self._density = DensityControl(self.gaussians, self._optimiser, options, self._extent, self._generator)
         self.stages: dict[str, float] = {}
