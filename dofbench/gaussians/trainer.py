@@ -18,6 +18,7 @@ from dofbench.errors import InputError, Status
 from dofbench.gaussians import losses
 from dofbench.gaussians.density import DensityControl
 from dofbench.gaussians.exposure import Shot, render_view, sampled, scattered, summed
+from dofbench.gaussians.fineness import coarsen
 from dofbench.gaussians.lens_samples import together
 from dofbench.gaussians.lens_ties import lens_ties
 from dofbench.gaussians.lenses import LearnedLenses
@@ -247,15 +248,25 @@ class Trainer:
             graded = self.gaussians.parameters["means"].detach()[:, 2] if options.prune_depth_graded else None
             changed = self._density.after_step(step, progress, graded)
             if changed or step % _FILTER_3D_EVERY == 0:
-                self._update_filter(step, view)
+                self._update_filter(step, view, progress)
         return value
 
-    def _update_filter(self, step: int, view: _Photograph) -> None:
+    def _update_filter(self, step: int, view: _Photograph, progress: float = 0.0) -> None:
         """The 3D filter anew. Gaussians that all faded, or fled, are training's failure and not the user's mistake."""
         try:
             self.gaussians.update_filter_3d(self._cameras)
+            if self.lenses is not None and self.options.fineness > 0 and progress >= self.options.fineness_from:
+                coarsen(self.gaussians, self._cameras, self._shots(), self.options)
         except InputError as error:
             raise NonFiniteError(NonFinite(step, view.name, "density control", error.found)) from None
+
+    def _shots(self) -> list[Shot]:
+        """All training views with their lenses as learned so far, as numbers."""
+        shots = []
+        for index, camera in enumerate(self._cameras):
+            aperture, focus = self.lenses.aperture_and_focus(index)
+            shots.append(Shot(camera, self.lenses.ranges[index], aperture, -aperture * focus))
+        return shots
 
     def _samples(self, step: int, progress: float, view: _Photograph, lens: Shot, degree: int,
                  adapting: bool) -> tuple[list[Tensor], list[ViewStatistics]]:
