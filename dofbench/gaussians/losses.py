@@ -19,6 +19,14 @@ def reconstruction(prediction: Tensor, target: Tensor, ssim_weight: float, weigh
     return load("ssim", function="l1_ssim")(prediction, target, ssim_weight=ssim_weight, weight=weight)
 
 
+def looked_at(prediction: Tensor, target: Tensor, held_back: Tensor | None) -> Tensor:
+    """The prediction with the target in its place where no loss may look: no difference there, and no gradient.
+
+    prediction, target: (H, W, 3). held_back: (H, W) bool, or None for nothing held back.
+    """
+    return prediction if held_back is None else torch.where(held_back[..., None], target, prediction)
+
+
 def step_function(x: Tensor, options: TrainerOptions) -> Tensor:
     """Eq. 10's Psi after the switch: 1 / (1 + exp(-a (x - b))), large where out of focus."""
     return torch.sigmoid(options.adaptation_a * (x - options.adaptation_b))

@@ -31,7 +31,8 @@ class TrainerOptions:
         cooldown_from: share of the training from which all rates, the lens's too, fall linearly to
         cooldown_to of what they would be; 1 for never.
     Reconstruction loss (Eq. 7)
-        ssim_weight: lambda.
+        ssim_weight: lambda. held_back: share of every photograph's tiles that no colour loss looks at, to score by
+        (`held_back.py`).
     Lens (section 4.1)
         lens: False trains a pinhole (`mipsplatting`). lens_gamma, lens_alpha, lens_energy: the
         forward model. lens_range: "points" fixes the disparity range once from the sparse points,
@@ -107,6 +108,7 @@ class TrainerOptions:
     cooldown_to: float = 0.1
 
     ssim_weight: float = 0.2
+    held_back: float = 0.0
 
     lens: bool = True
     lens_gamma: float = GAMMA
@@ -180,6 +182,8 @@ class TrainerOptions:
         if self.lens_range == "render" and self.lens_per not in ("view", "scene"):
             raise InputError("option lens_per", f"{self.lens_per} with lens_range=render",
                              "view or scene: an aperture in units of each view's own range can't be shared")
+        if not 0 <= self.held_back < 1:
+            raise InputError("option held_back", str(self.held_back), "a share of 0 to below 1")
         if self.lens_rings < 0:
             raise InputError("option lens_rings", str(self.lens_rings), "at least 0")
 

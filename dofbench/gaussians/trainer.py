@@ -19,6 +19,7 @@ from dofbench.gaussians import losses
 from dofbench.gaussians.density import DensityControl
 from dofbench.gaussians.exposure import Shot, render_view, sampled, scattered, summed
 from dofbench.gaussians.fineness import coarsen
+from dofbench.gaussians.held_back import HeldBackScores, held_back_mask, held_back_scores
 from dofbench.gaussians.lens_samples import together
 from dofbench.gaussians.lens_ties import lens_ties
 from dofbench.gaussians.lenses import LearnedLenses
@@ -46,6 +47,7 @@ class _Photograph:
     camera: Camera
     image: Tensor
     known: DepthSamples | None
+    held_back: Tensor | None
 
 
 class NonFiniteError(FloatingPointError):
@@ -136,7 +138,9 @@ class Trainer:
         image = torch.from_numpy(np.ascontiguousarray(resize(view.image, width, height)))
         supervised = self._prior is not None and self.options.depth_weight > 0
         known = self._prior.samples(index, camera) if supervised else None
-        return _Photograph(index, view.name, camera, image, known)
+        held_back = held_back_mask(view.camera.height, view.camera.width, (height, width), self.options.held_back,
+                                   self._seed, index)
+        return _Photograph(index, view.name, camera, image, known, held_back)
 
     def _start_from(self, points: PointCloud) -> None:
         """Begin anew from these points, in the same `gaussians`, which others hold too."""
@@ -204,6 +208,7 @@ class Trainer:
 
         with self._timed("loss"):
             weight = losses.adaptation_weight(out_of_focus, options) if adapting else None
+            image = losses.looked_at(image, view.image, view.held_back)
             loss = losses.reconstruction(image, view.image, options.ssim_weight, weight)
             if view.known is not None:
                 supervision = losses.depth_loss(depth, alpha, view.known, options, self.range.extent, weight)
@@ -310,19 +315,30 @@ class Trainer:
         """Render at any camera; with a lens the image is defocused, without it is all in focus."""
         return render_view(self.gaussians, camera, self.options, lens=lens)
 
-    @torch.no_grad()
+    def photograph(self, index: int) -> np.ndarray:
+        """Training view number `index` as it was photographed, by its learned lens: (H, W, 3), encoded."""
+        lens = None if self.lenses is None else self._lens_estimate(index)
+        return self.render(self._views[index].camera, lens).image
+
+    def held_back_scores(self) -> HeldBackScores:
+        """How well the training photographs are made again where training didn't look (option `held_back`)."""
+        photographs = {view.name: view.image for view in self._views}
+        return held_back_scores(photographs, self.photograph, self.options.held_back, self._seed)
+
     def lens_estimates(self) -> dict[str, PhysicalLens] | None:
         """The learned lens of each training view, in scene units."""
         if self.lenses is None:
             return None
-        estimates = {}
-        for index, view in enumerate(self._views):
-            if self.options.lens_range == "render":
-                raster = rasterise(self.gaussians, view.camera, self.options)
-                disparity = surface_disparity(raster.depth, raster.alpha)
-                self.lenses.ranges[index] = _rendered_range(disparity, raster.alpha, self.range)
-            estimates[view.name] = self.lenses.estimate(index, view.camera.width)
-        return estimates
+        return {view.name: self._lens_estimate(index) for index, view in enumerate(self._views)}
+
+    @torch.no_grad()
+    def _lens_estimate(self, index: int) -> PhysicalLens:
+        camera = self._views[index].camera
+        if self.options.lens_range == "render":
+            raster = rasterise(self.gaussians, camera, self.options)
+            disparity = surface_disparity(raster.depth, raster.alpha)
+            self.lenses.ranges[index] = _rendered_range(disparity, raster.alpha, self.range)
+        return self.lenses.estimate(index, camera.width)
 
 
 def _rendered_range(disparity: Tensor, alpha: Tensor, fallback: DisparityRange) -> DisparityRange:

@@ -1,0 +1,107 @@
+"""Pixels held back from training: tiles of the training photographs that no colour loss looks at, to score by.
+
+What explains the photographs best is told on pixels that weren't trained on. A tile is wide enough that most of its
+pixels aren't within a loss's window of a pixel that was looked at, and small enough that other views, and the light
+that a lens spreads, still say what lies there. Sparse points, a depth prior and the colours of the Gaussians to start
+from know the whole photographs all the same: compare like with like.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dofbench.metrics.ssim import ssim_map
+
+TILE = 16  # px, of the whole photograph
+_WINDOW_REACH = 5  # px, of SSIM's window
+
+
+@dataclass(frozen=True)
+class HeldBackScores:
+    """Scores on held-back pixels alone; means over the views. views: name -> (PSNR in dB, SSIM).
+
+    ssim is over the pixels whose window lies in held-back tiles; NaN, and left out of the mean, where a view has none.
+    """
+
+    psnr: float
+    ssim: float
+    views: Mapping[str, tuple[float, float]]
+
+
+def held_back_tiles(height: int, width: int, share: float, seed: int, view: int) -> np.ndarray:
+    """(height, width) bool: the pixels of view number `view` that are held back.
+
+    `share` of its tiles, at least one, and never all of them, each tile as likely as any other. The draw depends on
+    seed and view alone.
+    """
+    rows, columns = -(-height // TILE), -(-width // TILE)
+    count = rows * columns
+    drawn = min(max(1, round(share * count)), count - 1)
+    tiles = np.zeros(count, dtype=bool)
+    tiles[np.random.default_rng([seed, view]).permutation(count)[:drawn]] = True
+    return np.kron(tiles.reshape(rows, columns), np.ones((TILE, TILE), dtype=bool))[:height, :width]
+
+
+def shrunk(mask: np.ndarray, width: int, height: int) -> np.ndarray:
+    """(height, width) bool: the pixels of the shrunk photograph into which any held-back pixel goes."""
+    rows, columns = mask.shape
+    if (rows, columns) == (height, width):
+        return mask
+
+    def sums(values: np.ndarray, size: int) -> np.ndarray:
+        edges = np.arange(size + 1) * len(values) / size
+        first, last = np.floor(edges[:-1]).astype(int), np.ceil(edges[1:]).astype(int)
+        total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+        return total[last] - total[first]
+
+    return sums(sums(mask.astype(float), height).T, width).T > 0
+
+
+def held_back_mask(height: int, width: int, shown: tuple[int, int], share: float, seed: int,
+                   view: int) -> Tensor | None:
+    """`held_back_tiles` of a photograph (height, width), at the size (height, width) `shown`; None for a share of 0."""
+    if share <= 0:
+        return None
+    tiles = held_back_tiles(height, width, share, seed, view)
+    return torch.from_numpy(np.ascontiguousarray(shrunk(tiles, shown[1], shown[0])))
+
+
+def held_back_scores(photographs: Mapping[str, np.ndarray], render: Callable[[int], np.ndarray], share: float,
+                     seed: int) -> HeldBackScores:
+    """Score renderings of the training views, as they were photographed, on the pixels that were held back.
+
+    photographs: name -> (H, W, 3) encoded, in the training set's order. render: the rendering of a view by its
+    number, (H, W, 3) encoded, with its learned lens and colour (`Trainer.photograph`). share, seed: as trained with.
+    Raises ValueError for a share of 0, which held nothing back.
+    """
+    if share <= 0:
+        raise ValueError(f"held-back scores: expected a share above 0, found {share}")
+    views = {}
+    for number, (name, photograph) in enumerate(photographs.items()):
+        mask = held_back_tiles(*photograph.shape[:2], share, seed, number)
+        views[name] = tile_scores(np.clip(render(number), 0, 1), photograph, mask)
+    psnr, ssim = np.array(list(views.values())).T
+    return HeldBackScores(float(psnr.mean()), float(np.nanmean(ssim)) if np.isfinite(ssim).any() else math.nan, views)
+
+
+def tile_scores(prediction: np.ndarray, photograph: np.ndarray, mask: np.ndarray) -> tuple[float, float]:
+    """(PSNR in dB, SSIM) over the pixels of `mask`, (H, W) bool; images (H, W, 3), encoded, [0, 1].
+
+    Photographs have eight bits: an error below a tenth of a level counts as that, so that no view weighs infinitely.
+    """
+    from scipy.ndimage import binary_erosion
+
+    error = float(np.mean(np.square(prediction.astype(float) - photograph)[mask]))
+    psnr = -10 * math.log10(max(error, (0.1 / 255) ** 2))
+    side = 2 * _WINDOW_REACH + 1
+    whole = binary_erosion(mask, np.ones((side, side)))  # outside the image counts as not held back
+    if not whole.any():
+        return psnr, math.nan
+    inner = whole[_WINDOW_REACH:-_WINDOW_REACH, _WINDOW_REACH:-_WINDOW_REACH]
+    return psnr, float(ssim_map(prediction, photograph)[inner].mean())
