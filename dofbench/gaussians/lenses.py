@@ -46,14 +46,17 @@ class LearnedLenses:
         self._leaf: Tensor | None = None
 
     def _start(self) -> tuple[float, float]:
-        aperture, focus = self._options.lens_init_aperture, self._options.lens_init_focus
+        return self._raw_of(self._options.lens_init_aperture, self._options.lens_init_focus)
+
+    def _raw_of(self, aperture: float, focus: float, opening: float = 1.0) -> tuple[float, float]:
+        """What is learned of a lens: the shared aperture, and the focus of a view with that opening."""
         match self._options.lens_activation:
             case "relu":
                 return aperture, focus
             case "log":
                 return math.log(aperture), focus
         if self._ties.tied:
-            return aperture, aperture * (0.5 - focus)
+            return aperture, aperture * opening * (0.5 - focus)
         return -aperture * focus, aperture * (1 - focus)
 
     def _of(self, view: int) -> Tensor:
@@ -121,6 +124,20 @@ class LearnedLenses:
             focus_disparity=self.ranges[view].q_min + focus * extent,
             width=width,
         )
+
+    def shared(self, ties: Ties) -> LearnedLenses:
+        """The same lenses, as far as the ties allow it: what is shared is the median over its views."""
+        pairs = np.array([self.aperture_and_focus(view) for view in range(len(self.ranges))])
+        apertures, foci = pairs[:, 0] / np.array(ties.opening), pairs[:, 1]
+        lenses = LearnedLenses(len(self.ranges), self.ranges[0], self._options, ties)
+        lenses.ranges = list(self.ranges)
+        for view in range(len(self.ranges)):
+            number, place = ties.aperture[view], ties.focus[view]
+            aperture = float(np.median(apertures[np.array(ties.aperture) == number]))
+            focus = float(np.median(foci[np.array(ties.focus) == place]))
+            first, second = lenses._raw_of(aperture, focus, ties.opening[view])
+            lenses._raw[0][number], lenses._raw[1][place] = first, second
+        return lenses
 
     def spoil(self, value: float) -> None:
         """Set everything that is learned to `value`: the start of a case that must end with a typed status."""

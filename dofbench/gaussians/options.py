@@ -45,6 +45,9 @@ class TrainerOptions:
         lens_per: what photographs share (`lens_ties.py`): "view" nothing; "aperture" one aperture, with a focus each;
         "group" one aperture for each f-number; "exif" one aperture x f-number; "scene" the whole lens.
         lens_activation: what is learned of a lens: "relu" (released), "log" or "ends" (`lenses.py`).
+        lens_trials: what is tried out while training, by what explains held-back pixels (`trials.py`): any of
+        "lens" (is there one), "share" (do photographs share it) and "model" (the forward model), with commas.
+        lens_trials_at, lens_trials_steps: when, and how long each way is tried: shares of the training.
         lens_update: "view" keeps Adam's moments of each view by its own visits, "dense" runs one
         Adam over the vectors (released). lens_lr, lens_lr_final: rate at the start and the end.
         lens_from: share of the training before which the lens stays as it was initialised.
@@ -122,6 +125,9 @@ class TrainerOptions:
     lens_blades: int = 0
     lens_rotation: float = 0.0
     lens_per: LensPer = "view"
+    lens_trials: str = ""
+    lens_trials_at: float = 0.25
+    lens_trials_steps: float = 0.03
     lens_activation: Literal["relu", "log", "ends"] = "relu"
     lens_update: Literal["view", "dense"] = "view"
     lens_lr: float = 5e-4
@@ -184,6 +190,9 @@ class TrainerOptions:
                              "view or scene: an aperture in units of each view's own range can't be shared")
         if not 0 <= self.held_back < 1:
             raise InputError("option held_back", str(self.held_back), "a share of 0 to below 1")
+        unknown = sorted(set(filter(None, self.lens_trials.split(","))) - {"lens", "share", "model"})
+        if unknown:
+            raise InputError("option lens_trials", repr(unknown[0]), "some of lens, share, model, with commas")
         if self.lens_rings < 0:
             raise InputError("option lens_rings", str(self.lens_rings), "at least 0")
 
