@@ -100,6 +100,7 @@ class Trials:
 
     def _shared(self, attempt, each: _Attempt) -> tuple[_Attempt, Decision]:
         known = all(view.exif is not None and view.exif.f_number for view in self._trainer.views)
+        self._trainer.restore(each.end)
         apart = self._trainer.foci_apart()
         ways = [("exif", "one aperture times f-number")] if known else []
         ways.append(("aperture", "one aperture"))
