@@ -16,6 +16,13 @@ from dofbench.files import sha256_file
 from dofbench.harness.error_maps import error_map
 from dofbench.harness.plan import RunPlan
 from dofbench.harness.protocol import AIF_PREFIX, DEPTH_COLUMNS, LENS_COLUMNS, Protocol, arithmetic_mean
+from dofbench.harness.resolved import (
+    RESOLVED_COLUMN,
+    ResolvedCircles,
+    photographs_of,
+    resolved_map,
+    resolved_share,
+)
 from dofbench.harness.result import ViewLens, ViewScores
 from dofbench.harness.truth import missing_truth
 from dofbench.images import from_8bit, to_8bit, write_png
@@ -87,6 +94,7 @@ class Evaluator:
         if any(column in self._plan.columns for column in DEPTH_COLUMNS):
             for view in self._test:
                 rows[view.name] |= self._depth_errors(view, found)
+        self._resolved(folder, rows, found)
         found.views = [ViewScores(name=name, scores=scores) for name, scores in rows.items()]
         found.scores = _means(list(rows.values()))
         errors, found.lens = self._lens_errors(with_radius=True)
@@ -94,6 +102,21 @@ class Evaluator:
         if not errors and any(column in self._plan.columns for column in LENS_COLUMNS):
             found.left_out |= dict.fromkeys(LENS_COLUMNS, "the method gave no lens estimates")
         return found
+
+    def _resolved(self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation) -> None:
+        """How much of each test view the training photographs resolve, as a score and as a map."""
+        lenses = self._method.lens_estimates() if self._test else None
+        if lenses is None:
+            found.left_out[RESOLVED_COLUMN] = "no test views" if not self._test else "the method has no learned lenses"
+            return
+        photographs = photographs_of({view.name: view.camera for view in self._train}, lenses)
+        circles = ResolvedCircles(self._method, photographs)
+        for view in self._test:
+            smallest = circles.smallest(view.camera)
+            rows[view.name][RESOLVED_COLUMN] = resolved_share(smallest)
+            relative = f"predictions/resolved/{view.name}.png"
+            write_png(folder / relative, resolved_map(smallest))
+            found.predictions[relative] = sha256_file(folder / relative)
 
     def do_nothing(self) -> dict[str, float]:
         """Lens errors of a predictor that always says A = F = 0.5, by column; none if the protocol has none, or the

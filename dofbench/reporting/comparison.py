@@ -28,7 +28,8 @@ def write_strip(path: Path, entries: list[Entry], names: dict[tuple[str, ...], t
     shown = [
         (names[variant], good[0]) for variant, seeds in grouped(entries, "variant").items()
         if (good := [entry for entry in seeds
-                     if entry.status is Status.OK and entry.result and entry.result.predictions])
+                     if entry.status is Status.OK and entry.result
+                     and any(name.split("/")[1] in PREFIX for name in entry.result.predictions)])
     ]
     if not shown:
         return "no run has predictions"

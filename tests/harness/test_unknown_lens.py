@@ -37,7 +37,7 @@ def test_what_has_its_truth_is_scored(unknown: Callable[..., RunEnd]) -> None:
     assert not {"psnr", "delta_a", "disparity_error"} & result.scores.keys()
     assert result.left_out["psnr"] == "no test lens" and result.left_out["delta_a"] == "no true lens"
     assert result.do_nothing == {} and result.lens == []
-    assert all(set(view.scores) == {"aif_psnr", "aif_ssim", "aif_flip"} for view in result.views)
+    assert all(set(view.scores) == {"aif_psnr", "aif_ssim", "aif_flip", "resolved"} for view in result.views)
     assert all(set(point.scores) == {"aif_psnr", "aif_ssim"} for point in result.curve)
     assert not any(name.startswith("predictions/refocus") for name in result.predictions)
 
@@ -46,7 +46,8 @@ def test_a_run_that_nothing_can_be_scored_of_still_ends_well(unknown: Callable[.
     folder = unknown(blurred=EVERY).folder
     result = read_result(folder)
     assert result.status is Status.OK and check_result(folder) == [] and result.scores["steps"] == 8
-    assert result.left_out["aif_psnr"] == "no sharp photograph" and result.predictions == {}
+    assert result.left_out["aif_psnr"] == "no sharp photograph"
+    assert all(name.startswith("predictions/resolved/") for name in result.predictions)
     stream = io.StringIO()
     write_report(Report(results=tmp_path / "results", out=tmp_path / "report"), Console(file=stream, width=300))
     assert "no run has predictions" in stream.getvalue()
