@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 from dofbench.errors import InputError
+from dofbench.scenes.colmap import scene_folder
 from dofbench.scenes.folders import contents
 from dofbench.scenes.types import Scene
 
@@ -33,6 +34,8 @@ def load_scene(
 ) -> Scene:
     """Read a scene folder: views sorted by name, with lazy images, OpenCV cameras, sparse points, a split.
 
+    root: the folder, or the place of its COLMAP model, sparse or sparse/0. The scene is called after the folder; where
+    COLMAP named that (dense/0), after the one above.
     width: of every view, pixels; height follows the aspect ratio, rounded to nearest. Images are
     shrunk by area averaging, and never enlarged. None keeps the size of the files.
     images: the image folder's name. Without it, and with a width, the folder with the smallest
@@ -50,6 +53,7 @@ def load_scene(
     root = Path(root)
     if not root.is_dir():
         raise InputError(root, "no such folder", "a scene folder")
+    root = scene_folder(root)
     if width is not None and width < 1:
         raise InputError("width", str(width), "at least 1 pixel")
     chosen = _detect(root) if layout == "auto" else layout

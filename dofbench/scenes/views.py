@@ -12,7 +12,7 @@ from dofbench.contracts import PointCloud
 from dofbench.errors import InputError
 from dofbench.images import image_size, read_image, resize
 from dofbench.scenes.depth_files import read_depth
-from dofbench.scenes.folders import marked_hold, view_names
+from dofbench.scenes.folders import marked_hold, scene_name, view_names
 from dofbench.scenes.types import Scene, SceneView, Split
 from dofbench.scenes.undistort import Intrinsics, sample_depth, undistort_image, undistorted
 
@@ -97,7 +97,7 @@ def assemble(
         in_front = np.stack([views[index].camera.project(points.xyz)[1] > 0 for index in order])
         tracks = (np.sort(rank[track]) for track in points.views)
         points = replace(points, views=tuple(track[in_front[track, point]] for point, track in enumerate(tracks)))
-    return Scene(root.resolve().name, root, layout, tuple(views[index] for index in order), points)
+    return Scene(scene_name(root), root, layout, tuple(views[index] for index in order), points)
 
 
 def held_out(scene: Scene, hold: int | None) -> Scene:
