@@ -23,6 +23,10 @@ DEFAULT_HOLD = 8
 _INSIDE = 0.5
 
 
+class AnotherFrame(InputError):
+    """Points, or the cameras of a model, that lie in another frame than the poses beside them."""
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """One photograph as a reader found it.
@@ -107,7 +111,7 @@ def held_out(scene: Scene, hold: int | None) -> Scene:
 
 
 def check_inside(scene: Scene, subject: object) -> None:
-    """Raise InputError unless at least half of the points lie where the poses see them.
+    """Raise AnotherFrame unless at least half of the points lie where the poses see them.
 
     With tracks: half of the sightings fall inside their image. Without: half of the points fall
     inside at least one. Points from another frame than the poses' fail this.
@@ -124,7 +128,7 @@ def check_inside(scene: Scene, subject: object) -> None:
         share = inside[seen, which].mean() if len(seen) else 0.0
     if share < _INSIDE:
         expected = f"at least {_INSIDE:.0%}: points and poses in one frame"
-        raise InputError(subject, f"{share:.0%} of the points inside the images that should see them", expected)
+        raise AnotherFrame(subject, f"{share:.0%} of the points inside the images that should see them", expected)
 
 
 def _inside(view: SceneView, xyz: np.ndarray) -> np.ndarray:
