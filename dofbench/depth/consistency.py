@@ -22,6 +22,9 @@ from dofbench.lens import COC_FRACTION, DisparityRange
 NEIGHBOURS = 4
 _PIXELS = 5_000         # of a view at most that are compared with each neighbour, on a regular grid
 AGREEMENT = 0.05        # relative difference of disparity up to which two views agree
+# Pixels that a point is moved by before its pixel is taken. Where cameras and surfaces stand in round numbers, points
+# fall on borders of pixels, and the last bit of a sum, which isn't the same everywhere, would choose the side.
+_BORDER = 1e-6
 _LEAST = 0.02           # share of the pixels that must be comparable for a pair to say anything
 # A view is off when its difference is beyond doubt, or it, or the share that disagrees, is clearly beyond its peers'.
 WORST, PEERS = 0.2, 4.0
@@ -162,6 +165,7 @@ def _look_up(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Which world points (P, 3) fall on a pixel of known depth, (P,) bool; and of those the row, column and z."""
     xy, z = camera.project(world)
+    xy = xy + _BORDER
     with np.errstate(invalid="ignore"):
         inside = (z > 0) & (xy >= 0).all(axis=1) & (xy[:, 0] < camera.width) & (xy[:, 1] < camera.height)
     row, column = xy[inside, 1].astype(int), xy[inside, 0].astype(int)
