@@ -2,36 +2,39 @@
 
 from __future__ import annotations
 
+import math
 import time
 from types import TracebackType
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from dofbench.contracts import Budget
 from dofbench.harness.observer import share_spent
 from dofbench.harness.result import Result
+from dofbench.remaining import ESTIMATING, Remaining
 
 PLAIN_EVERY = 10.0  # seconds between two plain lines: a log stays readable, and shows that it is alive
 
 
 class TrainingProgress:
-    """Shows step, loss and the time left, estimated from the share of the budget that is spent."""
+    """Shows step, loss and the training time left: a budget in seconds says it, steps by their recent rate."""
 
     def __init__(self, console: Console, budget: Budget):
         self._console, self._budget = console, budget
         self._bar: Progress | None = None
-        self._last_line = 0.0
+        self._last_line = -math.inf
+        self._steps_left = Remaining(budget.steps) if budget.steps is not None else None
 
     def __enter__(self) -> TrainingProgress:
         if self._console.is_terminal:
             self._bar = Progress(
                 TextColumn("training"), BarColumn(), TextColumn("step {task.fields[step]} loss {task.fields[loss]}"),
-                TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(), console=self._console,
+                TimeElapsedColumn(), TextColumn("{task.fields[left]}"), console=self._console,
             )
             self._bar.start()
-            self._task = self._bar.add_task("training", total=1.0, step=0, loss="-")
+            self._task = self._bar.add_task("training", total=1.0, step=0, loss="-", left="")
         return self
 
     def __exit__(
@@ -43,15 +46,25 @@ class TrainingProgress:
     def __call__(self, step: int, loss: float, seconds: float) -> None:
         """Told after each step."""
         spent = min(share_spent(self._budget, step, seconds), 1.0)
+        if self._steps_left is not None:
+            self._steps_left.told(step, seconds)
         if self._bar is not None:
-            self._bar.update(self._task, completed=spent, step=step, loss=f"{loss:.4f}")
+            self._bar.update(self._task, completed=spent, step=step, loss=f"{loss:.4f}", left=self._left(seconds))
             return
         now = time.monotonic()
         if spent >= 1 or now - self._last_line >= PLAIN_EVERY:
             self._last_line = now
-            left = seconds * (1 - spent) / spent
-            self._console.print(f"step {step}, loss {loss:.4f}, {seconds:.0f} s trained, about {left:.0f} s left",
+            self._console.print(f"step {step}, loss {loss:.4f}, {seconds:.0f} s trained, {self._left(seconds)}",
                                 highlight=False)
+
+    def _left(self, seconds: float) -> str:
+        by_steps = None if self._steps_left is None else self._steps_left.seconds()
+        if self._budget.seconds is None:
+            return ESTIMATING if by_steps is None else f"about {by_steps:.0f} s left"
+        limit = max(0.0, self._budget.seconds - seconds)
+        if self._steps_left is not None and by_steps is None:
+            return f"at most {limit:.0f} s left"
+        return f"about {limit if by_steps is None else min(limit, by_steps):.0f} s left"
 
 
 def print_result(console: Console, result: Result) -> None:
