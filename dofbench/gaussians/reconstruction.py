@@ -103,6 +103,7 @@ def reconstruct(scene: Scene, *, steps: int, seed: int, progress: Progress | Non
     progress: called with (step, steps). Raises InputError when the scene has no points, and
     FloatingPointError when training meets a non-finite number.
     """
+    scene.require_points("a Gaussian reconstruction")
     options = OPTIONS.with_overrides({"steps": steps})
     views = tuple(TrainingView(view.name, view.camera, view.image()) for view in scene.views)
     trainer = Trainer(TrainingSet(views, scene.points), options, seed)

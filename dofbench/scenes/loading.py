@@ -10,7 +10,7 @@ from pathlib import Path
 
 from dofbench.errors import InputError
 from dofbench.scenes import colmap
-from dofbench.scenes.folders import contents
+from dofbench.scenes.folders import contents, image_files
 from dofbench.scenes.types import Scene
 from dofbench.scenes.views import AnotherFrame
 
@@ -100,9 +100,17 @@ def _model_by_itself(root: Path, error: AnotherFrame, **options: int | str | Non
     return scene
 
 
+def detect(root: Path) -> str | None:
+    """The layout that a folder's files say it has; None where none does."""
+    return next((layout for layout in _MARKS if import_module(f"dofbench.scenes.{layout}").fits(root)), None)
+
+
 def _detect(root: Path) -> str:
-    for layout in _MARKS:
-        if import_module(f"dofbench.scenes.{layout}").fits(root):
-            return layout
+    layout = detect(root)
+    if layout is not None:
+        return layout
+    if photographs := image_files(root):
+        expected = f"a scene with camera poses: dofbench reconstruct {root} --out SCENE finds them"
+        raise InputError(root, f"{len(photographs)} photographs without poses", expected)
     expected = "; or ".join(f"{_MARKS[layout]} ({layout})" for layout in _MARKS)
     raise InputError(root, contents(root), expected)

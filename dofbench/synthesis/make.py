@@ -84,6 +84,8 @@ def make(
         scene = with_folder_depth(scene, place, settings.depth_unit)
     plan = _assigned([(view.name, view.split) for view in scene.views], settings)
     source_id = depth.resolve(kind, scene)
+    if source_id in ("splat", "sfm"):
+        scene.require_points(f"--depth {source_id}")
     optics = Optics.of_scene(found.root, settings.lens_samples) if settings.renderer == "thinlens" else None
     source = source_record(scene, found, with_depth=source_id in ("given", "folder"))
     if expected is not None:
