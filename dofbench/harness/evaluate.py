@@ -14,9 +14,18 @@ import numpy as np
 from dofbench.contracts import Method, NonFinite, Rendering
 from dofbench.files import sha256_file
 from dofbench.harness.error_maps import error_map
+from dofbench.harness.photographs import predicted, prediction_scores, view_fit
 from dofbench.harness.plan import RunPlan
-from dofbench.harness.protocol import AIF_PREFIX, DEPTH_COLUMNS, LENS_COLUMNS, Protocol, arithmetic_mean
-from dofbench.harness.result import ViewLens, ViewScores
+from dofbench.harness.protocol import (
+    AIF_PREFIX,
+    DEPTH_COLUMNS,
+    LENS_COLUMNS,
+    PHOTO_PREFIX,
+    PHOTOGRAPH_COLUMNS,
+    Protocol,
+    arithmetic_mean,
+)
+from dofbench.harness.result import ViewAperture, ViewFit, ViewLens, ViewScores
 from dofbench.harness.truth import missing_truth
 from dofbench.images import from_8bit, to_8bit, write_png
 from dofbench.lens import DisparityRange, Lens
@@ -29,17 +38,21 @@ CURVE_METRICS = ("psnr", "ssim")  # cheap enough to be taken a dozen times durin
 SPEED_VIEWS = 8                   # test views that are rendered to measure the speed
 SPEED_REPEATS = 3                 # renderings of each of them
 
-Kind = Literal["refocus", "all_in_focus"]
-PREFIX: dict[Kind, str] = {"refocus": "", "all_in_focus": AIF_PREFIX}
+Kind = Literal["refocus", "all_in_focus", "photograph"]
+PREFIX: dict[Kind, str] = {"refocus": "", "all_in_focus": AIF_PREFIX, "photograph": PHOTO_PREFIX}
+# Of which every pixel is scored, by any metric; of a photograph of unknown lens only some are.
+WHOLE: tuple[Kind, ...] = ("refocus", "all_in_focus")
 
 
 @dataclass(eq=False)
 class Evaluation:
-    """What the final scoring found: means by column, per-view values, files by name with sha256."""
+    """What the final scoring found: means by column, per-view values, what was fitted, files by name with sha256."""
 
     scores: dict[str, float] = field(default_factory=dict)
     views: list[ViewScores] = field(default_factory=list)
     lens: list[ViewLens] = field(default_factory=list)
+    fits: list[ViewFit] = field(default_factory=list)
+    apertures: list[ViewAperture] = field(default_factory=list)
     predictions: dict[str, str] = field(default_factory=dict)
     nonfinite: list[NonFinite] = field(default_factory=list)
     left_out: dict[str, str] = field(default_factory=dict)
@@ -57,12 +70,18 @@ class Evaluator:
         self._refused: str | None = None
 
     def quick(self) -> dict[str, float]:
-        """Mean PSNR and SSIM of the kinds that are scored, and the lens errors, by column."""
+        """Mean PSNR and SSIM of the kinds that are scored, and the lens errors, by column; of photographs of unknown
+        lens the means of a few, by a shorter search."""
         scores: dict[str, float] = {}
         for kind in self._possible_kinds():
             metrics = [metric for metric in CURVE_METRICS if metric in self._metrics(kind)]
             rows = [self._score(self._predict(kind, view), kind, view, metrics) for view in self._test]
             scores |= _means(rows)
+        if self._photographs():
+            rows = [prediction_scores(found, photograph) for _, photograph, found in predicted(
+                self._method, self._dataset, self._test, quick=True)]
+            scores |= {column: value for column, value in _means(rows).items()
+                       if column.removeprefix(PHOTO_PREFIX) in CURVE_METRICS}
         errors, _ = self._lens_errors(with_radius=False)
         return scores | errors
 
@@ -85,6 +104,8 @@ class Evaluator:
                     continue
                 rows[view.name] |= self._score(image, kind, view, self._metrics(kind))
                 self._write(folder, kind, view, image, found)
+        if self._photographs():
+            self._score_photographs(folder, rows, found)
         if any(column in self._plan.columns for column in DEPTH_COLUMNS):
             for view in self._test:
                 rows[view.name] |= self._depth_errors(view, found)
@@ -124,7 +145,7 @@ class Evaluator:
     def _possible_kinds(self) -> list[Kind]:
         """The kinds to be scored. A method whose options switched its lens off says so by ValueError
         (`Method.render`): then its refocus scores are left out, with its words as the reason."""
-        kinds: list[Kind] = [kind for kind in PREFIX if self._metrics(kind) and self._test]
+        kinds: list[Kind] = [kind for kind in WHOLE if self._metrics(kind) and self._test]
         if "refocus" in kinds and not self._asked_to_refocus:
             self._asked_to_refocus = True
             try:
@@ -132,6 +153,27 @@ class Evaluator:
             except ValueError as error:
                 self._refused = str(error)
         return [kind for kind in kinds if kind != "refocus" or self._refused is None]
+
+    def _photographs(self) -> bool:
+        return bool(self._test) and any(column in self._plan.columns for column in PHOTOGRAPH_COLUMNS)
+
+    def _score_photographs(self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation) -> None:
+        """Predict the test views that are photographs of unknown lens, and score them."""
+        refused = ""
+        for view, photograph, prediction in predicted(self._method, self._dataset, self._test, quick=False):
+            rows[view.name] |= prediction_scores(prediction, photograph)
+            found.fits.append(view_fit(view.name, prediction))
+            refused = refused or prediction.refused
+            if prediction.bad:
+                detail = f"{prediction.bad} of {photograph.size} values of the prediction"
+                found.nonfinite.append(NonFinite(step=0, view=view.name, stage="render photograph", detail=detail))
+            else:
+                self._write(folder, "photograph", view, prediction.picture, found)
+        if refused:
+            for scores in rows.values():
+                scores.pop("photo_blur_psnr", None)
+            if "photo_blur_psnr" in self._plan.columns:
+                found.left_out["photo_blur_psnr"] = f"photo_psnr is by one Gaussian blur itself: {refused}"
 
     def _metrics(self, kind: Kind) -> list[str]:
         metrics = self._protocol.refocus if kind == "refocus" else self._protocol.all_in_focus
@@ -168,7 +210,7 @@ class Evaluator:
     def _true_image(self, kind: Kind, view: DatasetView) -> np.ndarray:
         key = kind, view.name
         if key not in self._truth:
-            read = self._dataset.image if kind == "refocus" else self._dataset.all_in_focus
+            read = self._dataset.all_in_focus if kind == "all_in_focus" else self._dataset.image
             self._truth[key] = read(view)
         return self._truth[key]
 

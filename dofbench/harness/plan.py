@@ -103,7 +103,7 @@ def make_plan(
 
     stages, switched = _stages(entry, {**options, **overrides}, facts, force_all)
     left_out = _left_out(entry, protocol, stages, missing_truth(dataset))
-    every = (*protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.lens, *protocol.depth)
+    every = (*protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.photograph, *protocol.lens, *protocol.depth)
     return RunPlan(
         method=entry.id, preset=preset, dataset=dataset.name, protocol=protocol.id, budget=format_budget(budget),
         seed=seed, device=device, options={**options, **switched, **overrides},
@@ -170,7 +170,13 @@ def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], missi
         lens = missing.lens
     else:
         lens = f"the lens was left out: {lens_stage.reason}" if lens_stage is not None and not lens_stage.runs else ""
+    blur = ""
+    if not capabilities.refocus:
+        blur = f"{entry.card.name} has no lens: photo_psnr is by one Gaussian blur itself"
+    elif lens_stage is not None and not lens_stage.runs:
+        blur = f"photo_psnr is by one Gaussian blur itself, as the lens was left out: {lens_stage.reason}"
     reasons = (
+        (protocol.photograph[2:], blur),
         (protocol.refocus_columns, refocus), (protocol.all_in_focus_columns, missing.all_in_focus),
         (LENS_COLUMNS, lens), (protocol.depth, missing.depth),
     )

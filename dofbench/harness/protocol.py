@@ -10,9 +10,10 @@ from typing import Any
 from dofbench.errors import InputError
 from dofbench.harness.settings import Inputs
 
-AIF_PREFIX = "aif_"
+AIF_PREFIX, PHOTO_PREFIX = "aif_", "photo_"
 LENS_COLUMNS = ("delta_a", "delta_f", "delta_r")
 DEPTH_COLUMNS = ("disparity_error", "depth_rel")
+PHOTOGRAPH_COLUMNS = ("photo_psnr", "photo_ssim", "photo_blur_psnr")
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,9 @@ class Protocol:
     photograph. all_in_focus: metrics of predictions rendered without a lens, against the sharp
     original; their columns carry `aif_`. lens: errors of the learned lens, over the training
     views, in the units of the dataset's disparity range. depth: errors of the depth rendered at the test views,
-    where the dataset's own is exact. mean: how images make one number.
+    where the dataset's own is exact. photograph: scores of test views that are photographs of unknown lens: what isn't
+    known is fitted on half of each and the other half is scored (`dofbench.photographs`). mean: how images make one
+    number.
     """
 
     id: str
@@ -37,6 +40,7 @@ class Protocol:
     lens: tuple[str, ...]
     mean: str
     depth: tuple[str, ...] = ()
+    photograph: tuple[str, ...] = ()
 
     @property
     def refocus_columns(self) -> tuple[str, ...]:
@@ -60,6 +64,10 @@ _SHARED = dict(
     all_in_focus=("psnr", "ssim", "flip"),
     mean="arithmetic mean of the per-image values",
 )
+PHOTOGRAPHS = Protocol(
+    id="photographs-v1", inputs="shallow", lens=LENS_COLUMNS, depth=DEPTH_COLUMNS, photograph=PHOTOGRAPH_COLUMNS,
+    **{**_SHARED, "refocus": (), "all_in_focus": ()},
+)
 
 # Sharp photographs carry no lens to be learned, so there is none to be compared.
 PROTOCOLS: dict[str, Protocol] = {
@@ -70,6 +78,7 @@ PROTOCOLS: dict[str, Protocol] = {
         # With errors of the rendered depth.
         Protocol(id="refocus-v2", inputs="shallow", lens=LENS_COLUMNS, depth=DEPTH_COLUMNS, **_SHARED),
         Protocol(id="sharp-inputs-v2", inputs="all-in-focus", lens=(), depth=DEPTH_COLUMNS, **_SHARED),
+        PHOTOGRAPHS,
     )
 }
 
@@ -89,9 +98,13 @@ def arithmetic_mean(values: Sequence[float]) -> float:
         return math.nan
 
 
-def protocol_for(inputs: Inputs) -> Protocol:
-    """The newest protocol for what a method trains on. Raises InputError for unknown inputs."""
-    found = [protocol for protocol in PROTOCOLS.values() if protocol.inputs == inputs]
+def protocol_for(inputs: Inputs, *, photographs: bool = False) -> Protocol:
+    """The newest protocol for what a method trains on. Raises InputError for unknown inputs.
+
+    photographs: the test views are photographs of unknown lens, and there is no sharp one of any.
+    """
+    found = [protocol for protocol in PROTOCOLS.values()
+             if protocol.inputs == inputs and bool(protocol.photograph) == (photographs and inputs == "shallow")]
     if not found:
         known = dict.fromkeys(repr(protocol.inputs) for protocol in PROTOCOLS.values())
         raise InputError("inputs", repr(inputs), " or ".join(known))

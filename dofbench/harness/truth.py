@@ -44,6 +44,13 @@ def missing_truth(dataset: Dataset) -> MissingTruth:
     )
 
 
+def of_photographs(dataset: Dataset) -> bool:
+    """Whether the test views are photographs of unknown lens, and there is no sharp one of any: the photographs
+    themselves are all that there is to score against. False without test views."""
+    test = [view for view in dataset.views if view.split == "test"]
+    return bool(test) and not any(view.lens is not None or view.has_all_in_focus for view in test)
+
+
 def _lacking(what: str, views: Sequence[DatasetView], without: Sequence[DatasetView], split: str) -> str:
     """As "no test lens", or "no test lens of 2 of 5 test views: v1, v3"."""
     if not without:

@@ -42,11 +42,14 @@ def test_what_has_its_truth_is_scored(unknown: Callable[..., RunEnd]) -> None:
     assert not any(name.startswith("predictions/refocus") for name in result.predictions)
 
 
-def test_a_run_that_nothing_can_be_scored_of_still_ends_well(unknown: Callable[..., RunEnd], tmp_path: Path) -> None:
-    folder = unknown(blurred=EVERY).folder
+def test_a_run_that_nothing_can_be_scored_of_still_ends_well(
+    call: Callable[..., RunEnd], tmp_path: Path
+) -> None:
+    folder = call(data=write_dataset(tmp_path / "photographs", name="seal", unknown=TRAINED, blurred=EVERY, flat=EVERY,
+                                     test=0, train=6)).folder
     result = read_result(folder)
     assert result.status is Status.OK and check_result(folder) == [] and result.scores["steps"] == 8
-    assert result.left_out["aif_psnr"] == "no sharp photograph" and result.predictions == {}
+    assert result.left_out["aif_psnr"] == "the dataset has no test views" and result.predictions == {}
     stream = io.StringIO()
     write_report(Report(results=tmp_path / "results", out=tmp_path / "report"), Console(file=stream, width=300))
     assert "no run has predictions" in stream.getvalue()

@@ -1,0 +1,186 @@
+"""A held-out photograph as a method predicts it, with as little told about it as two numbers and its colours."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from dofbench.cameras import Camera
+from dofbench.contracts import Method
+from dofbench.images import decode, encode, from_8bit, to_8bit
+from dofbench.lens import DisparityRange, PhysicalLens
+from dofbench.photographs.colours import colour_map, recoloured
+from dofbench.photographs.search import Effort, Found, Frame, best_sigma, lens_grid, simplex
+from dofbench.photographs.tiles import Tiles, shrink
+
+HALVES = (0, 1)
+REDUCED = 256         # px, about the width at which the search begins
+LARGEST_SIGMA = 0.04  # of the width: a Gaussian as wide as a disc twice as large
+_RANGE = 2.0, 98.0    # percentiles of the disparities of a view that the search spans
+
+
+@dataclass(frozen=True, eq=False)
+class HalfFit:
+    """What was fitted on one half, to predict the other. lens: None of a method without one. sigma: px, of the one
+    Gaussian blur of the rendering without a lens. renders: made at the reduced and at the full size for this half, its
+    grid's among them. cost: mean squared error on the half that was fitted on."""
+
+    fitted_on: int
+    lens: PhysicalLens | None
+    sigma: float
+    renders: tuple[int, int]
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """picture, blurred: (H, W, 3) float32 at 8-bit levels, by the lens and by one Gaussian blur (the same where the
+    method has no lens): every tile as predicted by the fit on the other half. refused: why there is no lens, "" where
+    there is one. bad: values of a rendering that weren't finite, and then there is no picture. seconds: wall."""
+
+    picture: np.ndarray | None
+    blurred: np.ndarray | None
+    halves: tuple[HalfFit, ...]
+    tiles: Tiles
+    refused: str
+    bad: int
+    seconds: float
+
+
+def predict(
+    method: Method, camera: Camera, photograph: np.ndarray, learned: Mapping[str, PhysicalLens] | None, effort: Effort,
+) -> Prediction:
+    """Fit what isn't known on each half of the photograph, and predict the other half.
+
+    photograph: (H, W, 3) float32, encoded. learned: the lenses of the training views, for the search to begin with.
+    A method that raises ValueError for a lens is given the best Gaussian blur in its place. Raises ValueError when
+    the method renders an image of another size.
+    """
+    start = time.perf_counter()
+    tiles = Tiles.of(camera.height, camera.width)
+    sharp = method.render(camera, None)
+    image = _image(sharp.image, camera)
+    bad = int(image.size - np.count_nonzero(np.isfinite(image)))
+    if bad:
+        return Prediction(None, None, (), tiles, "", bad, time.perf_counter() - start)
+    gaussian = [_fit_sigma(image, photograph, tiles.fitted(half)) for half in HALVES]
+    blurred = _assembled([found for _, found in gaussian], photograph, tiles)
+    frame = _frame(np.asarray(sharp.depth), camera, learned)
+    refused = "neither depth nor learned lenses to begin with" if frame is None else _refusal(method, camera, frame)
+    if frame is None or refused:
+        halves = tuple(HalfFit(half, None, sigma, (0, 1), _cost(found, photograph, tiles.fitted(half)))
+                       for half, (sigma, found) in zip(HALVES, gaussian, strict=True))
+        return Prediction(blurred, blurred, halves, tiles, refused, 0, time.perf_counter() - start)
+    search = _LensSearch(method, camera, photograph, frame, tiles, effort)
+    found = [search.half(half, _median(learned)) for half in HALVES]
+    bad = max((int(one.image.size - np.count_nonzero(np.isfinite(one.image))) for one, _ in found), default=0)
+    halves = tuple(HalfFit(half, frame.lens(one.at), gaussian[half][0], renders, one.cost)
+                   for half, (one, renders) in zip(HALVES, found, strict=True))
+    picture = None if bad else _assembled([one.image for one, _ in found], photograph, tiles)
+    return Prediction(picture, blurred, halves, tiles, "", bad, time.perf_counter() - start)
+
+
+class _LensSearch:
+    """The search of one view: the grid is rendered once for both halves, each half's simplex goes on from its best."""
+
+    def __init__(self, method: Method, camera: Camera, photograph: np.ndarray, frame: Frame, tiles: Tiles,
+                 effort: Effort):
+        self._method, self._camera, self._photograph, self._frame = method, camera, photograph, frame
+        self._tiles, self._effort = tiles, effort
+        factor = max(1, round(camera.width / REDUCED))
+        self._factor, self._small = factor, _reduced(camera, factor)
+        self._grid: list[tuple[PhysicalLens, np.ndarray]] = []
+
+    def half(self, half: int, learned: PhysicalLens | None) -> tuple[Found, tuple[int, int]]:
+        """(best, renders at the reduced and the full size) of the fit on that half."""
+        if not self._grid:
+            self._grid = [(lens, self._render(self._small, lens))
+                          for lens in lens_grid(self._frame, learned, self._effort)]
+        small = partial(_cost, photograph=shrink(self._photograph, self._factor),
+                        mask=self._tiles.shrunk(self._factor, half))
+        lens, _ = min(self._grid, key=lambda pair: small(pair[1]))
+        coarse = simplex(lambda at: self._render(self._small, self._frame.lens(at)), small, self._frame.ends(lens),
+                         self._effort.coarse, 0.25)
+        full = partial(_cost, photograph=self._photograph, mask=self._tiles.fitted(half))
+        fine = simplex(lambda at: self._render(self._camera, self._frame.lens(at)), full, coarse.at,
+                       self._effort.fine, 0.1)
+        return fine, (len(self._grid) + coarse.renders, fine.renders)
+
+    def _render(self, camera: Camera, lens: PhysicalLens) -> np.ndarray:
+        # The reduced camera may lack a remainder of pixels at its edge: its circles shrink by the whole factor.
+        width = camera.width * (self._factor if camera is self._small else 1)
+        return _image(self._method.render(camera, replace(lens, width=width)).image, camera)
+
+
+def _fit_sigma(image: np.ndarray, photograph: np.ndarray, mask: np.ndarray) -> tuple[float, np.ndarray]:
+    from scipy.ndimage import gaussian_filter
+
+    linear = decode(np.clip(image, 0.0, 1.0))
+
+    def blurred(sigma: float) -> np.ndarray:
+        return image if sigma == 0 else encode(gaussian_filter(linear, (sigma, sigma, 0), mode="nearest", truncate=3))
+
+    return best_sigma(blurred, partial(_cost, photograph=photograph, mask=mask), LARGEST_SIGMA * image.shape[1])
+
+
+def _cost(image: np.ndarray, photograph: np.ndarray, mask: np.ndarray) -> float:
+    """Mean squared error on the masked pixels, colours fitted on them; infinite where a value isn't finite."""
+    prediction, truth = image[mask], photograph[mask]
+    if not np.isfinite(prediction).all():
+        return float("inf")
+    return float(np.mean(np.square(recoloured(prediction, colour_map(prediction, truth)) - truth, dtype=np.float64)))
+
+
+def _assembled(images: list[np.ndarray], photograph: np.ndarray, tiles: Tiles) -> np.ndarray:
+    """The tiles of each half by the image that was fitted on the other, colours as fitted there too."""
+    picture = np.zeros_like(photograph, dtype=np.float32)
+    for half, image in zip(HALVES, images, strict=True):
+        own, other = tiles.fitted(half), tiles.fitted(1 - half)
+        picture[other] = recoloured(image[other], colour_map(image[own], photograph[own]))
+    return from_8bit(to_8bit(picture))
+
+
+def _frame(depth: np.ndarray, camera: Camera, learned: Mapping[str, PhysicalLens] | None) -> Frame | None:
+    known = depth[np.isfinite(depth) & (depth > 0)]
+    disparities = 1.0 / known.astype(np.float64) if known.size else np.array(
+        [lens.focus_disparity for lens in (learned or {}).values()])
+    if not np.any(disparities > 0):
+        return None
+    return Frame(DisparityRange.of_disparity(disparities, *_RANGE), camera.width)
+
+
+def _refusal(method: Method, camera: Camera, frame: Frame) -> str:
+    """Why the method can't render through a lens, by its own words, or ""."""
+    small = _reduced(camera, max(1, round(camera.width / REDUCED)))
+    try:
+        method.render(small, PhysicalLens(0.0, frame.disparities.q_min, small.width))
+    except ValueError as error:
+        return str(error) or "the method raised ValueError for a lens"
+    return ""
+
+
+def _median(learned: Mapping[str, PhysicalLens] | None) -> PhysicalLens | None:
+    if not learned:
+        return None
+    width = next(iter(learned.values())).width
+    apertures = [lens.aperture * width / lens.width for lens in learned.values()]
+    return PhysicalLens(float(np.median(apertures)), float(np.median([one.focus_disparity for one in learned.values()])),
+                        width)
+
+
+def _reduced(camera: Camera, factor: int) -> Camera:
+    """The camera whose pixels are cells of factor x factor pixels; what is left over is cut off."""
+    return replace(camera, width=camera.width // factor, height=camera.height // factor, fx=camera.fx / factor,
+                   fy=camera.fy / factor, cx=camera.cx / factor, cy=camera.cy / factor)
+
+
+def _image(image: np.ndarray, camera: Camera) -> np.ndarray:
+    found = np.asarray(image)
+    expected = (camera.height, camera.width, 3)
+    if found.shape != expected:
+        raise ValueError(f"render: expected an image of shape {expected}, found {found.shape}")
+    return found
