@@ -12,6 +12,7 @@ from dofbench.contracts import PointCloud
 from dofbench.errors import InputError
 from dofbench.images import image_size, read_image, resize
 from dofbench.scenes.depth_files import read_depth
+from dofbench.scenes.exif_files import exif_by_file
 from dofbench.scenes.folders import marked_hold, view_names
 from dofbench.scenes.types import Scene, SceneView, Split
 from dofbench.scenes.undistort import Intrinsics, sample_depth, undistort_image, undistorted
@@ -84,12 +85,15 @@ def assemble(
 
     width: of every view, pixels; None keeps the images' own. Raises InputError about `subject`
     (the file with the poses) or about the image that is missing, unreadable, of another shape, too narrow.
-    A track loses the views that the point lies behind: no camera can have made such a sighting.
+    A track loses the views that the point lies behind: no camera can have made such a sighting. What cameras wrote
+    down of the photographs comes from where `exif_by_file` looks.
     """
     if not frames:
         raise InputError(subject, "no views", "at least one")
     names = view_names([frame.name for frame in frames])
     views = [_view(frame, name, width, subject) for frame, name in zip(frames, names, strict=True)]
+    exif = exif_by_file(root, {view.name: view.source for view in views})
+    views = [replace(view, exif=exif.get(view.name)) for view in views]
     order = sorted(range(len(views)), key=names.__getitem__)
     if points is not None and points.views is not None:
         rank = np.empty(len(views), dtype=np.int64)
