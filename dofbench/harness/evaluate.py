@@ -79,7 +79,7 @@ class Evaluator:
             scores |= _means(rows)
         if self._photographs():
             rows = [prediction_scores(found, photograph) for _, photograph, found in predicted(
-                self._method, self._dataset, self._test, quick=True)]
+                self._method, self._dataset, self._test, no_lens=self._no_lens(), quick=True)]
             scores |= {column: value for column, value in _means(rows).items()
                        if column.removeprefix(PHOTO_PREFIX) in CURVE_METRICS}
         errors, _ = self._lens_errors(with_radius=False)
@@ -157,10 +157,15 @@ class Evaluator:
     def _photographs(self) -> bool:
         return bool(self._test) and any(column in self._plan.columns for column in PHOTOGRAPH_COLUMNS)
 
+    def _no_lens(self) -> str:
+        """Why the plan gives the method no lens for photographs, or ""."""
+        return self._plan.left_out.get("photo_blur_psnr", "")
+
     def _score_photographs(self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation) -> None:
         """Predict the test views that are photographs of unknown lens, and score them."""
         refused = ""
-        for view, photograph, prediction in predicted(self._method, self._dataset, self._test, quick=False):
+        for view, photograph, prediction in predicted(
+                self._method, self._dataset, self._test, no_lens=self._no_lens(), quick=False):
             rows[view.name] |= prediction_scores(prediction, photograph)
             found.fits.append(view_fit(view.name, prediction))
             refused = refused or prediction.refused

@@ -18,14 +18,16 @@ CURVE_VIEWS = 4  # test views that are predicted during training, evenly over al
 
 
 def predicted(
-    method: Method, dataset: Dataset, views: Sequence[DatasetView], *, quick: bool,
+    method: Method, dataset: Dataset, views: Sequence[DatasetView], *, no_lens: str, quick: bool,
 ) -> Iterator[tuple[DatasetView, np.ndarray, Prediction]]:
-    """Each view, its photograph, and what the method predicts of it. quick: a shorter search, of a few views only."""
+    """Each view, its photograph, and what the method predicts of it. no_lens: why it has no lens, if that is
+    known. quick: a shorter search, of a few views only."""
     learned = method.lens_estimates()
     step = max(1, math.ceil(len(views) / CURVE_VIEWS)) if quick else 1
     for view in views[::step]:
         photograph = dataset.image(view)
-        yield view, photograph, predict(method, view.camera, photograph, learned, QUICK if quick else THOROUGH)
+        yield view, photograph, predict(method, view.camera, photograph, learned, QUICK if quick else THOROUGH,
+                                        no_lens=no_lens)
 
 
 def picture_scores(picture: np.ndarray, photograph: np.ndarray) -> dict[str, float]:

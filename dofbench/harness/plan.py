@@ -103,7 +103,8 @@ def make_plan(
 
     stages, switched = _stages(entry, {**options, **overrides}, facts, force_all)
     left_out = _left_out(entry, protocol, stages, missing_truth(dataset))
-    every = (*protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.photograph, *protocol.lens, *protocol.depth)
+    every = (*protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.photograph, *protocol.lens,
+             *protocol.depth)
     return RunPlan(
         method=entry.id, preset=preset, dataset=dataset.name, protocol=protocol.id, budget=format_budget(budget),
         seed=seed, device=device, options={**options, **switched, **overrides},

@@ -180,7 +180,8 @@ class Result(Stored):
     stages: the harness's stages; method_stages: the method's own, wall seconds within "train".
     kernels_compiled: during the run, 0 where all lay on disk; None where nobody counted (before schema version 2).
     predictions, model: file, relative to the result's folder -> sha256; model is empty before version 2. data: the
-    dataset's folder, as it was given. fits, apertures: empty before version 3. plan, protocol: as plain data. git is None outside a checkout.
+    dataset's folder, as it was given. plan, protocol: as plain data. fits, apertures: empty before
+    version 3. git is None outside a checkout.
     """
 
     schema_version: int

@@ -1,4 +1,4 @@
-"""Colours of a prediction turned into a photograph's by an affine map: exposure and white balance aren't what is scored.
+"""Colours of a prediction turned into a photograph's by an affine map: exposure and white balance aren't scored.
 
 On encoded values: under a display encoding that is a power, a change of exposure or of white balance is a factor a
 channel there too, and it is encoded values that are scored.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-LOW, HIGH = 1.5 / 255, 253.5 / 255  # what lies beyond was clipped by the sensor, or nearly, and says nothing about colour
+LOW, HIGH = 1.5 / 255, 253.5 / 255  # what lies beyond was clipped by the sensor, or nearly: no word about colour
 FEWEST = 64                         # pixels to fit 12 numbers to; with fewer, colours stay as they are
 
 

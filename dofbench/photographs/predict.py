@@ -53,12 +53,13 @@ class Prediction:
 
 def predict(
     method: Method, camera: Camera, photograph: np.ndarray, learned: Mapping[str, PhysicalLens] | None, effort: Effort,
+    *, no_lens: str = "",
 ) -> Prediction:
     """Fit what isn't known on each half of the photograph, and predict the other half.
 
     photograph: (H, W, 3) float32, encoded. learned: the lenses of the training views, for the search to begin with.
-    A method that raises ValueError for a lens is given the best Gaussian blur in its place. Raises ValueError when
-    the method renders an image of another size.
+    no_lens: why the method has no lens, where that is known; one that raises ValueError for a lens has none either. It
+    is given the best Gaussian blur in its place. Raises ValueError when the method renders an image of another size.
     """
     start = time.perf_counter()
     tiles = Tiles.of(camera.height, camera.width)
@@ -70,7 +71,8 @@ def predict(
     gaussian = [_fit_sigma(image, photograph, tiles.fitted(half)) for half in HALVES]
     blurred = _assembled([found for _, found in gaussian], photograph, tiles)
     frame = _frame(np.asarray(sharp.depth), camera, learned)
-    refused = "neither depth nor learned lenses to begin with" if frame is None else _refusal(method, camera, frame)
+    refused = no_lens or ("neither depth nor learned lenses to begin with" if frame is None
+                          else _refusal(method, camera, frame))
     if frame is None or refused:
         halves = tuple(HalfFit(half, None, sigma, (0, 1), _cost(found, photograph, tiles.fitted(half)))
                        for half, (sigma, found) in zip(HALVES, gaussian, strict=True))
@@ -168,8 +170,8 @@ def _median(learned: Mapping[str, PhysicalLens] | None) -> PhysicalLens | None:
         return None
     width = next(iter(learned.values())).width
     apertures = [lens.aperture * width / lens.width for lens in learned.values()]
-    return PhysicalLens(float(np.median(apertures)), float(np.median([one.focus_disparity for one in learned.values()])),
-                        width)
+    focuses = [lens.focus_disparity for lens in learned.values()]
+    return PhysicalLens(float(np.median(apertures)), float(np.median(focuses)), width)
 
 
 def _reduced(camera: Camera, factor: int) -> Camera:

@@ -1,4 +1,5 @@
-"""The lens, or the one blur, by which a prediction comes nearest to a photograph: a grid, then Nelder and Mead's simplex.
+"""The lens, or the one blur, by which a prediction comes nearest to a photograph: a grid, then Nelder and Mead's
+simplex.
 
 Everything is decided by `cost`, which sees the half of the photograph that is fitted on and nothing else.
 """

@@ -10,13 +10,13 @@ from dofbench.metrics.ssim import ssim_map
 
 TILES = 8      # along the shorter side
 SMALLEST = 16  # px, so that windows of SSIM fit into a tile
-MARGIN = 1 / 8  # of a tile's side: scored pixels lie at least this far from the other half, whose light the blur mixes in
+MARGIN = 1 / 8  # of a tile's side: scored pixels lie at least this far from the other half, whose light blur mixes in
 
 
 @dataclass(frozen=True, eq=False)
 class Tiles:
-    """Of an image: half (H, W), 0 or 1, by tile, like the squares of a chessboard; the first tile's is 0. inside (H, W):
-    the pixels that are scored. side: of a tile, px."""
+    """Of an image: half (H, W), 0 or 1, by tile, like the squares of a chessboard, 0 at the first. inside (H, W): the
+    pixels that are scored. side: of a tile, px."""
 
     half: np.ndarray
     inside: np.ndarray

@@ -1,4 +1,4 @@
-"""Does `photographs-v1` rank methods as the truth does? runs.csv, ranks.csv and ranks.md, on datasets whose truth is known.
+"""Does `photographs-v1` rank methods as the truth does? runs.csv, ranks.csv and ranks.md, where the truth is known.
 
     python tests/bench/photographs_score.py --data DATASET ... --out reports/photographs-score
 
@@ -153,7 +153,8 @@ def rank_rows(rows: list[dict[str, str]]) -> Iterator[dict[str, object]]:
 
 def markdown(rows: list[dict[str, str]], ranks: list[dict[str, object]]) -> str:
     """Both tables."""
-    lines = ["# photographs-v1 beside the truth", "", "By `tests/bench/photographs_score.py`.", "", "## Rank correlation", ""]
+    lines = ["# photographs-v1 beside the truth", "", "By `tests/bench/photographs_score.py`.", "",
+             "## Rank correlation", ""]
     lines += table(["dataset", "truth", "score", "variants", "Spearman", "95 %", "Kendall", "95 %"], [
         [str(one["dataset"]), str(one["truth"]), str(one["score"]), str(one["variants"]), f"{one['spearman']:.2f}",
          f"{one['spearman_low']:.2f} to {one['spearman_high']:.2f}", f"{one['kendall']:.2f}",

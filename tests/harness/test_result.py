@@ -32,7 +32,8 @@ def make_result(**changes) -> Result:
         "schema_version": 3, "key": spec.key, "spec": spec, "protocol": {}, "plan": {}, "status": "ok", "message": "",
         "traceback": "", "scene": "waves", "data": "data", "command": "dofbench run --method fake", "started": "now",
         "ended": "then", "scores": {}, "left_out": {}, "left_out_stages": {}, "do_nothing": {}, "views": [],
-        "lens": [], "fits": [], "apertures": [], "curve": [], "stages": {}, "method_stages": {}, "description": {}, "nonfinite": [],
+        "lens": [], "fits": [], "apertures": [], "curve": [], "stages": {}, "method_stages": {}, "description": {},
+        "nonfinite": [],
         "kernels_compiled": 0, "predictions": {}, "model": {}, "git": None, "machine": {}, "packages": {},
     }
     return Result(**{**values, **changes})

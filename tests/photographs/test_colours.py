@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from tolerances import COLOUR_UNDONE
 
 from dofbench.photographs.colours import colour_map, recoloured
-from tolerances import COLOUR_UNDONE
 
 MATRIX = np.array([[0.8, 0.05, 0.0], [0.1, 0.7, 0.02], [0.0, 0.1, 0.75], [0.05, 0.02, 0.1]])
 

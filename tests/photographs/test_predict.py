@@ -6,17 +6,16 @@ import math
 
 import numpy as np
 import pytest
+from tolerances import FITTED_APERTURE, FITTED_FOCUS, FLOAT64_VALUE
 
 from dofbench.cameras import Camera
 from dofbench.contracts import Rendering
 from dofbench.defocus import defocus_numpy
 from dofbench.harness.photographs import prediction_scores
 from dofbench.images import decode, encode
-from dofbench.lens import PhysicalLens
+from dofbench.lens import DisparityRange, PhysicalLens
 from dofbench.photographs.predict import predict
 from dofbench.photographs.search import QUICK, THOROUGH, Effort, Frame, lens_grid
-from dofbench.lens import DisparityRange
-from tolerances import FITTED_APERTURE, FITTED_FOCUS, FLOAT64_VALUE
 
 WIDTH, HEIGHT = 96, 80
 CAMERA = Camera(WIDTH, HEIGHT, 90.0, 90.0, WIDTH / 2, HEIGHT / 2, np.eye(4))

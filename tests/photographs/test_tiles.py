@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tolerances import FLOAT64_VALUE
 
 from dofbench.metrics import score_image
 from dofbench.metrics.ssim import ssim_map
 from dofbench.photographs.tiles import Tiles, masked_psnr, shrink, tiled_ssim
-from tolerances import FLOAT64_VALUE
 
 
 @given(st.integers(16, 90), st.integers(16, 90))
