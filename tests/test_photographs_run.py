@@ -78,7 +78,7 @@ def test_photographs_that_are_sharp_after_all_are_trained_on_without_a_lens(
     assert "stage lens: left out: the photographs show" in plan and "lens=False" in plan
     # Beside what the photographs themselves say, the scene's own depth is known.
     assert "scores photo_psnr, photo_ssim, disparity_error, depth_rel" in plan and "photographs-v1" in plan
-    assert "no photo_blur_psnr: photo_psnr is by one Gaussian blur itself, as the lens was left out" in plan
+    assert "no photo_blur_psnr: photographs are predicted by one Gaussian blur in place of a lens: the lens was" in plan
     (file,) = (tmp_path / "results").rglob("result.json")
     result = read_result(file)
     assert 0 < result.scores["disparity_error"] < 1

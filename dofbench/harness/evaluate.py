@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -14,14 +15,17 @@ import numpy as np
 from dofbench.contracts import Method, NonFinite, Rendering
 from dofbench.files import sha256_file
 from dofbench.harness.error_maps import error_map
-from dofbench.harness.photographs import predicted, prediction_scores, view_fit
-from dofbench.harness.plan import RunPlan
+from dofbench.harness.exif_scores import exif_scores, learned_apertures
+from dofbench.harness.photographs import NO_STRATA, Scored, scored_photographs
+from dofbench.harness.plan import BY_BLUR, OF_LENSES, RunPlan
 from dofbench.harness.protocol import (
+    ACROSS_COLUMNS,
+    ACROSS_PREFIX,
     AIF_PREFIX,
     DEPTH_COLUMNS,
+    EXIF_COLUMNS,
     LENS_COLUMNS,
     PHOTO_PREFIX,
-    PHOTOGRAPH_COLUMNS,
     Protocol,
     arithmetic_mean,
 )
@@ -38,8 +42,9 @@ CURVE_METRICS = ("psnr", "ssim")  # cheap enough to be taken a dozen times durin
 SPEED_VIEWS = 8                   # test views that are rendered to measure the speed
 SPEED_REPEATS = 3                 # renderings of each of them
 
-Kind = Literal["refocus", "all_in_focus", "photograph"]
-PREFIX: dict[Kind, str] = {"refocus": "", "all_in_focus": AIF_PREFIX, "photograph": PHOTO_PREFIX}
+Kind = Literal["refocus", "all_in_focus", "photograph", "across"]
+PREFIX: dict[Kind, str] = {"refocus": "", "all_in_focus": AIF_PREFIX, "photograph": PHOTO_PREFIX,
+                           "across": ACROSS_PREFIX}
 # Of which every pixel is scored, by any metric; of a photograph of unknown lens only some are.
 WHOLE: tuple[Kind, ...] = ("refocus", "all_in_focus")
 
@@ -78,10 +83,10 @@ class Evaluator:
             rows = [self._score(self._predict(kind, view), kind, view, metrics) for view in self._test]
             scores |= _means(rows)
         if self._photographs():
-            rows = [prediction_scores(found, photograph) for _, photograph, found in predicted(
-                self._method, self._dataset, self._test, no_lens=self._no_lens(), quick=True)]
+            prefix = PREFIX[self._photograph_kind()]
+            rows = [scored.scores for scored in self._scored_photographs(quick=True)]
             scores |= {column: value for column, value in _means(rows).items()
-                       if column.removeprefix(PHOTO_PREFIX) in CURVE_METRICS}
+                       if column in [prefix + metric for metric in CURVE_METRICS]}
         errors, _ = self._lens_errors(with_radius=False)
         return scores | errors
 
@@ -111,11 +116,24 @@ class Evaluator:
                 rows[view.name] |= self._depth_errors(view, found)
         found.views = [ViewScores(name=name, scores=scores) for name, scores in rows.items()]
         found.scores = _means(list(rows.values()))
+        self._score_by_exif(found)
         errors, found.lens = self._lens_errors(with_radius=True)
         found.scores |= errors
         if not errors and any(column in self._plan.columns for column in LENS_COLUMNS):
             found.left_out |= dict.fromkeys(LENS_COLUMNS, "the method gave no lens estimates")
         return found
+
+    def _score_by_exif(self, found: Evaluation) -> None:
+        if not any(column in self._plan.columns for column in EXIF_COLUMNS):
+            return
+        estimated = self._method.lens_estimates()
+        if estimated is None:
+            found.left_out |= dict.fromkeys(EXIF_COLUMNS, "the method gave no lens estimates")
+            return
+        found.apertures = learned_apertures(self._dataset, estimated)
+        scores, reasons = exif_scores(found.apertures)
+        found.scores |= scores
+        found.left_out |= reasons
 
     def do_nothing(self) -> dict[str, float]:
         """Lens errors of a predictor that always says A = F = 0.5, by column; none if the protocol has none, or the
@@ -155,30 +173,34 @@ class Evaluator:
         return [kind for kind in kinds if kind != "refocus" or self._refused is None]
 
     def _photographs(self) -> bool:
-        return bool(self._test) and any(column in self._plan.columns for column in PHOTOGRAPH_COLUMNS)
+        return bool(self._test) and any(column in self._plan.columns for column in self._protocol.photograph)
 
-    def _no_lens(self) -> str:
-        """Why the plan gives the method no lens for photographs, or ""."""
-        return self._plan.left_out.get("photo_blur_psnr", "")
+    def _photograph_kind(self) -> Kind:
+        return "across" if self._protocol.photograph == ACROSS_COLUMNS else "photograph"
+
+    def _scored_photographs(self, quick: bool) -> Iterator[Scored]:
+        no_lens = next((reason for column in OF_LENSES if (reason := self._plan.left_out.get(column))), "")
+        return scored_photographs(self._method, self._dataset, self._protocol.photograph, no_lens=no_lens, quick=quick)
 
     def _score_photographs(self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation) -> None:
         """Predict the test views that are photographs of unknown lens, and score them."""
-        refused = ""
-        for view, photograph, prediction in predicted(
-                self._method, self._dataset, self._test, no_lens=self._no_lens(), quick=False):
-            rows[view.name] |= prediction_scores(prediction, photograph)
-            found.fits.append(view_fit(view.name, prediction))
+        kind, refused = self._photograph_kind(), ""
+        for scored in self._scored_photographs(quick=False):
+            view, prediction = scored.view, scored.prediction
+            rows[view.name] |= scored.scores
+            found.fits.append(scored.fit)
             refused = refused or prediction.refused
             if prediction.bad:
-                detail = f"{prediction.bad} of {photograph.size} values of the prediction"
+                detail = f"{prediction.bad} of {scored.photograph.size} values of the prediction"
                 found.nonfinite.append(NonFinite(step=0, view=view.name, stage="render photograph", detail=detail))
             else:
-                self._write(folder, "photograph", view, prediction.picture, found)
-        if refused:
-            for scores in rows.values():
-                scores.pop("photo_blur_psnr", None)
-            if "photo_blur_psnr" in self._plan.columns:
-                found.left_out["photo_blur_psnr"] = f"photo_psnr is by one Gaussian blur itself: {refused}"
+                self._write(folder, kind, view, prediction.picture, found)
+        planned = [column for column in self._protocol.photograph if column in self._plan.columns]
+        for column in planned:
+            if any(column not in scores for scores in rows.values()):
+                found.left_out[column] = f"{BY_BLUR}: {refused}" if refused and column in OF_LENSES else NO_STRATA
+                for scores in rows.values():
+                    scores.pop(column, None)
 
     def _metrics(self, kind: Kind) -> list[str]:
         metrics = self._protocol.refocus if kind == "refocus" else self._protocol.all_in_focus

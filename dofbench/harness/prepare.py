@@ -18,7 +18,7 @@ from dofbench.harness.plan import RunPlan, make_plan
 from dofbench.harness.protocol import Protocol, protocol_for
 from dofbench.harness.result import RESULT_FILE, Result, Spec, read_result
 from dofbench.harness.settings import Inputs, Run, parse_budget, parse_overrides
-from dofbench.harness.truth import of_photographs
+from dofbench.harness.truth import photograph_columns
 from dofbench.synthesis.dataset import Dataset
 
 
@@ -71,7 +71,7 @@ def prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
     an option."""
     dataset = Dataset.load(data)
     entry = choices.entry
-    protocol = protocol_for(settings.inputs, photographs=of_photographs(dataset))
+    protocol = protocol_for(settings.inputs, photographs=photograph_columns(dataset))
     facts = _facts(data.resolve(), dataset.checksum, settings.inputs)
     plan = make_plan(
         entry, choices.preset, choices.options, choices.overrides, choices.budget, dataset, facts, protocol,

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from dofbench.errors import InputError
 from dofbench.harness.settings import Inputs
 
-AIF_PREFIX, PHOTO_PREFIX = "aif_", "photo_"
+AIF_PREFIX, PHOTO_PREFIX, ACROSS_PREFIX = "aif_", "photo_", "across_"
 LENS_COLUMNS = ("delta_a", "delta_f", "delta_r")
 DEPTH_COLUMNS = ("disparity_error", "depth_rel")
 PHOTOGRAPH_COLUMNS = ("photo_psnr", "photo_ssim", "photo_blur_psnr")
+# By the learned aperture scaled, the same unscaled, and all in focus; over all scored pixels, and over the thirds in
+# which the training photographs are most and least blurred.
+ACROSS_COLUMNS = ("across_psnr", "across_ssim", "across_blurred_psnr", "across_clear_psnr", "unscaled_psnr",
+                  "unscaled_blurred_psnr", "in_focus_psnr", "in_focus_blurred_psnr")
+EXIF_COLUMNS = ("exif_spread", "exif_ratio")
 
 
 @dataclass(frozen=True)
@@ -79,6 +84,7 @@ PROTOCOLS: dict[str, Protocol] = {
         Protocol(id="refocus-v2", inputs="shallow", lens=LENS_COLUMNS, depth=DEPTH_COLUMNS, **_SHARED),
         Protocol(id="sharp-inputs-v2", inputs="all-in-focus", lens=(), depth=DEPTH_COLUMNS, **_SHARED),
         PHOTOGRAPHS,
+        replace(PHOTOGRAPHS, id="across-apertures-v1", photograph=ACROSS_COLUMNS),
     )
 }
 
@@ -98,13 +104,15 @@ def arithmetic_mean(values: Sequence[float]) -> float:
         return math.nan
 
 
-def protocol_for(inputs: Inputs, *, photographs: bool = False) -> Protocol:
+def protocol_for(inputs: Inputs, *, photographs: tuple[str, ...] = ()) -> Protocol:
     """The newest protocol for what a method trains on. Raises InputError for unknown inputs.
 
-    photographs: the test views are photographs of unknown lens, and there is no sharp one of any.
+    photographs: where test views are photographs of unknown lens, and there is no sharp one of any, the columns that
+    they are scored by: `PHOTOGRAPH_COLUMNS`, or `ACROSS_COLUMNS` where they are of another aperture than the training
+    views.
     """
     found = [protocol for protocol in PROTOCOLS.values()
-             if protocol.inputs == inputs and bool(protocol.photograph) == (photographs and inputs == "shallow")]
+             if protocol.inputs == inputs and protocol.photograph == (photographs if inputs == "shallow" else ())]
     if not found:
         known = dict.fromkeys(repr(protocol.inputs) for protocol in PROTOCOLS.values())
         raise InputError("inputs", repr(inputs), " or ".join(known))

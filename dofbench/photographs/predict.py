@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -14,7 +14,7 @@ from dofbench.contracts import Method
 from dofbench.images import decode, encode, from_8bit, to_8bit
 from dofbench.lens import DisparityRange, PhysicalLens
 from dofbench.photographs.colours import colour_map, recoloured
-from dofbench.photographs.search import Effort, Found, Frame, best_sigma, lens_grid, simplex
+from dofbench.photographs.search import LEAST_STEP, Effort, Found, Frame, best_sigma, lens_grid, simplex
 from dofbench.photographs.tiles import Tiles, shrink
 
 HALVES = (0, 1)
@@ -50,6 +50,14 @@ class Prediction:
     bad: int
     seconds: float
 
+    @staticmethod
+    def by_blur(gaussian: list[tuple[float, np.ndarray]], blurred: np.ndarray, photograph: np.ndarray, tiles: Tiles,
+                refused: str, seconds: float) -> Prediction:
+        """Of a method without a lens. gaussian: sigma and the image by it, for each half."""
+        halves = tuple(HalfFit(half, None, sigma, (0, 1), _cost(found, photograph, tiles.fitted(half)))
+                       for half, (sigma, found) in zip(HALVES, gaussian, strict=True))
+        return Prediction(blurred, blurred, halves, tiles, refused, 0, seconds)
+
 
 def predict(
     method: Method, camera: Camera, photograph: np.ndarray, learned: Mapping[str, PhysicalLens] | None, effort: Effort,
@@ -64,61 +72,71 @@ def predict(
     start = time.perf_counter()
     tiles = Tiles.of(camera.height, camera.width)
     sharp = method.render(camera, None)
-    image = _image(sharp.image, camera)
+    image = checked_image(sharp.image, camera)
     bad = int(image.size - np.count_nonzero(np.isfinite(image)))
     if bad:
         return Prediction(None, None, (), tiles, "", bad, time.perf_counter() - start)
-    gaussian = [_fit_sigma(image, photograph, tiles.fitted(half)) for half in HALVES]
-    blurred = _assembled([found for _, found in gaussian], photograph, tiles)
-    frame = _frame(np.asarray(sharp.depth), camera, learned)
+    gaussian = [fit_sigma(image, photograph, tiles.fitted(half)) for half in HALVES]
+    blurred = assembled([found for _, found in gaussian], photograph, tiles)
+    frame = frame_of(np.asarray(sharp.depth), camera, learned)
     refused = no_lens or ("neither depth nor learned lenses to begin with" if frame is None
-                          else _refusal(method, camera, frame))
+                          else refusal(method, camera, frame))
     if frame is None or refused:
-        halves = tuple(HalfFit(half, None, sigma, (0, 1), _cost(found, photograph, tiles.fitted(half)))
-                       for half, (sigma, found) in zip(HALVES, gaussian, strict=True))
-        return Prediction(blurred, blurred, halves, tiles, refused, 0, time.perf_counter() - start)
-    search = _LensSearch(method, camera, photograph, frame, tiles, effort)
-    found = [search.half(half, _median(learned)) for half in HALVES]
-    bad = max((int(one.image.size - np.count_nonzero(np.isfinite(one.image))) for one, _ in found), default=0)
-    halves = tuple(HalfFit(half, frame.lens(one.at), gaussian[half][0], renders, one.cost)
-                   for half, (one, renders) in zip(HALVES, found, strict=True))
-    picture = None if bad else _assembled([one.image for one, _ in found], photograph, tiles)
-    return Prediction(picture, blurred, halves, tiles, "", bad, time.perf_counter() - start)
+        return Prediction.by_blur(gaussian, blurred, photograph, tiles, refused, time.perf_counter() - start)
+    starts = [frame.ends(lens) for lens in lens_grid(frame, median_lens(learned), effort)]
+    search = LensSearch(method, camera, photograph, tiles, starts, frame.lens, _steps)
+    return search.prediction(effort, [sigma for sigma, _ in gaussian], blurred, start)
 
 
-class _LensSearch:
-    """The search of one view: the grid is rendered once for both halves, each half's simplex goes on from its best."""
+def _steps(at: np.ndarray) -> tuple[float, float]:
+    largest = float(np.abs(at).max())
+    return max(LEAST_STEP, 0.25 * largest), max(LEAST_STEP, 0.1 * largest)
 
-    def __init__(self, method: Method, camera: Camera, photograph: np.ndarray, frame: Frame, tiles: Tiles,
-                 effort: Effort):
-        self._method, self._camera, self._photograph, self._frame = method, camera, photograph, frame
-        self._tiles, self._effort = tiles, effort
+
+class LensSearch:
+    """The search of one view: the grid is rendered once for both halves, each half's simplex goes on from its best.
+
+    starts: the grid, of numbers from which `lens` makes a lens. steps: of the simplex from there, at the reduced and at
+    the full size.
+    """
+
+    def __init__(self, method: Method, camera: Camera, photograph: np.ndarray, tiles: Tiles, starts: list[np.ndarray],
+                 lens: Callable[[np.ndarray], PhysicalLens], steps: Callable[[np.ndarray], tuple[float, float]]):
+        self._method, self._camera, self._photograph, self._tiles = method, camera, photograph, tiles
+        self._lens, self._steps = lens, steps
         factor = max(1, round(camera.width / REDUCED))
         self._factor, self._small = factor, _reduced(camera, factor)
-        self._grid: list[tuple[PhysicalLens, np.ndarray]] = []
+        self._grid = [(at, self._render(self._small, lens(at))) for at in starts]
 
-    def half(self, half: int, learned: PhysicalLens | None) -> tuple[Found, tuple[int, int]]:
+    def prediction(self, effort: Effort, sigmas: list[float], blurred: np.ndarray, start: float) -> Prediction:
+        """The fits of both halves, and what they predict. start: when the work began, by `time.perf_counter`."""
+        found = [self._half(half, effort) for half in HALVES]
+        bad = max(int(one.image.size - np.count_nonzero(np.isfinite(one.image))) for one, _ in found)
+        halves = tuple(HalfFit(half, self._lens(one.at), sigmas[half], renders, one.cost)
+                       for half, (one, renders) in zip(HALVES, found, strict=True))
+        picture = None if bad else assembled([one.image for one, _ in found], self._photograph, self._tiles)
+        return Prediction(picture, blurred, halves, self._tiles, "", bad, time.perf_counter() - start)
+
+    def _half(self, half: int, effort: Effort) -> tuple[Found, tuple[int, int]]:
         """(best, renders at the reduced and the full size) of the fit on that half."""
-        if not self._grid:
-            self._grid = [(lens, self._render(self._small, lens))
-                          for lens in lens_grid(self._frame, learned, self._effort)]
         small = partial(_cost, photograph=shrink(self._photograph, self._factor),
                         mask=self._tiles.shrunk(self._factor, half))
-        lens, _ = min(self._grid, key=lambda pair: small(pair[1]))
-        coarse = simplex(lambda at: self._render(self._small, self._frame.lens(at)), small, self._frame.ends(lens),
-                         self._effort.coarse, 0.25)
+        at, _ = min(self._grid, key=lambda pair: small(pair[1]))
+        coarse = simplex(lambda at: self._render(self._small, self._lens(at)), small, at, effort.coarse,
+                         self._steps(at)[0])
         full = partial(_cost, photograph=self._photograph, mask=self._tiles.fitted(half))
-        fine = simplex(lambda at: self._render(self._camera, self._frame.lens(at)), full, coarse.at,
-                       self._effort.fine, 0.1)
+        fine = simplex(lambda at: self._render(self._camera, self._lens(at)), full, coarse.at, effort.fine,
+                       self._steps(coarse.at)[1])
         return fine, (len(self._grid) + coarse.renders, fine.renders)
 
     def _render(self, camera: Camera, lens: PhysicalLens) -> np.ndarray:
         # The reduced camera may lack a remainder of pixels at its edge: its circles shrink by the whole factor.
         width = camera.width * (self._factor if camera is self._small else 1)
-        return _image(self._method.render(camera, replace(lens, width=width)).image, camera)
+        return checked_image(self._method.render(camera, replace(lens, width=width)).image, camera)
 
 
-def _fit_sigma(image: np.ndarray, photograph: np.ndarray, mask: np.ndarray) -> tuple[float, np.ndarray]:
+def fit_sigma(image: np.ndarray, photograph: np.ndarray, mask: np.ndarray) -> tuple[float, np.ndarray]:
+    """(sigma, image blurred by it in linear light): the Gaussian of least cost on the masked pixels."""
     from scipy.ndimage import gaussian_filter
 
     linear = decode(np.clip(image, 0.0, 1.0))
@@ -137,8 +155,8 @@ def _cost(image: np.ndarray, photograph: np.ndarray, mask: np.ndarray) -> float:
     return float(np.mean(np.square(recoloured(prediction, colour_map(prediction, truth)) - truth, dtype=np.float64)))
 
 
-def _assembled(images: list[np.ndarray], photograph: np.ndarray, tiles: Tiles) -> np.ndarray:
-    """The tiles of each half by the image that was fitted on the other, colours as fitted there too."""
+def assembled(images: list[np.ndarray], photograph: np.ndarray, tiles: Tiles) -> np.ndarray:
+    """(H, W, 3) at 8-bit levels: the tiles of each half by the image that was fitted on the other, colours as there."""
     picture = np.zeros_like(photograph, dtype=np.float32)
     for half, image in zip(HALVES, images, strict=True):
         own, other = tiles.fitted(half), tiles.fitted(1 - half)
@@ -146,7 +164,9 @@ def _assembled(images: list[np.ndarray], photograph: np.ndarray, tiles: Tiles) -
     return from_8bit(to_8bit(picture))
 
 
-def _frame(depth: np.ndarray, camera: Camera, learned: Mapping[str, PhysicalLens] | None) -> Frame | None:
+def frame_of(depth: np.ndarray, camera: Camera, learned: Mapping[str, PhysicalLens] | None) -> Frame | None:
+    """What lenses of a view refer to: the disparities of its depth (H, W), else of the learned foci; None of neither.
+    """
     known = depth[np.isfinite(depth) & (depth > 0)]
     disparities = 1.0 / known.astype(np.float64) if known.size else np.array(
         [lens.focus_disparity for lens in (learned or {}).values()])
@@ -155,7 +175,7 @@ def _frame(depth: np.ndarray, camera: Camera, learned: Mapping[str, PhysicalLens
     return Frame(DisparityRange.of_disparity(disparities, *_RANGE), camera.width)
 
 
-def _refusal(method: Method, camera: Camera, frame: Frame) -> str:
+def refusal(method: Method, camera: Camera, frame: Frame) -> str:
     """Why the method can't render through a lens, by its own words, or ""."""
     small = _reduced(camera, max(1, round(camera.width / REDUCED)))
     try:
@@ -165,7 +185,8 @@ def _refusal(method: Method, camera: Camera, frame: Frame) -> str:
     return ""
 
 
-def _median(learned: Mapping[str, PhysicalLens] | None) -> PhysicalLens | None:
+def median_lens(learned: Mapping[str, PhysicalLens] | None) -> PhysicalLens | None:
+    """Median aperture and median focus of learned lenses; None without any."""
     if not learned:
         return None
     width = next(iter(learned.values())).width
@@ -180,7 +201,8 @@ def _reduced(camera: Camera, factor: int) -> Camera:
                    fy=camera.fy / factor, cx=camera.cx / factor, cy=camera.cy / factor)
 
 
-def _image(image: np.ndarray, camera: Camera) -> np.ndarray:
+def checked_image(image: np.ndarray, camera: Camera) -> np.ndarray:
+    """A rendered image, if it has the camera's size; ValueError if not."""
     found = np.asarray(image)
     expected = (camera.height, camera.width, 3)
     if found.shape != expected:

@@ -18,8 +18,9 @@ Cost = Callable[[np.ndarray], float]  # of an image
 
 # Circles of confusion that the disparities of the view span, in units of the paper's largest (A = 1).
 APERTURES = (0.25, 0.5, 1.0, 2.0, 4.0)
-# Signed circles below this, as a share of the width, can't be told from none.
-_LEAST_STEP = 0.001
+# Signed circles below this, as a share of the width, can't be told from none; nor foci this near, as a share of the
+# disparities.
+LEAST_STEP = 0.001
 
 
 @dataclass(frozen=True)
@@ -100,12 +101,10 @@ class Found:
 
 
 def simplex(
-    render: Callable[[np.ndarray], np.ndarray], cost: Cost, start: np.ndarray, most: int, share: float,
+    render: Callable[[np.ndarray], np.ndarray], cost: Cost, start: np.ndarray, most: int, step: float,
 ) -> Found:
-    """Nelder and Mead's simplex from `start`, at most `most` images, `start`'s among them.
-
-    share: of the larger coordinate of `start`, the first step along each.
-    """
+    """Nelder and Mead's simplex from `start`, at most `most` images, `start`'s among them. step: the first along each
+    coordinate."""
     from scipy.optimize import minimize
 
     best: list[Found] = []
@@ -117,14 +116,13 @@ def simplex(
             best[:] = [Found(np.array(at), found, image, 0)]
         return found
 
-    step = max(_LEAST_STEP, share * float(np.abs(start).max()))
     corners = np.concatenate([start[None], start + step * np.eye(len(start))])
     asked = 1
     if most < len(corners):
         value(start)
     else:
         asked = minimize(value, start, method="Nelder-Mead", options={
-            "initial_simplex": corners, "maxfev": most, "xatol": _LEAST_STEP / 10, "fatol": 0.0}).nfev
+            "initial_simplex": corners, "maxfev": most, "xatol": LEAST_STEP / 10, "fatol": 0.0}).nfev
     return Found(best[0].at, best[0].cost, best[0].image, asked)
 
 

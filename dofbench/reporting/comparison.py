@@ -17,7 +17,7 @@ from dofbench.reporting.figures import new_figure, save
 from dofbench.reporting.truth import find_dataset, prediction_file, true_picture
 
 _TITLES: dict[Kind, str] = {"refocus": "through the true lens", "all_in_focus": "all in focus",
-                           "photograph": "as photographed"}
+                           "photograph": "as photographed", "across": "at the other aperture"}
 _PANEL = 2.6  # inches wide
 
 

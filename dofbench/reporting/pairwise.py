@@ -20,7 +20,8 @@ from dofbench.reporting.tables import write_csv
 Variant = tuple[str, ...]
 Seeds = dict[Variant, list[Entry]]  # of one dataset
 
-COMPARED = ("psnr", "ssim", "flip", "aif_psnr", "aif_ssim", "aif_flip", "photo_psnr", "photo_ssim", "delta_a",
+COMPARED = ("psnr", "ssim", "flip", "aif_psnr", "aif_ssim", "aif_flip", "photo_psnr", "photo_ssim",
+            "across_psnr", "across_blurred_psnr", "delta_a",
             "delta_f", "disparity_error")
 EVERY_PAIR = 8  # variants of which every pair is compared; of more, each with the first, or a page would be all pairs
 HEADING = "Compared view by view"
@@ -66,7 +67,7 @@ def _ranked(datasets: Sequence[Seeds]) -> list[Variant]:
     """As lines are ranked: best refocus PSNR first, then by all-in-focus PSNR."""
     def place(variant: Variant) -> tuple:
         means = []
-        for column in ("psnr", "aif_psnr", "photo_psnr"):
+        for column in ("psnr", "aif_psnr", "photo_psnr", "across_psnr"):
             values = [entry.scores.get(column) for seeds in datasets for entry in seeds.get(variant, [])]
             known = [value for value in values if value is not None and not math.isnan(value)]
             means += [not known, -arithmetic_mean(known) if known else 0.0]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from dofbench.errors import Status
 from dofbench.harness.protocol import DEPTH_COLUMNS, PROTOCOLS, arithmetic_mean
 from dofbench.reporting.collect import Entry
-from dofbench.reporting.columns import ALL_IN_FOCUS, COLUMNS, PHOTOGRAPH, REFOCUS, SCORES
+from dofbench.reporting.columns import ALL_IN_FOCUS, COLUMNS, EXIF, PHOTOGRAPH, REFOCUS, SCORES
 
 DO_NOTHING = "do nothing (Â = F̂ = 0.5)"
 
@@ -67,6 +67,8 @@ def _no_reason(entry: Entry, column: str) -> str:
     protocol = PROTOCOLS.get(entry.spec.protocol)
     if protocol is not None and column in DEPTH_COLUMNS and not protocol.depth:
         return f"{protocol.id} has no such score"
+    if column in EXIF:
+        return ""  # of made photographs, whose lens is known
     if protocol is not None and column in (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH) and column not in (
             *protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.photograph):
         return ""  # of another protocol, whose tables are others: nothing that is missing here
@@ -104,7 +106,8 @@ def sorted_lines(lines: list[Line]) -> list[Line]:
     def place(line: Line) -> tuple:
         refocus, sharp = (line.cells[column].value for column in ("psnr", "aif_psnr"))
         if sharp is None:
-            sharp = line.cells["photo_psnr"].value if "photo_psnr" in line.cells else None
+            sharp = next((cell.value for column in ("photo_psnr", "across_psnr")
+                          if (cell := line.cells.get(column)) is not None and cell.value is not None), None)
         return (
             not line.competes, refocus is None and sharp is None, refocus is None,
             -_number(refocus), -_number(sharp), line.method, line.preset,

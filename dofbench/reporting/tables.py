@@ -13,7 +13,7 @@ from dofbench.reporting.columns import ALL_IN_FOCUS, DEPTH, FILE_SCORES, IDENTIT
 
 CURVE_SCORES = ("psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f")
 CURVE_COLUMNS = ("method", "preset", "dataset", "protocol", "seed", "train_s", "steps", *CURVE_SCORES, "loss",
-                 "train_cpu_s", "photo_psnr", "photo_ssim")
+                 "train_cpu_s", "photo_psnr", "photo_ssim", "across_psnr", "across_ssim")
 _LENS_VALUES = ("aperture", "aperture_estimated", "focus", "focus_estimated")
 VIEW_COLUMNS = (
     "method", "preset", "dataset", "scene", "protocol", "seed", "view", "split",

@@ -12,7 +12,7 @@ from dofbench.reporting.differences import compare, difference_text
 from dofbench.reporting.differences import verdict as difference_verdict
 from dofbench.reporting.summary import Line
 
-HEADLINES = ("psnr", "aif_psnr", "photo_psnr")  # the first of these that any row has
+HEADLINES = ("psnr", "aif_psnr", "photo_psnr", "across_psnr")  # the first of these that any row has
 
 
 @dataclass(frozen=True)

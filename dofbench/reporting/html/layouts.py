@@ -62,6 +62,10 @@ LAYOUTS = (
     Layout("photographs", "Photographs of unknown lens", "Held-out photographs, predicted by a lens (or of a method "
            "without one by a blur) and colours that were fitted on half of each, scored on the other half.", False,
            ("photo_psnr", "photo_ssim", "photo_blur_psnr"), ("photo_psnr", "photo_ssim")),
+    Layout("across", "Photographs of another aperture", "Predicted by the learned aperture times the ratio of the "
+           "f-numbers, by the same unchanged, and without any.", False,
+           ("across_psnr", "across_ssim", "across_blurred_psnr", "unscaled_blurred_psnr", "in_focus_blurred_psnr"),
+           ("across_psnr", "across_blurred_psnr")),
     Layout("all_in_focus", "All-in-focus inputs", "Trained on the sharp originals and rendered sharp.", True,
            ("aif_psnr", "aif_ssim", "aif_flip"), ("aif_psnr", "aif_ssim")),
 )
