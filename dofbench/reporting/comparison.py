@@ -16,7 +16,8 @@ from dofbench.reporting.columns import COLUMNS
 from dofbench.reporting.figures import new_figure, save
 from dofbench.reporting.truth import find_dataset, prediction_file, true_picture
 
-_TITLES: dict[Kind, str] = {"refocus": "through the true lens", "all_in_focus": "all in focus"}
+_TITLES: dict[Kind, str] = {"refocus": "through the true lens", "all_in_focus": "all in focus",
+                           "photograph": "as photographed", "across": "at the other aperture"}
 _PANEL = 2.6  # inches wide
 
 
