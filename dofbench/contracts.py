@@ -136,6 +136,12 @@ class Observer(Protocol):
     def after_step(self, step: int, loss: float) -> bool:
         """Call after every step (1-based). Evaluates when one is due. False means: stop now."""
 
+    def stage(self, name: str, done: int, total: int) -> None:
+        """Call where something takes long before the first step: `done` of its `total` units are finished.
+
+        0 says that it begins. Nobody has to wait for longer than a unit without a sign.
+        """
+
 
 class Method(Protocol):
     """What `methods/<id>/` must offer under the class name given in its method.toml."""

@@ -1,11 +1,9 @@
-"""How long a piece of work still takes, from how fast it has been going."""
+"""How long a piece of work still takes, from how fast it has been going lately."""
 
 from __future__ import annotations
 
 from collections import deque
 from typing import Protocol
-
-RECENT = 8   # latest reports that the rate is taken from
 
 
 class Progress(Protocol):
@@ -20,31 +18,27 @@ def silent(stage: str, done: int, total: int) -> None:
 
 
 class Remaining:
-    """Seconds left of a stage, from the rate over its latest reports.
+    """Seconds left of one stage, by the rate over the later half of the time since its first unit was done.
 
-    The first unit pays for what happens once, compiling and reading files above all: no rate is taken from it unless
-    it is all there is, and that only once it is done.
+    What the first unit took says nothing: it pays for what happens once, such as compiling and reading files.
     """
 
     def __init__(self) -> None:
-        self._reports: deque[tuple[float, float]] = deque(maxlen=RECENT + 1)
+        self._begun: float | None = None
+        self._reports: deque[tuple[float, float]] = deque()
 
     def __call__(self, done: float, total: float, now: float) -> float | None:
-        """Seconds left at time `now` (s, any clock that goes forward) with `done` of `total`; None: not known yet.
-
-        Fewer done than before begins anew.
-        """
-        if self._reports and done < self._reports[-1][0]:
-            self._reports.clear()
-        if not self._reports or done > self._reports[-1][0]:
+        """Seconds left at time `now` (s, of any clock that goes forward), or None while there is no telling."""
+        if done > 0 and (not self._reports or done > self._reports[-1][0]):
+            self._begun = now if self._begun is None else self._begun
             self._reports.append((done, now))
         if done >= total:
             return 0.0
-        # Two units at least are needed for a rate without the first.
-        known = [report for report in self._reports if report[0] > 0]
-        if len(known) < 2:
+        if len(self._reports) < 2:
             return None
-        (first, begun), (last, ended) = known[0], known[-1]
-        rate = (last - first) / (ended - begun) if ended > begun else float("inf")
-        # What has passed since the last report is spent already, but no more than one unit's worth is owed to it.
-        return max((total - last) / rate - (now - ended), 0.0)
+        last, ended = self._reports[-1]
+        while len(self._reports) > 2 and self._reports[1][1] <= (self._begun + ended) / 2:
+            self._reports.popleft()
+        first, begun = self._reports[0]
+        # Since the last unit was done, some time of the next one has passed.
+        return max((total - last) * (ended - begun) / (last - first) - (now - ended), 0.0)

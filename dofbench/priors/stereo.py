@@ -69,6 +69,7 @@ def stereo_depth(training_set: TrainingSet, *, progress: Progress = silent) -> l
         progress(SWEEP, index + 1, len(views))
     del pyramids
     maps = []
+    progress(CHECK, 0, len(views))
     for index, chosen in enumerate(neighbours):
         maps.append(_agreed(cameras, swept, index, chosen))
         progress(CHECK, index + 1, len(views))

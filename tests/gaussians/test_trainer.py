@@ -33,6 +33,9 @@ class Recorder:
         self.losses.append(loss)
         return self._stop_after is None or step < self._stop_after
 
+    def stage(self, name, done, total):
+        pass
+
 
 def _cameras():
     cameras = []
