@@ -84,7 +84,7 @@ def _tracked(points: PointCloud, view: int) -> np.ndarray:
     """Indices of the points that may be sightings of view number `view`: all of them where there are no tracks."""
     if points.views is None:
         return np.arange(len(points))
-    return np.flatnonzero(np.fromiter((view in track for track in points.views), dtype=bool, count=len(points)))
+    return np.flatnonzero(points.seen_from(view))
 
 
 def _of_view(points: PointCloud, camera: Camera, chosen: np.ndarray, usual: float) -> Sightings:

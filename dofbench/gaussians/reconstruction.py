@@ -96,6 +96,9 @@ class _ProgressObserver:
             self._progress(step, self._total)
         return True
 
+    def stage(self, name: str, done: int, total: int) -> None:
+        """Nothing is shown of it."""
+
 
 def reconstruct(scene: Scene, *, steps: int, seed: int, progress: Progress | None = None) -> Reconstruction:
     """Train on all views of an all-in-focus scene, test views too: this is the truth, not a method.

@@ -17,7 +17,7 @@ PHOTOGRAPH = (*PHOTOGRAPH_COLUMNS, *ACROSS_COLUMNS)
 EXIF = EXIF_COLUMNS
 COST = ("train_s", "train_cpu_s", "cold_start_s", "steps", "render_fps", "peak_mb", "gaussians", "resolved")
 SCORES = (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH, *LENS, *EXIF, *DEPTH, *COST)
-_NEW_IN_FILES = (*DEPTH, "train_cpu_s", "cold_start_s", *PHOTOGRAPH, *EXIF, "resolved")  # in files, what is new comes last
+_NEW_IN_FILES = (*DEPTH, "train_cpu_s", "cold_start_s", *PHOTOGRAPH, *EXIF, "resolved")  # last in files
 FILE_SCORES = (*(column for column in SCORES if column not in _NEW_IN_FILES), *_NEW_IN_FILES)
 
 _DIGITS = {
