@@ -26,6 +26,7 @@ from dofbench.gaussians.optimiser import GaussianOptimiser
 from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.raster import ViewStatistics
 from dofbench.gaussians.render import SURFACE_ALPHA, rasterise, surface_disparity
+from dofbench.gaussians.response import LearnedResponse
 from dofbench.gaussians.supervision import DepthSamples, all_disparities
 from dofbench.gaussians.warmup import compile_kernels
 from dofbench.images import resize
@@ -74,6 +75,7 @@ class Trainer:
         self._random = np.random.default_rng(seed)
         self.range = DisparityRange.of_disparity(all_disparities(training_set.points, self._cameras))
         self.lenses = LearnedLenses(len(self._views), self.range, options) if options.lens else None
+        self.response = LearnedResponse(self._views, options)
         self._optimiser = GaussianOptimiser(self.gaussians, options, self._extent)
         self._density = DensityControl(self.gaussians, self._optimiser, options, self._extent, self._generator)
         self.stages: dict[str, float] = {}
@@ -203,7 +205,8 @@ class Trainer:
 
         with self._timed("loss"):
             weight = losses.adaptation_weight(out_of_focus, options) if adapting else None
-            image = losses.looked_at(image, view.image, view.held_back)
+            image = self.response.forward(view.index, image, view.camera)
+            image = losses.looked_at(image, view.image, view.held_back, options.clipped_white)
             loss = losses.reconstruction(image, view.image, options.ssim_weight, weight)
             if view.known is not None:
                 supervision = losses.depth_loss(depth, alpha, view.known, options, self.range.extent, weight)
@@ -233,6 +236,7 @@ class Trainer:
             torch.autograd.backward([tensor for tensor, _ in reached], [gradient for _, gradient in reached])
         if self.lenses is not None:
             self._check(self.lenses.gradient(), step, view, "gradient by the lens")
+        self._check(self.response.gradient(), step, view, "gradient by the colours")
         for name, parameter in self.gaussians.parameters.items():
             if parameter.grad is not None:
                 self._check(parameter.grad, step, view, f"gradient by {name}")
@@ -241,6 +245,7 @@ class Trainer:
             self._optimiser.step(progress)
             if self.lenses is not None and progress >= options.lens_from:
                 self.lenses.step(view.index, progress)
+            self.response.step(view.index, progress)
         with self._timed("density control"):
             statistics = summed([one for one in seen if one.grad_2d is not None])
             gradient_2d = statistics.abs_grad_2d if options.grow_absolute else statistics.grad_2d
@@ -301,9 +306,11 @@ class Trainer:
         return render_view(self.gaussians, camera, self.options, lens=lens)
 
     def photograph(self, index: int) -> np.ndarray:
-        """Training view number `index` as it was photographed, by its learned lens: (H, W, 3), encoded."""
-        lens = None if self.lenses is None else self._lens_estimate(index)
-        return self.render(self._views[index].camera, lens).image
+        """Training view number `index` as it was photographed, by its learned lens and colour: (H, W, 3), encoded.
+        """
+        camera = self._views[index].camera
+        image = self.render(camera, None if self.lenses is None else self._lens_estimate(index)).image
+        return self.response.apply(index, torch.from_numpy(image), camera).numpy()
 
     def held_back_scores(self) -> HeldBackScores:
         """How well the training photographs are made again where training didn't look (option `held_back`)."""
@@ -315,6 +322,11 @@ class Trainer:
         if self.lenses is None:
             return None
         return {view.name: self._lens_estimate(index) for index, view in enumerate(self._views)}
+
+    def colour_estimates(self) -> dict[str, np.ndarray] | None:
+        """The learned colour of each training view, (3, 4) as in `colours.py`."""
+        colours = self.response.colours
+        return colours and {view.name: colours.matrix(index) for index, view in enumerate(self._views)}
 
     @torch.no_grad()
     def _lens_estimate(self, index: int) -> PhysicalLens:

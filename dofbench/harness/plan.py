@@ -16,6 +16,8 @@ from dofbench.synthesis.dataset import Dataset
 
 NEEDLESS_BLUR = 0.75       # px, radius as estimated: photographs in focus give up to 0.6
 NEEDLESS_DEPENDENCE = 2.5  # levels of 255: below it no harmonics would be seen
+NEEDLESS_COLOURS = 3.0     # per cent: photographs by one exposure give up to 1
+NEEDLESS_LIGHT = 0.3       # stops by EXIF, where no points can tell
 
 
 @dataclass(frozen=True)
@@ -153,7 +155,21 @@ def _stages(entry: MethodEntry, options: dict[str, Any], facts: Facts, force_all
         even = spread is not None and spread < NEEDLESS_DEPENDENCE
         decide("harmonics", even, "too few points are seen often enough to tell" if spread is None else
                f"surfaces change by {spread:.1f} of 255 with the direction, {NEEDLESS_DEPENDENCE} can be seen")
+    if "colours" in entry.card.leave_out:
+        decide("colours", *_even_colours(facts))
     return stages, switched
+
+
+def _even_colours(facts: Facts) -> tuple[bool, str]:
+    """Whether the photographs are alike in exposure and white balance, and what says so."""
+    spread, light = facts.colour_spread, facts.light_spread
+    if spread is not None:
+        return spread < NEEDLESS_COLOURS, (f"exposure and white balance differ by {spread:.1f} % over the photographs, "
+                                           f"{NEEDLESS_COLOURS} % can be told from none")
+    if light is not None:
+        return light < NEEDLESS_LIGHT, (f"too few points are shared to tell, and by EXIF the light let in differs by "
+                                        f"{light:.1f} stops, of which {NEEDLESS_LIGHT} mean nothing")
+    return True, "too few points are shared to tell whether exposure or white balance differ, and EXIF says nothing"
 
 
 def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], missing: MissingTruth) -> dict[str, str]:
