@@ -24,6 +24,7 @@ from dofbench.gaussians.lenses import LearnedLenses
 from dofbench.gaussians.model import Gaussians, scene_extent
 from dofbench.gaussians.optimiser import GaussianOptimiser
 from dofbench.gaussians.options import TrainerOptions
+from dofbench.gaussians.outliers import OutlierViews, unexplained
 from dofbench.gaussians.raster import ViewStatistics
 from dofbench.gaussians.render import SURFACE_ALPHA, rasterise, surface_disparity
 from dofbench.gaussians.response import LearnedResponse
@@ -76,6 +77,7 @@ class Trainer:
         self.range = DisparityRange.of_disparity(all_disparities(training_set.points, self._cameras))
         self.lenses = LearnedLenses(len(self._views), self.range, options) if options.lens else None
         self.response = LearnedResponse(self._views, options)
+        self._outliers, self.left_out_views = OutlierViews(len(self._views)), set()
         self._optimiser = GaussianOptimiser(self.gaussians, options, self._extent)
         self._density = DensityControl(self.gaussians, self._optimiser, options, self._extent, self._generator)
         self.stages: dict[str, float] = {}
@@ -105,14 +107,16 @@ class Trainer:
                     if progress >= 1:
                         break
                 if not order:
-                    order = list(self._random.permutation(len(full)))
+                    order = self._next_round(progress)
                 views = coarse if progress < self.options.coarse_until else full
                 if views[0].camera.width != self._cameras[0].width:
                     # The sampling interval of the 3D filter is that of the images trained on.
                     self._cameras = [view.camera for view in views]
                     self._update_filter(step, views[order[-1]])
                 step += 1
-                loss = self._step(step, progress, views[order.pop()])
+                index = order.pop()
+                loss = self._step(step, progress, views[index])
+                self._outliers.record(index, loss)
                 if not observer.after_step(step, loss):
                     break
         except NonFiniteError as error:
@@ -127,6 +131,14 @@ class Trainer:
             status=status, steps=step, message=str(event) if event else "",
             nonfinite=(event,) if event else (), stages=dict(self.stages),
         )
+
+    def _next_round(self, progress: float) -> list[int]:
+        """All views in random order, the next one last, without those that don't belong to the scene."""
+        order = list(self._random.permutation(len(self._views)))
+        if self.options.outlier_views and progress >= self.options.outliers_from:
+            self.left_out_views |= self._outliers.found()
+            order = [index for index in order if index not in self.left_out_views]
+        return order
 
     def _view(self, index: int, factor: int) -> _Photograph:
         view = self._views[index]
@@ -206,6 +218,8 @@ class Trainer:
         with self._timed("loss"):
             weight = losses.adaptation_weight(out_of_focus, options) if adapting else None
             image = self.response.forward(view.index, image, view.camera)
+            if options.outlier_patches and progress >= options.outliers_from:
+                image = losses.looked_at(image, view.image, unexplained(image, view.image))
             image = losses.looked_at(image, view.image, view.held_back, options.clipped_white)
             loss = losses.reconstruction(image, view.image, options.ssim_weight, weight)
             if view.known is not None:

@@ -47,11 +47,13 @@ VARIANTS: dict[str, dict[str, object]] = {
     "gamma1.0": {"lens_gamma": 1.0},
     "gamma1.8": {"lens_gamma": 1.8},
     "gamma2.6": {"lens_gamma": 2.6},
+    "nolens-views": {"lens": False, "outlier_views": True},
+    "nolens-patches": {"lens": False, "outlier_patches": True},
     "vignetting": {"vignetting": True},
     "affine-vignetting": {"colour_per_view": "affine", "vignetting": True},
 }
-COLUMNS = ("dataset", "variant", "data", "seed", "steps", "psnr", "ssim", "psnr_worst_view", "aif_psnr", "gaussians",
-           "train_s")
+COLUMNS = ("dataset", "variant", "data", "seed", "steps", "psnr", "ssim", "psnr_worst_view", "aif_psnr", "left_out",
+           "gaussians", "train_s")
 
 
 @dataclass(frozen=True)
@@ -122,9 +124,10 @@ def _measured(dataset: Dataset, variant: str, settings: Settings, seed: int) -> 
     spent = time.perf_counter() - start - trainer.stages["depth prior"]
     scores = trainer.held_back_scores()
     aif = [psnr(np.clip(trainer.render(view.camera, None).image, 0, 1), truth)
-           for view in dataset.test_views if (truth := dataset.all_in_focus(view)) is not None]
+           for view in dataset.test_views() if (truth := dataset.all_in_focus(view)) is not None]
+    left_out = " ".join(sorted(training_set.views[index].name for index in trainer.left_out_views))
     return (f"{scores.psnr:.3f}", f"{scores.ssim:.4f}", f"{min(value for value, _ in scores.views.values()):.2f}",
-            f"{np.mean(aif):.3f}" if aif else "", len(trainer.gaussians), f"{spent:.0f}")
+            f"{np.mean(aif):.3f}" if aif else "", left_out, len(trainer.gaussians), f"{spent:.0f}")
 
 
 class _Trainer(Trainer):
