@@ -92,8 +92,19 @@ class NonFinite:
 
 
 @dataclass(frozen=True)
+class Decision:
+    """What training decided for itself, and the plan left open. stage: what the plan calls it. runs: whether it goes
+    on. reason: why, with figures."""
+
+    stage: str
+    runs: bool
+    reason: str
+
+
+@dataclass(frozen=True)
 class FitOutcome:
-    """How training ended. stages: wall seconds by part of the step, for the time table."""
+    """How training ended. stages: wall seconds by part of the step, for the time table. decisions: how training revised
+    the plan."""
 
     status: Status
     steps: int
@@ -101,6 +112,7 @@ class FitOutcome:
     nonfinite: tuple[NonFinite, ...] = ()
     stages: dict[str, float] = field(default_factory=dict)
     left_out: dict[str, str] = field(default_factory=dict)
+    decisions: tuple[Decision, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

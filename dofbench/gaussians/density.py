@@ -29,6 +29,15 @@ class DensityControl:
         self._gradient_sum = torch.zeros(len(self._gaussians))
         self._visits = torch.zeros(len(self._gaussians))
 
+    def state(self) -> tuple[Tensor, Tensor, float]:
+        """What was accumulated, to come back to."""
+        return self._gradient_sum.clone(), self._visits.clone(), self._next_reset
+
+    def restore(self, state: tuple[Tensor, Tensor, float]) -> None:
+        """Go on from a `state`."""
+        gradient_sum, visits, self._next_reset = state
+        self._gradient_sum, self._visits = gradient_sum.clone(), visits.clone()
+
     def record(self, gradient_2d: Tensor, visible: Tensor, width: int, height: int) -> None:
         """Add one view's gradient by the projected means, (N, 2) per pixel, in 3DGS's NDC unit."""
         x, y = gradient_2d[:, 0] * (0.5 * width), gradient_2d[:, 1] * (0.5 * height)

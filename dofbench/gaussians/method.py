@@ -34,16 +34,21 @@ class GaussianMethod:
         fixed = sorted(set(options) & set(self.FORCED))
         if fixed:
             raise InputError(f"option {fixed[0]}", "a value", "none: this method fixes it")
-        self.options = TrainerOptions().with_overrides({**options, **self.FORCED})
+        self._options = TrainerOptions().with_overrides({**options, **self.FORCED})
         self._seed = seed
         self._gaussians: Gaussians | None = None
         self._trainer: Trainer | None = None
         self._lenses: dict[str, PhysicalLens] | None = None
         self._colours: dict[str, np.ndarray] | None = None
 
+    @property
+    def options(self) -> TrainerOptions:
+        """The options in force: training may have revised those that the method was made with."""
+        return self._trainer.options if self._trainer else self._options
+
     def fit(self, training_set: TrainingSet, budget: Budget, observer: Observer) -> FitOutcome:
         """Train from the sparse points; raises InputError when there are none."""
-        self._trainer = Trainer(training_set, self.options, self._seed)
+        self._trainer = Trainer(training_set, self._options, self._seed)
         self._gaussians = self._trainer.gaussians
         return self._trainer.fit(budget, observer)
 
@@ -79,8 +84,8 @@ class GaussianMethod:
     def load(self, folder: Path) -> None:
         """Read what `save` wrote; raises InputError when it isn't there or is damaged."""
         gaussians = read_splats(folder / _MODEL)
-        self._lenses, self.options = read_lenses(folder / _LENSES, self.options)
-        self._gaussians = lower_degree(gaussians, self.options.sh_degree)
+        self._lenses, self._options = read_lenses(folder / _LENSES, self._options)
+        self._gaussians = lower_degree(gaussians, self._options.sh_degree)
         self._colours = read_colours(folder / _COLOURS) if (folder / _COLOURS).is_file() else None
         self._trainer = None
 

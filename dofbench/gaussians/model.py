@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -70,14 +70,20 @@ class Gaussians:
 
     @torch.no_grad()
     def update_filter_3d(self, cameras: Sequence[Camera]) -> None:
-        """Mip-Splatting's 3D filter: the finest sampling interval of any view that sees a Gaussian.
+        """Mip-Splatting's 3D filter: the finest sampling interval of any view that sees a Gaussian."""
+        self.filter_3d = self.finest(cameras, lambda view, depth: depth.new_tensor(math.sqrt(FILTER_3D_VARIANCE)))
 
-        A view sees it when it is in front of it and projects at most 15 % outside the image; a
-        Gaussian that no view sees gets the largest filter of the others.
+    @torch.no_grad()
+    def finest(self, cameras: Sequence[Camera], deviation: Callable[[int, Tensor], Tensor]) -> Tensor:
+        """(N,) scene units: the smallest size with which any view that sees a Gaussian shows it.
+
+        deviation: of what a view shows of a point, pixels, from the view's number and z-depths (N,), scene units.
+        A view sees a Gaussian when it is in front of it and projects at most 15 % outside the image; a
+        Gaussian that no view sees gets the largest size of the others. Raises InputError where none is seen.
         """
         means = self.parameters["means"].detach()
         finest = torch.full((len(means),), math.inf)
-        for camera in cameras:
+        for view, camera in enumerate(cameras):
             world_to_camera = torch.from_numpy(np.array(camera.world_to_camera)).float()
             local = means @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]
             depth = local[:, 2]
@@ -85,13 +91,13 @@ class Gaussians:
             v = camera.fy * local[:, 1] / depth + camera.cy
             w, h = camera.width, camera.height
             seen = (depth > _NEAR) & (u > -0.15 * w) & (u < 1.15 * w) & (v > -0.15 * h) & (v < 1.15 * h)
-            interval = depth / max(camera.fx, camera.fy)
-            finest = torch.where(seen, torch.minimum(finest, interval), finest)
+            size = depth / max(camera.fx, camera.fy) * deviation(view, depth)
+            finest = torch.where(seen, torch.minimum(finest, size), finest)
         unseen = torch.isinf(finest)
         if bool(unseen.all()):
             raise InputError("cameras", "no Gaussian in front of any of them", "cameras that see the points")
         finest[unseen] = finest[~unseen].max()
-        self.filter_3d = finest * math.sqrt(FILTER_3D_VARIANCE)
+        return finest
 
     def save(self, path: Path) -> None:
         """Write all parameters bit for bit as a compressed numpy archive, atomically: a file to go on from.

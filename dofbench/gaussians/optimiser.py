@@ -42,6 +42,23 @@ class GaussianOptimiser:
         """Drop the gradients of a step that must not be taken."""
         self._adam.zero_grad(set_to_none=True)
 
+    def state(self) -> dict[str, dict[str, Tensor]]:
+        """Each parameter with its moments, copied, to come back to."""
+        return {group["name"]: {"value": group["params"][0].detach().clone(), **{
+            key: value.clone() for key, value in self._adam.state.get(group["params"][0], {}).items()
+        }} for group in self._adam.param_groups}
+
+    def restore(self, state: dict[str, dict[str, Tensor]]) -> None:
+        """Go on from a `state`, whatever has been added or removed since."""
+        for group in self._adam.param_groups:
+            kept = {key: value.clone() for key, value in state[group["name"]].items()}
+            self._adam.state.pop(group["params"][0], None)
+            parameter = kept.pop("value").requires_grad_()
+            group["params"] = [parameter]
+            self.gaussians.parameters[group["name"]] = parameter
+            if kept:
+                self._adam.state[parameter] = kept
+
     def rebuild(self, kept: Tensor, added: dict[str, Tensor]) -> None:
         """Keep the Gaussians with index in `kept`, then append `added`, whose moments start at zero."""
         for group in self._adam.param_groups:

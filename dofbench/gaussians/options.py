@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from dofbench.errors import InputError
+from dofbench.gaussians.lens_ties import LensPer
 from dofbench.lens import ALPHA, GAMMA, Energy
 
 
@@ -48,11 +49,17 @@ class TrainerOptions:
         every rendering. lens_rings: of those points around the centre (1 + 3 k (k + 1) points); 0, and any number
         before lens_rings_from, blurs each Gaussian by its own circle of confusion, seen from the centre.
         lens_blades, lens_rotation: the opening, a polygon or with 0 a disc; "samples" knows discs only.
-        lens_per: "view", or "scene" for one lens that all photographs share.
+        lens_per: what photographs share (`lens_ties.py`): "view" nothing; "aperture" one aperture, with a focus each;
+        "group" one aperture for each f-number; "exif" one aperture x f-number; "scene" the whole lens.
         lens_activation: what is learned of a lens: "relu" (released), "log" or "ends" (`lenses.py`).
+        lens_trials: what is tried out while training, by what explains held-back pixels (`trials.py`): any of
+        "lens" (is there one), "share" (do photographs share it) and "model" (the forward model), with commas.
+        lens_trials_at, lens_trials_steps: when, and how long each way is tried: shares of the training.
         lens_update: "view" keeps Adam's moments of each view by its own visits, "dense" runs one
         Adam over the vectors (released). lens_lr, lens_lr_final: rate at the start and the end.
         lens_from: share of the training before which the lens stays as it was initialised.
+        fineness: least standard deviation of a Gaussian, in standard deviations of the smallest circle of confusion
+        with which any photograph saw it (`fineness.py`); 0 sets no limit. fineness_from: share of the training.
         blur_to_depth: whether the blur's gradient reaches the geometry.
     Depth supervision (Eq. 9)
         depth_weight: w_d, 0 switches it off. depth_norm: "l1" or "l2"; depth_space: "depth" (scene
@@ -134,7 +141,10 @@ class TrainerOptions:
     lens_rings_from: float = 0.0
     lens_blades: int = 0
     lens_rotation: float = 0.0
-    lens_per: Literal["view", "scene"] = "view"
+    lens_per: LensPer = "view"
+    lens_trials: str = ""
+    lens_trials_at: float = 0.25
+    lens_trials_steps: float = 0.03
     lens_activation: Literal["relu", "log", "ends"] = "relu"
     lens_update: Literal["view", "dense"] = "view"
     lens_lr: float = 5e-4
@@ -143,6 +153,8 @@ class TrainerOptions:
     lens_init_aperture: float = 0.5
     lens_init_focus: float = 0.5
     blur_to_depth: bool = False
+    fineness: float = 0.0
+    fineness_from: float = 0.2
 
     depth_weight: float = 0.01
     depth_norm: Literal["l1", "l2"] = "l2"
@@ -190,8 +202,14 @@ class TrainerOptions:
         if self.lens_init_aperture <= 0:
             raise InputError("option lens_init_aperture", str(self.lens_init_aperture),
                              "more than 0: a closed lens blurs nothing, so nothing would open it")
+        if self.lens_range == "render" and self.lens_per not in ("view", "scene"):
+            raise InputError("option lens_per", f"{self.lens_per} with lens_range=render",
+                             "view or scene: an aperture in units of each view's own range can't be shared")
         if not 0 <= self.held_back < 1:
             raise InputError("option held_back", str(self.held_back), "a share of 0 to below 1")
+        unknown = sorted(set(filter(None, self.lens_trials.split(","))) - {"lens", "share", "model"})
+        if unknown:
+            raise InputError("option lens_trials", repr(unknown[0]), "some of lens, share, model, with commas")
         if self.lens_rings < 0:
             raise InputError("option lens_rings", str(self.lens_rings), "at least 0")
 

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from dofbench.cameras import Camera
-from dofbench.contracts import Budget, FitOutcome, NonFinite, Observer, PointCloud, Rendering, TrainingSet
+from dofbench.contracts import Budget, Decision, FitOutcome, NonFinite, Observer, PointCloud, Rendering, TrainingSet
 from dofbench.errors import InputError, Status
 from dofbench.gaussians import losses
 from dofbench.gaussians.density import DensityControl
 from dofbench.gaussians.exposure import Shot, render_view, sampled, scattered, summed
+from dofbench.gaussians.fineness import coarsen
 from dofbench.gaussians.held_back import HeldBackScores, held_back_mask, held_back_scores
 from dofbench.gaussians.lens_samples import together
+from dofbench.gaussians.lens_ties import lens_ties
 from dofbench.gaussians.lenses import LearnedLenses
 from dofbench.gaussians.model import Gaussians, scene_extent
 from dofbench.gaussians.optimiser import GaussianOptimiser
@@ -29,12 +33,14 @@ from dofbench.gaussians.raster import ViewStatistics
 from dofbench.gaussians.render import SURFACE_ALPHA, rasterise, surface_disparity
 from dofbench.gaussians.response import LearnedResponse
 from dofbench.gaussians.supervision import DepthSamples, all_disparities
+from dofbench.gaussians.trials import HELD_BACK, Trials
 from dofbench.gaussians.warmup import compile_kernels
 from dofbench.images import resize
 from dofbench.lens import DisparityRange, PhysicalLens
 from dofbench.priors import Prior, make_prior, with_surface_points
 
 _RENDER_RANGE_QUANTILE = 0.95  # the released code's near end of the disparity range
+_WIDE_PIXELS, _WIDE_VIEWS = 0.95, 0.9  # quantiles
 _FILTER_3D_EVERY = 100         # steps; Mip-Splatting's interval
 
 
@@ -48,6 +54,23 @@ class _Photograph:
     image: Tensor
     known: DepthSamples | None
     held_back: Tensor | None
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """All that training changes, to come back to."""
+
+    options: TrainerOptions
+    optimiser: dict[str, dict[str, Tensor]]
+    density: tuple[Tensor, Tensor, float]
+    filter_3d: Tensor
+    lenses: LearnedLenses | None
+    order: list[int]
+    random: np.random.Generator
+    generator: Tensor
+    loss: float
+    response: LearnedResponse
+    outliers: OutlierViews
 
 
 class NonFiniteError(FloatingPointError):
@@ -67,7 +90,7 @@ class Trainer:
     def __init__(self, training_set: TrainingSet, options: TrainerOptions, seed: int):
         self.options = options
         self.gaussians = Gaussians.from_points(training_set.points, options.sh_degree)
-        self._views = training_set.views
+        self.views, self.count = training_set.views, len(training_set.views)
         self._training_set, self._seed = training_set, seed
         self._prior: Prior | None = None
         self._cameras = [view.camera for view in training_set.views]
@@ -75,12 +98,20 @@ class Trainer:
         self._generator = torch.Generator().manual_seed(seed)
         self._random = np.random.default_rng(seed)
         self.range = DisparityRange.of_disparity(all_disparities(training_set.points, self._cameras))
-        self.lenses = LearnedLenses(len(self._views), self.range, options) if options.lens else None
-        self.response = LearnedResponse(self._views, options)
-        self._outliers, self.left_out_views = OutlierViews(len(self._views)), set()
+        self.lenses = None
+        if options.lens:
+            ties = lens_ties(self.views, options.lens_per)
+            self.lenses = LearnedLenses(self.count, self.range, options, ties)
+        self.response = LearnedResponse(self.views, options)
+        self._outliers, self.left_out_views = OutlierViews(self.count), set()
         self._optimiser = GaussianOptimiser(self.gaussians, options, self._extent)
         self._density = DensityControl(self.gaussians, self._optimiser, options, self._extent, self._generator)
         self.stages: dict[str, float] = {}
+        self._trials = Trials(self, options)
+        self.decisions: list[Decision] = []
+        self._photographs: dict[int, list[_Photograph]] = {}
+        self._order: list[int] = []
+        self._loss = math.nan
         self.gaussians.update_filter_3d(self._cameras)
 
     def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
@@ -88,67 +119,138 @@ class Trainer:
         compile_kernels(self.gaussians, self._cameras[0], self.options)
         total = budget.steps or self.options.steps
         step, event = 0, None
-        order: list[int] = []
         try:
             with self._timed("depth prior"):
                 self._prior = self._depth_prior(total)
                 if self._prior is not None and self.options.start_points > 0:
                     self._start_from(with_surface_points(self._training_set, self._prior, self.options.start_points,
                                                          self._seed))
-            full = [self._view(index, 1) for index in range(len(self._views))]
-            factor = self.options.coarse_factor
-            coarse = full
-            if self.options.coarse_until > 0:
-                coarse = [self._view(index, factor) for index in range(len(full))]
+            self._photographs = self._all_photographs()
             while step < total:
                 progress = step / total
                 if budget.seconds is not None:
                     progress = max(progress, observer.seconds() / budget.seconds)
                     if progress >= 1:
                         break
-                if not order:
-                    order = self._next_round(progress)
-                views = coarse if progress < self.options.coarse_until else full
-                if views[0].camera.width != self._cameras[0].width:
-                    # The sampling interval of the 3D filter is that of the images trained on.
-                    self._cameras = [view.camera for view in views]
-                    self._update_filter(step, views[order[-1]])
-                step += 1
-                index = order.pop()
-                loss = self._step(step, progress, views[index])
-                self._outliers.record(index, loss)
-                if not observer.after_step(step, loss):
+                if self._trials.due(progress):
+                    with self._timed("trials"):
+                        step, self.decisions = self._trials.decide(step, total, progress)
+                    self._photographs = self._all_photographs()
+                else:
+                    self._loss = self._next(step, progress)
+                    step += 1
+                if not observer.after_step(step, self._loss):
                     break
         except NonFiniteError as error:
             event = error.event
             self._optimiser.discard_gradients()
         try:
-            self.gaussians.update_filter_3d([view.camera for view in self._views])
+            self.gaussians.update_filter_3d([view.camera for view in self.views])
         except InputError as error:
             event = event or NonFinite(step, "", "3D filter", error.found)
         status = Status.DIVERGED if event else Status.OK
         return FitOutcome(
             status=status, steps=step, message=str(event) if event else "",
-            nonfinite=(event,) if event else (), stages=dict(self.stages),
+            nonfinite=(event,) if event else (), stages=dict(self.stages), decisions=tuple(self.decisions),
         )
 
     def _next_round(self, progress: float) -> list[int]:
         """All views in random order, the next one last, without those that don't belong to the scene."""
-        order = list(self._random.permutation(len(self._views)))
+        order = list(self._random.permutation(self.count))
         if self.options.outlier_views and progress >= self.options.outliers_from:
             self.left_out_views |= self._outliers.found()
             order = [index for index in order if index not in self.left_out_views]
         return order
 
+    def _all_photographs(self) -> dict[int, list[_Photograph]]:
+        """All training views at each size that they are trained at, by the factor that they are shrunk by."""
+        factors = {1, self.options.coarse_factor if self.options.coarse_until > 0 else 1}
+        return {factor: [self._view(index, factor) for index in range(self.count)] for factor in factors}
+
+    def _next(self, step: int, progress: float) -> float:
+        """The step after so many, on the next photograph in a random order; returns the loss."""
+        if not self._order:
+            self._order = self._next_round(progress)
+        coarse = progress < self.options.coarse_until
+        views = self._photographs[self.options.coarse_factor if coarse else 1]
+        if views[0].camera.width != self._cameras[0].width:
+            # The sampling interval of the 3D filter is that of the images trained on.
+            self._cameras = [view.camera for view in views]
+            self._update_filter(step, views[self._order[-1]])
+        index = self._order.pop()
+        loss = self._step(step + 1, progress, views[index])
+        self._outliers.record(index, loss)
+        return loss
+
+    def train(self, step: int, count: int, total: int, progress: float) -> None:
+        """Take so many steps more, after `step` of `total`, which nobody observes: a trial's."""
+        for taken in range(count):
+            self._loss = self._next(step + taken, max(progress, (step + taken) / total))
+
+    def snapshot(self) -> Snapshot:
+        """All that training changes, copied."""
+        return Snapshot(
+            options=self.options, optimiser=self._optimiser.state(), density=self._density.state(),
+            filter_3d=self.gaussians.filter_3d.clone(), lenses=copy.deepcopy(self.lenses),
+            order=list(self._order), random=copy.deepcopy(self._random), generator=self._generator.get_state(),
+            loss=self._loss, response=copy.deepcopy(self.response), outliers=copy.deepcopy(self._outliers),
+        )
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go on from there, as often as you like."""
+        self.options = snapshot.options
+        self._optimiser.restore(snapshot.optimiser)
+        self._density.restore(snapshot.density)
+        self.gaussians.filter_3d = snapshot.filter_3d.clone()
+        self.lenses = copy.deepcopy(snapshot.lenses)
+        self._order, self._random = list(snapshot.order), copy.deepcopy(snapshot.random)
+        self._generator.set_state(snapshot.generator)
+        self._loss = snapshot.loss
+        self.response, self._outliers = copy.deepcopy(snapshot.response), copy.deepcopy(snapshot.outliers)
+
+    def revise(self, changes: Mapping[str, Any]) -> None:
+        """Go on with other options: without the lens, with one that photographs share, or with another forward model.
+        """
+        before, self.options = self.options, self.options.with_overrides(changes)
+        if not self.options.lens:
+            self.lenses = None
+        elif self.options.lens_per != before.lens_per:
+            self.lenses = self.lenses.shared(lens_ties(self.views, self.options.lens_per))
+
+    @torch.no_grad()
+    def widest_circle(self) -> float:
+        """Radius, pixels, of the circles of confusion that the learned lenses give their own views: the 0.95 quantile
+        over a view's pixels, and of these the 0.9 quantile over the views, some of which may be in focus everywhere.
+        """
+        return float(np.quantile([np.quantile(circles, _WIDE_PIXELS) for circles in self._circles()], _WIDE_VIEWS))
+
+    @torch.no_grad()
+    def foci_apart(self) -> float:
+        """Pixels: how much the circle of one and the same point changes from a lens to another, half of the views'
+        lenses left out on either side."""
+        shots = self._shots()
+        ends = np.array([[float(shot.radius(torch.tensor(disparity), self.options, False)) for shot in shots]
+                         for disparity in (self.range.q_min, self.range.q_max)])
+        low, high = np.quantile(ends, (0.25, 0.75), axis=1)
+        return float((high - low).max())
+
+    def _circles(self) -> list[np.ndarray]:
+        circles = []
+        for shot in self._shots():
+            raster = rasterise(self.gaussians, shot.camera, self.options, sh_degree=0)
+            disparity = surface_disparity(raster.depth, raster.alpha)
+            circles.append(shot.radius(disparity, self.options, False).abs().numpy())
+        return circles
+
     def _view(self, index: int, factor: int) -> _Photograph:
-        view = self._views[index]
+        view = self.views[index]
         width, height = view.camera.width // factor, view.camera.height // factor
         camera = view.camera if factor == 1 else view.camera.resized(width, height)
         image = torch.from_numpy(np.ascontiguousarray(resize(view.image, width, height)))
         supervised = self._prior is not None and self.options.depth_weight > 0
         known = self._prior.samples(index, camera) if supervised else None
-        held_back = held_back_mask(view.camera.height, view.camera.width, (height, width), self.options.held_back,
-                                   self._seed, index)
+        share = max(self.options.held_back, HELD_BACK if self._trials.open else 0)
+        held_back = held_back_mask(view.camera.height, view.camera.width, (height, width), share, self._seed, index)
         return _Photograph(index, view.name, camera, image, known, held_back)
 
     def _start_from(self, points: PointCloud) -> None:
@@ -267,15 +369,25 @@ class Trainer:
             graded = self.gaussians.parameters["means"].detach()[:, 2] if options.prune_depth_graded else None
             changed = self._density.after_step(step, progress, graded)
             if changed or step % _FILTER_3D_EVERY == 0:
-                self._update_filter(step, view)
+                self._update_filter(step, view, progress)
         return value
 
-    def _update_filter(self, step: int, view: _Photograph) -> None:
+    def _update_filter(self, step: int, view: _Photograph, progress: float = 0.0) -> None:
         """The 3D filter anew. Gaussians that all faded, or fled, are training's failure and not the user's mistake."""
         try:
             self.gaussians.update_filter_3d(self._cameras)
+            if self.lenses is not None and self.options.fineness > 0 and progress >= self.options.fineness_from:
+                coarsen(self.gaussians, self._cameras, self._shots(), self.options)
         except InputError as error:
             raise NonFiniteError(NonFinite(step, view.name, "density control", error.found)) from None
+
+    def _shots(self) -> list[Shot]:
+        """All training views with their lenses as learned so far, as numbers."""
+        shots = []
+        for index, camera in enumerate(self._cameras):
+            aperture, focus = self.lenses.aperture_and_focus(index)
+            shots.append(Shot(camera, self.lenses.ranges[index], aperture, -aperture * focus))
+        return shots
 
     def _samples(self, step: int, progress: float, view: _Photograph, lens: Shot, degree: int,
                  adapting: bool) -> tuple[list[Tensor], list[ViewStatistics]]:
@@ -322,29 +434,31 @@ class Trainer:
     def photograph(self, index: int) -> np.ndarray:
         """Training view number `index` as it was photographed, by its learned lens and colour: (H, W, 3), encoded.
         """
-        camera = self._views[index].camera
+        camera = self.views[index].camera
         image = self.render(camera, None if self.lenses is None else self._lens_estimate(index)).image
         return self.response.apply(index, torch.from_numpy(image), camera).numpy()
 
-    def held_back_scores(self) -> HeldBackScores:
-        """How well the training photographs are made again where training didn't look (option `held_back`)."""
-        photographs = {view.name: view.image for view in self._views}
-        return held_back_scores(photographs, self.photograph, self.options.held_back, self._seed)
+    def held_back_scores(self, share: float | None = None) -> HeldBackScores:
+        """How well the training photographs are made again where training didn't look (option `held_back`, or the
+        share that trials hold back)."""
+        photographs = {view.name: view.image for view in self.views}
+        share = max(self.options.held_back, share or 0)
+        return held_back_scores(photographs, self.photograph, share, self._seed)
 
     def lens_estimates(self) -> dict[str, PhysicalLens] | None:
         """The learned lens of each training view, in scene units."""
         if self.lenses is None:
             return None
-        return {view.name: self._lens_estimate(index) for index, view in enumerate(self._views)}
+        return {view.name: self._lens_estimate(index) for index, view in enumerate(self.views)}
 
     def colour_estimates(self) -> dict[str, np.ndarray] | None:
         """The learned colour of each training view, (3, 4) as in `colours.py`."""
         colours = self.response.colours
-        return colours and {view.name: colours.matrix(index) for index, view in enumerate(self._views)}
+        return colours and {view.name: colours.matrix(index) for index, view in enumerate(self.views)}
 
     @torch.no_grad()
     def _lens_estimate(self, index: int) -> PhysicalLens:
-        camera = self._views[index].camera
+        camera = self.views[index].camera
         if self.options.lens_range == "render":
             raster = rasterise(self.gaussians, camera, self.options)
             disparity = surface_disparity(raster.depth, raster.alpha)

@@ -53,7 +53,6 @@ class Evaluator:
         self._test = [view for view in dataset.views if view.split == "test"]
         self._train = [view for view in dataset.views if view.split == "train"]
         self._truth: dict[tuple[Kind, str], np.ndarray] = {}
-        self._asked_to_refocus = False
         self._refused: str | None = None
 
     def quick(self) -> dict[str, float]:
@@ -122,11 +121,10 @@ class Evaluator:
         return 1.0 / max(statistics.median(seconds), time.get_clock_info("perf_counter").resolution)
 
     def _possible_kinds(self) -> list[Kind]:
-        """The kinds to be scored. A method whose options switched its lens off says so by ValueError
-        (`Method.render`): then its refocus scores are left out, with its words as the reason."""
+        """The kinds to be scored. A method without a lens, by its options or because training left it out, says so by
+        ValueError (`Method.render`): then its refocus scores are left out, with its words as the reason."""
         kinds: list[Kind] = [kind for kind in PREFIX if self._metrics(kind) and self._test]
-        if "refocus" in kinds and not self._asked_to_refocus:
-            self._asked_to_refocus = True
+        if "refocus" in kinds and self._refused is None:
             try:
                 self._method.render(self._test[0].camera, self._test[0].physical_lens)
             except ValueError as error:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from dofbench.contracts import Budget
+from dofbench.contracts import Budget, Decision
 from dofbench.errors import InputError
 from dofbench.harness.facts import Facts
 from dofbench.harness.methods import MethodEntry
@@ -15,9 +16,11 @@ from dofbench.harness.truth import NO_TEST_VIEWS, MissingTruth, missing_truth
 from dofbench.synthesis.dataset import Dataset
 
 NEEDLESS_BLUR = 0.75       # px, radius as estimated: photographs in focus give up to 0.6
+CLEAR_BLUR = 2.0           # px: from here on the estimate alone tells that there is a lens
 NEEDLESS_DEPENDENCE = 2.5  # levels of 255: below it no harmonics would be seen
 NEEDLESS_COLOURS = 3.0     # per cent: photographs by one exposure give up to 1
 NEEDLESS_LIGHT = 0.3       # stops by EXIF, where no points can tell
+TRIED = "whether that helps is tried while training"
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,8 @@ def make_plan(
     if entry.card.capabilities.needs_points and not facts.points:
         raise InputError(f"dataset {dataset.name}", "no sparse points", f"some, as {entry.id} starts from them")
 
-    stages, switched = _stages(entry, {**options, **overrides}, facts, force_all)
+    stages, switched = _stages(entry, {**options, **overrides}, facts, force_all,
+                               protocol.inputs == "all-in-focus")
     left_out = _left_out(entry, protocol, stages, missing_truth(dataset))
     every = (*protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.lens, *protocol.depth)
     return RunPlan(
@@ -115,8 +119,41 @@ def make_plan(
     )
 
 
-def _stages(entry: MethodEntry, options: dict[str, Any], facts: Facts, force_all: bool) -> tuple[list[Stage], dict]:
-    """What runs and what doesn't, and the options that switch off what doesn't."""
+class _Trials:
+    """What the method would try out while training, and which of it the plan knows already. force_all: try nothing."""
+
+    def __init__(self, options: dict[str, Any], force_all: bool):
+        self._before = str(options.get("lens_trials", ""))
+        self._open = [] if force_all else [word for word in self._before.split(",") if word]
+
+    def about(self, question: str, *, known: bool) -> bool:
+        """Whether it will be tried; a question whose answer is known is closed."""
+        if known and question in self._open:
+            self._open.remove(question)
+        return question in self._open
+
+    def close(self) -> None:
+        """Try nothing: without a lens there is nothing to be tried."""
+        self._open = []
+
+    def switched(self) -> dict[str, str]:
+        """The option as it must be, where that differs from what it was."""
+        now = ",".join(self._open)
+        return {} if now == self._before else {"lens_trials": now}
+
+
+def revised(plan: dict[str, Any], decisions: Sequence[Decision]) -> dict[str, Any]:
+    """The plan, as plain data, with what training decided for itself in place of what was open, and its reasons."""
+    found = {decision.stage: decision for decision in decisions}
+    stages = [{**stage, "runs": found[stage["name"]].runs, "reason": found[stage["name"]].reason}
+              if stage["name"] in found else stage for stage in plan["stages"]]
+    return {**plan, "stages": stages}
+
+
+def _stages(entry: MethodEntry, options: dict[str, Any], facts: Facts, force_all: bool,
+            sharp: bool) -> tuple[list[Stage], dict]:
+    """What runs and what doesn't, and the options that switch off what doesn't. sharp: the call says that the
+    photographs are all in focus."""
     stages, switched = [], {}
 
     def decide(name: str, needless: bool, why: str) -> bool:
@@ -135,15 +172,29 @@ def _stages(entry: MethodEntry, options: dict[str, Any], facts: Facts, force_all
         return runs
 
     if entry.card.capabilities.learns_lens:
+        asked = _Trials(options, force_all)
         blur = facts.blur_px
         shown = ("the photographs don't tell how blurred they are" if blur is None else
                  f"the photographs show circles of confusion of up to {blur:.2f} px, by an estimate of which "
                  f"{NEEDLESS_BLUR} px mean nothing")
-        if decide("lens", blur is not None and blur < NEEDLESS_BLUR, shown):
+        needless = blur is not None and blur < NEEDLESS_BLUR
+        if sharp and needless:
+            shown += ", and the call says that they are all in focus"
+        elif asked.about("lens", known=blur is not None and blur >= CLEAR_BLUR):
+            # Points are found where a photograph is sharp, so what they show can't tell that there is no lens.
+            needless, shown = False, f"{shown}; {TRIED}"
+        if decide("lens", needless, shown):
             said = "the dataset says: one lens took all photographs" if facts.one_lens else \
                 "the dataset says: photographs by several lenses" if facts.one_lens is not None else \
                 "nobody knows the photographs' lenses, so each may have one of its own"
+            if asked.about("share", known=facts.one_lens is not None):
+                said = f"{said}; {TRIED}"
             decide("lens_per_view", bool(facts.one_lens), said)
+            if asked.about("model", known=False):
+                stages.append(Stage("lens_samples", True, f"nobody knows how the photographs were blurred; {TRIED}"))
+        else:
+            asked.close()
+        switched.update(asked.switched())
     supervised = True
     if entry.card.capabilities.needs_points or "sparse_depth" in entry.card.leave_out:
         supervised = decide("sparse_depth", not facts.points, f"{facts.points or 'no'} sparse points")

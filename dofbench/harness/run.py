@@ -7,13 +7,13 @@ import sys
 import traceback
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 from rich.console import Console
 
-from dofbench.contracts import Budget, FitOutcome, Method
+from dofbench.contracts import Budget, Decision, FitOutcome, Method
 from dofbench.errors import InputError, Status
 from dofbench.files import read_json, sha256_file, write_json
 from dofbench.harness import provenance
@@ -22,6 +22,7 @@ from dofbench.harness.clock import StageTimes, loading
 from dofbench.harness.evaluate import Evaluation, Evaluator
 from dofbench.harness.lock import locked
 from dofbench.harness.observer import OneStep, Report, TrainingObserver
+from dofbench.harness.plan import revised
 from dofbench.harness.prepare import Prepared, builtin_dataset, choose, data_folder, prepare
 from dofbench.harness.progress import TrainingProgress, print_result
 from dofbench.harness.result import RESULT_FILE, SCHEMA_VERSION, CurvePoint, Event, Result, write_result
@@ -173,8 +174,7 @@ class _Execution:
                 outcome = self.method.fit(training_set, self.budget, observer)
         failure = observer.failure()
         if failure is not None and outcome.status is Status.OK:
-            outcome = FitOutcome(failure[0], outcome.steps, failure[1], outcome.nonfinite, outcome.stages,
-                                 outcome.left_out)
+            outcome = replace(outcome, status=failure[0], message=failure[1])
         if outcome.status is Status.OK:
             observer.finish(outcome.steps)
             with self.stages["save model"].running():
@@ -188,6 +188,7 @@ class _Execution:
             write_json(self.folder / TRAINED_FILE, {
                 "key": self.spec.key, "started": self.started, "steps": outcome.steps, "message": outcome.message,
                 "method_stages": outcome.stages, "left_out": outcome.left_out,
+                "decisions": [asdict(decision) for decision in outcome.decisions],
                 "curve": [point.model_dump() for point in trained.curve],
                 "peak_mb": trained.peak_mb, "compiled": trained.compiled, "stages": trained.stages,
             })
@@ -209,7 +210,9 @@ class _Execution:
         with self.stages["load model"].running():
             self.method.load(self.folder / MODEL_FOLDER)
         self.started = data["started"]
-        outcome = FitOutcome(Status.OK, data["steps"], data["message"], (), data["method_stages"], data["left_out"])
+        decisions = tuple(Decision(**decision) for decision in data.get("decisions", ()))
+        outcome = FitOutcome(Status.OK, data["steps"], data["message"], (), data["method_stages"], data["left_out"],
+                             decisions)
         curve = [CurvePoint.model_validate(point) for point in data["curve"]]
         # Its pictures, of which some may be half, are made anew.
         shutil.rmtree(self.folder / PREDICTIONS_FOLDER, ignore_errors=True)
@@ -247,7 +250,13 @@ class _Execution:
         observer, outcome = self.observer, trained.outcome if trained else None
         stages = {**(trained.stages if trained else {}), **self.stages.as_data()}
         training = stages.get(TRAIN, {"wall": 0.0, "cpu": 0.0})
+        plan = revised(self.plan.as_data(), outcome.decisions if outcome else ())
         scores, left_out = dict(found.scores), {**self.plan.left_out, **found.left_out}
+        for decision in outcome.decisions if outcome else ():
+            if decision.stage == "lens" and not decision.runs:
+                columns = (*self.protocol.refocus_columns, *self.protocol.lens)
+                left_out |= {column: f"the lens was left out: {decision.reason}" for column in columns
+                             if column in self.plan.columns and column not in scores}
         scores |= {"train_s": training["wall"], "steps": self._steps(trained), "train_cpu_s": training["cpu"],
                    "cold_start_s": sum(stages[name]["wall"] for name in (IMPORT, WARM_UP) if name in stages)}
         scores["peak_mb"] = max(provenance.peak_memory_mb(), trained.peak_mb if trained else 0.0)
@@ -255,10 +264,10 @@ class _Execution:
         result = Result(
             schema_version=SCHEMA_VERSION, key=self.spec.key, spec=self.spec,
             protocol={**self.protocol.as_data(), "metrics": {entry.id: entry.note for entry in METRICS.values()}},
-            plan=self.plan.as_data(), status=status, message=message, traceback=trace,
+            plan=plan, status=status, message=message, traceback=trace,
             scene=self.dataset.scene, data=str(self.data), command=self.settings.command(),
             started=self.started, ended=_now(), scores=scores, left_out=left_out,
-            left_out_stages={**{stage.name: stage.reason for stage in self.plan.stages if not stage.runs},
+            left_out_stages={**{stage["name"]: stage["reason"] for stage in plan["stages"] if not stage["runs"]},
                              **(outcome.left_out if outcome else {})},
             do_nothing=self.do_nothing, views=found.views, lens=found.lens,
             curve=trained.curve if trained else observer.curve if observer else [],

@@ -93,7 +93,7 @@ def _planted(setting: Setting, method: str, what: str, value: float) -> Found:
         if step != 7:
             return
         if what == "lens":
-            trainer.lenses._raw = [torch.full_like(raw, value) for raw in trainer.lenses._raw]
+            trainer.lenses.spoil(value)
         else:
             with torch.no_grad():
                 trainer.gaussians.parameters[what].view(len(trainer.gaussians), -1)[11, 0] = value

@@ -113,7 +113,7 @@ def _options(variant: str, settings: Settings) -> TrainerOptions:
     _, preset, _ = find_method("dofgaussian").preset("cpu", builtin=False)
     more = dict(pair.split("=", 1) for pair in settings.set)
     return TrainerOptions().with_overrides(
-        {**preset, **overrides, **more, "steps": settings.steps, "held_back": SHARE})
+        {**preset, **overrides, **more, "steps": settings.steps, "held_back": SHARE, "lens_trials": ""})
 
 
 def _measured(dataset: Dataset, variant: str, settings: Settings, seed: int) -> Iterable[object]:

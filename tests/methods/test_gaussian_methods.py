@@ -98,7 +98,7 @@ def test_every_option_that_rendering_looks_at_is_kept_in_the_file(training_set, 
             looked_at.add(name)
             return super().__getattribute__(name)
 
-    method.options = Watched(lens_model=model)
+    method._trainer, method._options = None, Watched(lens_model=model)
     looked_at.clear()  # that they fit together is looked at when they are made
     method.render(CAMERA, None)
     method.render(CAMERA, LENS)

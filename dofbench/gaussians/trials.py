@@ -1,0 +1,148 @@
+"""What explains the photographs better, tried out while training, and then kept or left out.
+
+Whether there is a lens, whether photographs share it, and which forward model is right can't be told from sparse
+points: structure from motion finds points where a photograph is sharp. So training goes on a little in each of two
+ways, from one state and through the same photographs in the same order, and both are scored on tiles of the training
+photographs that no loss has looked at (`held_back.py`). Differences are paired by view. The state of the better
+way is kept, so only the other one's steps are lost. Afterwards the tiles are trained on like all others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dofbench.contracts import Decision
+from dofbench.gaussians.options import TrainerOptions
+
+if TYPE_CHECKING:
+    from dofbench.gaussians.trainer import Snapshot, Trainer
+
+HELD_BACK = 0.08       # share of the tiles
+VISITS = 2             # of each photograph in a trial, at least
+MOST = 0.06            # share of the training that a trial may take, at most
+NO_CIRCLE = 0.3        # px, radius: below it a photograph shows nothing of its lens
+WORTH = 0.05           # dB on held-back pixels below which the simpler way is as good
+SURE = 2.0             # standard errors that what costs more must be better by
+FOCI_APART = 1.0       # px that the same point's circles differ by between photographs that can't share a focus
+
+
+@dataclass(frozen=True, eq=False)
+class _Attempt:
+    """A way that was tried: what it changes, where it ended, and PSNR on each view's held-back tiles."""
+
+    changes: Mapping[str, Any]
+    end: Snapshot
+    psnr: np.ndarray
+
+
+class Trials:
+    """Tries what `options.lens_trials` leaves open, once."""
+
+    def __init__(self, trainer: Trainer, options: TrainerOptions):
+        self._trainer = trainer
+        self._open = questions(options) if options.lens else ()
+        self._at, self._share = options.lens_trials_at, options.lens_trials_steps
+
+    @property
+    def open(self) -> bool:
+        """Whether something is still undecided."""
+        return bool(self._open)
+
+    def due(self, progress: float) -> bool:
+        """Whether now is the time."""
+        return self.open and progress >= self._at
+
+    def length(self, total: int, views: int) -> int:
+        """Steps of one trial, of a training of `total` steps."""
+        return max(1, min(max(round(self._share * total), VISITS * views), round(MOST * total)))
+
+    def decide(self, step: int, total: int, progress: float) -> tuple[int, list[Decision]]:
+        """Try, and leave the trainer in the state of the best; returns the steps taken in all, and what was decided."""
+        trainer, questions_open = self._trainer, self._open
+        self._open = ()
+        steps = min(self.length(total, trainer.count), total - step)
+        start = trainer.snapshot()
+
+        def attempt(changes: Mapping[str, Any]) -> _Attempt:
+            trainer.restore(start)
+            trainer.revise(changes)
+            trainer.train(step, steps, total, progress)
+            views = trainer.held_back_scores(HELD_BACK).views
+            return _Attempt(changes, trainer.snapshot(), np.array([psnr for psnr, _ in views.values()]))
+
+        best, decisions = attempt({}), []
+        if "lens" in questions_open:
+            best, decided = self._lens(attempt, best)
+            decisions.append(decided)
+        if "lens" not in questions_open or decisions[0].runs:
+            for question, ask in (("share", self._shared), ("model", self._model)):
+                if question in questions_open:
+                    best, decided = ask(attempt, best)
+                    decisions.append(decided)
+        trainer.restore(best.end)
+        trainer.revise(_AFTER.get(best.changes.get("lens_model"), {}))
+        return step + steps, decisions
+
+    def _lens(self, attempt, with_lens: _Attempt) -> tuple[_Attempt, Decision]:
+        circle = self._trainer.widest_circle()
+        without = attempt({"lens": False, "adaptation": "off"})
+        gain, error = _gain(with_lens, without)
+        figures = (f"with the lens that was learned so far held-back pixels are {_signed(gain, error)} dB better, "
+                   f"and its circles of confusion reach {circle:.2f} px")
+        if gain < WORTH or circle < NO_CIRCLE:
+            return without, Decision("lens", False, f"tried while training: {figures}")
+        return with_lens, Decision("lens", True, f"tried while training: {figures}")
+
+    def _shared(self, attempt, each: _Attempt) -> tuple[_Attempt, Decision]:
+        known = all(view.exif is not None and view.exif.f_number for view in self._trainer.views)
+        self._trainer.restore(each.end)
+        apart = self._trainer.foci_apart()
+        ways = [("exif", "one aperture times f-number")] if known else []
+        ways.append(("aperture", "one aperture"))
+        if apart < FOCI_APART:
+            ways.insert(0, ("scene", "one lens"))
+        told = []
+        for per, words in ways:
+            shared = attempt({**each.changes, "lens_per": per})
+            gain, error = _gain(shared, each)
+            told.append(f"{words} for all makes held-back pixels {_signed(gain, error)} dB better")
+            if gain > -max(WORTH, error):
+                return shared, Decision("lens_per_view", False, f"tried while training: {'; '.join(told)}")
+        return each, Decision("lens_per_view", True, f"tried while training: {'; '.join(told)}")
+
+    def _model(self, attempt, scatter: _Attempt) -> tuple[_Attempt, Decision]:
+        own = attempt({**scatter.changes, **_OWN_BLUR})
+        gain, error = _gain(own, scatter)
+        figures = f"each Gaussian's own blur makes held-back pixels {_signed(gain, error)} dB better than the scatter"
+        better = gain > max(WORTH, SURE * error)
+        return (own if better else scatter), Decision("lens_samples", better, f"tried while training: {figures}")
+
+
+# Each Gaussian blurred by itself: as fast as the scatter, and knows what hides what.
+_OWN_BLUR = {"lens_model": "samples", "lens_samples_from": 0.0, "lens_rings": 0}
+# The lens is sampled for the last fifth: several rasterisations a step, so not for longer.
+_AFTER = {"samples": {"lens_rings": 1, "lens_rings_from": 0.8}}
+
+QUESTIONS = ("lens", "share", "model")
+
+
+def questions(options: TrainerOptions) -> tuple[str, ...]:
+    """What `options.lens_trials` leaves open, in the order in which it is asked."""
+    asked = {word for word in options.lens_trials.split(",") if word}
+    return tuple(word for word in QUESTIONS if word in asked)
+
+
+def _gain(one: _Attempt, other: _Attempt) -> tuple[float, float]:
+    """(mean over the views of how much better the first is, its standard error), dB."""
+    differences = one.psnr - other.psnr
+    spread = float(differences.std(ddof=1)) if len(differences) > 1 else math.inf
+    return float(differences.mean()), spread / math.sqrt(len(differences))
+
+
+def _signed(value: float, error: float) -> str:
+    return f"{value:+.2f} ± {error:.2f}"
