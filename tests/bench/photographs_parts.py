@@ -136,7 +136,7 @@ class _Trainer(Trainer):
     priors: ClassVar[dict[tuple, Prior | None]] = {}
 
     def _depth_prior(self, steps: int) -> Prior | None:
-        key = (self._seed, hash(b"".join(v.image.tobytes() + v.camera.world_to_camera.tobytes() for v in self._views)))
+        key = (self._seed, hash(b"".join(v.image.tobytes() + v.camera.world_to_camera.tobytes() for v in self.views)))
         if key not in self.priors:
             self.priors.clear()
             self.priors[key] = super()._depth_prior(steps)
