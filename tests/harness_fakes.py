@@ -124,7 +124,7 @@ def fake_facts(folder: Path, checksum: str, inputs: str) -> Facts:
     """What the photographs of a fake dataset would show: by its dataset.json, since they are mere noise."""
     dataset = FakeDataset(folder)
     blur = 0.1 if inputs == "all-in-focus" else dataset.views[-1].max_coc_px
-    return Facts(900 if dataset.has_points else 0, blur, 20.0, dataset.assign == "fixed")
+    return Facts(900 if dataset.has_points else 0, blur, 20.0, dataset.assign == "fixed", 20.0)
 
 
 def sharp_image(seed: int, camera: Camera) -> np.ndarray:
@@ -182,6 +182,9 @@ normals = 0
 
 [leave_out.harmonics]
 harmonics = 0
+
+[leave_out.colours]
+colours = 0
 
 [claims]
 source = "Nobody 2020, Table 1"

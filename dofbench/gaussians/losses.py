@@ -13,17 +13,23 @@ from dofbench.gaussians.render import SURFACE_ALPHA
 from dofbench.gaussians.supervision import DepthSamples
 from dofbench.kernels import load
 
+WHITE = 254.5 / 255  # what an image of eight bits can't tell from white
+
 
 def reconstruction(prediction: Tensor, target: Tensor, ssim_weight: float, weight: Tensor | None) -> Tensor:
     """Eq. 7: (1 - lambda) L1 + lambda (1 - SSIM); `weight` (H, W) acts on the L1 term."""
     return load("ssim", function="l1_ssim")(prediction, target, ssim_weight=ssim_weight, weight=weight)
 
 
-def looked_at(prediction: Tensor, target: Tensor, held_back: Tensor | None) -> Tensor:
+def looked_at(prediction: Tensor, target: Tensor, held_back: Tensor | None = None, clipped_white: bool = False,
+              ) -> Tensor:
     """The prediction with the target in its place where no loss may look: no difference there, and no gradient.
 
-    prediction, target: (H, W, 3). held_back: (H, W) bool, or None for nothing held back.
+    prediction, target: (H, W, 3). held_back: (H, W) bool, or None for nothing held back. clipped_white: a channel at
+    white in the target is whatever the sensor clipped, so any prediction at or above it is as good.
     """
+    if clipped_white:
+        prediction = torch.where((target >= WHITE) & (prediction >= target), target, prediction)
     return prediction if held_back is None else torch.where(held_back[..., None], target, prediction)
 
 

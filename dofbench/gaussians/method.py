@@ -6,9 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+
 from dofbench.cameras import Camera
 from dofbench.contracts import Budget, FitOutcome, Observer, Rendering, TrainingSet
 from dofbench.errors import InputError
+from dofbench.gaussians.colours import read_colours, write_colours
 from dofbench.gaussians.exposure import render_view
 from dofbench.gaussians.lens_file import read_lenses, write_lenses
 from dofbench.gaussians.model import Gaussians
@@ -17,7 +20,7 @@ from dofbench.gaussians.splats import lower_degree, read_splats, write_splats
 from dofbench.gaussians.trainer import Trainer
 from dofbench.lens import PhysicalLens
 
-_MODEL, _LENSES = "gaussians.ply", "lenses.json"
+_MODEL, _LENSES, _COLOURS = "gaussians.ply", "lenses.json", "colours.json"
 
 
 class GaussianMethod:
@@ -36,6 +39,7 @@ class GaussianMethod:
         self._gaussians: Gaussians | None = None
         self._trainer: Trainer | None = None
         self._lenses: dict[str, PhysicalLens] | None = None
+        self._colours: dict[str, np.ndarray] | None = None
 
     @property
     def options(self) -> TrainerOptions:
@@ -58,23 +62,31 @@ class GaussianMethod:
         """The learned lens of every training view, None without a lens."""
         return self._trainer.lens_estimates() if self._trainer else self._lenses
 
+    def colour_estimates(self) -> dict[str, np.ndarray] | None:
+        """The learned colour of every training photograph, (3, 4) as in `colours.py`; None where none is learned."""
+        return self._trainer.colour_estimates() if self._trainer else self._colours
+
     def describe(self) -> dict[str, float]:
         """Number of Gaussians."""
         return {"gaussians": len(self._trained())}
 
     def save(self, folder: Path) -> None:
-        """Write the Gaussians as 3DGS' .ply, and the learned lenses with the options of rendering as JSON.
+        """Write the Gaussians as 3DGS' .ply, and the learned lenses with the options of rendering as JSON; the
+        photographs' colours too where they were learned.
 
         The 3D filter becomes part of the Gaussians, so what is read back renders the same but for rounding.
         """
         write_splats(folder / _MODEL, self._trained())
         write_lenses(folder / _LENSES, self.lens_estimates(), self.options)
+        if (colours := self.colour_estimates()) is not None:
+            write_colours(folder / _COLOURS, colours)
 
     def load(self, folder: Path) -> None:
         """Read what `save` wrote; raises InputError when it isn't there or is damaged."""
         gaussians = read_splats(folder / _MODEL)
         self._lenses, self._options = read_lenses(folder / _LENSES, self._options)
         self._gaussians = lower_degree(gaussians, self._options.sh_degree)
+        self._colours = read_colours(folder / _COLOURS) if (folder / _COLOURS).is_file() else None
         self._trainer = None
 
     def _trained(self) -> Gaussians:

@@ -32,7 +32,14 @@ class TrainerOptions:
         cooldown_to of what they would be; 1 for never.
     Reconstruction loss (Eq. 7)
         ssim_weight: lambda. held_back: share of every photograph's tiles that no colour loss looks at, to score by
-        (`held_back.py`).
+        (`held_back.py`). clipped_white: a prediction above a photograph's white costs nothing.
+    Outliers (`outliers.py`)
+        outlier_views: views whose loss stays far above the others' are left out; outlier_patches: so are patches
+        that a photograph alone shows. outliers_from: share of training from which they are looked for.
+    Camera (`response.py`)
+        colour_per_view: a colour learned for every photograph, "gain" a factor a channel, "affine" a matrix and an
+        offset. vignetting: a fall of light towards the corners, for every lens and f-number. colour_lr: rate of
+        both; colour_lr_fall: factor on it at the end.
     Lens (section 4.1)
         lens: False trains a pinhole (`mipsplatting`). lens_gamma, lens_alpha, lens_energy: the
         forward model. lens_range: "points" fixes the disparity range once from the sparse points,
@@ -112,6 +119,16 @@ class TrainerOptions:
 
     ssim_weight: float = 0.2
     held_back: float = 0.0
+    clipped_white: bool = False
+
+    outlier_views: bool = False
+    outlier_patches: bool = False
+    outliers_from: float = 0.3
+
+    colour_per_view: Literal["off", "gain", "affine"] = "off"
+    vignetting: bool = False
+    colour_lr: float = 1e-2
+    colour_lr_fall: float = 0.1
 
     lens: bool = True
     lens_gamma: float = GAMMA

@@ -28,8 +28,10 @@ from dofbench.gaussians.lenses import LearnedLenses
 from dofbench.gaussians.model import Gaussians, scene_extent
 from dofbench.gaussians.optimiser import GaussianOptimiser
 from dofbench.gaussians.options import TrainerOptions
+from dofbench.gaussians.outliers import OutlierViews, unexplained
 from dofbench.gaussians.raster import ViewStatistics
 from dofbench.gaussians.render import SURFACE_ALPHA, rasterise, surface_disparity
+from dofbench.gaussians.response import LearnedResponse
 from dofbench.gaussians.supervision import DepthSamples, all_disparities
 from dofbench.gaussians.trials import HELD_BACK, Trials
 from dofbench.gaussians.warmup import compile_kernels
@@ -67,6 +69,8 @@ class Snapshot:
     random: np.random.Generator
     generator: Tensor
     loss: float
+    response: LearnedResponse
+    outliers: OutlierViews
 
 
 class NonFiniteError(FloatingPointError):
@@ -98,6 +102,8 @@ class Trainer:
         if options.lens:
             ties = lens_ties(self.views, options.lens_per)
             self.lenses = LearnedLenses(self.count, self.range, options, ties)
+        self.response = LearnedResponse(self.views, options)
+        self._outliers, self.left_out_views = OutlierViews(self.count), set()
         self._optimiser = GaussianOptimiser(self.gaussians, options, self._extent)
         self._density = DensityControl(self.gaussians, self._optimiser, options, self._extent, self._generator)
         self.stages: dict[str, float] = {}
@@ -148,6 +154,14 @@ class Trainer:
             nonfinite=(event,) if event else (), stages=dict(self.stages), decisions=tuple(self.decisions),
         )
 
+    def _next_round(self, progress: float) -> list[int]:
+        """All views in random order, the next one last, without those that don't belong to the scene."""
+        order = list(self._random.permutation(self.count))
+        if self.options.outlier_views and progress >= self.options.outliers_from:
+            self.left_out_views |= self._outliers.found()
+            order = [index for index in order if index not in self.left_out_views]
+        return order
+
     def _all_photographs(self) -> dict[int, list[_Photograph]]:
         """All training views at each size that they are trained at, by the factor that they are shrunk by."""
         factors = {1, self.options.coarse_factor if self.options.coarse_until > 0 else 1}
@@ -156,14 +170,17 @@ class Trainer:
     def _next(self, step: int, progress: float) -> float:
         """The step after so many, on the next photograph in a random order; returns the loss."""
         if not self._order:
-            self._order = list(self._random.permutation(self.count))
+            self._order = self._next_round(progress)
         coarse = progress < self.options.coarse_until
         views = self._photographs[self.options.coarse_factor if coarse else 1]
         if views[0].camera.width != self._cameras[0].width:
             # The sampling interval of the 3D filter is that of the images trained on.
             self._cameras = [view.camera for view in views]
             self._update_filter(step, views[self._order[-1]])
-        return self._step(step + 1, progress, views[self._order.pop()])
+        index = self._order.pop()
+        loss = self._step(step + 1, progress, views[index])
+        self._outliers.record(index, loss)
+        return loss
 
     def train(self, step: int, count: int, total: int, progress: float) -> None:
         """Take so many steps more, after `step` of `total`, which nobody observes: a trial's."""
@@ -176,7 +193,7 @@ class Trainer:
             options=self.options, optimiser=self._optimiser.state(), density=self._density.state(),
             filter_3d=self.gaussians.filter_3d.clone(), lenses=copy.deepcopy(self.lenses),
             order=list(self._order), random=copy.deepcopy(self._random), generator=self._generator.get_state(),
-            loss=self._loss,
+            loss=self._loss, response=copy.deepcopy(self.response), outliers=copy.deepcopy(self._outliers),
         )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -189,6 +206,7 @@ class Trainer:
         self._order, self._random = list(snapshot.order), copy.deepcopy(snapshot.random)
         self._generator.set_state(snapshot.generator)
         self._loss = snapshot.loss
+        self.response, self._outliers = copy.deepcopy(snapshot.response), copy.deepcopy(snapshot.outliers)
 
     def revise(self, changes: Mapping[str, Any]) -> None:
         """Go on with other options: without the lens, with one that photographs share, or with another forward model.
@@ -302,7 +320,10 @@ class Trainer:
 
         with self._timed("loss"):
             weight = losses.adaptation_weight(out_of_focus, options) if adapting else None
-            image = losses.looked_at(image, view.image, view.held_back)
+            image = self.response.forward(view.index, image, view.camera)
+            if options.outlier_patches and progress >= options.outliers_from:
+                image = losses.looked_at(image, view.image, unexplained(image, view.image))
+            image = losses.looked_at(image, view.image, view.held_back, options.clipped_white)
             loss = losses.reconstruction(image, view.image, options.ssim_weight, weight)
             if view.known is not None:
                 supervision = losses.depth_loss(depth, alpha, view.known, options, self.range.extent, weight)
@@ -332,6 +353,7 @@ class Trainer:
             torch.autograd.backward([tensor for tensor, _ in reached], [gradient for _, gradient in reached])
         if self.lenses is not None:
             self._check(self.lenses.gradient(), step, view, "gradient by the lens")
+        self._check(self.response.gradient(), step, view, "gradient by the colours")
         for name, parameter in self.gaussians.parameters.items():
             if parameter.grad is not None:
                 self._check(parameter.grad, step, view, f"gradient by {name}")
@@ -340,6 +362,7 @@ class Trainer:
             self._optimiser.step(progress)
             if self.lenses is not None and progress >= options.lens_from:
                 self.lenses.step(view.index, progress)
+            self.response.step(view.index, progress)
         with self._timed("density control"):
             statistics = summed([one for one in seen if one.grad_2d is not None])
             gradient_2d = statistics.abs_grad_2d if options.grow_absolute else statistics.grad_2d
@@ -410,9 +433,11 @@ class Trainer:
         return render_view(self.gaussians, camera, self.options, lens=lens)
 
     def photograph(self, index: int) -> np.ndarray:
-        """Training view number `index` as it was photographed, by its learned lens: (H, W, 3), encoded."""
-        lens = None if self.lenses is None else self._lens_estimate(index)
-        return self.render(self.views[index].camera, lens).image
+        """Training view number `index` as it was photographed, by its learned lens and colour: (H, W, 3), encoded.
+        """
+        camera = self.views[index].camera
+        image = self.render(camera, None if self.lenses is None else self._lens_estimate(index)).image
+        return self.response.apply(index, torch.from_numpy(image), camera).numpy()
 
     def held_back_scores(self, share: float | None = None) -> HeldBackScores:
         """How well the training photographs are made again where training didn't look (option `held_back`, or the
@@ -426,6 +451,11 @@ class Trainer:
         if self.lenses is None:
             return None
         return {view.name: self._lens_estimate(index) for index, view in enumerate(self.views)}
+
+    def colour_estimates(self) -> dict[str, np.ndarray] | None:
+        """The learned colour of each training view, (3, 4) as in `colours.py`."""
+        colours = self.response.colours
+        return colours and {view.name: colours.matrix(index) for index, view in enumerate(self.views)}
 
     @torch.no_grad()
     def _lens_estimate(self, index: int) -> PhysicalLens:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dofbench.contracts import TrainingSet
+from dofbench.harness.colour_spread import colour_spread, light_spread
 from dofbench.harness.sharpness import largest_blur
-from dofbench.harness.view_dependence import view_dependence
+from dofbench.harness.view_dependence import point_colours, view_dependence
 from dofbench.scenes.visibility import visible
 
 
@@ -17,21 +18,27 @@ class Facts:
     points: number of sparse points. blur_px: largest circle of confusion that the photographs show, radius in
     pixels; None where it can't be told. view_dependence: how much surfaces change their colour with the
     direction they are seen from, levels of 255; None where it can't be told. one_lens: the dataset says that one
-    lens took all its photographs; None where it knows no lens.
+    lens took all its photographs; None where it knows no lens. colour_spread: how far the photographs differ in
+    exposure and white balance, per cent of encoded values; None where the points can't tell. light_spread: how far
+    the light that their cameras let in does by EXIF, stops; None where EXIF doesn't say.
     """
 
     points: int
     blur_px: float | None
     view_dependence: float | None
     one_lens: bool | None
+    colour_spread: float | None = None
+    light_spread: float | None = None
 
 
 def facts_of(training_set: TrainingSet, *, one_lens: bool | None) -> Facts:
     """Look at the photographs; takes about a second for 17 of 504 x 378."""
     points = training_set.points
+    light = light_spread([view.exif for view in training_set.views])
     if points is None or not len(points):
-        return Facts(0, None, None, one_lens)
+        return Facts(0, None, None, one_lens, light_spread=light)
     seen = [visible(points, view.camera, index) for index, view in enumerate(training_set.views)]
     images = [view.image for view in training_set.views]
-    return Facts(len(points), largest_blur(images, seen), view_dependence(images, seen), one_lens)
-
+    shown = point_colours(images, seen)
+    dependence, spread = (None, None) if shown is None else (view_dependence(*shown), colour_spread(shown[0]))
+    return Facts(len(points), largest_blur(images, seen), dependence, one_lens, spread, light)

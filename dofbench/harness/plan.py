@@ -19,6 +19,8 @@ from dofbench.synthesis.dataset import Dataset
 NEEDLESS_BLUR = 0.75       # px, radius as estimated: photographs in focus give up to 0.6
 CLEAR_BLUR = 2.0           # px: from here on the estimate alone tells that there is a lens
 NEEDLESS_DEPENDENCE = 2.5  # levels of 255: below it no harmonics would be seen
+NEEDLESS_COLOURS = 3.0     # per cent: photographs by one exposure give up to 1
+NEEDLESS_LIGHT = 0.3       # stops by EXIF, where no points can tell
 TRIED = "whether that helps is tried while training"
 
 # Scores of photographs that compare a lens with less: none for a method without one.
@@ -213,6 +215,8 @@ def _stages(entry: MethodEntry, options: dict[str, Any], facts: Facts, force_all
         even = spread is not None and spread < NEEDLESS_DEPENDENCE
         decide("harmonics", even, "too few points are seen often enough to tell" if spread is None else
                f"surfaces change by {spread:.1f} of 255 with the direction, {NEEDLESS_DEPENDENCE} can be seen")
+    if "colours" in entry.card.leave_out:
+        decide("colours", *_even_colours(facts))
     return stages, switched
 
 
@@ -222,6 +226,18 @@ def _no_exif(entry: MethodEntry, stages: list[Stage], dataset: Dataset) -> str:
         return f"{entry.card.name} learns no lens"
     left = next((stage for stage in stages if stage.name == "lens" and not stage.runs), None)
     return f"the lens was left out: {left.reason}" if left is not None else missing_exif(dataset)
+
+
+def _even_colours(facts: Facts) -> tuple[bool, str]:
+    """Whether the photographs are alike in exposure and white balance, and what says so."""
+    spread, light = facts.colour_spread, facts.light_spread
+    if spread is not None:
+        return spread < NEEDLESS_COLOURS, (f"exposure and white balance differ by {spread:.1f} % over the photographs, "
+                                           f"{NEEDLESS_COLOURS} % can be told from none")
+    if light is not None:
+        return light < NEEDLESS_LIGHT, (f"too few points are shared to tell, and by EXIF the light let in differs by "
+                                        f"{light:.1f} stops, of which {NEEDLESS_LIGHT} mean nothing")
+    return True, "too few points are shared to tell whether exposure or white balance differ, and EXIF says nothing"
 
 
 def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], missing: MissingTruth) -> dict[str, str]:

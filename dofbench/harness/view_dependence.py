@@ -22,11 +22,10 @@ MOST_POINTS = 20000  # are looked at, evenly chosen
 LARGEST = 0.95      # quantile over the points
 
 
-def view_dependence(images: Sequence[np.ndarray], seen: Sequence[Seen]) -> float | None:
-    """Spread of a point's colour over the views, levels of 255: its 95th percentile over points in even places.
+def point_colours(images: Sequence[np.ndarray], seen: Sequence[Seen]) -> tuple[np.ndarray, np.ndarray] | None:
+    """What the views show of the points: colours (V, P, 3), encoded, and the image's slope around each (V, P).
 
-    images: (H, W, 3) encoded. Errors of the points' places and what hides them raise it, never lower it. None where
-    too few points are seen often enough.
+    images: (H, W, 3) encoded. NaN where a view doesn't see a point; at most MOST_POINTS points. None without points.
     """
     from scipy.ndimage import gaussian_filter, map_coordinates, maximum_filter
 
@@ -47,6 +46,15 @@ def view_dependence(images: Sequence[np.ndarray], seen: Sequence[Seen]) -> float
         for channel in range(3):
             colours[number, index, channel] = map_coordinates(smooth[..., channel], at, order=1, mode="nearest")
         slopes[number, index] = map_coordinates(slope, at, order=0, mode="nearest")
+    return colours, slopes
+
+
+def view_dependence(colours: np.ndarray, slopes: np.ndarray) -> float | None:
+    """Spread of a point's colour over the views, levels of 255: its 95th percentile over points in even places.
+
+    colours, slopes: as `point_colours` gives them. Errors of the points' places and what hides them raise it, never
+    lower it. None where too few points are seen often enough.
+    """
     often = np.isfinite(slopes).sum(axis=0) >= VIEWS
     if often.sum() < LEAST_POINTS / EVEN:
         return None

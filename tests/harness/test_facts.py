@@ -9,14 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
-from tolerances import DIFFERENCE_BLUR, EDGE_BLUR, MEASURED_NOISE
+from tolerances import DIFFERENCE_BLUR, EDGE_BLUR, GAIN_BY_MEDIANS, MEASURED_NOISE
 
 from dofbench.cameras import Camera
 from dofbench.content import content_folder
 from dofbench.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.defocus import defocus_numpy
+from dofbench.exif import Exif
+from dofbench.harness.colour_spread import colour_spread, light_spread, view_gains
 from dofbench.harness.facts import facts_of
-from dofbench.harness.plan import NEEDLESS_BLUR, NEEDLESS_DEPENDENCE
+from dofbench.harness.plan import NEEDLESS_BLUR, NEEDLESS_COLOURS, NEEDLESS_DEPENDENCE
 from dofbench.harness.sharpness import blur_deviation, noise_deviation
 from dofbench.images import from_8bit, resize, to_8bit
 from dofbench.lens import DisparityRange, Lens
@@ -108,6 +110,41 @@ def test_a_wall_that_looks_alike_from_everywhere_is_seen_to() -> None:
 
 def test_a_wall_that_changes_with_the_direction_is_seen_to() -> None:
     assert facts_of(_plain(20.0), one_lens=False).view_dependence > NEEDLESS_DEPENDENCE
+
+
+def test_photographs_by_one_exposure_are_seen_as_such_and_one_by_another_is_not() -> None:
+    assert facts_of(_plain(0.0), one_lens=False).colour_spread < NEEDLESS_COLOURS
+    assert facts_of(_plain(60.0), one_lens=False).colour_spread > NEEDLESS_COLOURS
+
+
+@pytest.mark.parametrize("outliers", [0.0, 0.2])
+def test_factors_of_exposure_and_white_balance_are_found(outliers: float) -> None:
+    random = np.random.default_rng(3)
+    true = random.normal(0, 0.15, (7, 3))
+    colours = np.exp(true)[:, None] * random.uniform(0.2, 0.6, (300, 3)) * (1 + random.normal(0, 0.01, (7, 300, 3)))
+    wrong = random.uniform(size=(7, 300)) < outliers
+    colours[wrong] = random.uniform(0.1, 0.9, (int(wrong.sum()), 3))
+    colours[random.uniform(size=(7, 300)) < 0.4] = np.nan
+    found = view_gains(colours)
+    assert np.abs(found - (true - np.median(true, axis=0))).max() < GAIN_BY_MEDIANS
+    assert colour_spread(colours) == pytest.approx(100 * true.std(axis=0).max(), rel=0.1)
+
+
+def test_a_photograph_that_shares_too_little_says_nothing() -> None:
+    colours = np.full((5, 100, 3), 0.5)
+    colours[4, 10:] = np.nan
+    assert np.isnan(view_gains(colours)[4]).all() and np.isfinite(view_gains(colours)[:4]).all()
+    colours[1:, 10:] = np.nan
+    assert np.isnan(view_gains(colours)).all() and colour_spread(colours) is None
+    colours[:] = 1.0  # blown out
+    assert colour_spread(colours) is None
+
+
+def test_exif_tells_how_far_the_light_differs_only_when_it_tells_of_every_photograph() -> None:
+    records = [Exif(f_number=8.0, exposure=0.01, iso=iso) for iso in (100, 400)]
+    assert light_spread(records) == pytest.approx(1.0)
+    assert light_spread([*records, Exif(f_number=8.0)]) is None
+    assert light_spread([*records, None]) is None and light_spread([]) is None
 
 
 def test_without_points_nothing_is_told() -> None:

@@ -25,12 +25,12 @@ def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
     def plan(method: str = "fake", inputs: str = "shallow", overrides: dict | None = None, force_all: bool = False,
              blur: float | None = 4.0, dependence: float | None = 20.0, one_lens: bool | None = False,
-             points: int = 900,
+             points: int = 900, spread: float | None = 20.0, light: float | None = None,
              **dataset) -> RunPlan:
         data = FakeDataset(write_dataset(tmp_path / "data", **dataset))
         return make_plan(find_method(method), "quick", {"noise": 0.2}, overrides or {}, Budget(steps=8), data,
-                         Facts(points, blur, dependence, one_lens), protocol_for(inputs), seed=0, device="cpu",
-                         force_all=force_all)
+                         Facts(points, blur, dependence, one_lens, spread, light), protocol_for(inputs), seed=0,
+                         device="cpu", force_all=force_all)
 
     return plan
 
@@ -94,6 +94,15 @@ def test_one_lens_is_learned_where_the_dataset_says_so(plan) -> None:
 def test_harmonics_are_left_out_of_a_scene_that_looks_alike_from_everywhere(plan) -> None:
     assert plan(dependence=1.0).options["harmonics"] == 0
     assert "harmonics" not in plan(dependence=4.0).options and "harmonics" not in plan(dependence=None).options
+
+
+def test_colours_are_learned_where_points_or_else_exif_say_that_they_differ(plan) -> None:
+    learned = [_runs(plan(spread=spread, light=light))["colours"] for spread, light in
+               ((20.0, None), (1.0, None), (1.0, 2.0), (None, 2.0), (None, 0.1), (None, None))]
+    assert learned == [True, False, False, True, False, False]
+    assert plan(spread=1.0).options["colours"] == 0 and "colours" not in plan(spread=1.0, force_all=True).options
+    reason = next(stage.reason for stage in plan(spread=1.0).stages if stage.name == "colours")
+    assert "differ by 1.0 %" in reason
 
 
 def test_normals_need_depth_supervision(plan) -> None:

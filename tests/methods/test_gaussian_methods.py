@@ -65,6 +65,22 @@ def test_a_saved_method_renders_the_same_with_its_own_settings(name, training_se
     assert again.describe() == method.describe()
 
 
+@pytest.mark.parametrize("name", ["dofgaussian", "mipsplatting"])
+def test_colours_of_the_photographs_are_kept_and_aren_t_the_scene_s(name, training_set, tmp_path):
+    entry, method = _trained(name, training_set, colour_per_view="affine")
+    method.save(tmp_path / "a")
+    again = _loaded(entry, tmp_path / "a")
+    colours, kept = method.colour_estimates(), again.colour_estimates()
+    assert list(kept) == ["a", "b"] and all(np.array_equal(kept[view], colours[view]) for view in kept)
+    assert np.abs(colours["a"] - np.eye(3, 4)).max() > 1e-3
+    assert np.abs(again.render(CAMERA, None).image - method.render(CAMERA, None).image).max() < FLOAT32_VALUE
+    _, plain = _trained(name, training_set)
+    plain.save(tmp_path / "b")
+    assert plain.colour_estimates() is None and not (tmp_path / "b" / "colours.json").exists()
+    again.load(tmp_path / "b")
+    assert again.colour_estimates() is None
+
+
 def test_what_is_loaded_and_saved_again_says_the_same(training_set, tmp_path):
     entry, method = _trained("dofgaussian", training_set)
     method.save(tmp_path / "a")

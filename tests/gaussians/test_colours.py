@@ -1,0 +1,214 @@
+"""What a camera makes of the light: colours of the photographs, vignetting, and what it clipped."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from small_scene import Recorder, options, training_set
+from tolerances import FLOAT32_VALUE, GAIN_LEARNED, RESPONSE_GRADIENT, VIGNETTING_LEARNED
+
+from dofbench.cameras import Camera
+from dofbench.contracts import Budget
+from dofbench.errors import InputError
+from dofbench.exif import Exif
+from dofbench.gaussians import losses
+from dofbench.gaussians.colours import LearnedColours, read_colours, write_colours
+from dofbench.gaussians.options import TrainerOptions
+from dofbench.gaussians.response import LearnedResponse
+from dofbench.gaussians.trainer import Trainer
+from dofbench.gaussians.vignetting import LearnedVignetting
+
+CAMERA = Camera(12, 8, 10.0, 10.0, 6.0, 4.0, np.eye(4))
+
+
+def _image(seed=0):
+    return torch.rand(8, 12, 3, generator=torch.Generator().manual_seed(seed))
+
+
+def _learned(kind, views=3):
+    return LearnedColours(views, TrainerOptions(colour_per_view=kind))
+
+
+@pytest.mark.parametrize("kind", ["gain", "affine"])
+def test_a_colour_starts_as_identity_bit_for_bit(kind):
+    colours, image = _learned(kind), _image()
+    assert torch.equal(colours.forward(1, image), image) and torch.equal(colours.apply(1, image), image)
+    assert np.array_equal(colours.matrix(1), np.eye(3, 4))
+
+
+@pytest.mark.parametrize("what", ["gain", "affine", "vignetting"])
+def test_gradients_are_those_of_finite_differences(what):
+    image, weight = _image(), _image(1) - 0.5
+    if what == "vignetting":
+        learned = LearnedVignetting([None], TrainerOptions(vignetting=True))
+        forward = lambda: learned.forward(0, image, CAMERA)  # noqa: E731
+    else:
+        learned = _learned(what, 1)
+        forward = lambda: learned.forward(0, image)  # noqa: E731
+    table = learned._table.values
+    table[:] = 0.1 * torch.rand(table.shape, generator=torch.Generator().manual_seed(2))
+    image.requires_grad_()
+    (forward() * weight).sum().backward()
+    found, by_image = learned.gradient(), image.grad.clone()
+    image.requires_grad_(False)
+
+    def slope(tensor, place, step=1e-2):
+        ends = []
+        for sign in (1, -1):
+            tensor[place] += sign * step
+            ends.append(float((forward() * weight).detach().double().sum()))
+            tensor[place] -= sign * step
+        return (ends[0] - ends[1]) / (2 * step)
+
+    for place in range(table.shape[1]):
+        assert float(found[place]) == pytest.approx(slope(table, (0, place)), abs=RESPONSE_GRADIENT)
+    for place in [(0, 0, 0), (3, 7, 1), (7, 11, 2)]:
+        assert float(by_image[place]) == pytest.approx(slope(image, place), abs=RESPONSE_GRADIENT)
+
+
+@pytest.mark.parametrize("kind", ["gain", "affine"])
+def test_the_mean_over_the_photographs_stays_identity(kind):
+    colours, random = _learned(kind, 4), np.random.default_rng(0)
+    for step in range(60):
+        view = int(random.integers(4))
+        (colours.forward(view, _image(step)) - 0.7).square().mean().backward()
+        colours.step(view, step / 60)
+    assert float(colours._table.values.abs().max()) > 0.01
+    assert float(colours._table.values.mean(dim=0).abs().max()) < FLOAT32_VALUE
+    if kind == "affine":
+        assert np.allclose(np.mean([colours.matrix(view) for view in range(4)], axis=0), np.eye(3, 4),
+                           atol=FLOAT32_VALUE)
+
+
+@pytest.mark.parametrize("kind", ["gain", "affine"])
+def test_exposure_and_white_balance_are_learned(kind):
+    true = np.array([[0.2, 0.1, 0.0], [-0.2, 0.0, 0.1], [0.0, -0.1, -0.1]])
+    colours = LearnedColours(3, TrainerOptions(colour_per_view=kind, colour_lr=2e-2))
+    factors = np.exp(true) if kind == "gain" else 1 + true  # what the gauge makes the mean of is zero
+    for step in range(1500):
+        view, image = step % 3, _image(step)
+        photograph = image * torch.tensor(factors[view]).float()
+        (colours.forward(view, image) - photograph).square().mean().backward()
+        colours.step(view, step / 1500)
+    for view in range(3):
+        assert np.diag(colours.matrix(view)) == pytest.approx(factors[view], abs=GAIN_LEARNED)
+
+
+def test_vignetting_is_learned_for_each_f_number():
+    records = [Exif(f_number=2.0, focal_length=50.0), Exif(f_number=8.0, focal_length=50.0)] * 2
+    learned = LearnedVignetting(records, TrainerOptions(vignetting=True, colour_lr=2e-2))
+    along, down = (np.arange(12) + 0.5 - 6) / np.hypot(6, 4), (np.arange(8) + 0.5 - 4) / np.hypot(6, 4)
+    square = along**2 + down[:, None] ** 2
+    shade = ((1 - 0.4 * square + 0.1 * square**2) ** (1 / TrainerOptions().lens_gamma))[..., None]
+    for step in range(1200):
+        view, image = step % 4, _image(step)
+        photograph = image if view % 2 else image * torch.tensor(shade).float()
+        (learned.forward(view, image, CAMERA) - photograph).square().mean().backward()
+        learned.step(view, step / 1200)
+    even = torch.ones(8, 12, 3)
+    for view in range(4):
+        expected = 1.0 if view % 2 else shade
+        assert np.abs(learned.apply(view, even, CAMERA).numpy() - expected).max() < VIGNETTING_LEARNED
+        assert learned.coefficients(view) == learned.coefficients((view + 2) % 4)
+
+
+def test_without_options_nothing_is_learned_and_nothing_touched():
+    response = LearnedResponse(training_set().views, TrainerOptions())
+    image = _image()
+    assert response.forward(0, image, CAMERA) is image and response.apply(0, image, CAMERA) is image
+    assert response.gradient() is None
+    response.step(0, 0.5)
+
+
+def test_photographs_of_other_colours_are_made_again():
+    """Of three views one is darker and one warmer: with colours each is explained better."""
+    given, errors = training_set(), {}
+    factors = np.array([[0.8, 0.8, 0.8], [1.2, 1.2, 1.0], [1.04, 1.04, 1.25]], np.float32)
+    views = tuple(type(view)(view.name, view.camera, view.image * factor * 0.8)
+                  for view, factor in zip(given.views, factors, strict=True))
+    for chosen in ("off", "gain"):
+        trainer = Trainer(type(given)(views, given.points), options(
+            steps=60, lens=False, adaptation="off", normal_weight=0, colour_per_view=chosen, colour_lr=3e-2), 0)
+        trainer.fit(Budget(), Recorder())
+        errors[chosen] = np.mean([np.abs(trainer.photograph(index) - view.image).mean()
+                                  for index, view in enumerate(views)])
+        assert (trainer.colour_estimates() is None) == (chosen == "off")
+    assert errors["gain"] < errors["off"]
+    assert trainer.colour_estimates()["v0"][0, 0] < 0.95 < trainer.colour_estimates()["v1"][0, 0]
+
+
+def test_a_nan_in_a_colour_is_caught_and_named():
+    trainer = Trainer(training_set(), options(colour_per_view="gain"), 0)
+    trainer.response.colours._table.values[:] = float("nan")
+    (event,) = trainer.fit(Budget(steps=5), Recorder()).nonfinite
+    assert event.step == 1
+
+
+def test_colours_are_read_as_written(tmp_path):
+    colours = {"a": np.arange(12, dtype=np.float32).reshape(3, 4) / 7, "b": np.eye(3, 4, dtype=np.float32)}
+    write_colours(tmp_path / "colours.json", colours)
+    found = read_colours(tmp_path / "colours.json")
+    assert list(found) == ["a", "b"] and all(np.array_equal(found[name], colours[name]) for name in colours)
+
+
+@pytest.mark.parametrize("change", [
+    lambda data: data | {"version": 2}, lambda data: data | {"views": {"a": [[1, 0], [0, 1]]}},
+    lambda data: data | {"views": {"a": [["x"] * 4] * 3}}, lambda data: {"schema_name": data["schema_name"]},
+    lambda data: [], lambda data: data | {"views": {"a": [[float("nan")] * 4] * 3}},
+])
+def test_damaged_colours_are_one_clear_error(tmp_path, change):
+    file = tmp_path / "colours.json"
+    write_colours(file, {"a": np.eye(3, 4)})
+    file.write_text(json.dumps(change(json.loads(file.read_text()))))
+    with pytest.raises(InputError, match=r"colours\.json"):
+        read_colours(file)
+
+
+# ---- what the sensor clipped ----
+
+
+def test_only_at_or_above_the_white_of_a_clipped_channel_the_gradient_is_cut():
+    target = torch.full((16, 16, 3), 0.6)
+    target[4:12, 4:12, :2] = 1.0
+    prediction = torch.full((16, 16, 3), 1.3)
+    prediction[:, 8:] = 0.8
+    prediction.requires_grad_()
+    looked_at = losses.looked_at(prediction, target, clipped_white=True)
+    free = (target == 1) & (prediction.detach() > 1)
+    assert int(free.sum()) == 8 * 4 * 2
+    (looked_at - target).abs().sum().backward()
+    assert torch.equal(prediction.grad == 0, free)
+    prediction.grad = None
+    losses.reconstruction(losses.looked_at(prediction, target, clipped_white=True), target, 0.4, None).backward()
+    assert torch.equal(prediction.grad == 0, free)
+    cost = (looked_at - target).abs().detach()
+    assert not cost[free].any() and torch.equal(cost[~free], (prediction - target).abs().detach()[~free])
+
+
+def test_one_level_below_white_isn_t_clipped():
+    target = torch.full((12, 12, 3), 254 / 255)
+    prediction = torch.full((12, 12, 3), 1.2)
+    assert torch.equal(losses.looked_at(prediction, target, clipped_white=True), prediction)
+
+
+def test_light_above_white_is_kept_where_the_blur_spreads_it():
+    """A lamp of three times white, blurred to below it, is found from what the blur spread."""
+    from dofbench.defocus import defocus
+
+    sharp = torch.full((33, 33, 3), 0.2)
+    sharp[15:18, 15:18] = 1.6
+    radius = torch.full((33, 33), 2.0)
+    photograph = defocus(sharp, radius).clamp(max=1)
+    assert float(photograph.max()) == 1
+    errors = {}
+    for clipped in (False, True):
+        image = torch.full((33, 33, 3), 0.2).requires_grad_()
+        adam = torch.optim.Adam([image], lr=0.02)
+        for _ in range(150):
+            adam.zero_grad()
+            prediction = losses.looked_at(defocus(image, radius), photograph, clipped_white=clipped)
+            (prediction - photograph).abs().mean().backward()
+            adam.step()
+        errors[clipped] = abs(float(image.detach()[15:18, 15:18].mean()) - 1.6)
+    assert errors[True] < errors[False]

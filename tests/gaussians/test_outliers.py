@@ -1,0 +1,67 @@
+"""What doesn't belong to the scene is left out, and a scene that is merely hard loses nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from small_scene import Recorder, options, training_set
+
+from dofbench.contracts import Budget, TrainingSet
+from dofbench.gaussians.outliers import MOST, VISITS, OutlierViews, unexplained
+from dofbench.gaussians.trainer import Trainer
+
+
+def _found(losses, visits=VISITS):
+    views = OutlierViews(len(losses))
+    for _ in range(visits):
+        for view, loss in enumerate(losses):
+            views.record(view, loss)
+    return views.found()
+
+
+def test_a_loss_far_above_the_others_is_an_outlier():
+    losses = list(0.05 + 0.001 * np.arange(12))
+    assert _found(losses) == set()
+    losses[4] = 0.2
+    assert _found(losses) == {4}
+    assert _found(losses, VISITS - 1) == set()  # not seen often enough
+
+
+@given(st.lists(st.floats(0.05, 0.069), min_size=8, max_size=30))
+def test_losses_that_differ_by_less_than_two_fifths_have_none(losses):
+    assert _found(losses) == set()
+
+
+def test_no_more_than_a_share_is_left_out_the_worst_first():
+    losses = [0.05] * 12 + [0.5, 0.9, 0.6, 0.8, 0.7]
+    assert len(_found(losses)) == int(MOST * len(losses)) == 4 and _found(losses) == {13, 14, 15, 16}
+    assert _found([0.05] * 5 + [0.9] * 2) == set()  # too few for a median to mean something
+
+
+def test_a_photograph_of_something_else_is_trained_on_no_more():
+    """Copies of three views but for one, which is noise."""
+    given_set, random = training_set(), np.random.default_rng(0)
+    views = [replace(given_set.views[number % 3], name=f"v{number}") for number in range(9)]
+    views[5] = replace(views[5], image=random.uniform(size=views[5].image.shape).astype(np.float32))
+    chosen = options(steps=80, lens=False, adaptation="off", normal_weight=0, outlier_views=True)
+    trainer = Trainer(TrainingSet(tuple(views), given_set.points), chosen, 0)
+    trainer.fit(Budget(), Recorder())
+    assert trainer.left_out_views == {5}
+
+
+def test_a_thing_that_only_the_photograph_shows_is_unexplained():
+    prediction = torch.rand(40, 60, 3, generator=torch.Generator().manual_seed(0))
+    target = prediction + 0.02 * torch.rand(40, 60, 3, generator=torch.Generator().manual_seed(1))
+    assert not unexplained(prediction, target).any()
+    target[10:25, 20:40] = 1 - prediction[10:25, 20:40].round()
+    mask = unexplained(prediction, target)
+    assert mask[12:23, 22:38].all() and not mask[:5].any() and not mask[:, 46:].any()
+
+
+def test_a_small_difference_everywhere_is_explained():
+    prediction = torch.zeros(20, 20, 3)
+    target = torch.zeros(20, 20, 3)
+    target[5:15, 5:15] = 0.09  # nothing else differs, so any median is zero
+    assert not unexplained(prediction, target).any()
