@@ -25,8 +25,8 @@ class TrainingProgress:
     The time left is that of what is shown, by its own rate: a stage says nothing about how long steps take.
     """
 
-    def __init__(self, console: Console, budget: Budget, now: Callable[[], float] = time.monotonic):
-        self._console, self._budget, self._now = console, budget, now
+    def __init__(self, console: Console, budget: Budget, now: Callable[[], float] | None = None):
+        self._console, self._budget, self._now = console, budget, now or time.monotonic
         self._bar: Progress | None = None
         self._last_line = -math.inf
         self._stage: tuple[str, float] | None = None  # name and when it began

@@ -64,7 +64,7 @@ def test_a_prior_is_never_silent_for_longer_than_a_view(a_view):
         left = seconds_left(line)
         if left is not None:
             assert left == pytest.approx(log.now - time, abs=0.5 + 1e-6)
-    assert sum(seconds_left(line) is not None for _, line in log.lines) >= len(log.lines) - 4
+    assert sum(seconds_left(line) is not None for _, line in log.lines) >= len(log.lines) - 8  # the first handful of views tell nothing
 
 
 def test_the_time_left_of_training_knows_nothing_of_the_prior():
