@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from types import TracebackType
 
 from rich.console import Console
@@ -14,23 +13,24 @@ from rich.table import Table
 from dofbench.contracts import Budget
 from dofbench.harness.observer import share_spent
 from dofbench.harness.result import Result
-from dofbench.remaining import Remaining
+from dofbench.remaining import ESTIMATING, Remaining
 
 PLAIN_EVERY = 10.0  # seconds between two plain lines: a log stays readable, and shows that it is alive
 
 
 class TrainingProgress:
-    """Shows step, loss and the time left; before the first step, the stages that lead to it and what is left of each.
+    """Shows step, loss and the training time left: a budget in seconds says it, steps by their recent rate.
 
-    The time left is that of what is shown, by its own rate: a stage says nothing about how long steps take.
+    Before the first step it shows the stages that lead there, each with the time left of it alone: what they took says
+    nothing about steps.
     """
 
-    def __init__(self, console: Console, budget: Budget, now: Callable[[], float] = time.monotonic):
-        self._console, self._budget, self._now = console, budget, now
+    def __init__(self, console: Console, budget: Budget):
+        self._console, self._budget = console, budget
         self._bar: Progress | None = None
         self._last_line = -math.inf
-        self._stage: tuple[str, float] | None = None  # name and when it began
-        self._remaining = Remaining()
+        self._steps_left = Remaining(budget.steps) if budget.steps is not None else None
+        self._stage, self._begun, self._stage_left = "", 0.0, Remaining(1)
 
     def __enter__(self) -> TrainingProgress:
         if self._console.is_terminal:
@@ -49,48 +49,47 @@ class TrainingProgress:
             self._bar.stop()
 
     def stage(self, name: str, done: int, total: int) -> None:
-        """Told of what comes before the first step."""
-        now = self._now()
-        if self._stage is None or self._stage[0] != name:
-            self._stage, self._remaining = (name, now), Remaining()
-        left = self._remaining(done, total, now)
-        count = f"{done} of {total}"
+        """Told of what comes before the first step: at its beginning, after each unit, and so at its end."""
+        now = time.monotonic()
+        if name != self._stage:
+            self._stage, self._begun, self._stage_left = name, now, Remaining(total)
+        self._stage_left.told(done, now)
+        seconds, count = self._stage_left.seconds(), f"{done} of {total}"
+        left = ESTIMATING if seconds is None else f"about {seconds:.0f} s left"
         if self._bar is not None:
-            self._bar.update(self._task, description=name, completed=done / max(total, 1), detail=count,
-                             left=_left(left))
-            return
-        if done >= total:
-            self._line(now, f"{name}: {count}, {now - self._stage[1]:.0f} s")
-        elif done == 0 or now - self._last_line >= PLAIN_EVERY:
-            self._line(now, ", ".join([f"{name}: {count}", *([_left(left)] if left is not None else [])]))
+            self._bar.update(self._task, description=name, completed=done / max(total, 1), detail=count, left=left)
+        elif done >= total:
+            self._line(now, f"{name}: {count}, {now - self._begun:.0f} s")
+        elif done == 0:
+            self._line(now, f"{name}: {count}")
+        elif now - self._last_line >= PLAIN_EVERY:
+            self._line(now, f"{name}: {count}, {left}")
 
     def __call__(self, step: int, loss: float, seconds: float) -> None:
         """Told after each step."""
-        if self._stage is not None or step == 1:
-            self._stage, self._remaining = None, Remaining()
         spent = min(share_spent(self._budget, step, seconds), 1.0)
-        limits = []
-        if self._budget.steps is not None:
-            limits.append(self._remaining(step, self._budget.steps, seconds))
-        if self._budget.seconds is not None:
-            limits.append(max(self._budget.seconds - seconds, 0.0))
-        left = min((limit for limit in limits if limit is not None), default=None)
+        if self._steps_left is not None:
+            self._steps_left.told(step, seconds)
         if self._bar is not None:
-            self._bar.update(self._task, description="training", completed=spent, detail=f"step {step} loss {loss:.4f}",
-                             left=_left(left))
+            self._bar.update(self._task, description="training", completed=spent,
+                             detail=f"step {step} loss {loss:.4f}", left=self._left(seconds))
             return
-        now = self._now()
+        now = time.monotonic()
         if spent >= 1 or now - self._last_line >= PLAIN_EVERY:
-            parts = [f"step {step}, loss {loss:.4f}, {seconds:.0f} s trained"]
-            self._line(now, ", ".join(parts + ([_left(left)] if left is not None else [])))
+            self._line(now, f"step {step}, loss {loss:.4f}, {seconds:.0f} s trained, {self._left(seconds)}")
 
     def _line(self, now: float, text: str) -> None:
         self._last_line = now
         self._console.print(text, highlight=False, markup=False, soft_wrap=True)
 
-
-def _left(seconds: float | None) -> str:
-    return "" if seconds is None else f"about {seconds:.0f} s left"
+    def _left(self, seconds: float) -> str:
+        by_steps = None if self._steps_left is None else self._steps_left.seconds()
+        if self._budget.seconds is None:
+            return ESTIMATING if by_steps is None else f"about {by_steps:.0f} s left"
+        limit = max(0.0, self._budget.seconds - seconds)
+        if self._steps_left is not None and by_steps is None:
+            return f"at most {limit:.0f} s left"
+        return f"about {limit if by_steps is None else min(limit, by_steps):.0f} s left"
 
 
 def print_result(console: Console, result: Result) -> None:

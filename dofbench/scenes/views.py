@@ -12,7 +12,7 @@ from dofbench.contracts import PointCloud
 from dofbench.errors import InputError
 from dofbench.images import image_size, read_image, resize
 from dofbench.scenes.depth_files import read_depth
-from dofbench.scenes.folders import marked_hold, view_names
+from dofbench.scenes.folders import marked_hold, scene_name, view_names
 from dofbench.scenes.types import Scene, SceneView, Split
 from dofbench.scenes.undistort import Intrinsics, sample_depth, undistort_image, undistorted
 
@@ -21,6 +21,10 @@ _ASPECT = 0.01
 DEFAULT_HOLD = 8
 # Points are matched to poses by eye of the lens: a wrong frame leaves next to none inside.
 _INSIDE = 0.5
+
+
+class AnotherFrame(InputError):
+    """Points, or the cameras of a model, that lie in another frame than the poses beside them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +101,7 @@ def assemble(
         in_front = np.stack([views[index].camera.project(points.xyz)[1] > 0 for index in order])
         tracks = (np.sort(rank[track]) for track in points.views)
         points = replace(points, views=tuple(track[in_front[track, point]] for point, track in enumerate(tracks)))
-    return Scene(root.resolve().name, root, layout, tuple(views[index] for index in order), points)
+    return Scene(scene_name(root), root, layout, tuple(views[index] for index in order), points)
 
 
 def held_out(scene: Scene, hold: int | None) -> Scene:
@@ -107,7 +111,7 @@ def held_out(scene: Scene, hold: int | None) -> Scene:
 
 
 def check_inside(scene: Scene, subject: object) -> None:
-    """Raise InputError unless at least half of the points lie where the poses see them.
+    """Raise AnotherFrame unless at least half of the points lie where the poses see them.
 
     With tracks: half of the sightings fall inside their image. Without: half of the points fall
     inside at least one. Points from another frame than the poses' fail this.
@@ -124,7 +128,7 @@ def check_inside(scene: Scene, subject: object) -> None:
         share = inside[seen, which].mean() if len(seen) else 0.0
     if share < _INSIDE:
         expected = f"at least {_INSIDE:.0%}: points and poses in one frame"
-        raise InputError(subject, f"{share:.0%} of the points inside the images that should see them", expected)
+        raise AnotherFrame(subject, f"{share:.0%} of the points inside the images that should see them", expected)
 
 
 def _inside(view: SceneView, xyz: np.ndarray) -> np.ndarray:

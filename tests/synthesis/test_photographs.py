@@ -326,3 +326,15 @@ def test_a_dataset_with_every_lens_known_is_of_the_first_version(dataset_folder:
     manifest = json.loads((dataset_folder / "dataset.json").read_text())
     assert manifest["version"] == 1 and "photographs" not in manifest["settings"]
     assert not any("photograph" in image for image in manifest["source"]["images"])
+
+
+def test_blown_out_photographs_are_shrunk_by_a_factor_that_is_not_whole(blurred: Path, tmp_path: Path, capsys) -> None:
+    root = shutil.copytree(blurred, tmp_path / "bright")
+    for path in (root / "images").iterdir():
+        image = read_image(path)
+        image[10:80] = 1.0
+        write_png(path, image)
+    for width in ("39", "54", "71"):
+        call = ["make-dataset", str(root), "--photographs", "shallow", "--width", width, "--out", str(tmp_path / width)]
+        assert cli.main(call) == cli.DONE, capsys.readouterr().err
+        assert read_image(tmp_path / width / "images/v01.png").max() == 1
