@@ -51,12 +51,13 @@ def main(settings: Settings) -> None:
     for worker in workers.values():
         worker.stdin.close()
         worker.wait()
-    print("| checkout | views | size | wall (s) | CPU (s) | pixels with depth | memory before (MB) | at its peak (MB) |\n"
+    print("| checkout | views | size | wall (s) | CPU (s) | pixels with depth | memory before | at its peak |\n"
           + "|---" * 8 + "|")
     for name, calls in found.items():
         middle = {key: statistics.median(call[key] for call in calls) for key in calls[0]}
-        print(f"| {name} | {sizes[name]['views']} | {sizes[name]['size']} | {middle['wall']:.1f} | {middle['cpu']:.1f} |"
-              f" {100 * middle['share']:.2f} % | {sizes[name]['before']:.0f} | {middle['peak']:.0f} |")
+        task = sizes[name]
+        print(f"| {name} | {task['views']} | {task['size']} | {middle['wall']:.1f} | {middle['cpu']:.1f} |"
+              f" {100 * middle['share']:.2f} % | {task['before']:.0f} MB | {middle['peak']:.0f} MB |")
     if settings.old:
         for key in ("wall", "cpu"):
             ratios = [old[key] / new[key] for old, new in zip(found["other"], found["this"], strict=True)]
