@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from known_scene import CAMERA, HEIGHT, TRUE, WIDTH, Known
@@ -80,6 +82,9 @@ def test_where_the_training_photographs_are_blurred() -> None:
     assert (found[~inside] == -1).all() and abs((found == 0).sum() - (found == 2).sum()) <= 1
     columns = np.nonzero(found == 0)[1]
     assert (columns > WIDTH / 2 - 12).mean() > 0.95 and (np.nonzero(found == 2)[1] < WIDTH / 2 + 12).mean() > 0.95
+    # A point lies in every photograph that it projects into, found there or not.
+    elsewhere = replace(points, views=tuple(np.array([5]) for _ in range(600)))
+    assert np.array_equal(sharpness_ratio(elsewhere, training, test), ratio, equal_nan=True)
     # Fewer than three photographs of either say nothing.
     assert np.isnan(sharpness_ratio(points, training[:2], test)).all()
     assert thirds(points, np.full(600, np.nan), CAMERA, inside) is None
