@@ -18,11 +18,13 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 
 from dofbench.cameras import Camera
 from dofbench.files import replacing
+from dofbench.motion import features
 from dofbench.motion.run import run
 from dofbench.motion.settings import Reconstruct
 from dofbench.scenes import load_scene
@@ -68,12 +70,19 @@ def focal_lengths(root: Path, scene: Scene) -> dict[str, float]:
     return {Path(name).stem: lens.fx / lens.width for name, lens in zip(model.names, model.intrinsics, strict=True)}
 
 
-def measure(case: str, root: Path, truth: Scene, work: Path, row: dict, **options) -> dict:
-    """Reconstruct the photographs in `root` with their poses ignored, and compare with `truth`."""
+def measure(
+    case: str, root: Path, truth: Scene, work: Path, row: dict, *, octaves: int | None = None, **options
+) -> dict:
+    """Reconstruct the photographs in `root` with their poses ignored, and compare with `truth`.
+
+    octaves: of the features' scale space; None for what the command takes by itself.
+    """
     out = work / case.replace("/", "-")
     settings = Reconstruct(source=root, out=out, poses="ignore", **options)
     start = time.monotonic()
-    outcome = run(settings, Silent(), say=print)
+    count = features.octaves if octaves is None else lambda width, height: octaves
+    with mock.patch.object(features, "octaves", count):
+        outcome = run(settings, Silent(), say=print)
     seconds = time.monotonic() - start
     row = {"case": case, "views": len(truth.views), "registered": 0, "seconds": f"{seconds:.0f}", **row}
     if outcome.folder is None:
@@ -103,6 +112,11 @@ def cases(
         if (data / name).is_dir() and wanted(f"{name}/as-they-are"):
             text = {"photographs": "real, shallow", "options": f"--size {size}"}
             yield f"{name}/as-they-are", data / name, load_scene(data / name), text, {"size": size}
+        for what, asked, settings in (("four-octaves", "four octaves, as COLMAP has them", {"octaves": 4}),
+                                      ("global", "--mapping global", {"mapping": "global"})):
+            if name == "shallow_chessking" and (data / name).is_dir() and wanted(f"{name}/{what}"):
+                text = {"photographs": "real, shallow", "options": f"--size {size}, {asked}"}
+                yield f"{name}/{what}", data / name, load_scene(data / name), text, {"size": size, **settings}
     for name in ("llff_fern", "llff_flower"):
         if (data / name).is_dir():
             truth = load_scene(data / name, images="images_8")
