@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from tolerances import MOTION_BASELINE, MOTION_FOCAL, MOTION_ROTATION_DEG, TRIANGULATED_DEPTH
@@ -213,10 +214,27 @@ def test_make_dataset_names_the_command_for_photographs_without_poses(
 
 
 def test_all_at_once_gives_poses_too(photographs: Path, tmp_path: Path, reconstruct: Callable) -> None:
-    outcome = reconstruct(photographs, tmp_path / "out", mapping="global")
+    outcome = reconstruct(photographs, tmp_path / "out", mapping="global", matching="retrieval")
     assert outcome.folder is not None
     content = json.loads((tmp_path / "out/reconstruct.json").read_text())
     assert content["mapping"]["how"] == "global" and sum(view["registered"] for view in content["views"]) == 6
+
+
+def test_a_video_becomes_a_scene(photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of each of five windows of three frames the sharp one is in the middle."""
+    writer = cv2.VideoWriter(str(tmp_path / "walk.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10, (320, 240))
+    for file in sorted(photographs.glob("*.png"))[:5]:
+        sharp = cv2.imread(str(file))
+        for frame in (cv2.blur(sharp, (5, 5)), sharp, cv2.blur(sharp, (9, 9))):
+            writer.write(frame)
+    writer.release()
+    command = ["reconstruct", str(tmp_path / "walk.avi"), "--out", str(tmp_path / "out"), "--frames", "5"]
+    assert cli.main([*command, "--matching", "sequential"]) == 0
+    said = capsys.readouterr()
+    assert "5 of 5 photographs have poses" in said.out and "frames: 15 of 15" in said.err
+    assert [view.name for view in load_scene(tmp_path / "out").views] == [f"frame_{n:06d}" for n in (1, 4, 7, 10, 13)]
+    content = json.loads((tmp_path / "out/reconstruct.json").read_text())
+    assert content["source"]["kind"] == "video" and content["matching"]["mode"] == "sequential"
 
 
 def test_waiting_raises_what_the_call_raised_and_looks_meanwhile() -> None:
