@@ -201,3 +201,9 @@ RESPONSE_GRADIENT = 2e-3
 GAIN_LEARNED = 0.01
 # Encoded light in the corners, likewise after 600.
 VIGNETTING_LEARNED = 0.01
+# Structure from motion of six views 320 pixels wide, features found to a third of a pixel: rotation from one view to
+# the next in degrees (0.3 px are 0.05 degrees, and a focal length that is off turns into rotation), the ratio of
+# distances between neighbours, and the focal length, which six views from one side determine least.
+MOTION_ROTATION_DEG, MOTION_BASELINE, MOTION_FOCAL = 0.3, 0.05, 0.05
+# Median relative error of triangulated depth: half a pixel over a disparity of tens.
+TRIANGULATED_DEPTH = 0.02
