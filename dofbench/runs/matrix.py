@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -25,6 +26,8 @@ def run_all(settings: Runs, console: Console | None = None, run_jobs: RunJobs = 
     InputError when the call is wrong, before anything runs.
     """
     console = console or Console()
+    if settings.photographs is not None:
+        return _run_photographs(settings, settings.photographs, console, run_jobs)
     cells = settings.cells()
     if len(cells) == 1:
         return bool(run_one(cells[0], console))
@@ -44,6 +47,25 @@ def run_all(settings: Runs, console: Console | None = None, run_jobs: RunJobs = 
     _say(console, f"{len(runs) - len(failures)} of {len(runs)} runs are done and ok; "
                   f"results {', '.join(map(str, folders))}; tables: dofbench report {settings.out}")
     return not failures
+
+
+def _run_photographs(settings: Runs, source: Path, console: Console, run_jobs: RunJobs) -> bool:
+    """Everything from photographs to a page; False when a part of it failed."""
+    from dofbench.reporting import report
+    from dofbench.reporting.settings import Report
+    from dofbench.runs.photographs import dataset_of_photographs, folder_of, outlook
+
+    place = folder_of(source, settings.out)
+    for line in outlook(source, settings.cells(), settings.width):
+        _say(console, line)
+    if settings.dry_run:
+        return True
+    data = dataset_of_photographs(source, settings.out, settings.width, console)
+    if data is None:
+        return False
+    done = run_all(replace(settings, photographs=None, width=None, data=str(data)), console, run_jobs)
+    page = report(Report(results=settings.out, out=place / "report"))
+    return done and bool(page)
 
 
 def plan_matrix(cells: tuple[Run, ...]) -> tuple[PlannedRun, ...]:

@@ -20,6 +20,11 @@ class Runs:
     """Ids of methods, comma-separated: folders in methods/ or in a folder that DOFBENCH_METHODS lists."""
     data: str | None = None
     """Dataset folders, comma-separated. Default: the built-in dataset, made first if it isn't there."""
+    photographs: Path | None = None
+    """In place of --data: a folder of your own photographs, or a video. Camera poses are found, a dataset is made, and
+    after the runs a page is written, all below OUT."""
+    width: int | None = None
+    """Width to train at with --photographs, pixels. Default: 504, or that of the photographs where it is less."""
     preset: str | None = None
     """Presets of the methods' method.toml, comma-separated. Default: the one that the file calls default_preset, or
     builtin_preset on the built-in dataset."""
@@ -51,6 +56,11 @@ class Runs:
         for option, value in (("--seeds", self.seeds), ("--jobs", self.jobs)):
             if value < 1:
                 raise InputError(option, str(value), "at least 1")
+        if self.photographs is not None and self.data is not None:
+            raise InputError("--photographs", "--data too", "one of them")
+        if self.width is not None and (self.photographs is None or self.width < 8):
+            found = str(self.width) if self.photographs is not None else "the option without --photographs"
+            raise InputError("--width", found, "at least 8 pixels, with --photographs")
         if self.budget == ():
             raise InputError("--budget", "nothing", "seconds, steps or both: 300s, 7000it or 300s,7000it")
 

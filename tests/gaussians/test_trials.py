@@ -45,7 +45,8 @@ class Scripted:
         key = self.changes.get("lens_model") or ("no lens" if self.changes.get("lens") is False else
                                                  self.changes.get("lens_per", "view"))
         easy = np.linspace(20, 40, self.count)  # views differ far more than ways do
-        noise = self._noise * np.random.default_rng(len(self.log)).normal(size=self.count)
+        noise = np.random.default_rng(len(self.log)).normal(size=self.count)
+        noise = self._noise * (noise - noise.mean())
         return HeldBackScores(0.0, 0.0, {str(i): (value, 0.0) for i, value in enumerate(easy + self._dB[key] + noise)})
 
     def widest_circle(self):
