@@ -73,11 +73,11 @@ def picture_scores(picture: np.ndarray, photograph: np.ndarray, prefix: str = PH
 def prediction_scores(found: Prediction, photograph: np.ndarray) -> dict[str, float]:
     """`PHOTOGRAPH_COLUMNS` of one view, the last one only where the method has a lens; NaN where a rendering wasn't
     finite."""
-    if found.picture is None or found.blurred is None:
+    if found.picture is None:
         columns = ("photo_psnr", "photo_ssim", *(() if found.refused else ("photo_blur_psnr",)))
         return dict.fromkeys(columns, math.nan)
     scores = picture_scores(found.picture, photograph)
-    if not found.refused:
+    if not found.refused and found.blurred is not None:
         scores["photo_blur_psnr"] = masked_psnr(found.blurred, photograph, found.tiles.inside)
     return scores
 

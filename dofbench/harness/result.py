@@ -128,13 +128,13 @@ class ViewLens(Stored):
 class HalfFitted(Stored):
     """What was fitted on one half of a photograph (0 or 1) to predict the other. aperture: pixels * scene unit at the
     photograph's width; focus_disparity: 1 / scene unit; both None of a method without a lens. sigma: px, of the one
-    Gaussian blur in its place, or to compare with. renders: how many renderings it took. error: mean squared error on
-    the half that was fitted on, encoded."""
+    Gaussian blur in its place, or to compare with, None where there is none. renders: how many renderings it took.
+    error: mean squared error on the half that was fitted on, encoded."""
 
     fitted_on: int
     aperture: float | None
     focus_disparity: float | None
-    sigma: float
+    sigma: float | None
     renders: int
     error: float
 

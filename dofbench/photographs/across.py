@@ -17,12 +17,10 @@ from dofbench.cameras import Camera
 from dofbench.contracts import Method
 from dofbench.lens import PhysicalLens
 from dofbench.photographs.predict import (
-    HALVES,
     LensSearch,
     Prediction,
     assembled,
     checked_image,
-    fit_sigma,
     frame_of,
     median_lens,
     refusal,
@@ -68,15 +66,11 @@ def predict_across(
     lens, frame = median_lens(learned), frame_of(np.asarray(sharp.depth), camera, learned)
     refused = no_lens or ("no learned aperture to be scaled" if lens is None or frame is None
                           else refusal(method, camera, frame))
-    gaussian = [fit_sigma(image, photograph, tiles.fitted(half)) for half in HALVES]
-    blurred = assembled([found for _, found in gaussian], photograph, tiles)
-    sigmas = [sigma for sigma, _ in gaussian]
     if lens is None or frame is None or refused:
-        scaled = Prediction.by_blur(gaussian, blurred, photograph, tiles, refused, time.perf_counter() - start)
-        return AcrossPrediction(scaled, None, in_focus)
+        return AcrossPrediction(Prediction.by_blur(image, photograph, tiles, refused, start), None, in_focus)
     apertures = [lens.aperture * camera.width / lens.width * factor for factor in (ratio, *([1.0] * unscaled))]
     scaled, *other = (
-        _by_focus(method, camera, photograph, tiles, frame, aperture, effort).prediction(effort, sigmas, blurred, start)
+        _by_focus(method, camera, photograph, tiles, frame, aperture, effort).prediction(effort, start)
         for aperture in apertures
     )
     return AcrossPrediction(scaled, other[0] if other else None, in_focus)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -26,12 +26,12 @@ _RANGE = 2.0, 98.0    # percentiles of the disparities of a view that the search
 @dataclass(frozen=True, eq=False)
 class HalfFit:
     """What was fitted on one half, to predict the other. lens: None of a method without one. sigma: px, of the one
-    Gaussian blur of the rendering without a lens. renders: made at the reduced and at the full size for this half, its
-    grid's among them. cost: mean squared error on the half that was fitted on."""
+    Gaussian blur of the rendering without a lens, None where it wasn't asked for. renders: made at the reduced and at
+    the full size for this half, its grid's among them. cost: mean squared error on the half that was fitted on."""
 
     fitted_on: int
     lens: PhysicalLens | None
-    sigma: float
+    sigma: float | None
     renders: tuple[int, int]
     cost: float
 
@@ -39,8 +39,9 @@ class HalfFit:
 @dataclass(frozen=True, eq=False)
 class Prediction:
     """picture, blurred: (H, W, 3) float32 at 8-bit levels, by the lens and by one Gaussian blur (the same where the
-    method has no lens): every tile as predicted by the fit on the other half. refused: why there is no lens, "" where
-    there is one. bad: values of a rendering that weren't finite, and then there is no picture. seconds: wall."""
+    method has no lens, None where it wasn't asked for): every tile as predicted by the fit on the other
+    half. refused: why there is no lens, "" where there is one. bad: values of a rendering that weren't finite, and then
+    there is no picture. seconds: wall."""
 
     picture: np.ndarray | None
     blurred: np.ndarray | None
@@ -51,12 +52,13 @@ class Prediction:
     seconds: float
 
     @staticmethod
-    def by_blur(gaussian: list[tuple[float, np.ndarray]], blurred: np.ndarray, photograph: np.ndarray, tiles: Tiles,
-                refused: str, seconds: float) -> Prediction:
-        """Of a method without a lens. gaussian: sigma and the image by it, for each half."""
+    def by_blur(image: np.ndarray, photograph: np.ndarray, tiles: Tiles, refused: str, start: float) -> Prediction:
+        """Of a rendering without a lens, by the Gaussian blur that helps it most."""
+        gaussian = _fit_sigmas(image, photograph, tiles)
+        blurred = assembled([found for _, found in gaussian], photograph, tiles)
         halves = tuple(HalfFit(half, None, sigma, (0, 1), _cost(found, photograph, tiles.fitted(half)))
                        for half, (sigma, found) in zip(HALVES, gaussian, strict=True))
-        return Prediction(blurred, blurred, halves, tiles, refused, 0, seconds)
+        return Prediction(blurred, blurred, halves, tiles, refused, 0, time.perf_counter() - start)
 
 
 def predict(
@@ -75,17 +77,20 @@ def predict(
     image = checked_image(sharp.image, camera)
     bad = int(image.size - np.count_nonzero(np.isfinite(image)))
     if bad:
-        return Prediction(None, None, (), tiles, "", bad, time.perf_counter() - start)
-    gaussian = [fit_sigma(image, photograph, tiles.fitted(half)) for half in HALVES]
-    blurred = assembled([found for _, found in gaussian], photograph, tiles)
+        return Prediction(None, None, (), tiles, no_lens, bad, time.perf_counter() - start)
     frame = frame_of(np.asarray(sharp.depth), camera, learned)
     refused = no_lens or ("neither depth nor learned lenses to begin with" if frame is None
                           else refusal(method, camera, frame))
     if frame is None or refused:
-        return Prediction.by_blur(gaussian, blurred, photograph, tiles, refused, time.perf_counter() - start)
+        return Prediction.by_blur(image, photograph, tiles, refused, start)
     starts = [frame.ends(lens) for lens in lens_grid(frame, median_lens(learned), effort)]
     search = LensSearch(method, camera, photograph, tiles, starts, frame.lens, _steps)
-    return search.prediction(effort, [sigma for sigma, _ in gaussian], blurred, start)
+    found = search.prediction(effort, start)
+    if not effort.blur or found.bad:
+        return found
+    blur = Prediction.by_blur(image, photograph, tiles, refused, start)
+    halves = tuple(replace(half, sigma=other.sigma) for half, other in zip(found.halves, blur.halves, strict=True))
+    return replace(found, blurred=blur.picture, halves=halves, seconds=blur.seconds)
 
 
 def _steps(at: np.ndarray) -> tuple[float, float]:
@@ -108,14 +113,14 @@ class LensSearch:
         self._factor, self._small = factor, _reduced(camera, factor)
         self._grid = [(at, self._render(self._small, lens(at))) for at in starts]
 
-    def prediction(self, effort: Effort, sigmas: list[float], blurred: np.ndarray, start: float) -> Prediction:
+    def prediction(self, effort: Effort, start: float) -> Prediction:
         """The fits of both halves, and what they predict. start: when the work began, by `time.perf_counter`."""
         found = [self._half(half, effort) for half in HALVES]
         bad = max(int(one.image.size - np.count_nonzero(np.isfinite(one.image))) for one, _ in found)
-        halves = tuple(HalfFit(half, self._lens(one.at), sigmas[half], renders, one.cost)
+        halves = tuple(HalfFit(half, self._lens(one.at), None, renders, one.cost)
                        for half, (one, renders) in zip(HALVES, found, strict=True))
         picture = None if bad else assembled([one.image for one, _ in found], self._photograph, self._tiles)
-        return Prediction(picture, blurred, halves, self._tiles, "", bad, time.perf_counter() - start)
+        return Prediction(picture, None, halves, self._tiles, "", bad, time.perf_counter() - start)
 
     def _half(self, half: int, effort: Effort) -> tuple[Found, tuple[int, int]]:
         """(best, renders at the reduced and the full size) of the fit on that half."""
@@ -135,16 +140,18 @@ class LensSearch:
         return checked_image(self._method.render(camera, replace(lens, width=width)).image, camera)
 
 
-def fit_sigma(image: np.ndarray, photograph: np.ndarray, mask: np.ndarray) -> tuple[float, np.ndarray]:
-    """(sigma, image blurred by it in linear light): the Gaussian of least cost on the masked pixels."""
+def _fit_sigmas(image: np.ndarray, photograph: np.ndarray, tiles: Tiles) -> list[tuple[float, np.ndarray]]:
+    """For each half (sigma, image blurred by it in linear light): the Gaussian of least cost there."""
     from scipy.ndimage import gaussian_filter
 
     linear = decode(np.clip(image, 0.0, 1.0))
 
+    @lru_cache(maxsize=16)  # the grid is the same for both halves
     def blurred(sigma: float) -> np.ndarray:
         return image if sigma == 0 else encode(gaussian_filter(linear, (sigma, sigma, 0), mode="nearest", truncate=3))
 
-    return best_sigma(blurred, partial(_cost, photograph=photograph, mask=mask), LARGEST_SIGMA * image.shape[1])
+    return [best_sigma(blurred, partial(_cost, photograph=photograph, mask=tiles.fitted(half)),
+                       LARGEST_SIGMA * image.shape[1]) for half in HALVES]
 
 
 def _cost(image: np.ndarray, photograph: np.ndarray, mask: np.ndarray) -> float:

@@ -26,12 +26,14 @@ LEAST_STEP = 0.001
 @dataclass(frozen=True)
 class Effort:
     """apertures: how many of `APERTURES`, from the second where not all. focuses: planes of the grid. coarse, fine:
-    renderings of the simplex, at the reduced and at the full size."""
+    renderings of the simplex, at the reduced and at the full size. blur: whether to predict by one Gaussian blur too,
+    where there is a lens."""
 
     apertures: int
     focuses: int
     coarse: int
     fine: int
+    blur: bool = False
 
     @property
     def most_coarse(self) -> int:
@@ -44,7 +46,7 @@ class Effort:
         return 2 * self.fine
 
 
-THOROUGH = Effort(apertures=5, focuses=5, coarse=12, fine=10)
+THOROUGH = Effort(apertures=5, focuses=5, coarse=12, fine=10, blur=True)
 QUICK = Effort(apertures=3, focuses=3, coarse=8, fine=1)
 
 
@@ -129,13 +131,12 @@ def simplex(
 def best_sigma(blurred: Callable[[float], np.ndarray], cost: Cost, largest: float) -> tuple[float, np.ndarray]:
     """(sigma, image): the Gaussian blur of least cost, 0 to `largest` pixels; a grid, halved five times round its best.
     """
-    tried: dict[float, tuple[float, np.ndarray]] = {}
+    tried: dict[float, float] = {}
 
     def value(sigma: float) -> float:
         if sigma not in tried:
-            image = blurred(sigma)
-            tried[sigma] = cost(image), image
-        return tried[sigma][0]
+            tried[sigma] = cost(blurred(sigma))
+        return tried[sigma]
 
     # Steps that grow with sigma, as does the blur that can be told from its neighbour.
     grid = [0.0, *(largest * 2.0 ** (-k / 2) for k in range(12, -1, -1))]
@@ -147,4 +148,4 @@ def best_sigma(blurred: Callable[[float], np.ndarray], cost: Cost, largest: floa
         chosen = min((middle, left, right), key=value)
         low, high = (low, middle) if chosen == left else (middle, high) if chosen == right else (left, right)
         middle = chosen
-    return middle, tried[middle][1]
+    return middle, blurred(middle)

@@ -17,7 +17,7 @@ from dofbench.lens import DisparityRange, PhysicalLens
 from dofbench.photographs.predict import predict
 from dofbench.photographs.search import QUICK, THOROUGH, Effort, Frame, lens_grid
 
-SMALL = Effort(apertures=5, focuses=4, coarse=12, fine=12)
+SMALL = Effort(apertures=5, focuses=4, coarse=12, fine=12, blur=True)
 PHOTOGRAPH = Known().render(CAMERA, TRUE).image
 
 

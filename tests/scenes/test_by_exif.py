@@ -15,6 +15,7 @@ from dofbench.exif import Exif
 from dofbench.scenes import load_scene
 from dofbench.scenes.by_exif import split_by_f_number
 from dofbench.scenes.types import Scene
+from dofbench.synthesis.settings import MakeDataset
 
 
 @pytest.fixture
@@ -49,3 +50,19 @@ def test_without_exif_the_line_says_where_it_could_stand(scene: Scene, tmp_path:
     blank = replace(scene, views=tuple(replace(view, exif=None) for view in scene.views))
     with pytest.raises(InputError, match=r"exif\.csv"):
         split_by_f_number(blank, 2.0, 5.6)
+
+
+@pytest.mark.parametrize(
+    ("options", "subject", "found"),
+    [
+        ({"train_f_number": 2.0}, "--train-f-number", "no --test-f-number"),
+        ({"test_f_number": 2.0}, "--test-f-number", "no --train-f-number"),
+        ({"train_f_number": 2.0, "test_f_number": 2.0}, "--train-f-number", "as --test-f-number"),
+        ({"train_f_number": -2.0, "test_f_number": 8.0}, "--train-f-number", "-2.0"),
+        ({"train_f_number": 2.0, "test_f_number": 8.0, "hold": 8}, "--train-f-number", "--hold 8 too"),
+    ],
+)
+def test_options_that_dont_fit(options: dict, subject: str, found: str) -> None:
+    with pytest.raises(InputError) as refused:
+        MakeDataset(**options)
+    assert refused.value.subject == subject and found in str(refused.value)
