@@ -68,6 +68,7 @@ class TrainerOptions:
         points; a depth "network" as it is; one that is "tuned" to the scene by stereo depth and points (section 4.2);
         or "colmap", a dense workspace. depth_prior_file: the network, TorchScript; without it the
         shipped one. depth_prior_workspace: COLMAP's dense folder; "tuned" takes it in place of stereo.
+        depth_prior_coarser: how often stereo looks again at half the size, where it found nothing.
         start_points: how many points on the prior's surfaces Gaussians start from, beside the sparse
         points (not with "sparse"), whatever depth_weight is.
         depth_prior_steps: of tuning, no more than the training's own. depth_prior_loss: Eq. 8,
@@ -163,6 +164,7 @@ class TrainerOptions:
     depth_prior: Literal["sparse", "stereo", "network", "tuned", "colmap"] = "sparse"
     depth_prior_file: str = ""
     depth_prior_workspace: str = ""
+    depth_prior_coarser: int = 0
     depth_prior_steps: int = 150
     start_points: int = 0
     depth_prior_loss: Literal["squared", "absolute"] = "squared"
@@ -212,6 +214,8 @@ class TrainerOptions:
             raise InputError("option lens_trials", repr(unknown[0]), "some of lens, share, model, with commas")
         if self.lens_rings < 0:
             raise InputError("option lens_rings", str(self.lens_rings), "at least 0")
+        if self.depth_prior_coarser < 0:
+            raise InputError("option depth_prior_coarser", str(self.depth_prior_coarser), "at least 0")
 
     def cooldown(self, progress: float) -> float:
         """What all learning rates are multiplied by at `progress`, 0 to 1."""

@@ -73,9 +73,9 @@ def make_prior(training_set: TrainingSet, options: TrainerOptions, *, seed: int,
 
     if options.depth_prior == "stereo":
         # A point was matched in several views at a corner of the image: it is the better of the two.
-        return DensePrior([found.with_samples(sparse_depth(points, view.camera, index)) for index, (found, view)
-                           in enumerate(zip(stereo_depth(training_set, progress=progress), training_set.views,
-                                            strict=True))])
+        maps = stereo_depth(training_set, coarser=options.depth_prior_coarser, progress=progress)
+        return DensePrior([found.with_samples(sparse_depth(points, view.camera, index))
+                           for index, (found, view) in enumerate(zip(maps, training_set.views, strict=True))])
     from dofbench.priors.network import open_network, predicted_depth
 
     network = open_network(options.depth_prior_file, training_set)
@@ -88,7 +88,7 @@ def make_prior(training_set: TrainingSet, options: TrainerOptions, *, seed: int,
 
         known = workspace_depth(Path(options.depth_prior_workspace), training_set, progress=progress)
     else:
-        known = stereo_depth(training_set, progress=progress)
+        known = stereo_depth(training_set, coarser=options.depth_prior_coarser, progress=progress)
     tune(network, training_set, known, steps=min(options.depth_prior_steps, steps), loss=options.depth_prior_loss,
          seed=seed, progress=progress)
     return DensePrior(predicted_depth(network, training_set, known, progress=progress))

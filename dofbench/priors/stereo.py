@@ -35,8 +35,11 @@ SCORE, DISTINCT = 0.6, 0.05      # least correlation and margin that is believed
 OUTLINE, JUMP = 3, 0.03          # px around what is farther by this share of the planes' range
 AGREE_PX, AGREE_DEPTH = 1.0, 0.02      # forth and back: error in the image, and relative to the depth
 AGREEING = 3                     # other views that must agree, but no more than half of all
-CHECKED = 16                     # views that a view is checked against
+CHECKED = 32                     # views that a view is checked against
 SWEEP, CHECK = "depth prior: sweep", "depth prior: check"
+
+
+_Level = tuple[torch.Tensor, Camera]   # a grey image (H, W), and its camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,31 +52,52 @@ class _Swept:
     weight: np.ndarray
 
 
-def stereo_depth(training_set: TrainingSet, *, progress: Progress = silent) -> list[DepthMap]:
+def stereo_depth(training_set: TrainingSet, *, coarser: int = 0, progress: Progress = silent) -> list[DepthMap]:
     """One map a view: z, 0 where nothing was found or agreed, and a weight of 0 ... 1.
 
-    Uses the photographs, cameras and sparse points, which say how far planes have to reach. progress: told of every
-    view that is swept and of every one that is checked.
+    Uses the photographs, cameras and sparse points, which say how far planes have to reach. coarser: how often to look
+    again at half the size, for what wasn't found before: blurred photographs agree only in what is coarse. Each time
+    the weight is halved, as errors are twice as large. progress: told of every view that is swept or checked.
     Raises InputError for a single view, and without points.
     """
-    views, cameras = training_set.views, [view.camera for view in training_set.views]
+    views = training_set.views
     if len(views) < 2:
         raise InputError("option depth_prior", "stereo for one training view", "two or more")
-    progress(SWEEP, 0, len(views))
-    low, high = disparity_bounds(training_set)
-    neighbours = choose_sources(training_set, CHECKED)
-    pyramids = [_pyramid(view.image, view.camera) for view in views]
-    swept = []
+    bounds, neighbours = disparity_bounds(training_set), choose_sources(training_set, CHECKED)
+    pyramids = [_pyramid(view.image, view.camera, len(SCALES) + coarser) for view in views]
+    maps = _matched([levels[: len(SCALES)] for levels in pyramids], neighbours, bounds, "", progress)
+    for level in range(1, coarser + 1):
+        smaller = [levels[level : level + len(SCALES)] for levels in pyramids]
+        if not all(smaller):
+            break
+        more = _matched(smaller, neighbours, bounds, f" at 1/{2**level}", progress)
+        maps = [_filled(one, other, 0.5**level) for one, other in zip(maps, more, strict=True)]
+    return maps
+
+
+def _matched(pyramids: list[list[_Level]], neighbours: list[list[int]], bounds: tuple[float, float], size: str,
+             progress: Progress) -> list[DepthMap]:
+    """Maps at the size of the pyramids' first level. size: what to call it in a report."""
+    swept, cameras = [], [levels[0][1] for levels in pyramids]
+    progress(SWEEP + size, 0, len(cameras))
     for index, chosen in enumerate(neighbours):
-        swept.append(_sweep(pyramids, index, chosen[:SOURCES], low, high))
-        progress(SWEEP, index + 1, len(views))
-    del pyramids
+        swept.append(_sweep(pyramids, index, chosen[:SOURCES], *bounds))
+        progress(SWEEP + size, index + 1, len(cameras))
     maps = []
-    progress(CHECK, 0, len(views))
+    progress(CHECK + size, 0, len(cameras))
     for index, chosen in enumerate(neighbours):
         maps.append(_agreed(cameras, swept, index, chosen))
-        progress(CHECK, index + 1, len(views))
+        progress(CHECK + size, index + 1, len(cameras))
     return maps
+
+
+def _filled(found: DepthMap, coarse: DepthMap, share: float) -> DepthMap:
+    """The map, with a smaller one's nearest pixels where it has none, at a share of their weight."""
+    at = np.ix_(*(((np.arange(size) + 0.5) * small / size).astype(np.int64)
+                  for size, small in zip(found.depth.shape, coarse.depth.shape, strict=True)))
+    known = found.depth > 0
+    return DepthMap(np.where(known, found.depth, coarse.depth[at]),
+                    np.where(known, found.weight, np.float32(share) * coarse.weight[at]))
 
 
 def disparity_bounds(training_set: TrainingSet) -> tuple[float, float]:
@@ -124,10 +148,10 @@ def _fairness(rays: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.minimum(angle / ANGLE[0], 1) ** 2 * np.minimum(ANGLE[1] / np.maximum(angle, 1e-9), 1) ** 2
 
 
-def _pyramid(image: np.ndarray, camera: Camera) -> list[tuple[torch.Tensor, Camera]]:
-    """Grey image and camera at each scale."""
+def _pyramid(image: np.ndarray, camera: Camera, count: int) -> list[_Level]:
+    """Grey image and camera at each of so many scales, or as many as have pixels enough."""
     levels = []
-    for level in range(len(SCALES)):
+    for level in range(count):
         width, height = camera.width >> level, camera.height >> level
         if level and min(width, height) < SMALLEST:
             break

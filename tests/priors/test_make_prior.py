@@ -155,6 +155,16 @@ def test_every_view_of_a_prior_is_reported(photographed, prior):
     assert told == [(stage, done, count) for stage in stages for done in range(count + 1)]
 
 
+def test_the_option_to_look_again_reaches_stereo(photographed):
+    """And a number that makes no sense is named."""
+    known = [int(sum((one.depth > 0).sum() for one in make_prior(
+        photographed.training_set, _options(depth_prior="stereo", depth_prior_coarser=count), seed=0, steps=1).maps))
+        for count in (0, 1)]
+    assert known[1] > known[0]
+    with pytest.raises(InputError, match="depth_prior_coarser"):
+        _options(depth_prior_coarser=-1)
+
+
 def test_a_miniature_is_the_same_scene_with_few_pixels(photographed):
     own, small = photographed.training_set, miniature(photographed.training_set)
     assert [view.name for view in small.views] == [view.name for view in own.views]

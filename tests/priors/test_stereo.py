@@ -79,6 +79,24 @@ def test_views_of_other_sizes_are_matched_too(photographed, maps):
     assert np.median(np.abs(found[1].depth[both] / maps[1].depth[both] - 1)) < STEREO_RESIZED
 
 
+def test_looking_again_at_half_the_size_adds_and_changes_nothing(photographed, maps):
+    again = stereo_depth(photographed.training_set, coarser=1)
+    for before, after in zip(maps, again, strict=True):
+        known = before.depth > 0
+        assert np.array_equal(before.depth[known], after.depth[known])
+        assert np.array_equal(before.weight[known], after.weight[known])
+        assert ((after.weight > 0) == (after.depth > 0)).all() and after.weight[~known].max(initial=0) <= 0.5
+    found, right = photographed.shares(again, within=0.05)
+    assert found > 1.03 * photographed.shares(maps, within=0.05)[0]
+    assert right > 1 - STEREO_OUTLIERS
+
+
+def test_no_size_is_too_small_to_look_again(photographed, maps):
+    """At a quarter of 160 x 120 the images are below the smallest."""
+    twice, often = (stereo_depth(photographed.training_set, coarser=count) for count in (1, 5))
+    assert all(np.array_equal(one.depth, other.depth) for one, other in zip(twice, often, strict=True))
+
+
 @pytest.mark.parametrize(("change", "part"), [
     (lambda training_set: replace(training_set, points=None), "sparse points"),
     (lambda training_set: replace(training_set, views=training_set.views[:1], points=training_set.points.seen_by([0])),
