@@ -35,7 +35,8 @@ from dofbench.threads import configure_threads
 
 SHARE = 0.1  # of the tiles is held back
 WRONG, DEGREES = 3, 3.0  # views whose pose is wrong, and by how much they are turned
-MOVED, SIDE = 0.3, 0.2  # share of the views with a thing that the others don't show, and its side by the image's height
+# Share of the views with a thing that the others don't show, and its side by the image's height.
+MOVING = {"moving": (0.3, 0.2), "moving-more": (0.6, 0.4)}
 VARIANTS: dict[str, dict[str, object]] = {
     "base": {},
     "nolens": {"lens": False},
@@ -67,7 +68,7 @@ class Settings:
     variants: str = "base"
     """Comma-separated; a name of the list, or option=value pairs joined by +."""
     harm: str = "none"
-    """What is done to the training set: none, poses, poses-removed or moving."""
+    """What is done to the training set: none, poses, poses-removed, moving or moving-more."""
     inputs: Literal["shallow", "all-in-focus"] = "shallow"
     """Which of a dataset's photographs to train on."""
     seeds: str = "0"
@@ -168,11 +169,12 @@ def _harmed(training_set: TrainingSet, harm: str) -> TrainingSet:
             return TrainingSet(tuple(views[index] for index in kept), training_set.points.seen_by(kept))
         for index in chosen:
             views[index] = replace(views[index], camera=_turned(views[index].camera, random))
-    elif harm == "moving":
-        for index in random.choice(len(views), math.ceil(MOVED * len(views)), replace=False):
+    elif harm in MOVING:
+        share, size = MOVING[harm]
+        for index in random.choice(len(views), math.ceil(share * len(views)), replace=False):
             image = views[index].image.copy()
             height, width = image.shape[:2]
-            side = int(SIDE * height)
+            side = int(size * height)
             top, left = random.integers(height - side), random.integers(width - side)
             image[top:top + side, left:left + side] = random.uniform(size=3)
             views[index] = replace(views[index], image=image)
