@@ -23,6 +23,7 @@ from dofbench import __version__
 from dofbench.ablation.settings import Ablate
 from dofbench.errors import InputError, one_line
 from dofbench.harness.clock import loading
+from dofbench.motion.settings import Reconstruct
 from dofbench.rendering.settings import MakeScene
 from dofbench.reporting.settings import Report
 from dofbench.runs.settings import Runs
@@ -81,16 +82,17 @@ class Interrupted(KeyboardInterrupt):
 
 
 Command = (
-    MakeDatasets | MakeScene | Runs | Ablate | Score | Report | Check | Scenes | ValidateRenderer | Stability
+    MakeDatasets | MakeScene | Reconstruct | Runs | Ablate | Score | Report | Check | Scenes | ValidateRenderer
+    | Stability
 )
 
 
 def parse(arguments: Sequence[str]) -> Command:
     """The settings that the command line means. Raises InputError, or SystemExit after printing help or an error."""
     commands = {
-        "make-dataset": MakeDatasets, "make-scene": MakeScene, "run": Runs, "ablate": Ablate, "score": Score,
-        "report": Report, "check": Check, "scenes": Scenes, "validate-renderer": ValidateRenderer,
-        "stability": Stability,
+        "make-dataset": MakeDatasets, "make-scene": MakeScene, "reconstruct": Reconstruct, "run": Runs,
+        "ablate": Ablate, "score": Score, "report": Report, "check": Check, "scenes": Scenes,
+        "validate-renderer": ValidateRenderer, "stability": Stability,
     }
     named = tuple(Annotated[settings, tyro.conf.subcommand(name)] for name, settings in commands.items())
     look = (tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalMetavarFromFieldName)
@@ -124,6 +126,10 @@ def execute(settings: Any) -> int:
 
             make_scene(settings)
             return DONE
+        case Reconstruct():
+            from dofbench.motion import reconstruct
+
+            return DONE if reconstruct(settings) else FAILED
         case Runs():
             with loading.running():
                 from dofbench.runs.matrix import run_all
@@ -170,7 +176,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     configure_threads()
     try:
         settings = parse(arguments)
-        if isinstance(settings, MakeDatasets | MakeScene | Runs | Ablate | Score | Check | Stability):
+        if isinstance(settings, MakeDatasets | MakeScene | Reconstruct | Runs | Ablate | Score | Check | Stability):
             # Its import puts a handler of its own on SIGTERM, which prints a stack and dies. These commands need
             # it anyway, so it comes first and ours replaces it.
             with loading.running():

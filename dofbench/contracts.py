@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
@@ -31,6 +32,21 @@ class PointCloud:
 
     def __len__(self) -> int:
         return len(self.xyz)
+
+    def seen_from(self, view: int) -> np.ndarray:
+        """(P,) bool: the points that view number `view` saw. Raises ValueError where tracks are unknown."""
+        if self.views is None:
+            raise ValueError("points: expected tracks, found none")
+        seen = np.zeros(len(self), dtype=bool)
+        seen[self._sightings[1][self._sightings[0] == view]] = True
+        return seen
+
+    @cached_property
+    def _sightings(self) -> tuple[np.ndarray, np.ndarray]:
+        """(view, point) of every sighting."""
+        lengths = [len(track) for track in self.views]
+        views = np.concatenate([np.asarray(track, np.int64) for track in self.views] or [np.empty(0, np.int64)])
+        return views, np.repeat(np.arange(len(lengths)), lengths)
 
     def seen_by(self, views: Sequence[int]) -> PointCloud:
         """The points that at least one of these views saw, with tracks that index into `views`.
@@ -131,6 +147,12 @@ class Observer(Protocol):
 
     def after_step(self, step: int, loss: float) -> bool:
         """Call after every step (1-based). Evaluates when one is due. False means: stop now."""
+
+    def stage(self, name: str, done: int, total: int) -> None:
+        """Call where something takes long before the first step: `done` of its `total` units are finished.
+
+        0 says that it begins. Nobody has to wait for longer than a unit without a sign.
+        """
 
 
 class Method(Protocol):

@@ -135,14 +135,21 @@ def read_exr(path: Path) -> np.ndarray:
 
 
 def resize(image: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Resize (H, W[, C]) by area averaging when shrinking, bicubic when enlarging."""
+    """Resize (H, W[, C]) by area averaging when shrinking, bicubic when enlarging.
+
+    What comes out stays between the least and the greatest value of each channel: an encoded image in [0, 1], and
+    linear light in its own range. NaN spreads no further than its samples.
+    """
     import cv2
 
     if image.shape[:2] == (height, width):
         return image
     shrinking = width <= image.shape[1] and height <= image.shape[0]
     method = cv2.INTER_AREA if shrinking else cv2.INTER_CUBIC
-    return cv2.resize(image, (width, height), interpolation=method)
+    resized = cv2.resize(image, (width, height), interpolation=method)
+    # A float32 average of whites can be 1.0000001, and a bicubic overshoots at an edge. fmin and fmax pass over NaN.
+    least, greatest = np.fmin.reduce(image, axis=(0, 1)), np.fmax.reduce(image, axis=(0, 1))
+    return np.clip(resized.reshape(height, width, *image.shape[2:]), least, greatest)
 
 
 def _reason(message: str) -> str:

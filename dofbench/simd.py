@@ -294,6 +294,32 @@ def scatter8(typing_context, array, index, stride, value):
     return signature(types.void, array, index, stride, value), build
 
 
+@intrinsic
+def gather_pairs8(typing_context, array, at, index, beyond):
+    """(array[k], array[k + 1]) for the eight k = at[index] + beyond, ...; at is flat int32. No bounds are checked."""
+    integers = isinstance(index, types.Integer) and isinstance(beyond, types.Integer)
+    if not (_is_flat_float32(array) and _is_flat(at, types.int32) and integers):
+        return None
+    kind = types.UniTuple(float32x8, 2)
+
+    def build(context, builder, sig, args):
+        pair = ir.VectorType(_FLOAT, 2)
+        places = _pointer(context, builder, at, args[1], args[2], index)
+        origin = _pointer(context, builder, array, args[0], args[3], beyond)
+        vectors = []
+        for i in range(LANES):
+            place = builder.load(builder.gep(places, [_lane(i)], inbounds=True), align=4)
+            pointer = builder.gep(origin, [builder.sext(place, ir.IntType(64))], inbounds=True)
+            vectors.append(builder.load(builder.bitcast(pointer, pair.as_pointer()), align=4))
+        while len(vectors) > 2:
+            order = range(2 * vectors[0].type.count)
+            vectors = [_shuffle(builder, a, b, order) for a, b in zip(vectors[0::2], vectors[1::2], strict=True)]
+        return context.make_tuple(builder, kind, [_shuffle(builder, *vectors, range(start, 2 * LANES, 2))
+                                                  for start in (0, 1)])
+
+    return signature(kind, array, at, index, beyond), build
+
+
 # ---------------------------------------------------------------------------------------------- lanes
 
 

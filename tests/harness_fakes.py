@@ -15,6 +15,7 @@ from rich.console import Console
 from dofbench.cameras import Camera
 from dofbench.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.errors import InputError, one_line
+from dofbench.exif import Exif
 from dofbench.files import sha256_file
 from dofbench.harness import check as check_module
 from dofbench.harness import prepare as prepare_module
@@ -45,6 +46,7 @@ class FakeView:
     max_coc_px: float | None
     has_all_in_focus: bool = True
     has_depth: bool = True
+    exif: Exif | None = None
 
 
 class FakeDataset:

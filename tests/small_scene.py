@@ -24,6 +24,9 @@ class Recorder:
         self.losses.append(loss)
         return self._stop_after is None or step < self._stop_after
 
+    def stage(self, name, done, total):
+        pass
+
 
 def cameras():
     """Three cameras that look along z."""

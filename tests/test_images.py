@@ -154,3 +154,36 @@ def test_resizing_to_the_same_size_and_of_planes():
     assert resize(image[..., 0], 26, 18).shape == (18, 26)
     flat = np.full((9, 13, 3), 0.3, np.float32)
     np.testing.assert_allclose(resize(flat, 30, 20), 0.3, atol=FLOAT32_VALUE)
+
+
+@given(
+    st.tuples(st.integers(1, 60), st.integers(1, 60)), st.tuples(st.integers(1, 90), st.integers(1, 90)),
+    st.sampled_from([(0.0, 1.0), (1.0, 1.0), (0.25, 900.0)]), st.sampled_from(["noise", "blocks"]),
+    st.sampled_from([(), (1,), (3,)]), st.integers(0, 2**32 - 1),
+)
+def test_resizing_never_leaves_the_range_of_the_image(size, goal, ends, kind, channels, seed):
+    """An encoded image stays in [0, 1], blown-out white is no more than white, and light keeps its own range."""
+    unit = np.random.default_rng(seed).random((*size, *channels)).astype(np.float32)
+    image = (np.float32(ends[0]) + np.float32(ends[1] - ends[0]) * (np.rint(unit) if kind == "blocks" else unit))
+    # The compared number is what `make-dataset` compares: no tolerance.
+    resized = resize(image, *goal)
+    assert resized.shape == (goal[1], goal[0], *channels) and resized.dtype == np.float32
+    assert image.min() <= resized.min() and resized.max() <= image.max()
+
+
+def test_blown_out_white_stays_white_when_a_photograph_is_shrunk():
+    white = np.ones((658, 1000, 3), np.float32)
+    for width, height in ((504, 332), (999, 657), (337, 222), (1500, 987)):
+        assert np.array_equal(np.unique(resize(white, width, height)), [1.0]), (width, height)
+
+
+def test_light_above_white_is_kept_when_resized():
+    light = noise(40, 60) * 30
+    assert resize(light, 31, 17).max() > 10 and resize(light, 90, 70).max() > 25
+
+
+def test_nan_spreads_no_further_than_its_samples_when_resized():
+    image = noise(20, 20)
+    image[3, 4] = np.nan
+    resized = resize(image, 10, 10)
+    assert np.isnan(resized[1, 2]).all() and np.isnan(resized).sum() == 3

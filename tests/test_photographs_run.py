@@ -76,12 +76,34 @@ def test_photographs_that_are_sharp_after_all_are_trained_on_without_a_lens(
                      "--out", str(tmp_path / "results")]) == 0
     plan = capsys.readouterr().out
     assert "stage lens: left out: the photographs show" in plan and "lens=False" in plan
-    # The scene's own depth is known, and so its errors are the only scores.
-    assert "scores disparity_error, depth_rel" in plan and "no aif_psnr, aif_ssim, aif_flip: no sharp" in plan
+    # Beside what the photographs themselves say, the scene's own depth is known.
+    assert "scores photo_psnr, photo_ssim, disparity_error, depth_rel" in plan and "photographs-v1" in plan
+    assert "no photo_blur_psnr: photographs are predicted by one Gaussian blur in place of a lens: the lens was" in plan
     (file,) = (tmp_path / "results").rglob("result.json")
     result = read_result(file)
-    assert 0 < result.scores["disparity_error"] < 1 and result.predictions == {}
+    assert 0 < result.scores["disparity_error"] < 1
+    assert [len(fit.halves) for fit in result.fits] == [2] * 3 and result.fits[0].halves[0].aperture is None
     assert cli.main(["check", str(tmp_path / "results")]) == 0
+
+
+def test_shallow_photographs_alone_are_scored_by_half_of_each(
+    blurred: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, results, report = tmp_path / "data", tmp_path / "results", tmp_path / "report"
+    assert cli.main(["make-dataset", str(blurred), "--photographs", "shallow", "--out", str(data)]) == 0
+    assert cli.main(["check", str(data)]) == 0
+    assert cli.main(["run", "--method", "dofgaussian", "--preset", "smoke", "--data", str(data), "--budget", "8it",
+                     "--out", str(results)]) == 0
+    plan = capsys.readouterr().out
+    assert "photographs-v1" in plan and "scores photo_psnr, photo_ssim, photo_blur_psnr" in plan
+    (file,) = results.rglob("result.json")
+    result = read_result(file)
+    assert len(result.fits) == len(result.views) == 3 and all(fit.seconds > 0 for fit in result.fits)
+    assert all(half.aperture >= 0 for fit in result.fits for half in fit.halves)
+    assert "photo_psnr" in result.curve[-1].scores
+    assert cli.main(["check", str(results)]) == 0
+    assert cli.main(["report", str(results), "--out", str(report)]) == 0
+    assert "photograph PSNR" in (report / "leaderboard.md").read_text()
 
 
 def test_sharp_photographs_to_train_on_are_asked_for_in_vain(

@@ -184,6 +184,13 @@ DIFFERENCE_BLUR = 0.6
 MEASURED_NOISE = 5e-2
 # Coordinates that a browser computes in double precision and that come back as decimal text.
 DRAWN_PIXEL = 1e-6
+# An affine map of colours fitted by normal equations in float64: squares lose half of the digits,
+# float32 pictures more.
+COLOUR_UNDONE = 1e-6
+# A lens fitted to half of a photograph of 96 x 80 pixels by some twenty renderings: the simplex ends where a hundredth
+# of a pixel in the circles is left, of circles of 3 px.
+FITTED_APERTURE = 0.05
+FITTED_FOCUS = 0.02  # 1 / scene unit, of a range of 0.6
 # Logarithm of a photograph's factor by medians over some 150 points that it shares, with 1 % noise and up to a fifth of
 # the points wrong.
 GAIN_BY_MEDIANS = 0.02

@@ -22,6 +22,10 @@ from dofbench.lens import COC_FRACTION, DisparityRange
 NEIGHBOURS = 4
 _PIXELS = 5_000         # of a view at most that are compared with each neighbour, on a regular grid
 AGREEMENT = 0.05        # relative difference of disparity up to which two views agree
+# Pixels that a point is moved by before its pixel is taken. Where cameras and surfaces stand in round numbers, points
+# fall on borders of pixels, and the last bit of a sum, which isn't the same everywhere, would choose the side.
+_BORDER = 1e-6
+_NOISE = 9              # decimals beyond which distances and differences are equal
 _LEAST = 0.02           # share of the pixels that must be comparable for a pair to say anything
 # A view is off when its difference is beyond doubt, or it, or the share that disagrees, is clearly beyond its peers'.
 WORST, PEERS = 0.2, 4.0
@@ -92,7 +96,8 @@ def neighbours(cameras: Sequence[Camera], points: PointCloud | None) -> list[lis
     centres = np.stack([camera.centre for camera in cameras])
     ways = np.stack([camera.world_to_camera[2, :3] for camera in cameras])
     away = np.linalg.norm(centres[:, None] - centres[None], axis=2)
-    away = away / (away.max() or 1.0) + (1 - ways @ ways.T)
+    # Rounded, so that of two cameras equally far, as in a row of them, the first is nearer, and not the one by noise.
+    away = np.round(away / (away.max() or 1.0) + (1 - ways @ ways.T), _NOISE)
     shared = np.zeros((count, count))
     if points is not None and points.views is not None and len(points):
         import scipy.sparse as sparse
@@ -162,6 +167,7 @@ def _look_up(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Which world points (P, 3) fall on a pixel of known depth, (P,) bool; and of those the row, column and z."""
     xy, z = camera.project(world)
+    xy = xy + _BORDER
     with np.errstate(invalid="ignore"):
         inside = (z > 0) & (xy >= 0).all(axis=1) & (xy[:, 0] < camera.width) & (xy[:, 1] < camera.height)
     row, column = xy[inside, 1].astype(int), xy[inside, 0].astype(int)
@@ -176,7 +182,8 @@ def _summary(
 ) -> Consistency | None:
     if not said:
         return None
-    ordered = sorted((pair for _, pair in said), key=lambda pair: pair.difference)
+    # Differences of nothing but noise are equal, and then the first neighbour's counts.
+    ordered = sorted((pair for _, pair in said), key=lambda pair: round(pair.difference, _NOISE))
     typical = ordered[(len(ordered) - 1) // 2]
     return Consistency(
         neighbours=tuple(names[other] for other, _ in said), compared=typical.compared,

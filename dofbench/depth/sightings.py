@@ -68,9 +68,7 @@ def scene_sightings(scene: Scene, need: str) -> SceneSightings:
     the image that are not behind most of the points around them. need: what asks for them, for the
     message. Raises InputError when the scene has no points, or no sighting inside any image.
     """
-    points = scene.points
-    if points is None or len(points) == 0:
-        raise InputError(scene.root, "no sparse points", f"points of structure from motion for {need}")
+    points = scene.require_points(need)
     known = points.error[np.isfinite(points.error)]
     usual = float(np.median(known)) if known.size else 0.0
     by_view = {view.name: _of_view(points, view.camera, _tracked(points, index), usual)
@@ -86,7 +84,7 @@ def _tracked(points: PointCloud, view: int) -> np.ndarray:
     """Indices of the points that may be sightings of view number `view`: all of them where there are no tracks."""
     if points.views is None:
         return np.arange(len(points))
-    return np.flatnonzero(np.fromiter((view in track for track in points.views), dtype=bool, count=len(points)))
+    return np.flatnonzero(points.seen_from(view))
 
 
 def _of_view(points: PointCloud, camera: Camera, chosen: np.ndarray, usual: float) -> Sightings:

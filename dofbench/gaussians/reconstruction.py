@@ -96,6 +96,9 @@ class _ProgressObserver:
             self._progress(step, self._total)
         return True
 
+    def stage(self, name: str, done: int, total: int) -> None:
+        """Nothing is shown of it."""
+
 
 def reconstruct(scene: Scene, *, steps: int, seed: int, progress: Progress | None = None) -> Reconstruction:
     """Train on all views of an all-in-focus scene, test views too: this is the truth, not a method.
@@ -103,6 +106,7 @@ def reconstruct(scene: Scene, *, steps: int, seed: int, progress: Progress | Non
     progress: called with (step, steps). Raises InputError when the scene has no points, and
     FloatingPointError when training meets a non-finite number.
     """
+    scene.require_points("a Gaussian reconstruction")
     options = OPTIONS.with_overrides({"steps": steps})
     views = tuple(TrainingView(view.name, view.camera, view.image()) for view in scene.views)
     trainer = Trainer(TrainingSet(views, scene.points), options, seed)

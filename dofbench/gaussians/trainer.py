@@ -121,7 +121,7 @@ class Trainer:
         step, event = 0, None
         try:
             with self._timed("depth prior"):
-                self._prior = self._depth_prior(total)
+                self._prior = self._depth_prior(total, observer)
                 if self._prior is not None and self.options.start_points > 0:
                     self._start_from(with_surface_points(self._training_set, self._prior, self.options.start_points,
                                                          self._seed))
@@ -260,11 +260,12 @@ class Trainer:
         self._density = DensityControl(self.gaussians, self._optimiser, self.options, self._extent, self._generator)
         self.gaussians.update_filter_3d(self._cameras)
 
-    def _depth_prior(self, steps: int) -> Prior | None:
+    def _depth_prior(self, steps: int, observer: Observer) -> Prior | None:
         if self.options.depth_weight <= 0 and self.options.start_points <= 0:
             return None
         try:
-            return make_prior(self._training_set, self.options, seed=self._seed, steps=steps)
+            return make_prior(self._training_set, self.options, seed=self._seed, steps=steps,
+                              progress=observer.stage)
         except FloatingPointError as error:
             raise NonFiniteError(NonFinite(0, "", "depth prior", str(error))) from None
 

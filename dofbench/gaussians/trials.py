@@ -26,6 +26,7 @@ HELD_BACK = 0.08       # share of the tiles
 VISITS = 2             # of each photograph in a trial, at least
 MOST = 0.06            # share of the training that a trial may take, at most
 NO_CIRCLE = 0.3        # px, radius: below it a photograph shows nothing of its lens
+SMALL_CIRCLE = 1.0     # px, radius: below it a lens must explain something to stay
 WORTH = 0.05           # dB on held-back pixels below which the simpler way is as good
 SURE = 2.0             # standard errors that what costs more must be better by
 FOCI_APART = 1.0       # px that the same point's circles differ by between photographs that can't share a focus
@@ -94,7 +95,9 @@ class Trials:
         gain, error = _gain(with_lens, without)
         figures = (f"with the lens that was learned so far held-back pixels are {_signed(gain, error)} dB better, "
                    f"and its circles of confusion reach {circle:.2f} px")
-        if gain < WORTH or circle < NO_CIRCLE:
+        # Wide circles that explain no more than painted blur would are no proof against a lens: of what all photographs
+        # saw blurred alike both are true.
+        if circle < NO_CIRCLE or (gain < WORTH and circle < SMALL_CIRCLE) or gain < -WORTH - SURE * error:
             return without, Decision("lens", False, f"tried while training: {figures}")
         return with_lens, Decision("lens", True, f"tried while training: {figures}")
 

@@ -12,8 +12,9 @@ from dofbench.errors import InputError, Status
 from dofbench.files import sha256_file
 from dofbench.harness.added import ADDED_FILE, read_added
 from dofbench.harness.consistency import added_inconsistencies, inconsistencies
-from dofbench.harness.evaluate import PREFIX
+from dofbench.harness.evaluate import PREFIX, WHOLE
 from dofbench.harness.lock import LOCK_FILE, is_running
+from dofbench.harness.photographs import picture_scores
 from dofbench.harness.result import RESULT_FILE, Result, read_result
 from dofbench.harness.run import TRAINED_FILE
 from dofbench.images import read_image
@@ -139,8 +140,10 @@ def _scores_again(folder: Path, result: Result) -> list[str]:
             stored = scored.scores.get(column)
             if stored is None or math.isnan(stored):
                 continue
-            truth = (dataset.image if kind == "refocus" else dataset.all_in_focus)(test[scored.name])
-            again = score_image(read_image(file), truth, ["psnr"])["psnr"]
+            truth = (dataset.all_in_focus if kind == "all_in_focus" else dataset.image)(test[scored.name])
+            picture = read_image(file)
+            again = score_image(picture, truth, ["psnr"])["psnr"] if kind in WHOLE \
+                else picture_scores(picture, truth, prefix)[column]
             if again != stored and not abs(again - stored) <= PSNR_AGREEMENT:
                 problems.append(f"view {scored.name}: {column} is {stored:.4f}, computed again {again:.4f}")
     return problems

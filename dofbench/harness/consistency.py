@@ -8,7 +8,15 @@ from itertools import pairwise
 
 from dofbench.errors import Status
 from dofbench.harness.added import Added
-from dofbench.harness.protocol import AIF_PREFIX, DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS, arithmetic_mean
+from dofbench.harness.exif_scores import exif_scores
+from dofbench.harness.protocol import (
+    AIF_PREFIX,
+    DEPTH_COLUMNS,
+    EXIF_COLUMNS,
+    LENS_COLUMNS,
+    PROTOCOLS,
+    arithmetic_mean,
+)
 from dofbench.harness.result import Result
 from dofbench.metrics import METRICS
 
@@ -18,7 +26,8 @@ _PLANNED = ("method", "preset", "dataset", "protocol", "budget", "seed", "device
 
 def inconsistencies(result: Result) -> list[str]:
     """Every fault."""
-    return [*_identity(result), *_columns(result), *_means(result), *_lenses(result), *_ending(result), *_times(result)]
+    return [*_identity(result), *_columns(result), *_means(result), *_lenses(result), *_apertures(result),
+            *_ending(result), *_times(result)]
 
 
 def added_inconsistencies(added: Added, result: Result) -> Iterator[str]:
@@ -90,7 +99,7 @@ def _means(result: Result) -> Iterator[str]:
     for column in ("delta_a", "delta_f") if result.lens else ():
         yield from differing(column, result.scores.get(column), arithmetic_mean(
             [getattr(view, column) for view in result.lens]))
-    images = [column for column in result.plan.get("columns", []) if column not in LENS_COLUMNS]
+    images = [column for column in result.plan.get("columns", []) if column not in (*LENS_COLUMNS, *EXIF_COLUMNS)]
     for column in images:
         if column in result.scores and column not in columns:
             yield f"{column}: a mean without per-view values"
@@ -111,6 +120,17 @@ def _lenses(result: Result) -> Iterator[str]:
             yield f"view {view.name}: another true lens than the plan's"
     if result.views and sorted(view.name for view in result.views) != sorted(dealt["test"]):
         yield "scores of other views than the plan's test views"
+
+
+def _apertures(result: Result) -> Iterator[str]:
+    """What EXIF says of learned apertures follows from the apertures."""
+    scores, _ = exif_scores(result.apertures)
+    for column in EXIF_COLUMNS:
+        stored = result.scores.get(column)
+        if column in scores and result.status is Status.OK:
+            yield from differing(column, stored, scores[column])
+        elif stored is not None and column not in scores:
+            yield f"{column}: a score, which the learned apertures don't give"
 
 
 def _ending(result: Result) -> Iterator[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -14,9 +15,28 @@ import numpy as np
 from dofbench.contracts import Method, NonFinite, Rendering
 from dofbench.files import sha256_file
 from dofbench.harness.error_maps import error_map
-from dofbench.harness.plan import RunPlan
-from dofbench.harness.protocol import AIF_PREFIX, DEPTH_COLUMNS, LENS_COLUMNS, Protocol, arithmetic_mean
-from dofbench.harness.result import ViewLens, ViewScores
+from dofbench.harness.exif_scores import exif_scores, learned_apertures
+from dofbench.harness.photographs import NO_STRATA, Scored, scored_photographs
+from dofbench.harness.plan import BY_BLUR, OF_LENSES, RunPlan
+from dofbench.harness.protocol import (
+    ACROSS_COLUMNS,
+    ACROSS_PREFIX,
+    AIF_PREFIX,
+    DEPTH_COLUMNS,
+    EXIF_COLUMNS,
+    LENS_COLUMNS,
+    PHOTO_PREFIX,
+    Protocol,
+    arithmetic_mean,
+)
+from dofbench.harness.resolved import (
+    RESOLVED_COLUMN,
+    ResolvedCircles,
+    photographs_of,
+    resolved_map,
+    resolved_share,
+)
+from dofbench.harness.result import ViewAperture, ViewFit, ViewLens, ViewScores
 from dofbench.harness.truth import missing_truth
 from dofbench.images import from_8bit, to_8bit, write_png
 from dofbench.lens import DisparityRange, Lens
@@ -29,17 +49,22 @@ CURVE_METRICS = ("psnr", "ssim")  # cheap enough to be taken a dozen times durin
 SPEED_VIEWS = 8                   # test views that are rendered to measure the speed
 SPEED_REPEATS = 3                 # renderings of each of them
 
-Kind = Literal["refocus", "all_in_focus"]
-PREFIX: dict[Kind, str] = {"refocus": "", "all_in_focus": AIF_PREFIX}
+Kind = Literal["refocus", "all_in_focus", "photograph", "across"]
+PREFIX: dict[Kind, str] = {"refocus": "", "all_in_focus": AIF_PREFIX, "photograph": PHOTO_PREFIX,
+                           "across": ACROSS_PREFIX}
+# Of which every pixel is scored, by any metric; of a photograph of unknown lens only some are.
+WHOLE: tuple[Kind, ...] = ("refocus", "all_in_focus")
 
 
 @dataclass(eq=False)
 class Evaluation:
-    """What the final scoring found: means by column, per-view values, files by name with sha256."""
+    """What the final scoring found: means by column, per-view values, what was fitted, files by name with sha256."""
 
     scores: dict[str, float] = field(default_factory=dict)
     views: list[ViewScores] = field(default_factory=list)
     lens: list[ViewLens] = field(default_factory=list)
+    fits: list[ViewFit] = field(default_factory=list)
+    apertures: list[ViewAperture] = field(default_factory=list)
     predictions: dict[str, str] = field(default_factory=dict)
     nonfinite: list[NonFinite] = field(default_factory=list)
     left_out: dict[str, str] = field(default_factory=dict)
@@ -56,12 +81,18 @@ class Evaluator:
         self._refused: str | None = None
 
     def quick(self) -> dict[str, float]:
-        """Mean PSNR and SSIM of the kinds that are scored, and the lens errors, by column."""
+        """Mean PSNR and SSIM of the kinds that are scored, and the lens errors, by column; of photographs of unknown
+        lens the means of a few, by a shorter search."""
         scores: dict[str, float] = {}
         for kind in self._possible_kinds():
             metrics = [metric for metric in CURVE_METRICS if metric in self._metrics(kind)]
             rows = [self._score(self._predict(kind, view), kind, view, metrics) for view in self._test]
             scores |= _means(rows)
+        if self._photographs():
+            prefix = PREFIX[self._photograph_kind()]
+            rows = [scored.scores for scored in self._scored_photographs(quick=True)]
+            scores |= {column: value for column, value in _means(rows).items()
+                       if column in [prefix + metric for metric in CURVE_METRICS]}
         errors, _ = self._lens_errors(with_radius=False)
         return scores | errors
 
@@ -84,16 +115,47 @@ class Evaluator:
                     continue
                 rows[view.name] |= self._score(image, kind, view, self._metrics(kind))
                 self._write(folder, kind, view, image, found)
+        if self._photographs():
+            self._score_photographs(folder, rows, found)
         if any(column in self._plan.columns for column in DEPTH_COLUMNS):
             for view in self._test:
                 rows[view.name] |= self._depth_errors(view, found)
+        self._resolved(folder, rows, found)
         found.views = [ViewScores(name=name, scores=scores) for name, scores in rows.items()]
         found.scores = _means(list(rows.values()))
+        self._score_by_exif(found)
         errors, found.lens = self._lens_errors(with_radius=True)
         found.scores |= errors
         if not errors and any(column in self._plan.columns for column in LENS_COLUMNS):
             found.left_out |= dict.fromkeys(LENS_COLUMNS, "the method gave no lens estimates")
         return found
+
+    def _resolved(self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation) -> None:
+        """How much of each test view the training photographs resolve, as a score and as a map."""
+        lenses = self._method.lens_estimates() if self._test else None
+        if lenses is None:
+            found.left_out[RESOLVED_COLUMN] = "no test views" if not self._test else "the method has no learned lenses"
+            return
+        photographs = photographs_of({view.name: view.camera for view in self._train}, lenses)
+        circles = ResolvedCircles(self._method, photographs)
+        for view in self._test:
+            smallest = circles.smallest(view.camera)
+            rows[view.name][RESOLVED_COLUMN] = resolved_share(smallest)
+            relative = f"predictions/resolved/{view.name}.png"
+            write_png(folder / relative, resolved_map(smallest))
+            found.predictions[relative] = sha256_file(folder / relative)
+
+    def _score_by_exif(self, found: Evaluation) -> None:
+        if not any(column in self._plan.columns for column in EXIF_COLUMNS):
+            return
+        estimated = self._method.lens_estimates()
+        if estimated is None:
+            found.left_out |= dict.fromkeys(EXIF_COLUMNS, "the method gave no lens estimates")
+            return
+        found.apertures = learned_apertures(self._dataset, estimated)
+        scores, reasons = exif_scores(found.apertures)
+        found.scores |= scores
+        found.left_out |= reasons
 
     def do_nothing(self) -> dict[str, float]:
         """Lens errors of a predictor that always says A = F = 0.5, by column; none if the protocol has none, or the
@@ -123,13 +185,43 @@ class Evaluator:
     def _possible_kinds(self) -> list[Kind]:
         """The kinds to be scored. A method without a lens, by its options or because training left it out, says so by
         ValueError (`Method.render`): then its refocus scores are left out, with its words as the reason."""
-        kinds: list[Kind] = [kind for kind in PREFIX if self._metrics(kind) and self._test]
+        kinds: list[Kind] = [kind for kind in WHOLE if self._metrics(kind) and self._test]
         if "refocus" in kinds and self._refused is None:
             try:
                 self._method.render(self._test[0].camera, self._test[0].physical_lens)
             except ValueError as error:
                 self._refused = str(error)
         return [kind for kind in kinds if kind != "refocus" or self._refused is None]
+
+    def _photographs(self) -> bool:
+        return bool(self._test) and any(column in self._plan.columns for column in self._protocol.photograph)
+
+    def _photograph_kind(self) -> Kind:
+        return "across" if self._protocol.photograph == ACROSS_COLUMNS else "photograph"
+
+    def _scored_photographs(self, quick: bool) -> Iterator[Scored]:
+        no_lens = next((reason for column in OF_LENSES if (reason := self._plan.left_out.get(column))), "")
+        return scored_photographs(self._method, self._dataset, self._protocol.photograph, no_lens=no_lens, quick=quick)
+
+    def _score_photographs(self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation) -> None:
+        """Predict the test views that are photographs of unknown lens, and score them."""
+        kind, refused = self._photograph_kind(), ""
+        for scored in self._scored_photographs(quick=False):
+            view, prediction = scored.view, scored.prediction
+            rows[view.name] |= scored.scores
+            found.fits.append(scored.fit)
+            refused = refused or prediction.refused
+            if prediction.bad:
+                detail = f"{prediction.bad} of {scored.photograph.size} values of the prediction"
+                found.nonfinite.append(NonFinite(step=0, view=view.name, stage="render photograph", detail=detail))
+            else:
+                self._write(folder, kind, view, prediction.picture, found)
+        planned = [column for column in self._protocol.photograph if column in self._plan.columns]
+        for column in planned:
+            if any(column not in scores for scores in rows.values()):
+                found.left_out[column] = f"{BY_BLUR}: {refused}" if refused and column in OF_LENSES else NO_STRATA
+                for scores in rows.values():
+                    scores.pop(column, None)
 
     def _metrics(self, kind: Kind) -> list[str]:
         metrics = self._protocol.refocus if kind == "refocus" else self._protocol.all_in_focus
@@ -166,7 +258,7 @@ class Evaluator:
     def _true_image(self, kind: Kind, view: DatasetView) -> np.ndarray:
         key = kind, view.name
         if key not in self._truth:
-            read = self._dataset.image if kind == "refocus" else self._dataset.all_in_focus
+            read = self._dataset.all_in_focus if kind == "all_in_focus" else self._dataset.image
             self._truth[key] = read(view)
         return self._truth[key]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import time
@@ -14,6 +13,7 @@ from typing import TextIO
 from pydantic import ValidationError
 
 from dofbench.errors import InputError
+from dofbench.file_lock import taken
 from dofbench.files import read_json
 from dofbench.harness.result import Spec
 
@@ -26,7 +26,8 @@ def locked(folder: Path, spec: Spec, scene: str, started: str, *, wait: bool = F
     """Hold the folder's lock, and say in its file what is being run.
 
     The system drops the lock with the process, however that ends; the file then stays behind, and
-    says that a run died here. While another process holds the lock: waits, or raises InputError.
+    says that a run died here. While another process holds the lock: waits, or raises InputError. Where
+    there are no file locks nobody is kept out.
     """
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / LOCK_FILE
@@ -47,16 +48,15 @@ def _owned(file: Path, wait: bool) -> TextIO:
     while True:
         stream = open(file, "a", encoding="utf-8")
         try:
-            fcntl.flock(stream, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-            if os.path.samestat(os.fstat(stream.fileno()), os.stat(file)):
-                return stream
+            if taken(stream.fileno(), wait=wait):
+                if os.path.samestat(os.fstat(stream.fileno()), os.stat(file)):
+                    return stream
+            elif time.monotonic() > deadline:
+                raise InputError(file.parent, "another process at work on the same run", "to be alone")
+            else:
+                time.sleep(_GLANCE / 10)
         except FileNotFoundError:
             pass
-        except BlockingIOError:
-            if time.monotonic() > deadline:
-                stream.close()
-                raise InputError(file.parent, "another process at work on the same run", "to be alone") from None
-            time.sleep(_GLANCE / 10)
         except BaseException:
             stream.close()
             raise
@@ -70,11 +70,7 @@ def is_running(folder: Path) -> bool:
     except FileNotFoundError:
         return False
     with stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-    return False
+        return not taken(stream.fileno(), shared=True)
 
 
 def read_lock(folder: Path) -> tuple[Spec, str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Protocol
 
 from dofbench.contracts import Budget, NonFinite
 from dofbench.errors import Status
@@ -14,7 +15,16 @@ CURVE_FACTOR = 1.6    # ratio of two neighbouring evaluation times
 CURVE_POINTS = 14     # thresholds below the whole budget: the first is at 1.6^-14, 0.14 % of it
 
 Evaluate = Callable[[], dict[str, float]]
-Report = Callable[[int, float, float], None]
+
+
+class Report(Protocol):
+    """Who shows a training to the user."""
+
+    def __call__(self, step: int, loss: float, seconds: float) -> None:
+        """Told after each step; seconds of training so far, without evaluation."""
+
+    def stage(self, name: str, done: int, total: int) -> None:
+        """Told of what comes before the first step, as `Observer.stage` is."""
 
 
 def share_spent(budget: Budget, step: int, seconds: float) -> float:
@@ -36,8 +46,8 @@ class TrainingObserver:
     thresholds `CURVE_FACTOR ** -k`, it stops the clock and evaluates: the same points on a log axis
     whether the budget is in steps or in seconds. A non-finite loss ends the training as diverged.
 
-    evaluate: scores of the method as it is now, by column. report: told (step, loss, seconds) after
-    each step.
+    evaluate: scores of the method as it is now, by column. report: told of each step,
+    and of what comes before the first.
     """
 
     def __init__(self, budget: Budget, clock: Stopwatch, evaluating: Stopwatch, evaluate: Evaluate, report: Report):
@@ -81,6 +91,11 @@ class TrainingObserver:
             self._report(step, loss, seconds)
         return not self._stopped
 
+    def stage(self, name: str, done: int, total: int) -> None:
+        """See `Observer.stage`."""
+        with self._clock.paused():
+            self._report.stage(name, done, total)
+
     def finish(self, steps: int) -> None:
         """Evaluate once more, at the end of a training that went well."""
         if not self.curve or self.curve[-1].steps != steps:
@@ -119,3 +134,6 @@ class OneStep:
         if step > 1:
             raise RuntimeError(f"the method took step {step} after it was told to stop")
         return False
+
+    def stage(self, name: str, done: int, total: int) -> None:
+        """Nobody looks."""

@@ -8,9 +8,10 @@ from typing import Any
 
 from dofbench.contracts import Budget, Decision
 from dofbench.errors import InputError
+from dofbench.harness.exif_scores import asked_by_exif, missing_exif
 from dofbench.harness.facts import Facts
 from dofbench.harness.methods import MethodEntry
-from dofbench.harness.protocol import LENS_COLUMNS, Protocol
+from dofbench.harness.protocol import EXIF_COLUMNS, LENS_COLUMNS, Protocol
 from dofbench.harness.settings import format_budget
 from dofbench.harness.truth import NO_TEST_VIEWS, MissingTruth, missing_truth
 from dofbench.synthesis.dataset import Dataset
@@ -21,6 +22,10 @@ NEEDLESS_DEPENDENCE = 2.5  # levels of 255: below it no harmonics would be seen
 NEEDLESS_COLOURS = 3.0     # per cent: photographs by one exposure give up to 1
 NEEDLESS_LIGHT = 0.3       # stops by EXIF, where no points can tell
 TRIED = "whether that helps is tried while training"
+
+# Scores of photographs that compare a lens with less: none for a method without one.
+OF_LENSES = ("photo_blur_psnr", "unscaled_psnr", "unscaled_blurred_psnr")
+BY_BLUR = "photographs are predicted by one Gaussian blur in place of a lens"
 
 
 @dataclass(frozen=True)
@@ -109,7 +114,11 @@ def make_plan(
     stages, switched = _stages(entry, {**options, **overrides}, facts, force_all,
                                protocol.inputs == "all-in-focus")
     left_out = _left_out(entry, protocol, stages, missing_truth(dataset))
-    every = (*protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.lens, *protocol.depth)
+    exif = EXIF_COLUMNS if asked_by_exif(dataset, protocol.inputs) else ()
+    if reason := _no_exif(entry, stages, dataset):
+        left_out |= dict.fromkeys(exif, reason)
+    every = (*protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.photograph, *protocol.lens,
+             *exif, *protocol.depth)
     return RunPlan(
         method=entry.id, preset=preset, dataset=dataset.name, protocol=protocol.id, budget=format_budget(budget),
         seed=seed, device=device, options={**options, **switched, **overrides},
@@ -211,6 +220,14 @@ def _stages(entry: MethodEntry, options: dict[str, Any], facts: Facts, force_all
     return stages, switched
 
 
+def _no_exif(entry: MethodEntry, stages: list[Stage], dataset: Dataset) -> str:
+    """Why learned apertures can't be compared with EXIF, or ""."""
+    if not entry.card.capabilities.learns_lens:
+        return f"{entry.card.name} learns no lens"
+    left = next((stage for stage in stages if stage.name == "lens" and not stage.runs), None)
+    return f"the lens was left out: {left.reason}" if left is not None else missing_exif(dataset)
+
+
 def _even_colours(facts: Facts) -> tuple[bool, str]:
     """Whether the photographs are alike in exposure and white balance, and what says so."""
     spread, light = facts.colour_spread, facts.light_spread
@@ -237,7 +254,13 @@ def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], missi
         lens = missing.lens
     else:
         lens = f"the lens was left out: {lens_stage.reason}" if lens_stage is not None and not lens_stage.runs else ""
+    blur = ""
+    if not capabilities.refocus:
+        blur = f"{BY_BLUR}: {entry.card.name} has no lens"
+    elif lens_stage is not None and not lens_stage.runs:
+        blur = f"{BY_BLUR}: the lens was left out: {lens_stage.reason}"
     reasons = (
+        (tuple(column for column in protocol.photograph if column in OF_LENSES), blur),
         (protocol.refocus_columns, refocus), (protocol.all_in_focus_columns, missing.all_in_focus),
         (LENS_COLUMNS, lens), (protocol.depth, missing.depth),
     )

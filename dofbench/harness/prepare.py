@@ -18,6 +18,7 @@ from dofbench.harness.plan import RunPlan, make_plan
 from dofbench.harness.protocol import Protocol, protocol_for
 from dofbench.harness.result import RESULT_FILE, Result, Spec, read_result
 from dofbench.harness.settings import Inputs, Run, parse_budget, parse_overrides
+from dofbench.harness.truth import photograph_columns
 from dofbench.synthesis.dataset import Dataset
 
 
@@ -30,7 +31,6 @@ class Choices:
     options: dict[str, Any]
     overrides: dict[str, Any]
     budget: Budget
-    protocol: Protocol
     device: str
 
 
@@ -43,6 +43,7 @@ class Prepared:
     choices: Choices
     dataset: Dataset
     data: Path
+    protocol: Protocol
     plan: RunPlan
     spec: Spec
     method: Method
@@ -57,13 +58,12 @@ class Prepared:
 
 
 def choose(settings: Run) -> Choices:
-    """Method, preset, budget, protocol and device. Raises InputError when the call is wrong."""
+    """Method, preset, budget and device. Raises InputError when the call is wrong."""
     entry = find_method(settings.method)
     preset, options, budget = entry.preset(settings.preset, builtin=settings.data is None)
     overrides = parse_overrides(settings.set)
     budget = _budget(settings, budget, {**options, **overrides}, f"preset {preset} of {entry.id}")
-    return Choices(entry, preset, options, overrides, budget, protocol_for(settings.inputs),
-                   _device(settings.device, entry))
+    return Choices(entry, preset, options, overrides, budget, _device(settings.device, entry))
 
 
 def prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
@@ -71,18 +71,19 @@ def prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
     an option."""
     dataset = Dataset.load(data)
     entry = choices.entry
+    protocol = protocol_for(settings.inputs, photographs=photograph_columns(dataset))
     facts = _facts(data.resolve(), dataset.checksum, settings.inputs)
     plan = make_plan(
-        entry, choices.preset, choices.options, choices.overrides, choices.budget, dataset, facts, choices.protocol,
+        entry, choices.preset, choices.options, choices.overrides, choices.budget, dataset, facts, protocol,
         seed=settings.seed, device=choices.device, force_all=settings.force_all,
     )
     spec = Spec(
         method=entry.id, preset=choices.preset, overrides=choices.overrides, options=plan.options, budget=plan.budget,
-        dataset=dataset.name, dataset_checksum=dataset.checksum, protocol=choices.protocol.id, seed=settings.seed,
+        dataset=dataset.name, dataset_checksum=dataset.checksum, protocol=protocol.id, seed=settings.seed,
         device=choices.device, code=provenance.code_version(entry.folder),
     )
     method = entry.create(dict(plan.options), settings.seed, choices.device)  # raises for an unknown option
-    return Prepared(settings, choices, dataset, data, plan, spec, method, settings.out / spec.folder)
+    return Prepared(settings, choices, dataset, data, protocol, plan, spec, method, settings.out / spec.folder)
 
 
 def data_folder(settings: Run) -> Path:

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from dofbench.errors import InputError
 from dofbench.harness.settings import Inputs
 
-AIF_PREFIX = "aif_"
+AIF_PREFIX, PHOTO_PREFIX, ACROSS_PREFIX = "aif_", "photo_", "across_"
 LENS_COLUMNS = ("delta_a", "delta_f", "delta_r")
 DEPTH_COLUMNS = ("disparity_error", "depth_rel")
+PHOTOGRAPH_COLUMNS = ("photo_psnr", "photo_ssim", "photo_blur_psnr")
+# By the learned aperture scaled, the same unscaled, and all in focus; over all scored pixels, and over the thirds in
+# which the training photographs are most and least blurred.
+ACROSS_COLUMNS = ("across_psnr", "across_ssim", "across_blurred_psnr", "across_clear_psnr", "unscaled_psnr",
+                  "unscaled_blurred_psnr", "in_focus_psnr", "in_focus_blurred_psnr")
+EXIF_COLUMNS = ("exif_spread", "exif_ratio")
 
 
 @dataclass(frozen=True)
@@ -25,7 +31,9 @@ class Protocol:
     photograph. all_in_focus: metrics of predictions rendered without a lens, against the sharp
     original; their columns carry `aif_`. lens: errors of the learned lens, over the training
     views, in the units of the dataset's disparity range. depth: errors of the depth rendered at the test views,
-    where the dataset's own is exact. mean: how images make one number.
+    where the dataset's own is exact. photograph: scores of test views that are photographs of unknown lens: what isn't
+    known is fitted on half of each and the other half is scored (`dofbench.photographs`). mean: how images make one
+    number.
     """
 
     id: str
@@ -37,6 +45,7 @@ class Protocol:
     lens: tuple[str, ...]
     mean: str
     depth: tuple[str, ...] = ()
+    photograph: tuple[str, ...] = ()
 
     @property
     def refocus_columns(self) -> tuple[str, ...]:
@@ -60,6 +69,10 @@ _SHARED = dict(
     all_in_focus=("psnr", "ssim", "flip"),
     mean="arithmetic mean of the per-image values",
 )
+PHOTOGRAPHS = Protocol(
+    id="photographs-v1", inputs="shallow", lens=LENS_COLUMNS, depth=DEPTH_COLUMNS, photograph=PHOTOGRAPH_COLUMNS,
+    **{**_SHARED, "refocus": (), "all_in_focus": ()},
+)
 
 # Sharp photographs carry no lens to be learned, so there is none to be compared.
 PROTOCOLS: dict[str, Protocol] = {
@@ -70,6 +83,8 @@ PROTOCOLS: dict[str, Protocol] = {
         # With errors of the rendered depth.
         Protocol(id="refocus-v2", inputs="shallow", lens=LENS_COLUMNS, depth=DEPTH_COLUMNS, **_SHARED),
         Protocol(id="sharp-inputs-v2", inputs="all-in-focus", lens=(), depth=DEPTH_COLUMNS, **_SHARED),
+        PHOTOGRAPHS,
+        replace(PHOTOGRAPHS, id="across-apertures-v1", photograph=ACROSS_COLUMNS),
     )
 }
 
@@ -89,9 +104,15 @@ def arithmetic_mean(values: Sequence[float]) -> float:
         return math.nan
 
 
-def protocol_for(inputs: Inputs) -> Protocol:
-    """The newest protocol for what a method trains on. Raises InputError for unknown inputs."""
-    found = [protocol for protocol in PROTOCOLS.values() if protocol.inputs == inputs]
+def protocol_for(inputs: Inputs, *, photographs: tuple[str, ...] = ()) -> Protocol:
+    """The newest protocol for what a method trains on. Raises InputError for unknown inputs.
+
+    photographs: where test views are photographs of unknown lens, and there is no sharp one of any, the columns that
+    they are scored by: `PHOTOGRAPH_COLUMNS`, or `ACROSS_COLUMNS` where they are of another aperture than the training
+    views.
+    """
+    found = [protocol for protocol in PROTOCOLS.values()
+             if protocol.inputs == inputs and protocol.photograph == (photographs if inputs == "shallow" else ())]
     if not found:
         known = dict.fromkeys(repr(protocol.inputs) for protocol in PROTOCOLS.values())
         raise InputError("inputs", repr(inputs), " or ".join(known))

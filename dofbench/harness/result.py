@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from dofbench.errors import InputError, Status
 from dofbench.files import canonical_json, sha256_text, write_json
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 RESULT_FILE = "result.json"
 
 # Version -> function that turns a result of that version into one of the next: the plain JSON data
@@ -35,6 +35,15 @@ def _from_1(data: dict[str, Any]) -> dict[str, Any]:
 
 
 MIGRATIONS[1] = _from_1
+
+
+def _from_2(data: dict[str, Any]) -> dict[str, Any]:
+    """Version 3 has what was fitted to predict photographs of unknown lens, and learned apertures beside the f-number:
+    scores that no run had before."""
+    return data | {"fits": [], "apertures": []}
+
+
+MIGRATIONS[2] = _from_2
 
 
 class Stored(BaseModel):
@@ -116,6 +125,36 @@ class ViewLens(Stored):
     delta_r: float
 
 
+class HalfFitted(Stored):
+    """What was fitted on one half of a photograph (0 or 1) to predict the other. aperture: pixels * scene unit at the
+    photograph's width; focus_disparity: 1 / scene unit; both None of a method without a lens. sigma: px, of the one
+    Gaussian blur in its place, or to compare with. renders: how many renderings it took. error: mean squared error on
+    the half that was fitted on, encoded."""
+
+    fitted_on: int
+    aperture: float | None
+    focus_disparity: float | None
+    sigma: float
+    renders: int
+    error: float
+
+
+class ViewFit(Stored):
+    """Of one test view that is a photograph of unknown lens. seconds: wall, of the fit, no part of the training."""
+
+    name: str
+    seconds: float
+    halves: list[HalfFitted]
+
+
+class ViewAperture(Stored):
+    """Learned aperture of one training view, pixels * scene unit, and the f-number that its camera wrote down."""
+
+    name: str
+    aperture: float
+    f_number: float
+
+
 class Event(Stored):
     """A NaN or infinity: the step and the place where it appeared."""
 
@@ -141,7 +180,8 @@ class Result(Stored):
     stages: the harness's stages; method_stages: the method's own, wall seconds within "train".
     kernels_compiled: during the run, 0 where all lay on disk; None where nobody counted (before schema version 2).
     predictions, model: file, relative to the result's folder -> sha256; model is empty before version 2. data: the
-    dataset's folder, as it was given. plan, protocol: as plain data. git is None outside a checkout.
+    dataset's folder, as it was given. plan, protocol: as plain data. fits, apertures: empty before
+    version 3. git is None outside a checkout.
     """
 
     schema_version: int
@@ -163,6 +203,8 @@ class Result(Stored):
     do_nothing: dict[str, float]
     views: list[ViewScores]
     lens: list[ViewLens]
+    fits: list[ViewFit]
+    apertures: list[ViewAperture]
     curve: list[CurvePoint]
     stages: dict[str, StageTime]
     method_stages: dict[str, float]

@@ -104,7 +104,7 @@ class _Execution:
     def __init__(self, run: Prepared, console: Console, progress: ProgressBar, stages: StageTimes,
                  already_compiled: int):
         self.settings, self.console, self.progress = run.settings, console, progress
-        self.entry, self.protocol, self.budget = run.choices.entry, run.choices.protocol, run.choices.budget
+        self.entry, self.protocol, self.budget = run.choices.entry, run.protocol, run.choices.budget
         self.dataset, self.data, self.plan, self.spec, self.folder = (
             run.dataset, run.data, run.plan, run.spec, run.folder)
         self.stages, self.already_compiled = stages, already_compiled
@@ -270,6 +270,7 @@ class _Execution:
             left_out_stages={**{stage["name"]: stage["reason"] for stage in plan["stages"] if not stage["runs"]},
                              **(outcome.left_out if outcome else {})},
             do_nothing=self.do_nothing, views=found.views, lens=found.lens,
+            fits=found.fits, apertures=found.apertures,
             curve=trained.curve if trained else observer.curve if observer else [],
             stages=stages,
             method_stages=outcome.stages if outcome else {}, description=self.description,

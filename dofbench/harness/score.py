@@ -19,7 +19,7 @@ from dofbench.errors import InputError, Status
 from dofbench.files import sha256_file
 from dofbench.harness import provenance
 from dofbench.harness.added import ADDED_VERSION, Added, AddedScore, read_added, write_added
-from dofbench.harness.evaluate import PREFIX, Kind, depth_scores
+from dofbench.harness.evaluate import PREFIX, WHOLE, Kind, depth_scores
 from dofbench.harness.lock import locked
 from dofbench.harness.methods import MethodEntry, find_method
 from dofbench.harness.protocol import AIF_PREFIX, DEPTH_COLUMNS, arithmetic_mean
@@ -90,7 +90,8 @@ def score_result(folder: Path, result: Result, columns: Iterable[str], data: Pat
     wanted = list(columns)
     sources: list[tuple[str, Callable[[], dict[str, dict[str, float]]], list[str]]] = []
     found = Scored()
-    for kind, prefix in PREFIX.items():
+    for kind in WHOLE:
+        prefix = PREFIX[kind]
         own = [column for column in wanted if column not in DEPTH_COLUMNS
                and column.startswith(AIF_PREFIX) == bool(prefix)]
         if own and (reason := _no_pictures(folder, result, kind)):

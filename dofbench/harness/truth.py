@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from dofbench.harness.protocol import ACROSS_COLUMNS, PHOTOGRAPH_COLUMNS
+from dofbench.scenes.by_exif import same_f_number
 from dofbench.scenes.folders import listed
 from dofbench.synthesis.dataset import Dataset, DatasetView
 
@@ -42,6 +44,39 @@ def missing_truth(dataset: Dataset) -> MissingTruth:
         lens=lens,
         depth=depth or ("" if dataset.has_exact_depth else NO_EXACT_DEPTH),
     )
+
+
+def of_photographs(dataset: Dataset) -> bool:
+    """Whether the test views are photographs of unknown lens, and there is no sharp one of any: the photographs
+    themselves are all that there is to score against. False without test views."""
+    test = [view for view in dataset.views if view.split == "test"]
+    return bool(test) and not any(view.lens is not None or view.has_all_in_focus for view in test)
+
+
+def photograph_columns(dataset: Dataset) -> tuple[str, ...]:
+    """The columns that test views of unknown lens are scored by; none where they have a lens or a sharp photograph."""
+    if not of_photographs(dataset):
+        return ()
+    return ACROSS_COLUMNS if training_f_number(dataset) is not None else PHOTOGRAPH_COLUMNS
+
+
+def training_f_number(dataset: Dataset) -> float | None:
+    """The f-number of all training views, where it is one, and every test view has another one, by the EXIF of each;
+    else None. Aperture is to be carried from the ones to the others, so focal lengths must not be known to differ."""
+    numbers: dict[str, list[float]] = {"train": [], "test": []}
+    lengths = set()
+    for view in dataset.views:
+        if view.split not in numbers:
+            continue
+        if view.exif is None or view.exif.f_number is None:
+            return None
+        numbers[view.split].append(view.exif.f_number)
+        lengths |= {view.exif.focal_length} - {None}
+    if not numbers["train"] or not numbers["test"] or len(lengths) > 1:
+        return None
+    first = numbers["train"][0]
+    one = all(same_f_number(number, first) for number in numbers["train"])
+    return first if one and not any(same_f_number(number, first) for number in numbers["test"]) else None
 
 
 def _lacking(what: str, views: Sequence[DatasetView], without: Sequence[DatasetView], split: str) -> str:

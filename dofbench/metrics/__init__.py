@@ -33,9 +33,9 @@ class Metric:
 
     unit: empty for a plain number. best, worst: the ends of the range. needs: "images", a
     prediction and its truth, for `function`; "lens", true and learned lenses, for
-    `lens_errors.lens_errors`, and "depth", rendered and exact depth, for `depth_errors`, where `function` is
-    None. note: the choices behind the number, for
-    the foot of a table.
+    `lens_errors.lens_errors`, and "depth", rendered and exact depth, for `depth_errors`, and "exif", learned
+    lenses and what the camera wrote down, for `exif_errors`, where `function` is None. note: the choices behind the
+    number, for the foot of a table.
     """
 
     id: str
@@ -44,7 +44,7 @@ class Metric:
     higher_is_better: bool
     best: float
     worst: float
-    needs: Literal["images", "lens", "depth"]
+    needs: Literal["images", "lens", "depth", "exif"]
     function: ImageMetric | None
     note: str
 
@@ -77,6 +77,12 @@ METRICS: dict[str, Metric] = {
                "unit of δ_F; where nothing was rendered, infinitely far"),
         Metric("depth_rel", "depth AbsRel", "", False, 0.0, math.inf, "depth", None,
                "mean |z - ẑ| / z over the test views' pixels of known depth; where nothing was rendered, 1"),
+        Metric("exif_spread", "aperture spread", "%", False, 0.0, math.inf, "exif", None,
+               "of learned aperture × f-number over the training views of one f-number: 1.4826 × median absolute "
+               "deviation / median; mean over f-numbers of 3 views or more, weighted by views"),
+        Metric("exif_ratio", "aperture ratio error", "%", False, 0.0, math.inf, "exif", None,
+               "between f-numbers of 3 training views or more, of median learned aperture × f-number: by how much the "
+               "largest is above the smallest"),
     )
 }
 

@@ -18,6 +18,7 @@ from dofbench.contracts import PointCloud, TrainingSet
 from dofbench.errors import InputError
 from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.supervision import DepthMap, DepthSamples, sparse_depth
+from dofbench.remaining import Progress, silent
 
 
 class Prior(Protocol):
@@ -49,8 +50,11 @@ class DensePrior:
         return self.maps[index].samples(camera)
 
 
-def make_prior(training_set: TrainingSet, options: TrainerOptions, *, seed: int, steps: int) -> Prior:
+def make_prior(training_set: TrainingSet, options: TrainerOptions, *, seed: int, steps: int,
+               progress: Progress = silent) -> Prior:
     """The prior that the options ask for. steps: of the training; tuning a network takes no more of its own.
+
+    progress: told of every view, and of every step of tuning.
 
     Raises InputError for a file that is missing or wrong, and FloatingPointError when tuning diverges.
     """
@@ -64,29 +68,30 @@ def make_prior(training_set: TrainingSet, options: TrainerOptions, *, seed: int,
     if options.depth_prior == "colmap":
         from dofbench.priors.colmap import workspace_depth
 
-        return DensePrior(workspace_depth(Path(options.depth_prior_workspace), training_set))
+        return DensePrior(workspace_depth(Path(options.depth_prior_workspace), training_set, progress=progress))
     from dofbench.priors.stereo import stereo_depth
 
     if options.depth_prior == "stereo":
         # A point was matched in several views at a corner of the image: it is the better of the two.
         return DensePrior([found.with_samples(sparse_depth(points, view.camera, index)) for index, (found, view)
-                           in enumerate(zip(stereo_depth(training_set), training_set.views, strict=True))])
+                           in enumerate(zip(stereo_depth(training_set, progress=progress), training_set.views,
+                                            strict=True))])
     from dofbench.priors.network import open_network, predicted_depth
 
     network = open_network(options.depth_prior_file, training_set)
     if options.depth_prior == "network":
-        return DensePrior(predicted_depth(network, training_set, None))
+        return DensePrior(predicted_depth(network, training_set, None, progress=progress))
     from dofbench.priors.tuning import tune
 
     if options.depth_prior_workspace:
         from dofbench.priors.colmap import workspace_depth
 
-        known = workspace_depth(Path(options.depth_prior_workspace), training_set)
+        known = workspace_depth(Path(options.depth_prior_workspace), training_set, progress=progress)
     else:
-        known = stereo_depth(training_set)
+        known = stereo_depth(training_set, progress=progress)
     tune(network, training_set, known, steps=min(options.depth_prior_steps, steps), loss=options.depth_prior_loss,
-         seed=seed)
-    return DensePrior(predicted_depth(network, training_set, known))
+         seed=seed, progress=progress)
+    return DensePrior(predicted_depth(network, training_set, known, progress=progress))
 
 
 def with_surface_points(training_set: TrainingSet, prior: Prior, count: int, seed: int) -> PointCloud:

@@ -15,6 +15,7 @@ from dofbench.cameras import Camera
 from dofbench.contracts import TrainingSet, TrainingView
 from dofbench.errors import InputError
 from dofbench.gaussians.supervision import DepthMap
+from dofbench.remaining import Progress, silent
 from dofbench.scenes.colmap import Model, read_model
 from dofbench.scenes.colmap_files import model_suffix
 from dofbench.scenes.depth_files import read_depth
@@ -24,7 +25,7 @@ SAME_DEPTH = 0.02      # relative: a fused point is a mean over views, and lies 
 _ALIKE = 0.01          # of the distances between cameras: the two sets of poses are one set, but for a scale
 
 
-def workspace_depth(folder: Path, training_set: TrainingSet) -> list[DepthMap]:
+def workspace_depth(folder: Path, training_set: TrainingSet, *, progress: Progress = silent) -> list[DepthMap]:
     """One map a training view, in the training set's scene units, 0 where fusion kept nothing.
 
     folder: with sparse/, stereo/depth_maps/ and fused.ply. Views are found by name, without suffix.
@@ -41,10 +42,12 @@ def workspace_depth(folder: Path, training_set: TrainingSet) -> list[DepthMap]:
     if not len(points):
         raise InputError(fused, "no points", "what stereo_fusion kept")
     maps = []
+    progress("depth prior: workspace", 0, len(places))
     for view, place, camera in zip(training_set.views, places, cameras, strict=True):
         depth = _geometric(folder, model.names[place], camera)
         kept = np.where(_fused(points, camera, depth), depth, 0)
         maps.append(_at_training_view(kept * unit, camera, view.camera))
+        progress("depth prior: workspace", len(maps), len(places))
     return maps
 
 

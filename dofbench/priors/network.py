@@ -23,6 +23,7 @@ from dofbench.depth.network import find_network, sampled
 from dofbench.errors import InputError
 from dofbench.gaussians.supervision import DepthMap, sparse_depth
 from dofbench.images import resize
+from dofbench.remaining import Progress, silent
 
 SHIPPED = "depthnet"
 LONGEST = 256      # px, the longer side of what goes in
@@ -86,7 +87,8 @@ def fixed_threads() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def predicted_depth(network: nn.Module, training_set: TrainingSet, known: Sequence[DepthMap] | None) -> list[DepthMap]:
+def predicted_depth(network: nn.Module, training_set: TrainingSet, known: Sequence[DepthMap] | None, *,
+                    progress: Progress = silent) -> list[DepthMap]:
     """A map of every pixel of every view, each times the median ratio of what is known of the view to it.
 
     known: semi-dense depth a view; None for the sparse points alone. A view of which nothing is known
@@ -94,6 +96,7 @@ def predicted_depth(network: nn.Module, training_set: TrainingSet, known: Sequen
     """
     maps = []
     for index, view in enumerate(training_set.views):
+        progress("depth prior: network", index, len(training_set.views))
         with fixed_threads(), torch.no_grad():
             output = run(network, network_input(view.image)[None], view.name)
             size = view.camera.height, view.camera.width
@@ -107,6 +110,7 @@ def predicted_depth(network: nn.Module, training_set: TrainingSet, known: Sequen
             ratio = samples.depth.numpy() / depth[samples.rows.numpy(), samples.columns.numpy()]
             depth = depth * np.float32(np.median(ratio))
         maps.append(DepthMap(depth.astype(np.float32), np.ones(size, np.float32)))
+    progress("depth prior: network", len(maps), len(maps))
     return maps
 
 

@@ -8,6 +8,7 @@ and then what a depth must pass to be kept: a score, a margin over other planes,
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 import torch
@@ -18,6 +19,7 @@ from dofbench.errors import InputError
 from dofbench.gaussians.supervision import DepthMap, sparse_depth
 from dofbench.images import resize
 from dofbench.kernels import load
+from dofbench.remaining import Progress, silent
 
 SOURCES, BEST = 4, 2             # views that a view is matched with; the best of them count
 RADIUS = 3                       # pixels of the window around its centre, at every scale
@@ -25,38 +27,53 @@ SCALES = (1.0, 0.5, 0.25)         # weight of the scores at 1, 1/2, 1/4 of the s
 SMALLEST = 48                    # px, the shorter side of the coarsest scale
 STEP = 0.75                      # px that a plane moves the image at most from the plane before
 PLANES = (16, 192)               # least and most planes
+TOGETHER = 8                     # planes that the kernels do together: a multiple of it wastes nothing
 MARGIN, QUANTILE = 0.1, 0.005    # the points' disparities, without so many at each end, and how far beyond
 SMALL, LARGE, EDGE = 0.05, 0.6, 0.05   # semiglobal penalties, in units of correlation, and of grey
 ANGLE = (3.0, 12.0)              # degrees between two views' rays: less is imprecise, more looks different
 SCORE, DISTINCT = 0.6, 0.05      # least correlation and margin that is believed
 OUTLINE, JUMP = 3, 0.03          # px around what is farther by this share of the planes' range
 AGREE_PX, AGREE_DEPTH = 1.0, 0.02      # forth and back: error in the image, and relative to the depth
-AGREEING = 3                     # other views that must agree, but no more than half of them
+AGREEING = 3                     # other views that must agree, but no more than half of all
+CHECKED = 16                     # views that a view is checked against
+SWEEP, CHECK = "depth prior: sweep", "depth prior: check"
 
 
 @dataclass(frozen=True, eq=False)
 class _Swept:
-    """What a view's sweep found, everywhere: depth, score and margin, each (H, W)."""
+    """What a view's sweep found, each (H, W) float32. depth: wherever a score can be believed, else 0. weight: the
+    score where it stands out too and no outline is near, else 0.
+    """
 
     depth: np.ndarray
-    score: np.ndarray
-    margin: np.ndarray
+    weight: np.ndarray
 
 
-def stereo_depth(training_set: TrainingSet) -> list[DepthMap]:
+def stereo_depth(training_set: TrainingSet, *, progress: Progress = silent) -> list[DepthMap]:
     """One map a view: z, 0 where nothing was found or agreed, and a weight of 0 ... 1.
 
-    Uses the photographs, cameras and sparse points, which say how far planes have to reach.
+    Uses the photographs, cameras and sparse points, which say how far planes have to reach. progress: told of every
+    view that is swept and of every one that is checked.
     Raises InputError for a single view, and without points.
     """
-    if len(training_set.views) < 2:
+    views, cameras = training_set.views, [view.camera for view in training_set.views]
+    if len(views) < 2:
         raise InputError("option depth_prior", "stereo for one training view", "two or more")
+    progress(SWEEP, 0, len(views))
     low, high = disparity_bounds(training_set)
-    neighbours = choose_sources(training_set)
-    pyramids = [_pyramid(view.image, view.camera) for view in training_set.views]
-    swept = [_sweep(pyramids, index, chosen, low, high) for index, chosen in enumerate(neighbours)]
-    cameras = [view.camera for view in training_set.views]
-    return [_agreed(cameras, swept, index, high - low) for index in range(len(cameras))]
+    neighbours = choose_sources(training_set, CHECKED)
+    pyramids = [_pyramid(view.image, view.camera) for view in views]
+    swept = []
+    for index, chosen in enumerate(neighbours):
+        swept.append(_sweep(pyramids, index, chosen[:SOURCES], low, high))
+        progress(SWEEP, index + 1, len(views))
+    del pyramids
+    maps = []
+    progress(CHECK, 0, len(views))
+    for index, chosen in enumerate(neighbours):
+        maps.append(_agreed(cameras, swept, index, chosen))
+        progress(CHECK, index + 1, len(views))
+    return maps
 
 
 def disparity_bounds(training_set: TrainingSet) -> tuple[float, float]:
@@ -70,37 +87,41 @@ def disparity_bounds(training_set: TrainingSet) -> tuple[float, float]:
     return max(low - beyond, 0.1 * low), high + beyond
 
 
-def choose_sources(training_set: TrainingSet) -> list[list[int]]:
-    """For each view the others to match it with, best first: many common points under a fair angle."""
+def choose_sources(training_set: TrainingSet, most: int = SOURCES) -> list[list[int]]:
+    """For each view up to `most` others to match it with, best first: many common points under a fair angle."""
     points, views = training_set.points, training_set.views
     count = len(views)
     seen = np.zeros((count, len(points)), dtype=bool)
+    rays = np.empty((count, len(points), 3))
     for index, view in enumerate(views):
         if points.views is not None:
-            seen[index] = [index in track for track in points.views]
+            seen[index] = points.seen_from(index)
         else:
             xy, depth = view.camera.project(points.xyz)
             with np.errstate(invalid="ignore"):
                 seen[index] = ((depth > 0) & (xy >= 0).all(axis=1) & (xy[:, 0] < view.camera.width)
                                & (xy[:, 1] < view.camera.height))
-    rays = [points.xyz - view.camera.centre for view in views]
-    rays = [ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays]
-    chosen = []
-    for index in range(count):
-        worth = np.full(count, -1.0)
-        for other in range(count):
-            common = seen[index] & seen[other]
-            if other == index:
-                continue
-            # Without a common point the cameras may still share a surface: the last resort, after all others.
-            both = common if common.any() else np.ones(len(points), dtype=bool)
-            cosine = np.clip((rays[index][both] * rays[other][both]).sum(axis=1), -1, 1)
-            angle = np.degrees(np.arccos(cosine))
-            fair = np.minimum(angle / ANGLE[0], 1) ** 2 * np.minimum(ANGLE[1] / np.maximum(angle, 1e-9), 1) ** 2
-            worth[other] = fair.sum() if common.any() else -1 + 1e-3 * fair.mean()
-        order = np.argsort(-worth, kind="stable")
-        chosen.append([int(other) for other in order if other != index][:SOURCES])
-    return chosen
+        rays[index] = points.xyz - view.camera.centre
+        rays[index] /= np.linalg.norm(rays[index], axis=1, keepdims=True)
+    worth = np.full((count, count), -np.inf)
+    for one, other in combinations(range(count), 2):
+        common = np.flatnonzero(seen[one] & seen[other])
+        if len(common):
+            worth[one, other] = worth[other, one] = _fairness(rays[one][common], rays[other][common]).sum()
+    for one in range(count):
+        # Without a common point the cameras may still share a surface: the last resort, after all others.
+        if np.count_nonzero(worth[one] >= 0) < min(most, count - 1):
+            for other in np.flatnonzero(worth[one] == -np.inf):
+                worth[one, other] = -1 + 1e-3 * _fairness(rays[one], rays[other]).mean()
+        worth[one, one] = -np.inf
+    order = np.argsort(-worth, axis=1, kind="stable")
+    return [[int(other) for other in others if other != one][:most] for one, others in enumerate(order)]
+
+
+def _fairness(rays: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(M,) 0 ... 1: how fair the angle is between the rays (M, 3) of two views."""
+    angle = np.degrees(np.arccos(np.clip((rays * others).sum(axis=1), -1, 1)))
+    return np.minimum(angle / ANGLE[0], 1) ** 2 * np.minimum(ANGLE[1] / np.maximum(angle, 1e-9), 1) ** 2
 
 
 def _pyramid(image: np.ndarray, camera: Camera) -> list[tuple[torch.Tensor, Camera]]:
@@ -123,7 +144,10 @@ def _at_size(grey: torch.Tensor, camera: Camera, goal: Camera) -> tuple[torch.Te
 
 
 def plane_map(camera: Camera, source: Camera) -> np.ndarray:
-    """(3, 4): takes (x, y, 1) of `camera`, and times disparity its last column, to `source`, homogeneous."""
+    """(3, 4): takes (x, y, 1) of `camera`, and times disparity its last column, to `source`, homogeneous.
+
+    All of it times z instead, the third coordinate is the source's z.
+    """
     relative = source.world_to_camera @ camera.camera_to_world
     return np.concatenate([source.intrinsics @ relative[:3, :3] @ np.linalg.inv(camera.intrinsics),
                            source.intrinsics @ relative[:3, 3:]], axis=1)
@@ -140,30 +164,33 @@ def _planes(camera: Camera, sources: list[Camera], low: float, high: float) -> n
         if all((end[:, 2] > 0).all() for end in ends):
             first, last = (end[:, :2] / end[:, 2:] for end in ends)
             moved = max(moved, float(np.median(np.linalg.norm(first - last, axis=1))))
-    return np.linspace(low, high, int(np.clip(np.ceil(moved / STEP) + 1, *PLANES)))
+    count = int(np.clip(np.ceil(moved / STEP) + 1, *PLANES))
+    return np.linspace(low, high, -(-count // TOGETHER) * TOGETHER)
 
 
 def _sweep(pyramids: list, index: int, chosen: list[int], low: float, high: float) -> _Swept:
-    disparities = _planes(pyramids[index][0][1], [pyramids[other][0][1] for other in chosen], low, high)
+    levels = pyramids[index]
+    disparities = _planes(levels[0][1], [pyramids[other][0][1] for other in chosen], low, high)
     total, weight = None, 0.0
-    for level, (grey, camera) in enumerate(pyramids[index]):
+    for level in reversed(range(len(levels))):
+        grey, camera = levels[level]
         others = [_at_size(*pyramids[other][min(level, len(pyramids[other]) - 1)], camera) for other in chosen]
         maps = np.stack([plane_map(camera, source) for _, source in others])
+        # An image of half the size moves by half as many pixels.
+        planes = np.linspace(low, high, -(-(len(disparities) - 1) // 2**level) + 1)
         scores = load("stereo")(grey, torch.stack([other for other, _ in others]), torch.from_numpy(maps),
-                                torch.from_numpy(disparities), radius=RADIUS, best=min(BEST, len(others)))
-        if total is None:
-            total = scores.mul_(SCALES[level])
-        else:
-            load("stereo", function="upsample")(total, scores, SCALES[level])
-        weight += SCALES[level]
-    total /= weight
-    plane, score, margin = load("stereo", function="semiglobal")(
-        total, pyramids[index][0][0], small=SMALL, large=LARGE, edge=EDGE)
-    step = (high - low) / (len(disparities) - 1)
+                                torch.from_numpy(planes), radius=RADIUS, best=min(BEST, len(others)))
+        if total is not None:
+            load("stereo", function="upsample")(scores, total, weight / (weight + SCALES[level]))
+        total, weight = scores, weight + SCALES[level]
+    plane, score, margin = (found.numpy() for found in load("stereo", function="semiglobal")(
+        total, levels[0][0], small=SMALL, large=LARGE, edge=EDGE))
+    depth = 1 / (low + (high - low) / (len(disparities) - 1) * plane.astype(np.float64))
     # The first and the last plane stand for all that is beyond.
-    edge = (plane.numpy() < 0.5) | (plane.numpy() > len(disparities) - 1.5)
-    depth = 1 / (low + step * plane.numpy().astype(np.float64))
-    return _Swept(np.where(edge, 0, depth), score.numpy(), margin.numpy())
+    depth[(plane < 0.5) | (plane > len(disparities) - 1.5)] = 0
+    believed = (depth > 0) & (score >= SCORE) & (margin >= DISTINCT) & ~_outline(depth, high - low)
+    depth[score < SCORE] = 0
+    return _Swept(depth.astype(np.float32), np.where(believed, np.clip(score, 0, 1), 0).astype(np.float32))
 
 
 def _outline(depth: np.ndarray, extent: float) -> np.ndarray:
@@ -174,40 +201,16 @@ def _outline(depth: np.ndarray, extent: float) -> np.ndarray:
     return disparity - minimum_filter(disparity, 2 * OUTLINE + 1) > JUMP * extent
 
 
-def _agreed(cameras: list[Camera], swept: list[_Swept], index: int, extent: float) -> DepthMap:
+def _agreed(cameras: list[Camera], swept: list[_Swept], index: int, others: list[int]) -> DepthMap:
     """What passes the checks, weighted by score and by how many views agree."""
     own, camera = swept[index], cameras[index]
-    believed = (own.depth > 0) & (own.score >= SCORE) & (own.margin >= DISTINCT) & ~_outline(own.depth, extent)
-    rows, columns = np.nonzero(believed)
-    depth = own.depth[rows, columns]
-    local = np.stack([(columns + 0.5 - camera.cx) / camera.fx * depth,
-                      (rows + 0.5 - camera.cy) / camera.fy * depth, depth, np.ones_like(depth)], axis=1)
-    world = local @ camera.camera_to_world.T
-    agreeing = np.zeros(len(rows))
-    others = [other for other in range(len(cameras)) if other != index]
+    depth = np.where(own.weight > 0, own.depth, 0)
+    agreeing = np.zeros(depth.shape, np.float32)
     for other in others:
-        agreeing += _returns(world[:, :3], depth, (columns + 0.5, rows + 0.5), camera, cameras[other], swept[other])
-    needed = min(AGREEING, max(1, len(others) // 2))
-    kept = agreeing >= needed
-    shape = (camera.height, camera.width)
-    found, weight = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    found[rows[kept], columns[kept]] = depth[kept]
-    share = agreeing[kept] / (agreeing[kept] + 1)
-    weight[rows[kept], columns[kept]] = np.clip(own.score[rows[kept], columns[kept]], 0, 1) * share
-    return DepthMap(found, weight)
-
-
-def _returns(world: np.ndarray, depth: np.ndarray, pixel: tuple[np.ndarray, np.ndarray], camera: Camera,
-             other: Camera, seen: _Swept) -> np.ndarray:
-    """(M,) bool: points that the other view sees at the same place: there, by its depth, and back again."""
-    xy, _ = other.project(world)
-    with np.errstate(invalid="ignore"):
-        inside = (xy >= 0).all(axis=1) & (xy[:, 0] < other.width) & (xy[:, 1] < other.height)
-    column, row = (np.where(inside, values, 0).astype(np.int64) for values in xy.T)
-    there = np.where(inside & (seen.score[row, column] >= SCORE), seen.depth[row, column], 0)
-    with np.errstate(invalid="ignore"):
-        local = np.stack([(xy[:, 0] - other.cx) / other.fx * there, (xy[:, 1] - other.cy) / other.fy * there,
-                          there, np.ones_like(there)], axis=1)
-        back, z = camera.project((local @ other.camera_to_world.T)[:, :3])
-        error = np.hypot(back[:, 0] - pixel[0], back[:, 1] - pixel[1])
-        return (there > 0) & (error < AGREE_PX) & (np.abs(z / depth - 1) < AGREE_DEPTH)
+        there, back = (torch.from_numpy(plane_map(*pair))
+                       for pair in ((camera, cameras[other]), (cameras[other], camera)))
+        agreeing += load("stereo", function="returns")(
+            torch.from_numpy(depth), torch.from_numpy(swept[other].depth), there, back, pixels=AGREE_PX,
+            share=AGREE_DEPTH).numpy()
+    kept = agreeing >= min(AGREEING, max(1, (len(cameras) - 1) // 2))
+    return DepthMap(np.where(kept, depth, 0), np.where(kept, own.weight * (agreeing / (agreeing + 1)), 0))

@@ -12,6 +12,7 @@ from dofbench.contracts import TrainingSet
 from dofbench.errors import InputError
 from dofbench.gaussians.supervision import DepthMap, sparse_depth
 from dofbench.priors.network import fixed_threads, network_input, run
+from dofbench.remaining import Progress, silent
 
 BATCH = 5
 RATE, DECAY = 4e-4, 0.1    # Adam's rate falls by this factor over the whole tuning
@@ -34,8 +35,8 @@ def scale_invariant_loss(predicted: Tensor, target: Tensor, weight: Tensor, form
     return ((weight * error).sum(axes) / whole[:, 0, 0, 0]).sum() / seen.sum().clamp_min(1)
 
 
-def tune(network: nn.Module, training_set: TrainingSet, known: Sequence[DepthMap], *, steps: int, loss: str, seed: int
-         ) -> None:
+def tune(network: nn.Module, training_set: TrainingSet, known: Sequence[DepthMap], *, steps: int, loss: str, seed: int,
+         progress: Progress = silent) -> None:
     """Train the network, in place, on the photographs against what is known of their depth and the sparse points.
 
     Raises FloatingPointError at the first loss that isn't finite, InputError for a network that can't
@@ -53,6 +54,7 @@ def tune(network: nn.Module, training_set: TrainingSet, known: Sequence[DepthMap
     random, order = np.random.default_rng(seed), []
     with fixed_threads():
         for step in range(steps):
+            progress("depth prior: tuning", step, steps)
             for group in optimiser.param_groups:
                 group["lr"] = RATE * DECAY ** (step / (steps + 1))
             while len(order) < min(BATCH, len(images)):
@@ -66,6 +68,7 @@ def tune(network: nn.Module, training_set: TrainingSet, known: Sequence[DepthMap
             optimiser.zero_grad(set_to_none=True)
             value.backward()
             optimiser.step()
+    progress("depth prior: tuning", steps, steps)
 
 
 def _target(training_set: TrainingSet, index: int, known: DepthMap, size: torch.Size) -> tuple[Tensor, Tensor]:

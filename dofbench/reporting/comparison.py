@@ -16,7 +16,8 @@ from dofbench.reporting.columns import COLUMNS
 from dofbench.reporting.figures import new_figure, save
 from dofbench.reporting.truth import find_dataset, prediction_file, true_picture
 
-_TITLES: dict[Kind, str] = {"refocus": "through the true lens", "all_in_focus": "all in focus"}
+_TITLES: dict[Kind, str] = {"refocus": "through the true lens", "all_in_focus": "all in focus",
+                           "photograph": "as photographed", "across": "at the other aperture"}
 _PANEL = 2.6  # inches wide
 
 
@@ -28,7 +29,8 @@ def write_strip(path: Path, entries: list[Entry], names: dict[tuple[str, ...], t
     shown = [
         (names[variant], good[0]) for variant, seeds in grouped(entries, "variant").items()
         if (good := [entry for entry in seeds
-                     if entry.status is Status.OK and entry.result and entry.result.predictions])
+                     if entry.status is Status.OK and entry.result
+                     and any(name.split("/")[1] in PREFIX for name in entry.result.predictions)])
     ]
     if not shown:
         return "no run has predictions"

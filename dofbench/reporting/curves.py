@@ -10,7 +10,7 @@ from dofbench.reporting.figures import NEUTRAL, file_name, look, new_figure, sav
 from dofbench.reporting.plots import Plot
 from dofbench.reporting.series import Series
 
-PLOTTED = ("psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f")
+PLOTTED = ("psnr", "ssim", "aif_psnr", "aif_ssim", "photo_psnr", "across_psnr", "delta_a", "delta_f")
 FRONT_LABEL = "Pareto front"
 _LEGEND_WIDTH = 95    # characters
 _LEGEND_LINE = 0.16   # inches

@@ -55,6 +55,8 @@ def plain(text: str) -> str:
 def _not_shown(empty: dict[str, str]) -> list[str]:
     reasons: dict[str, list[str]] = {}
     for column, reason in empty.items():
+        if not reason:
+            continue
         reasons.setdefault(reason, []).append(COLUMNS[column].label)
     if not reasons:
         return []

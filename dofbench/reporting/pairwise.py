@@ -10,7 +10,7 @@ from pathlib import Path
 
 from dofbench.harness.protocol import arithmetic_mean
 from dofbench.reporting.collect import Entry, grouped
-from dofbench.reporting.columns import ALL_IN_FOCUS, COLUMNS, DEPTH, LENS, REFOCUS
+from dofbench.reporting.columns import ALL_IN_FOCUS, COLUMNS, DEPTH, LENS, PHOTOGRAPH, REFOCUS
 from dofbench.reporting.differences import Compared, adjusted, compare, difference_text, verdict
 from dofbench.reporting.footnotes import Footnotes, table
 from dofbench.reporting.line_table import plain
@@ -20,7 +20,9 @@ from dofbench.reporting.tables import write_csv
 Variant = tuple[str, ...]
 Seeds = dict[Variant, list[Entry]]  # of one dataset
 
-COMPARED = ("psnr", "ssim", "flip", "aif_psnr", "aif_ssim", "aif_flip", "delta_a", "delta_f", "disparity_error")
+COMPARED = ("psnr", "ssim", "flip", "aif_psnr", "aif_ssim", "aif_flip", "photo_psnr", "photo_ssim",
+            "across_psnr", "across_blurred_psnr", "delta_a",
+            "delta_f", "disparity_error")
 EVERY_PAIR = 8  # variants of which every pair is compared; of more, each with the first, or a page would be all pairs
 HEADING = "Compared view by view"
 FILE_COLUMNS = ("dataset", "protocol", "method", "preset", "against_method", "against_preset", "column", "pairs",
@@ -43,7 +45,7 @@ def pairwise(datasets: Sequence[Seeds], order: Sequence[Variant]) -> list[Pair]:
     if len(whole) > EVERY_PAIR:
         pairs = [pair for pair in pairs if pair[0] == whole[0]]
     found: list[dict[str, Compared]] = [{} for _ in pairs]
-    for column in (*REFOCUS, *ALL_IN_FOCUS, *LENS, *DEPTH):
+    for column in (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH, *LENS, *DEPTH):
         raw = [compare([(seeds[one], seeds[other]) for seeds in datasets], column) for one, other in pairs]
         for compared, one in zip(found, adjusted(raw), strict=True):
             compared[column] = one
@@ -65,7 +67,7 @@ def _ranked(datasets: Sequence[Seeds]) -> list[Variant]:
     """As lines are ranked: best refocus PSNR first, then by all-in-focus PSNR."""
     def place(variant: Variant) -> tuple:
         means = []
-        for column in ("psnr", "aif_psnr"):
+        for column in ("psnr", "aif_psnr", "photo_psnr", "across_psnr"):
             values = [entry.scores.get(column) for seeds in datasets for entry in seeds.get(variant, [])]
             known = [value for value in values if value is not None and not math.isnan(value)]
             means += [not known, -arithmetic_mean(known) if known else 0.0]

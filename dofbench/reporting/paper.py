@@ -28,6 +28,10 @@ class Figures:
         return next((found for name, found in self.scenes.items() if name in words), {})
 
 
+# Of a layout that the paper has no table of.
+NOTHING_PRINTED = Figures("", "", (), {}, {})
+
+
 @cache
 def paper_figures() -> dict[str, Figures]:
     """Layout -> what was printed of it."""

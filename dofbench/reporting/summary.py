@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from dofbench.errors import Status
 from dofbench.harness.protocol import DEPTH_COLUMNS, PROTOCOLS, arithmetic_mean
 from dofbench.reporting.collect import Entry
-from dofbench.reporting.columns import COLUMNS, SCORES
+from dofbench.reporting.columns import ALL_IN_FOCUS, COLUMNS, EXIF, PHOTOGRAPH, REFOCUS, SCORES
 
 DO_NOTHING = "do nothing (Â = F̂ = 0.5)"
 
@@ -67,6 +67,11 @@ def _no_reason(entry: Entry, column: str) -> str:
     protocol = PROTOCOLS.get(entry.spec.protocol)
     if protocol is not None and column in DEPTH_COLUMNS and not protocol.depth:
         return f"{protocol.id} has no such score"
+    if column in EXIF:
+        return ""  # of made photographs, whose lens is known
+    if protocol is not None and column in (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH) and column not in (
+            *protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.photograph):
+        return ""  # of another protocol, whose tables are others: nothing that is missing here
     if column not in SCORES:
         return "not computed: `dofbench score` adds it"
     return "the result holds no such score, nor a reason"
@@ -95,10 +100,14 @@ def do_nothing_line(entries: list[Entry], columns: list[str]) -> Line | None:
 
 
 def sorted_lines(lines: list[Line]) -> list[Line]:
-    """Best refocus PSNR first; then those without one, by all-in-focus PSNR; failures at the end."""
+    """Best refocus PSNR first; then those without one, by all-in-focus PSNR; failures at the end. On photographs of
+    unknown lens, which have neither, by theirs."""
 
     def place(line: Line) -> tuple:
         refocus, sharp = (line.cells[column].value for column in ("psnr", "aif_psnr"))
+        if sharp is None:
+            sharp = next((cell.value for column in ("photo_psnr", "across_psnr")
+                          if (cell := line.cells.get(column)) is not None and cell.value is not None), None)
         return (
             not line.competes, refocus is None and sharp is None, refocus is None,
             -_number(refocus), -_number(sharp), line.method, line.preset,
@@ -117,12 +126,13 @@ def best_texts(lines: list[Line], columns: list[str]) -> dict[str, str | None]:
 
 
 def empty_columns(lines: Sequence[Line], columns: Sequence[str]) -> dict[str, str]:
-    """The columns in which no line that competes has a value or a failure, with the reasons."""
+    """The columns in which no line that competes has a value or a failure, with the reasons; "" where the protocol has
+    no such score, and nothing is to be said."""
     empty = {}
     for column in columns:
         cells = [line.cells[column] for line in lines if line.competes]
         if cells and not any(cell.value is not None or cell.failure for cell in cells):
-            empty[column] = "; ".join(dict.fromkeys(cell.reason for cell in cells))
+            empty[column] = "; ".join(dict.fromkeys(cell.reason for cell in cells if cell.reason))
     return empty
 
 

@@ -9,15 +9,15 @@ from pathlib import Path
 
 from dofbench.files import write_text
 from dofbench.reporting.collect import Entry, added_columns, board_names
-from dofbench.reporting.columns import ALL_IN_FOCUS, DEPTH, FILE_SCORES, IDENTITY, LENS, REFOCUS
+from dofbench.reporting.columns import ALL_IN_FOCUS, DEPTH, FILE_SCORES, IDENTITY, LENS, PHOTOGRAPH, REFOCUS
 
 CURVE_SCORES = ("psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f")
 CURVE_COLUMNS = ("method", "preset", "dataset", "protocol", "seed", "train_s", "steps", *CURVE_SCORES, "loss",
-                 "train_cpu_s")
+                 "train_cpu_s", "photo_psnr", "photo_ssim", "across_psnr", "across_ssim")
 _LENS_VALUES = ("aperture", "aperture_estimated", "focus", "focus_estimated")
 VIEW_COLUMNS = (
     "method", "preset", "dataset", "scene", "protocol", "seed", "view", "split",
-    *REFOCUS, *ALL_IN_FOCUS, *_LENS_VALUES, *LENS, *DEPTH,
+    *REFOCUS, *ALL_IN_FOCUS, *_LENS_VALUES, *LENS, *DEPTH, *PHOTOGRAPH,
 )
 
 

@@ -38,8 +38,8 @@ def find_dataset(entries: Iterable[Entry]) -> tuple[Dataset | None, str]:
 def true_picture(dataset: Dataset, kind: Kind, view: DatasetView) -> np.ndarray:
     """What a prediction of this kind was compared with, (H, W, 3), encoded. Raises InputError when the file isn't what
     the manifest says."""
-    dataset.require_intact(view, "image" if kind == "refocus" else "all_in_focus")
-    return dataset.image(view) if kind == "refocus" else dataset.all_in_focus(view)
+    dataset.require_intact(view, "all_in_focus" if kind == "all_in_focus" else "image")
+    return dataset.all_in_focus(view) if kind == "all_in_focus" else dataset.image(view)
 
 
 def prediction_file(entry: Entry, folder: str, view: str) -> Path | None:

@@ -12,7 +12,7 @@ from dofbench.reporting.differences import compare, difference_text
 from dofbench.reporting.differences import verdict as difference_verdict
 from dofbench.reporting.summary import Line
 
-HEADLINES = ("psnr", "aif_psnr")  # the first of these that any row has
+HEADLINES = ("psnr", "aif_psnr", "photo_psnr", "across_psnr")  # the first of these that any row has
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Verdict:
 def verdict(lines: dict[tuple[str, ...], Line], entries: Sequence[Entry]) -> Verdict | None:
     """Of one board's variants; None where none has a score."""
     for column in HEADLINES:
-        known = {variant: line.cells[column].value for variant, line in lines.items()}
+        known = {variant: line.cells[column].value for variant, line in lines.items() if column in line.cells}
         ranked = sorted(
             ((value, variant) for variant, value in known.items() if value is not None and not math.isnan(value)),
             key=lambda one: (-one[0], one[1]))

@@ -76,6 +76,13 @@ class _Reported:
             steps, limit = self._budget.steps, self._budget.seconds
             self._report(("step", step, steps) if steps is not None else ("second", round(seconds), round(limit or 0)))
 
+    def stage(self, name: str, done: int, total: int) -> None:
+        """Told of what comes before the first step."""
+        now = time.monotonic()
+        if done == 0 or now - self._last >= _REPORT_EVERY:
+            self._last = now
+            self._report((name, done, total))
+
 
 class _Told:
     """A watcher, and someone who wants to know what has ended."""

@@ -49,6 +49,16 @@ def find_model(root: Path) -> Path | None:
     return next((root / place for place in _PLACES if model_suffix(root / place)), None)
 
 
+def scene_folder(folder: Path) -> Path:
+    """The scene's folder where `folder` is the place of its model, sparse or sparse/0; else `folder` itself."""
+    here = folder.resolve()
+    for scene in (here.parent, here.parent.parent):
+        model = find_model(scene)
+        if model is not None and here in (model, scene / "sparse"):
+            return scene
+    return folder
+
+
 def fits(root: Path) -> bool:
     """Whether the folder has a COLMAP model."""
     return find_model(root) is not None

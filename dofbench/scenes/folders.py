@@ -13,6 +13,17 @@ from dofbench.images import image_size
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".exr")
 _HOLD = re.compile(r"hold ?= ?(\d+)")
 _SEVERAL = 3
+# COLMAP numbers what it makes inside these: sparse/0, and undistorted images with their model in dense/0.
+_MADE_BY_COLMAP = ("sparse", "dense")
+
+
+def scene_name(folder: Path) -> str:
+    """What a scene is called: after its folder, or the first one above that a person named and not COLMAP."""
+    here = folder.resolve()
+    named = here
+    while named.name in _MADE_BY_COLMAP or (named.name.isdigit() and named.parent.name in _MADE_BY_COLMAP):
+        named = named.parent
+    return named.name or here.name
 
 
 def listed(names: Iterable[str]) -> str:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
 from dofbench.errors import InputError
-from dofbench.scenes.folders import contents
+from dofbench.scenes import colmap
+from dofbench.scenes.folders import contents, image_files
 from dofbench.scenes.types import Scene
+from dofbench.scenes.views import AnotherFrame
 
 # In the order of detection. transforms.json says most (a camera a view, distortion, depth, split);
 # an LLFF folder nearly always has a COLMAP model as well, and its poses are the ones scores are published for.
@@ -33,13 +37,16 @@ def load_scene(
 ) -> Scene:
     """Read a scene folder: views sorted by name, with lazy images, OpenCV cameras, sparse points, a split.
 
+    root: the folder, or the place of its COLMAP model, sparse or sparse/0. The scene is called after the folder; where
+    COLMAP named that (dense/0), after the one above.
     width: of every view, pixels; height follows the aspect ratio, rounded to nearest. Images are
     shrunk by area averaging, and never enlarged. None keeps the size of the files.
     images: the image folder's name. Without it, and with a width, the folder with the smallest
     images that are wide enough; without both, LLFF takes images_8, else images_4, else images;
     COLMAP takes images, else the one with the smallest factor; nerfstudio takes the files as transforms.json has them.
     layout: one of `LAYOUTS`, or "auto": the first of transforms.json, poses_bounds.npy, sparse/0, sparse. "deblurnerf"
-    is never found out: it is LLFF's, with blurred photographs to train on.
+    is never found out: it is LLFF's, with blurred photographs to train on. A transforms.json that is in another frame
+    than the COLMAP model beside it is passed over for the model, where that is complete, with a line on standard error.
     hold: every hold-th view from the first is a test view (dofnerf: from the second). None: transforms.json's
     train_filenames and test_filenames, else a marker file `hold=N` in the folder, else 8 (dofnerf: 9;
     deblurnerf: an error).
@@ -50,18 +57,60 @@ def load_scene(
     root = Path(root)
     if not root.is_dir():
         raise InputError(root, "no such folder", "a scene folder")
+    root = colmap.scene_folder(root)
     if width is not None and width < 1:
         raise InputError("width", str(width), "at least 1 pixel")
     chosen = _detect(root) if layout == "auto" else layout
     if chosen not in LAYOUTS:
         raise InputError("layout", repr(layout), f"auto, {', '.join(LAYOUTS)}")
-    read: Callable[..., Scene] = import_module(f"dofbench.scenes.{chosen}").read
-    return read(root, width=width, images=images, hold=hold)
+    options = {"width": width, "images": images, "hold": hold}
+    try:
+        return _read(chosen, root, **options)
+    except AnotherFrame as error:
+        if not colmap.fits(root):
+            raise
+        model = _model_by_itself(root, error, **options) if layout == "auto" and chosen == "nerfstudio" else None
+        if model is None:
+            expected = f"{error.expected}; --layout colmap reads the COLMAP model by itself"
+            raise InputError(error.subject, error.found, expected) from None
+        return model
+
+
+def _read(layout: str, root: Path, **options: int | str | None) -> Scene:
+    read: Callable[..., Scene] = import_module(f"dofbench.scenes.{layout}").read
+    return read(root, **options)
+
+
+def _model_by_itself(root: Path, error: AnotherFrame, **options: int | str | None) -> Scene | None:
+    """The COLMAP model without the transforms.json that it contradicts, and a line that says so.
+
+    None where the model is not complete: unreadable, without points, or with fewer views than the file has.
+    """
+    try:
+        scene = _read("colmap", root, **options)
+    except InputError:
+        return None
+    frames = json.loads((root / "transforms.json").read_text(encoding="utf-8"))["frames"]
+    if scene.points is None or len(scene.views) < len(frames):
+        return None
+    print(
+        f"{root}: transforms.json and the COLMAP model are in different frames ({error.subject}: {error.found}); "
+        "read as --layout colmap, with nothing from transforms.json", file=sys.stderr, flush=True,
+    )
+    return scene
+
+
+def detect(root: Path) -> str | None:
+    """The layout that a folder's files say it has; None where none does."""
+    return next((layout for layout in _MARKS if import_module(f"dofbench.scenes.{layout}").fits(root)), None)
 
 
 def _detect(root: Path) -> str:
-    for layout in _MARKS:
-        if import_module(f"dofbench.scenes.{layout}").fits(root):
-            return layout
+    layout = detect(root)
+    if layout is not None:
+        return layout
+    if photographs := image_files(root):
+        expected = f"a scene with camera poses: dofbench reconstruct {root} --out SCENE finds them"
+        raise InputError(root, f"{len(photographs)} photographs without poses", expected)
     expected = "; or ".join(f"{_MARKS[layout]} ({layout})" for layout in _MARKS)
     raise InputError(root, contents(root), expected)

@@ -14,6 +14,7 @@ import numpy as np
 from dofbench.contracts import PointCloud
 from dofbench.errors import InputError
 from dofbench.images import image_size
+from dofbench.scenes.beside import points_beside
 from dofbench.scenes.colmap import find_model, read_model
 from dofbench.scenes.folders import IMAGE_SUFFIXES, choose_folder, image_folders, listed, match_files
 from dofbench.scenes.ply import read_ply
@@ -56,7 +57,7 @@ def read(root: Path, *, width: int | None, images: str | None, hold: int | None)
     ]
     if splits is not None:
         frames = [replace(frame, split=split) for frame, split in zip(frames, splits, strict=True)]
-    points, origin = _points(root, content, files, paths, file)
+    points, origin = _points(root, content, paths, frames, file)
     scene = assemble(root, "nerfstudio", frames, points, width=width, subject=file)
     check_inside(scene, origin)
     return scene if hold is None and splits is not None else held_out(scene, hold)
@@ -219,7 +220,7 @@ def _splits(content: Mapping[str, Any], paths: Sequence[str], file: Path) -> lis
 
 
 def _points(
-    root: Path, content: Mapping[str, Any], files: Sequence[Path], paths: Sequence[str], file: Path
+    root: Path, content: Mapping[str, Any], paths: Sequence[str], frames: Sequence[Frame], file: Path
 ) -> tuple[PointCloud | None, Path]:
     """The points in the frame of the poses, tracks by frame, and where they come from."""
     ply = content.get("ply_file_path")
@@ -229,35 +230,7 @@ def _points(
     folder = find_model(root)
     if folder is None:
         return None, file
-    model = read_model(folder)
-    if model.points is None:
-        return None, folder
-    xyz = model.points.xyz
-    if "applied_transform" in content:
-        try:
-            applied = np.array(content["applied_transform"], dtype=np.float64)
-        except (TypeError, ValueError):
-            applied = np.empty(0)
-        applied = rigid(applied, file, "applied_transform")
-        xyz = xyz @ applied[:3, :3].T + applied[:3, 3]
-    xyz = xyz * _number(content.get("applied_scale", 1.0), "applied_scale", file)
-    return replace(model.points, xyz=xyz, views=_tracks(model.points, model.names, paths)), folder
-
-
-def _tracks(points: PointCloud, names: Sequence[str], paths: Sequence[str]) -> tuple[np.ndarray, ...] | None:
-    """Tracks over COLMAP's images turned to tracks over the frames; None where the names don't belong together."""
-    if points.views is None:
-        return None
-    places: dict[str, list[int]] = {}
-    for index, path in enumerate(paths):
-        places.setdefault(PurePosixPath(path).stem, []).append(index)
-    rank = np.full(len(names), -1, dtype=np.int64)
-    for index, name in enumerate(names):
-        candidates = places.get(PurePosixPath(name).stem, [])
-        # The same stem in several folders: the one whose path ends as COLMAP's name does.
-        ending = str(PurePosixPath(name).with_suffix(""))
-        exact = [c for c in candidates if f"/{PurePosixPath(paths[c]).with_suffix('')}".endswith(f"/{ending}")]
-        if len(exact or candidates) == 1:
-            rank[index] = (exact or candidates)[0]
-    tracks = tuple(np.sort(rank[track][rank[track] >= 0]) for track in points.views)
-    return tracks if any(len(track) for track in tracks) else None
+    scale = _number(content.get("applied_scale", 1.0), "applied_scale", file)
+    poses = [frame.world_to_camera for frame in frames]
+    points = points_beside(read_model(folder), content, scale, paths, poses, file)
+    return points, folder

@@ -75,6 +75,16 @@ class Scene:
         )
         return replace(self, views=views)
 
+    def require_points(self, need: str) -> PointCloud:
+        """The sparse points. Raises InputError, with the command that finds some, where there are none.
+
+        need: what asks for them, for the message.
+        """
+        if self.points is None or len(self.points) == 0:
+            cure = f"points for {need}: dofbench reconstruct {self.root} --out SCENE keeps the poses and finds them"
+            raise InputError(self.root, "no sparse points", cure)
+        return self.points
+
     def training_set(self) -> TrainingSet:
         """What a method may see: the training views, read now, and the points that they saw.
 

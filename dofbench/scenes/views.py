@@ -12,7 +12,8 @@ from dofbench.contracts import PointCloud
 from dofbench.errors import InputError
 from dofbench.images import image_size, read_image, resize
 from dofbench.scenes.depth_files import read_depth
-from dofbench.scenes.folders import marked_hold, view_names
+from dofbench.scenes.exif_files import exif_by_file
+from dofbench.scenes.folders import marked_hold, scene_name, view_names
 from dofbench.scenes.types import Scene, SceneView, Split
 from dofbench.scenes.undistort import Intrinsics, sample_depth, undistort_image, undistorted
 
@@ -21,6 +22,10 @@ _ASPECT = 0.01
 DEFAULT_HOLD = 8
 # Points are matched to poses by eye of the lens: a wrong frame leaves next to none inside.
 _INSIDE = 0.5
+
+
+class AnotherFrame(InputError):
+    """Points, or the cameras of a model, that lie in another frame than the poses beside them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +89,15 @@ def assemble(
 
     width: of every view, pixels; None keeps the images' own. Raises InputError about `subject`
     (the file with the poses) or about the image that is missing, unreadable, of another shape, too narrow.
-    A track loses the views that the point lies behind: no camera can have made such a sighting.
+    A track loses the views that the point lies behind: no camera can have made such a sighting. What cameras wrote
+    down of the photographs comes from where `exif_by_file` looks.
     """
     if not frames:
         raise InputError(subject, "no views", "at least one")
     names = view_names([frame.name for frame in frames])
     views = [_view(frame, name, width, subject) for frame, name in zip(frames, names, strict=True)]
+    exif = exif_by_file(root, {view.name: view.source for view in views})
+    views = [replace(view, exif=exif.get(view.name)) for view in views]
     order = sorted(range(len(views)), key=names.__getitem__)
     if points is not None and points.views is not None:
         rank = np.empty(len(views), dtype=np.int64)
@@ -97,7 +105,7 @@ def assemble(
         in_front = np.stack([views[index].camera.project(points.xyz)[1] > 0 for index in order])
         tracks = (np.sort(rank[track]) for track in points.views)
         points = replace(points, views=tuple(track[in_front[track, point]] for point, track in enumerate(tracks)))
-    return Scene(root.resolve().name, root, layout, tuple(views[index] for index in order), points)
+    return Scene(scene_name(root), root, layout, tuple(views[index] for index in order), points)
 
 
 def held_out(scene: Scene, hold: int | None) -> Scene:
@@ -107,7 +115,7 @@ def held_out(scene: Scene, hold: int | None) -> Scene:
 
 
 def check_inside(scene: Scene, subject: object) -> None:
-    """Raise InputError unless at least half of the points lie where the poses see them.
+    """Raise AnotherFrame unless at least half of the points lie where the poses see them.
 
     With tracks: half of the sightings fall inside their image. Without: half of the points fall
     inside at least one. Points from another frame than the poses' fail this.
@@ -124,7 +132,7 @@ def check_inside(scene: Scene, subject: object) -> None:
         share = inside[seen, which].mean() if len(seen) else 0.0
     if share < _INSIDE:
         expected = f"at least {_INSIDE:.0%}: points and poses in one frame"
-        raise InputError(subject, f"{share:.0%} of the points inside the images that should see them", expected)
+        raise AnotherFrame(subject, f"{share:.0%} of the points inside the images that should see them", expected)
 
 
 def _inside(view: SceneView, xyz: np.ndarray) -> np.ndarray:

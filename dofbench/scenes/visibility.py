@@ -33,7 +33,7 @@ def visible(points: PointCloud, camera: Camera, view: int) -> Seen:
     with np.errstate(invalid="ignore"):
         seen = (depth > 0) & (xy >= 0).all(axis=1) & (xy[:, 0] < camera.width) & (xy[:, 1] < camera.height)
     if points.views is not None:
-        seen &= np.fromiter((view in track for track in points.views), dtype=bool, count=len(points))
+        seen &= points.seen_from(view)
     index = np.nonzero(seen)[0]
     if points.views is None:
         index = index[~hidden(xy[index], depth[index], camera.width)]

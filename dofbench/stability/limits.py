@@ -15,7 +15,7 @@ FILE = Path(__file__).with_name("limits.toml")
 
 @dataclass(frozen=True)
 class Limit:
-    """A case that doesn't meet its bound in some settings. where: "backend precision", or "all"."""
+    """A case that doesn't meet its bound in some settings, on some machine. where: "backend precision", or "all"."""
 
     case: str
     where: tuple[str, ...]

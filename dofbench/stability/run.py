@@ -20,7 +20,7 @@ from dofbench.stability.catalogue import chosen
 from dofbench.stability.limits import Limit, limit_of, read_limits
 from dofbench.stability.settings import Stability
 from dofbench.stability.store import Unfinished
-from dofbench.stability.tables import KNOWN, MET, NOT_MET, STALE, Explained, Row, csv_text, markdown
+from dofbench.stability.tables import KNOWN, MET, MET_HERE, NOT_MET, Explained, Row, csv_text, markdown
 
 CSV, MARKDOWN = "stability.csv", "stability.md"
 
@@ -58,12 +58,12 @@ def measured(case: Case, setting: Setting) -> Found:
 
 
 def judged(case: Case, setting: Setting, found: Found, limits: Sequence[Limit]) -> Row:
-    """What was found, with its verdict; a known limit's note begins with its reason."""
+    """What was found, with its verdict; a known limit's note begins with its reason, also where its bound is met."""
     limit = limit_of(case, setting, limits)
     if limit is None:
         verdict, note = (MET if found.met else NOT_MET), found.note
     else:
-        verdict = STALE if found.met else KNOWN
+        verdict = MET_HERE if found.met else KNOWN
         note = f"{limit.reason} Here: {found.note}" if found.note else limit.reason
     return Row(case.name, case.group, setting.label, setting.precision, found.error, found.bound, verdict, note)
 
@@ -83,7 +83,7 @@ def _measure(cases: Sequence[Case], limits: Sequence[Limit], kept: Unfinished, c
                 found = measured(case, setting)
                 kept.keep(_name(case, setting), found)
             row = judged(case, setting, found, limits)
-            if row.verdict in (NOT_MET, STALE):
+            if row.verdict in (NOT_MET, MET_HERE):
                 _say(
                     console,
                     f"{row.verdict}: {_name(case, setting)}: {row.error:.3g}, bound {row.bound:.3g}; {row.note}",
@@ -98,7 +98,7 @@ def _name(case: Case, setting: Setting) -> str:
 
 
 def _report(rows: Sequence[Row], out: Path, console: Console) -> bool:
-    counts = {verdict: sum(row.verdict == verdict for row in rows) for verdict in (MET, KNOWN, STALE, NOT_MET)}
+    counts = {verdict: sum(row.verdict == verdict for row in rows) for verdict in (MET, KNOWN, MET_HERE, NOT_MET)}
     _say(console, f"{len(rows)} rows: " + ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count))
     _say(console, f"{out / MARKDOWN}")
     return counts[NOT_MET] == 0
@@ -118,7 +118,8 @@ def _heading(settings: Stability) -> list[str]:
         "",
         "Each row is a case in one backend and precision. It is met where the error is at most the bound, which "
         "follows from precision and the problem's condition, not from what was measured. A bound that isn't met is "
-        "either a known limit, with its reason, or makes the command end with status 1.",
+        "either a known limit, with its reason, or makes the command end with status 1. Known limits may differ by "
+        "machine: a row that meets the bound of one says \"met here\".",
     ]
 
 

@@ -11,13 +11,15 @@ from dataclasses import asdict, dataclass
 from dofbench.reporting.line_table import plain
 from dofbench.stability.settings import GROUPS
 
-MET, NOT_MET, KNOWN, STALE = "met", "not met", "known limit", "stale limit"
+# A known limit may differ by machine, as rounding decides what is close to its bound: where it is met, that is said.
+MET, NOT_MET, KNOWN, MET_HERE = "met", "not met", "known limit", "met here"
 FIELDS = ("case", "group", "backend", "precision", "error", "bound", "verdict", "note")
 
 
 @dataclass(frozen=True)
 class Row:
-    """A case in one setting, as the tables have it. note: what was found, or why the bound isn't met."""
+    """A case in one setting, as the tables have it. note: what was found, or why the bound isn't met, or isn't met
+    elsewhere."""
 
     case: str
     group: str
@@ -57,14 +59,14 @@ def markdown(rows: Sequence[Row], explained: dict[str, Explained], heading: Sequ
         *heading,
         "",
         f"{cases} cases, {len(rows)} rows: "
-        + ", ".join(f"{counts[verdict]} {verdict}" for verdict in (MET, KNOWN, STALE, NOT_MET) if counts[verdict])
+        + ", ".join(f"{counts[verdict]} {verdict}" for verdict in (MET, KNOWN, MET_HERE, NOT_MET) if counts[verdict])
         + ".",
         "",
     ]
     for verdict, title in (
         (NOT_MET, "Not met"),
-        (STALE, "Known limits that are met again: entries to be removed"),
         (KNOWN, "Known limits"),
+        (MET_HERE, "Known limits whose bound is met here, on this machine"),
     ):
         some = [row for row in rows if row.verdict == verdict]
         if some:
@@ -88,7 +90,7 @@ def markdown(rows: Sequence[Row], explained: dict[str, Explained], heading: Sequ
         for row in some:
             about = explained[f"{row.group}/{row.case}"]
             told = [row.case, about.holds, about.bound] if row.case != before else ["", "", ""]
-            found = "" if row.verdict == KNOWN else row.note
+            found = "" if row.verdict in (KNOWN, MET_HERE) else row.note
             cells = [
                 *told,
                 f"{row.backend} {row.precision}",

@@ -54,6 +54,9 @@ class Watch:
             self._meddle(step)
         return True
 
+    def stage(self, name: str, done: int, total: int) -> None:
+        """Nothing is shown of it."""
+
 
 @dataclass(frozen=True)
 class End:

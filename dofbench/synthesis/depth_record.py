@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ from dofbench import depth
 from dofbench.depth.consistency import AGREEMENT, Consistency, consistencies, views_off
 from dofbench.errors import InputError
 from dofbench.files import read_json, write_json
-from dofbench.images import read_exr, write_exr, write_grey_png
+from dofbench.images import read_exr, read_image, to_8bit, write_exr, write_grey_png
 from dofbench.lens import DisparityRange
 from dofbench.scenes.types import Scene, SceneView
 from dofbench.synthesis import write
@@ -25,6 +25,9 @@ from dofbench.synthesis.settings import MakeDataset
 from dofbench.synthesis.work import DEPTH_RECORD, WORK
 
 _VIEWS = "depth"  # folder in the work folder: what is known of each finished view
+# What is found in floating point differs in its last digits by machine, and by how memory is aligned, so the manifest
+# states fewer. Shares of pixels often lie halfway between two that it can state: this moves them off.
+_UNTIED = 1 + 1e-9
 _PREPARATION = {"splat": "reconstruction", "onnx": "network"}
 
 
@@ -126,21 +129,39 @@ def _one_view(source: depth.DepthSource, view: SceneView, out: Path) -> DepthVie
     if noted.is_file() and _files_there(out, view):
         return DepthViewRecord.model_validate(read_json(noted))
     estimate = source.estimate(view)
-    known = estimate.depth > 0
-    confidence = np.where(known, estimate.confidence, 0)
     write_exr(write.depth_path(out, view.name), estimate.depth)
-    write_grey_png(write.confidence_path(out, view.name), confidence)
-    record = DepthViewRecord(
-        view=view.name, known=float(known.mean()), statistics=estimate.statistics,
-        confidence=float(confidence[known].mean(dtype=np.float64)) if known.any() else 0.0,
-        confident=float((confidence[known] > 0.5).mean()) if known.any() else 0.0,
-    )
+    write_grey_png(write.confidence_path(out, view.name), np.where(estimate.depth > 0, estimate.confidence, 0))
+    record = record_of_files(out, view.name, estimate.statistics)
     write_json(noted, record.model_dump(mode="json"))
     return record
 
 
+def record_of_files(root: Path, view: str, statistics: Mapping[str, float]) -> DepthViewRecord:
+    """What the manifest says of a view's depth, but for its consistency, by the files in confidence/ and depth/.
+
+    Whole numbers are summed, so that the same files give the same figures on every machine. statistics: the source's.
+    """
+    known = read_exr(write.depth_path(root, view)) > 0
+    levels = to_8bit(read_image(write.confidence_path(root, view))[..., 0])[known]
+    count = max(1, levels.size)
+    return DepthViewRecord(
+        view=view, known=levels.size / known.size, confidence=int(levels.sum(dtype=np.int64)) / (255 * count),
+        confident=int(np.count_nonzero(levels > 127)) / count,
+        statistics={name: _stated(value) for name, value in statistics.items()},
+    )
+
+
+def _stated(value: float) -> float:
+    """Whole numbers as they are, others to six digits."""
+    return float(value) if float(value).is_integer() else float(f"{_UNTIED * value:.6g}")
+
+
 def _consistency_record(found: Consistency | None) -> ConsistencyRecord | None:
-    return None if found is None else ConsistencyRecord(**asdict(found))
+    """To six decimals, as differences between views that agree lose their leading digits to cancellation."""
+    if found is None:
+        return None
+    figures = {name: round(_UNTIED * value, 6) + 0.0 for name, value in asdict(found).items() if name != "neighbours"}
+    return ConsistencyRecord(neighbours=found.neighbours, **figures)
 
 
 def _range(scene: Scene, out: Path) -> DisparityRange:

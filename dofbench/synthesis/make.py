@@ -18,6 +18,7 @@ from dofbench.errors import InputError
 from dofbench.files import canonical_json, read_json, sha256_text, write_json
 from dofbench.images import read_exr, read_image, to_8bit, write_exr, write_png
 from dofbench.lens import DisparityRange
+from dofbench.scenes.by_exif import split_by_f_number
 from dofbench.scenes.folders import listed
 from dofbench.scenes.named import Reading, ResolvedScene, find_data_root, resolve
 from dofbench.scenes.types import Scene, Split
@@ -53,6 +54,11 @@ def read_scene(found: ResolvedScene, settings: MakeDataset) -> tuple[Scene, Make
     """Read the scene, and say in the settings what was taken from what is known of it; there it goes by its label."""
     asked = Reading(width=settings.width, images=settings.images, layout=settings.layout, hold=settings.hold)
     scene = found.load(**asked)
+    if settings.train_f_number is not None and settings.test_f_number is not None:
+        if settings.photographs == "auto" and scene.photographs != "shallow":
+            raise InputError("--train-f-number", f"{scene.name}, whose photographs are all in focus, for all one knows",
+                             "--photographs shallow too, where a lens took them as they are")
+        scene = split_by_f_number(scene, settings.train_f_number, settings.test_f_number)
     if settings.photographs != "auto":
         scene = scene.taken_as(
             train="shallow", test="shallow" if settings.photographs == "shallow" else "all-in-focus"
@@ -84,6 +90,8 @@ def make(
         scene = with_folder_depth(scene, place, settings.depth_unit)
     plan = _assigned([(view.name, view.split) for view in scene.views], settings)
     source_id = depth.resolve(kind, scene)
+    if source_id in ("splat", "sfm"):
+        scene.require_points(f"--depth {source_id}")
     optics = Optics.of_scene(found.root, settings.lens_samples) if settings.renderer == "thinlens" else None
     source = source_record(scene, found, with_depth=source_id in ("given", "folder"))
     if expected is not None:

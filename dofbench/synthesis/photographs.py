@@ -48,6 +48,7 @@ def make_of_photographs(
             "settings": recipe, "photographs": {view.name: view.photograph for view in scene.views},
             "dofbench": __version__,
             "source": source.model_dump(mode="json", include={"scene", "layout", "geometry"}),
+            **({"exif": exif} if (exif := _exif_data(scene)) else {}),
         })),
         images={image.view: image.sha256 for image in source.images}, own_depth=True,
     )
@@ -61,6 +62,7 @@ def make_of_photographs(
         measured = {record.view for record in depth.views} if depth is not None else set()
         notes = write.geometry(out, scene, _near_far(scene, out, measured), measured)
         write.unknown_lens_file(out, scene, disparity_range)
+        write.exif_file(out, scene)
         write.photographs_sheet(out, scene, measured, disparity_range)
         bounded = (out / write.POSES_BOUNDS).is_file()
         write_text(out / write.README, photographs_readme(scene, settings, source, depth, notes, bounded=bounded))
@@ -80,6 +82,10 @@ def _with_depth(scene: Scene, settings: MakeDataset) -> Scene:
     if kind == "given":
         require_depth(scene)
     return scene
+
+
+def _exif_data(scene: Scene) -> dict[str, dict]:
+    return {view.name: view.exif.as_data() for view in scene.views if view.exif is not None}
 
 
 def _photographs(scene: Scene, out: Path, progress: Progress) -> None:

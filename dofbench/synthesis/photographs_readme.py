@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dofbench import __version__
+from dofbench.exif import Exif
 from dofbench.scenes.types import Scene
 from dofbench.synthesis.readme import DEPTH_TEXT, licence_text
 from dofbench.synthesis.schema import DepthRecord, SourceRecord
@@ -33,7 +34,7 @@ file with its checksum in `dataset.json`.
 | --- | --- |
 {files}
 
-## What is not known, and so is not here
+{exif}## What is not known, and so is not here
 
 {missing}
 
@@ -46,6 +47,7 @@ file with its checksum in `dataset.json`.
     view.lens                                    # None: nobody knows it
     dataset.all_in_focus(view)                   # None where there is no sharp photograph
     dataset.depth(view)                          # None where there is no depth
+    view.exif                                    # what the camera wrote down; None where nothing is known
 
 `transforms.json` and `sparse/0` open in nerfstudio, gsplat, COLMAP and their like. Views in `test_filenames` of
 `transforms.json` are not for training: of some of them `images/` has a sharp photograph.
@@ -69,7 +71,7 @@ def photographs_readme(
     sharp = [view.name for view in views if view.photograph == "all-in-focus"]
     measured = 0 if depth is None else len(depth.views)
     origin = "" if depth is None else DEPTH_TEXT[depth.source]
-    files = _files(len(sharp), measured, origin, len(views), bounded)
+    files = _files(len(sharp), measured, origin, len(views), bounded, any(view.exif is not None for view in views))
     return _TEXT.format(
         name=scene.name, layout=scene.layout, version=__version__, count=len(views),
         train=sum(view.split == "train" for view in views), test=sum(view.split == "test" for view in views),
@@ -77,13 +79,14 @@ def photographs_readme(
         resized=" but for its size" if settings.width is not None else "",
         shallow=len(views) - len(sharp), sharp=len(sharp), command=settings.command(settings.scene or scene.name),
         files="\n".join(f"| {name} | {what} |" for name, what in files),
+        exif=_exif_text(scene),
         missing="\n".join(f"- {line}" for line in _missing(len(sharp), measured, len(views), bounded)),
         lost="".join(f"\nCareful: {note}.\n" for note in lost),
         origin=f", from {source.origin}" if source.origin else "", licence=licence_text(scene, source),
     )
 
 
-def _files(sharp: int, measured: int, origin: str, count: int, bounded: bool) -> list[tuple[str, str]]:
+def _files(sharp: int, measured: int, origin: str, count: int, bounded: bool, exif: bool) -> list[tuple[str, str]]:
     files = [("`images/VIEW.png`", "the photograph, encoded, 8 bit")]
     if sharp:
         files.append(("`all_in_focus/VIEW.png`", f"the same of the {sharp} views whose photograph is all in focus: "
@@ -97,9 +100,50 @@ def _files(sharp: int, measured: int, origin: str, count: int, bounded: bool) ->
               ("`transforms.json`", "cameras and split in nerfstudio's layout (OpenGL axes)")]
     if bounded:
         files.append(("`poses_bounds.npy`", "the same cameras in LLFF's layout"))
+    if exif:
+        files.append(("`exif.json`", "what the cameras wrote down of the photographs: f-number, focal length, exposure "
+                                     "and the like, as far as known"))
     return [*files, ("`sparse/0/`", "the same cameras and the sparse points as a COLMAP model"),
             ("`contact_sheet.png`", "a few views"),
             ("`dataset.json`", "source, settings, sha256 and size of every other file")]
+
+
+_EXIF = """\
+## What the cameras wrote down
+
+| f-number | photographs | focal length, mm | exposure, s | ISO |
+| --- | --- | --- | --- | --- |
+{lines}
+
+With one focal length and one sensor, the lens's opening is in proportion to 1 / f-number. Of each view: `exif.json`.
+
+"""
+
+
+def _exif_text(scene: Scene) -> str:
+    """A section with a line an f-number; nothing where no camera wrote anything down."""
+    by_number: dict[float | None, list[Exif]] = {}
+    for view in scene.views:
+        record = view.exif or Exif()
+        by_number.setdefault(record.f_number, []).append(record)
+    if not any(view.exif is not None for view in scene.views):
+        return ""
+    order = sorted(by_number, key=lambda number: (number is None, number or 0.0))
+    lines = [
+        f"| {'not known' if number is None else f'f/{number:g}'} | {len(by_number[number])} | "
+        + " | ".join(_range_text([getattr(record, name) for record in by_number[number]])
+                     for name in ("focal_length", "exposure", "iso")) + " |"
+        for number in order
+    ]
+    return _EXIF.format(lines="\n".join(lines))
+
+
+def _range_text(values: Sequence[float | None]) -> str:
+    known = [value for value in values if value is not None]
+    if not known:
+        return "not known"
+    low, high = f"{min(known):.4g}", f"{max(known):.4g}"
+    return (low if low == high else f"{low} to {high}") + ("" if len(known) == len(values) else f", of {len(known)}")
 
 
 def _missing(sharp: int, measured: int, count: int, bounded: bool) -> list[str]:

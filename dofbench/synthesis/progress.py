@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 from dofbench.processes import Outcome
+from dofbench.remaining import Remaining
 
 Advance = Callable[[int], None]
 
@@ -49,23 +50,30 @@ class Terminal:
     @contextmanager
     def stage(self, name: str, total: int) -> Iterator[Advance]:
         """Show the stage until the context ends."""
+        remaining = Remaining(total)
         if self._console.is_terminal:
-            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-            columns = (TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+            columns = (TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(),
+                       TextColumn("{task.fields[left]}"))
             with Progress(*columns, console=self._console) as bars:
-                task = bars.add_task(name, total=total)
-                yield lambda done: bars.update(task, completed=done)
+                task = bars.add_task(name, total=total, left="")
+
+                def show(done: int) -> None:
+                    remaining.told(done, time.monotonic())
+                    bars.update(task, completed=done, left=remaining.text())
+
+                yield show
             return
         start = last = time.monotonic()
 
         def advance(done: int) -> None:
             nonlocal last
             now = time.monotonic()
+            remaining.told(done, now)
             if 0 < done < total and now - last >= self._interval:
                 last = now
-                left = (now - start) * (total - done) / done
-                self._line(f"{name}: {done} of {total}, {left:.0f} s left")
+                self._line(f"{name}: {done} of {total}, {remaining.text()}")
 
         self._line(f"{name}: 0 of {total}")
         yield advance
@@ -83,7 +91,8 @@ class Several:
     """Progress of several jobs done side by side, as their watcher (`dofbench.processes`).
 
     Reports are (stage, items done, items in all; 0 where nothing is counted). The time left is known from the first job
-    finished on, or from the beginning where `expected` says how many seconds one takes. things: what the jobs make.
+    finished on, or from the beginning where `expected` says how many seconds one takes. It is the mean of all that are
+    finished: each is a process of its own, so that all of them start cold. things: what the jobs make.
     """
 
     def __init__(

@@ -196,7 +196,8 @@ class SourceRecord(_Record):
 
 
 class ConsistencyRecord(_Record):
-    """How far a view's depth agrees with its neighbours', as `dofbench.depth.consistency.Consistency`."""
+    """How far a view's depth agrees with its neighbours', as `dofbench.depth.consistency.Consistency`, to six
+    decimals."""
 
     neighbours: tuple[str, ...]
     compared: FiniteFloat
@@ -209,8 +210,8 @@ class ConsistencyRecord(_Record):
 class DepthViewRecord(_Record):
     """One view's depth. known: share of its pixels. confidence: mean over those, and the share of them above 1/2.
 
-    statistics: the source's own numbers, whose meaning the provenance gives. consistency: absent where
-    no other view sees enough of the same.
+    These three are by the 8-bit map in confidence/. statistics: the source's own numbers, whose meaning the provenance
+    gives, to six digits. consistency: absent where no other view sees enough of the same.
     """
 
     view: str

@@ -132,6 +132,14 @@ class DatasetOptions:
     of them (shallow), or those to train on while those to test with are sharp (shallow-train). They are taken as they
     are, and what isn't known of them is left out of the dataset."""
 
+    train_f_number: float | None = None
+    """Train on the photographs that were taken at this f-number alone, by their EXIF; with --test-f-number. For
+    photographs that are shallow already."""
+
+    test_f_number: float | None = None
+    """Test with the photographs of this f-number, and leave out those of any other: the score is how well the learned
+    aperture, scaled by the ratio of the two, predicts them."""
+
     out: Path | None = None
     """Folder to write, or with several datasets the folder that they all go into; without it, data/<scene name>."""
 
@@ -148,8 +156,23 @@ class DatasetOptions:
             raise InputError("--renderer thinlens", f"--shape {self.shape}", "a disc, without obstruction")
         if self.renderer == "thinlens" and self.gamma != GAMMA:
             raise InputError("--renderer thinlens", f"--gamma {self.gamma:g}", f"{GAMMA}, as its scenes have")
+        self._check_f_numbers()
         _ = self.aperture_shape, self.sensor, self.depth_source
         self._check_assignment()
+
+    def _check_f_numbers(self) -> None:
+        pair = (("--train-f-number", self.train_f_number), ("--test-f-number", self.test_f_number))
+        for (option, value), (other, needed) in (pair, pair[::-1]):
+            if value is None:
+                continue
+            if not (math.isfinite(value) and value > 0):
+                raise InputError(option, str(value), "a positive number")
+            if needed is None:
+                raise InputError(option, f"no {other}", "both: photographs to train on, and others to test with")
+            if value == needed:
+                raise InputError(option, f"{value:g}, as {other}", "two f-numbers")
+            if self.hold is not None:
+                raise InputError(option, f"--hold {self.hold} too", "one of them: either says which views are held out")
 
     def _check_assignment(self) -> None:
         if self.assign != "held-out":
@@ -255,7 +278,13 @@ class DatasetOptions:
     def photograph_recipe(self) -> dict[str, object]:
         """Of `recipe`, what decides a dataset of photographs that are shallow already."""
         names = ("width", "hold", "depth", "depth_unit", "images", "layout")
-        return {name: self.recipe()[name] for name in names} | {"photographs": self.photographs}
+        return {name: self.recipe()[name] for name in names} | {"photographs": self.photographs} | self._f_numbers
+
+    @property
+    def _f_numbers(self) -> dict[str, object]:
+        if self.train_f_number is None:
+            return {}
+        return {"train_f_number": self.train_f_number, "test_f_number": self.test_f_number}
 
     def recipe(self) -> dict[str, object]:
         """Everything that decides the dataset's content, as plain data: no path, nothing of this machine."""
@@ -274,7 +303,7 @@ class DatasetOptions:
             "photons": self.photons, "read_noise": self.read_noise, "bits": self.bits, "linear": self.linear,
             "seed": self.seed, "images": self.images, "layout": self.layout,
             # Absent from the datasets of all-in-focus scenes, whose recipe was there first.
-            **({} if self.photographs == "auto" else {"photographs": self.photographs}),
+            **({} if self.photographs == "auto" else {"photographs": self.photographs}), **self._f_numbers,
         }
 
     def command(self, scene_name: str) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Literal
 
 from dofbench.errors import InputError
+from dofbench.file_lock import LOCKS, taken
 from dofbench.files import canonical_json, read_json, sha256_file, sha256_text, write_json
 from dofbench.synthesis import write
 from dofbench.synthesis.schema import MANIFEST, Manifest, read_manifest
@@ -89,22 +90,18 @@ def finish(root: Path) -> None:
 def only_writer(root: Path) -> Iterator[None]:
     """Hold the folder against a second run on it. Raises InputError when another one has it.
 
-    The lock dies with the process. Without file locks (Windows) the folder is not guarded.
+    The lock dies with the process. Where there are no file locks the folder is not guarded.
     """
     if root.exists() and not root.is_dir():
         raise InputError(root, "a file", "a folder to write the dataset to")
     root.mkdir(parents=True, exist_ok=True)
-    try:
-        import fcntl
-    except ImportError:
+    if not LOCKS:
         yield
         return
     handle = os.open(root, os.O_RDONLY)
     try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(root, "another run that is writing it", "one run at a time") from None
+        if not taken(handle):
+            raise InputError(root, "another run that is writing it", "one run at a time")
         yield
     finally:
         os.close(handle)

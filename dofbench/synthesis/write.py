@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dofbench import __version__
+from dofbench.exif import EXIF_FILE, write_exif
 from dofbench.files import sha256_file, write_json, write_text
 from dofbench.images import read_exr, read_image, to_8bit, write_png
 from dofbench.lens import DisparityRange
@@ -100,6 +101,13 @@ def unknown_lens_file(root: Path, scene: Scene, disparity_range: DisparityRange 
     write_json(root / LENS_FILE, as_json(UnknownLensFile(disparity_range=ends, views=views)))
 
 
+def exif_file(root: Path, scene: Scene) -> None:
+    """Write exif.json, of the views whose camera wrote something down; no file where none did."""
+    known = {view.name: view.exif for view in scene.views if view.exif is not None}
+    if known:
+        write_exif(root, known)
+
+
 def sheet(root: Path, title: str, records: Sequence[ViewRecord], disparity_range: DisparityRange) -> None:
     """Draw the contact sheet from the files of a few views."""
     rows = [
@@ -152,7 +160,8 @@ def expected_files(root: Path, source: SourceRecord, depth: DepthRecord | None) 
     # Photographs without points have no bounds of depth, and then no such file.
     unbounded = all(image.photograph is not None for image in source.images) and not (root / POSES_BOUNDS).is_file()
     bounds = [] if unbounded else [POSES_BOUNDS]
-    return sorted([*views, *model, *bounds, LENS_FILE, TRANSFORMS, SHEET, README])
+    exif = [EXIF_FILE] if (root / EXIF_FILE).is_file() else []
+    return sorted([*views, *model, *bounds, *exif, LENS_FILE, TRANSFORMS, SHEET, README])
 
 
 def manifest(

@@ -83,13 +83,15 @@ def _bilinear(image: Tensor, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
     return upper + y * (lower - upper), inside
 
 
-def upsample(scores: Tensor, coarse: Tensor, weight: float) -> None:
-    """Add `weight` times the scores of a coarser level (h, w, D), bilinearly enlarged, to scores (H, W, D), in place.
+def upsample(scores: Tensor, coarse: Tensor, share: float) -> None:
+    """Give the scores of a coarser level (h, w, d), enlarged, a `share` in scores (H, W, D), in place.
+
+    Linear along all three axes. Pixels are areas, as in images; the first and the last plane are the same in both.
     """
-    size = scores.shape[:2]
-    enlarged = torch.nn.functional.interpolate(coarse.permute(2, 0, 1)[None], size, mode="bilinear",
+    planes = torch.nn.functional.interpolate(coarse, scores.shape[2], mode="linear", align_corners=True)
+    enlarged = torch.nn.functional.interpolate(planes.permute(2, 0, 1)[None], scores.shape[:2], mode="bilinear",
                                                align_corners=False)
-    scores += weight * enlarged[0].permute(1, 2, 0)
+    scores += share * (enlarged[0].permute(1, 2, 0) - scores)
 
 
 def semiglobal(scores: Tensor, guide: Tensor, *, small: float, large: float, edge: float
@@ -133,3 +135,28 @@ def semiglobal(scores: Tensor, guide: Tensor, *, small: float, large: float, edg
     near = (torch.arange(count) - winner[..., None]).abs() <= FAR
     second = torch.where(near, torch.inf, total).min(dim=-1).values
     return winner + shift, scores.gather(-1, winner[..., None])[..., 0], (second - least) / 4
+
+
+def returns(depth: Tensor, other: Tensor, there: Tensor, back: Tensor, *, pixels: float, share: float) -> Tensor:
+    """Where another view sees the same: (H, W) bool.
+
+    depth: (H, W) and other: (h, w), z in scene units, 0 where unknown. there: (3, 4), the first three columns times
+    (x, y, 1) times z plus the last is the homogeneous image coordinate in the other view, whose third component is z
+    there; back: the same the other way. A pixel goes there by its depth, takes the depth of the pixel that it falls
+    into, and comes back by that: no more than `pixels` beside where it began, its depth off by a share of less than
+    `share`.
+    """
+    rows, columns = torch.meshgrid(*(torch.arange(size, dtype=there.dtype) + 0.5 for size in depth.shape), indexing="ij")
+
+    def moved(matrix: Tensor, x: Tensor, y: Tensor, z: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        u, v, w = (z * (matrix[i, 0] * x + matrix[i, 1] * y + matrix[i, 2]) + matrix[i, 3] for i in range(3))
+        return u / w, v / w, w
+
+    depth, other = depth.to(there.dtype), other.to(there.dtype)
+    x, y, z = moved(there, columns, rows, depth)
+    inside = (depth > 0) & (z > 0) & (x >= 0) & (y >= 0) & (x < other.shape[1]) & (y < other.shape[0])
+    at = tuple(torch.where(inside, value, 0).long() for value in (y, x))
+    found = torch.where(inside, other[at], 0)
+    u, v, again = moved(back, x, y, found)
+    near = ((u - columns) ** 2 + (v - rows) ** 2 < pixels**2) & ((again / depth - 1).abs() < share)
+    return (found > 0) & (again > 0) & near

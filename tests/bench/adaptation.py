@@ -55,6 +55,9 @@ class _Silent:
     def after_step(self, step: int, loss: float) -> bool:
         return True
 
+    def stage(self, name: str, done: int, total: int) -> None:
+        pass
+
 
 def main(settings: Settings) -> None:
     """Print the table."""

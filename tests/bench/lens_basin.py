@@ -126,6 +126,9 @@ class _Silent:
     def after_step(self, step: int, loss: float) -> bool:
         return True
 
+    def stage(self, name: str, done: int, total: int) -> None:
+        pass
+
 
 def _joint(settings: Settings, done: set):
     if settings.data is None:

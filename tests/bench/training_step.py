@@ -40,6 +40,9 @@ class Clock:
         self._last = now
         return True
 
+    def stage(self, name: str, done: int, total: int) -> None:
+        pass
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tolerances import CONSISTENCY_BIAS, FLOAT32_SCALAR, FLOAT64_VALUE
@@ -45,6 +47,19 @@ def test_exact_depth_agrees_and_what_is_hidden_says_nothing():
         # The strip's rims fall on the neighbouring pixel's other side: one of 120 columns each.
         assert one.consistent > 0.97 and 0.7 < one.compared < 1
     assert views_off(found(MAPS)) == []
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_points_on_the_borders_of_pixels_fall_to_one_side_whatever_the_last_bits(seed):
+    """From camera to camera everything moves by 7.5 or 2.5 pixels, so every point falls on a border."""
+    random = np.random.default_rng(seed)
+    moved = [replace(one, world_to_camera=one.world_to_camera + 1e-14 * random.uniform(-1, 1, (4, 4)))
+             for one in CAMERAS]
+    names = [f"v{index}" for index in range(6)]
+    again = consistencies(names, moved, lambda index: MAPS[index], None, RANGE)
+    for one, other in zip(found(MAPS), again, strict=True):
+        assert (one.compared, one.consistent) == (other.compared, other.consistent)
+        assert one.difference == pytest.approx(other.difference, abs=FLOAT64_VALUE)
 
 
 @pytest.mark.parametrize("factor", [0.8, 1.05, 1.2, 3.0])

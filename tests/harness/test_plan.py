@@ -209,7 +209,9 @@ def test_a_plan_is_plain_data_and_text(plan) -> None:
 
 
 def test_every_protocol_is_found_by_its_inputs() -> None:
-    newest = {protocol_for(protocol.inputs).id for protocol in PROTOCOLS.values()}
-    assert newest == {"refocus-v2", "sharp-inputs-v2"} < set(PROTOCOLS)  # the older ones are still known
+    newest = {protocol_for(protocol.inputs, photographs=protocol.photograph).id
+              for protocol in PROTOCOLS.values()}
+    assert newest == {"refocus-v2", "sharp-inputs-v2", "photographs-v1", "across-apertures-v1"}
+    assert newest < set(PROTOCOLS)  # the older ones are still known
     with pytest.raises(InputError, match="inputs"):
         protocol_for("blurry")

@@ -29,10 +29,11 @@ def make_spec(**changes) -> Spec:
 def make_result(**changes) -> Result:
     spec = changes.pop("spec", make_spec())
     values = {
-        "schema_version": 2, "key": spec.key, "spec": spec, "protocol": {}, "plan": {}, "status": "ok", "message": "",
+        "schema_version": 3, "key": spec.key, "spec": spec, "protocol": {}, "plan": {}, "status": "ok", "message": "",
         "traceback": "", "scene": "waves", "data": "data", "command": "dofbench run --method fake", "started": "now",
         "ended": "then", "scores": {}, "left_out": {}, "left_out_stages": {}, "do_nothing": {}, "views": [],
-        "lens": [], "curve": [], "stages": {}, "method_stages": {}, "description": {}, "nonfinite": [],
+        "lens": [], "fits": [], "apertures": [], "curve": [], "stages": {}, "method_stages": {}, "description": {},
+        "nonfinite": [],
         "kernels_compiled": 0, "predictions": {}, "model": {}, "git": None, "machine": {}, "packages": {},
     }
     return Result(**{**values, **changes})
@@ -88,7 +89,7 @@ def test_old_results_are_migrated(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         return {**{key: value for key, value in old.items() if key != "title"}, "command": old["title"]}
 
     monkeypatch.setattr(module, "MIGRATIONS", {
-        -1: rename, 0: lambda data: {**data, "message": "migrated"}, 1: lambda data: data})
+        -1: rename, 0: lambda data: {**data, "message": "migrated"}, 1: lambda data: data, 2: lambda data: data})
     assert read_result(tmp_path).command == "dofbench run --method fake"
     assert read_result(tmp_path).message == "migrated"
 
@@ -107,6 +108,7 @@ def test_results_of_version_1_still_read(status: str) -> None:
     assert [point.train_s for point in result.curve] == [point["train_s"] for point in old["curve"]]
     assert all(point.train_cpu_s is None for point in result.curve)
     assert result.model == {} and result.kernels_compiled is None
+    assert result.fits == [] and result.apertures == []
     for column, value in old["scores"].items():
         assert same(result.scores[column], value)
     if status == "diverged":  # one value of its predictions is NaN, and so are its scores
@@ -124,7 +126,7 @@ def test_what_a_migration_gives_is_of_this_version(tmp_path: Path) -> None:
     ("text", "match"),
     [
         ("{", "JSON"), ("[]", "no schema_version"), ("{}", "no schema_version"),
-        ('{"schema_version": 3}', "newer dofbench"), ('{"schema_version": 2}', "key: Field required"),
+        ('{"schema_version": 4}', "newer dofbench"), ('{"schema_version": 3}', "key: Field required"),
         ('{"schema_version": 1}', "schema_version 1, and in it KeyError: 'stages'"),
         ("\xff", "JSON"),
     ],

@@ -49,7 +49,7 @@ def test_a_good_run(call, tmp_path: Path) -> None:
     assert end.folder.name == f"fake-quick-seed0-{result.key[:8]}"
     assert set(result.scores) == {*OPEN.refocus_columns, *OPEN.all_in_focus_columns, *LENS_COLUMNS, *DEPTH_COLUMNS,
                                   "train_s", "train_cpu_s", "cold_start_s", "steps", "render_fps", "peak_mb",
-                                  "gaussians"}
+                                  "gaussians", "resolved"}
     assert result.scores["steps"] == 8 and result.scores["gaussians"] == 80
     assert result.scores["psnr"] > 30 and result.scores["peak_mb"] > 10
     assert [point.steps for point in result.curve][::len(result.curve) - 1] == [1, 8]

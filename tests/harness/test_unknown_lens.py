@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -37,16 +38,19 @@ def test_what_has_its_truth_is_scored(unknown: Callable[..., RunEnd]) -> None:
     assert not {"psnr", "delta_a", "disparity_error"} & result.scores.keys()
     assert result.left_out["psnr"] == "no test lens" and result.left_out["delta_a"] == "no true lens"
     assert result.do_nothing == {} and result.lens == []
-    assert all(set(view.scores) == {"aif_psnr", "aif_ssim", "aif_flip"} for view in result.views)
+    assert all(set(view.scores) == {"aif_psnr", "aif_ssim", "aif_flip", "resolved"} for view in result.views)
     assert all(set(point.scores) == {"aif_psnr", "aif_ssim"} for point in result.curve)
     assert not any(name.startswith("predictions/refocus") for name in result.predictions)
 
 
-def test_a_run_that_nothing_can_be_scored_of_still_ends_well(unknown: Callable[..., RunEnd], tmp_path: Path) -> None:
-    folder = unknown(blurred=EVERY).folder
+def test_a_run_that_nothing_can_be_scored_of_still_ends_well(
+    call: Callable[..., RunEnd], tmp_path: Path
+) -> None:
+    folder = call(data=write_dataset(tmp_path / "photographs", name="seal", unknown=TRAINED, blurred=EVERY, flat=EVERY,
+                                     test=0, train=6)).folder
     result = read_result(folder)
     assert result.status is Status.OK and check_result(folder) == [] and result.scores["steps"] == 8
-    assert result.left_out["aif_psnr"] == "no sharp photograph" and result.predictions == {}
+    assert result.left_out["aif_psnr"] == "the dataset has no test views" and result.predictions == {}
     stream = io.StringIO()
     write_report(Report(results=tmp_path / "results", out=tmp_path / "report"), Console(file=stream, width=300))
     assert "no run has predictions" in stream.getvalue()
@@ -73,3 +77,49 @@ def test_the_report_shows_no_column_without_a_value(
     assert "trained on unknown lenses; no test lens" in board
     assert "do nothing" not in board and "no test lens" in board[board.index("Not shown"):]
     assert (tmp_path / "report" / "comparison" / "seal-refocus-v2.png").is_file()
+
+
+def test_photographs_are_scored_by_what_half_of_each_tells(call: Callable[..., RunEnd], tmp_path: Path) -> None:
+    data = write_dataset(tmp_path / "photographs", name="seal", unknown=EVERY, blurred=EVERY, flat=EVERY, exact=False)
+    end = call(data=data)
+    result = read_result(end.folder)
+    assert result.spec.protocol == "photographs-v1" and check_result(end.folder) == []
+    assert {"photo_psnr", "photo_ssim", "photo_blur_psnr"} <= result.scores.keys()
+    assert not {"psnr", "aif_psnr", "delta_a"} & result.scores.keys()
+    assert [fit.name for fit in result.fits] == ["v0", "v1"] and all(len(fit.halves) == 2 for fit in result.fits)
+    assert all(half.aperture is not None and half.renders > 10 for fit in result.fits for half in fit.halves)
+    assert set(result.predictions) >= {"predictions/photograph/v0.png", "predictions/photograph_error/v1.png"}
+    assert all({"photo_psnr", "photo_ssim"} == point.scores.keys() for point in result.curve)
+
+    blind = read_result(call(method="pinhole", data=data).folder)
+    assert "Pinhole has no lens" in blind.left_out["photo_blur_psnr"] and blind.scores["photo_psnr"] > 0
+    assert all(half.aperture is None and half.sigma >= 0 for fit in blind.fits for half in fit.halves)
+    off = read_result(call(data=data, set=("lens=false",)).folder)
+    assert "no lens here" in off.left_out["photo_blur_psnr"] and check_result(end.folder) == []
+
+    write_report(Report(results=tmp_path / "results", out=tmp_path / "report"), Console(quiet=True))
+    page = (tmp_path / "report" / "leaderboard.md").read_text()
+    board = page[page.index("## seal"):page.index("## What the columns say")]
+    heading = next(line for line in board.splitlines() if line.startswith("| method"))
+    assert "photograph PSNR [dB]" in heading and "| PSNR" not in heading and "| all-in-focus" not in heading
+    assert (tmp_path / "report" / "curves" / "seal-photographs-v1-photo_psnr.svg").is_file()
+    assert "Photographs of unknown lens" in (tmp_path / "report" / "report.html").read_text()
+    assert (tmp_path / "report" / "comparison" / "seal-photographs-v1.png").is_file()
+
+
+def test_a_picture_that_isnt_what_was_scored_is_noticed(call: Callable[..., RunEnd], tmp_path: Path) -> None:
+    data = write_dataset(tmp_path / "photographs", name="seal", unknown=EVERY, blurred=EVERY, flat=EVERY, exact=False)
+    folder = call(data=data).folder
+    file = folder / "result.json"
+    stored = json.loads(file.read_text())
+    for view in stored["views"]:
+        view["scores"]["photo_psnr"] += 0.5
+    stored["scores"]["photo_psnr"] += 0.5
+    file.write_text(json.dumps(stored))
+    assert any("photo_psnr is" in line and "computed again" in line for line in check_result(folder))
+
+
+def test_a_prediction_that_isnt_finite_is_a_failure(call: Callable[..., RunEnd], tmp_path: Path) -> None:
+    data = write_dataset(tmp_path / "photographs", name="seal", unknown=EVERY, blurred=EVERY, flat=EVERY, exact=False)
+    result = read_result(call(data=data, set=("trouble=hole",)).folder)
+    assert result.status is Status.DIVERGED and result.nonfinite[0].stage == "render photograph"

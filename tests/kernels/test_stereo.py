@@ -50,15 +50,60 @@ def test_paths_are_the_definition(height, width, planes, seed):
         assert torch.allclose(one.double(), other, atol=FLOAT32_GRADIENT)
 
 
-@given(st.integers(2, 14), st.integers(2, 14))
-def test_levels_are_added_bilinearly(height, width):
+@given(st.integers(2, 14), st.integers(2, 14), st.integers(1, 9), st.integers(1, 9))
+def test_levels_are_mixed_linearly(height, width, planes, few):
     random = torch.Generator().manual_seed(height)
-    scores, coarse = torch.rand(height, width, 3, generator=random), torch.rand(height // 2, width // 2, 3,
-                                                                                generator=random)
+    scores = torch.rand(height, width, planes, generator=random)
+    coarse = torch.rand(height // 2, width // 2, few, generator=random)
     expected = scores.double()
-    load("stereo", "reference", function="upsample")(expected, coarse.double(), 0.5)
-    load("stereo", function="upsample")(scores, coarse, 0.5)
+    load("stereo", "reference", function="upsample")(expected, coarse.double(), 0.3)
+    load("stereo", function="upsample")(scores, coarse, 0.3)
     assert torch.allclose(scores.double(), expected, atol=FLOAT32_VALUE)
+
+
+def test_a_level_with_fewer_planes_keeps_what_is_linear():
+    """Scores that grow with the plane do so at both ends and between, whatever the number of planes."""
+    scores, coarse = torch.zeros(6, 8, 13), torch.linspace(0, 1, 5).expand(3, 4, 5).contiguous()
+    load("stereo", function="upsample")(scores, coarse, 1.0)
+    assert torch.allclose(scores, torch.linspace(0, 1, 13).expand(6, 8, 13), atol=FLOAT32_VALUE)
+
+
+def test_blocks_of_columns_change_no_bit(monkeypatch):
+    from dofbench.kernels.stereo import cpu
+
+    random = torch.Generator().manual_seed(0)
+    scores, guide = torch.rand(9, 83, 11, generator=random), torch.rand(9, 83, generator=random)
+    whole = cpu.semiglobal(scores, guide, **PENALTIES)
+    monkeypatch.setattr(cpu, "SCRATCH", 1)
+    assert all(torch.equal(*pair) for pair in zip(whole, cpu.semiglobal(scores, guide, **PENALTIES), strict=True))
+
+
+@settings(max_examples=12)
+@given(st.integers(1, 20), st.integers(1, 20), st.integers(0, 99))
+def test_returns_are_the_definition(height, width, seed):
+    random = torch.Generator().manual_seed(seed)
+    depth = torch.rand(height, width, generator=random) + 0.6
+    other = torch.rand(height + 1, width + 2, generator=random) + 0.6
+    depth[depth > 1.5], other[other > 1.5] = 0, 0
+    there, back = (torch.eye(3, 4, dtype=torch.float64) + 0.1 * torch.randn(3, 4, generator=random).double()
+                   for _ in range(2))
+    limits = {"pixels": 4.0, "share": 0.4}
+    found = load("stereo", function="returns")(depth, other, there, back, **limits)
+    expected = load("stereo", "reference", function="returns")(depth, other, there, back, **limits)
+    assert found.dtype == torch.bool and torch.equal(found, expected)
+
+
+def test_a_depth_returns_from_a_view_that_has_it_and_from_no_other():
+    """A plane at depth 2, seen by a camera one pixel of disparity beside; then by one that saw something else."""
+    there, back = torch.eye(3, 4, dtype=torch.float64), torch.eye(3, 4, dtype=torch.float64)
+    there[0, 3], back[0, 3] = 4.0, -4.0
+    plane = torch.full((5, 9), 2.0)
+    for backend in ("cpu", "reference"):
+        check = load("stereo", backend, function="returns")
+        found = check(plane, plane, there, back, pixels=1.0, share=0.02)
+        assert found[:, :7].all() and not found[:, 7:].any()  # moved by two pixels, out of the image
+        assert not check(plane, 1.1 * plane, there, back, pixels=1.0, share=0.02).any()
+        assert not check(plane, 0 * plane, there, back, pixels=1.0, share=0.02).any()
 
 
 @pytest.mark.parametrize("backend", ["cpu", "reference"])

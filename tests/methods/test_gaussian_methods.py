@@ -27,6 +27,9 @@ class Silent:
     def after_step(self, step, loss):
         return True
 
+    def stage(self, name, done, total):
+        pass
+
 
 @pytest.fixture(scope="module")
 def training_set():

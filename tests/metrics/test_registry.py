@@ -33,7 +33,7 @@ def noisy(image: np.ndarray, amount: float, seed: int = 1) -> np.ndarray:
 def test_ids() -> None:
     assert list(METRICS) == [
         "psnr", "ssim", "ms_ssim", "flip", "gmsd", "delta_e", "delta_a", "delta_f", "delta_r",
-        "disparity_error", "depth_rel",
+        "disparity_error", "depth_rel", "exif_spread", "exif_ratio",
     ]
     for key, entry in METRICS.items():
         assert entry.id == key

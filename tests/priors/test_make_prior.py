@@ -26,6 +26,9 @@ class _Forever:
     def after_step(self, step: int, loss: float) -> bool:
         return True
 
+    def stage(self, name: str, done: int, total: int) -> None:
+        pass
+
 
 def _by_pixel(samples) -> dict[tuple[int, int], float]:
     """Depth by pixel; of several points in one pixel the last."""
@@ -135,6 +138,16 @@ def test_the_same_seed_trains_to_the_same_bits_with_a_prior(photographed):
         trainer.fit(Budget(), _Forever())
         found.append(trainer.gaussians.parameters["means"].detach().numpy().tobytes())
     assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("prior", ["stereo", "network"])
+def test_every_view_of_a_prior_is_reported(photographed, prior):
+    told, count = [], len(photographed.training_set.views)
+    make_prior(photographed.training_set, _options(depth_prior=prior), seed=0, steps=1,
+               progress=lambda *given: told.append(given))
+    stages = list(dict.fromkeys(stage for stage, _, _ in told))
+    assert all(stage.startswith("depth prior: ") for stage in stages)
+    assert told == [(stage, done, count) for stage in stages for done in range(count + 1)]
 
 
 def test_a_miniature_is_the_same_scene_with_few_pixels(photographed):

@@ -1,8 +1,10 @@
 """COLMAP models: text and binary, camera models, sub-folders, damage."""
 
 import os
+import shutil
 import struct
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pycolmap
@@ -13,6 +15,7 @@ from dofbench.errors import InputError
 from dofbench.scenes import load_scene
 from dofbench.scenes.colmap import read_model
 from dofbench.scenes.export import write_colmap
+from dofbench.scenes.named import resolve
 from dofbench.scenes.undistort import undistorted
 
 NAMES = ["c.png", "a.png", "b.png"]
@@ -248,3 +251,29 @@ def test_no_camera_sees_a_point_behind_it(scene_folder, model, make_cameras, mak
     assert points.xyz[0, 2] == -5.0 and len(cloud.views[0]) > 0
     assert len(points.views[0]) == 0
     assert [len(track) for track in points.views[1:]] == [len(track) for track in cloud.views[1:]]
+
+
+@pytest.mark.parametrize("inside", ["", "dense/0", "dense/12", "dense"])
+@pytest.mark.parametrize("place", [".", "sparse", "sparse/0"])
+def test_a_scene_is_called_after_the_folder_that_a_person_named(scene_folder, tmp_path_factory, monkeypatch, inside,
+                                                                place):
+    root = tmp_path_factory.mktemp("scenes") / "chess" / inside
+    shutil.copytree(scene_folder, root)
+    assert load_scene(root / place).name == "chess"
+    (found,) = resolve(str(root / place), None)
+    assert (found.name, found.label, found.load().name) == ("chess", "chess", "chess")
+    assert found.root.resolve() == root.resolve(), "what stands beside the images is looked for there"
+    monkeypatch.chdir(root / place)
+    assert load_scene(Path(".")).name == "chess"
+
+
+def test_a_number_that_a_person_gave_is_a_name(scene_folder, tmp_path_factory):
+    root = tmp_path_factory.mktemp("scans") / "24"
+    shutil.copytree(scene_folder, root)
+    assert load_scene(root).name == "24" == load_scene(root / "sparse" / "0").name
+
+
+def test_another_model_beside_the_one_that_is_read_is_not_taken_for_it(scene_folder, model):
+    shutil.copytree(model, model.parent / "1")
+    with pytest.raises(InputError, match=r"sparse/1: found cameras.bin, images.bin"):
+        load_scene(model.parent / "1")

@@ -1,4 +1,4 @@
-"""The list of known limits: it names cases that exist, explains each, and each is still a limit."""
+"""The list of known limits: it names cases that exist and explains each, and to be better than it fails nothing."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dofbench.stability.case import Case, Found, Setting
 from dofbench.stability.catalogue import catalogue
 from dofbench.stability.limits import Limit, limit_of, read_limits
 from dofbench.stability.run import judged, measured
-from dofbench.stability.tables import KNOWN, MET, NOT_MET, STALE
+from dofbench.stability.tables import KNOWN, MET, MET_HERE, NOT_MET
 
 HERE = Setting("cpu", "float32")
 CASES = {case.id: case for case in catalogue()}
@@ -24,7 +24,7 @@ def case(found: Found) -> Case:
 @pytest.mark.parametrize(
     ("found", "listed", "verdict"),
     [(Found(0.5, 1.0), False, MET), (Found(2.0, 1.0), False, NOT_MET), (Found(2.0, 1.0), True, KNOWN),
-     (Found(0.5, 1.0), True, STALE), (Found(float("nan"), 1.0), False, NOT_MET),
+     (Found(0.5, 1.0), True, MET_HERE), (Found(float("nan"), 1.0), False, NOT_MET),
      (Found(float("inf"), float("inf")), False, NOT_MET)],
 )
 def test_a_verdict_follows_from_bound_and_list(found, listed, verdict):
@@ -51,10 +51,15 @@ def test_every_limit_names_a_case_and_places_where_it_is_run():
 
 @pytest.mark.parametrize("limit", [limit for limit in read_limits() if not limit.case.startswith(SLOW)],
                          ids=lambda limit: f"{limit.case} {' '.join(limit.where)}")
-def test_a_known_limit_is_still_one(limit):
+def test_a_known_limit_is_measured_and_may_be_met(limit):
+    """Rounding differs by machine, so a bound may be met; but an exception is no limit, and may not pass for one."""
     known = CASES[limit.case]
     places = [setting for setting in known.settings if limit_of(known, setting, (limit,))]
-    assert places and not [setting for setting in places if measured(known, setting).met]
+    assert places
+    for setting in places:
+        found = measured(known, setting)
+        assert "Error: " not in found.note, found.note
+        assert judged(known, setting, found, (limit,)).verdict == (MET_HERE if found.met else KNOWN)
 
 
 @pytest.mark.parametrize("text", ["[[limit]]\ncase = 'a'\nwhere = ['all']", "limit = 3", "[[limit"])

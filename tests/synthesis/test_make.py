@@ -293,4 +293,4 @@ def test_progress_without_a_terminal_is_lines(capsys, tmp_path):
     terminal.finished(tmp_path, "2 views")
     captured = capsys.readouterr()
     assert captured.out == f"{tmp_path}: 2 views\n"
-    assert captured.err.splitlines()[0] == "blur: 0 of 2" and "blur: 1 of 2, 0 s left" in captured.err
+    assert captured.err.splitlines()[0] == "blur: 0 of 2" and "blur: 1 of 2, estimating the time left" in captured.err

@@ -131,6 +131,30 @@ def test_a_method_sees_the_shallow_photographs(made: Path, blurred: Path) -> Non
         dataset.training_set("all-in-focus")
 
 
+def test_what_the_cameras_wrote_down_goes_along(blurred: Path, tmp_path: Path) -> None:
+    source = shutil.copytree(blurred, tmp_path / "seal")
+    (source / "exif.csv").write_text("name,f_number,focal_length_mm,exposure_s,iso\n"
+                                     "v01.png,6.3,55,0.01,400\nv02.png,6.3,55,0.02,400\nv00.png,14,55,0.1,\n")
+    folder = make(source, tmp_path / "out")
+    dataset = Dataset.load(folder)
+    assert {view.name: view.exif.f_number for view in dataset.views if view.exif} == {"v00": 14, "v01": 6.3, "v02": 6.3}
+    assert {view.name for view in dataset.training_set().views if view.exif} == {"v01", "v02"}
+    text = (folder / "README.md").read_text()
+    assert "| f/6.3 | 2 | 55 | 0.01 to 0.02 | 400 |\n| f/14 | 1 | 55 | 0.1 | not known |\n| not known | 3 |" in text
+    assert "`exif.json`" in text and "exif.json" in dataset.manifest.files
+    assert check_dataset(folder) == []
+    # Other EXIF is another dataset; the same is the same, byte for byte.
+    assert make(source, folder) == folder
+    (source / "exif.csv").write_text("name,f_number\nv01.png,8\n")
+    with pytest.raises(InputError, match="another dataset"):
+        make(source, folder)
+
+
+def test_without_exif_nothing_is_said_of_it(made: Path) -> None:
+    assert not (made / "exif.json").exists() and "wrote down" not in (made / "README.md").read_text().replace(
+        "view.exif                                    # what the camera wrote down", "")
+
+
 def test_other_programs_read_it(made: Path) -> None:
     scene = load_scene(made, layout="llff", hold=3)
     assert [view.name for view in scene.test_views()] == list(TEST) and len(scene.points) == 20
@@ -326,3 +350,15 @@ def test_a_dataset_with_every_lens_known_is_of_the_first_version(dataset_folder:
     manifest = json.loads((dataset_folder / "dataset.json").read_text())
     assert manifest["version"] == 1 and "photographs" not in manifest["settings"]
     assert not any("photograph" in image for image in manifest["source"]["images"])
+
+
+def test_blown_out_photographs_are_shrunk_by_a_factor_that_is_not_whole(blurred: Path, tmp_path: Path, capsys) -> None:
+    root = shutil.copytree(blurred, tmp_path / "bright")
+    for path in (root / "images").iterdir():
+        image = read_image(path)
+        image[10:80] = 1.0
+        write_png(path, image)
+    for width in ("39", "54", "71"):
+        call = ["make-dataset", str(root), "--photographs", "shallow", "--width", width, "--out", str(tmp_path / width)]
+        assert cli.main(call) == cli.DONE, capsys.readouterr().err
+        assert read_image(tmp_path / width / "images/v01.png").max() == 1

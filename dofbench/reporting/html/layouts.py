@@ -21,7 +21,7 @@ from dofbench.reporting.html.markup import (
     table,
     text_cell,
 )
-from dofbench.reporting.paper import Figures, paper_figures
+from dofbench.reporting.paper import NOTHING_PRINTED, Figures, paper_figures
 from dofbench.reporting.summary import Line, best_texts, empty_columns, scene_mean
 
 _PAPER_DIGITS = 3  # of a printed SSIM
@@ -59,6 +59,13 @@ LAYOUTS = (
     Layout("main", "Sharp views from shallow photographs", "Trained on photographs with shallow depth of field, "
            "rendered all in focus, against the sharp original.", False,
            ("aif_psnr", "aif_ssim", "aif_flip"), ("aif_psnr", "aif_ssim")),
+    Layout("photographs", "Photographs of unknown lens", "Held-out photographs, predicted by a lens (or of a method "
+           "without one by a blur) and colours that were fitted on half of each, scored on the other half.", False,
+           ("photo_psnr", "photo_ssim", "photo_blur_psnr"), ("photo_psnr", "photo_ssim")),
+    Layout("across", "Photographs of another aperture", "Predicted by the learned aperture times the ratio of the "
+           "f-numbers, by the same unchanged, and without any.", False,
+           ("across_psnr", "across_ssim", "across_blurred_psnr", "unscaled_blurred_psnr", "in_focus_blurred_psnr"),
+           ("across_psnr", "across_blurred_psnr")),
     Layout("all_in_focus", "All-in-focus inputs", "Trained on the sharp originals and rendered sharp.", True,
            ("aif_psnr", "aif_ssim", "aif_flip"), ("aif_psnr", "aif_ssim")),
 )
@@ -78,7 +85,7 @@ def _section(layout: Layout, kind: str, boards: list[Board], notes: Notes) -> li
     if not any(board.lines[variant].cells[column].value is not None or board.lines[variant].cells[column].failure
                for board in boards for variant in board.lines for column in layout.columns):
         return []
-    figures, caption = paper_figures()[layout.id], f"{layout.title}: {_over(boards).words}"
+    figures, caption = paper_figures().get(layout.id, NOTHING_PRINTED), f"{layout.title}: {_over(boards).words}"
     over = _over(boards)
     single = figures.of_scene(boards[0].scene) if len(boards) == 1 else {}
     theirs = single or figures.means
@@ -259,7 +266,8 @@ def not_shown(empty: dict[str, str], said: str = "Not shown, as no row has it") 
     """Which columns a table has not, as no row has them, and why; empty where it has all."""
     reasons: dict[str, list[str]] = {}
     for column, reason in empty.items():
-        reasons.setdefault(" ".join(reason.split()), []).append(COLUMNS[column].label)
+        if reason:
+            reasons.setdefault(" ".join(reason.split()), []).append(COLUMNS[column].label)
     if not reasons:
         return ""
     parts = "; ".join(f"{', '.join(labels)} ({reason})" for reason, labels in reasons.items())

@@ -63,14 +63,15 @@ def _best(boards: Sequence[Board], notes: Notes) -> str:
             Td(f'<span class="{mark}">{escape(found.sure)}</span>', found.sure, "words long"),
         ])
     headings = [Th("dataset", words=True), Th("protocol", words=True), Th("best", words=True),
-                Th("PSNR", note="refocused, where any method can; else all in focus", down=True),
+                Th("PSNR", note="refocused, where any method can; else all in focus; else of photographs",
+                   down=True),
                 Th("ahead of", words=True), Th("by", down=True), Th("how sure", words=True)]
     return table(headings, rows, "The best of each dataset, by PSNR")
 
 
 def _with_unit(cell, column, notes: Notes) -> Td:
     shown = score_cell(cell, column, None, notes)
-    what = "refocused" if column.id == "psnr" else "all in focus"
+    what = {"psnr": "refocused", "aif_psnr": "all in focus"}.get(column.id, "of photographs, fitted on half of each")
     return Td(f"{shown.html} dB<br><small>{what}</small>", shown.sort, shown.kind)
 
 

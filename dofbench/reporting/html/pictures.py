@@ -22,7 +22,9 @@ from dofbench.reporting.truth import find_dataset, prediction_file, true_picture
 BUDGET_MB = 12        # of pictures in one page, as base64
 SIDES = (720, 504, 360, 252)  # px of a picture's longer side: the first with which all of them fit
 QUALITY = 85          # of WebP
-TITLES: dict[Kind, str] = {"refocus": "through the view's own lens", "all_in_focus": "all in focus"}
+TITLES: dict[Kind, str] = {"refocus": "through the view's own lens", "all_in_focus": "all in focus",
+                          "photograph": "through the lens fitted on the other half of its tiles",
+                          "across": "by the learned aperture scaled, in focus as fitted on the other half"}
 NOT_THERE = "the picture isn't beside the result, or isn't the one that was scored"
 _SHOWN = ("psnr", "ssim", "flip")
 

@@ -9,6 +9,8 @@ from pathlib import Path, PurePosixPath
 from dofbench.content import content_folder
 from dofbench.errors import InputError
 from dofbench.files import read_json, sha256_file
+from dofbench.scenes.colmap import scene_folder
+from dofbench.scenes.folders import scene_name
 from dofbench.scenes.loading import UNMARKED
 from dofbench.scenes.named.library import named_datasets, source_of
 from dofbench.scenes.named.scene import ResolvedScene
@@ -51,9 +53,11 @@ def recognise(folder: Path) -> ResolvedScene:
     """The scene in a folder that a user names: as its path and its files' checksums say, it may be a known one.
 
     A known one's origin, licence and citation are taken over, and its layout where no file in the folder tells it;
-    nothing else, as the user chose a folder and not a dataset. A rendered scene says these things itself.
+    nothing else, as the user chose a folder and not a dataset. A rendered scene says these things itself. The folder
+    may be the place of its COLMAP model.
     """
-    name = folder.resolve().name
+    folder = scene_folder(folder)
+    name = scene_name(folder)
     rendered = _rendered_facts(folder)
     if rendered is not None:
         return ResolvedScene(label=name, name=name, root=folder, **rendered)

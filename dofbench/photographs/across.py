@@ -1,0 +1,95 @@
+"""Photographs of one aperture predicted from those of another: the claim of controllable depth of field, put to a lens.
+
+The opening of a lens is its focal length over the f-number, so the aperture learned at f/N, times N / M, is that of a
+photograph at f/M. Nobody knows where such a photograph is focused: the focus is fitted on one half of it, its colours
+too, and the other half is scored.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from dofbench.cameras import Camera
+from dofbench.contracts import Method
+from dofbench.lens import PhysicalLens
+from dofbench.photographs.predict import (
+    HALVES,
+    LensSearch,
+    Prediction,
+    assembled,
+    checked_image,
+    fit_sigma,
+    frame_of,
+    median_lens,
+    refusal,
+)
+from dofbench.photographs.search import Effort, Frame
+from dofbench.photographs.tiles import Tiles
+
+FOCUSES = 9          # of the grid, over the disparities of the view and a quarter of their extent beyond both ends
+BEYOND = 0.25
+FOCUS_EFFORT = Effort(apertures=1, focuses=FOCUSES, coarse=8, fine=6)
+QUICK_FOCUS_EFFORT = Effort(apertures=1, focuses=FOCUSES, coarse=5, fine=1)
+
+
+@dataclass(frozen=True, eq=False)
+class AcrossPrediction:
+    """scaled: by the learned aperture (median of the training views) times the ratio of the f-numbers; of a method
+    without a lens, by the best Gaussian blur. unscaled: by the learned aperture as it is; None without a lens.
+    in_focus: (H, W, 3) without a lens, colours fitted; None where a rendering wasn't finite."""
+
+    scaled: Prediction
+    unscaled: Prediction | None
+    in_focus: np.ndarray | None
+
+
+def predict_across(
+    method: Method, camera: Camera, photograph: np.ndarray, learned: Mapping[str, PhysicalLens] | None, ratio: float,
+    effort: Effort = FOCUS_EFFORT, *, no_lens: str = "",
+) -> AcrossPrediction:
+    """Predict a photograph whose f-number is 1 / `ratio` times that of the training views.
+
+    photograph: (H, W, 3) float32, encoded. learned: lenses of the training views. no_lens: as of `predict`; a method
+    without learned lenses has none to scale.
+    """
+    start = time.perf_counter()
+    tiles = Tiles.of(camera.height, camera.width)
+    sharp = method.render(camera, None)
+    image = checked_image(sharp.image, camera)
+    bad = int(image.size - np.count_nonzero(np.isfinite(image)))
+    if bad:
+        nothing = Prediction(None, None, (), tiles, no_lens, bad, time.perf_counter() - start)
+        return AcrossPrediction(nothing, None, None)
+    in_focus = assembled([image, image], photograph, tiles)
+    lens, frame = median_lens(learned), frame_of(np.asarray(sharp.depth), camera, learned)
+    refused = no_lens or ("no learned aperture to be scaled" if lens is None or frame is None
+                          else refusal(method, camera, frame))
+    gaussian = [fit_sigma(image, photograph, tiles.fitted(half)) for half in HALVES]
+    blurred = assembled([found for _, found in gaussian], photograph, tiles)
+    sigmas = [sigma for sigma, _ in gaussian]
+    if lens is None or frame is None or refused:
+        scaled = Prediction.by_blur(gaussian, blurred, photograph, tiles, refused, time.perf_counter() - start)
+        return AcrossPrediction(scaled, None, in_focus)
+    apertures = [lens.aperture * camera.width / lens.width * factor for factor in (ratio, 1.0)]
+    scaled, unscaled = (
+        _by_focus(method, camera, photograph, tiles, frame, aperture, effort).prediction(effort, sigmas, blurred, start)
+        for aperture in apertures
+    )
+    return AcrossPrediction(scaled, unscaled, in_focus)
+
+
+def _by_focus(method: Method, camera: Camera, photograph: np.ndarray, tiles: Tiles, frame: Frame, aperture: float,
+              effort: Effort) -> LensSearch:
+    """A search for the focus alone, in shares of the view's disparities."""
+    disparities = frame.disparities
+
+    def lens(at: np.ndarray) -> PhysicalLens:
+        return PhysicalLens(aperture, disparities.q_min + float(at[0]) * disparities.extent, camera.width)
+
+    starts = [np.array([focus]) for focus in np.linspace(-BEYOND, 1 + BEYOND, effort.focuses)]
+    step = (1 + 2 * BEYOND) / (effort.focuses - 1)
+    return LensSearch(method, camera, photograph, tiles, starts, lens, lambda at: (step / 2, step / 8))

@@ -1,0 +1,151 @@
+"""What cameras wrote down of a scene's photographs: from exif.json, from exif.csv, from the image files themselves."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath
+
+from dofbench.errors import InputError
+from dofbench.exif import EXIF_FILE, Exif, read_exif
+
+CSV_FILE = "exif.csv"
+# A column of exif.csv, and what it is here.
+_COLUMNS = {
+    "f_number": "f_number", "focal_length_mm": "focal_length", "focal_length_35mm": "focal_length_35mm",
+    "focus_distance_m": "focus_distance", "exposure_s": "exposure", "iso": "iso", "time": "time", "camera": "camera",
+    "lens": "lens",
+}
+# OpenImageIO's names of EXIF's tags; of several, the first that is there.
+_TAGS = {
+    "f_number": ("FNumber", "Exif:FNumber"), "focal_length": ("Exif:FocalLength",),
+    "focal_length_35mm": ("Exif:FocalLengthIn35mmFilm",), "focus_distance": ("Exif:SubjectDistance",),
+    "exposure": ("ExposureTime", "Exif:ExposureTime"), "iso": ("Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings"),
+    # Not DateTime, which is when the file was last changed.
+    "time": ("Exif:DateTimeOriginal", "Exif:DateTimeDigitized"), "lens": ("Exif:LensModel",),
+}
+_TEXTS = ("time", "camera", "lens")
+
+
+def exif_by_file(root: Path, files: Mapping[str, Path]) -> dict[str, Exif]:
+    """What is known of each view's photograph, by view; views of which nothing is known are left out.
+
+    files: the photograph's file, by view. Taken is what `root/exif.json` says of the view; else the line of its file
+    name (or that without suffix, since smaller copies often have another format) in an exif.csv in the file's folder
+    or one above it, up to the root; else what stands in the file. Raises InputError for a damaged exif.json or
+    exif.csv; an image that can't be read says nothing here.
+    """
+    written = read_exif(root)
+    tables: dict[Path, dict[str, Exif]] = {}
+    found = {}
+    for view, file in files.items():
+        if view not in written and file.parent not in tables:
+            tables[file.parent] = _table_above(file.parent, root)
+        record = written[view] if view in written else _listed(tables[file.parent], file) or exif_of_image(file)
+        if record != Exif():
+            found[view] = record
+    return found
+
+
+def exif_of_image(file: Path) -> Exif:
+    """What stands in an image file's own EXIF. What is missing there or impossible is None; nothing is raised."""
+    import OpenImageIO as oiio
+
+    opened = oiio.ImageInput.open(str(file))
+    if opened is None:
+        oiio.geterror()  # else it is kept, and printed when the program ends
+        return Exif()
+    tags = {attribute.name: attribute.value for attribute in opened.spec().extra_attribs}
+    opened.close()
+    values = {name: next((tags[tag] for tag in names if tag in tags), None) for name, names in _TAGS.items()}
+    return Exif(
+        **{name: _text(value) if name in _TEXTS else _positive(value) for name, value in values.items()
+           if name != "time"},
+        time=_time(values["time"]), camera=_camera(_text(tags.get("Make")), _text(tags.get("Model"))),
+    )
+
+
+def read_exif_csv(file: Path) -> dict[str, Exif]:
+    """The photographs of an exif.csv by file name, which stands in the column `name`.
+
+    Other columns: f_number, focal_length_mm, focal_length_35mm, focus_distance_m, exposure_s, iso, time, camera, lens;
+    each may be absent, or empty in a line. Further columns are passed over. Raises InputError, which names the line,
+    for a value that can't be.
+    """
+    try:
+        with open(file, encoding="utf-8-sig", newline="") as stream:
+            reader = csv.DictReader(stream)
+            names, lines = reader.fieldnames or [], list(reader)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(file, f"no readable table ({error})", "comma-separated text") from None
+    if "name" not in names:
+        raise InputError(file, f"columns {', '.join(names) or 'none'}", f"name, and some of {', '.join(_COLUMNS)}")
+    records: dict[str, Exif] = {}
+    for number, line in enumerate(lines, start=2):
+        if line["name"] in records:
+            raise InputError(file, f"{line['name']} a second time in line {number}", "one line a photograph")
+        values = {ours: (line.get(column) or "").strip() for column, ours in _COLUMNS.items()}
+        known = {name: value if name in _TEXTS else _number(file, number, name, value)
+                 for name, value in values.items() if value}
+        if "time" in known:
+            known["time"] = _time(known["time"])
+        try:
+            records[line["name"]] = Exif.of_data({name: value for name, value in known.items() if value is not None})
+        except ValueError as error:
+            raise InputError(file, f"line {number}: {error}", "a photograph's EXIF") from None
+    return records
+
+
+def _table_above(folder: Path, root: Path) -> dict[str, Exif]:
+    """The nearest exif.csv from the folder up to the root; empty without one."""
+    places = [folder]
+    while places[-1] != root and root in places[-1].parents:
+        places.append(places[-1].parent)
+    for place in places:
+        if (place / CSV_FILE).is_file():
+            return read_exif_csv(place / CSV_FILE)
+    return {}
+
+
+def _listed(table: Mapping[str, Exif], file: Path) -> Exif | None:
+    if file.name in table:
+        return table[file.name]
+    return next((record for name, record in table.items() if PurePosixPath(name).stem == file.stem), None)
+
+
+def _number(file: Path, line: int, name: str, value: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        raise InputError(file, f"line {line}: {name} {value!r}", "a number, or nothing") from None
+
+
+def _positive(value: object) -> float | None:
+    # Seven digits: OpenImageIO holds them as float32, and 2.799999952316284 is no camera's f-number.
+    if isinstance(value, int | float) and math.isfinite(value) and value > 0:
+        return float(f"{value:.7g}")
+    return None
+
+
+def _text(value: object) -> str | None:
+    text = value.replace("\0", " ").strip() if isinstance(value, str) else ""
+    return text or None
+
+
+def _time(value: object) -> str | None:
+    """"2021:03:04 10:48:15", as EXIF writes it, to "2021-03-04 10:48:15"."""
+    text = _text(value)
+    if text is None or len(text) < 19 or not text[:4].isdigit():
+        return None
+    return None if text.startswith("0000") else f"{text[:10].replace(':', '-')} {text[11:19]}"
+
+
+def _camera(make: str | None, model: str | None) -> str | None:
+    """The maker's name and the model's, once where the model begins with it."""
+    if model is None or make is None:
+        return model or make
+    return model if model.lower().startswith(make.split()[0].lower()) else f"{make} {model}"
+
+
+__all__ = ["CSV_FILE", "EXIF_FILE", "exif_by_file", "exif_of_image", "read_exif_csv"]

@@ -1,0 +1,199 @@
+"""Does `photographs-v1` rank methods as the truth does? runs.csv, ranks.csv and ranks.md, where the truth is known.
+
+    python tests/bench/photographs_score.py --data DATASET ... --out reports/photographs-score
+
+Methods, presets and options of varying quality (`VARIANTS`) are trained for a few steps on each dataset, and scored
+twice: by the truth (test views through their true lens, and all in focus), and by photographs-v1 as if nobody knew it.
+How far both agree is Spearman's and Kendall's rank correlation over the variants, with the interval in which 95 % of
+resamplings of the variants fall.
+"""
+
+from __future__ import annotations
+
+import csv
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from dofbench.contracts import Budget, Method
+from dofbench.errors import Status
+from dofbench.files import write_text
+from dofbench.harness.methods import find_method
+from dofbench.harness.photographs import prediction_scores
+from dofbench.harness.protocol import arithmetic_mean
+from dofbench.images import from_8bit, to_8bit
+from dofbench.metrics import score_image
+from dofbench.photographs.predict import predict
+from dofbench.photographs.search import THOROUGH
+from dofbench.reporting.footnotes import table
+from dofbench.reporting.tables import write_csv
+from dofbench.synthesis.dataset import Dataset
+from dofbench.threads import configure_threads
+
+STEPS = 500
+# name -> (method, preset, options): what each is worth is for the scores to say.
+VARIANTS: dict[str, tuple[str, str, dict[str, object]]] = {
+    "mipsplatting": ("mipsplatting", "cpu", {}),
+    "dofgaussian": ("dofgaussian", "cpu", {}),
+    "a third of the steps": ("dofgaussian", "cpu", {"steps": STEPS // 3}),
+    "a tenth of the steps": ("dofgaussian", "cpu", {"steps": STEPS // 10}),
+    "preset smoke": ("dofgaussian", "smoke", {"steps": STEPS}),
+    "preset paper, sparse prior": ("dofgaussian", "paper", {"depth_prior": "sparse"}),
+    "lens frozen at A 0.5": ("dofgaussian", "cpu", {"lens_from": 1.0}),
+    "lens frozen at A 0.05": ("dofgaussian", "cpu", {"lens_from": 1.0, "lens_init_aperture": 0.05}),
+    "lens frozen at A 1.5": ("dofgaussian", "cpu", {"lens_from": 1.0, "lens_init_aperture": 1.5}),
+    "one lens for all": ("dofgaussian", "cpu", {"lens_per": "scene"}),
+    "no depth supervision": ("dofgaussian", "cpu", {"depth_weight": 0.0, "depth_prior": "sparse", "start_points": 0}),
+    "no lens": ("dofgaussian", "cpu", {"lens": False}),
+    "no harmonics": ("dofgaussian", "cpu", {"sh_degree": 0}),
+    "4 000 Gaussians": ("dofgaussian", "cpu", {"max_gaussians": 4000, "start_points": 0}),
+    "lens ten times slower": ("dofgaussian", "cpu", {"lens_lr": 5e-4, "lens_lr_final": 1e-4}),
+}
+TRUE = ("psnr", "aif_psnr")
+ESTIMATED = ("photo_psnr", "photo_ssim")
+SCORES = (*TRUE, *ESTIMATED, "photo_blur_psnr")
+FIELDS = ("dataset", "variant", *SCORES, "train_s", "fit_s", "views")
+RESAMPLED = 2000
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What to measure."""
+
+    data: tuple[Path, ...]
+    """Datasets with true lenses and sharp photographs."""
+    out: Path
+    """Folder for runs.csv, ranks.csv and ranks.md; a row that is in runs.csv isn't measured again."""
+    steps: int = STEPS
+    """Training steps of the variants that don't say their own."""
+    only_rank: bool = False
+    """Measure nothing more: rank what runs.csv has."""
+
+
+class _Silent:
+    """An observer that never stops the training."""
+
+    def __init__(self) -> None:
+        self._start = time.perf_counter()
+
+    def seconds(self) -> float:
+        return time.perf_counter() - self._start
+
+    def after_step(self, step: int, loss: float) -> bool:
+        return True
+
+
+def trained(name: str, dataset: Dataset, steps: int) -> tuple[Method, float]:
+    """(trained variant, seconds)."""
+    method_id, preset, options = VARIANTS[name]
+    entry = find_method(method_id)
+    preset = preset if preset in entry.card.presets else entry.card.default_preset
+    _, chosen, _ = entry.preset(preset)
+    chosen = {**chosen, "steps": steps, **options}
+    method, observer = entry.create(chosen, 0, "cpu"), _Silent()
+    outcome = method.fit(dataset.training_set("shallow"), Budget(steps=int(chosen["steps"])), observer)
+    if outcome.status is not Status.OK:
+        raise FloatingPointError(f"{name} on {dataset.name}: {outcome.status}: {outcome.message}")
+    return method, observer.seconds()
+
+
+def row_of(name: str, dataset: Dataset, steps: int) -> dict[str, object]:
+    """One variant on one dataset: means over the test views. psnr of a variant without a lens: of its rendering all in
+    focus against the shallow photograph, as that is all it can offer."""
+    method, seconds = trained(name, dataset, steps)
+    learned = method.lens_estimates()
+    rows, spent = [], 0.0
+    for view in dataset.test_views():
+        photograph = dataset.image(view)
+        sharp = from_8bit(to_8bit(method.render(view.camera, None).image))
+        try:
+            refocused = from_8bit(to_8bit(method.render(view.camera, view.physical_lens).image))
+        except ValueError:
+            refocused = sharp
+        found = predict(method, view.camera, photograph, learned, THOROUGH)
+        spent += found.seconds
+        scores = prediction_scores(found, photograph)
+        scores.setdefault("photo_blur_psnr", scores["photo_psnr"])
+        rows.append({
+            "psnr": score_image(refocused, photograph, ["psnr"])["psnr"],
+            "aif_psnr": score_image(sharp, dataset.all_in_focus(view), ["psnr"])["psnr"], **scores,
+        })
+    means = {column: arithmetic_mean([row[column] for row in rows]) for column in SCORES}
+    return {"dataset": dataset.name, "variant": name, **means, "train_s": seconds, "fit_s": spent, "views": len(rows)}
+
+
+def rank_rows(rows: list[dict[str, str]]) -> Iterator[dict[str, object]]:
+    """Rank correlation of every estimated score with every true one, per dataset, with its 95 % interval.
+
+    Variants are resampled; resamplings of fewer than three different ones say nothing and are drawn again.
+    """
+    from scipy.stats import kendalltau, spearmanr
+
+    for dataset in dict.fromkeys(row["dataset"] for row in rows):
+        own = [row for row in rows if row["dataset"] == dataset]
+        for true in TRUE:
+            for estimated in ESTIMATED:
+                x = np.array([float(row[true]) for row in own])
+                y = np.array([float(row[estimated]) for row in own])
+                generator = np.random.default_rng(0)
+                drawn = []
+                while len(drawn) < RESAMPLED:
+                    chosen = generator.integers(len(own), size=len(own))
+                    if len(set(chosen)) > 2:
+                        drawn.append((spearmanr(x[chosen], y[chosen])[0], kendalltau(x[chosen], y[chosen])[0]))
+                low, high = np.nanpercentile(np.array(drawn), [2.5, 97.5], axis=0)
+                yield {"dataset": dataset, "truth": true, "score": estimated, "variants": len(own),
+                       "spearman": spearmanr(x, y)[0], "spearman_low": low[0], "spearman_high": high[0],
+                       "kendall": kendalltau(x, y)[0], "kendall_low": low[1], "kendall_high": high[1]}
+
+
+def markdown(rows: list[dict[str, str]], ranks: list[dict[str, object]]) -> str:
+    """Both tables."""
+    lines = ["# photographs-v1 beside the truth", "", "By `tests/bench/photographs_score.py`.", "",
+             "## Rank correlation", ""]
+    lines += table(["dataset", "truth", "score", "variants", "Spearman", "95 %", "Kendall", "95 %"], [
+        [str(one["dataset"]), str(one["truth"]), str(one["score"]), str(one["variants"]), f"{one['spearman']:.2f}",
+         f"{one['spearman_low']:.2f} to {one['spearman_high']:.2f}", f"{one['kendall']:.2f}",
+         f"{one['kendall_low']:.2f} to {one['kendall_high']:.2f}"] for one in ranks], left=3)
+    for dataset in dict.fromkeys(row["dataset"] for row in rows):
+        own = sorted((row for row in rows if row["dataset"] == dataset), key=lambda row: -float(row["photo_psnr"]))
+        lines += ["", f"## {dataset}", "", f"{own[0]['views']} test views.", ""]
+        lines += table(["variant", *SCORES, "training, s", "fit, s"], [
+            [row["variant"], *(f"{float(row[column]):.{4 if column == 'photo_ssim' else 2}f}" for column in SCORES),
+             f"{float(row['train_s']):.0f}", f"{float(row['fit_s']):.0f}"] for row in own], left=1)
+    return "\n".join(lines) + "\n"
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """The rows of runs.csv; none where it isn't there."""
+    if not path.is_file():
+        return []
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def main(settings: Settings) -> None:
+    """Measure what is missing, then rank."""
+    configure_threads()
+    runs = settings.out / "runs.csv"
+    for folder in () if settings.only_rank else settings.data:
+        dataset = Dataset.load(folder)
+        for name in VARIANTS:
+            rows = read_rows(runs)
+            if any((row["dataset"], row["variant"]) == (dataset.name, name) for row in rows):
+                continue
+            row = row_of(name, dataset, settings.steps)
+            write_csv(runs, FIELDS, [*read_rows(runs), row])
+            print(row, flush=True)
+    rows = read_rows(runs)
+    ranks = list(rank_rows(rows))
+    write_csv(settings.out / "ranks.csv", tuple(ranks[0]), ranks)
+    write_text(settings.out / "ranks.md", markdown(rows, ranks))
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Settings))

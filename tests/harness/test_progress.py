@@ -1,0 +1,128 @@
+"""What a training says: never silent for longer than a unit, and times left that come true."""
+
+from __future__ import annotations
+
+import io
+import re
+
+import pytest
+from rich.console import Console
+
+from dofbench.contracts import Budget
+from dofbench.harness.clock import Stopwatch
+from dofbench.harness.observer import TrainingObserver
+from dofbench.harness.progress import PLAIN_EVERY, TrainingProgress
+
+
+class Terminal:
+    """A log file with a clock: notes when each line was written."""
+
+    def __init__(self, budget: Budget, *, terminal: bool = False):
+        self.now, self.lines = 0.0, []
+        self._file = io.StringIO()
+        self.console = Console(file=self._file, force_terminal=terminal, width=200)
+        self.progress = TrainingProgress(self.console, budget, now=lambda: self.now)
+
+    def text(self) -> str:
+        return self._file.getvalue()
+
+    def take(self) -> None:
+        """Note new lines at the present time."""
+        new = self.text().splitlines()[len(self.lines) :]
+        self.lines += [(self.now, line) for line in new]
+
+    def stage(self, name: str, done: int, total: int) -> None:
+        self.progress.stage(name, done, total)
+        self.take()
+
+    def step(self, step: int, seconds: float) -> None:
+        self.progress(step, 0.5, seconds)
+        self.take()
+
+
+def seconds_left(line: str) -> float | None:
+    found = re.search(r"about (\d+) s left", line)
+    return float(found[1]) if found else None
+
+
+@pytest.mark.parametrize("a_view", [0.5, 6.0, 25.0])
+def test_a_prior_is_never_silent_for_longer_than_a_view(a_view):
+    """54 views, the first of them five times as slow: a line at the least every ten seconds and one view."""
+    log, views = Terminal(Budget(steps=100)), 54
+    with log.progress:
+        log.stage("sweep", 0, views)
+        assert log.lines == [(0.0, f"sweep: 0 of {views}")]
+        for view in range(1, views + 1):
+            log.now += 5 * a_view if view == 1 else a_view
+            log.stage("sweep", view, views)
+            log.stage("sweep", view, views)  # told twice, said once at most
+    times = [time for time, _ in log.lines]
+    gaps = [later - before for before, later in zip(times, times[1:], strict=False)]
+    assert max(gaps) <= max(5 * a_view, PLAIN_EVERY + a_view)
+    assert log.lines[-1][1].startswith(f"sweep: {views} of {views}, ")
+    for time, line in log.lines:
+        left = seconds_left(line)
+        if left is not None:
+            assert left == pytest.approx(log.now - time, abs=0.5 + 1e-6)
+    assert sum(seconds_left(line) is not None for _, line in log.lines) >= len(log.lines) - 8  # the first handful of views tell nothing
+
+
+def test_the_time_left_of_training_knows_nothing_of_the_prior():
+    """A prior of 386 s, then 3000 steps of 0.2 s: about 600 s left, not weeks."""
+    log = Terminal(Budget(steps=3000))
+    with log.progress:
+        log.stage("sweep", 0, 2)
+        log.now = 386.0
+        log.stage("sweep", 2, 2)
+        for step in range(1, 401):
+            log.now += 30.0 if step == 1 else 0.2  # and the first step does what others needn't
+            log.step(step, log.now)
+    said = [(time, seconds_left(line)) for time, line in log.lines if line.startswith("step ")]
+    assert said[0][1] is None
+    end = 386 + 30 + 0.2 * 2999
+    assert len(said) > 3
+    for time, left in said[1:]:
+        assert left == pytest.approx(end - time, abs=1)
+
+
+def test_training_that_slows_down_is_noticed():
+    """Coarse steps of 0.05 s, then full ones of 0.5 s: soon the estimate follows the latest."""
+    log = Terminal(Budget(steps=2000))
+    for step in range(1, 1001):
+        log.now += 0.05 if step <= 500 else 0.5
+        log.step(step, log.now)
+    time, last = log.lines[-1]
+    assert seconds_left(last) == pytest.approx(0.05 * 500 + 0.5 * 1500 - time, rel=0.01)
+
+
+def test_a_budget_of_seconds_is_what_is_left_of_it():
+    log = Terminal(Budget(seconds=500.0))
+    log.now = 386.0
+    log.step(1, 386.0)
+    assert seconds_left(log.lines[-1][1]) == 114
+
+
+def test_on_a_terminal_the_bar_names_the_stage():
+    log = Terminal(Budget(steps=10), terminal=True)
+    with log.progress as progress:
+        progress.stage("sweep", 0, 9)
+        for view in range(1, 5):
+            log.now += 3
+            progress.stage("sweep", view, 9)
+    assert "sweep" in log.text() and "4 of 9" in log.text() and "about 15 s left" in log.text()
+
+
+def test_the_observer_passes_stages_on_with_its_clock_stopped():
+    told, clock = [], Stopwatch()
+
+    class Report:
+        def __call__(self, step, loss, seconds):
+            pass
+
+        def stage(self, *given):
+            told.append((*given, clock._since is None))
+
+    observer = TrainingObserver(Budget(steps=2), clock, Stopwatch(), dict, Report())
+    with clock.running():
+        observer.stage("sweep", 1, 3)
+    assert told == [("sweep", 1, 3, True)]

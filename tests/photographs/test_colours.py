@@ -1,0 +1,39 @@
+"""The affine map of colours: undone where it was made, blind to what the sensor clipped."""
+
+from __future__ import annotations
+
+import numpy as np
+from tolerances import COLOUR_UNDONE
+
+from dofbench.photographs.colours import colour_map, recoloured
+
+MATRIX = np.array([[0.8, 0.05, 0.0], [0.1, 0.7, 0.02], [0.0, 0.1, 0.75], [0.05, 0.02, 0.1]])
+
+
+def pixels(count: int = 500) -> np.ndarray:
+    return np.random.default_rng(0).random((count, 3))
+
+
+def test_an_affine_change_is_undone() -> None:
+    prediction = pixels()
+    photograph = prediction @ MATRIX[:3] + MATRIX[3]
+    assert np.abs(colour_map(prediction, photograph) - MATRIX).max() < COLOUR_UNDONE
+    assert np.abs(recoloured(prediction, colour_map(prediction, photograph)) - photograph).max() < COLOUR_UNDONE
+
+
+def test_what_the_sensor_clipped_says_nothing() -> None:
+    prediction = pixels()
+    photograph = np.clip((prediction @ MATRIX[:3] + MATRIX[3]) * 1.6, 0, 1)
+    assert (photograph == 1).any(axis=1).mean() > 0.1
+    assert np.abs(colour_map(prediction, photograph) - 1.6 * MATRIX).max() < COLOUR_UNDONE
+    assert np.abs(recoloured(prediction, colour_map(prediction, photograph)) - photograph).max() < COLOUR_UNDONE
+
+
+def test_colours_that_nothing_decides_stay() -> None:
+    grey = np.full((500, 3), 0.5)
+    assert np.abs(recoloured(grey, colour_map(grey, grey)) - 0.5).max() < COLOUR_UNDONE
+    # One colour fixes one value a channel: another colour isn't thrown far.
+    moved = recoloured(np.array([[0.4, 0.5, 0.6]]), colour_map(grey, grey + 0.02))
+    assert np.abs(moved - [0.4, 0.5, 0.6]).max() < 0.05
+    assert np.array_equal(colour_map(pixels(10), pixels(10)), np.eye(4, 3))
+    assert np.array_equal(colour_map(pixels(), np.ones((500, 3))), np.eye(4, 3))

@@ -1,0 +1,160 @@
+"""What is fitted on half of a photograph: found where a scene is known, and never by the half that is scored."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from tolerances import FITTED_APERTURE, FITTED_FOCUS, FLOAT64_VALUE
+
+from dofbench.cameras import Camera
+from dofbench.contracts import Rendering
+from dofbench.defocus import defocus_numpy
+from dofbench.harness.photographs import prediction_scores
+from dofbench.images import decode, encode
+from dofbench.lens import DisparityRange, PhysicalLens
+from dofbench.photographs.predict import predict
+from dofbench.photographs.search import QUICK, THOROUGH, Effort, Frame, lens_grid
+
+WIDTH, HEIGHT = 96, 80
+CAMERA = Camera(WIDTH, HEIGHT, 90.0, 90.0, WIDTH / 2, HEIGHT / 2, np.eye(4))
+TRUE = PhysicalLens(aperture=7.0, focus_disparity=0.35, width=WIDTH)  # circles up to 3.2 px
+SMALL = Effort(apertures=5, focuses=4, coarse=12, fine=12)
+
+
+class Known:
+    """A method that knows its scene: slanted stripes whose depth falls from left to right. lens: whether it has one."""
+
+    def __init__(self, lens: bool = True, nan: bool = False, depth: bool = True):
+        self._lens, self._nan, self._depth = lens, nan, depth
+        self.rendered: list[int] = []
+
+    def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
+        if lens is not None and not self._lens:
+            raise ValueError("no lens here")
+        self.rendered.append(camera.width)
+        x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
+        y = (np.arange(camera.height) + 0.5 - camera.cy) / camera.fy
+        u, v = np.meshgrid(x, y)
+        waves = [np.sin(40 * u + 9 * v + c) * np.cos(33 * v - (7 + 4 * c) * u) for c in range(3)]
+        image = (0.5 + 0.4 * np.stack(waves, axis=2)).astype(np.float32)
+        disparity = 0.2 + 0.6 * (u - u.min()) / (u.max() - u.min())
+        depth = (1 / disparity).astype(np.float32)
+        if lens is not None:
+            image, _ = defocus_numpy(image, depth, lens)
+        if self._nan:
+            image[0, 0, 0] = np.nan
+        return Rendering(image, depth if self._depth else np.zeros_like(depth))
+
+
+PHOTOGRAPH = Known().render(CAMERA, TRUE).image
+
+
+def test_the_lens_of_a_known_scene_is_found() -> None:
+    method = Known()
+    found = predict(method, CAMERA, PHOTOGRAPH, None, SMALL)
+    assert found.refused == "" and len(found.halves) == 2
+    for half in found.halves:
+        assert half.lens.width == WIDTH
+        assert half.lens.aperture == pytest.approx(TRUE.aperture, rel=FITTED_APERTURE)
+        assert half.lens.focus_disparity == pytest.approx(TRUE.focus_disparity, abs=FITTED_FOCUS)
+    scores = prediction_scores(found, PHOTOGRAPH)
+    assert scores["photo_psnr"] > 38 > 32 > scores["photo_blur_psnr"], "by depth, which no single blur has"
+    assert scores["photo_ssim"] > 0.98
+    # One rendering without a lens, one to ask for a lens, and the search's.
+    assert len(method.rendered) <= SMALL.most_coarse + SMALL.most_fine + 2
+
+
+def test_the_effort_bounds_the_renderings() -> None:
+    assert THOROUGH.most_coarse <= 61 and THOROUGH.most_fine <= 20
+    assert QUICK.most_coarse <= 33 and QUICK.most_fine == 2
+    large = Camera(4 * 96, 4 * 80, 360.0, 360.0, 192.0, 160.0, np.eye(4))
+    method = Known()
+    predict(method, large, Known().render(large, TRUE).image, {"a": TRUE}, QUICK)
+    assert method.rendered.count(4 * 96) <= 1 + QUICK.most_fine
+    assert len(method.rendered) <= QUICK.most_coarse + QUICK.most_fine + 2
+
+
+def test_the_half_that_is_scored_is_never_looked_at() -> None:
+    found = predict(Known(), CAMERA, PHOTOGRAPH, None, SMALL)
+    for half in (0, 1):
+        changed = PHOTOGRAPH.copy()
+        own = found.tiles.fitted(half)
+        changed[~own] = np.random.default_rng(half).random((np.count_nonzero(~own), 3))
+        again = predict(Known(), CAMERA, changed, None, SMALL)
+        assert again.halves[half].lens == found.halves[half].lens, "to the bit"
+        assert again.halves[half].sigma == found.halves[half].sigma
+        assert again.halves[half].cost == found.halves[half].cost
+        assert again.halves[1 - half].lens != found.halves[1 - half].lens
+        assert np.array_equal(again.picture[~own], found.picture[~own]), "predicted by the other half alone"
+        assert not np.array_equal(again.picture[own], found.picture[own])
+
+
+def test_the_same_half_isnt_looked_at_when_the_search_is_at_a_reduced_size() -> None:
+    large = Camera(3 * 128 + 1, 3 * 80 + 2, 400.0, 400.0, 192.0, 120.0, np.eye(4))
+    lens = PhysicalLens(28.0, 0.35, large.width)
+    photograph = Known().render(large, lens).image
+    found = predict(Known(), large, photograph, None, QUICK)
+    changed = photograph.copy()
+    changed[~found.tiles.fitted(0)] = 0.3
+    assert predict(Known(), large, changed, None, QUICK).halves[0].lens == found.halves[0].lens
+    assert found.halves[0].lens.aperture == pytest.approx(28.0, rel=0.2)
+
+
+def test_a_method_without_a_lens_gets_its_best_blur() -> None:
+    from scipy.ndimage import gaussian_filter
+
+    method = Known(lens=False)
+    sharp = method.render(CAMERA, None).image
+    photograph = encode(gaussian_filter(decode(sharp), (1.7, 1.7, 0), mode="nearest"))
+    found = predict(method, CAMERA, photograph, None, SMALL)
+    assert found.refused == "no lens here" and all(half.lens is None for half in found.halves)
+    assert all(half.sigma == pytest.approx(1.7, abs=0.1) for half in found.halves)
+    scores = prediction_scores(found, photograph)
+    assert scores["photo_psnr"] > 40 and "photo_blur_psnr" not in scores
+    assert all(half.sigma == 0 for half in predict(method, CAMERA, sharp, None, SMALL).halves)
+
+
+def test_another_exposure_and_white_balance_change_no_score() -> None:
+    gains = np.array([0.8, 0.9, 0.7], np.float32)
+    plain = prediction_scores(predict(Known(), CAMERA, PHOTOGRAPH, None, SMALL), PHOTOGRAPH)
+    dim = encode(decode(PHOTOGRAPH) * gains).astype(np.float32)
+    other = prediction_scores(predict(Known(), CAMERA, dim, None, SMALL), dim)
+    assert other["photo_psnr"] == pytest.approx(plain["photo_psnr"], abs=3) and other["photo_psnr"] > 38
+
+
+def test_what_isnt_finite_gives_no_score() -> None:
+    found = predict(Known(nan=True), CAMERA, PHOTOGRAPH, None, SMALL)
+    assert found.picture is None and found.bad == 1
+    assert all(math.isnan(value) for value in prediction_scores(found, PHOTOGRAPH).values())
+
+
+def test_a_method_without_depth_begins_with_its_learned_lenses_or_has_none() -> None:
+    learned = {"a": PhysicalLens(5.0, 0.2, WIDTH), "b": PhysicalLens(9.0, 0.8, WIDTH)}
+    found = predict(Known(depth=False), CAMERA, PHOTOGRAPH, learned, SMALL)
+    assert found.halves[0].lens.focus_disparity == pytest.approx(TRUE.focus_disparity, abs=2 * FITTED_FOCUS)
+    assert "neither depth nor learned" in predict(Known(depth=False), CAMERA, PHOTOGRAPH, None, SMALL).refused
+
+
+def test_an_image_of_another_size_is_refused() -> None:
+    class Small(Known):
+        def render(self, camera, lens):
+            return Rendering(np.zeros((4, 4, 3), np.float32), np.ones((4, 4), np.float32))
+
+    with pytest.raises(ValueError, match="expected an image of shape"):
+        predict(Small(), CAMERA, PHOTOGRAPH, None, SMALL)
+
+
+def test_a_lens_by_its_signed_circles_and_back() -> None:
+    frame = Frame(DisparityRange(0.1, 0.6), 200)
+    for lens in (PhysicalLens(9.0, 0.2, 200), PhysicalLens(3.0, -0.4, 200), PhysicalLens(5.0, 2.0, 100)):
+        back = frame.lens(frame.ends(lens))
+        assert back.signed_radius(0.5, 200) == pytest.approx(lens.signed_radius(0.5, 200), abs=FLOAT64_VALUE)
+        mirrored = frame.lens(-frame.ends(lens))
+        assert (mirrored.aperture, mirrored.focus_disparity) == pytest.approx((back.aperture, back.focus_disparity))
+    even = frame.lens(np.array([0.01, 0.01]))
+    assert abs(even.signed_radius(0.35, 200)) == pytest.approx(2.0, rel=1e-3)
+    grid = lens_grid(frame, PhysicalLens(5.0, 50.0, 100), SMALL)
+    assert grid[0].aperture == 0 and {lens.width for lens in grid} == {200}
+    assert 10.0 in {lens.aperture for lens in grid} and max(lens.focus_disparity for lens in grid) == pytest.approx(1.1)

@@ -1,0 +1,98 @@
+"""EXIF from image files, from a table beside them and from exif.json, as every reader puts it into a view."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from dofbench.errors import InputError
+from dofbench.exif import Exif, write_exif
+from dofbench.scenes import export, load_scene
+from dofbench.scenes.exif_files import exif_by_file, exif_of_image, read_exif_csv
+
+TAGS = {
+    "FNumber": 6.3, "ExposureTime": 0.0125, "Exif:FocalLength": 55.0, "Exif:FocalLengthIn35mmFilm": 82,
+    "Exif:SubjectDistance": 1.25, "Exif:PhotographicSensitivity": 6400, "Exif:DateTimeOriginal": "2021:03:04 10:48:15",
+    "Make": "SONY", "Model": "ILCE-7M2", "Exif:LensModel": "FE 55mm F1.8 ZA",
+}
+RECORD = Exif(6.3, 55.0, 82.0, 1.25, 0.0125, 6400.0, "2021-03-04 10:48:15", "SONY ILCE-7M2", "FE 55mm F1.8 ZA")
+
+
+def write_photograph(path: Path, tags: dict) -> Path:
+    """A grey picture with EXIF."""
+    spec = oiio.ImageSpec(48, 36, 3, "uint8")
+    for name, value in tags.items():
+        spec.attribute(name, value)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    output = oiio.ImageOutput.create(str(path))
+    assert output.open(str(path), spec) and output.write_image(np.full((36, 48, 3), 128, np.uint8)) and output.close()
+    return path
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png", "tif"])
+def test_what_the_camera_wrote_down_is_read(tmp_path: Path, suffix: str) -> None:
+    found = exif_of_image(write_photograph(tmp_path / f"a.{suffix}", TAGS))
+    for name, value in RECORD.as_data().items():
+        if suffix == "tif" and name == "iso":
+            continue  # the test's writer leaves it out of a TIFF
+        got = getattr(found, name)
+        # EXIF's rationals: the denominator is the writer's choice.
+        assert got == pytest.approx(value, rel=1e-4) if isinstance(value, float) else got == value, name
+
+
+@pytest.mark.parametrize("tags", [{}, {"FNumber": 0.0, "ExposureTime": 0.0}, {"Exif:DateTimeOriginal": "    "},
+                                  {"Exif:DateTimeOriginal": "0000:00:00 00:00:00"}])
+def test_what_is_missing_or_impossible_is_none(tmp_path: Path, tags: dict) -> None:
+    file = write_photograph(tmp_path / "a.jpg", tags)
+    assert exif_of_image(file) == Exif()
+    assert exif_by_file(tmp_path, {"a": file}) == {}
+
+
+def test_the_maker_stands_once_in_the_name_of_the_camera(tmp_path: Path) -> None:
+    file = write_photograph(tmp_path / "a.jpg", {"Make": "Canon", "Model": "Canon EOS 5D"})
+    assert exif_of_image(file).camera == "Canon EOS 5D"
+
+
+def test_the_table_comes_before_the_file_and_exif_json_before_both(tmp_path: Path) -> None:
+    files = {name: write_photograph(tmp_path / f"images/{name}.jpg", TAGS) for name in "abc"}
+    (tmp_path / "exif.csv").write_text("name,f_number,focal_length_mm,exposure_s,iso,time\n"
+                                       "a.jpg,14.0,55.0,0.0166,6400,2021:03:04 10:48:15\nb.png,2,,,,\n")
+    write_exif(tmp_path, {"b": Exif(f_number=5.0)})
+    found = exif_by_file(tmp_path, files)
+    assert found["a"] == Exif(14.0, 55.0, None, None, 0.0166, 6400.0, "2021-03-04 10:48:15")
+    assert found["b"] == Exif(f_number=5.0)
+    assert found["c"].f_number == pytest.approx(6.3, rel=1e-4)
+    (tmp_path / "exif.json").unlink()
+    assert exif_by_file(tmp_path, files)["b"] == Exif(f_number=2.0)  # by the name without suffix
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("file,f_number\na.jpg,2\n", "columns file, f_number"), ("name,iso\na.jpg,fast\n", "line 2: iso 'fast'"),
+    ("name,iso\na.jpg,1\na.jpg,2\n", "a.jpg a second time in line 3"), ("name,iso\na.jpg,-1\n", "line 2: iso"),
+])
+def test_a_damaged_table_is_said_to_be(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "exif.csv").write_text(text)
+    with pytest.raises(InputError, match=said):
+        read_exif_csv(tmp_path / "exif.csv")
+
+
+@pytest.mark.parametrize("layout", ["colmap", "llff", "nerfstudio"])
+def test_every_reader_fills_it(tmp_path: Path, make_cameras: Callable, make_cloud: Callable, layout: str) -> None:
+    cameras, names = make_cameras(3), ["a.png", "b.png", "c.png"]
+    for name in names:
+        write_photograph(tmp_path / "images" / name, TAGS if name != "c.png" else {})
+    if layout == "llff":
+        export.write_poses_bounds(tmp_path / "poses_bounds.npy", cameras, np.tile([1.0, 9.0], (3, 1)))
+    elif layout == "nerfstudio":
+        export.write_transforms(tmp_path / "transforms.json", [f"images/{name}" for name in names], cameras)
+    else:
+        export.write_colmap(tmp_path, names, cameras, make_cloud(cameras))
+    scene = load_scene(tmp_path)
+    assert scene.layout == layout
+    assert [view.exif is not None for view in scene.views] == [True, True, False]
+    training = {view.name: view.exif for view in scene.training_set().views}
+    assert "a" not in training and training["b"].camera == "SONY ILCE-7M2" and training["c"] is None

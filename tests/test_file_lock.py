@@ -1,0 +1,59 @@
+"""Locks on folders: they keep others out, and where there are none the work goes on without."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+
+import pytest
+
+from dofbench import file_lock
+from dofbench.errors import InputError
+from dofbench.synthesis.work import only_writer
+
+HOLD = "import sys\nfrom pathlib import Path\nfrom dofbench.synthesis.work import only_writer\n" \
+    "with only_writer(Path(sys.argv[1])):\n    print('held', flush=True)\n    sys.stdin.read()\n"
+
+
+def without_locks(number):
+    def flock(handle, operation):
+        raise OSError(number, os.strerror(number))
+
+    return flock
+
+
+def test_another_process_is_kept_out_as_long_as_one_writes(tmp_path):
+    other = subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path)], stdin=subprocess.PIPE,
+                             stdout=subprocess.PIPE, text=True)
+    assert other.stdout.readline() == "held\n"
+    with pytest.raises(InputError, match="another run that is writing it"), only_writer(tmp_path):
+        pass
+    handle = os.open(tmp_path, os.O_RDONLY)
+    assert not file_lock.taken(handle, shared=True)
+    other.communicate("")
+    assert file_lock.taken(handle) and file_lock.taken(handle, shared=True)
+    os.close(handle)
+    with only_writer(tmp_path):
+        pass
+
+
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.EOPNOTSUPP])
+def test_a_file_system_without_locks_guards_nothing_and_stops_nobody(tmp_path, monkeypatch, number):
+    monkeypatch.setattr(file_lock.fcntl, "flock", without_locks(number))
+    with only_writer(tmp_path), only_writer(tmp_path):
+        pass
+
+
+def test_what_else_goes_wrong_is_not_hidden(tmp_path, monkeypatch):
+    monkeypatch.setattr(file_lock.fcntl, "flock", without_locks(errno.EIO))
+    with pytest.raises(OSError, match=os.strerror(errno.EIO)), only_writer(tmp_path):
+        pass
+
+
+def test_a_system_without_locks(tmp_path, monkeypatch):
+    monkeypatch.setattr(file_lock, "fcntl", None)
+    handle = os.open(tmp_path, os.O_RDONLY)
+    assert file_lock.taken(handle)
+    os.close(handle)
