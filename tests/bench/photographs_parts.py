@@ -49,7 +49,6 @@ VARIANTS: dict[str, dict[str, object]] = {
     "gamma1.8": {"lens_gamma": 1.8},
     "gamma2.6": {"lens_gamma": 2.6},
     "nolens-views": {"lens": False, "outlier_views": True},
-    "nolens-patches": {"lens": False, "outlier_patches": True},
     "vignetting": {"vignetting": True},
     "affine-vignetting": {"colour_per_view": "affine", "vignetting": True},
 }
