@@ -12,7 +12,7 @@ import numpy as np
 
 VISITS = 2            # of a view that its loss is averaged over
 FAR = 4.0             # robust standard deviations of the losses' logarithms
-LEAST_RATIO = 1.6     # times the median loss, so that views that are all alike have no outlier
+LEAST_RATIO = 1.4     # times the median loss, so that views that are all alike have no outlier
 MOST = 0.25           # share of the views that may be left out
 LEAST_VIEWS = 8       # for a median to mean something
 

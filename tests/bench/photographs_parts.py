@@ -1,4 +1,4 @@
-"""What each part of a photograph's model is worth on pixels held back from training: parts.csv and parts.md.
+"""What each part of a photograph's model is worth on pixels held back from training: parts.csv and parts-table.md.
 
     python tests/bench/photographs_parts.py DATASET... --variants base,gain,affine --out reports/photographs
 
@@ -63,7 +63,7 @@ class Settings:
     data: tyro.conf.Positional[tuple[str, ...]]
     """Datasets, NAME=PATH or PATH."""
     out: Path
-    """Folder of parts.csv and parts.md."""
+    """Folder of parts.csv and parts-table.md."""
     variants: str = "base"
     """Comma-separated; a name of the list, or option=value pairs joined by +."""
     harm: str = "none"
@@ -77,7 +77,7 @@ class Settings:
     set: tuple[str, ...] = ()
     """Options of every run."""
     table: bool = False
-    """Only write parts.md from parts.csv."""
+    """Only write parts-table.md from parts.csv."""
 
 
 def main(settings: Settings) -> None:
@@ -98,7 +98,7 @@ def main(settings: Settings) -> None:
                 settings.out.mkdir(parents=True, exist_ok=True)
                 write_csv(file, COLUMNS, rows)
                 print(rows[-1], flush=True)
-    _write_table(rows, settings.out / "parts.md")
+    _write_table(rows, settings.out / "parts-table.md")
 
 
 def _named(entry: str) -> tuple[str, Path]:
