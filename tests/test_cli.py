@@ -98,8 +98,8 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"dofbench {__version__}\n"
 
 
-@pytest.mark.parametrize("command", ["make-dataset", "make-scene", "run", "ablate", "score", "report", "check",
-                                     "scenes"])
+@pytest.mark.parametrize("command", ["make-dataset", "make-scene", "reconstruct", "run", "ablate", "score", "report",
+                                     "check", "scenes"])
 def test_help_names_every_option_with_a_sentence(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         cli.main([command, "--help"])

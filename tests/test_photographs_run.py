@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,72 @@ def blurred(tmp_path_factory: pytest.TempPathFactory) -> Path:
     export.write_colmap(root, names, cameras, scene.points)
     (root / f"hold={HOLD}").touch()
     return root
+
+
+@pytest.fixture(scope="module")
+def two_apertures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same scene by one lens at f/2 and, every third view, at f/8, and one view at f/4, which stands alone."""
+    scene = load_scene(content_folder("datasets") / "tabletop", width=WIDTH)
+    root = tmp_path_factory.mktemp("apertures") / "sitting"
+    disparity_range = scene_range(lambda: (view.depth() for view in scene.views))
+    lines = ["name,f_number,focal_length_mm"]
+    for index, view in enumerate(scene.views):
+        number = 4.0 if index == 1 else 8.0 if index % 3 == 0 else 2.0
+        lens = Lens(2 * APERTURE / number, FOCUS[index % len(FOCUS)]).physical(disparity_range, WIDTH)
+        write_png(root / "images" / f"{view.name}.png", defocus_numpy(view.image(), view.depth(), lens)[0])
+        lines.append(f"{view.name}.png,{number:g},50")
+    (root / "exif.csv").write_text("\n".join(lines) + "\n")
+    export.write_colmap(root, [f"{view.name}.png" for view in scene.views], [view.camera for view in scene.views],
+                        scene.points)
+    return root
+
+
+def test_one_aperture_predicts_the_photographs_of_another(
+    two_apertures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, results = tmp_path / "data", tmp_path / "results"
+    make = ["make-dataset", str(two_apertures), "--photographs", "shallow", "--out", str(data)]
+    assert cli.main([*make, "--train-f-number", "2", "--test-f-number", "8"]) == 0
+    assert cli.main(["check", str(data)]) == 0
+    numbers = {split: {view.exif.f_number for view in Dataset.load(data).views if view.split == split}
+               for split in ("train", "test")}
+    assert numbers == {"train": {2.0}, "test": {8.0}}
+    run = ["run", "--preset", "smoke", "--data", str(data), "--budget", "8it", "--out", str(results), "--method"]
+    assert cli.main([*run, "dofgaussian"]) == 0 and cli.main([*run, "mipsplatting"]) == 0
+    plan = capsys.readouterr().out
+    assert "across-apertures-v1" in plan and "exif_spread, exif_ratio: Mip-Splatting learns no lens" in plan
+    found = {result.spec.method: result for result in map(read_result, results.rglob("result.json"))}
+    lens, none = found["dofgaussian"], found["mipsplatting"]
+    median = sorted(view.aperture for view in lens.apertures)[len(lens.apertures) // 2]
+    assert all(half.aperture == pytest.approx(median / 4, rel=0.2) for fit in lens.fits for half in fit.halves)
+    assert {"across_psnr", "across_blurred_psnr", "unscaled_psnr", "in_focus_psnr"} <= lens.scores.keys()
+    # Of one f-number there is a spread, once training has moved most of the lenses, and no ratio.
+    assert "half of them" in lens.left_out["exif_spread"] and "fewer than two" in lens.left_out["exif_ratio"]
+    assert {"across_psnr", "in_focus_blurred_psnr"} <= none.scores.keys() and "unscaled_psnr" in none.left_out
+    assert cli.main(["check", str(results)]) == 0
+    assert cli.main(["report", str(results), "--out", str(tmp_path / "report")]) == 0
+    page = (tmp_path / "report" / "leaderboard.md").read_text()
+    assert "other aperture, PSNR where blurred" in page and "aperture spread" in page
+
+
+def test_spread_and_ratio_come_from_a_sitting_of_several_apertures(two_apertures: Path, tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    assert cli.main(["make-dataset", str(two_apertures), "--photographs", "shallow", "--out", str(data)]) == 0
+    for setting, there in (("lens_lr=5e-3", {"exif_spread", "exif_ratio"}), ("lens_per=scene", {"exif_ratio"})):
+        assert cli.main(["run", "--method", "dofgaussian", "--preset", "smoke", "--data", str(data), "--budget", "60it",
+                         "--out", str(tmp_path / setting), "--set", setting]) == 0
+        (file,) = (tmp_path / setting).rglob("result.json")
+        result = read_result(file)
+        assert result.spec.protocol == "photographs-v1"
+        assert {"exif_spread", "exif_ratio"} & result.scores.keys() == there
+        assert len(result.apertures) == 17
+    assert "all photographs have one aperture" in result.left_out["exif_spread"]
+    assert result.scores["exif_ratio"] == pytest.approx(300), "f/8 : f/2, told apart by nothing"
+    stored = json.loads(file.read_text())
+    for view in stored["apertures"]:
+        view["aperture"] *= 1.5 if view["f_number"] == 8 else 1
+    file.write_text(json.dumps(stored))
+    assert cli.main(["check", str(file.parent)]) == 1
 
 
 def test_photographs_are_trained_on_scored_checked_and_reported(

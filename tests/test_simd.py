@@ -17,6 +17,7 @@ from dofbench.simd import (
     floor8,
     floor_int,
     gather8,
+    gather_pairs8,
     load8,
     log2_8,
     mask8_of,
@@ -111,3 +112,17 @@ def test_cached_code_is_forgotten_when_a_module_beside_it_changes(tmp_path):
                               text=True, check=True)
         printed.append(done.stdout.split())
     assert printed == [["2.0", "0"], ["2.0", "1"], ["3.0", "0"]]
+
+
+@njit(error_model="numpy")
+def pairs(x, at, out):
+    one, next_one = gather_pairs8(x, at, 1, 2)
+    store8(out[0], 0, one)
+    store8(out[1], 0, next_one)
+
+
+def test_pairs_are_neighbours_at_any_eight_places():
+    x = np.arange(20, dtype=np.float32) ** 2
+    at, out = np.array([9, 3, 16, 0, 0, 7, 5, 12, 1], np.int32), np.zeros((2, 8), np.float32)
+    pairs(x, at, out)
+    assert np.array_equal(out, [x[at[1:] + 2], x[at[1:] + 3]])

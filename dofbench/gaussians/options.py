@@ -142,7 +142,7 @@ class TrainerOptions:
     lens_rotation: float = 0.0
     lens_per: LensPer = "view"
     lens_trials: str = ""
-    lens_trials_at: float = 0.25
+    lens_trials_at: float = 0.35
     lens_trials_steps: float = 0.03
     lens_activation: Literal["relu", "log", "ends"] = "relu"
     lens_update: Literal["view", "dense"] = "view"

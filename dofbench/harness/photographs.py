@@ -90,10 +90,11 @@ def _across(
     for view in views:
         photograph = dataset.image(view)
         found = predict_across(method, view.camera, photograph, learned, trained / view.exif.f_number,
-                               QUICK_FOCUS_EFFORT if quick else FOCUS_EFFORT, no_lens=no_lens)
+                               QUICK_FOCUS_EFFORT if quick else FOCUS_EFFORT, no_lens=no_lens,
+                               unscaled=not quick)
         inside, third = found.scaled.tiles.inside, strata.get(view.name)
         pictures = {ACROSS_PREFIX: found.scaled.picture, "in_focus_": found.in_focus}
-        if found.unscaled is not None or not found.scaled.refused:
+        if found.unscaled is not None or not (found.scaled.refused or quick):
             pictures["unscaled_"] = found.unscaled.picture if found.unscaled is not None else None
         masks = {"psnr": inside}
         if third is not None:

@@ -50,10 +50,11 @@ def exif_errors(estimates: Sequence[Estimate]) -> ExifErrors:
         return ExifErrors(None, None, None, *(f"no f-number has {SMALLEST_GROUP} training views or more",) * 2)
     spread, deviation, no_spread = None, None, ""
     medians = {number: statistics.median(products) for number, products in groups.items()}
-    if any(_same(products) for products in groups.values()):
-        no_spread = "one aperture was learned for all photographs of an f-number: they can't differ"
-    elif min(medians.values()) <= 0:
+    if min(medians.values()) <= 0:
         no_spread = "the median aperture is zero"
+    elif any(_robust(products) <= TIED for products in groups.values()):
+        # Half of them at the start, where training never moved them, would be a spread of zero too.
+        no_spread = "of an f-number all photographs have one aperture, or half of them: they weren't learned one by one"
     else:
         count = sum(map(len, groups.values()))
         spread = 100 * math.fsum(len(own) * _robust(own) for own in groups.values()) / count

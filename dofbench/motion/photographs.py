@@ -116,7 +116,7 @@ def prepare(
     for index, photograph in enumerate(photographs):
         path = folder / f"{photograph.name}.png"
         if not path.is_file():
-            image = np.clip(photograph.read(), 0.0, 1.0)
+            image = photograph.read()
             height, width = image.shape[:2]
             share = min(1.0, size / max(width, height))
             write_png(path, resize(image, max(1, round(width * share)), max(1, round(height * share))))

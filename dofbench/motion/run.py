@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from dofbench import __version__
+from dofbench.errors import InputError
 from dofbench.files import canonical_json, read_json, sha256_text, write_json
 from dofbench.motion.features import extract, register_images
 from dofbench.motion.focal import group_by_camera
@@ -50,6 +51,9 @@ def run(settings: Reconstruct, progress: Progress, say: Callable[[str], None] | 
     """
     import pycolmap
 
+    if settings.mapping == "global" and not hasattr(pycolmap, "global_mapping"):
+        found = f"global, which pycolmap {pycolmap.__version__} doesn't have"
+        raise InputError("--mapping", found, "incremental, or a newer pycolmap")
     # Its log names neither photographs nor stages, and goes on over the progress.
     pycolmap.logging.minloglevel = 3
     source = find_source(settings)

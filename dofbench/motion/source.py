@@ -36,6 +36,9 @@ class Source:
 def find_source(settings: Reconstruct) -> Source:
     """What the settings name. Raises InputError for a source that isn't there, isn't readable or has too little."""
     path = settings.source
+    above = next(place for place in (settings.out, *settings.out.absolute().parents) if place.exists())
+    if not above.is_dir():
+        raise InputError("--out", str(settings.out), f"a folder; {above} is a file")
     if not path.exists():
         raise InputError(path, "no such file or folder", _EXPECTED)
     if path.is_dir():

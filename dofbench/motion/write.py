@@ -22,19 +22,19 @@ def write_scene(
 ) -> dict[str, Intrinsics]:
     """Write the scene into `work.scene` from the model in `work.model`. Returns each view's camera with distortion.
 
-    Poses that were known stay as they were, to the bit. holds_split: the split is written, in transforms.json, which
-    readers take before the model. advance: called with the number of photographs done.
+    Poses that were known stay as they were, but for rounding. holds_split: the split is written, in transforms.json,
+    which readers take before the model. advance: called with the number of photographs done.
     """
     model = read_model(work.model)
     by_file = {photograph.file_name: photograph for photograph in photographs}
     views = [by_file[name] for name in model.names]
     cameras = []
     for index, (view, lens, pose) in enumerate(zip(views, model.intrinsics, model.world_to_camera, strict=True)):
-        cameras.append(view.camera or undistorted(lens).camera(pose))
+        cameras.append(undistorted(lens).camera(pose))
         path = work.scene / "images" / view.file_name
         if not path.is_file():
             image = read_image(work.photographs / view.file_name)
-            write_png(path, np.clip(undistort_image(image, lens), 0.0, 1.0) if lens.distorted else image)
+            write_png(path, undistort_image(image, lens))
         advance(index + 1)
     points = None if model.points is None else _in_front(model.points, cameras)
     export.write_colmap(work.scene, model.names, cameras, points)

@@ -30,10 +30,10 @@ from dofbench.photographs.predict import (
 from dofbench.photographs.search import Effort, Frame
 from dofbench.photographs.tiles import Tiles
 
-FOCUSES = 9          # of the grid, over the disparities of the view and a quarter of their extent beyond both ends
+FOCUSES = 7          # of the grid, over the disparities of the view and a quarter of their extent beyond both ends
 BEYOND = 0.25
-FOCUS_EFFORT = Effort(apertures=1, focuses=FOCUSES, coarse=8, fine=6)
-QUICK_FOCUS_EFFORT = Effort(apertures=1, focuses=FOCUSES, coarse=5, fine=1)
+FOCUS_EFFORT = Effort(apertures=1, focuses=FOCUSES, coarse=6, fine=4)
+QUICK_FOCUS_EFFORT = Effort(apertures=1, focuses=FOCUSES, coarse=4, fine=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +49,12 @@ class AcrossPrediction:
 
 def predict_across(
     method: Method, camera: Camera, photograph: np.ndarray, learned: Mapping[str, PhysicalLens] | None, ratio: float,
-    effort: Effort = FOCUS_EFFORT, *, no_lens: str = "",
+    effort: Effort = FOCUS_EFFORT, *, no_lens: str = "", unscaled: bool = True,
 ) -> AcrossPrediction:
     """Predict a photograph whose f-number is 1 / `ratio` times that of the training views.
 
     photograph: (H, W, 3) float32, encoded. learned: lenses of the training views. no_lens: as of `predict`; a method
-    without learned lenses has none to scale.
+    without learned lenses has none to scale. unscaled: whether to predict by the aperture unchanged too.
     """
     start = time.perf_counter()
     tiles = Tiles.of(camera.height, camera.width)
@@ -74,12 +74,12 @@ def predict_across(
     if lens is None or frame is None or refused:
         scaled = Prediction.by_blur(gaussian, blurred, photograph, tiles, refused, time.perf_counter() - start)
         return AcrossPrediction(scaled, None, in_focus)
-    apertures = [lens.aperture * camera.width / lens.width * factor for factor in (ratio, 1.0)]
-    scaled, unscaled = (
+    apertures = [lens.aperture * camera.width / lens.width * factor for factor in (ratio, *([1.0] * unscaled))]
+    scaled, *other = (
         _by_focus(method, camera, photograph, tiles, frame, aperture, effort).prediction(effort, sigmas, blurred, start)
         for aperture in apertures
     )
-    return AcrossPrediction(scaled, unscaled, in_focus)
+    return AcrossPrediction(scaled, other[0] if other else None, in_focus)
 
 
 def _by_focus(method: Method, camera: Camera, photograph: np.ndarray, tiles: Tiles, frame: Frame, aperture: float,

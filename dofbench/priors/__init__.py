@@ -18,7 +18,7 @@ from dofbench.contracts import PointCloud, TrainingSet
 from dofbench.errors import InputError
 from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.supervision import DepthMap, DepthSamples, sparse_depth
-from dofbench.remaining import Progress, silent
+from dofbench.priors.progress import Progress, silent
 
 
 class Prior(Protocol):

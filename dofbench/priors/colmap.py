@@ -15,7 +15,7 @@ from dofbench.cameras import Camera
 from dofbench.contracts import TrainingSet, TrainingView
 from dofbench.errors import InputError
 from dofbench.gaussians.supervision import DepthMap
-from dofbench.remaining import Progress, silent
+from dofbench.priors.progress import Progress, silent
 from dofbench.scenes.colmap import Model, read_model
 from dofbench.scenes.colmap_files import model_suffix
 from dofbench.scenes.depth_files import read_depth

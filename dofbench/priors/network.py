@@ -23,7 +23,7 @@ from dofbench.depth.network import find_network, sampled
 from dofbench.errors import InputError
 from dofbench.gaussians.supervision import DepthMap, sparse_depth
 from dofbench.images import resize
-from dofbench.remaining import Progress, silent
+from dofbench.priors.progress import Progress, silent
 
 SHIPPED = "depthnet"
 LONGEST = 256      # px, the longer side of what goes in

@@ -19,7 +19,7 @@ from dofbench.errors import InputError
 from dofbench.gaussians.supervision import DepthMap, sparse_depth
 from dofbench.images import resize
 from dofbench.kernels import load
-from dofbench.remaining import Progress, silent
+from dofbench.priors.progress import Progress, silent
 
 SOURCES, BEST = 4, 2             # views that a view is matched with; the best of them count
 RADIUS = 3                       # pixels of the window around its centre, at every scale

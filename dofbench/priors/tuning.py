@@ -12,7 +12,7 @@ from dofbench.contracts import TrainingSet
 from dofbench.errors import InputError
 from dofbench.gaussians.supervision import DepthMap, sparse_depth
 from dofbench.priors.network import fixed_threads, network_input, run
-from dofbench.remaining import Progress, silent
+from dofbench.priors.progress import Progress, silent
 
 BATCH = 5
 RATE, DECAY = 4e-4, 0.1    # Adam's rate falls by this factor over the whole tuning

@@ -125,7 +125,8 @@ class DatasetOptions:
     """Folder of images inside the scene; without it, the one that the layout prefers."""
 
     layout: str = "auto"
-    """Layout of the scene folder: nerfstudio, llff, colmap, dofnerf, deblurnerf, or auto to find out."""
+    """Layout of the scene folder: nerfstudio, llff, colmap, dofnerf, deblurnerf, or auto to find out. Where a folder is
+    in several, this chooses; auto passes over a transforms.json in another frame than the COLMAP model beside it."""
 
     photographs: Photographs = "auto"
     """Whether the scene's photographs are shallow already, by a lens that nobody knows: as its layout says (auto), all

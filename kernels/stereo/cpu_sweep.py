@@ -91,6 +91,19 @@ def _down(warped, patch, start, pitch, window, wide, sums):
 
 
 @njit(error_model="numpy")
+def _further(warped, patch, start, pitch, window, wide, sums):
+    """`_down` from the sums of a row higher: the row that the window leaves goes, the one that it reaches comes."""
+    gone, come = start - pitch, start + (len(window) - 1) * pitch
+    for column in range(0, wide, LANES):
+        old, new = load8(warped, gone + column), load8(warped, come + column)
+        store8(sums, column, load8(sums, column) + (new - old))
+        at = pitch + column
+        store8(sums, at, load8(sums, at) + (new - old) * (new + old))
+        at += pitch
+        store8(sums, at, load8(sums, at) + (new * load8(patch, come + column) - old * load8(patch, gone + column)))
+
+
+@njit(error_model="numpy")
 def _correlate(sums, pitch, window, width, own, deviation, inside, row, shift, largest, layer, best):
     """Correlation of a row of pixels from the sums down its windows, put among the `best` largest."""
     share = _ONE / _F(len(window) * len(window))
@@ -175,7 +188,11 @@ def sweep(reference, sources, maps, disparities, radius, window, best, scores):
                           top - radius, left - radius, rows + 2 * radius, pitch - LANES, warped, inside, pitch,
                           at, along, down)
                     for row in range(rows):
-                        _down(warped, patch, row * pitch, pitch, window, padded + 2 * radius, sums)
+                        # Sums that go on from those before gather rounding: no further than through a tile.
+                        if row == 0:
+                            _down(warped, patch, 0, pitch, window, padded + 2 * radius, sums)
+                        else:
+                            _further(warped, patch, row * pitch, pitch, window, padded + 2 * radius, sums)
                         _correlate(sums, pitch, window, padded, own, deviation, inside, row * padded,
                                    (row + radius) * pitch + radius, largest, layer, best)
                 _mean_of_best(largest, layer, best, index * layer, layer, together)

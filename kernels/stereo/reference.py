@@ -146,7 +146,8 @@ def returns(depth: Tensor, other: Tensor, there: Tensor, back: Tensor, *, pixels
     into, and comes back by that: no more than `pixels` beside where it began, its depth off by a share of less than
     `share`.
     """
-    rows, columns = torch.meshgrid(*(torch.arange(size, dtype=there.dtype) + 0.5 for size in depth.shape), indexing="ij")
+    rows, columns = torch.meshgrid(*(torch.arange(size, dtype=there.dtype) + 0.5 for size in depth.shape),
+                                   indexing="ij")
 
     def moved(matrix: Tensor, x: Tensor, y: Tensor, z: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         u, v, w = (z * (matrix[i, 0] * x + matrix[i, 1] * y + matrix[i, 2]) + matrix[i, 3] for i in range(3))

@@ -5,61 +5,125 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
-from small_scene import HEIGHT, WIDTH, Recorder, options, training_set
+from small_scene import Recorder, options, training_set
 
-from dofbench.contracts import Budget, TrainingSet
-from dofbench.defocus import defocus_numpy
+from dofbench.contracts import Budget
 from dofbench.errors import InputError, Status
+from dofbench.exif import Exif
+from dofbench.gaussians.held_back import HeldBackScores
 from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.trainer import Trainer
 from dofbench.gaussians.trials import Trials
-from dofbench.lens import PhysicalLens
 
 OPEN = {"lens_trials": "lens", "lens_trials_at": 0.4, "lens_trials_steps": 0.06, "lens_activation": "ends",
         "lens_update": "dense", "lens_lr": 1e-2, "lens_lr_final": 1e-2, "adaptation": "off", "steps": 240}
 
 
-def _photographs(aperture, foci):
-    """The small scene through lenses (px x scene unit; scene units), blurred by the depth of its points."""
-    sharp = training_set()
-    views = []
-    for view, focus in zip(sharp.views, foci, strict=True):
-        depth = np.full((HEIGHT, WIDTH), 6.0, np.float32)
-        xy, z = view.camera.project(sharp.points.xyz)
-        for i in np.argsort(-z):
-            column, row = int(xy[i, 0]), int(xy[i, 1])
-            depth[max(row - 2, 0):row + 3, max(column - 2, 0):column + 3] = z[i]
-        image, _ = defocus_numpy(view.image, depth, PhysicalLens(aperture, 1 / focus, WIDTH))
-        views.append(dataclasses.replace(view, image=np.clip(image, 0, 1)))
-    return TrainingSet(tuple(views), sharp.points)
+class Scripted:
+    """A trainer of which it is known how well each way explains held-back pixels: dB by the option that was changed."""
+
+    count = 20
+
+    def __init__(self, dB, circle=4.0, apart=5.0, exif=None, noise=0.01):
+        self.views = [dataclasses.replace(training_set().views[0], exif=exif)] * self.count
+        self._dB, self._circle, self._apart, self._noise = dB, circle, apart, noise
+        self.changes, self.log = {}, []
+
+    def snapshot(self):
+        return dict(self.changes)
+
+    def restore(self, snapshot):
+        self.changes = dict(snapshot)
+
+    def revise(self, changes):
+        self.changes.update(changes)
+
+    def train(self, step, count, total, progress):
+        self.log.append((step, count))
+
+    def held_back_scores(self, share):
+        key = self.changes.get("lens_model") or ("no lens" if self.changes.get("lens") is False else
+                                                 self.changes.get("lens_per", "view"))
+        easy = np.linspace(20, 40, self.count)  # views differ far more than ways do
+        noise = self._noise * np.random.default_rng(len(self.log)).normal(size=self.count)
+        return HeldBackScores(0.0, 0.0, {str(i): (value, 0.0) for i, value in enumerate(easy + self._dB[key] + noise)})
+
+    def widest_circle(self):
+        return self._circle
+
+    def foci_apart(self):
+        return self._apart
 
 
-def _fit(photographs, **overrides):
-    trainer = Trainer(photographs, options(**{**OPEN, **overrides}), 0)
+def _decided(trainer, asked="lens,share,model"):
+    trials = Trials(trainer, TrainerOptions(lens_trials=asked, lens_trials_steps=0.03))
+    step, decisions = trials.decide(400, 1000, 0.4)
+    assert step == 440 and not trials.open and set(trainer.log) == {(400, 40)}
+    assert all("dB" in decision.reason for decision in decisions)
+    return trainer.changes, {decision.stage: decision.runs for decision in decisions}
+
+
+GOOD = {"view": 1.0, "no lens": 0.0, "aperture": 0.5, "exif": 0.5, "scene": -1.0, "samples": 0.6}
+
+
+def test_a_lens_that_explains_the_photographs_stays_as_it_is():
+    changes, decided = _decided(Scripted(GOOD))
+    assert decided == {"lens": True, "lens_per_view": True, "lens_samples": False} and changes == {}
+
+
+@pytest.mark.parametrize(("gain", "circle", "runs"), [
+    (0.03, 0.8, False),   # explains nothing, and blurs next to nothing
+    (0.03, 9.0, True),    # explains nothing more than painted blur would, but blurs
+    (-0.4, 9.0, False),   # is wrong about the photographs
+    (0.30, 0.8, True),
+    (0.30, 0.2, False),   # too small to be a lens, whatever else it explains
+])
+def test_when_a_lens_is_left_out(gain, circle, runs):
+    changes, decided = _decided(Scripted({**GOOD, "view": gain}, circle=circle), "lens")
+    assert decided == {"lens": runs} and changes.get("lens", True) is runs
+
+
+def test_without_a_lens_nothing_else_is_asked():
+    changes, decided = _decided(Scripted({**GOOD, "view": 0.0}, circle=0.5))
+    assert decided == {"lens": False} and changes == {"lens": False, "adaptation": "off"}
+
+
+def test_one_aperture_that_costs_nothing_is_shared():
+    changes, decided = _decided(Scripted({**GOOD, "aperture": 0.98}), "share")
+    assert decided == {"lens_per_view": False} and changes == {"lens_per": "aperture"}
+
+
+def test_what_costs_less_than_it_can_be_measured_by_is_shared():
+    changes, _ = _decided(Scripted({**GOOD, "aperture": 0.8}, noise=1.5), "share")
+    assert changes == {"lens_per": "aperture"}
+
+
+def test_one_lens_is_tried_only_where_the_foci_are_alike():
+    alike = {**GOOD, "scene": 1.1}
+    assert _decided(Scripted(alike, apart=0.4), "share")[0] == {"lens_per": "scene"}
+    assert _decided(Scripted(alike, apart=3.0), "share")[0] == {}
+
+
+def test_f_numbers_say_how_apertures_are_shared():
+    changes, _ = _decided(Scripted({**GOOD, "exif": 1.0}, exif=Exif(f_number=4.0)), "share")
+    assert changes == {"lens_per": "exif"}
+
+
+def test_another_forward_model_must_be_better_for_sure():
+    better = {**GOOD, "samples": 1.4}
+    changes, decided = _decided(Scripted(better), "model")
+    assert decided == {"lens_samples": True}
+    assert changes["lens_model"] == "samples" and changes["lens_rings_from"] == 0.8
+    assert _decided(Scripted(better, noise=3.0), "model")[0] == {}
+
+
+def test_training_goes_on_without_the_lens_that_sharp_photographs_do_without():
+    trainer = Trainer(training_set(), options(**OPEN, lens_init_aperture=0.05), 0)
     outcome = trainer.fit(Budget(), Recorder())
+    [decision] = outcome.decisions
     assert outcome.status is Status.OK and outcome.steps == 240
-    return trainer, outcome
-
-
-def test_a_lens_that_explains_the_photographs_stays():
-    trainer, outcome = _fit(_photographs(20.0, (3.0, 6.0, 3.0)))
-    [decision] = outcome.decisions
-    assert decision.stage == "lens" and decision.runs and trainer.options.lens
-    assert "held-back pixels" in decision.reason
-
-
-def test_a_lens_that_sharp_photographs_do_without_is_left_out():
-    trainer, outcome = _fit(training_set(), lens_init_aperture=0.05)
-    [decision] = outcome.decisions
     assert decision.stage == "lens" and not decision.runs
     assert not trainer.options.lens and trainer.lens_estimates() is None
-
-
-def test_photographs_of_one_lens_share_it_and_those_of_several_do_not():
-    one, told = _fit(_photographs(20.0, (3.0, 3.0, 3.0)), lens_trials="share", lens_init_aperture=1.0)
-    assert not told.decisions[0].runs and one.options.lens_per == "scene"
-    several, told = _fit(_photographs(20.0, (3.0, 6.0, 3.0)), lens_trials="share", lens_init_aperture=1.0)
-    assert several.options.lens_per != "scene", told.decisions
 
 
 def test_a_trial_that_was_lost_leaves_nothing_behind():
@@ -87,7 +151,7 @@ def test_tiles_are_held_back_until_the_trials_are_over():
 
 
 def test_the_length_of_a_trial_is_a_share_of_the_training_and_shows_every_photograph_twice():
-    trials = Trials(None, TrainerOptions(lens_trials="lens"))
+    trials = Trials(None, TrainerOptions(lens_trials="lens", lens_trials_steps=0.03))
     assert trials.length(5000, 17) == 150
     assert trials.length(2000, 50) == 100
     assert trials.length(600, 50) == 36  # but no more than 6 % of it

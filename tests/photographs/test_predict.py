@@ -6,48 +6,18 @@ import math
 
 import numpy as np
 import pytest
+from known_scene import CAMERA, TRUE, WIDTH, Known
 from tolerances import FITTED_APERTURE, FITTED_FOCUS, FLOAT64_VALUE
 
 from dofbench.cameras import Camera
 from dofbench.contracts import Rendering
-from dofbench.defocus import defocus_numpy
 from dofbench.harness.photographs import prediction_scores
 from dofbench.images import decode, encode
 from dofbench.lens import DisparityRange, PhysicalLens
 from dofbench.photographs.predict import predict
 from dofbench.photographs.search import QUICK, THOROUGH, Effort, Frame, lens_grid
 
-WIDTH, HEIGHT = 96, 80
-CAMERA = Camera(WIDTH, HEIGHT, 90.0, 90.0, WIDTH / 2, HEIGHT / 2, np.eye(4))
-TRUE = PhysicalLens(aperture=7.0, focus_disparity=0.35, width=WIDTH)  # circles up to 3.2 px
 SMALL = Effort(apertures=5, focuses=4, coarse=12, fine=12)
-
-
-class Known:
-    """A method that knows its scene: slanted stripes whose depth falls from left to right. lens: whether it has one."""
-
-    def __init__(self, lens: bool = True, nan: bool = False, depth: bool = True):
-        self._lens, self._nan, self._depth = lens, nan, depth
-        self.rendered: list[int] = []
-
-    def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
-        if lens is not None and not self._lens:
-            raise ValueError("no lens here")
-        self.rendered.append(camera.width)
-        x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
-        y = (np.arange(camera.height) + 0.5 - camera.cy) / camera.fy
-        u, v = np.meshgrid(x, y)
-        waves = [np.sin(40 * u + 9 * v + c) * np.cos(33 * v - (7 + 4 * c) * u) for c in range(3)]
-        image = (0.5 + 0.4 * np.stack(waves, axis=2)).astype(np.float32)
-        disparity = 0.2 + 0.6 * (u - u.min()) / (u.max() - u.min())
-        depth = (1 / disparity).astype(np.float32)
-        if lens is not None:
-            image, _ = defocus_numpy(image, depth, lens)
-        if self._nan:
-            image[0, 0, 0] = np.nan
-        return Rendering(image, depth if self._depth else np.zeros_like(depth))
-
-
 PHOTOGRAPH = Known().render(CAMERA, TRUE).image
 
 
@@ -66,16 +36,6 @@ def test_the_lens_of_a_known_scene_is_found() -> None:
     assert len(method.rendered) <= SMALL.most_coarse + SMALL.most_fine + 2
 
 
-def test_the_effort_bounds_the_renderings() -> None:
-    assert THOROUGH.most_coarse <= 61 and THOROUGH.most_fine <= 20
-    assert QUICK.most_coarse <= 33 and QUICK.most_fine == 2
-    large = Camera(4 * 96, 4 * 80, 360.0, 360.0, 192.0, 160.0, np.eye(4))
-    method = Known()
-    predict(method, large, Known().render(large, TRUE).image, {"a": TRUE}, QUICK)
-    assert method.rendered.count(4 * 96) <= 1 + QUICK.most_fine
-    assert len(method.rendered) <= QUICK.most_coarse + QUICK.most_fine + 2
-
-
 def test_the_half_that_is_scored_is_never_looked_at() -> None:
     found = predict(Known(), CAMERA, PHOTOGRAPH, None, SMALL)
     for half in (0, 1):
@@ -91,15 +51,19 @@ def test_the_half_that_is_scored_is_never_looked_at() -> None:
         assert not np.array_equal(again.picture[own], found.picture[own])
 
 
-def test_the_same_half_isnt_looked_at_when_the_search_is_at_a_reduced_size() -> None:
-    large = Camera(3 * 128 + 1, 3 * 80 + 2, 400.0, 400.0, 192.0, 120.0, np.eye(4))
-    lens = PhysicalLens(28.0, 0.35, large.width)
-    photograph = Known().render(large, lens).image
-    found = predict(Known(), large, photograph, None, QUICK)
+def test_a_search_at_a_reduced_size_is_bounded_and_looks_at_no_other_half() -> None:
+    assert THOROUGH.most_coarse <= 61 and THOROUGH.most_fine <= 20
+    assert QUICK.most_coarse <= 33 and QUICK.most_fine == 2
+    large = Camera(385, 83, 400.0, 400.0, 192.0, 41.0, np.eye(4))  # cells of 2 x 2 pixels, and a rest
+    lens = PhysicalLens(14.0, 0.35, large.width)
+    photograph, method = Known().render(large, lens).image, Known()
+    found = predict(method, large, photograph, {"a": lens}, QUICK)
+    assert method.rendered.count(385) == 1 + QUICK.most_fine
+    assert len(method.rendered) <= QUICK.most_coarse + QUICK.most_fine + 2
+    assert found.halves[0].lens.aperture == pytest.approx(14.0, rel=0.2)
     changed = photograph.copy()
     changed[~found.tiles.fitted(0)] = 0.3
-    assert predict(Known(), large, changed, None, QUICK).halves[0].lens == found.halves[0].lens
-    assert found.halves[0].lens.aperture == pytest.approx(28.0, rel=0.2)
+    assert predict(Known(), large, changed, {"a": lens}, QUICK).halves[0].lens == found.halves[0].lens
 
 
 def test_a_method_without_a_lens_gets_its_best_blur() -> None:

@@ -26,8 +26,11 @@ class _Forever:
     def after_step(self, step: int, loss: float) -> bool:
         return True
 
+    def __init__(self) -> None:
+        self.told: list[tuple[str, int, int]] = []
+
     def stage(self, name: str, done: int, total: int) -> None:
-        pass
+        self.told.append((name, done, total))
 
 
 def _by_pixel(samples) -> dict[tuple[int, int], float]:
@@ -111,8 +114,10 @@ def test_gaussians_start_on_the_priors_surfaces(photographed):
     assert np.allclose([known[int(y), int(x)] for x, y in xy], depth, rtol=FLOAT32_SCALAR)
     trainer = Trainer(training_set, _options(depth_prior="stereo", start_points=900, densify_from=1.0), 0)
     held = trainer.gaussians
-    assert trainer.fit(Budget(), _Forever()).status is Status.OK
+    observer = _Forever()
+    assert trainer.fit(Budget(), observer).status is Status.OK
     assert len(held) == len(cloud) and held is trainer.gaussians
+    assert observer.told[0] == ("depth prior: sweep", 0, 6) and ("depth prior: sweep", 6, 6) in observer.told
 
 
 def test_a_start_needs_no_supervision(photographed):

@@ -24,6 +24,8 @@ def resolve(text: str, data_root: Path | None) -> tuple[ResolvedScene, ...]:
     """
     if text and Path(text).is_dir():
         return (recognise(Path(text)),)
+    if text and Path(text).is_file():
+        raise InputError(text, "a file", "a scene folder; of a video, dofbench reconstruct VIDEO --out SCENE makes one")
     library = named_datasets()
     dataset = library.get(text.partition("/")[0])
     if dataset is None:

@@ -1,0 +1,177 @@
+"""How good are poses from shallow photographs? `dofbench reconstruct` against cameras that are known.
+
+    python tests/bench/poses.py --data SCENES --rendered RENDERED --out reports/poses/poses.csv
+
+Cases are named SET/PHOTOGRAPHS. Of the two real shallow sets the reference is the model that came with them, from the
+same photographs: it says how far two reconstructions differ, not how far either is off. Of fern and flower it is
+LLFF's, from sharp photographs at eight times the size; `shallow` is made here from the sharp ones. RENDERED holds
+scenes by `make-scene` in RENDERED/scenes/NAME and datasets of them by `make-dataset --renderer thinlens` in
+RENDERED/lens/NAME; their cameras are exact.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+
+from dofbench.cameras import Camera
+from dofbench.files import replacing
+from dofbench.motion import features
+from dofbench.motion.run import run
+from dofbench.motion.settings import Reconstruct
+from dofbench.scenes import load_scene
+from dofbench.scenes.colmap import find_model, read_model
+from dofbench.scenes.types import Scene
+from dofbench.synthesis import make_dataset
+from dofbench.synthesis.progress import Silent
+from dofbench.synthesis.settings import MakeDataset
+from dofbench.threads import configure_threads
+
+COLUMNS = (
+    "case", "photographs", "options", "views", "registered", "features", "points", "reprojection_px",
+    "rotation_median_deg", "rotation_max_deg", "position_median_percent", "position_max_percent", "focal_percent",
+    "seconds",
+)
+
+
+def pose_errors(found: Mapping[str, Camera], true: Mapping[str, Camera]) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) rotation errors, degrees, and (N,) position errors, shares of the cameras' extent, after a similarity.
+
+    The rotation is the mean of the views' own (chordal), which cameras in a line don't leave open as their positions
+    would; scale and shift are least squares. Extent: the largest distance of a true centre from their mean.
+    """
+    names = sorted(found)
+    ours = np.stack([found[name].camera_to_world for name in names])
+    theirs = np.stack([true[name].camera_to_world for name in names])
+    u, _, vt = np.linalg.svd(np.einsum("nij,nkj->ik", theirs[:, :3, :3], ours[:, :3, :3]))
+    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    left = np.einsum("nji,jk,nkl->nil", theirs[:, :3, :3], turn, ours[:, :3, :3])
+    angle = np.degrees(np.arccos(np.clip((np.trace(left, axis1=1, axis2=2) - 1) / 2, -1, 1)))
+    here = ours[:, :3, 3] @ turn.T
+    a, b = here - here.mean(axis=0), theirs[:, :3, 3] - theirs[:, :3, 3].mean(axis=0)
+    scale = (a * b).sum() / (a * a).sum()
+    return angle, np.linalg.norm(scale * a - b, axis=1) / np.linalg.norm(b, axis=1).max()
+
+
+def focal_lengths(root: Path, scene: Scene) -> dict[str, float]:
+    """Focal length over width, by view: with distortion, as the layout's own camera has it."""
+    folder = find_model(root) if scene.layout == "colmap" else None
+    if folder is None:
+        return {view.name: view.camera.fx / view.camera.width for view in scene.views}
+    model = read_model(folder)
+    return {Path(name).stem: lens.fx / lens.width for name, lens in zip(model.names, model.intrinsics, strict=True)}
+
+
+def measure(
+    case: str, root: Path, truth: Scene, work: Path, row: dict, *, octaves: int | None = None, **options
+) -> dict:
+    """Reconstruct the photographs in `root` with their poses ignored, and compare with `truth`.
+
+    octaves: of the features' scale space; None for what the command takes by itself.
+    """
+    out = work / case.replace("/", "-")
+    settings = Reconstruct(source=root, out=out, poses="ignore", **options)
+    start = time.monotonic()
+    count = features.octaves if octaves is None else lambda width, height: octaves
+    with mock.patch.object(features, "octaves", count):
+        outcome = run(settings, Silent(), say=print)
+    seconds = time.monotonic() - start
+    row = {"case": case, "views": len(truth.views), "registered": 0, "seconds": f"{seconds:.0f}", **row}
+    if outcome.folder is None:
+        return row
+    content = json.loads((out / "reconstruct.json").read_text())
+    found = {view.name: view.camera for view in load_scene(out).views}
+    true = {view.name: view.camera for view in truth.views}
+    angle, position = pose_errors(found, true)
+    focal = focal_lengths(truth.root, truth)
+    errors = [camera["focal"][0] / camera["width"] / focal[view] - 1
+              for camera in content["cameras"] if "focal" in camera for view in camera["views"] if view in found]
+    return row | {
+        "registered": len(found), "features": int(np.mean([view["features"] for view in content["views"]])),
+        "points": content["points"], "reprojection_px": f"{content['mean_reprojection_error']:.3f}",
+        "rotation_median_deg": f"{np.median(angle):.4f}", "rotation_max_deg": f"{angle.max():.4f}",
+        "position_median_percent": f"{100 * np.median(position):.3f}",
+        "position_max_percent": f"{100 * position.max():.3f}",
+        "focal_percent": f"{100 * np.median(np.abs(errors)):.3f}",
+    }
+
+
+def cases(
+    data: Path, rendered: Path | None, work: Path, wanted: Callable[[str], bool]
+) -> Iterator[tuple[str, Path, Scene, dict, dict]]:
+    """(case, folder, truth, columns, options) of everything that is there and wanted."""
+    for name, size in (("shallow_chessking", 1000), ("shallow_blowtorch", 530)):
+        if (data / name).is_dir() and wanted(f"{name}/as-they-are"):
+            text = {"photographs": "real, shallow", "options": f"--size {size}"}
+            yield f"{name}/as-they-are", data / name, load_scene(data / name), text, {"size": size}
+        for what, asked, settings in (("four-octaves", "four octaves, as COLMAP has them", {"octaves": 4}),
+                                      ("global", "--mapping global", {"mapping": "global"})):
+            if name == "shallow_chessking" and (data / name).is_dir() and wanted(f"{name}/{what}"):
+                text = {"photographs": "real, shallow", "options": f"--size {size}, {asked}"}
+                yield f"{name}/{what}", data / name, load_scene(data / name), text, {"size": size, **settings}
+    for name in ("llff_fern", "llff_flower"):
+        if (data / name).is_dir():
+            truth = load_scene(data / name, images="images_8")
+            sharp = {"photographs": "real, sharp", "options": "504 pixels wide"}
+            if wanted(f"{name}/sharp"):
+                yield f"{name}/sharp", data / name, truth, sharp, {"images": "images_8"}
+            for aperture in filter(lambda aperture, name=name: wanted(f"{name}/shallow-{aperture}"), ("0.5", "1.0")):
+                made = work / f"{name}-{aperture}"
+                make_dataset(MakeDataset(scene=str(data / name), out=made, width=504, depth="sfm",
+                                         focus="0.2,0.5,0.8", aperture=aperture), progress=Silent())
+                text = {"photographs": f"made shallow, A {aperture}, F 0.2 0.5 0.8", "options": "504 pixels wide"}
+                yield f"{name}/shallow-{aperture}", made / "images", truth, text, {}
+    for scene in sorted((rendered / "scenes").iterdir()) if rendered is not None else []:
+        truth = load_scene(scene)
+        size = f"{truth.views[0].camera.width} pixels wide"
+        if wanted(f"{scene.name}/sharp"):
+            text = {"photographs": "rendered, pinhole", "options": size}
+            yield f"{scene.name}/sharp", scene / "images", truth, text, {}
+        for lens in sorted((rendered / "lens").glob(f"{scene.name}*")):
+            apertures = sorted({view["aperture"] for view in json.loads((lens / "lens.json").read_text())["views"]})
+            text = {"photographs": f"rendered through a thin lens, A {', '.join(f'{a:g}' for a in apertures)}, "
+                                   "F 0.2 0.5 0.8", "options": size}
+            if wanted(f"{lens.name}/lens"):
+                yield f"{lens.name}/lens", lens / "images", truth, text, {}
+
+
+def main() -> None:
+    """Measure the cases, adding a line to the table after each; those that the table has are passed over."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--rendered", type=Path)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--only", default="", help="cases whose names begin so")
+    options = parser.parse_args()
+    rows: list[dict] = []
+    if options.out.is_file():
+        with open(options.out, newline="") as stream:
+            rows = list(csv.DictReader(stream))
+    with tempfile.TemporaryDirectory() as work:
+        def wanted(case: str) -> bool:
+            return case.startswith(options.only) and case not in {row["case"] for row in rows}
+
+        for case, folder, truth, text, settings in cases(options.data, options.rendered, Path(work), wanted):
+            rows.append(measure(case, folder, truth, Path(work), text, **settings))
+            print(rows[-1], flush=True)
+            _write(options.out, rows)
+
+
+def _write(path: Path, rows: Sequence[dict]) -> None:
+    with replacing(path) as temporary, open(temporary, "w", newline="") as stream:
+        table = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)
+
+
+if __name__ == "__main__":
+    configure_threads()
+    main()

@@ -1,0 +1,39 @@
+"""A method that knows its scene, in place of one that has learned it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dofbench.cameras import Camera
+from dofbench.contracts import Rendering
+from dofbench.defocus import defocus_numpy
+from dofbench.lens import PhysicalLens
+
+WIDTH, HEIGHT = 96, 80
+CAMERA = Camera(WIDTH, HEIGHT, 90.0, 90.0, WIDTH / 2, HEIGHT / 2, np.eye(4))
+TRUE = PhysicalLens(aperture=7.0, focus_disparity=0.35, width=WIDTH)  # circles up to 3.2 px
+
+
+class Known:
+    """A method that knows its scene: slanted stripes whose depth falls from left to right. lens: whether it has one."""
+
+    def __init__(self, lens: bool = True, nan: bool = False, depth: bool = True):
+        self._lens, self._nan, self._depth = lens, nan, depth
+        self.rendered: list[int] = []
+
+    def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
+        if lens is not None and not self._lens:
+            raise ValueError("no lens here")
+        self.rendered.append(camera.width)
+        x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
+        y = (np.arange(camera.height) + 0.5 - camera.cy) / camera.fy
+        u, v = np.meshgrid(x, y)
+        waves = [np.sin(40 * u + 9 * v + c) * np.cos(33 * v - (7 + 4 * c) * u) for c in range(3)]
+        image = (0.5 + 0.4 * np.stack(waves, axis=2)).astype(np.float32)
+        disparity = 0.2 + 0.6 * (u - u.min()) / (u.max() - u.min())
+        depth = (1 / disparity).astype(np.float32)
+        if lens is not None:
+            image, _ = defocus_numpy(image, depth, lens)
+        if self._nan:
+            image[0, 0, 0] = np.nan
+        return Rendering(image, depth if self._depth else np.zeros_like(depth))

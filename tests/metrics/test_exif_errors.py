@@ -1,0 +1,61 @@
+"""Learned apertures against 1 / f-number, by hand."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tolerances import FLOAT64_VALUE
+
+from dofbench.metrics.exif_errors import exif_errors
+
+
+def test_by_hand() -> None:
+    # Aperture x f-number: 9, 10, 11, 15 at f/5, median 10.5, deviations 1.5, 0.5, 0.5, 4.5, median 1.0;
+    # 11, 12, 24 at f/10, median 12, deviations 1, 0, 12, median 1.
+    found = exif_errors([(9 / 5, 5), (2, 5), (11 / 5, 5), (3, 5), (1.1, 10), (1.2, 10), (2.4, 10)])
+    assert found.spread == pytest.approx(100 * 1.4826 * (4 * 1.0 / 10.5 + 3 * 1.0 / 12) / 7, abs=FLOAT64_VALUE)
+    assert found.ratio == pytest.approx(100 * (12 / 10.5 - 1), abs=FLOAT64_VALUE)
+    deviation = (20.75 / 3) ** 0.5  # of 9, 10, 11, 15: mean 11.25, squares 5.0625 + 1.5625 + 0.0625 + 14.0625
+    other = (314 / 3 / 2) ** 0.5    # of 11, 12, 24: mean 47 / 3, squares (196 + 121 + 625) / 9
+    assert found.deviation == pytest.approx(100 * (4 * deviation / 11.25 + 3 * other / (47 / 3)) / 7, abs=FLOAT64_VALUE)
+    assert found.no_spread == found.no_ratio == ""
+
+
+def test_the_ratio_is_the_largest_between_any_two() -> None:
+    groups = [(10.0, 5), (20.0, 8), (16.0, 10)]  # products 50, 160, 160
+    found = exif_errors([(aperture * share, number) for aperture, number in groups for share in (0.9, 1, 1.1)])
+    assert found.ratio == pytest.approx(220, abs=1e-9)
+
+
+@given(st.lists(st.floats(1, 1000), min_size=5, max_size=12, unique=True), st.floats(0.01, 100))
+def test_the_scene_unit_doesnt_count(apertures: list[float], unit: float) -> None:
+    estimates = [(aperture, (4, 8)[index % 2]) for index, aperture in enumerate(apertures)]
+    one, other = exif_errors(estimates), exif_errors([(unit * aperture, number) for aperture, number in estimates])
+    for name in ("spread", "ratio", "deviation"):
+        assert getattr(one, name) == (None if getattr(other, name) is None
+                                      else pytest.approx(getattr(other, name), rel=1e-6, abs=1e-9))
+
+
+@pytest.mark.parametrize(
+    ("estimates", "spread", "ratio"),
+    [
+        ([], "no learned aperture", "no learned aperture"),
+        ([(1, 5), (2, 5)], "no f-number has 3", "no f-number has 3"),
+        ([(1, 5), (2, 5), (3, 5)], "", "fewer than two f-numbers"),
+        ([(1, 5), (2, 5), (3, 5), (1, 8), (2, 8)], "", "fewer than two f-numbers"),
+        # Tied over views of an f-number: the spread says nothing, the ratio something.
+        ([(3, 5)] * 3 + [(2.5, 10)] * 3, "all photographs have one aperture", ""),
+        # Tied by EXIF: neither does.
+        ([(4, 5)] * 3 + [(2, 10)] * 3, "all photographs have one aperture", "tied by EXIF"),
+        ([(4 * (1 + 1e-12), 5), (4, 5), (4, 5)] + [(2, 10)] * 3, "all photographs have one aperture", "tied by EXIF"),
+        # Half of them never moved.
+        ([(4, 5)] * 4 + [(5, 5), (6, 5), (7, 5)], "or half of them", "fewer than two f-numbers"),
+        ([(0, 5), (0, 5), (1, 5)], "median aperture is zero", "fewer than two f-numbers"),
+    ],
+)
+def test_what_says_nothing_is_left_out_with_the_reason(estimates, spread: str, ratio: str) -> None:
+    found = exif_errors(estimates)
+    assert (found.spread is None) is bool(spread) and spread in found.no_spread
+    assert (found.ratio is None) is bool(ratio) and ratio in found.no_ratio
+    assert (found.deviation is None) is (found.spread is None)

@@ -1,0 +1,245 @@
+"""Photographs in, a scene out: against exact cameras, again with the same bytes, after a kill, and when it fails."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from tolerances import MOTION_BASELINE, MOTION_FOCAL, MOTION_ROTATION_DEG, TRIANGULATED_DEPTH
+
+from dofbench import cli
+from dofbench.content import content_folder
+from dofbench.exif import Exif
+from dofbench.images import write_png
+from dofbench.motion.settings import Reconstruct
+from dofbench.motion.source import find_source
+from dofbench.motion.watch import wait
+from dofbench.scenes import Scene, export, load_scene
+
+
+def result_files(folder: Path) -> dict[str, bytes]:
+    """All of a scene but reconstruct.json, which holds how long things took."""
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.rglob("*"))
+            if path.is_file() and path.name != "reconstruct.json"}
+
+
+def relative(scene: Scene, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Rotations and distances from each view to the next: what no choice of frame or unit changes, but for a factor."""
+    poses = [next(view.camera.world_to_camera for view in scene.views if view.name == name) for name in names]
+    steps = [second @ np.linalg.inv(first) for first, second in zip(poses, poses[1:], strict=False)]
+    return np.stack([step[:3, :3] for step in steps]), np.array([np.linalg.norm(step[:3, 3]) for step in steps])
+
+
+def test_the_scene_is_the_one_that_was_photographed(made: Path, true_scene: Scene) -> None:
+    scene = load_scene(made)
+    names = [view.name for view in scene.views]
+    assert scene.layout == "colmap" and names == [f"view_{index:03d}" for index in range(6, 12)]
+    rotations, distances = relative(scene, names)
+    true_rotations, true_distances = relative(true_scene, names)
+    cosines = (np.einsum("nij,nij->n", rotations, true_rotations) - 1) / 2
+    assert np.degrees(np.arccos(np.clip(cosines, -1, 1))).max() < MOTION_ROTATION_DEG
+    ratios = distances / true_distances
+    assert np.abs(ratios / np.median(ratios) - 1).max() < MOTION_BASELINE
+    focal = true_scene.views[0].camera.fx
+    assert abs(scene.views[0].camera.fx / focal - 1) < MOTION_FOCAL
+    assert scene.points is not None and len(scene.points) > 200 and min(len(track) for track in scene.points.views) >= 2
+    assert all(view.exif == Exif(f_number=2.8, focal_length=50.0) for view in scene.views)
+
+
+def test_the_record_says_what_was_done(made: Path) -> None:
+    content = json.loads((made / "reconstruct.json").read_text())
+    assert content["matching"] == {"mode": "exhaustive", "pairs": 15, "verified_pairs": 15}
+    assert [view["registered"] for view in content["views"]] == [True] * 6
+    assert all(view["features"] > view["coarse_features"] > 0 and view["points"] > 30 for view in content["views"])
+    assert 0 < content["mean_reprojection_error"] < 1 and content["settings"]["seed"] == 0
+    assert {"photographs", "features", "matches", "mapping", "undistortion"} <= content["seconds"].keys()
+    # 50 mm say nothing without the sensor: the usual field of view was the start.
+    camera, = content["cameras"]
+    assert camera["focal_prior"] == pytest.approx(1.2 * 320) and "nothing" in camera["told_by"]
+    assert not (made / ".work").exists()
+
+
+def test_a_finished_scene_is_left_as_it_is(
+    made: Path, photographs: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    before = {path: path.stat().st_mtime_ns for path in made.rglob("*")}
+    assert cli.main(["reconstruct", str(photographs), "--out", str(made)]) == 0
+    assert "up to date: 6 of 6 photographs have poses" in capsys.readouterr().out
+    assert {path: path.stat().st_mtime_ns for path in made.rglob("*")} == before
+    assert cli.main(["reconstruct", str(photographs), "--out", str(made), "--seed", "1"]) == 2
+    assert "found another reconstruction" in capsys.readouterr().err
+
+
+def test_killed_it_goes_on_and_gives_the_same_bytes(made: Path, photographs: Path, tmp_path: Path) -> None:
+    out = tmp_path / "again"
+    command = [sys.executable, "-m", "dofbench", "reconstruct", str(photographs), "--out", str(out)]
+    # Another number of threads, too.
+    process = subprocess.Popen(command, env=os.environ | {"OMP_NUM_THREADS": "2"}, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 60
+    while not (out / ".work/pairs.txt").is_file() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    assert (out / ".work/database.db").is_file() and not (out / "reconstruct.json").exists()
+    one = os.environ | {"OMP_NUM_THREADS": "1"}
+    done = subprocess.run(command, capture_output=True, text=True, env=one, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert "6 of 6 photographs have poses" in done.stdout and "features: 6 of 6" in done.stderr
+    assert result_files(out) == result_files(made)
+
+
+def bare(root: Path, layout: str) -> Path:
+    """The built-in scene's photographs and exact poses, without its points and depth."""
+    scene = load_scene(content_folder("datasets") / "tabletop")
+    views = scene.views[6:10]
+    names = [f"{view.name}.png" for view in views]
+    (root / "images").mkdir(parents=True)
+    for view, name in zip(views, names, strict=True):
+        shutil.copy(view.source, root / "images" / name)
+    cameras = [view.camera for view in views]
+    if layout == "llff":
+        export.write_poses_bounds(root / "poses_bounds.npy", cameras, np.tile([0.5, 9.0], (len(cameras), 1)))
+    elif layout == "nerfstudio":
+        splits = ["test", "train", "train", "test"]
+        export.write_transforms(root / "transforms.json", [f"images/{name}" for name in names], cameras, splits=splits)
+    else:
+        export.write_colmap(root, names, cameras, None)
+    return root
+
+
+@pytest.mark.parametrize("layout", ["llff", "nerfstudio", "colmap"])
+def test_poses_without_points_are_kept_and_points_found(
+    tmp_path: Path, true_scene: Scene, layout: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = bare(tmp_path / "bare", layout)
+    if layout == "llff":
+        # What make-dataset says of it names the cure.
+        assert cli.main(["make-dataset", str(source), "--out", str(tmp_path / "never"), "--depth", "sfm"]) == 2
+        assert f"dofbench reconstruct {source} --out SCENE" in capsys.readouterr().err
+    assert cli.main(["reconstruct", str(source), "--out", str(tmp_path / "out")]) == 0
+    given, found = load_scene(source), load_scene(tmp_path / "out")
+    assert [view.split for view in found.views] == [view.split for view in given.views]
+    for before, after in zip(given.views, found.views, strict=True):
+        np.testing.assert_allclose(after.camera.world_to_camera, before.camera.world_to_camera, atol=1e-12)
+        assert after.camera.fx == before.camera.fx
+        np.testing.assert_array_equal(after.image(), before.image())
+    assert found.points is not None and len(found.points) > 100
+    errors = []
+    truth = {view.name: view for view in true_scene.views}
+    for index, view in enumerate(found.views):
+        depth = truth[view.name].depth()
+        seen = [point for point, track in enumerate(found.points.views) if index in track]
+        pixels, z = view.camera.project(found.points.xyz[seen])
+        errors.append(np.abs(z / depth[pixels[:, 1].astype(int), pixels[:, 0].astype(int)] - 1))
+    assert np.median(np.concatenate(errors)) < TRIANGULATED_DEPTH
+
+
+def test_poses_may_be_ignored(tmp_path: Path) -> None:
+    source = bare(tmp_path / "bare", "llff")
+    rows = np.load(source / "poses_bounds.npy")
+    np.save(source / "poses_bounds.npy", rows[:3])
+    with pytest.raises(ValueError, match="4 images.*or --poses ignore"):
+        find_source(Reconstruct(source, tmp_path / "out"))
+    assert find_source(Reconstruct(source, tmp_path / "out", poses="ignore")).kind == "photographs"
+
+
+@pytest.mark.parametrize(("make", "said"), [
+    (lambda root: None, "no such file or folder"),
+    (lambda root: root.mkdir(), "0 photographs, expected at least 3"),
+    (lambda root: write_png(root / "a.png", np.full((64, 64, 3), 0.5)), "one photograph, expected at least 3"),
+    (lambda root: (root.mkdir(), [(root / f"{n}.jpg").write_bytes(b"no") for n in "abc"]), "a.jpg: found no readable"),
+    (lambda root: root.write_bytes(b"no video"), "a file that is no video"),
+])
+def test_a_wrong_source_is_one_line(
+    tmp_path: Path, make: Callable, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make(tmp_path / "in")
+    assert cli.main(["reconstruct", str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 2
+    lines = [line for line in capsys.readouterr().err.splitlines() if "dofbench:" in line]
+    assert len(lines) == 1 and said in lines[0]
+
+
+@pytest.mark.parametrize("out", ["in/scene", "file", "file/below"])
+def test_a_wrong_place_is_one_line(tmp_path: Path, out: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in "abc":
+        write_png(tmp_path / "in" / f"{name}.png", np.full((64, 64, 3), 0.5))
+    (tmp_path / "file").touch()
+    assert cli.main(["reconstruct", str(tmp_path / "in"), "--out", str(tmp_path / out)]) == 2
+    assert capsys.readouterr().err.startswith("dofbench:")
+
+
+def test_what_does_not_hang_together_is_no_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Three photographs of different things, one of nothing: each is told why, and what to do."""
+    generator = np.random.default_rng(0)
+    for name in "abc":
+        patches = np.kron(generator.random((32, 32)), np.ones((6, 6)))
+        write_png(tmp_path / "in" / f"{name}.png", np.repeat(patches[..., None], 3, axis=2))
+    write_png(tmp_path / "in/plain.png", np.full((96, 96, 3), 0.5))
+    assert cli.main(["reconstruct", str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 1
+    said = capsys.readouterr()
+    assert "plain: no pose: 0 features" in said.err and "a: no pose: no other photograph shows" in said.err
+    assert "no scene: no 3 of the 4 photographs hang together" in said.err and not said.out
+    assert not (tmp_path / "out/reconstruct.json").exists()
+
+
+def test_one_that_does_not_belong_is_left_out_and_named(
+    photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = shutil.copytree(photographs, tmp_path / "in")
+    for name in ("view_010", "view_011"):
+        (source / f"{name}.png").unlink()
+    write_png(source / "wall.png", np.full((240, 320, 3), 0.5))
+    assert cli.main(["reconstruct", str(source), "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr()
+    assert "4 of 5 photographs have poses" in said.out and "wall: no pose: 0 features" in said.err
+    assert [view.name for view in load_scene(tmp_path / "out").views] == [f"view_00{n}" for n in range(6, 10)]
+
+
+def test_make_dataset_names_the_command_for_photographs_without_poses(
+    photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["make-dataset", str(photographs), "--out", str(tmp_path / "never")]) == 2
+    error = capsys.readouterr().err
+    assert "6 photographs without poses" in error and f"dofbench reconstruct {photographs} --out SCENE" in error
+
+
+def test_all_at_once_gives_poses_too(photographs: Path, tmp_path: Path, reconstruct: Callable) -> None:
+    outcome = reconstruct(photographs, tmp_path / "out", mapping="global", matching="retrieval")
+    assert outcome.folder is not None
+    content = json.loads((tmp_path / "out/reconstruct.json").read_text())
+    assert content["mapping"]["how"] == "global" and sum(view["registered"] for view in content["views"]) == 6
+
+
+def test_a_video_becomes_a_scene(photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of each of five windows of three frames the sharp one is in the middle."""
+    writer = cv2.VideoWriter(str(tmp_path / "walk.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10, (320, 240))
+    for file in sorted(photographs.glob("*.png"))[:5]:
+        sharp = cv2.imread(str(file))
+        for frame in (cv2.blur(sharp, (5, 5)), sharp, cv2.blur(sharp, (9, 9))):
+            writer.write(frame)
+    writer.release()
+    command = ["reconstruct", str(tmp_path / "walk.avi"), "--out", str(tmp_path / "out"), "--frames", "5"]
+    assert cli.main([*command, "--matching", "sequential"]) == 0
+    said = capsys.readouterr()
+    assert "5 of 5 photographs have poses" in said.out and "frames: 15 of 15" in said.err
+    assert [view.name for view in load_scene(tmp_path / "out").views] == [f"frame_{n:06d}" for n in (1, 4, 7, 10, 13)]
+    content = json.loads((tmp_path / "out/reconstruct.json").read_text())
+    assert content["source"]["kind"] == "video" and content["matching"]["mode"] == "sequential"
+
+
+def test_waiting_raises_what_the_call_raised_and_looks_meanwhile() -> None:
+    looks: list[int] = []
+    assert wait(lambda: time.sleep(0.3) or 5, lambda: looks.append(1)) == 5
+    assert looks
+    with pytest.raises(ZeroDivisionError):
+        wait(lambda: 1 / 0)
