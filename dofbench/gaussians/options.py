@@ -34,8 +34,8 @@ class TrainerOptions:
         ssim_weight: lambda. held_back: share of every photograph's tiles that no colour loss looks at, to score by
         (`held_back.py`). clipped_white: a prediction above a photograph's white costs nothing.
     Outliers (`outliers.py`)
-        outlier_views: views whose loss stays far above the others' are left out; outlier_patches: so are patches
-        that a photograph alone shows. outliers_from: share of training from which they are looked for.
+        outlier_views: views whose loss stays far above the others' are left out, from the share outliers_from of
+        the training on.
     Camera (`response.py`)
         colour_per_view: a colour learned for every photograph, "gain" a factor a channel, "affine" a matrix and an
         offset. vignetting: a fall of light towards the corners, for every lens and f-number. colour_lr: rate of
@@ -123,7 +123,6 @@ class TrainerOptions:
     clipped_white: bool = False
 
     outlier_views: bool = False
-    outlier_patches: bool = False
     outliers_from: float = 0.3
 
     colour_per_view: Literal["off", "gain", "affine"] = "off"

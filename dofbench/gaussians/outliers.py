@@ -1,8 +1,7 @@
-"""What doesn't belong to the scene: photographs whose pose is wrong, and things that only few of them show.
+"""Photographs that don't belong to the scene, such as those whose pose is wrong.
 
-A photograph that the others contradict keeps a loss far above theirs: it is left out. A thing that wasn't there when
-the others were taken keeps a patch of large differences: the patch is left out. Both are told by medians, so a scene
-that is merely hard to learn has no outliers.
+A photograph that the others contradict keeps a loss far above theirs, and is left out. Medians tell it, so a scene that
+is merely hard to learn has no outliers.
 """
 
 from __future__ import annotations
@@ -10,18 +9,12 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-import torch
-from torch import Tensor
-from torch.nn.functional import avg_pool2d
 
 VISITS = 2            # of a view that its loss is averaged over
 FAR = 4.0             # robust standard deviations of the losses' logarithms
 LEAST_RATIO = 1.4     # times the median loss, so that views that are all alike have no outlier
 MOST = 0.25           # share of the views that may be left out
 LEAST_VIEWS = 8       # for a median to mean something
-PATCH = 9             # px over which differences are averaged
-UNEXPLAINED = 8.0     # times the photograph's median difference
-LEAST_DIFFERENCE = 0.1
 
 
 class OutlierViews:
@@ -43,12 +36,3 @@ class OutlierViews:
         bound = max(FAR * 1.4826 * float(np.median(np.abs(above))), np.log(LEAST_RATIO))
         worst = np.argsort(-above)[:int(MOST * len(logs))]
         return {int(view) for view in worst if above[view] > bound}
-
-
-@torch.no_grad()
-def unexplained(prediction: Tensor, target: Tensor) -> Tensor:
-    """(H, W) bool: where images (H, W, 3) differ over a patch by far more than they mostly do."""
-    difference = (prediction - target).abs().mean(dim=-1)
-    patches = avg_pool2d(difference[None, None], PATCH, stride=1, padding=PATCH // 2, count_include_pad=False)[0, 0]
-    bound = torch.clamp(UNEXPLAINED * patches.median(), min=LEAST_DIFFERENCE)
-    return patches > bound

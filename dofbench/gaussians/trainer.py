@@ -28,7 +28,7 @@ from dofbench.gaussians.lenses import LearnedLenses
 from dofbench.gaussians.model import Gaussians, scene_extent
 from dofbench.gaussians.optimiser import GaussianOptimiser
 from dofbench.gaussians.options import TrainerOptions
-from dofbench.gaussians.outliers import OutlierViews, unexplained
+from dofbench.gaussians.outliers import OutlierViews
 from dofbench.gaussians.raster import ViewStatistics
 from dofbench.gaussians.render import SURFACE_ALPHA, rasterise, surface_disparity
 from dofbench.gaussians.response import LearnedResponse
@@ -321,8 +321,6 @@ class Trainer:
         with self._timed("loss"):
             weight = losses.adaptation_weight(out_of_focus, options) if adapting else None
             image = self.response.forward(view.index, image, view.camera)
-            if options.outlier_patches and progress >= options.outliers_from:
-                image = losses.looked_at(image, view.image, unexplained(image, view.image))
             image = losses.looked_at(image, view.image, view.held_back, options.clipped_white)
             loss = losses.reconstruction(image, view.image, options.ssim_weight, weight)
             if view.known is not None:

@@ -19,7 +19,7 @@ from dofbench.synthesis.dataset import Dataset
 NEEDLESS_BLUR = 0.75       # px, radius as estimated: photographs in focus give up to 0.6
 CLEAR_BLUR = 2.0           # px: from here on the estimate alone tells that there is a lens
 NEEDLESS_DEPENDENCE = 2.5  # levels of 255: below it no harmonics would be seen
-NEEDLESS_COLOURS = 3.0     # per cent: photographs by one exposure give up to 1
+NEEDLESS_COLOURS = 12.0    # per cent: up to 10 a learned colour was worth nothing, at 21 a decibel
 NEEDLESS_LIGHT = 0.3       # stops by EXIF, where no points can tell
 TRIED = "whether that helps is tried while training"
 
@@ -233,7 +233,7 @@ def _even_colours(facts: Facts) -> tuple[bool, str]:
     spread, light = facts.colour_spread, facts.light_spread
     if spread is not None:
         return spread < NEEDLESS_COLOURS, (f"exposure and white balance differ by {spread:.1f} % over the photographs, "
-                                           f"{NEEDLESS_COLOURS} % can be told from none")
+                                           f"of which less than {NEEDLESS_COLOURS:.0f} % need no colours of their own")
     if light is not None:
         return light < NEEDLESS_LIGHT, (f"too few points are shared to tell, and by EXIF the light let in differs by "
                                         f"{light:.1f} stops, of which {NEEDLESS_LIGHT} mean nothing")

@@ -1,4 +1,4 @@
-"""What each part of a photograph's model is worth on pixels held back from training: parts.csv and parts.md.
+"""What each part of a photograph's model is worth on pixels held back from training: parts.csv and parts-table.md.
 
     python tests/bench/photographs_parts.py DATASET... --variants base,gain,affine --out reports/photographs
 
@@ -35,7 +35,8 @@ from dofbench.threads import configure_threads
 
 SHARE = 0.1  # of the tiles is held back
 WRONG, DEGREES = 3, 3.0  # views whose pose is wrong, and by how much they are turned
-MOVED, SIDE = 0.3, 0.2  # share of the views with a thing that the others don't show, and its side by the image's height
+# Share of the views with a thing that the others don't show, and its side by the image's height.
+MOVING = {"moving": (0.3, 0.2), "moving-more": (0.6, 0.4)}
 VARIANTS: dict[str, dict[str, object]] = {
     "base": {},
     "nolens": {"lens": False},
@@ -48,7 +49,6 @@ VARIANTS: dict[str, dict[str, object]] = {
     "gamma1.8": {"lens_gamma": 1.8},
     "gamma2.6": {"lens_gamma": 2.6},
     "nolens-views": {"lens": False, "outlier_views": True},
-    "nolens-patches": {"lens": False, "outlier_patches": True},
     "vignetting": {"vignetting": True},
     "affine-vignetting": {"colour_per_view": "affine", "vignetting": True},
 }
@@ -63,11 +63,11 @@ class Settings:
     data: tyro.conf.Positional[tuple[str, ...]]
     """Datasets, NAME=PATH or PATH."""
     out: Path
-    """Folder of parts.csv and parts.md."""
+    """Folder of parts.csv and parts-table.md."""
     variants: str = "base"
     """Comma-separated; a name of the list, or option=value pairs joined by +."""
     harm: str = "none"
-    """What is done to the training set: none, poses, poses-removed or moving."""
+    """What is done to the training set: none, poses, poses-removed, moving or moving-more."""
     inputs: Literal["shallow", "all-in-focus"] = "shallow"
     """Which of a dataset's photographs to train on."""
     seeds: str = "0"
@@ -77,7 +77,7 @@ class Settings:
     set: tuple[str, ...] = ()
     """Options of every run."""
     table: bool = False
-    """Only write parts.md from parts.csv."""
+    """Only write parts-table.md from parts.csv."""
 
 
 def main(settings: Settings) -> None:
@@ -98,7 +98,7 @@ def main(settings: Settings) -> None:
                 settings.out.mkdir(parents=True, exist_ok=True)
                 write_csv(file, COLUMNS, rows)
                 print(rows[-1], flush=True)
-    _write_table(rows, settings.out / "parts.md")
+    _write_table(rows, settings.out / "parts-table.md")
 
 
 def _named(entry: str) -> tuple[str, Path]:
@@ -168,11 +168,12 @@ def _harmed(training_set: TrainingSet, harm: str) -> TrainingSet:
             return TrainingSet(tuple(views[index] for index in kept), training_set.points.seen_by(kept))
         for index in chosen:
             views[index] = replace(views[index], camera=_turned(views[index].camera, random))
-    elif harm == "moving":
-        for index in random.choice(len(views), math.ceil(MOVED * len(views)), replace=False):
+    elif harm in MOVING:
+        share, size = MOVING[harm]
+        for index in random.choice(len(views), math.ceil(share * len(views)), replace=False):
             image = views[index].image.copy()
             height, width = image.shape[:2]
-            side = int(SIDE * height)
+            side = int(size * height)
             top, left = random.integers(height - side), random.integers(width - side)
             image[top:top + side, left:left + side] = random.uniform(size=3)
             views[index] = replace(views[index], image=image)
