@@ -109,7 +109,8 @@ def _detect(root: Path) -> str:
     layout = detect(root)
     if layout is not None:
         return layout
-    if photographs := image_files(root):
+    # Beside a model that isn't whole it is the model that wants mending.
+    if not (root / "sparse").is_dir() and (photographs := image_files(root)):
         expected = f"a scene with camera poses: dofbench reconstruct {root} --out SCENE finds them"
         raise InputError(root, f"{len(photographs)} photographs without poses", expected)
     expected = "; or ".join(f"{_MARKS[layout]} ({layout})" for layout in _MARKS)

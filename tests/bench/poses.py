@@ -105,10 +105,11 @@ def measure(
 
 
 def cases(
-    data: Path, rendered: Path | None, work: Path, wanted: Callable[[str], bool]
+    data: Path, rendered: Path | None, work: Path, width: int | None, wanted: Callable[[str], bool]
 ) -> Iterator[tuple[str, Path, Scene, dict, dict]]:
     """(case, folder, truth, columns, options) of everything that is there and wanted."""
-    for name, size in (("shallow_chessking", 1000), ("shallow_blowtorch", 530)):
+    for name, usual in (("shallow_chessking", 1000), ("shallow_blowtorch", 530)):
+        size = width or usual
         if (data / name).is_dir() and wanted(f"{name}/as-they-are"):
             text = {"photographs": "real, shallow", "options": f"--size {size}"}
             yield f"{name}/as-they-are", data / name, load_scene(data / name), text, {"size": size}
@@ -117,17 +118,18 @@ def cases(
             if name == "shallow_chessking" and (data / name).is_dir() and wanted(f"{name}/{what}"):
                 text = {"photographs": "real, shallow", "options": f"--size {size}, {asked}"}
                 yield f"{name}/{what}", data / name, load_scene(data / name), text, {"size": size, **settings}
+    width = width or 504
     for name in ("llff_fern", "llff_flower"):
         if (data / name).is_dir():
             truth = load_scene(data / name, images="images_8")
-            sharp = {"photographs": "real, sharp", "options": "504 pixels wide"}
+            sharp = {"photographs": "real, sharp", "options": f"{width} pixels wide"}
             if wanted(f"{name}/sharp"):
-                yield f"{name}/sharp", data / name, truth, sharp, {"images": "images_8"}
+                yield f"{name}/sharp", data / name, truth, sharp, {"images": "images_8", "size": width}
             for aperture in filter(lambda aperture, name=name: wanted(f"{name}/shallow-{aperture}"), ("0.5", "1.0")):
                 made = work / f"{name}-{aperture}"
-                make_dataset(MakeDataset(scene=str(data / name), out=made, width=504, depth="sfm",
+                make_dataset(MakeDataset(scene=str(data / name), out=made, width=width, depth="sfm",
                                          focus="0.2,0.5,0.8", aperture=aperture), progress=Silent())
-                text = {"photographs": f"made shallow, A {aperture}, F 0.2 0.5 0.8", "options": "504 pixels wide"}
+                text = {"photographs": f"made shallow, A {aperture}, F 0.2 0.5 0.8", "options": f"{width} pixels wide"}
                 yield f"{name}/shallow-{aperture}", made / "images", truth, text, {}
     for scene in sorted((rendered / "scenes").iterdir()) if rendered is not None else []:
         truth = load_scene(scene)
@@ -149,6 +151,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--rendered", type=Path)
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--width", type=int, help="of the real photographs, pixels; 1000, 530 and 504")
     parser.add_argument("--only", default="", help="cases whose names begin so")
     options = parser.parse_args()
     rows: list[dict] = []
@@ -159,7 +162,9 @@ def main() -> None:
         def wanted(case: str) -> bool:
             return case.startswith(options.only) and case not in {row["case"] for row in rows}
 
-        for case, folder, truth, text, settings in cases(options.data, options.rendered, Path(work), wanted):
+        for case, folder, truth, text, settings in cases(
+            options.data, options.rendered, Path(work), options.width, wanted
+        ):
             rows.append(measure(case, folder, truth, Path(work), text, **settings))
             print(rows[-1], flush=True)
             _write(options.out, rows)
