@@ -138,9 +138,11 @@ def cases(
             text = {"photographs": "rendered, pinhole", "options": size}
             yield f"{scene.name}/sharp", scene / "images", truth, text, {}
         for lens in sorted((rendered / "lens").glob(f"{scene.name}*")):
-            apertures = sorted({view["aperture"] for view in json.loads((lens / "lens.json").read_text())["views"]})
-            text = {"photographs": f"rendered through a thin lens, A {', '.join(f'{a:g}' for a in apertures)}, "
-                                   "F 0.2 0.5 0.8", "options": size}
+            optics = json.loads((lens / "lens.json").read_text())
+            how = "through a thin lens" if optics["renderer"] == "thinlens" else f"and blurred by {optics['renderer']}"
+            apertures, focus = ({f"{view[name]:g}" for view in optics["views"]} for name in ("aperture", "focus"))
+            text = {"photographs": f"rendered {how}, A {' '.join(sorted(apertures))}, F {' '.join(sorted(focus))}",
+                    "options": size}
             if wanted(f"{lens.name}/lens"):
                 yield f"{lens.name}/lens", lens / "images", truth, text, {}
 
