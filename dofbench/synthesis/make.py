@@ -58,7 +58,8 @@ def read_scene(found: ResolvedScene, settings: MakeDataset) -> tuple[Scene, Make
         if settings.photographs == "auto" and scene.photographs != "shallow":
             raise InputError("--train-f-number", f"{scene.name}, whose photographs are all in focus, for all one knows",
                              "--photographs shallow too, where a lens took them as they are")
-        scene = split_by_f_number(scene, settings.train_f_number, settings.test_f_number)
+        scene = split_by_f_number(scene, settings.train_f_number, settings.test_f_number,
+                                  test_points=settings.test_points)
     if settings.photographs != "auto":
         scene = scene.taken_as(
             train="shallow", test="shallow" if settings.photographs == "shallow" else "all-in-focus"

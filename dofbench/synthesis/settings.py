@@ -141,13 +141,18 @@ class DatasetOptions:
     """Test with the photographs of this f-number, and leave out those of any other: the score is how well the learned
     aperture, scaled by the ratio of the two, predicts them."""
 
+    test_points: int = 100
+    """With --test-f-number: leave out the photographs of it that share fewer sparse points with those to train on. What
+    no training photograph saw says nothing about an aperture."""
+
     out: Path | None = None
     """Folder to write, or with several datasets the folder that they all go into; without it, data/<scene name>."""
 
     def __post_init__(self) -> None:
         for option, value, lowest in (("--width", self.width, 8), ("--hold", self.hold, 2),
                                       ("--depth-steps", self.depth_steps, 1), ("--seed", self.seed, 0),
-                                      ("--layers", self.layers, 1), ("--lens-samples", self.lens_samples, 2)):
+                                      ("--layers", self.layers, 1), ("--test-points", self.test_points, 0),
+                                      ("--lens-samples", self.lens_samples, 2)):
             if value is not None and value < lowest:
                 raise InputError(option, str(value), f"at least {lowest}")
         for option, number in (("--gamma", self.gamma), ("--alpha", self.alpha), ("--depth-unit", self.depth_unit)):
@@ -285,7 +290,8 @@ class DatasetOptions:
     def _f_numbers(self) -> dict[str, object]:
         if self.train_f_number is None:
             return {}
-        return {"train_f_number": self.train_f_number, "test_f_number": self.test_f_number}
+        return {"train_f_number": self.train_f_number, "test_f_number": self.test_f_number,
+                "test_points": self.test_points}
 
     def recipe(self) -> dict[str, object]:
         """Everything that decides the dataset's content, as plain data: no path, nothing of this machine."""

@@ -39,6 +39,18 @@ def test_views_are_chosen_by_their_f_number(scene: Scene) -> None:
     assert [track.tolist() for track in found.points.views] == [[0], [1], [2], [3]]
 
 
+def test_views_to_test_with_that_share_too_little_are_left_out(scene: Scene) -> None:
+    tracks = ([0, 1], [2, 1], [5, 3], [0, 2], [3, 1], [1])  # views 0, 2, 5 at f/2; 1 at f/5.6; 3 at f/8
+    points = replace(scene.points, views=tuple(np.array(sorted(track)) for track in tracks))
+    tracked = replace(scene, points=points)
+    assert len(split_by_f_number(tracked, 2.0, 5.6, test_points=2).views) == 4
+    with pytest.raises(InputError, match="2 shared points at most.*at least 3"):
+        split_by_f_number(tracked, 2.0, 5.6, test_points=3)
+    assert [view.split for view in split_by_f_number(tracked, 2.0, 8.0, test_points=1).views].count("test") == 1
+    with pytest.raises(InputError, match="1 shared points at most"):
+        split_by_f_number(tracked, 2.0, 8.0, test_points=2)
+
+
 @pytest.mark.parametrize(("train", "test", "option"), [(2.8, 5.6, "--train-f-number"), (2.0, 11.0, "--test-f-number")])
 def test_an_f_number_that_no_view_has_is_one_line(scene: Scene, train: float, test: float, option: str) -> None:
     with pytest.raises(InputError) as found:
