@@ -10,7 +10,7 @@ way is kept, so only the other one's steps are lost. Afterwards the tiles are tr
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -62,8 +62,13 @@ class Trials:
         """Steps of one trial, of a training of `total` steps."""
         return max(1, min(max(round(self._share * total), VISITS * views), round(MOST * total)))
 
-    def decide(self, step: int, total: int, progress: float) -> tuple[int, list[Decision]]:
-        """Try, and leave the trainer in the state of the best; returns the steps taken in all, and what was decided."""
+    def decide(
+        self, step: int, total: int, progress: float, tell: Callable[[str, int, int], None],
+    ) -> tuple[int, list[Decision]]:
+        """Try, and leave the trainer in the state of the best; returns the steps taken in all, and what was decided.
+
+        tell: what is tried, and how many of its steps are taken; as `Observer.stage`, since trials can take minutes.
+        """
         trainer, questions_open = self._trainer, self._open
         self._open = ()
         steps = min(self.length(total, trainer.count), total - step)
@@ -72,7 +77,9 @@ class Trials:
         def attempt(changes: Mapping[str, Any]) -> _Attempt:
             trainer.restore(start)
             trainer.revise(changes)
-            trainer.train(step, steps, total, progress)
+            name = f"trying {_WORDS[changes.get('lens_model') or changes.get('lens_per') or changes.get('lens')]}"
+            tell(name, 0, steps)
+            trainer.train(step, steps, total, progress, lambda taken: tell(name, taken, steps))
             views = trainer.held_back_scores(HELD_BACK).views
             return _Attempt(changes, trainer.snapshot(), np.array([psnr for psnr, _ in views.values()]))
 
@@ -130,6 +137,10 @@ class Trials:
 _OWN_BLUR = {"lens_model": "samples", "lens_samples_from": 0.0, "lens_rings": 0}
 # The lens is sampled for the last fifth: several rasterisations a step, so not for longer.
 _AFTER = {"samples": {"lens_rings": 1, "lens_rings_from": 0.8}}
+
+# What an attempt is called while it goes on, by the last thing that it changes.
+_WORDS = {None: "the lens as it is", False: "no lens", "scene": "one lens for all", "aperture": "one aperture for all",
+          "exif": "one aperture times f-number for all", "samples": "each Gaussian's own blur"}
 
 QUESTIONS = ("lens", "share", "model")
 

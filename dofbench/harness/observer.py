@@ -24,7 +24,7 @@ class Report(Protocol):
         """Told after each step; seconds of training so far, without evaluation."""
 
     def stage(self, name: str, done: int, total: int) -> None:
-        """Told of what comes before the first step, as `Observer.stage` is."""
+        """Told of what takes long before the first step or between two, as `Observer.stage` is."""
 
 
 def share_spent(budget: Budget, step: int, seconds: float) -> float:

@@ -36,6 +36,10 @@ class Stage:
     runs: bool
     reason: str
 
+    def line(self) -> str:
+        """What was decided and why, for the user."""
+        return f"stage {self.name}: {'runs' if self.runs else 'left out'}: {self.reason}"
+
 
 @dataclass(frozen=True)
 class RunPlan:
@@ -74,8 +78,7 @@ class RunPlan:
             f"{self.facts.points} sparse points",
             "options " + (", ".join(f"{key}={value}" for key, value in self.options.items()) or "the method's own"),
         ]
-        lines += [f"stage {stage.name}: {'runs' if stage.runs else 'left out'}: {stage.reason}"
-                  for stage in self.stages]
+        lines += [stage.line() for stage in self.stages]
         lines.append("scores " + (", ".join(self.columns) or "none"))
         reasons: dict[str, list[str]] = {}
         for column, reason in self.left_out.items():
@@ -157,6 +160,16 @@ def revised(plan: dict[str, Any], decisions: Sequence[Decision]) -> dict[str, An
     stages = [{**stage, "runs": found[stage["name"]].runs, "reason": found[stage["name"]].reason}
               if stage["name"] in found else stage for stage in plan["stages"]]
     return {**plan, "stages": stages}
+
+
+def decided(before: Sequence[Stage], plan: dict[str, Any]) -> list[str]:
+    """A line for each stage of which training decided otherwise, or for another reason, than was planned before it.
+
+    plan: as plain data, from the result.
+    """
+    was = {stage.name: stage for stage in before}
+    now = [Stage(**stage) for stage in plan["stages"]]
+    return [stage.line() for stage in now if stage != was.get(stage.name)]
 
 
 def _stages(entry: MethodEntry, options: dict[str, Any], facts: Facts, force_all: bool,

@@ -49,7 +49,8 @@ class TrainingProgress:
             self._bar.stop()
 
     def stage(self, name: str, done: int, total: int) -> None:
-        """Told of what comes before the first step: at its beginning, after each unit, and so at its end."""
+        """Told of what takes long before the first step or between two: at its beginning, after each unit, and so at
+        its end."""
         now = time.monotonic()
         if name != self._stage:
             self._stage, self._begun, self._stage_left = name, now, Remaining(total)

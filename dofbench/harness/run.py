@@ -22,7 +22,7 @@ from dofbench.harness.clock import StageTimes, loading
 from dofbench.harness.evaluate import Evaluation, Evaluator
 from dofbench.harness.lock import locked
 from dofbench.harness.observer import OneStep, Report, TrainingObserver
-from dofbench.harness.plan import revised
+from dofbench.harness.plan import decided, revised
 from dofbench.harness.prepare import Prepared, builtin_dataset, choose, data_folder, prepare
 from dofbench.harness.progress import TrainingProgress, print_result
 from dofbench.harness.result import RESULT_FILE, SCHEMA_VERSION, CurvePoint, Event, Result, write_result
@@ -93,6 +93,8 @@ def run(
         if not settings.rerun and (earlier := run.finished()) is not None:
             (run.folder / TRAINED_FILE).unlink(missing_ok=True)  # of a process that died after its result was written
             _say(console, f"the same run is finished already, reusing it (--rerun runs again): {run.folder}")
+            for line in decided(run.plan.stages, earlier.plan):
+                _say(console, line)
             print_result(console, earlier)
             return RunEnd(run.folder, earlier.status, reused=True)
         return _Execution(run, console, progress, stages, already_compiled).go()
@@ -143,6 +145,8 @@ class _Execution:
         (self.folder / TRAINED_FILE).unlink(missing_ok=True)
         if status is not Status.OK:
             _say(self.console, f"{self.spec.method} on {self.spec.dataset}: {status}: {message}")
+        for line in decided(self.plan.stages, result.plan):
+            _say(self.console, line)
         print_result(self.console, result)
         _say(self.console, f"result {self.folder / RESULT_FILE}")
         return RunEnd(self.folder, status)

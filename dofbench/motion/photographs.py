@@ -12,7 +12,7 @@ from dofbench.cameras import Camera
 from dofbench.errors import InputError
 from dofbench.exif import Exif
 from dofbench.files import sha256_file
-from dofbench.images import read_image, resize, write_png
+from dofbench.images import image_size, read_image, resize, write_png
 from dofbench.scenes.exif_files import exif_by_file
 from dofbench.scenes.folders import IMAGE_SUFFIXES, choose_folder, image_files, image_folders, view_names
 from dofbench.scenes.types import Split
@@ -92,6 +92,12 @@ def orientation(file: Path) -> int:
     value = opened.spec().get_int_attribute("Orientation", 1)
     opened.close()
     return value if 1 <= value <= 8 else 1
+
+
+def upright_size(file: Path) -> tuple[int, int]:
+    """(width, height) of a photograph once it is turned upright, read from its header alone."""
+    width, height = image_size(file)
+    return (height, width) if orientation(file) in (5, 6, 7, 8) else (width, height)
 
 
 def turned(image: np.ndarray, orientation: int) -> np.ndarray:

@@ -22,18 +22,19 @@ REPEATS = (
 
 
 def record(
-    settings: Reconstruct, source: Source, identity: str, groups: Sequence[CameraGroup], views: Sequence[ViewReport],
-    model: Any, intrinsics: Mapping[str, Intrinsics], *, matching: Mapping[str, Any], mapping: Mapping[str, Any],
-    seconds: Mapping[str, float],
+    settings: Reconstruct, source: Source, digests: Mapping[str, str], identity: str, groups: Sequence[CameraGroup],
+    views: Sequence[ViewReport], model: Any, intrinsics: Mapping[str, Intrinsics], *, matching: Mapping[str, Any],
+    mapping: Mapping[str, Any], seconds: Mapping[str, float],
 ) -> dict[str, Any]:
-    """The content, plain data. model: a pycolmap.Reconstruction. intrinsics: of each photograph with a pose, found."""
+    """The content, plain data. digests: the source's. model: a pycolmap.Reconstruction. intrinsics: of each photograph
+    with a pose, found."""
     import pycolmap
 
     return {
         "schema": SCHEMA, "version": VERSION, "dofbench": __version__, "pycolmap": pycolmap.__version__,
         "command": settings.command(), "settings": settings.recipe(), "seed": settings.seed, "repeats": REPEATS,
         "identity": identity,
-        "source": {"kind": source.kind, "name": source.name, "sha256": source.digests},
+        "source": {"kind": source.kind, "name": source.name, "sha256": dict(digests)},
         "cameras": [_camera(group, intrinsics) for group in groups],
         "matching": dict(matching), "mapping": dict(mapping),
         "points": model.num_points3D(), "mean_reprojection_error": round(model.compute_mean_reprojection_error(), 4),

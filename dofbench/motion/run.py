@@ -57,8 +57,9 @@ def run(settings: Reconstruct, progress: Progress, say: Callable[[str], None] | 
     # Its log names neither photographs nor stages, and goes on over the progress.
     pycolmap.logging.minloglevel = 3
     source = find_source(settings)
+    digests = source.digests()
     identity = sha256_text(canonical_json({
-        "settings": settings.recipe(), "kind": source.kind, "files": source.digests, "dofbench": __version__,
+        "settings": settings.recipe(), "kind": source.kind, "files": digests, "dofbench": __version__,
         "pycolmap": pycolmap.__version__,
     }))
     with only_writer(settings.out):
@@ -66,11 +67,12 @@ def run(settings: Reconstruct, progress: Progress, say: Callable[[str], None] | 
         if work.begin(identity) == "complete":
             progress.finished(settings.out, f"up to date: {_summary(read_json(settings.out / RECORD))}")
             return Outcome(settings.out)
-        return _stages(settings, source, identity, work, progress, say or _print)
+        return _stages(settings, source, digests, identity, work, progress, say or _print)
 
 
 def _stages(
-    settings: Reconstruct, source: Source, identity: str, work: Work, progress: Progress, say: Callable[[str], None]
+    settings: Reconstruct, source: Source, digests: dict[str, str], identity: str, work: Work, progress: Progress,
+    say: Callable[[str], None],
 ) -> Outcome:
     photographs = _photographs(settings, source, work, progress)
     groups = [] if source.kind == "poses" else group_by_camera(
@@ -99,7 +101,7 @@ def _stages(
     with work.timed("undistortion"), progress.stage("undistortion", model.num_reg_images()) as advance:
         placed = write_scene(work, photographs, source.holds_split, advance)
     content = record(
-        settings, source, identity, groups, views, model, placed, mapping=found, seconds=work.seconds(),
+        settings, source, digests, identity, groups, views, model, placed, mapping=found, seconds=work.seconds(),
         matching={"mode": matching, "pairs": len(pairs), "verified_pairs": len(agreed)},
     )
     write_json(work.scene / RECORD, content)

@@ -9,7 +9,7 @@ from typing import Literal
 
 from dofbench.errors import InputError
 from dofbench.motion import video
-from dofbench.motion.photographs import LEAST, Photograph, digests, find_photographs
+from dofbench.motion.photographs import LEAST, Photograph, digests, find_photographs, upright_size
 from dofbench.motion.settings import Reconstruct
 from dofbench.scenes.folders import image_folders
 from dofbench.scenes.loading import detect, load_scene
@@ -21,13 +21,16 @@ _EXPECTED = "a folder of photographs, a video, or a scene with poses"
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """What there is. digests: sha256 of every file, by name. photographs: given a folder for frames, and told of
+    """What there is. views: photographs that it gives, of a video at most. size: the first one's (width, height),
+    upright. digests: gives the sha256 of every file, by name. photographs: given a folder for frames, and told of
     progress, the photographs. count: of the items that progress counts; 0 where nothing needs doing. holds_split:
     whether the views' split is another than every eighth view's."""
 
     kind: Kind
     name: str
-    digests: dict[str, str]
+    views: int
+    size: tuple[int, int]
+    digests: Callable[[], dict[str, str]]
     photographs: Callable[[Path, Callable[[int], None]], list[Photograph]]
     count: int = 0
     holds_split: bool = False
@@ -47,12 +50,15 @@ def find_source(settings: Reconstruct) -> Source:
         if settings.poses == "keep" and detect(path) is not None:
             return _posed(settings)
         photographs = find_photographs(path, settings.images)
-        return Source("photographs", path.resolve().name, digests(photographs), lambda folder, advance: photographs)
+        return Source(
+            "photographs", path.resolve().name, len(photographs), upright_size(photographs[0].source),
+            lambda: digests(photographs), lambda folder, advance: photographs,
+        )
     if not video.is_video(path):
         raise InputError(path, "a file that is no video", f"{_EXPECTED} ({', '.join(video.VIDEO_SUFFIXES)})")
-    count = video.announced(path)
+    count, size = video.announced(path), video.frame_size(path)
     return Source(
-        "video", path.stem, video.digest(path),
+        "video", path.stem, min(count or settings.frames, settings.frames), size, lambda: video.digest(path),
         lambda folder, advance: video.sharpest_frames(path, folder, settings.frames, advance), count=count,
     )
 
@@ -74,8 +80,10 @@ def _posed(settings: Reconstruct) -> Source:
     photographs = [
         Photograph(view.name, view.source, view.image, view.exif, view.camera, view.split) for view in scene.views
     ]
+    first = scene.views[0].camera
     usual = {view.name: view.split for view in scene.with_hold(DEFAULT_HOLD).views}
     return Source(
-        "poses", scene.name, digests(photographs), lambda folder, advance: photographs,
+        "poses", scene.name, len(photographs), (first.width, first.height), lambda: digests(photographs),
+        lambda folder, advance: photographs,
         holds_split=any(view.split != usual[view.name] for view in scene.views),
     )

@@ -34,6 +34,14 @@ def announced(path: Path) -> int:
         return max(0, int(video.get(cv2.CAP_PROP_FRAME_COUNT)))
 
 
+def frame_size(path: Path) -> tuple[int, int]:
+    """(width, height) of the frames, upright. Raises InputError as `announced`."""
+    import cv2
+
+    with _opened(path) as video:
+        return int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT))
+
+
 def sharpest_frames(path: Path, folder: Path, count: int, advance: Callable[[int], None]) -> list[Photograph]:
     """The sharpest frame of each of `count` windows of equal length, as `folder/frame_INDEX.png`; kept where whole.
 

@@ -17,6 +17,7 @@ from dofbench.runs.batch import Batch
 from dofbench.runs.make import RunJobs
 from dofbench.runs.planned import PlannedRun, different_datasets, plan_run
 from dofbench.runs.settings import Runs
+from dofbench.synthesis.dataset import Dataset
 
 
 def run_all(settings: Runs, console: Console | None = None, run_jobs: RunJobs = run_jobs) -> bool:
@@ -53,18 +54,21 @@ def _run_photographs(settings: Runs, source: Path, console: Console, run_jobs: R
     """Everything from photographs to a page; False when a part of it failed."""
     from dofbench.reporting import report
     from dofbench.reporting.settings import Report
-    from dofbench.runs.photographs import dataset_of_photographs, folder_of, outlook
+    from dofbench.runs.photographs import check_runs, dataset_of_photographs, find_own, outlook
 
-    place = folder_of(source, settings.out)
-    for line in outlook(source, settings.cells(), settings.width):
+    cells = settings.cells()
+    check_runs(cells)
+    own = find_own(source, settings.out)
+    for line in outlook(own, cells, settings.width):
         _say(console, line)
     if settings.dry_run:
         return True
-    data = dataset_of_photographs(source, settings.out, settings.width, console)
+    data = dataset_of_photographs(own, settings.width, console)
     if data is None:
         return False
     done = run_all(replace(settings, photographs=None, width=None, data=str(data)), console, run_jobs)
-    page = report(Report(results=settings.out, out=place / "report"))
+    # What else lies in OUT is no business of a page about these photographs.
+    page = report(Report(results=settings.out / Dataset.load(data).name, out=own.place / "report"))
     return done and bool(page)
 
 

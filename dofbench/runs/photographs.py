@@ -6,98 +6,169 @@ folders below OUT/photographs: what is finished isn't done again, and each can b
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 from rich.console import Console
 
 from dofbench.errors import InputError
-from dofbench.harness.methods import find_method
-from dofbench.harness.settings import Run, parse_budget, parse_overrides
+from dofbench.harness.prepare import choose
+from dofbench.harness.settings import Run
 from dofbench.motion.settings import Reconstruct
+from dofbench.motion.source import find_source
+from dofbench.motion.work import RECORD
 from dofbench.scenes import load_scene
-from dofbench.scenes.folders import image_files
 from dofbench.scenes.loading import detect
+from dofbench.synthesis.schema import MANIFEST
 from dofbench.synthesis.settings import MakeDataset
 
 WIDTH = 504  # px: what two cores train on in minutes, and the size at which LLFF's scores are published
 HOLD = 8     # every so many-th photograph is held back, to be predicted and scored
 
-# Seconds on two cores of a shared machine (reports/poses, reports/photographs): another one may take half, or twice.
-_FEATURES, _PAIR, _PLACED = 1.5, 0.03, 0.5  # a photograph, two compared, one placed
-_NEIGHBOURS = 30                            # photographs that each is compared with, at most
-_STEP, _STEP_PIXEL = 0.03, 4.5e-7           # a training step, and a pixel of it
-_PRIOR_PIXEL, _FIT_PIXEL = 4e-6, 1.5e-4     # a pixel of a training view, and of a held-back one
+# Seconds on two cores of a shared machine (docs/own-photographs.md): another one may take half, or twice.
+_PHOTOGRAPH, _MEGAPIXEL = 0.5, 2.5       # features, mapping and undistortion of a photograph, and of its pixels
+_PAIR = 0.03                             # two photographs compared
+_NEIGHBOURS = 30                         # photographs that each is compared with, at most
+_FRAME_MEGAPIXEL = 0.015                 # a frame of a video, decoded and looked at
+_DATASET_MEGAPIXEL = 0.3                 # a photograph of the dataset, made smaller
+_STEP, _STEP_PIXEL = 0.03, 4.5e-7        # a training step, and a pixel of it
+_PRIOR_PIXEL = 4e-6                      # a pixel of a training view
+_FIT_PIXEL, _CURVE_PIXEL = 3e-5, 2.5e-4  # a pixel of a held-back view, scored at the end, and along the training
+_ON_CURVE = 4                            # held-back views that are scored along the training, at most
+_COMPILING = "the first run on a machine compiles kernels besides, about a minute"
 
 
-def dataset_of_photographs(source: Path, out: Path, width: int | None, console: Console) -> Path | None:
-    """The dataset of the photographs in `source`, made below `out`; None where no scene came of them.
+@dataclass(frozen=True)
+class Own:
+    """A user's photographs. kind: what they come as; a "scene" has poses and points already. views: how many, of a
+    video at most. size: the first one's (width, height). items: that have to be looked at to get the views."""
+
+    source: Path
+    place: Path
+    kind: Literal["photographs", "video", "poses", "scene"]
+    views: int
+    size: tuple[int, int]
+    items: int = 0
+
+    @property
+    def scene(self) -> Path:
+        """Where the scene is, or will be; scenes are called after their folders."""
+        return self.source if self.kind == "scene" else self.place / self.place.name
+
+    def dataset(self, width: int | None) -> Path:
+        """Where the dataset is, or will be."""
+        return self.place / f"{self.place.name}-{min(width or WIDTH, self.size[0])}"
+
+    def reconstruction(self) -> Reconstruct:
+        """The settings of the reconstruction."""
+        return Reconstruct(source=self.source, out=self.scene)
+
+
+def find_own(source: Path, out: Path) -> Own:
+    """What there is in `source`; what is made of it goes below `out`.
+
+    Raises InputError for a source that isn't there, isn't readable, or has too few photographs.
+    """
+    if not source.exists():
+        raise InputError("--photographs", f"no such folder or file: {source}", "a folder of photographs, or a video")
+    resolved = source.resolve()
+    # A folder's name may have a dot in it; "trip.2025" and "trip.2026" are two.
+    name = resolved.name if source.is_dir() else resolved.stem
+    place = out / "photographs" / (name or "photographs")
+    if source.is_dir() and detect(source) is not None:
+        scene = load_scene(source)
+        if scene.points is not None and len(scene.points) > 0:
+            camera = scene.views[0].camera
+            return Own(source, place, "scene", len(scene.views), (camera.width, camera.height))
+    found = find_source(Reconstruct(source=source, out=place / place.name))
+    return Own(source, place, found.kind, found.views, found.size, found.count)
+
+
+def check_runs(runs: Sequence[Run]) -> None:
+    """Raise InputError for methods, presets or options that the runs can't have: before minutes are spent on poses."""
+    for run in runs:
+        choices = choose(_on_data(run))
+        choices.entry.create({**choices.options, **choices.overrides}, run.seed, choices.device)
+
+
+def dataset_of_photographs(own: Own, width: int | None, console: Console) -> Path | None:
+    """The dataset of the photographs, made where it isn't there; None where no scene came of them.
 
     A folder that is a scene with poses and points already is taken as it is. Raises InputError for wrong input.
     """
     from dofbench.motion import reconstruct
     from dofbench.synthesis import make_dataset
 
-    place = folder_of(source, out)
-    scene = source
-    if not _has_points(source):
-        scene = place / "scene"
-        _say(console, f"camera poses and points of {source}: {scene}")
-        if not reconstruct(Reconstruct(source=source, out=scene)):
+    if own.kind != "scene":
+        _say(console, f"{_WHAT[own.kind]} of {own.source}: {own.scene}")
+        if not reconstruct(own.reconstruction()):
             return None
-    views = load_scene(scene).views
+    views = load_scene(own.scene).views
     wide = min(width or WIDTH, min(view.camera.width for view in views))
-    data = place / f"{place.name}-{wide}"
+    data = own.dataset(wide)
     _say(console, f"dataset of {len(views)} photographs, {wide} px wide, every {HOLD}th held back: {data}")
-    make_dataset(MakeDataset(scene=str(scene), photographs="shallow", width=wide, hold=HOLD, out=data))
+    make_dataset(MakeDataset(scene=str(own.scene), photographs="shallow", width=wide, hold=HOLD, out=data))
     return data
 
 
-def folder_of(source: Path, out: Path) -> Path:
-    """Where what is made of the photographs goes. Raises InputError when `source` isn't there."""
-    if not source.exists():
-        raise InputError("--photographs", f"no such folder or file: {source}", "a folder of photographs, or a video")
-    return out / "photographs" / source.resolve().stem
-
-
-def outlook(source: Path, runs: tuple[Run, ...], width: int | None) -> list[str]:
+def outlook(own: Own, runs: Sequence[Run], width: int | None) -> list[str]:
     """What will be done with the photographs, and about how long each part takes."""
-    posed = _has_points(source)
-    files = image_files(source) if source.is_dir() and not posed else ()
-    count = len(load_scene(source).views) if posed else len(files) or Reconstruct(source=source, out=source).frames
     lines, total = [], 0.0
-    if not posed:
-        pairs = count * min(count - 1, 2 * _NEIGHBOURS) / 2
-        seconds = count * (_FEATURES + _PLACED) + pairs * _PAIR
-        total += seconds
-        lines.append(f"camera poses of {count} photographs: about {_minutes(seconds)}")
-    pixels = (width or WIDTH) ** 2 * 3 / 4
+    what = f"{_WHAT[own.kind]} of {'at most ' if own.kind == 'video' else ''}{own.views} photographs"
+    if own.kind == "scene":
+        lines.append(f"{what}: those of the scene {own.source}")
+    elif (own.scene / RECORD).is_file():
+        lines.append(f"{what}: there already, {own.scene}")
+    else:
+        total += (seconds := _motion_seconds(own))
+        lines.append(f"{what}: about {_minutes(seconds)}")
+    megapixels = own.size[0] * own.size[1] / 1e6
+    wide = min(width or WIDTH, own.size[0])
+    pixels = wide**2 * own.size[1] / own.size[0]
+    finished = (own.dataset(width) / MANIFEST).is_file()
+    if not finished:
+        total += (seconds := own.views * megapixels * _DATASET_MEGAPIXEL)
+        lines.append(f"dataset, {wide} px wide: about {_minutes(seconds)}")
+    held = -(-own.views // HOLD)
+    scoring = pixels * (held * _FIT_PIXEL + min(held, _ON_CURVE) * _CURVE_PIXEL)
     for run in runs:
-        seconds = _training_seconds(run, pixels) + count * pixels * (_PRIOR_PIXEL + _FIT_PIXEL / HOLD)
+        seconds = _training_seconds(run, pixels) + own.views * pixels * _PRIOR_PIXEL + scoring
         total += seconds
-        lines.append(f"{run.method}, seed {run.seed}: about {_minutes(seconds)}")
-    return [*lines, f"together about {_minutes(total)} on two cores; half or twice that elsewhere"]
+        known = ", unless it is finished already" if finished else ""
+        lines.append(f"{run.method}, seed {run.seed}: about {_minutes(seconds)}{known}")
+    return [*lines, f"together about {_minutes(total)} on two cores, half or twice that elsewhere; {_COMPILING}"]
+
+
+def _motion_seconds(own: Own) -> float:
+    largest = Reconstruct(source=own.source, out=own.scene).size
+    raw = own.size[0] * own.size[1] / 1e6
+    megapixels = raw * min(1.0, largest / max(own.size)) ** 2
+    pairs = own.views * min(own.views - 1, 2 * _NEIGHBOURS) / 2
+    return (own.views * (_PHOTOGRAPH + megapixels * _MEGAPIXEL) + pairs * _PAIR
+            + own.items * raw * _FRAME_MEGAPIXEL)
 
 
 def _training_seconds(run: Run, pixels: float) -> float:
-    entry = find_method(run.method)
-    _, options, budget = entry.preset(run.preset, builtin=False)
-    budget = parse_budget(run.budget) if run.budget is not None else budget
-    steps = {**options, **parse_overrides(run.set)}.get("steps", 0)
-    if budget is not None:
-        steps = budget.steps or steps
+    choices = choose(_on_data(run))
+    steps = choices.budget.steps or {**choices.options, **choices.overrides}.get("steps", 0)
     seconds = float(steps) * (_STEP + pixels * _STEP_PIXEL)
-    return min(seconds, budget.seconds) if budget is not None and budget.seconds is not None else seconds
+    return seconds if choices.budget.seconds is None else min(seconds or math.inf, choices.budget.seconds)
 
 
-def _has_points(source: Path) -> bool:
-    if not source.is_dir() or detect(source) is None:
-        return False
-    points = load_scene(source).points
-    return points is not None and len(points) > 0
+def _on_data(run: Run) -> Run:
+    """The run as one on data of the user's own, whose preset is the default one."""
+    return replace(run, data=run.out)
+
+
+_WHAT = {"photographs": "camera poses and points", "video": "frames, camera poses and points",
+         "poses": "points, the poses being known,", "scene": "poses and points"}
 
 
 def _minutes(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
+    return f"{max(1, seconds):.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
 
 
 def _say(console: Console, line: str) -> None:

@@ -38,8 +38,9 @@ class Scripted:
     def revise(self, changes):
         self.changes.update(changes)
 
-    def train(self, step, count, total, progress):
+    def train(self, step, count, total, progress, advance):
         self.log.append((step, count))
+        advance(count)
 
     def held_back_scores(self, share):
         key = self.changes.get("lens_model") or ("no lens" if self.changes.get("lens") is False else
@@ -58,7 +59,10 @@ class Scripted:
 
 def _decided(trainer, asked="lens,share,model"):
     trials = Trials(trainer, TrainerOptions(lens_trials=asked, lens_trials_steps=0.03))
-    step, decisions = trials.decide(400, 1000, 0.4)
+    told = []
+    step, decisions = trials.decide(400, 1000, 0.4, lambda *progress: told.append(progress))
+    assert told and told[0] == ("trying the lens as it is", 0, 40) and {done for _, done, _ in told} == {0, 40}
+    assert len(told) == 2 * len(trainer.log)  # nobody waits for an attempt without a sign
     assert step == 440 and not trials.open and set(trainer.log) == {(400, 40)}
     assert all("dB" in decision.reason for decision in decisions)
     return trainer.changes, {decision.stage: decision.runs for decision in decisions}

@@ -50,9 +50,9 @@ def test_a_dry_run_says_what_will_be_done_and_how_long_it_takes(desk: Path):
 def test_from_photographs_to_a_page_and_again(desk: Path):
     said = dofbench(desk, *CALL)
     place = desk / "results/photographs/desk"
-    assert (place / "scene/sparse/0/points3D.bin").is_file() and (place / "desk-96/dataset.json").is_file()
+    assert (place / "desk/sparse/0/points3D.bin").is_file() and (place / "desk-96/dataset.json").is_file()
     assert (place / "report/report.html").is_file() and (place / "report/leaderboard.md").is_file()
-    [folder] = [file.parent for file in (desk / "results").rglob("result.json")]
+    [folder] = [file.parent for file in (desk / "results/desk").rglob("result.json")]
     result = read_result(folder)
     assert result.scores["steps"] == 12 and result.scores["photo_psnr"] > 5
     assert (folder / "model/gaussians.ply").is_file()

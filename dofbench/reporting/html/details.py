@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
+from dofbench.harness.result import Result
 from dofbench.reporting.collect import Collection, grouped
 from dofbench.reporting.columns import COLUMNS, SCORES
 from dofbench.reporting.held_out import ASKED_HEADING, COLUMNS_SHOWN, asked_lines
@@ -45,7 +46,7 @@ def run_table(collection: Collection, boards: Sequence[Board]) -> str:
     """Command, code and machine of every run; the rest is in its result.json."""
     headings = [Th(name, words=True) for name in (
         "dataset", "method", "preset", "seed", "status", "budget", "started (UTC)", "command", "key", "code", "commit",
-        "left out of the method")]
+        "left out of the method", "what runs, and why")]
     names = {board.key: board for board in boards}
     rows = []
     for entry in collection.entries:
@@ -58,11 +59,17 @@ def run_table(collection: Collection, boards: Sequence[Board]) -> str:
             text_cell(entry.spec.budget), text_cell(_minute(result.started) if result else "unknown"),
             _command(result.command) if result else text_cell("unknown"),
             text_cell(entry.spec.key[:8]), text_cell(entry.spec.code.rpartition("+")[2][:8]),
-            text_cell(commit_text(entry) if result else "unknown"), text_cell(left),
+            text_cell(commit_text(entry) if result else "unknown"), text_cell(left), text_cell(_runs(result)),
         ])
     machines = list(dict.fromkeys(machine_text(entry) for entry in collection.entries if entry.result))
     return table(headings, rows, "How each run was made") + "".join(
         f"<p>Machine: {escape(machine)}</p>" for machine in machines)
+
+
+def _runs(result: Result | None) -> str:
+    """What was decided to run, by the plan or while training, with its reason."""
+    stages = result.plan.get("stages", ()) if result else ()
+    return "; ".join(f"{stage['name']}: {stage['reason']}" for stage in stages if stage["runs"])
 
 
 def _minute(moment: str) -> str:
