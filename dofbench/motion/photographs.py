@@ -39,8 +39,8 @@ class Photograph:
 class Prepared:
     """A photograph as the stages after see it: an 8-bit PNG of the longer side asked for or less.
 
-    file_name: in the folder of photographs. width, height: its pixels. sharpness: variance of its Laplacian, 8-bit
-    levels squared, which only says something beside the others'.
+    file_name: in the folder of photographs, a number in their order. width, height: its pixels. sharpness: variance of
+    its Laplacian, 8-bit levels squared, which only says something beside the others'.
     """
 
     name: str
@@ -114,13 +114,14 @@ def turned(image: np.ndarray, orientation: int) -> np.ndarray:
 def prepare(
     photographs: Sequence[Photograph], folder: Path, size: int, advance: Callable[[int], None]
 ) -> list[Prepared]:
-    """Write every photograph as `folder/NAME.png`, at most `size` pixels on its longer side; what is there is kept.
+    """Write every photograph as `folder/NUMBER.png`, at most `size` pixels on its longer side; what is there is kept.
 
     advance: called with the number done. Raises InputError for a photograph that can't be read.
     """
     prepared = []
     for index, photograph in enumerate(photographs):
-        path = folder / f"{photograph.name}.png"
+        # COLMAP's list of pairs parts names by spaces, and a name may have one; a number hasn't.
+        path = folder / f"{index:06d}.png"
         if not path.is_file():
             image = photograph.read()
             height, width = image.shape[:2]

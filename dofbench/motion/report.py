@@ -44,7 +44,7 @@ def view_reports(
     model: Any | None, others: Sequence[Sequence[str]],
 ) -> list[ViewReport]:
     """A report for every photograph. model: a pycolmap.Reconstruction, None where nothing was found. others: parts that
-    hang together apart from it, by file name."""
+    hang together apart from it, by view."""
     seen = {} if model is None else _seen(model)
     usual = float(np.median([photograph.sharpness for photograph in photographs]))
     reports = []
@@ -86,7 +86,7 @@ def _reason(
         return ("no other photograph shows enough of the same",
                 "take photographs between it and the others, overlapping by two thirds")
     for part in others:
-        if photograph.file_name in part:
+        if photograph.name in part:
             return (f"it hangs together with {len(part) - 1} others, but not with the rest",
                     "take photographs between the two parts, or reconstruct this part by itself")
     return (f"at most {max(matches)} matches with one of {len(matches)} photographs, too few points in common with "

@@ -141,7 +141,9 @@ def _map(
             if mapped is None:
                 return None
             model = mapped.model
-            how = {"how": settings.mapping, "demands": mapped.attempt, "others": [list(part) for part in mapped.others]}
+            names = {photograph.file_name: photograph.name for photograph in photographs}
+            how = {"how": settings.mapping, "demands": mapped.attempt,
+                   "others": [[names[file] for file in part] for part in mapped.others]}
     write_json(work.folder / _MAPPING, how)
     unfinished = work.folder / "model.part"
     shutil.rmtree(unfinished, ignore_errors=True)

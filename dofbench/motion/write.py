@@ -28,18 +28,19 @@ def write_scene(
     model = read_model(work.model)
     by_file = {photograph.file_name: photograph for photograph in photographs}
     views = [by_file[name] for name in model.names]
+    names = [f"{view.name}.png" for view in views]
     cameras = []
     for index, (view, lens, pose) in enumerate(zip(views, model.intrinsics, model.world_to_camera, strict=True)):
         cameras.append(undistorted(lens).camera(pose))
-        path = work.scene / "images" / view.file_name
+        path = work.scene / "images" / names[index]
         if not path.is_file():
             image = read_image(work.photographs / view.file_name)
             write_png(path, undistort_image(image, lens))
         advance(index + 1)
     points = None if model.points is None else _in_front(model.points, cameras)
-    export.write_colmap(work.scene, model.names, cameras, points)
+    export.write_colmap(work.scene, names, cameras, points)
     if holds_split:
-        export.write_transforms(work.scene / "transforms.json", [f"images/{name}" for name in model.names], cameras,
+        export.write_transforms(work.scene / "transforms.json", [f"images/{name}" for name in names], cameras,
                                 splits=[view.split or "train" for view in views])
     if exif := {view.name: view.exif for view in views if view.exif is not None}:
         write_exif(work.scene, exif)
