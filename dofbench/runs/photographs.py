@@ -17,6 +17,8 @@ from rich.console import Console
 from dofbench.errors import InputError
 from dofbench.harness.prepare import choose
 from dofbench.harness.settings import Run
+from dofbench.motion.pairs import LOOK_ALIKES
+from dofbench.motion.pairs import choose as choose_matching
 from dofbench.motion.settings import Reconstruct
 from dofbench.motion.source import find_source
 from dofbench.motion.work import RECORD
@@ -31,7 +33,6 @@ HOLD = 8     # every so many-th photograph is held back, to be predicted and sco
 # Seconds on two cores of a shared machine (docs/own-photographs.md): another one may take half, or twice.
 _PHOTOGRAPH, _MEGAPIXEL = 0.5, 2.5       # features, mapping and undistortion of a photograph, and of its pixels
 _PAIR = 0.03                             # two photographs compared
-_NEIGHBOURS = 30                         # photographs that each is compared with, at most
 _FRAME_MEGAPIXEL = 0.015                 # a frame of a video, decoded and looked at
 _DATASET_MEGAPIXEL = 0.3                 # a photograph of the dataset, made smaller
 _STEP, _STEP_PIXEL = 0.03, 4.5e-7        # a training step, and a pixel of it
@@ -146,7 +147,8 @@ def _motion_seconds(own: Own) -> float:
     largest = Reconstruct(source=own.source, out=own.scene).size
     raw = own.size[0] * own.size[1] / 1e6
     megapixels = raw * min(1.0, largest / max(own.size)) ** 2
-    pairs = own.views * min(own.views - 1, 2 * _NEIGHBOURS) / 2
+    matching = choose_matching("auto", own.views, own.kind == "video")
+    pairs = own.views * ((own.views - 1) / 2 if matching == "exhaustive" else LOOK_ALIKES)
     return (own.views * (_PHOTOGRAPH + megapixels * _MEGAPIXEL) + pairs * _PAIR
             + own.items * raw * _FRAME_MEGAPIXEL)
 
