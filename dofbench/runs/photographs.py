@@ -91,6 +91,9 @@ def find_own(source: Path, out: Path) -> Own:
 def check_runs(runs: Sequence[Run]) -> None:
     """Raise InputError for methods, presets or options that the runs can't have: before minutes are spent on poses."""
     for run in runs:
+        if run.inputs != "shallow":
+            raise InputError("--inputs", f"{run.inputs} with --photographs",
+                             "the photographs as they are; where all are sharp, --set lens=false leaves out the lens")
         choices = choose(_on_data(run))
         choices.entry.create({**choices.options, **choices.overrides}, run.seed, choices.device)
 

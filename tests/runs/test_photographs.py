@@ -160,6 +160,7 @@ def test_from_photographs_to_a_page_and_again(desk: Path):
     (("--photographs", "none", "--dry-run"), "none: found 0 photographs, expected at least 3"),
     (("--photographs", "notes.txt", "--dry-run"), "a file that is no video"),
     (("--photographs", "my desk", "--set", "nonsense=1"), "option nonsense: found an unknown name"),
+    (("--photographs", "my desk", "--inputs", "all-in-focus"), "--set lens=false leaves out the lens"),
     (("--photographs", "my desk", "--out", "my desk/results"), "a folder outside of my desk"),
 ])
 def test_what_is_wrong_with_the_call_is_one_line(
