@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import pytest
 from harness_fakes import FakeDataset, write_dataset, write_method
 
-from dofbench.contracts import Budget
+from dofbench.contracts import Budget, Decision
 from dofbench.errors import InputError
 from dofbench.files import canonical_json
 from dofbench.harness.facts import Facts
 from dofbench.harness.methods import find_method
-from dofbench.harness.plan import RunPlan, make_plan
+from dofbench.harness.plan import RunPlan, Stage, decided, make_plan, revised
 from dofbench.harness.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS, protocol_for
 from dofbench.reporting.lenses import lens_words
 
@@ -215,3 +216,13 @@ def test_every_protocol_is_found_by_its_inputs() -> None:
     assert newest < set(PROTOCOLS)  # the older ones are still known
     with pytest.raises(InputError, match="inputs"):
         protocol_for("blurry")
+
+
+def test_what_training_decided_is_said_and_nothing_else():
+    before = (Stage("lens", True, "tried while training"), Stage("harmonics", True, "they change"))
+    plan = {"stages": [dataclasses.asdict(stage) for stage in before]}
+    assert decided(before, plan) == []
+    after = revised(plan, [Decision("lens", False, "0.1 px")])
+    assert decided(before, after) == ["stage lens: left out: 0.1 px"]
+    # The same end for another reason is worth a line, too.
+    assert decided(before, revised(plan, [Decision("lens", True, "+1 dB")])) == ["stage lens: runs: +1 dB"]
