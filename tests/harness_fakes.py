@@ -206,7 +206,7 @@ from dofbench.lens import PhysicalLens
 from .behaviour import misbehave
 
 DEFAULTS = {"steps": 8, "noise": 0.1, "lens": True, "trouble": "", "at": 3, "scene": 1, "pause": 0.0,
-            "lens_per": "view", "depth": 1, "normals": 1, "harmonics": 3}
+            "lens_per": "view", "depth": 1, "normals": 1, "harmonics": 3, "colours": 1}
 
 
 class Fake:
