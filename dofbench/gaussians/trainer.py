@@ -143,6 +143,7 @@ class Trainer:
                     break
         except NonFiniteError as error:
             event = error.event
+            step = max(step, event.step)  # the step that failed counts as taken, in a trial too
             self._optimiser.discard_gradients()
         try:
             self.gaussians.update_filter_3d([view.camera for view in self.views])
