@@ -111,7 +111,7 @@ def make_plan(
     if entry.card.capabilities.needs_points and not facts.points:
         raise InputError(f"dataset {dataset.name}", "no sparse points", f"some, as {entry.id} starts from them")
 
-    stages, switched = _stages(entry, {**options, **overrides}, facts, force_all,
+    stages, switched = _stages(entry, {**options, **overrides}, overrides, facts, force_all,
                                protocol.inputs == "all-in-focus")
     left_out = _left_out(entry, protocol, stages, missing_truth(dataset))
     exif = EXIF_COLUMNS if asked_by_exif(dataset, protocol.inputs) else ()
@@ -159,7 +159,7 @@ def revised(plan: dict[str, Any], decisions: Sequence[Decision]) -> dict[str, An
     return {**plan, "stages": stages}
 
 
-def _stages(entry: MethodEntry, options: dict[str, Any], facts: Facts, force_all: bool,
+def _stages(entry: MethodEntry, options: dict[str, Any], overrides: dict[str, Any], facts: Facts, force_all: bool,
             sharp: bool) -> tuple[list[Stage], dict]:
     """What runs and what doesn't, and the options that switch off what doesn't. sharp: the call says that the
     photographs are all in focus."""
@@ -170,6 +170,8 @@ def _stages(entry: MethodEntry, options: dict[str, Any], facts: Facts, force_all
         switch = entry.card.leave_out.get(name)
         if switch is not None and all(options.get(key) == value for key, value in switch.items()):
             return False  # the preset or the user has switched it off: nothing to be decided
+        if switch is not None and set(switch) & overrides.keys():
+            return True  # the user has decided
         runs = not needless or force_all or switch is None
         if needless and force_all:
             why = f"--force-all, although {why}"
@@ -196,7 +198,11 @@ def _stages(entry: MethodEntry, options: dict[str, Any], facts: Facts, force_all
             said = "the dataset says: one lens took all photographs" if facts.one_lens else \
                 "the dataset says: photographs by several lenses" if facts.one_lens is not None else \
                 "nobody knows the photographs' lenses, so each may have one of its own"
-            if asked.about("share", known=facts.one_lens is not None):
+            tied = facts.one_lens is None and "aperture_per_view" in entry.card.leave_out and decide(
+                "aperture_per_view", facts.f_numbers, "EXIF has the f-number of every photograph, by one camera at one "
+                "focal length: they share one aperture x f-number, and have a focus each" if facts.f_numbers else
+                "EXIF doesn't say how the photographs' apertures compare") is False
+            if asked.about("share", known=tied or facts.one_lens is not None):
                 said = f"{said}; {TRIED}"
             decide("lens_per_view", bool(facts.one_lens), said)
             if asked.about("model", known=False):
