@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -134,7 +134,7 @@ class Trainer:
                         break
                 if self._trials.due(progress):
                     with self._timed("trials"):
-                        step, self.decisions = self._trials.decide(step, total, progress)
+                        step, self.decisions = self._trials.decide(step, total, progress, observer.stage)
                     self._photographs = self._all_photographs()
                 else:
                     self._loss = self._next(step, progress)
@@ -183,9 +183,12 @@ class Trainer:
         self._outliers.record(index, loss)
         return loss
 
-    def train(self, step: int, count: int, total: int, progress: float) -> None:
-        """Take so many steps more, after `step` of `total`, which nobody observes: a trial's."""
+    def train(self, step: int, count: int, total: int, progress: float,
+              tell: Callable[[int, int], None] = lambda done, of: None) -> None:
+        """Take so many steps more, after `step` of `total`, which nobody observes: a trial's. tell: how many are taken.
+        """
         for taken in range(count):
+            tell(taken, count)
             self._loss = self._next(step + taken, max(progress, (step + taken) / total))
 
     def snapshot(self) -> Snapshot:

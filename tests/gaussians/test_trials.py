@@ -38,8 +38,9 @@ class Scripted:
     def revise(self, changes):
         self.changes.update(changes)
 
-    def train(self, step, count, total, progress):
+    def train(self, step, count, total, progress, tell):
         self.log.append((step, count))
+        tell(0, count)
 
     def held_back_scores(self, share):
         key = self.changes.get("lens_model") or ("no lens" if self.changes.get("lens") is False else
@@ -58,7 +59,9 @@ class Scripted:
 
 def _decided(trainer, asked="lens,share,model"):
     trials = Trials(trainer, TrainerOptions(lens_trials=asked, lens_trials_steps=0.03))
-    step, decisions = trials.decide(400, 1000, 0.4)
+    told = []
+    step, decisions = trials.decide(400, 1000, 0.4, lambda *words: told.append(words))
+    assert [of for _, _, of in told] == [40] * len(trainer.log) and told[0][0] == "trying what was learned so far"
     assert step == 440 and not trials.open and set(trainer.log) == {(400, 40)}
     assert all("dB" in decision.reason for decision in decisions)
     return trainer.changes, {decision.stage: decision.runs for decision in decisions}
