@@ -204,7 +204,8 @@ def _stages(entry: MethodEntry, options: dict[str, Any], overrides: dict[str, An
                 "EXIF doesn't say how the photographs' apertures compare") is False
             if asked.about("share", known=tied or facts.one_lens is not None):
                 said = f"{said}; {TRIED}"
-            decide("lens_per_view", bool(facts.one_lens), said)
+            if not tied:
+                decide("lens_per_view", bool(facts.one_lens), said)
             if asked.about("model", known=False):
                 stages.append(Stage("lens_samples", True, f"nobody knows how the photographs were blurred; {TRIED}"))
         else:

@@ -114,7 +114,7 @@ def test_what_is_known_is_not_tried(plan) -> None:
 def test_f_numbers_tie_apertures_where_the_user_does_not_say_otherwise(plan) -> None:
     tied = plan("dofgaussian", one_lens=None, f_numbers=True, options=TRIED)
     assert tied.options["lens_per"] == "exif" and "share" not in tied.options["lens_trials"]
-    assert not _runs(tied)["aperture_per_view"]
+    assert not _runs(tied)["aperture_per_view"] and "lens_per_view" not in _runs(tied)
     free = plan("dofgaussian", one_lens=None, f_numbers=True, options=TRIED, overrides={"lens_per": "view"})
     assert free.options["lens_per"] == "view" and "lens_init_aperture" not in free.options
     assert "lens_per" not in plan("dofgaussian", one_lens=False, f_numbers=True, options=TRIED).options
