@@ -141,9 +141,10 @@ QUESTIONS = ("lens", "share", "model")
 
 
 def questions(options: TrainerOptions) -> tuple[str, ...]:
-    """What `options.lens_trials` leaves open, in the order in which it is asked."""
+    """What `options.lens_trials` leaves open and the other options don't settle, in the order in which it is asked."""
     asked = {word for word in options.lens_trials.split(",") if word}
-    return tuple(word for word in QUESTIONS if word in asked)
+    settled = {"lens": not options.lens, "share": options.lens_per != "view", "model": options.lens_model != "scatter"}
+    return tuple(word for word in QUESTIONS if word in asked and not settled[word])
 
 
 def _gain(one: _Attempt, other: _Attempt) -> tuple[float, float]:

@@ -129,11 +129,15 @@ def make_plan(
 
 
 class _Trials:
-    """What the method would try out while training, and which of it the plan knows already. force_all: try nothing."""
+    """What the method would try out while training, and which of it the plan knows already, or the user has decided.
+    force_all: try nothing."""
 
-    def __init__(self, options: dict[str, Any], force_all: bool):
+    _DECIDED_BY = {"lens": "lens", "share": "lens_per", "model": "lens_model"}
+
+    def __init__(self, options: dict[str, Any], overrides: dict[str, Any], force_all: bool):
         self._before = str(options.get("lens_trials", ""))
-        self._open = [] if force_all else [word for word in self._before.split(",") if word]
+        words = [] if force_all else [word for word in self._before.split(",") if word]
+        self._open = [word for word in words if self._DECIDED_BY.get(word) not in overrides]
 
     def about(self, question: str, *, known: bool) -> bool:
         """Whether it will be tried; a question whose answer is known is closed."""
@@ -183,7 +187,7 @@ def _stages(entry: MethodEntry, options: dict[str, Any], overrides: dict[str, An
         return runs
 
     if entry.card.capabilities.learns_lens:
-        asked = _Trials(options, force_all)
+        asked = _Trials(options, overrides, force_all)
         blur = facts.blur_px
         shown = ("the photographs don't tell how blurred they are" if blur is None else
                  f"the photographs show circles of confusion of up to {blur:.2f} px, by an estimate of which "

@@ -13,7 +13,7 @@ from dofbench.exif import Exif
 from dofbench.gaussians.held_back import HeldBackScores
 from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.trainer import Trainer
-from dofbench.gaussians.trials import Trials
+from dofbench.gaussians.trials import Trials, questions
 
 OPEN = {"lens_trials": "lens", "lens_trials_at": 0.4, "lens_trials_steps": 0.06, "lens_activation": "ends",
         "lens_update": "dense", "lens_lr": 1e-2, "lens_lr_final": 1e-2, "adaptation": "off", "steps": 240}
@@ -159,6 +159,14 @@ def test_the_length_of_a_trial_is_a_share_of_the_training_and_shows_every_photog
     assert trials.length(5000, 17) == 150
     assert trials.length(2000, 50) == 100
     assert trials.length(600, 50) == 36  # but no more than 6 % of it
+
+
+def test_what_other_options_settle_is_not_asked():
+    asked = {"lens_trials": "lens,share,model"}
+    assert questions(TrainerOptions(**asked)) == ("lens", "share", "model")
+    assert questions(TrainerOptions(**asked, lens_per="scene")) == ("lens", "model")
+    assert questions(TrainerOptions(**asked, lens_model="samples")) == ("lens", "share")
+    assert questions(TrainerOptions(**asked, lens=False)) == ("share", "model")
 
 
 def test_an_unknown_question_is_named():

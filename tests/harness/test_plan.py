@@ -117,6 +117,7 @@ def test_f_numbers_tie_apertures_where_the_user_does_not_say_otherwise(plan) -> 
     assert not _runs(tied)["aperture_per_view"] and "lens_per_view" not in _runs(tied)
     free = plan("dofgaussian", one_lens=None, f_numbers=True, options=TRIED, overrides={"lens_per": "view"})
     assert free.options["lens_per"] == "view" and "lens_init_aperture" not in free.options
+    assert free.options["lens_trials"] == "model"  # what the user has decided isn't tried
     assert "lens_per" not in plan("dofgaussian", one_lens=False, f_numbers=True, options=TRIED).options
 
 
