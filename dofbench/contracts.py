@@ -149,7 +149,7 @@ class Observer(Protocol):
         """Call after every step (1-based). Evaluates when one is due. False means: stop now."""
 
     def stage(self, name: str, done: int, total: int) -> None:
-        """Call where something takes long before the first step, or between two: `done` of its `total` units are
+        """Call where something takes long before the first step, or between steps: `done` of its `total` units are
         finished.
 
         0 says that it begins. Nobody has to wait for longer than a unit without a sign.

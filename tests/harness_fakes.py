@@ -199,14 +199,14 @@ import json
 import numpy as np
 from harness_fakes import sharp_image
 
-from dofbench.contracts import FitOutcome, Rendering
+from dofbench.contracts import Decision, FitOutcome, Rendering
 from dofbench.errors import InputError, Status
 from dofbench.lens import PhysicalLens
 
 from .behaviour import misbehave
 
 DEFAULTS = {"steps": 8, "noise": 0.1, "lens": True, "trouble": "", "at": 3, "scene": 1, "pause": 0.0,
-            "lens_per": "view", "depth": 1, "normals": 1, "harmonics": 3}
+            "lens_per": "view", "depth": 1, "normals": 1, "harmonics": 3, "colours": 1}
 
 
 class Fake:
@@ -225,7 +225,12 @@ class Fake:
             deaf = self.options["trouble"] == "deaf" and step >= self.options["at"]
             if not observer.after_step(step, loss) and not deaf:
                 break
-        return FitOutcome(Status.OK, step, stages={"guess": 0.01}, left_out={"normals": "a fake has none"})
+        decisions = ()
+        if self.options["trouble"] == "no lens":  # training finds that there is none
+            self.options["lens"] = False
+            decisions = (Decision("lens", False, "tried while training: nothing gained"),)
+        return FitOutcome(Status.OK, step, stages={"guess": 0.01}, left_out={"normals": "a fake has none"},
+                          decisions=decisions)
 
     def render(self, camera, lens):
         if lens is not None and not self.options["lens"]:
@@ -248,10 +253,10 @@ class Fake:
         return {"gaussians": 10.0 * self.step}
 
     def save(self, folder):
-        (folder / "model.json").write_text(json.dumps([self.step, self.widths]))
+        (folder / "model.json").write_text(json.dumps([self.step, self.widths, self.options["lens"]]))
 
     def load(self, folder):
-        self.step, self.widths = json.loads((folder / "model.json").read_text())
+        self.step, self.widths, self.options["lens"] = json.loads((folder / "model.json").read_text())
 '''
 
 BEHAVIOUR_CODE = '''\

@@ -143,6 +143,7 @@ class Trainer:
                     break
         except NonFiniteError as error:
             event = error.event
+            step = max(step, event.step)  # the step that failed counts as taken, in a trial too
             self._optimiser.discard_gradients()
         try:
             self.gaussians.update_filter_3d([view.camera for view in self.views])
@@ -183,12 +184,12 @@ class Trainer:
         return loss
 
     def train(self, step: int, count: int, total: int, progress: float,
-              advance: Callable[[int], None] = lambda taken: None) -> None:
-        """Take so many steps more, after `step` of `total`: a trial's, which no observer counts. advance: told after
-        each how many of them are taken."""
+              tell: Callable[[int, int], None] = lambda done, of: None) -> None:
+        """Take so many steps more, after `step` of `total`, which nobody observes: a trial's. tell: how many are taken.
+        """
         for taken in range(count):
+            tell(taken, count)
             self._loss = self._next(step + taken, max(progress, (step + taken) / total))
-            advance(taken + 1)
 
     def snapshot(self) -> Snapshot:
         """All that training changes, copied."""

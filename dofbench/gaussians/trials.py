@@ -10,14 +10,16 @@ way is kept, so only the other one's steps are lost. Afterwards the tiles are tr
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dofbench.contracts import Decision
 from dofbench.gaussians.options import TrainerOptions
+from dofbench.remaining import Progress, silent
 
 if TYPE_CHECKING:
     from dofbench.gaussians.trainer import Snapshot, Trainer
@@ -62,28 +64,25 @@ class Trials:
         """Steps of one trial, of a training of `total` steps."""
         return max(1, min(max(round(self._share * total), VISITS * views), round(MOST * total)))
 
-    def decide(
-        self, step: int, total: int, progress: float, tell: Callable[[str, int, int], None],
-    ) -> tuple[int, list[Decision]]:
+    def decide(self, step: int, total: int, progress: float,
+               tell: Progress = silent) -> tuple[int, list[Decision]]:
         """Try, and leave the trainer in the state of the best; returns the steps taken in all, and what was decided.
 
-        tell: what is tried, and how many of its steps are taken; as `Observer.stage`, since trials can take minutes.
+        tell: told what is tried, and how many of its steps are taken.
         """
         trainer, questions_open = self._trainer, self._open
         self._open = ()
         steps = min(self.length(total, trainer.count), total - step)
         start = trainer.snapshot()
 
-        def attempt(changes: Mapping[str, Any]) -> _Attempt:
+        def attempt(changes: Mapping[str, Any], words: str) -> _Attempt:
             trainer.restore(start)
             trainer.revise(changes)
-            name = f"trying {_WORDS[changes.get('lens_model') or changes.get('lens_per') or changes.get('lens')]}"
-            tell(name, 0, steps)
-            trainer.train(step, steps, total, progress, lambda taken: tell(name, taken, steps))
+            trainer.train(step, steps, total, progress, partial(tell, f"trying {words}"))
             views = trainer.held_back_scores(HELD_BACK).views
             return _Attempt(changes, trainer.snapshot(), np.array([psnr for psnr, _ in views.values()]))
 
-        best, decisions = attempt({}), []
+        best, decisions = attempt({}, "what was learned so far"), []
         if "lens" in questions_open:
             best, decided = self._lens(attempt, best)
             decisions.append(decided)
@@ -98,7 +97,7 @@ class Trials:
 
     def _lens(self, attempt, with_lens: _Attempt) -> tuple[_Attempt, Decision]:
         circle = self._trainer.widest_circle()
-        without = attempt({"lens": False, "adaptation": "off"})
+        without = attempt({"lens": False, "adaptation": "off"}, "no lens")
         gain, error = _gain(with_lens, without)
         figures = (f"with the lens that was learned so far held-back pixels are {_signed(gain, error)} dB better, "
                    f"and its circles of confusion reach {circle:.2f} px")
@@ -118,7 +117,7 @@ class Trials:
             ways.insert(0, ("scene", "one lens"))
         told = []
         for per, words in ways:
-            shared = attempt({**each.changes, "lens_per": per})
+            shared = attempt({**each.changes, "lens_per": per}, words)
             gain, error = _gain(shared, each)
             told.append(f"{words} for all makes held-back pixels {_signed(gain, error)} dB better")
             if gain > -max(WORTH, error):
@@ -126,7 +125,7 @@ class Trials:
         return each, Decision("lens_per_view", True, f"tried while training: {'; '.join(told)}")
 
     def _model(self, attempt, scatter: _Attempt) -> tuple[_Attempt, Decision]:
-        own = attempt({**scatter.changes, **_OWN_BLUR})
+        own = attempt({**scatter.changes, **_OWN_BLUR}, "each Gaussian's own blur")
         gain, error = _gain(own, scatter)
         figures = f"each Gaussian's own blur makes held-back pixels {_signed(gain, error)} dB better than the scatter"
         better = gain > max(WORTH, SURE * error)
@@ -138,17 +137,14 @@ _OWN_BLUR = {"lens_model": "samples", "lens_samples_from": 0.0, "lens_rings": 0}
 # The lens is sampled for the last fifth: several rasterisations a step, so not for longer.
 _AFTER = {"samples": {"lens_rings": 1, "lens_rings_from": 0.8}}
 
-# What an attempt is called while it goes on, by the last thing that it changes.
-_WORDS = {None: "the lens as it is", False: "no lens", "scene": "one lens for all", "aperture": "one aperture for all",
-          "exif": "one aperture times f-number for all", "samples": "each Gaussian's own blur"}
-
 QUESTIONS = ("lens", "share", "model")
 
 
 def questions(options: TrainerOptions) -> tuple[str, ...]:
-    """What `options.lens_trials` leaves open, in the order in which it is asked."""
+    """What `options.lens_trials` leaves open and the other options don't settle, in the order in which it is asked."""
     asked = {word for word in options.lens_trials.split(",") if word}
-    return tuple(word for word in QUESTIONS if word in asked)
+    settled = {"lens": not options.lens, "share": options.lens_per != "view", "model": options.lens_model != "scatter"}
+    return tuple(word for word in QUESTIONS if word in asked and not settled[word])
 
 
 def _gain(one: _Attempt, other: _Attempt) -> tuple[float, float]:

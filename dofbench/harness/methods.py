@@ -81,7 +81,7 @@ class Card(_Strict):
         return value
 
 
-STAGES = ("lens", "lens_per_view", "sparse_depth", "normals", "harmonics", "colours")
+STAGES = ("lens", "lens_per_view", "aperture_per_view", "sparse_depth", "normals", "harmonics", "colours")
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,7 @@ def make_plan(
     if entry.card.capabilities.needs_points and not facts.points:
         raise InputError(f"dataset {dataset.name}", "no sparse points", f"some, as {entry.id} starts from them")
 
-    stages, switched = _stages(entry, {**options, **overrides}, facts, force_all,
+    stages, switched = _stages(entry, {**options, **overrides}, overrides, facts, force_all,
                                protocol.inputs == "all-in-focus")
     left_out = _left_out(entry, protocol, stages, missing_truth(dataset))
     exif = EXIF_COLUMNS if asked_by_exif(dataset, protocol.inputs) else ()
@@ -132,11 +132,15 @@ def make_plan(
 
 
 class _Trials:
-    """What the method would try out while training, and which of it the plan knows already. force_all: try nothing."""
+    """What the method would try out while training, and which of it the plan knows already, or the user has decided.
+    force_all: try nothing."""
 
-    def __init__(self, options: dict[str, Any], force_all: bool):
+    _DECIDED_BY = {"lens": "lens", "share": "lens_per", "model": "lens_model"}
+
+    def __init__(self, options: dict[str, Any], overrides: dict[str, Any], force_all: bool):
         self._before = str(options.get("lens_trials", ""))
-        self._open = [] if force_all else [word for word in self._before.split(",") if word]
+        words = [] if force_all else [word for word in self._before.split(",") if word]
+        self._open = [word for word in words if self._DECIDED_BY.get(word) not in overrides]
 
     def about(self, question: str, *, known: bool) -> bool:
         """Whether it will be tried; a question whose answer is known is closed."""
@@ -172,7 +176,7 @@ def decided(before: Sequence[Stage], plan: dict[str, Any]) -> list[str]:
     return [stage.line() for stage in now if stage != was.get(stage.name)]
 
 
-def _stages(entry: MethodEntry, options: dict[str, Any], facts: Facts, force_all: bool,
+def _stages(entry: MethodEntry, options: dict[str, Any], overrides: dict[str, Any], facts: Facts, force_all: bool,
             sharp: bool) -> tuple[list[Stage], dict]:
     """What runs and what doesn't, and the options that switch off what doesn't. sharp: the call says that the
     photographs are all in focus."""
@@ -183,6 +187,8 @@ def _stages(entry: MethodEntry, options: dict[str, Any], facts: Facts, force_all
         switch = entry.card.leave_out.get(name)
         if switch is not None and all(options.get(key) == value for key, value in switch.items()):
             return False  # the preset or the user has switched it off: nothing to be decided
+        if switch is not None and set(switch) & overrides.keys():
+            return True  # the user has decided
         runs = not needless or force_all or switch is None
         if needless and force_all:
             why = f"--force-all, although {why}"
@@ -194,7 +200,7 @@ def _stages(entry: MethodEntry, options: dict[str, Any], facts: Facts, force_all
         return runs
 
     if entry.card.capabilities.learns_lens:
-        asked = _Trials(options, force_all)
+        asked = _Trials(options, overrides, force_all)
         blur = facts.blur_px
         shown = ("the photographs don't tell how blurred they are" if blur is None else
                  f"the photographs show circles of confusion of up to {blur:.2f} px, by an estimate of which "
@@ -209,9 +215,14 @@ def _stages(entry: MethodEntry, options: dict[str, Any], facts: Facts, force_all
             said = "the dataset says: one lens took all photographs" if facts.one_lens else \
                 "the dataset says: photographs by several lenses" if facts.one_lens is not None else \
                 "nobody knows the photographs' lenses, so each may have one of its own"
-            if asked.about("share", known=facts.one_lens is not None):
+            tied = facts.one_lens is None and "aperture_per_view" in entry.card.leave_out and decide(
+                "aperture_per_view", facts.f_numbers, "EXIF has the f-number of every photograph, by one camera at one "
+                "focal length: they share one aperture x f-number, and have a focus each" if facts.f_numbers else
+                "EXIF doesn't say how the photographs' apertures compare") is False
+            if asked.about("share", known=tied or facts.one_lens is not None):
                 said = f"{said}; {TRIED}"
-            decide("lens_per_view", bool(facts.one_lens), said)
+            if not tied:
+                decide("lens_per_view", bool(facts.one_lens), said)
             if asked.about("model", known=False):
                 stages.append(Stage("lens_samples", True, f"nobody knows how the photographs were blurred; {TRIED}"))
         else:

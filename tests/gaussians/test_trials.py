@@ -13,7 +13,7 @@ from dofbench.exif import Exif
 from dofbench.gaussians.held_back import HeldBackScores
 from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.trainer import Trainer
-from dofbench.gaussians.trials import Trials
+from dofbench.gaussians.trials import Trials, questions
 
 OPEN = {"lens_trials": "lens", "lens_trials_at": 0.4, "lens_trials_steps": 0.06, "lens_activation": "ends",
         "lens_update": "dense", "lens_lr": 1e-2, "lens_lr_final": 1e-2, "adaptation": "off", "steps": 240}
@@ -38,9 +38,9 @@ class Scripted:
     def revise(self, changes):
         self.changes.update(changes)
 
-    def train(self, step, count, total, progress, advance):
+    def train(self, step, count, total, progress, tell):
         self.log.append((step, count))
-        advance(count)
+        tell(0, count)
 
     def held_back_scores(self, share):
         key = self.changes.get("lens_model") or ("no lens" if self.changes.get("lens") is False else
@@ -60,9 +60,8 @@ class Scripted:
 def _decided(trainer, asked="lens,share,model"):
     trials = Trials(trainer, TrainerOptions(lens_trials=asked, lens_trials_steps=0.03))
     told = []
-    step, decisions = trials.decide(400, 1000, 0.4, lambda *progress: told.append(progress))
-    assert told and told[0] == ("trying the lens as it is", 0, 40) and {done for _, done, _ in told} == {0, 40}
-    assert len(told) == 2 * len(trainer.log)  # nobody waits for an attempt without a sign
+    step, decisions = trials.decide(400, 1000, 0.4, lambda *words: told.append(words))
+    assert [of for _, _, of in told] == [40] * len(trainer.log) and told[0][0] == "trying what was learned so far"
     assert step == 440 and not trials.open and set(trainer.log) == {(400, 40)}
     assert all("dB" in decision.reason for decision in decisions)
     return trainer.changes, {decision.stage: decision.runs for decision in decisions}
@@ -160,6 +159,14 @@ def test_the_length_of_a_trial_is_a_share_of_the_training_and_shows_every_photog
     assert trials.length(5000, 17) == 150
     assert trials.length(2000, 50) == 100
     assert trials.length(600, 50) == 36  # but no more than 6 % of it
+
+
+def test_what_other_options_settle_is_not_asked():
+    asked = {"lens_trials": "lens,share,model"}
+    assert questions(TrainerOptions(**asked)) == ("lens", "share", "model")
+    assert questions(TrainerOptions(**asked, lens_per="scene")) == ("lens", "model")
+    assert questions(TrainerOptions(**asked, lens_model="samples")) == ("lens", "share")
+    assert questions(TrainerOptions(**asked, lens=False)) == ("share", "model")
 
 
 def test_an_unknown_question_is_named():

@@ -27,11 +27,11 @@ def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def plan(method: str = "fake", inputs: str = "shallow", overrides: dict | None = None, force_all: bool = False,
              blur: float | None = 4.0, dependence: float | None = 20.0, one_lens: bool | None = False,
              points: int = 900, spread: float | None = 20.0, light: float | None = None,
-             **dataset) -> RunPlan:
+             f_numbers: bool = False, options: dict | None = None, **dataset) -> RunPlan:
         data = FakeDataset(write_dataset(tmp_path / "data", **dataset))
-        return make_plan(find_method(method), "quick", {"noise": 0.2}, overrides or {}, Budget(steps=8), data,
-                         Facts(points, blur, dependence, one_lens, spread, light), protocol_for(inputs), seed=0,
-                         device="cpu", force_all=force_all)
+        facts = Facts(points, blur, dependence, one_lens, spread, light, f_numbers)
+        return make_plan(find_method(method), "quick", options or {"noise": 0.2}, overrides or {}, Budget(steps=8),
+                         data, facts, protocol_for(inputs), seed=0, device="cpu", force_all=force_all)
 
     return plan
 
@@ -90,6 +90,44 @@ def test_one_lens_is_learned_where_the_dataset_says_so(plan) -> None:
     assert "lens_per" not in plan(one_lens=False).options
     assert plan(one_lens=True, overrides={"lens_per": "view"}).options["lens_per"] == "view"
     assert "lens_per_view" not in _runs(plan(one_lens=True, overrides={"lens_per": "scene"}))  # nothing to decide
+
+
+TRIED = {"lens_trials": "lens,share,model"}
+
+
+def test_what_nobody_knows_is_tried_while_training(plan) -> None:
+    made = plan("dofgaussian", one_lens=None, blur=0.4, options=TRIED)
+    assert all(_runs(made)[name] for name in ("lens", "lens_per_view", "aperture_per_view", "lens_samples"))
+    assert "lens_trials" in made.options and made.options["lens_trials"] == "lens,share,model"
+    reasons = {stage.name: stage.reason for stage in made.stages}
+    assert all("tried while training" in reasons[name] for name in ("lens", "lens_per_view", "lens_samples"))
+
+
+def test_what_is_known_is_not_tried(plan) -> None:
+    assert plan("dofgaussian", one_lens=None, blur=4.0, options=TRIED).options["lens_trials"] == "share,model"
+    assert plan("dofgaussian", one_lens=True, blur=4.0, options=TRIED).options["lens_trials"] == "model"
+    assert plan("dofgaussian", one_lens=None, blur=0.4, options=TRIED, force_all=True).options["lens_trials"] == ""
+    sharp = plan("dofgaussian", one_lens=None, blur=0.4, options=TRIED, inputs="all-in-focus")
+    assert sharp.options["lens_trials"] == "" and not _runs(sharp)["lens"]
+    assert plan("dofgaussian", one_lens=None, blur=1.4, options=TRIED, inputs="all-in-focus").options["lens_trials"]
+
+
+def test_f_numbers_tie_apertures_where_the_user_does_not_say_otherwise(plan) -> None:
+    tied = plan("dofgaussian", one_lens=None, f_numbers=True, options=TRIED)
+    assert tied.options["lens_per"] == "exif" and "share" not in tied.options["lens_trials"]
+    assert not _runs(tied)["aperture_per_view"] and "lens_per_view" not in _runs(tied)
+    free = plan("dofgaussian", one_lens=None, f_numbers=True, options=TRIED, overrides={"lens_per": "view"})
+    assert free.options["lens_per"] == "view" and "lens_init_aperture" not in free.options
+    assert free.options["lens_trials"] == "model"  # what the user has decided isn't tried
+    assert "lens_per" not in plan("dofgaussian", one_lens=False, f_numbers=True, options=TRIED).options
+
+
+def test_what_training_decided_replaces_what_the_plan_left_open(plan) -> None:
+    data = plan("dofgaussian", one_lens=None, blur=0.4, options=TRIED).as_data()
+    after = revised(data, [Decision("lens", False, "tried: nothing gained")])
+    stages = {stage["name"]: stage for stage in after["stages"]}
+    assert stages["lens"] == {"name": "lens", "runs": False, "reason": "tried: nothing gained"}
+    assert stages["lens_per_view"] in data["stages"] and len(stages) == len(data["stages"])
 
 
 def test_harmonics_are_left_out_of_a_scene_that_looks_alike_from_everywhere(plan) -> None:

@@ -24,6 +24,7 @@ from dofbench import kernel_cache, synthesis
 from dofbench.errors import InputError, Status
 from dofbench.files import sha256_file
 from dofbench.harness import lock
+from dofbench.harness.check import check_result
 from dofbench.harness.clock import Stopwatch, loading
 from dofbench.harness.evaluate import Evaluator
 from dofbench.harness.lock import is_running, locked, read_lock
@@ -305,6 +306,26 @@ def test_a_run_interrupted_while_it_scores_goes_on_from_there(call, monkeypatch:
     assert result.scores["steps"] == 8 and [p.steps for p in result.curve] == [p.steps for p in expected.curve]
     assert {"train", "load model", "score"} <= set(result.stages)
     assert not (end.folder / "trained.json").exists()
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_what_training_decided_stands_in_the_result_with_its_reason(call, monkeypatch, interrupted: bool) -> None:
+    def stop(self, folder):
+        raise KeyboardInterrupt
+
+    if interrupted:  # then what was decided comes from the file of the finished training
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            patch.setattr(Evaluator, "final", stop)
+            call(set=("trouble='no lens'",))
+    end = call(set=("trouble='no lens'",))
+    result = read_result(end.folder)
+    assert result.status is Status.OK and check_result(end.folder) == []
+    stages = {stage["name"]: stage for stage in result.plan["stages"]}
+    assert not stages["lens"]["runs"] and stages["lens"]["reason"] == "tried while training: nothing gained"
+    assert result.left_out_stages["lens"] == "tried while training: nothing gained"
+    for column in ("psnr", "delta_a"):
+        assert column not in result.scores and "nothing gained" in result.left_out[column]
+    assert "aif_psnr" in result.scores
 
 
 def test_a_method_that_refuses_to_refocus_leaves_it_out(call) -> None:
