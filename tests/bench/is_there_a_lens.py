@@ -3,9 +3,9 @@
     python tests/bench/is_there_a_lens.py --work DIR --scenes SCENES --out reports/lens [--seconds 3600]
 
 Makes the datasets of `lens_cases.py` in DIR, small ones, and trains on each case until preset cpu's trials
-(`dofbench/gaussians/trials.py`) have decided: one row of is-there-a-lens.csv a case, written as soon as it is known; a
-case that has a row isn't measured again. With --cost, the named cases are trained to the end with a lens and without
-one, for what a mistake costs: is-there-a-lens-costs.csv. is-there-a-lens-table.md sums up both files.
+(`dofbench/gaussians/trials.py`) have decided: one row of is-there-a-lens.csv a case and length of training, written as
+soon as it is known; what has a row isn't measured again. With --cost, cases are trained to the end with a lens and
+without one, for what a mistake costs: is-there-a-lens-costs.csv. is-there-a-lens-table.md sums up both files.
 """
 
 from __future__ import annotations
@@ -56,8 +56,10 @@ class Settings:
     """Length of the training whose decisions are looked at; it ends when they have fallen."""
     seconds: float = 0.0
     """Begin no further case after so many seconds; 0 for no limit."""
-    cost: str = ""
-    """Cases to train to the end, with a lens and without, comma-separated."""
+    cases: str = ""
+    """Names of cases, comma-separated; without it, all whose dataset is there."""
+    cost: bool = False
+    """Train to the end, with a lens and without."""
 
 
 def main(settings: Settings) -> None:
@@ -71,15 +73,15 @@ def main(settings: Settings) -> None:
     def late() -> bool:
         return bool(settings.seconds) and time.perf_counter() - start > settings.seconds
 
-    asked = list(filter(None, settings.cost.split(",")))
+    asked = set(filter(None, settings.cases.split(",")))
     ready = [case for case in cases() if (settings.work / case.folder / "dataset.json").is_file()]
-    if asked:
-        pairs = [({"case": case.name, "lens": lens}, case) for case in ready if case.name in asked
-                 for lens in ("on", "off")]
+    keyed = [({"case": case.name, "steps": str(settings.steps)}, case) for case in ready
+             if not asked or case.name in asked]
+    if settings.cost:
+        pairs = [({**key, "lens": lens}, case) for key, case in keyed for lens in ("on", "off")]
         fill(costs, COST_COLUMNS, pairs, lambda key, case: cost(case, key["lens"], settings), late)
     else:
-        fill(table, COLUMNS, [({"case": case.name}, case) for case in ready],
-             lambda key, case: decided(case, settings), late)
+        fill(table, COLUMNS, keyed, lambda key, case: decided(case, settings), late)
     write_table(settings.out / "is-there-a-lens-table.md", read(table), read(costs))
 
 
@@ -124,8 +126,8 @@ def decided(case: Case, settings: Settings) -> dict[str, object]:
     clock = Clock(trainer)
     outcome = trainer.fit(Budget(steps=settings.steps), clock)
     return {
-        "kind": case.kind, "views": len(chosen), "steps": settings.steps, "lens": lens, "true_circle": circle,
-        "share": case.share or "", "points_px": blur, **_found(outcome.decisions, trainer.options.lens_per),
+        "kind": case.kind, "views": len(chosen), "lens": lens, "true_circle": circle, "share": case.share or "",
+        "points_px": blur, **_found(outcome.decisions, trainer.options.lens_per),
         "prior_s": outcome.stages.get("depth prior"), "trials_s": outcome.stages.get("trials"),
         "seconds": clock.seconds(), "status": str(outcome.status),
     }
@@ -183,7 +185,7 @@ def cost(case: Case, lens: str, settings: Settings) -> dict[str, object]:
     clock = Clock()
     outcome = trainer.fit(Budget(steps=settings.steps), clock)
     spent = clock.seconds() - outcome.stages.get("depth prior", 0.0)
-    return {"steps": settings.steps, "held_back_psnr": trainer.held_back_scores().psnr,
+    return {"held_back_psnr": trainer.held_back_scores().psnr,
             "aif_psnr": _all_in_focus(trainer, dataset, case.contrast),
             "ms_a_step": 1000 * spent / outcome.steps, "status": str(outcome.status)}
 

@@ -59,14 +59,21 @@ def rate(count: int, of: int) -> str:
 
 def write_table(path: Path, rows: Sequence[Row], costs: Sequence[Row]) -> None:
     """Error rates, mistakes one by one, and what they cost."""
-    good = [row for row in rows if row["status"] == "ok" and row["tried"]]
-    lines = [f"{len(rows)} cases, of which {len(good)} came to a decision. Shares with their 95 % interval.", "",
-             *_rates(good), "", *_by_kind(good), "", *_sharing(good), "", *_mistakes(good), "", *_seconds(good)]
-    if bad := [row for row in rows if row not in good]:
-        lines += ["", "No decision:", "", *(f"- {row['case']}: {row['status']}" for row in bad)]
+    lines = ["By `tests/bench/is_there_a_lens.py`. Shares with their 95 % interval."]
+    for steps in sorted({row["steps"] for row in rows}, key=int):
+        lines += ["", *_of_length(steps, [row for row in rows if row["steps"] == steps])]
     if costs:
         lines += ["", *_costs(costs)]
     write_text(path, "\n".join(lines) + "\n")
+
+
+def _of_length(steps: str, rows: Sequence[Row]) -> list[str]:
+    good = [row for row in rows if row["status"] == "ok" and row["tried"]]
+    lines = [f"## {steps} steps: {len(rows)} cases, of which {len(good)} came to a decision", "", *_rates(good), "",
+             *_by_kind(good), "", *_sharing(good), "", *_mistakes(good), "", *_seconds(good)]
+    if bad := [row for row in rows if row not in good]:
+        lines += ["", "No decision:", "", *(f"- {row['case']}: {row['status']}" for row in bad)]
+    return lines
 
 
 def _rates(rows: Sequence[Row]) -> list[str]:
@@ -121,7 +128,7 @@ def _seconds(rows: Sequence[Row]) -> list[str]:
 
 
 def _costs(rows: Sequence[Row]) -> list[str]:
-    lines = ["Trained to the end with a lens and without:", "",
+    lines = ["## Trained to the end, with a lens and without", "",
              "| case | lens | steps | held back, dB | all in focus, dB | ms a step |",
              "| :--- | :--- | ---: | ---: | ---: | ---: |"]
     for row in rows:

@@ -24,7 +24,7 @@ def bench():
 def _row(**changes):
     return {"case": "some", "kind": "grid", "lens": "yes", "share": "aperture", "points_px": "0.5", "tried": "yes",
             "shared": "aperture", "true_circle": "2", "circle": "2", "gain": "1", "error": "0.1", "seconds": "30",
-            "trials_s": "10", "status": "ok", **changes}
+            "trials_s": "10", "steps": "500", "status": "ok", **changes}
 
 
 def test_a_measured_case_is_not_measured_again_and_each_is_kept_at_once(bench, tmp_path):
@@ -98,9 +98,11 @@ def test_what_counts_as_shared_wrongly(bench, truth, shared, error):
 def test_the_table_counts_mistakes_and_names_what_failed(bench, tmp_path):
     rows = [_row(), _row(case="lost", tried="no"), _row(case="sharp", lens="no", tried="no"),
             _row(case="broken", tried="", status="dataset: found no points")]
+    rows.append(_row(case="longer", steps="1000", tried="no"))
     bench["lens_tables"].write_table(tmp_path / "table.md", rows, [])
     text = (tmp_path / "table.md").read_text()
-    assert "4 cases, of which 3 came to a decision" in text and "- broken: dataset: found no points" in text
+    assert "500 steps: 4 cases, of which 3 came to a decision" in text and "- broken: dataset: found no points" in text
+    assert "1000 steps: 1 cases" in text
     assert "| trial | 1 of 2 (9–91 %) | 0 of 1 (0–79 %) | 0 of 0 |" in text
     assert "| lost | 2.00 | 0.50 | 2.00 | +1.00 ± 0.10 | no lens |" in text and "| some |" not in text
 
@@ -115,7 +117,7 @@ def test_training_ends_with_the_decision_whose_figures_are_kept(bench, monkeypat
     monkeypatch.setattr(script.Clock, "after_step", lambda self, step, loss, real=script.Clock.after_step:
                         ended.append((step, real(self, step, loss))) or ended[-1][1])
     case = bench["lens_cases"].Case("real lens", "anything", share="view")
-    row = script.decided(case, script.Settings(work=tmp_path, out=tmp_path, steps=90)) | {"case": case.name}
+    row = script.decided(case, script.Settings(work=tmp_path, out=tmp_path, steps=90))
     assert set(row) <= set(script.COLUMNS) and row["tried"] in ("yes", "no") and row["status"] == "ok"
     assert row["circle"] >= 0 and row["views"] == 3
     assert row["true_circle"] == pytest.approx(10 * (4 / 48) * (1 / 2 - 1 / 4)) and row["lens"] == "faint"
