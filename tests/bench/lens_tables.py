@@ -99,7 +99,7 @@ def _by_kind(rows: Sequence[Row]) -> list[str]:
 def _sharing(rows: Sequence[Row]) -> list[str]:
     asked = [row for row in rows if row["shared"] and row["share"] and row["lens"] == "yes"]
     lines = ["What photographs share, where there is a lens and it was kept:", "",
-             "| truth | cases | scene | exif | aperture | view | shared too much | needlessly apart |",
+             f"| truth | cases | {' | '.join(FITTING)} | shared too much | needlessly apart |",
              "| :--- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |"]
     for truth in FITTING:
         some = [row for row in asked if row["share"] == truth]
@@ -107,6 +107,13 @@ def _sharing(rows: Sequence[Row]) -> list[str]:
         errors = " | ".join(rate(sum(wrongly_shared(row) == error for row in some), len(some))
                             for error in ("shared", "apart"))
         lines.append(f"| {truth} | {len(some)} | {said} | {errors} |")
+    lines += ["", "| case | truth | decided | foci apart | scene | aperture | error |",
+              "| :--- | :--- | :--- | ---: | ---: | ---: | :--- |"]
+    for row in asked:
+        if error := wrongly_shared(row):
+            gains = " | ".join(_dB(row, f"{way}_gain", f"{way}_error") for way in ("scene", "aperture"))
+            lines.append(f"| {row['case']} | {row['share']} | {row['shared']} | {_px(row['apart'])} | {gains} | "
+                         f"{error} |")
     return lines
 
 
@@ -146,4 +153,4 @@ def _px(value: str) -> str:
 
 
 def _dB(row: Row, value: str, error: str) -> str:
-    return f"{float(row[value]):+.2f} ± {float(row[error]):.2f}" if row[value] else "–"
+    return f"{float(row[value]):+.3f} ± {float(row[error]):.3f}" if row.get(value) else "–"

@@ -96,15 +96,17 @@ def test_what_counts_as_shared_wrongly(bench, truth, shared, error):
 
 
 def test_the_table_counts_mistakes_and_names_what_failed(bench, tmp_path):
-    rows = [_row(), _row(case="lost", tried="no"), _row(case="sharp", lens="no", tried="no"),
+    rows = [_row(), _row(case="lost", tried="no"), _row(case="tied", share="view", apart="0.5"),
+            _row(case="sharp", lens="no", tried="no"),
             _row(case="broken", tried="", status="dataset: found no points")]
     rows.append(_row(case="longer", steps="1000", tried="no"))
     bench["lens_tables"].write_table(tmp_path / "table.md", rows, [])
     text = (tmp_path / "table.md").read_text()
-    assert "500 steps: 4 cases, of which 3 came to a decision" in text and "- broken: dataset: found no points" in text
+    assert "500 steps: 5 cases, of which 4 came to a decision" in text and "- broken: dataset: found no points" in text
     assert "1000 steps: 1 cases" in text
-    assert "| trial | 1 of 2 (9–91 %) | 0 of 1 (0–79 %) | 0 of 0 |" in text
-    assert "| lost | 2.00 | 0.50 | 2.00 | +1.00 ± 0.10 | no lens |" in text and "| some |" not in text
+    assert "| trial | 1 of 3 (6–79 %) | 0 of 1 (0–79 %) | 0 of 0 |" in text
+    assert "| lost | 2.00 | 0.50 | 2.00 | +1.000 ± 0.100 | no lens |" in text and "| some |" not in text
+    assert "| tied | view | aperture | 0.50 | – | – | shared |" in text
 
 
 def test_training_ends_with_the_decision_whose_figures_are_kept(bench, monkeypatch, tmp_path):
