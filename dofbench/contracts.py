@@ -110,11 +110,12 @@ class NonFinite:
 @dataclass(frozen=True)
 class Decision:
     """What training decided for itself, and the plan left open. stage: what the plan calls it. runs: whether it goes
-    on. reason: why, with figures."""
+    on. reason: why, with figures. figures: the same by name, unrounded (`gaussians/trials.py` says which)."""
 
     stage: str
     runs: bool
     reason: str
+    figures: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -112,6 +112,7 @@ class Trainer:
         self._photographs: dict[int, list[_Photograph]] = {}
         self._order: list[int] = []
         self._loss = math.nan
+        self._trying = False
         self.gaussians.update_filter_3d(self._cameras)
 
     def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
@@ -186,10 +187,16 @@ class Trainer:
     def train(self, step: int, count: int, total: int, progress: float,
               tell: Callable[[int, int], None] = lambda done, of: None) -> None:
         """Take so many steps more, after `step` of `total`, which nobody observes: a trial's. tell: how many are taken.
+
+        Density control rests: for some steps after it has split Gaussians, single views are decibels off.
         """
-        for taken in range(count):
-            tell(taken, count)
-            self._loss = self._next(step + taken, max(progress, (step + taken) / total))
+        self._trying = True
+        try:
+            for taken in range(count):
+                tell(taken, count)
+                self._loss = self._next(step + taken, max(progress, (step + taken) / total))
+        finally:
+            self._trying = False
 
     def snapshot(self) -> Snapshot:
         """All that training changes, copied."""
@@ -370,7 +377,7 @@ class Trainer:
             gradient_2d = statistics.abs_grad_2d if options.grow_absolute else statistics.grad_2d
             self._density.record(gradient_2d, statistics.visible, view.camera.width, view.camera.height)
             graded = self.gaussians.parameters["means"].detach()[:, 2] if options.prune_depth_graded else None
-            changed = self._density.after_step(step, progress, graded)
+            changed = not self._trying and self._density.after_step(step, progress, graded)
             if changed or step % _FILTER_3D_EVERY == 0:
                 self._update_filter(step, view, progress)
         return value

@@ -5,6 +5,10 @@ points: structure from motion finds points where a photograph is sharp. So train
 ways, from one state and through the same photographs in the same order, and both are scored on tiles of the training
 photographs that no loss has looked at (`held_back.py`). Differences are paired by view. The state of the better
 way is kept, so only the other one's steps are lost. Afterwards the tiles are trained on like all others.
+
+Figures of a decision: "WAY gain" and "WAY error", how much better WAY explains held-back pixels than what it was
+compared with, dB, and the standard error of that; "circle", what `Trainer.widest_circle` says, and "apart", what
+`Trainer.foci_apart` does, pixels.
 """
 
 from __future__ import annotations
@@ -103,9 +107,10 @@ class Trials:
                    f"and its circles of confusion reach {circle:.2f} px")
         # Wide circles that explain no more than painted blur would are no proof against a lens: of what all photographs
         # saw blurred alike both are true.
-        if circle < NO_CIRCLE or (gain < WORTH and circle < SMALL_CIRCLE) or gain < -WORTH - SURE * error:
-            return without, Decision("lens", False, f"tried while training: {figures}")
-        return with_lens, Decision("lens", True, f"tried while training: {figures}")
+        needless = circle < NO_CIRCLE or (gain < WORTH and circle < SMALL_CIRCLE) or gain < -WORTH - SURE * error
+        decided = Decision("lens", not needless, f"tried while training: {figures}",
+                           {"lens gain": gain, "lens error": error, "circle": circle})
+        return (without if needless else with_lens), decided
 
     def _shared(self, attempt, each: _Attempt) -> tuple[_Attempt, Decision]:
         known = all(view.exif is not None and view.exif.f_number for view in self._trainer.views)
@@ -115,21 +120,23 @@ class Trials:
         ways.append(("aperture", "one aperture"))
         if apart < FOCI_APART:
             ways.insert(0, ("scene", "one lens"))
-        told = []
+        told, found = [], {"apart": apart}
         for per, words in ways:
             shared = attempt({**each.changes, "lens_per": per}, words)
             gain, error = _gain(shared, each)
             told.append(f"{words} for all makes held-back pixels {_signed(gain, error)} dB better")
+            found |= {f"{per} gain": gain, f"{per} error": error}
             if gain > -max(WORTH, error):
-                return shared, Decision("lens_per_view", False, f"tried while training: {'; '.join(told)}")
-        return each, Decision("lens_per_view", True, f"tried while training: {'; '.join(told)}")
+                return shared, Decision("lens_per_view", False, f"tried while training: {'; '.join(told)}", found)
+        return each, Decision("lens_per_view", True, f"tried while training: {'; '.join(told)}", found)
 
     def _model(self, attempt, scatter: _Attempt) -> tuple[_Attempt, Decision]:
         own = attempt({**scatter.changes, **_OWN_BLUR}, "each Gaussian's own blur")
         gain, error = _gain(own, scatter)
         figures = f"each Gaussian's own blur makes held-back pixels {_signed(gain, error)} dB better than the scatter"
         better = gain > max(WORTH, SURE * error)
-        return (own if better else scatter), Decision("lens_samples", better, f"tried while training: {figures}")
+        return (own if better else scatter), Decision("lens_samples", better, f"tried while training: {figures}",
+                                                      {"own blur gain": gain, "own blur error": error})
 
 
 # Each Gaussian blurred by itself: as fast as the scatter, and knows what hides what.

@@ -130,6 +130,20 @@ def test_training_goes_on_without_the_lens_that_sharp_photographs_do_without():
     assert not trainer.options.lens and trainer.lens_estimates() is None
 
 
+def _walk(trainer, first, last):
+    for step in range(first, last):
+        trainer._next(step, step / 240)
+
+
+def test_density_control_rests_during_a_trial_and_goes_on_afterwards():
+    trainer = Trainer(training_set(), options(**OPEN), 0)
+    trainer._photographs = trainer._all_photographs()
+    trainer.train(0, 65, 240, 0.0)  # densify_every is 20
+    assert len(trainer.gaussians) == len(training_set().points)
+    _walk(trainer, 65, 85)
+    assert len(trainer.gaussians) != len(training_set().points)
+
+
 def test_a_trial_that_was_lost_leaves_nothing_behind():
     """Training on from a snapshot takes the same steps, whatever was tried in between."""
     ends = []
@@ -140,7 +154,8 @@ def test_a_trial_that_was_lost_leaves_nothing_behind():
         start = trainer.snapshot()
         if detour:
             trainer.revise({"lens": False, "adaptation": "off"})
-            trainer.train(40, 45, 240, 0.0)  # density control changes the number of Gaussians on the way
+            _walk(trainer, 40, 85)  # density control changes the number of Gaussians on the way
+            assert len(trainer.gaussians) != len(start.filter_3d)
         trainer.restore(start)
         trainer.train(40, 45, 240, 0.0)
         ends.append({name: value.detach().clone() for name, value in trainer.gaussians.parameters.items()})
