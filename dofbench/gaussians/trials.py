@@ -113,12 +113,14 @@ class Trials:
         return (without if needless else with_lens), decided
 
     def _shared(self, attempt, each: _Attempt) -> tuple[_Attempt, Decision]:
-        known = all(view.exif is not None and view.exif.f_number for view in self._trainer.views)
+        stops = {view.exif and view.exif.f_number for view in self._trainer.views}
+        known = None not in stops
         self._trainer.restore(each.end)
         apart = self._trainer.foci_apart()
         ways = [("exif", "one aperture times f-number")] if known else []
         ways.append(("aperture", "one aperture"))
-        if apart < FOCI_APART:
+        # Circles may be alike by chance, or too small to tell; f-numbers that differ can't be one lens.
+        if apart < FOCI_APART and not (known and len(stops) > 1):
             ways.insert(0, ("scene", "one lens"))
         told, found = [], {"apart": apart}
         for per, words in ways:

@@ -136,7 +136,7 @@ def _seconds(rows: Sequence[Row]) -> list[str]:
 
 def _costs(rows: Sequence[Row]) -> list[str]:
     lines = ["## Trained to the end, with a lens and without", "",
-             "| case | lens | steps | held back, dB | all in focus, dB | ms a step |",
+             "| case | lens | steps | held back, dB | all in focus, dB | processor ms a step |",
              "| :--- | :--- | ---: | ---: | ---: | ---: |"]
     for row in rows:
         if row["status"] == "ok":

@@ -24,8 +24,9 @@ class Scripted:
 
     count = 20
 
-    def __init__(self, dB, circle=4.0, apart=5.0, exif=None, noise=0.01):
-        self.views = [dataclasses.replace(training_set().views[0], exif=exif)] * self.count
+    def __init__(self, dB, circle=4.0, apart=5.0, exif=(None,), noise=0.01):
+        views = [dataclasses.replace(training_set().views[0], exif=one) for one in exif]
+        self.views = [views[i % len(views)] for i in range(self.count)]
         self._dB, self._circle, self._apart, self._noise = dB, circle, apart, noise
         self.changes, self.log = {}, []
 
@@ -109,8 +110,17 @@ def test_one_lens_is_tried_only_where_the_foci_are_alike():
 
 
 def test_f_numbers_say_how_apertures_are_shared():
-    changes, _ = _decided(Scripted({**GOOD, "exif": 1.0}, exif=Exif(f_number=4.0)), "share")
+    changes, _ = _decided(Scripted({**GOOD, "exif": 1.0}, exif=(Exif(f_number=4.0),)), "share")
     assert changes == {"lens_per": "exif"}
+
+
+def test_photographs_at_several_f_numbers_are_not_one_lens():
+    alike = {**GOOD, "scene": 1.1, "exif": 1.0}
+    same, several = (Exif(f_number=4.0),), (Exif(f_number=4.0), Exif(f_number=11.0))
+    assert _decided(Scripted(alike, apart=0.4, exif=same), "share")[0] == {"lens_per": "scene"}
+    assert _decided(Scripted(alike, apart=0.4, exif=several), "share")[0] == {"lens_per": "exif"}
+    some = (Exif(f_number=4.0), None)  # where some are unknown, the others say nothing about all
+    assert _decided(Scripted(alike, apart=0.4, exif=some), "share")[0] == {"lens_per": "scene"}
 
 
 def test_another_forward_model_must_be_better_for_sure():
