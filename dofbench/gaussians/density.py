@@ -44,14 +44,19 @@ class DensityControl:
         self._gradient_sum += torch.sqrt(x * x + y * y)
         self._visits += visible
 
-    def after_step(self, step: int, progress: float, depth_of_means: Tensor | None = None) -> bool:
-        """Do what is due; True when Gaussians were added or removed."""
+    def due(self, step: int) -> bool:
+        """Whether the schedule has growing and pruning at this step, if it is the time of training for it."""
+        return step % self._options.densify_every == 0
+
+    def after_step(self, step: int, progress: float, depth_of_means: Tensor | None = None, *,
+                   overdue: bool = False) -> bool:
+        """Do what is due; True when Gaussians were added or removed. overdue: growing and pruning was put off."""
         options = self._options
         if options.reset_every > 0 and progress >= self._next_reset and progress < options.densify_until:
             self._next_reset += options.reset_every
             if progress > options.densify_from:  # the released code resets only while it densifies
                 self._reset_opacity()
-        if step % options.densify_every or not options.densify_from <= progress < options.densify_until:
+        if not (overdue or self.due(step)) or not options.densify_from <= progress < options.densify_until:
             return False
         self._grow_and_prune(depth_of_means)
         self._clear()

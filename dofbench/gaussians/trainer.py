@@ -112,7 +112,7 @@ class Trainer:
         self._photographs: dict[int, list[_Photograph]] = {}
         self._order: list[int] = []
         self._loss = math.nan
-        self._trying = False
+        self._trying = self._put_off = False
         self.gaussians.update_filter_3d(self._cameras)
 
     def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
@@ -188,7 +188,7 @@ class Trainer:
               tell: Callable[[int, int], None] = lambda done, of: None) -> None:
         """Take so many steps more, after `step` of `total`, which nobody observes: a trial's. tell: how many are taken.
 
-        Density control rests: for some steps after it has split Gaussians, single views are decibels off.
+        Density control is put off: for some steps after it has split Gaussians, single views are decibels off.
         """
         self._trying = True
         try:
@@ -377,7 +377,11 @@ class Trainer:
             gradient_2d = statistics.abs_grad_2d if options.grow_absolute else statistics.grad_2d
             self._density.record(gradient_2d, statistics.visible, view.camera.width, view.camera.height)
             graded = self.gaussians.parameters["means"].detach()[:, 2] if options.prune_depth_graded else None
-            changed = not self._trying and self._density.after_step(step, progress, graded)
+            if self._trying:
+                changed, self._put_off = False, self._put_off or self._density.due(step)
+            else:
+                changed = self._density.after_step(step, progress, graded, overdue=self._put_off)
+                self._put_off = False
             if changed or step % _FILTER_3D_EVERY == 0:
                 self._update_filter(step, view, progress)
         return value

@@ -172,6 +172,17 @@ def test_a_trial_that_was_lost_leaves_nothing_behind():
     assert all(torch.equal(ends[0][name], ends[1][name]) for name in ends[0])
 
 
+def test_density_control_that_a_trial_put_off_comes_right_after_it():
+    trainer = Trainer(training_set(), options(**OPEN, densify_every=20), 0)
+    trainer._photographs = trainer._all_photographs()
+    trainer.train(0, 25, 240, 0.15)  # a trial over step 20
+    before = len(trainer.gaussians)
+    trainer._next(25, 0.15)
+    after = len(trainer.gaussians)
+    trainer._next(26, 0.15)
+    assert after != before and len(trainer.gaussians) == after
+
+
 def test_tiles_are_held_back_until_the_trials_are_over():
     trainer = Trainer(training_set(), options(**OPEN), 0)
     assert trainer._view(0, 1).held_back is not None
