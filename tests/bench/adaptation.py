@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import torch
 import tyro
+from unobserved import Unobserved
 
 from dofbench.cameras import Camera
 from dofbench.contracts import Budget
@@ -48,17 +49,6 @@ class Settings:
     """Seeds, from 0."""
 
 
-class _Silent:
-    def seconds(self) -> float:
-        return 0.0
-
-    def after_step(self, step: int, loss: float) -> bool:
-        return True
-
-    def stage(self, name: str, done: int, total: int) -> None:
-        pass
-
-
 def main(settings: Settings) -> None:
     """Print the table."""
     configure_threads()
@@ -71,7 +61,7 @@ def main(settings: Settings) -> None:
         rows = []
         for seed in range(settings.seeds):
             trainer = Trainer(training_set, TrainerOptions().with_overrides({**preset, **change}), seed)
-            outcome = trainer.fit(Budget(steps=settings.steps), _Silent())
+            outcome = trainer.fit(Budget(steps=settings.steps), Unobserved())
             if outcome.status is not Status.OK:
                 raise SystemExit(f"{name}, seed {seed}: {outcome.status}: {outcome.message}")
             rows.append(_measured(trainer, dataset))

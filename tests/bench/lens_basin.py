@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import torch
 import tyro
+from unobserved import Unobserved
 
 from dofbench.content import content_folder
 from dofbench.contracts import Budget
@@ -119,17 +120,6 @@ def _learned_alone(image, disparity, camera, bounds: DisparityRange, true: Lens,
     return abs(aperture - true.aperture), abs(focus - true.focus)
 
 
-class _Silent:
-    def seconds(self) -> float:
-        return 0.0
-
-    def after_step(self, step: int, loss: float) -> bool:
-        return True
-
-    def stage(self, name: str, done: int, total: int) -> None:
-        pass
-
-
 def _joint(settings: Settings, done: set):
     if settings.data is None:
         return
@@ -145,7 +135,7 @@ def _joint(settings: Settings, done: set):
         options = TrainerOptions().with_overrides({**preset, "lens_activation": activation,
                                                    "lens_init_aperture": start[0], "lens_init_focus": start[1]})
         trainer = Trainer(training_set, options, 0)
-        outcome = trainer.fit(Budget(steps=settings.joint_steps), _Silent())
+        outcome = trainer.fit(Budget(steps=settings.joint_steps), Unobserved())
         if outcome.status is not Status.OK:
             yield *key, float("nan"), float("nan")
             continue

@@ -20,9 +20,10 @@ from typing import ClassVar, Literal
 
 import numpy as np
 import tyro
+from unobserved import Unobserved
 
 from dofbench.cameras import Camera
-from dofbench.contracts import Budget, TrainingSet
+from dofbench.contracts import Budget, Observer, TrainingSet
 from dofbench.files import write_text
 from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.trainer import Trainer
@@ -120,7 +121,7 @@ def _measured(dataset: Dataset, variant: str, settings: Settings, seed: int) -> 
     training_set = _harmed(dataset.training_set(settings.inputs), settings.harm)
     trainer = _Trainer(training_set, _options(variant, settings), seed)
     start = time.perf_counter()
-    trainer.fit(Budget(steps=settings.steps), _Clock())
+    trainer.fit(Budget(steps=settings.steps), Unobserved())
     spent = time.perf_counter() - start - trainer.stages["depth prior"]
     scores = trainer.held_back_scores()
     aif = [psnr(np.clip(trainer.render(view.camera, None).image, 0, 1), truth)
@@ -135,27 +136,12 @@ class _Trainer(Trainer):
 
     priors: ClassVar[dict[tuple, Prior | None]] = {}
 
-    def _depth_prior(self, steps: int) -> Prior | None:
+    def _depth_prior(self, steps: int, observer: Observer) -> Prior | None:
         key = (self._seed, hash(b"".join(v.image.tobytes() + v.camera.world_to_camera.tobytes() for v in self.views)))
         if key not in self.priors:
             self.priors.clear()
-            self.priors[key] = super()._depth_prior(steps)
+            self.priors[key] = super()._depth_prior(steps, observer)
         return self.priors[key]
-
-
-class _Clock:
-    """Lets a training run to its end."""
-
-    def __init__(self) -> None:
-        self._start = time.perf_counter()
-
-    def seconds(self) -> float:
-        """Wall seconds."""
-        return time.perf_counter() - self._start
-
-    def after_step(self, step: int, loss: float) -> bool:
-        """Go on."""
-        return True
 
 
 def _harmed(training_set: TrainingSet, harm: str) -> TrainingSet:

@@ -13,13 +13,13 @@ from __future__ import annotations
 
 import csv
 import itertools
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import tyro
+from unobserved import Unobserved
 
 from dofbench.contracts import Budget, Method
 from dofbench.errors import Status
@@ -76,19 +76,6 @@ class Settings:
     """Measure nothing more: rank what runs.csv has."""
 
 
-class _Silent:
-    """An observer that never stops the training."""
-
-    def __init__(self) -> None:
-        self._start = time.perf_counter()
-
-    def seconds(self) -> float:
-        return time.perf_counter() - self._start
-
-    def after_step(self, step: int, loss: float) -> bool:
-        return True
-
-
 def trained(name: str, dataset: Dataset, steps: int) -> tuple[Method, float]:
     """(trained variant, seconds)."""
     method_id, preset, options = VARIANTS[name]
@@ -96,7 +83,7 @@ def trained(name: str, dataset: Dataset, steps: int) -> tuple[Method, float]:
     preset = preset if preset in entry.card.presets else entry.card.default_preset
     _, chosen, _ = entry.preset(preset)
     chosen = {**chosen, "steps": steps, **options}
-    method, observer = entry.create(chosen, 0, "cpu"), _Silent()
+    method, observer = entry.create(chosen, 0, "cpu"), Unobserved()
     outcome = method.fit(dataset.training_set("shallow"), Budget(steps=int(chosen["steps"])), observer)
     if outcome.status is not Status.OK:
         raise FloatingPointError(f"{name} on {dataset.name}: {outcome.status}: {outcome.message}")
