@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import importlib.util
+from pathlib import Path
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dofbench.contracts import PointCloud
+from dofbench.contracts import Observer, PointCloud
 
 VIEWS = 6
 
