@@ -20,10 +20,10 @@ from dofbench.photographs.predict import (
     LensSearch,
     Prediction,
     assembled,
-    checked_image,
     frame_of,
     median_lens,
     refusal,
+    sharp_rendering,
 )
 from dofbench.photographs.search import Effort, Frame
 from dofbench.photographs.tiles import Tiles
@@ -56,14 +56,12 @@ def predict_across(
     """
     start = time.perf_counter()
     tiles = Tiles.of(camera.height, camera.width)
-    sharp = method.render(camera, None)
-    image = checked_image(sharp.image, camera)
-    bad = int(image.size - np.count_nonzero(np.isfinite(image)))
+    image, depth, bad = sharp_rendering(method, camera)
     if bad:
         nothing = Prediction(None, None, (), tiles, no_lens, bad, time.perf_counter() - start)
         return AcrossPrediction(nothing, None, None)
     in_focus = assembled([image, image], photograph, tiles)
-    lens, frame = median_lens(learned), frame_of(np.asarray(sharp.depth), camera, learned)
+    lens, frame = median_lens(learned), frame_of(depth, camera, learned)
     refused = no_lens or ("no learned aperture to be scaled" if lens is None or frame is None
                           else refusal(method, camera, frame))
     if lens is None or frame is None or refused:

@@ -61,6 +61,16 @@ class Prediction:
         return Prediction(blurred, blurred, halves, tiles, refused, 0, time.perf_counter() - start)
 
 
+def sharp_rendering(method: Method, camera: Camera) -> tuple[np.ndarray, np.ndarray, int]:
+    """Without a lens: (image (H, W, 3), depth (H, W) in scene units, how many values of the image aren't finite).
+
+    Raises ValueError for an image of another size than the camera's.
+    """
+    sharp = method.render(camera, None)
+    image = checked_image(sharp.image, camera)
+    return image, np.asarray(sharp.depth), int(image.size - np.count_nonzero(np.isfinite(image)))
+
+
 def predict(
     method: Method, camera: Camera, photograph: np.ndarray, learned: Mapping[str, PhysicalLens] | None, effort: Effort,
     *, no_lens: str = "",
@@ -73,12 +83,10 @@ def predict(
     """
     start = time.perf_counter()
     tiles = Tiles.of(camera.height, camera.width)
-    sharp = method.render(camera, None)
-    image = checked_image(sharp.image, camera)
-    bad = int(image.size - np.count_nonzero(np.isfinite(image)))
+    image, depth, bad = sharp_rendering(method, camera)
     if bad:
         return Prediction(None, None, (), tiles, no_lens, bad, time.perf_counter() - start)
-    frame = frame_of(np.asarray(sharp.depth), camera, learned)
+    frame = frame_of(depth, camera, learned)
     refused = no_lens or ("neither depth nor learned lenses to begin with" if frame is None
                           else refusal(method, camera, frame))
     if frame is None or refused:
