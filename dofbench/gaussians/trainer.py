@@ -18,6 +18,7 @@ from dofbench.cameras import Camera
 from dofbench.contracts import Budget, Decision, FitOutcome, NonFinite, Observer, PointCloud, Rendering, TrainingSet
 from dofbench.errors import InputError, Status
 from dofbench.gaussians import losses
+from dofbench.gaussians.circles import foci_apart, widest_circle
 from dofbench.gaussians.density import DensityControl
 from dofbench.gaussians.exposure import Shot, render_view, sampled, scattered, summed
 from dofbench.gaussians.fineness import coarsen
@@ -40,7 +41,6 @@ from dofbench.lens import DisparityRange, PhysicalLens
 from dofbench.priors import Prior, make_prior, with_surface_points
 
 _RENDER_RANGE_QUANTILE = 0.95  # the released code's near end of the disparity range
-_WIDE_PIXELS, _WIDE_VIEWS = 0.95, 0.9  # quantiles
 _FILTER_3D_EVERY = 100         # steps; Mip-Splatting's interval
 
 
@@ -228,30 +228,13 @@ class Trainer:
         elif self.options.lens_per != before.lens_per:
             self.lenses = self.lenses.shared(lens_ties(self.views, self.options.lens_per))
 
-    @torch.no_grad()
     def widest_circle(self) -> float:
-        """Radius, pixels, of the circles of confusion that the learned lenses give their own views: the 0.95 quantile
-        over a view's pixels, and of these the 0.9 quantile over the views, some of which may be in focus everywhere.
-        """
-        return float(np.quantile([np.quantile(circles, _WIDE_PIXELS) for circles in self._circles()], _WIDE_VIEWS))
+        """Of the lenses learned so far, pixels (`circles.widest_circle`)."""
+        return widest_circle(self.gaussians, self._shots(), self.options)
 
-    @torch.no_grad()
     def foci_apart(self) -> float:
-        """Pixels: how much the circle of one and the same point changes from a lens to another, half of the views'
-        lenses left out on either side."""
-        shots = self._shots()
-        ends = np.array([[float(shot.radius(torch.tensor(disparity), self.options, False)) for shot in shots]
-                         for disparity in (self.range.q_min, self.range.q_max)])
-        low, high = np.quantile(ends, (0.25, 0.75), axis=1)
-        return float((high - low).max())
-
-    def _circles(self) -> list[np.ndarray]:
-        circles = []
-        for shot in self._shots():
-            raster = rasterise(self.gaussians, shot.camera, self.options, sh_degree=0)
-            disparity = surface_disparity(raster.depth, raster.alpha)
-            circles.append(shot.radius(disparity, self.options, False).abs().numpy())
-        return circles
+        """Of the lenses learned so far, pixels (`circles.foci_apart`)."""
+        return foci_apart(self._shots(), self.range, self.options)
 
     def _view(self, index: int, factor: int) -> _Photograph:
         view = self.views[index]
