@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from small_scene import Recorder
 from small_scene import options as _options
 from small_scene import training_set as _training_set
-from tolerances import FLOAT32_SCALAR
+from tolerances import FLOAT32_SCALAR, PSNR_OF_FLOAT32
 
 from dofbench.contracts import Budget, TrainingSet
 from dofbench.errors import InputError
@@ -97,9 +97,9 @@ def test_views_count_alike_and_light_above_white_is_white():
     photographs = {"a": np.full((40, 40, 3), 0.5, np.float32), "b": np.ones((40, 40, 3), np.float32)}
     renderings = [np.full((40, 40, 3), 0.6, np.float32), np.full((40, 40, 3), 1.7, np.float32)]
     scores = held_back_scores(photographs, renderings.__getitem__, 0.3, 0)
-    assert scores.views["a"][0] == pytest.approx(20.0, abs=1e-4)
-    assert scores.views["b"][0] == pytest.approx(20 * np.log10(2550), abs=1e-4)
-    assert scores.psnr == pytest.approx((20 + 20 * np.log10(2550)) / 2, abs=1e-4)
+    assert scores.views["a"][0] == pytest.approx(20.0, abs=PSNR_OF_FLOAT32)
+    assert scores.views["b"][0] == pytest.approx(20 * np.log10(2550), abs=PSNR_OF_FLOAT32)
+    assert scores.psnr == pytest.approx((20 + 20 * np.log10(2550)) / 2, abs=PSNR_OF_FLOAT32)
 
 
 def test_held_back_pixels_of_a_training_are_scored_worse_than_the_rest():

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from small_scene import training_set
-from tolerances import FLOAT32_VALUE, LENS_FOUND
+from tolerances import FLOAT32_VALUE, LENS_FLOOR, LENS_FOUND
 
 from dofbench.errors import InputError
 from dofbench.exif import Exif
@@ -84,7 +84,7 @@ def test_what_is_shared_from_now_on_is_the_median_of_what_was_found(activation):
         lenses._raw[0][view], lenses._raw[1][view] = first, second
     shared = lenses.shared(lens_ties(training_set().views, "aperture"))
     np.testing.assert_allclose([shared.aperture_and_focus(view) for view in range(3)],
-                               [(0.5, 0.2), (0.5, 0.5), (0.5, 0.9)], rtol=1e-3)
+                               [(0.5, 0.2), (0.5, 0.5), (0.5, 0.9)], rtol=LENS_FLOOR)
     scene = lenses.shared(lens_ties(training_set().views, "scene"))
-    np.testing.assert_allclose([scene.aperture_and_focus(view) for view in range(3)], [(0.5, 0.5)] * 3, rtol=1e-3)
-    assert start == [pytest.approx((0.5, 0.5), rel=1e-3)] * 3
+    np.testing.assert_allclose([scene.aperture_and_focus(view) for view in range(3)], [(0.5, 0.5)] * 3, rtol=LENS_FLOOR)
+    assert start == [pytest.approx((0.5, 0.5), rel=LENS_FLOOR)] * 3

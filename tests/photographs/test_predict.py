@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from known_scene import CAMERA, TRUE, WIDTH, Known
-from tolerances import FITTED_APERTURE, FITTED_FOCUS, FLOAT64_VALUE
+from tolerances import EVEN_BLUR, FITTED_APERTURE, FITTED_FOCUS, FITTED_SIGMA, FLOAT64_VALUE, ROUGH_APERTURE
 
 from dofbench.cameras import Camera
 from dofbench.contracts import Rendering
@@ -60,7 +60,7 @@ def test_a_search_at_a_reduced_size_is_bounded_and_looks_at_no_other_half() -> N
     found = predict(method, large, photograph, {"a": lens}, QUICK)
     assert method.rendered.count(385) == 1 + QUICK.most_fine
     assert len(method.rendered) <= QUICK.most_coarse + QUICK.most_fine + 2
-    assert found.halves[0].lens.aperture == pytest.approx(14.0, rel=0.2)
+    assert found.halves[0].lens.aperture == pytest.approx(14.0, rel=ROUGH_APERTURE)
     changed = photograph.copy()
     changed[~found.tiles.fitted(0)] = 0.3
     assert predict(Known(), large, changed, {"a": lens}, QUICK).halves[0].lens == found.halves[0].lens
@@ -74,7 +74,7 @@ def test_a_method_without_a_lens_gets_its_best_blur() -> None:
     photograph = encode(gaussian_filter(decode(sharp), (1.7, 1.7, 0), mode="nearest"))
     found = predict(method, CAMERA, photograph, None, SMALL)
     assert found.refused == "no lens here" and all(half.lens is None for half in found.halves)
-    assert all(half.sigma == pytest.approx(1.7, abs=0.1) for half in found.halves)
+    assert all(half.sigma == pytest.approx(1.7, abs=FITTED_SIGMA) for half in found.halves)
     scores = prediction_scores(found, photograph)
     assert scores["photo_psnr"] > 40 and "photo_blur_psnr" not in scores
     assert all(half.sigma == 0 for half in predict(method, CAMERA, sharp, None, SMALL).halves)
@@ -118,7 +118,7 @@ def test_a_lens_by_its_signed_circles_and_back() -> None:
         mirrored = frame.lens(-frame.ends(lens))
         assert (mirrored.aperture, mirrored.focus_disparity) == pytest.approx((back.aperture, back.focus_disparity))
     even = frame.lens(np.array([0.01, 0.01]))
-    assert abs(even.signed_radius(0.35, 200)) == pytest.approx(2.0, rel=1e-3)
+    assert abs(even.signed_radius(0.35, 200)) == pytest.approx(2.0, rel=EVEN_BLUR)
     grid = lens_grid(frame, PhysicalLens(5.0, 50.0, 100), SMALL)
     assert grid[0].aperture == 0 and {lens.width for lens in grid} == {200}
     assert 10.0 in {lens.aperture for lens in grid} and max(lens.focus_disparity for lens in grid) == pytest.approx(1.1)
