@@ -207,9 +207,9 @@ VIGNETTING_LEARNED = 0.01
 MOTION_ROTATION_DEG, MOTION_BASELINE, MOTION_FOCAL = 0.3, 0.05, 0.05
 # Median relative error of triangulated depth: half a pixel over a disparity of tens.
 TRIANGULATED_DEPTH = 0.02
-# A shared lens of A and F of 0.2 and more to which the relu's floor of 1e-5 is added twice, relative: 1e-4, and float32.
+# A shared lens of A and F of 0.2 and more, with the floor of 1e-5 added twice, relative: 1e-4; and float32.
 LENS_FLOOR = 2e-4
-# An even blur stands for a focus far away, with a slope of 1e-6 of the width over a range at 1e-2 of it, relative: 1e-4.
+# An even blur stands for a focus far away: a slope of 1e-6 of the width beside circles of 1e-2 of it, relative: 1e-4.
 EVEN_BLUR = 1e-3
 # PSNR in dB of a constant error of 0.1 in float32 pictures, whose rounding of 1e-7 is 1e-5 dB.
 PSNR_OF_FLOAT32 = 1e-4
