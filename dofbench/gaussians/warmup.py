@@ -21,6 +21,7 @@ from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.raster import Geometry, ViewStatistics
 from dofbench.gaussians.render import rasterise
+from dofbench.gaussians.trials import questions
 from dofbench.kernel_cache import is_compiled
 
 _PATIENCE = 300.0  # seconds for the other process; after that this one compiles for itself
@@ -32,7 +33,7 @@ def compile_kernels(gaussians: Gaussians, camera: Camera, options: TrainerOption
         _compile_side_by_side(gaussians, camera, options)
     # What only later steps want would otherwise be compiled in the middle of training, on its clock.
     later: dict[Geometry, bool] = {
-        "none": options.lens and options.lens_model == "samples",
+        "none": options.lens and (options.lens_model == "samples" or "model" in questions(options)),
         "full": options.normal_weight > 0,
         "distortion": options.distortion_weight > 0,
     }
