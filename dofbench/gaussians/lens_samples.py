@@ -23,13 +23,18 @@ from dofbench.gaussians.model import Gaussians
 _LEAST_DEPTH = 1e-3  # share of the median depth: nearer Gaussians, and those behind, aren't drawn but must stay finite
 
 
+def points_of(rings: int) -> int:
+    """How many points: the centre and rings of 6, 12, 18 ..."""
+    return 1 + 3 * rings * (rings + 1)
+
+
 def lens_points(rings: int, rotation: float = 0.0) -> np.ndarray:
     """(N, 2) points on the unit disc: the centre and rings of 6, 12, 18 ..., each for an equal area, turned by radians.
 
     The radius of a ring is such that points and cells together have the disc's variance, 1/4 along each axis, and
     each ring with its cells the variance of its annulus.
     """
-    count = 1 + 3 * rings * (rings + 1)
+    count = points_of(rings)
     points = [(0.0, 0.0)]
     for ring in range(1, rings + 1):
         radius = math.sqrt((0.5 + 3 * ring**2) / count)

@@ -9,8 +9,9 @@ from tolerances import FLOAT32_VALUE, FLOAT64_VALUE, LENS_GRADIENT, LENS_MOVED_C
 
 from dofbench.cameras import Camera
 from dofbench.contracts import PointCloud
-from dofbench.gaussians.exposure import Shot, render_view, sampled, scattered, summed
-from dofbench.gaussians.lens_samples import cell_variance, lens_points, together
+from dofbench.gaussians import exposure
+from dofbench.gaussians.exposure import Shot, render_view, rings_for, sampled, scattered, summed
+from dofbench.gaussians.lens_samples import cell_variance, lens_points, points_of, together
 from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.render import rasterise
@@ -120,6 +121,34 @@ def test_a_sharp_foreground_hides_the_blurred_background_where_the_scatter_smear
     hidden &= sharp < 0.2
     assert hidden.sum() > 500
     assert np.abs(by_samples - sharp)[hidden].max() < LENS_SMEAR < np.abs(by_scatter - sharp)[hidden].max() / 2
+
+
+@pytest.mark.parametrize(("radius", "points"), [(0.0, 1), (1.4, 1),
+                                                (1.6, 7), (3.9, 7), (4.1, 19), (6.7, 37), (50.0, 37)])
+def test_a_point_of_the_lens_stands_for_a_cell_of_a_pixel_and_a_half(radius, points):
+    """Of the circle's area: 1.5 px each, until there are enough."""
+    circles = torch.zeros(10, 20)
+    circles[2:8] = radius
+    assert points_of(rings_for(circles)) == points
+    assert rings_for(circles, 5) >= rings_for(circles)
+
+
+@pytest.mark.parametrize("aperture", [1.5, 4.0, 9.0])
+def test_a_picture_of_few_points_is_that_of_many(monkeypatch, aperture):
+    """Two planes that hide each other in part: the points that a picture does without would change it by little."""
+    gaussians, camera, seen = _scene([2.0, 10.0], count=3000), _camera(), []
+    with torch.no_grad():
+        near = gaussians.parameters["means"][:, 2] < 5
+        gaussians.parameters["sh_dc"][near] *= -1
+        gaussians.parameters["opacity_logits"][near & (gaussians.parameters["means"][:, 0] > 0)] = -20
+    lens = Lens(aperture, 0.3).physical(BOUNDS, WIDTH)
+    monkeypatch.setattr(exposure, "sampled", lambda *given, **more: seen.append(given[3]) or sampled(*given, **more))
+    few = render_view(gaussians, camera, _options(), lens=lens).image
+    monkeypatch.setattr(exposure, "rings_for", lambda *given: 4)
+    many = render_view(gaussians, camera, _options(), lens=lens).image
+    sharp = render_view(gaussians, camera, _options(), lens=None).image
+    assert seen[0] < seen[1] == 4
+    assert np.abs(few - many).mean() < np.abs(sharp - many).mean() / 10
 
 
 @pytest.mark.parametrize("rings", [0, 1])
