@@ -25,7 +25,7 @@ from dofbench.gaussians.render import rasterise, surface_disparity
 from dofbench.lens import COC_FRACTION, ApertureShape, DisparityRange, PhysicalLens
 
 _MOST_RINGS = 3         # 37 points of the lens: a picture is rendered once, and training looks at many
-_CELL = 1.5             # px: radius of the cell that a point of the lens may stand for: within it nothing hides anything
+_CELL = 1.5             # px: radius of the cell that a point may stand for: within a cell nothing hides anything
 _WIDE_PIXELS = 0.99     # quantile of a picture's circles by which its points are counted
 
 
