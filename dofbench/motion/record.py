@@ -8,7 +8,7 @@ from typing import Any
 
 from dofbench import __version__
 from dofbench.motion.focal import CameraGroup
-from dofbench.motion.report import ViewReport
+from dofbench.motion.report import ViewReport, median_points
 from dofbench.motion.settings import Reconstruct
 from dofbench.motion.source import Source
 from dofbench.scenes.undistort import Intrinsics
@@ -38,7 +38,7 @@ def record(
         "cameras": [_camera(group, intrinsics) for group in groups],
         "matching": dict(matching), "mapping": dict(mapping),
         "points": model.num_points3D(), "mean_reprojection_error": round(model.compute_mean_reprojection_error(), 4),
-        "mean_track_length": round(model.compute_mean_track_length(), 3),
+        "median_points_seen": median_points(views), "mean_track_length": round(model.compute_mean_track_length(), 3),
         "views": [asdict(view) for view in views],
         "seconds": dict(seconds),
     }

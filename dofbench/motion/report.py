@@ -14,6 +14,8 @@ from dofbench.motion.photographs import Prepared
 
 # Below so many features a photograph can hardly be placed: COLMAP wants 30 points seen, and most features match none.
 FEW = 150
+# COLMAP itself takes no pose from fewer points; the lenient attempt does.
+_WEAK = 30
 # Of the typical sharpness of the set, below which a photograph is called blurred.
 _BLURRED = 0.25
 
@@ -71,7 +73,17 @@ def remarks(reports: Sequence[ViewReport], video: bool) -> list[str]:
         lines.append("More than half have no pose: " + (
             "a slower walk, or more --frames, gives frames that overlap more." if video else
             "neighbours should overlap by two thirds, and be taken from different places, not from one by turning."))
+    seen = median_points(reports)
+    if seen is not None and seen < _WEAK:
+        lines.append(f"The poses are doubtful: the typical photograph sees {seen:g} points; fewer than {_WEAK} gave "
+                     "focal lengths wrong by half; take more photographs, nearer to each other.")
     return lines
+
+
+def median_points(reports: Sequence[ViewReport]) -> float | None:
+    """Points that the typical photograph with a pose sees; None without any."""
+    seen = [report.points for report in reports if report.registered]
+    return float(np.median(seen)) if seen else None
 
 
 def _reason(
