@@ -30,6 +30,17 @@ def one_line(error: BaseException) -> str:
     return ""
 
 
+def interruption(error: BaseException) -> KeyboardInterrupt | None:
+    """The interruption that `error` is, or that lies behind it; None where there is none.
+
+    A signal that arrives within a compiled function comes out of it as a SystemError.
+    """
+    behind: BaseException | None = error
+    while behind is not None and not isinstance(behind, KeyboardInterrupt):
+        behind = behind.__cause__ or behind.__context__
+    return behind
+
+
 class Status(StrEnum):
     """How a run ended. Every value but `OK` is a typed failure that a table shows by name."""
 

@@ -284,6 +284,11 @@ def misbehave(options, step, loss):
             raise FloatingPointError("overflow in exp")
         case "interrupt":
             raise KeyboardInterrupt
+        case "interrupt-in-kernel":
+            try:
+                raise KeyboardInterrupt
+            except KeyboardInterrupt as stop:
+                raise SystemError("a compiled function returned a result with an exception set") from stop
         case "input":
             raise InputError("points", "none", "some")
         case "compile" if step == options["at"]:

@@ -14,7 +14,7 @@ from pathlib import Path
 from rich.console import Console
 
 from dofbench.contracts import Budget, Decision, FitOutcome, Method
-from dofbench.errors import InputError, Status
+from dofbench.errors import InputError, Status, interruption
 from dofbench.files import read_json, sha256_file, write_json
 from dofbench.harness import provenance
 from dofbench.harness.added import ADDED_FILE
@@ -134,10 +134,11 @@ class _Execution:
                     message = f"{found.nonfinite[0].detail} of view {found.nonfinite[0].view} aren't finite"
         except InputError:
             raise
-        except KeyboardInterrupt:
-            self._finish(Status.CRASHED, f"interrupted after {self._steps(trained)} steps", "", trained, Evaluation())
-            raise
-        except Exception as error:
+        except (Exception, KeyboardInterrupt) as error:
+            if (stop := interruption(error)) is not None:
+                self._finish(Status.CRASHED, f"interrupted after {self._steps(trained)} steps", "", trained,
+                             Evaluation())
+                raise stop from None
             status, message = classify(error)
             trace = traceback.format_exc()
             found = Evaluation()

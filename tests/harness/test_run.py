@@ -280,9 +280,10 @@ def test_a_crash_is_tried_again_and_a_divergence_is_not(call) -> None:
     assert not call(set=("trouble=lost",)).reused and call(set=("trouble=lost",)).reused
 
 
-def test_an_interrupted_run_says_so(call, tmp_path: Path) -> None:
+@pytest.mark.parametrize("place", ["interrupt", "interrupt-in-kernel"])
+def test_an_interrupted_run_says_so(call, tmp_path: Path, place: str) -> None:
     with pytest.raises(KeyboardInterrupt):
-        call(set=("trouble=interrupt",))
+        call(set=(f"trouble={place}",))
     (file,) = (tmp_path / "results").rglob("result.json")
     result = read_result(file)
     assert result.status is Status.CRASHED and result.message == "interrupted after 2 steps"
