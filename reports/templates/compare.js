@@ -13,6 +13,7 @@
       { name: "truth", picture: kind.truth, reason: kind.reason },
       ...kind.runs.map((run) => ({ name: run.name, picture: run.picture, reason: run.reason })),
       ...kind.runs.filter((run) => run.error).map((run) => ({ name: `error of ${run.name}`, picture: run.error, reason: "" })),
+      ...kind.runs.filter((run) => run.resolved).map((run) => ({ name: `resolved, ${run.name}`, picture: run.resolved, reason: "" })),
     ];
   }
 
@@ -68,7 +69,8 @@
       image.decode().then(() => frame.style.setProperty("--aspect", image.naturalWidth / image.naturalHeight), () => {});
       frame.querySelector(`.tag.${side} span`).textContent = layer.name;
     }
-    document.getElementById("picture-scale").hidden = !sides.some(([, layer]) => layer.name.startsWith("error of"));
+    for (const [id, layers] of [["picture-scale", "error of"], ["picture-resolved", "resolved, "]])
+      document.getElementById(id).hidden = !sides.some(([, layer]) => layer.name.startsWith(layers));
   }
 
   const slider = frame.querySelector("input");

@@ -348,6 +348,15 @@ def test_every_view_kind_and_method_has_its_pictures(made_report, reader: Reader
     assert ["PSNR [dB] ↑", f"{scores['psnr']:.2f}"] in fake["scores"]
 
 
+def test_what_the_photographs_resolve_stands_beside_what_is_judged_by_it(made_report, reader: Reader) -> None:
+    galleries = {one["board"]: one for one in json.loads(reader.data)["pictures"]}
+    kinds = galleries["waves, refocus-v2"]["views"][0]["kinds"]
+    for name, there in (("all_in_focus", True), ("refocus", False)):
+        maps = {run["name"].split()[0]: run["resolved"] for run in kinds[name]["runs"]}
+        assert (maps["fake"] is not None) == there, name
+        assert maps["pinhole"] is None, "it has no lenses to judge by"
+
+
 def test_pictures_stay_within_their_budget(boards: list) -> None:
     def count(data: list) -> tuple[int, int]:
         kinds = [kind for board in data for view in board["views"] for kind in view["kinds"].values()]

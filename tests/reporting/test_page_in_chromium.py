@@ -270,6 +270,10 @@ def test_truth_prediction_and_error_of_any_view(opened: Page) -> None:
     assert "Pinhole has no lens to refocus with" in opened.run("document.getElementById('picture-missing').textContent")
     choose(opened, "picture-kind", "all in focus")
     assert opened.run("document.getElementById('picture-missing').hidden")
+    names = opened.run("[...document.getElementById('picture-right').options].map((o) => o.textContent)")
+    assert opened.run("document.getElementById('picture-resolved').hidden")
+    choose(opened, "picture-right", next(name for name in names if name.startswith("resolved, fake")))
+    assert not opened.run("document.getElementById('picture-resolved').hidden")
 
 
 # ---- any screen ----

@@ -11,6 +11,7 @@ from html import escape
 from dofbench import __version__
 from dofbench.content import content_folder
 from dofbench.harness.error_maps import FULL_SCALE
+from dofbench.harness.resolved import FULL_SCALE as RESOLVED_SCALE
 from dofbench.reporting.collect import Collection
 from dofbench.reporting.html.ablations import Ablation, ablation_sections
 from dofbench.reporting.html.boards import Board, gather
@@ -115,6 +116,9 @@ def _pictures(shown: Gallery) -> str:
 <input type="range" min="0" max="100" value="50" step="1"
  aria-label="Where the left picture ends and the right one begins"></div>
 <div class="scale" id="picture-scale" hidden>error 0 <i></i> {FULL_SCALE:g} or more, mean over R, G, B</div>
+<p class="caption" id="picture-resolved" hidden>Resolved: light where some training photograph saw the surface in focus,
+dark where all of them saw it through circles of confusion of {RESOLVED_SCALE:g} px or more or not at all, black where the
+method has no surface. What is dark is the method's invention as much as a measurement.</p>
 <div class="scroll" tabindex="0" role="region" aria-label="Scores of this view">
 <table id="picture-scores"></table></div>
 </div>

@@ -148,6 +148,8 @@ def _runs(shown: list[tuple[str, Entry]], kind: Kind, view: str, packer: _Packer
         yield {
             "name": name, "picture": picture, "reason": "" if picture else missing,
             "error": packer.file(prediction_file(entry, f"{kind}_error", view)),
+            # Of the view, whatever the kind: once is enough, beside what is judged by it.
+            "resolved": packer.file(prediction_file(entry, "resolved", view)) if kind != "refocus" else None,
             "scores": _scores(entry, kind, view),
         }
 
