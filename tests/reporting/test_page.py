@@ -354,7 +354,6 @@ def test_what_the_photographs_resolve_stands_beside_what_is_judged_by_it(made_re
     for name, there in (("all_in_focus", True), ("refocus", False)):
         maps = {run["name"].split()[0]: run["resolved"] for run in kinds[name]["runs"]}
         assert (maps["fake"] is not None) == there, name
-        assert maps["pinhole"] is None, "it has no lenses to judge by"
 
 
 def test_pictures_stay_within_their_budget(boards: list) -> None:

@@ -117,8 +117,8 @@ def _pictures(shown: Gallery) -> str:
  aria-label="Where the left picture ends and the right one begins"></div>
 <div class="scale" id="picture-scale" hidden>error 0 <i></i> {FULL_SCALE:g} or more, mean over R, G, B</div>
 <p class="caption" id="picture-resolved" hidden>Resolved: light where some training photograph saw the surface in focus,
-dark where all of them saw it through circles of confusion of {RESOLVED_SCALE:g} px or more or not at all, black where the
-method has no surface. What is dark is the method's invention as much as a measurement.</p>
+dark where all of them saw it through circles of confusion of {RESOLVED_SCALE:g} px or more or not at all, black where
+the method has no surface. What is dark is the method's invention as much as a measurement.</p>
 <div class="scroll" tabindex="0" role="region" aria-label="Scores of this view">
 <table id="picture-scores"></table></div>
 </div>
