@@ -20,7 +20,7 @@ from dofbench.errors import InputError, Status
 from dofbench.gaussians import losses
 from dofbench.gaussians.circles import foci_apart, widest_circle
 from dofbench.gaussians.density import DensityControl
-from dofbench.gaussians.exposure import Shot, render_view, sampled, scattered, summed
+from dofbench.gaussians.exposure import Shot, render_view, rings_for, sampled, scattered, summed
 from dofbench.gaussians.fineness import coarsen
 from dofbench.gaussians.held_back import HeldBackScores, held_back_mask, held_back_scores
 from dofbench.gaussians.lens_samples import together
@@ -279,7 +279,8 @@ class Trainer:
         adapting = adapting and self.lenses is not None and progress >= options.adaptation_from
         sampling = self.lenses is not None and options.lens_model == "samples" and progress >= options.lens_samples_from
         by_disparity = self.lenses is not None and (not sampling or adapting or options.lens_range == "render")
-        with_depth = by_disparity or view.known is not None
+        rings = options.lens_rings if sampling and progress >= options.lens_rings_from else 0
+        with_depth = by_disparity or view.known is not None or rings > 0
 
         with self._timed("rasterise"):
             statistics = ViewStatistics(want_abs=options.grow_absolute)
@@ -304,7 +305,10 @@ class Trainer:
                     with self._located(step, view, "lens"):
                         image = scattered(colour, disparity, lens, options, adapting)
             if sampling:
-                samples, more = self._samples(step, progress, view, lens, degree, adapting)
+                if rings > 0:  # no more than this photograph's circles need
+                    circles = lens.radius(self._disparity(alpha, depth).detach(), options, False).detach().abs()
+                    rings = rings_for(circles, rings)
+                samples, more = self._samples(step, view, lens, degree, rings, adapting)
                 leaves = [sample.detach().requires_grad_() for sample in samples]
                 outputs += zip(samples, leaves, strict=True)
                 seen += more
@@ -386,15 +390,13 @@ class Trainer:
             shots.append(Shot(camera, self.lenses.ranges[index], aperture, -aperture * focus))
         return shots
 
-    def _samples(self, step: int, progress: float, view: _Photograph, lens: Shot, degree: int,
+    def _samples(self, step: int, view: _Photograph, lens: Shot, degree: int, rings: int,
                  adapting: bool) -> tuple[list[Tensor], list[ViewStatistics]]:
         """What the points of the lens see, and the statistics of each; the points turn at random."""
-        options = self.options
-        rings = options.lens_rings if progress >= options.lens_rings_from else 0
         with self._timed("rasterise"), self._located(step, view, "rasterise"):
             rasters, statistics = sampled(
-                self.gaussians, lens, options, rings, rotation=self._random.uniform(0, 2 * math.pi), sh_degree=degree,
-                want_abs=options.grow_absolute, adapting=adapting)
+                self.gaussians, lens, self.options, rings, rotation=self._random.uniform(0, 2 * math.pi),
+                sh_degree=degree, want_abs=self.options.grow_absolute, adapting=adapting)
         return [raster.color for raster in rasters], statistics
 
     @staticmethod

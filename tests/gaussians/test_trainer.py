@@ -16,6 +16,8 @@ from tolerances import ROUGH_DEPTH
 
 from dofbench.contracts import Budget
 from dofbench.errors import Status
+from dofbench.gaussians import exposure
+from dofbench.gaussians import trainer as trainer_module
 from dofbench.gaussians.render import rasterise
 from dofbench.gaussians.trainer import Trainer
 
@@ -40,6 +42,19 @@ def test_training_lowers_the_loss(overrides):
     rendering = trainer.render(_cameras()[0], None)
     assert rendering.image.shape == (HEIGHT, WIDTH, 3) and np.isfinite(rendering.image).all()
     assert np.median(rendering.depth[rendering.depth > 0]) == pytest.approx(4.5, abs=ROUGH_DEPTH)
+
+
+@pytest.mark.parametrize(("aperture", "rings"), [(0.05, 0), (60.0, 1)])
+def test_a_photograph_trains_through_as_many_points_as_its_circles_need(monkeypatch, aperture: float, rings: int):
+    """Circles below a pixel and a half need the lens's centre alone; in units of the paper's A, 2 % of 48 px."""
+    seen = []
+    monkeypatch.setattr(trainer_module, "sampled",
+                        lambda *given, **more: seen.append(given[3]) or exposure.sampled(*given, **more))
+    options = _options(lens_model="samples", lens_rings=1, lens_samples_from=0.0, lens_init_aperture=aperture,
+                       lens_init_focus=0.0, lens_from=1.0, lens_range="points")
+    trainer = Trainer(_training_set(), options, 0)
+    assert trainer.fit(Budget(steps=4), Recorder()).status is Status.OK
+    assert seen == [rings] * 4
 
 
 def test_the_distortion_loss_draws_the_gaussians_of_a_ray_together():
