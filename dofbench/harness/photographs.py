@@ -86,7 +86,7 @@ def _across(
     method: Method, dataset: Dataset, views: Sequence[DatasetView], no_lens: str, quick: bool,
 ) -> Iterator[Scored]:
     learned, trained = method.lens_estimates(), training_f_number(dataset)
-    strata = {} if quick else _strata(dataset)
+    strata = {} if quick else blurred_thirds(dataset)
     for view in views:
         photograph = dataset.image(view)
         found = predict_across(method, view.camera, photograph, learned, trained / view.exif.f_number,
@@ -109,7 +109,7 @@ def _across(
         yield Scored(view, photograph, found.scaled, scores)
 
 
-def _strata(dataset: Dataset) -> dict[str, np.ndarray]:
+def blurred_thirds(dataset: Dataset) -> dict[str, np.ndarray]:
     """By test view, its thirds by how blurred the training photographs are there; empty unless every one has them."""
     if dataset.points is None:
         return {}
