@@ -75,8 +75,8 @@ def remarks(reports: Sequence[ViewReport], video: bool) -> list[str]:
             "neighbours should overlap by two thirds, and be taken from different places, not from one by turning."))
     seen = median_points(reports)
     if seen is not None and seen < _WEAK:
-        lines.append(f"The poses are doubtful: the typical photograph sees {seen:g} points; fewer than {_WEAK} gave focal "
-                     "lengths wrong by a fifth to a half. Take more photographs, nearer to each other.")
+        lines.append(f"The poses are doubtful: the typical photograph sees {seen:g} points; fewer than {_WEAK} gave "
+                     "focal lengths wrong by a fifth to a half. Take more photographs, nearer to each other.")
     return lines
 
 
