@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 SMALLEST_GROUP = 3   # photographs of one f-number, for a spread or a median to mean anything
-TIED = 1e-9          # relative: apertures that differ by less weren't estimated one by one
+TIED = 1e-5          # relative: apertures that differ by less weren't estimated one by one, but rounded to float32
 _TO_DEVIATION = 1.4826  # from the median absolute deviation to the standard deviation of a normal distribution
 
 Estimate = tuple[float, float]  # learned aperture, f-number
