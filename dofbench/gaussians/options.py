@@ -46,8 +46,9 @@ class TrainerOptions:
         "render" takes min and 95th percentile of each rendered view at each step (released code).
         lens_model: "scatter", the paper's, blurs the sharp rendering; "samples" rasterises the scene as seen from
         points of the lens, with the occlusion that comes with it, from lens_samples_from of the training on and in
-        every rendering. lens_rings: of those points around the centre (1 + 3 k (k + 1) points); 0, and any number
-        before lens_rings_from, blurs each Gaussian by its own circle of confusion, seen from the centre.
+        every rendering. lens_rings: of those points around the centre (1 + 3 k (k + 1) points), fewer where a
+        photograph's circles don't need them; 0, and any number before lens_rings_from, blurs each Gaussian by its own
+        circle of confusion, seen from the centre.
         lens_blades, lens_rotation: the opening, a polygon or with 0 a disc; "samples" knows discs only.
         lens_per: what photographs share (`lens_ties.py`): "view" nothing; "aperture" one aperture, with a focus each;
         "group" one aperture for each f-number; "exif" one aperture x f-number; "scene" the whole lens.
