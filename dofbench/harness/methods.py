@@ -56,8 +56,8 @@ class Card(_Strict):
     one replaces some of its options.
     builtin_preset: the preset of a run without a dataset, which shows the whole on the built-in one;
     without it, default_preset.
-    leave_out: stage of the plan (`STAGES`) -> options that switch that stage off,
-    set by the plan when a dataset doesn't need it.
+    leave_out: stage of the plan (`STAGES`) -> options that switch that stage off, set by the plan when a dataset
+    doesn't need it. A user who sets the first of them has decided; the others only go with it.
     """
 
     name: str

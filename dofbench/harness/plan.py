@@ -187,8 +187,8 @@ def _stages(entry: MethodEntry, options: dict[str, Any], overrides: dict[str, An
         switch = entry.card.leave_out.get(name)
         if switch is not None and all(options.get(key) == value for key, value in switch.items()):
             return False  # the preset or the user has switched it off: nothing to be decided
-        if switch is not None and set(switch) & overrides.keys():
-            return True  # the user has decided
+        if switch is not None and next(iter(switch)) in overrides:
+            return True  # the user has decided; what else the switch sets only goes with it
         runs = not needless or force_all or switch is None
         if needless and force_all:
             why = f"--force-all, although {why}"

@@ -92,6 +92,14 @@ def test_one_lens_is_learned_where_the_dataset_says_so(plan) -> None:
     assert "lens_per_view" not in _runs(plan(one_lens=True, overrides={"lens_per": "scene"}))  # nothing to decide
 
 
+def test_what_only_goes_with_a_switch_decides_nothing(plan) -> None:
+    """A lens that all photographs share starts wide open, unless the user says otherwise; it is shared all the same."""
+    assert plan("dofgaussian", one_lens=True).options["lens_init_aperture"] == 1.5
+    made = plan("dofgaussian", one_lens=True, overrides={"lens_init_aperture": 0.3})
+    assert made.options["lens_per"] == "scene" and made.options["lens_init_aperture"] == 0.3
+    assert "lens_init_aperture" not in plan("dofgaussian", one_lens=True, overrides={"lens_per": "view"}).options
+
+
 TRIED = {"lens_trials": "lens,share,model"}
 
 
