@@ -2,10 +2,11 @@
 
     python tests/bench/across_limit.py --data data/across --results results --out reports/photographs
 
-Each sharper test photograph is blurred by the lens that was learned of its nearest training view, on the learned depth:
-what that changes is the error that training photographs' blur, painted on the scene, would make by itself. A perfect
-lens takes that error away and no other, so a method without a lens could come nearer by `most_gain` dB at most. Pixels
-are those where the training photographs are most blurred, as in the protocol.
+Each sharper test photograph is blurred by the lens that was learned of its nearest training view, on the learned depth.
+What that changes is the error that the training photographs' blur, painted on the scene, makes by itself; a perfect
+lens takes it away. `gain` is what the picture predicted without a lens gains, dB, when just this is put back, and
+`correlation` how alike both errors are. `most_gain` is what it would gain if they were alike in every pixel: two errors
+of these sizes can't give more. Pixels are those where the training photographs are most blurred, as in the protocol.
 """
 
 from __future__ import annotations
@@ -23,12 +24,12 @@ from dofbench.defocus import defocus
 from dofbench.errors import InputError, Status
 from dofbench.harness.methods import find_method
 from dofbench.harness.photographs import BLURRED, blurred_thirds
-from dofbench.harness.result import RESULT_FILE, Result, read_result
 from dofbench.images import read_image
+from dofbench.reporting.collect import Entry, collect
 from dofbench.reporting.tables import write_csv
 from dofbench.synthesis.dataset import Dataset, DatasetView
 
-FIELDS = ("seed", "view", "blur_psnr", "without_psnr", "circle_px", "most_gain")
+FIELDS = ("seed", "view", "blur_psnr", "without_psnr", "circle_px", "correlation", "gain", "most_gain")
 
 
 @dataclass(frozen=True)
@@ -43,11 +44,23 @@ class Settings:
     """Folder for across-limit.csv."""
 
 
-def trained(result: Result, folder: Path) -> Method:
+def trained(entry: Entry) -> Method:
     """The method as it was saved."""
-    method = find_method(result.spec.method).create(dict(result.spec.options), result.spec.seed, "cpu")
-    method.load(folder / "model")
+    method = find_method(entry.spec.method).create(dict(entry.spec.options), entry.spec.seed, "cpu")
+    method.load(entry.folder / "model")
     return method
+
+
+def gains(predicted: np.ndarray, blurred: np.ndarray, photograph: np.ndarray) -> dict[str, float]:
+    """What the error of a prediction and that of a blur have to do with each other. All (N, 3), of the same pixels."""
+    whole, lost = ((image - photograph).astype(np.float64) for image in (predicted, blurred))
+    size, least = np.sqrt(np.square(whole).mean()), np.sqrt(np.square(lost).mean())
+    left = np.sqrt(np.square(whole - lost).mean())
+    return {
+        "blur_psnr": -20 * math.log10(least), "without_psnr": -20 * math.log10(size),
+        "correlation": float((whole * lost).mean() / (size * least)), "gain": 20 * math.log10(size / left),
+        "most_gain": 20 * math.log10(size / (size - least)) if size > least else math.inf,
+    }
 
 
 def blurred_as_in_training(method: Method, dataset: Dataset, view: DatasetView) -> tuple[np.ndarray, np.ndarray]:
@@ -65,16 +78,12 @@ def blurred_as_in_training(method: Method, dataset: Dataset, view: DatasetView) 
 def rows(dataset: Dataset, seed: int, with_lens: Method, without: Path) -> list[dict[str, object]]:
     """One for each test view, and their mean. without: predictions of the method without a lens."""
     found, thirds = [], blurred_thirds(dataset)
-    for view in (view for view in dataset.views if view.split == "test"):
-        mask, photograph = thirds[view.name] == BLURRED, dataset.image(view)
+    for view in dataset.test_views():
+        mask = thirds[view.name] == BLURRED
         blurred, circles = blurred_as_in_training(with_lens, dataset, view)
         predicted = read_image(without / f"{view.name}.png")
-        lost, whole = (float(np.square(image - photograph, dtype=np.float64)[mask].mean())
-                       for image in (blurred, predicted))
-        gain = 10 * math.log10(whole / (whole - lost)) if whole > lost else math.inf
-        found.append({"seed": seed, "view": view.name, "blur_psnr": -10 * math.log10(lost),
-                      "without_psnr": -10 * math.log10(whole), "circle_px": float(np.median(circles[mask])),
-                      "most_gain": gain})
+        found.append({"seed": seed, "view": view.name, "circle_px": float(np.median(circles[mask])),
+                      **gains(predicted[mask], blurred[mask], dataset.image(view)[mask])})
     means = {name: float(np.mean([row[name] for row in found])) for name in FIELDS[2:]}
     return [*found, {"seed": seed, "view": "mean", **means}]
 
@@ -82,17 +91,13 @@ def rows(dataset: Dataset, seed: int, with_lens: Method, without: Path) -> list[
 def main(settings: Settings) -> None:
     """Measure every seed that has both runs."""
     dataset = Dataset.load(settings.data)
-    runs = {}
-    for file in sorted(settings.results.rglob(RESULT_FILE)):
-        result = read_result(file)
-        plain = not result.spec.overrides and result.status is Status.OK
-        if plain and result.spec.dataset_checksum == dataset.checksum:
-            runs[result.spec.method, result.spec.seed] = (result, file.parent)
+    runs = {(entry.spec.method, entry.spec.seed): entry for entry in collect(settings.results).entries
+            if entry.status is Status.OK and entry.spec.dataset_checksum == dataset.checksum
+            and not entry.spec.overrides}
     table = []
-    for method, seed in runs:
-        if method == "dofgaussian" and ("mipsplatting", seed) in runs:
-            other = runs["mipsplatting", seed][1] / "predictions" / "across"
-            table += rows(dataset, seed, trained(*runs[method, seed]), other)
+    for (method, seed), entry in runs.items():
+        if method == "dofgaussian" and (other := runs.get(("mipsplatting", seed))) is not None:
+            table += rows(dataset, seed, trained(entry), other.folder / "predictions" / "across")
             print(table[-1], flush=True)
     if not table:
         raise InputError(settings.results, "no seed with both runs", f"runs on {settings.data}")
