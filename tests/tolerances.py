@@ -199,8 +199,6 @@ GAIN_BY_MEDIANS = 0.02
 RESPONSE_GRADIENT = 2e-3
 # A photograph's factor after 500 visits of Adam, whose rate falls to a tenth.
 GAIN_LEARNED = 0.01
-# Encoded light in the corners, likewise after 600.
-VIGNETTING_LEARNED = 0.01
 # Structure from motion of six views 320 pixels wide, features found to a third of a pixel: rotation from one view to
 # the next in degrees (0.3 px are 0.05 degrees, and a focal length that is off turns into rotation), the ratio of
 # distances between neighbours, and the focal length, which six views from one side determine least.

@@ -10,7 +10,7 @@ import torch
 from dofbench.gaussians.exposure import Shot
 from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.options import TrainerOptions
-from dofbench.gaussians.render import rasterise, surface_disparity
+from dofbench.gaussians.render import rasterise
 from dofbench.lens import DisparityRange
 
 _WIDE_PIXELS, _WIDE_VIEWS = 0.95, 0.9  # quantiles
@@ -24,8 +24,7 @@ def widest_circle(gaussians: Gaussians, shots: Sequence[Shot], options: TrainerO
     widest = []
     for shot in shots:
         raster = rasterise(gaussians, shot.camera, options, sh_degree=0)
-        circles = shot.radius(surface_disparity(raster.depth, raster.alpha), options, False).abs().numpy()
-        widest.append(np.quantile(circles, _WIDE_PIXELS))
+        widest.append(np.quantile(shot.circles(raster.depth, raster.alpha, options).numpy(), _WIDE_PIXELS))
     return float(np.quantile(widest, _WIDE_VIEWS))
 
 

@@ -24,24 +24,30 @@ from dofbench.files import read_json, write_json
 from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.row_adam import RowAdam
 
+_COLUMNS = {"off": 0, "gain": 3, "affine": 12}
 SCHEMA, VERSION = "dofbench.colours", 1
 CONVENTION = "photograph = matrix[:, :3] @ rendering through the lens + matrix[:, 3], encoded colours in [0, 1]"
 
 
 class LearnedColours:
-    """A colour a photograph, `colour_per_view` "gain" or "affine", from identity."""
+    """A colour a photograph, `colour_per_view` "gain" or "affine", from identity; with "off" nothing is learned."""
 
     def __init__(self, count: int, options: TrainerOptions):
         self._options = options
-        self._affine = options.colour_per_view == "affine"
-        self._table = RowAdam(count, 12 if self._affine else 3)
+        self._kind = options.colour_per_view
+        self._table = RowAdam(count, _COLUMNS[self._kind])
+
+    @property
+    def learned(self) -> bool:
+        """Whether photographs have colours of their own."""
+        return self._kind != "off"
 
     def forward(self, view: int, image: Tensor) -> Tensor:
         """The image (H, W, 3) as photograph number `view` shows it; differentiable by it and by the colour."""
         return self._applied(self._table.leaf(view), image)
 
     def gradient(self) -> Tensor | None:
-        """Gradient by the raw parameters of the view of the last `forward`."""
+        """Gradient by the raw parameters of the view of the last `forward`; None where nothing is learned."""
         return self._table.gradient
 
     def step(self, view: int, progress: float) -> None:
@@ -59,13 +65,19 @@ class LearnedColours:
     def matrix(self, view: int) -> np.ndarray:
         """(3, 4) float32 of a photograph's colour: [M | e] of M c + e."""
         raw = self._table.values[view].numpy()
-        if self._affine:
-            return np.eye(3, 4, dtype=np.float32) + raw.reshape(3, 4)
-        return np.diag(np.exp(raw)) @ np.eye(3, 4, dtype=np.float32)
+        match self._kind:
+            case "off":
+                return np.eye(3, 4, dtype=np.float32)
+            case "gain":
+                return np.diag(np.exp(raw)) @ np.eye(3, 4, dtype=np.float32)
+        return np.eye(3, 4, dtype=np.float32) + raw.reshape(3, 4)
 
     def _applied(self, raw: Tensor, image: Tensor) -> Tensor:
-        if not self._affine:
-            return image * raw.exp()
+        match self._kind:
+            case "off":
+                return image
+            case "gain":
+                return image * raw.exp()
         change = raw.view(3, 4)
         return image + image @ change[:, :3].T + change[:, 3]
 

@@ -46,6 +46,11 @@ class Shot:
             radius = radius * step_function(self.out_of_focus(disparity), options)
         return radius
 
+    @torch.no_grad()
+    def circles(self, depth: Tensor, alpha: Tensor, options: TrainerOptions) -> Tensor:
+        """(H, W) circles of confusion, pixels, of the surface that was rendered with depth and alpha, both (H, W)."""
+        return self.radius(surface_disparity(depth, alpha), options, False).abs()
+
     def out_of_focus(self, disparity: Tensor) -> Tensor:
         """|normalised disparity - focus|, without gradient."""
         slope, offset = (value.item() if isinstance(value, Tensor) else value for value in (self.slope, self.offset))
@@ -114,8 +119,10 @@ def render_view(gaussians: Gaussians, camera: Camera, options: TrainerOptions, *
         slope = lens.aperture / (COC_FRACTION * lens.width)
         shot = Shot(camera, DisparityRange(0.0, 1.0), slope, -slope * lens.focus_disparity)
         if options.lens_model == "samples":
-            circles = shot.radius(surface_disparity(raster.depth, raster.alpha), options, False).abs()
-            rings = rings_for(circles, max(options.lens_rings, _MOST_RINGS)) if options.lens_rings else 0
+            rings = 0
+            if options.lens_rings > 0:
+                most = max(options.lens_rings, _MOST_RINGS)
+                rings = rings_for(shot.circles(raster.depth, raster.alpha, options), most)
             rasters, _ = sampled(gaussians, shot, options, rings)
             image = together([sample.color for sample in rasters], options.lens_gamma)
         else:

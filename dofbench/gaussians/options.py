@@ -36,10 +36,9 @@ class TrainerOptions:
     Outliers (`outliers.py`)
         outlier_views: views whose loss stays far above the others' are left out, from the share outliers_from of
         the training on.
-    Camera (`response.py`)
+    Camera (`colours.py`)
         colour_per_view: a colour learned for every photograph, "gain" a factor a channel, "affine" a matrix and an
-        offset. vignetting: a fall of light towards the corners, for every lens and f-number. colour_lr: rate of
-        both; colour_lr_fall: factor on it at the end.
+        offset. colour_lr: its rate; colour_lr_fall: factor on it at the end.
     Lens (section 4.1)
         lens: False trains a pinhole (`mipsplatting`). lens_gamma, lens_alpha, lens_energy: the
         forward model. lens_range: "points" fixes the disparity range once from the sparse points,
@@ -127,7 +126,6 @@ class TrainerOptions:
     outliers_from: float = 0.3
 
     colour_per_view: Literal["off", "gain", "affine"] = "off"
-    vignetting: bool = False
     colour_lr: float = 1e-2
     colour_lr_fall: float = 0.1
 

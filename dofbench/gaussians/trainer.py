@@ -19,6 +19,7 @@ from dofbench.contracts import Budget, Decision, FitOutcome, NonFinite, Observer
 from dofbench.errors import InputError, Status
 from dofbench.gaussians import losses
 from dofbench.gaussians.circles import foci_apart, widest_circle
+from dofbench.gaussians.colours import LearnedColours
 from dofbench.gaussians.density import DensityControl
 from dofbench.gaussians.exposure import Shot, render_view, rings_for, sampled, scattered, summed
 from dofbench.gaussians.fineness import coarsen
@@ -32,7 +33,6 @@ from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.outliers import OutlierViews
 from dofbench.gaussians.raster import ViewStatistics
 from dofbench.gaussians.render import SURFACE_ALPHA, rasterise, surface_disparity
-from dofbench.gaussians.response import LearnedResponse
 from dofbench.gaussians.supervision import DepthSamples, all_disparities
 from dofbench.gaussians.trials import HELD_BACK, Trials
 from dofbench.gaussians.warmup import compile_kernels
@@ -69,7 +69,7 @@ class Snapshot:
     random: np.random.Generator
     generator: Tensor
     loss: float
-    response: LearnedResponse
+    colours: LearnedColours
     outliers: OutlierViews
 
 
@@ -102,7 +102,7 @@ class Trainer:
         if options.lens:
             ties = lens_ties(self.views, options.lens_per)
             self.lenses = LearnedLenses(self.count, self.range, options, ties)
-        self.response = LearnedResponse(self.views, options)
+        self.colours = LearnedColours(self.count, options)
         self._outliers, self.left_out_views = OutlierViews(self.count), set()
         self._optimiser = GaussianOptimiser(self.gaussians, options, self._extent)
         self._density = DensityControl(self.gaussians, self._optimiser, options, self._extent, self._generator)
@@ -204,7 +204,7 @@ class Trainer:
             options=self.options, optimiser=self._optimiser.state(), density=self._density.state(),
             filter_3d=self.gaussians.filter_3d.clone(), lenses=copy.deepcopy(self.lenses),
             order=list(self._order), random=copy.deepcopy(self._random), generator=self._generator.get_state(),
-            loss=self._loss, response=copy.deepcopy(self.response), outliers=copy.deepcopy(self._outliers),
+            loss=self._loss, colours=copy.deepcopy(self.colours), outliers=copy.deepcopy(self._outliers),
         )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -217,7 +217,7 @@ class Trainer:
         self._order, self._random = list(snapshot.order), copy.deepcopy(snapshot.random)
         self._generator.set_state(snapshot.generator)
         self._loss = snapshot.loss
-        self.response, self._outliers = copy.deepcopy(snapshot.response), copy.deepcopy(snapshot.outliers)
+        self.colours, self._outliers = copy.deepcopy(snapshot.colours), copy.deepcopy(snapshot.outliers)
 
     def revise(self, changes: Mapping[str, Any]) -> None:
         """Go on with other options: without the lens, with one that photographs share, or with another forward model.
@@ -306,8 +306,7 @@ class Trainer:
                         image = scattered(colour, disparity, lens, options, adapting)
             if sampling:
                 if rings > 0:  # no more than this photograph's circles need
-                    circles = lens.radius(self._disparity(alpha, depth).detach(), options, False).detach().abs()
-                    rings = rings_for(circles, rings)
+                    rings = rings_for(lens.circles(depth, alpha, options), rings)
                 samples, more = self._samples(step, view, lens, degree, rings, adapting)
                 leaves = [sample.detach().requires_grad_() for sample in samples]
                 outputs += zip(samples, leaves, strict=True)
@@ -318,7 +317,7 @@ class Trainer:
 
         with self._timed("loss"):
             weight = losses.adaptation_weight(out_of_focus, options) if adapting else None
-            image = self.response.forward(view.index, image, view.camera)
+            image = self.colours.forward(view.index, image)
             image = losses.looked_at(image, view.image, view.held_back, options.clipped_white)
             loss = losses.reconstruction(image, view.image, options.ssim_weight, weight)
             if view.known is not None:
@@ -349,7 +348,7 @@ class Trainer:
             torch.autograd.backward([tensor for tensor, _ in reached], [gradient for _, gradient in reached])
         if self.lenses is not None:
             self._check(self.lenses.gradient(), step, view, "gradient by the lens")
-        self._check(self.response.gradient(), step, view, "gradient by the colours")
+        self._check(self.colours.gradient(), step, view, "gradient by the colours")
         for name, parameter in self.gaussians.parameters.items():
             if parameter.grad is not None:
                 self._check(parameter.grad, step, view, f"gradient by {name}")
@@ -358,7 +357,7 @@ class Trainer:
             self._optimiser.step(progress)
             if self.lenses is not None and progress >= options.lens_from:
                 self.lenses.step(view.index, progress)
-            self.response.step(view.index, progress)
+            self.colours.step(view.index, progress)
         with self._timed("density control"):
             statistics = summed([one for one in seen if one.grad_2d is not None])
             gradient_2d = statistics.abs_grad_2d if options.grow_absolute else statistics.grad_2d
@@ -433,9 +432,9 @@ class Trainer:
     def photograph(self, index: int) -> np.ndarray:
         """Training view number `index` as it was photographed, by its learned lens and colour: (H, W, 3), encoded.
         """
-        camera = self.views[index].camera
-        image = self.render(camera, None if self.lenses is None else self._lens_estimate(index)).image
-        return self.response.apply(index, torch.from_numpy(image), camera).numpy()
+        lens = None if self.lenses is None else self._lens_estimate(index)
+        image = self.render(self.views[index].camera, lens).image
+        return self.colours.apply(index, torch.from_numpy(image)).numpy()
 
     def held_back_scores(self, share: float | None = None) -> HeldBackScores:
         """How well the training photographs are made again where training didn't look (option `held_back`, or the
@@ -452,8 +451,9 @@ class Trainer:
 
     def colour_estimates(self) -> dict[str, np.ndarray] | None:
         """The learned colour of each training view, (3, 4) as in `colours.py`."""
-        colours = self.response.colours
-        return colours and {view.name: colours.matrix(index) for index, view in enumerate(self.views)}
+        if not self.colours.learned:
+            return None
+        return {view.name: self.colours.matrix(index) for index, view in enumerate(self.views)}
 
     @torch.no_grad()
     def _lens_estimate(self, index: int) -> PhysicalLens:

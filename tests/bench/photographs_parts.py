@@ -50,8 +50,6 @@ VARIANTS: dict[str, dict[str, object]] = {
     "gamma1.8": {"lens_gamma": 1.8},
     "gamma2.6": {"lens_gamma": 2.6},
     "nolens-views": {"lens": False, "outlier_views": True},
-    "vignetting": {"vignetting": True},
-    "affine-vignetting": {"colour_per_view": "affine", "vignetting": True},
 }
 COLUMNS = ("dataset", "variant", "data", "seed", "steps", "psnr", "ssim", "psnr_worst_view", "aif_psnr", "left_out",
            "gaussians", "train_s")

@@ -1,4 +1,4 @@
-"""What a camera makes of the light: colours of the photographs, vignetting, and what it clipped."""
+"""What a camera makes of the light: colours of the photographs, and what it clipped."""
 
 import json
 
@@ -6,20 +6,14 @@ import numpy as np
 import pytest
 import torch
 from small_scene import Recorder, options, training_set
-from tolerances import FLOAT32_VALUE, GAIN_LEARNED, RESPONSE_GRADIENT, VIGNETTING_LEARNED
+from tolerances import FLOAT32_VALUE, GAIN_LEARNED, RESPONSE_GRADIENT
 
-from dofbench.cameras import Camera
 from dofbench.contracts import Budget
 from dofbench.errors import InputError
-from dofbench.exif import Exif
 from dofbench.gaussians import losses
 from dofbench.gaussians.colours import LearnedColours, read_colours, write_colours
 from dofbench.gaussians.options import TrainerOptions
-from dofbench.gaussians.response import LearnedResponse
 from dofbench.gaussians.trainer import Trainer
-from dofbench.gaussians.vignetting import LearnedVignetting
-
-CAMERA = Camera(12, 8, 10.0, 10.0, 6.0, 4.0, np.eye(4))
 
 
 def _image(seed=0):
@@ -37,19 +31,14 @@ def test_a_colour_starts_as_identity_bit_for_bit(kind):
     assert np.array_equal(colours.matrix(1), np.eye(3, 4))
 
 
-@pytest.mark.parametrize("what", ["gain", "affine", "vignetting"])
-def test_gradients_are_those_of_finite_differences(what):
+@pytest.mark.parametrize("kind", ["gain", "affine"])
+def test_gradients_are_those_of_finite_differences(kind):
     image, weight = _image(), _image(1) - 0.5
-    if what == "vignetting":
-        learned = LearnedVignetting([None], TrainerOptions(vignetting=True))
-        forward = lambda: learned.forward(0, image, CAMERA)  # noqa: E731
-    else:
-        learned = _learned(what, 1)
-        forward = lambda: learned.forward(0, image)  # noqa: E731
+    learned = _learned(kind, 1)
     table = learned._table.values
     table[:] = 0.1 * torch.rand(table.shape, generator=torch.Generator().manual_seed(2))
     image.requires_grad_()
-    (forward() * weight).sum().backward()
+    (learned.forward(0, image) * weight).sum().backward()
     found, by_image = learned.gradient(), image.grad.clone()
     image.requires_grad_(False)
 
@@ -57,7 +46,7 @@ def test_gradients_are_those_of_finite_differences(what):
         ends = []
         for sign in (1, -1):
             tensor[place] += sign * step
-            ends.append(float((forward() * weight).detach().double().sum()))
+            ends.append(float((learned.apply(0, image) * weight).double().sum()))
             tensor[place] -= sign * step
         return (ends[0] - ends[1]) / (2 * step)
 
@@ -95,30 +84,13 @@ def test_exposure_and_white_balance_are_learned(kind):
         assert np.diag(colours.matrix(view)) == pytest.approx(factors[view], abs=GAIN_LEARNED)
 
 
-def test_vignetting_is_learned_for_each_f_number():
-    records = [Exif(f_number=2.0, focal_length=50.0), Exif(f_number=8.0, focal_length=50.0)] * 2
-    learned = LearnedVignetting(records, TrainerOptions(vignetting=True, colour_lr=2e-2))
-    along, down = (np.arange(12) + 0.5 - 6) / np.hypot(6, 4), (np.arange(8) + 0.5 - 4) / np.hypot(6, 4)
-    square = along**2 + down[:, None] ** 2
-    shade = ((1 - 0.4 * square + 0.1 * square**2) ** (1 / TrainerOptions().lens_gamma))[..., None]
-    for step in range(1200):
-        view, image = step % 4, _image(step)
-        photograph = image if view % 2 else image * torch.tensor(shade).float()
-        (learned.forward(view, image, CAMERA) - photograph).square().mean().backward()
-        learned.step(view, step / 1200)
-    even = torch.ones(8, 12, 3)
-    for view in range(4):
-        expected = 1.0 if view % 2 else shade
-        assert np.abs(learned.apply(view, even, CAMERA).numpy() - expected).max() < VIGNETTING_LEARNED
-        assert learned.coefficients(view) == learned.coefficients((view + 2) % 4)
-
-
 def test_without_options_nothing_is_learned_and_nothing_touched():
-    response = LearnedResponse(training_set().views, TrainerOptions())
-    image = _image()
-    assert response.forward(0, image, CAMERA) is image and response.apply(0, image, CAMERA) is image
-    assert response.gradient() is None
-    response.step(0, 0.5)
+    colours, image = _learned("off"), _image()
+    assert not colours.learned
+    assert colours.forward(0, image) is image and colours.apply(0, image) is image
+    assert colours.gradient() is None
+    colours.step(0, 0.5)
+    assert np.array_equal(colours.matrix(0), np.eye(3, 4))
 
 
 def test_photographs_of_other_colours_are_made_again():
@@ -140,7 +112,7 @@ def test_photographs_of_other_colours_are_made_again():
 
 def test_a_nan_in_a_colour_is_caught_and_named():
     trainer = Trainer(training_set(), options(colour_per_view="gain"), 0)
-    trainer.response.colours._table.values[:] = float("nan")
+    trainer.colours._table.values[:] = float("nan")
     (event,) = trainer.fit(Budget(steps=5), Recorder()).nonfinite
     assert event.step == 1
 
