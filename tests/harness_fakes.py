@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -354,3 +355,9 @@ class Here:
             watcher.ended(outcome)
             outcomes.append(outcome)
         return outcomes
+
+
+def text_console() -> tuple[Console, io.StringIO]:
+    """A console without colours, and what is said on it."""
+    stream = io.StringIO()
+    return Console(file=stream, width=200), stream

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import itertools
 import re
+from pathlib import Path
 
 
 def table_rows(page: str, heading: str) -> list[dict[str, str]]:
@@ -19,3 +22,8 @@ def notes(page: str, cell: str) -> str:
     """The footnote that a cell points to."""
     number = re.search(r"\[\^(\d+)\]", cell)[1]
     return re.search(rf"^\[\^{number}\]: (.*)$", page, re.MULTILINE)[1]
+
+
+def rows(file: Path) -> list[dict[str, str]]:
+    """Of a CSV file, by the header's names."""
+    return list(csv.DictReader(io.StringIO(file.read_text())))

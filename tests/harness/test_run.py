@@ -1,45 +1,29 @@
-"""Runs from beginning to end: good ones, failing ones, reused and resumed ones."""
+"""Runs from beginning to end, what they measure and what they say."""
 
 from __future__ import annotations
 
-import fcntl
 import io
-import json
 import math
-import os
-import shutil
-import signal
 import subprocess
 import sys
-import threading
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from harness_fakes import FakeDataset, write_dataset
+from harness_fakes import FakeDataset, text_console, write_dataset
 from rich.console import Console
 
 from dofbench import kernel_cache, synthesis
 from dofbench.errors import InputError, Status
 from dofbench.files import sha256_file
-from dofbench.harness import lock
 from dofbench.harness.check import check_result
 from dofbench.harness.clock import Stopwatch, loading
 from dofbench.harness.evaluate import Evaluator
-from dofbench.harness.lock import is_running, locked, read_lock
-from dofbench.harness.prepare import choose, data_folder, prepare
 from dofbench.harness.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS
 from dofbench.harness.result import read_result
-from dofbench.harness.settings import Run
 from dofbench.images import read_image
 
 OPEN = PROTOCOLS["refocus-v2"]
-
-
-def text_console() -> tuple[Console, io.StringIO]:
-    stream = io.StringIO()
-    return Console(file=stream, width=200), stream
 
 
 def test_a_good_run(call, tmp_path: Path) -> None:
@@ -183,132 +167,6 @@ def test_the_preset_says_steps_where_it_has_no_budget(call) -> None:
         call(preset="slow", set=("steps=many",))
 
 
-def test_a_finished_result_is_reused(call) -> None:
-    first = call()
-    before = (first.folder / "result.json").read_bytes()
-    console, stream = text_console()
-    again = call(console)
-    assert again.reused and again.folder == first.folder
-    assert "finished already" in stream.getvalue()
-    assert (first.folder / "result.json").read_bytes() == before
-
-
-@pytest.mark.parametrize(
-    "change", [{"set": ("noise=0.2",)}, {"seed": 1}, {"budget": "9it"}, {"inputs": "all-in-focus"}])
-def test_any_change_is_another_result(call, change: dict) -> None:
-    first, other = call(), call(**change)
-    assert not other.reused and other.folder != first.folder
-
-
-def test_other_data_or_code_is_another_result(call, tmp_path: Path) -> None:
-    first = call()
-    write_dataset(tmp_path / "data", seed=2)
-    second = call()
-    code = tmp_path / "methods" / "fake" / "behaviour.py"
-    code.write_text(code.read_text() + "\n# changed\n")
-    third = call()
-    assert not second.reused and not third.reused
-    assert len({first.folder, second.folder, third.folder}) == 3
-
-
-def test_nothing_else_changes_the_key(call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Code, data, options and seed do (above, and `test_provenance`); where, when and on what it runs doesn't."""
-    key = read_result(call().folder).key
-
-    def again(data: Path = tmp_path / "data", **changes) -> str:
-        settings = Run(**{"method": "fake", "data": data, "out": tmp_path / "results", **changes})
-        return prepare(settings, choose(settings), data_folder(settings)).spec.key
-
-    assert again(out=tmp_path / "elsewhere") == again(rerun=True) == again(dry_run=True) == key
-    assert again(preset="quick") == again(budget="8it") == again(device="cpu") == key  # what is so anyway
-    assert again(shutil.copytree(tmp_path / "data", tmp_path / "moved" / "deep")) == key
-    monkeypatch.setenv("OMP_NUM_THREADS", "7")
-    monkeypatch.setenv("NUMBA_NUM_THREADS", "7")
-    monkeypatch.chdir(tmp_path)
-    assert again(Path("data")) == key
-    shutil.move(tmp_path / "methods", tmp_path / "installed")
-    monkeypatch.setenv("DOFBENCH_METHODS", str(tmp_path / "installed"))
-    assert again() == key
-    (tmp_path / "installed" / "fake" / "notes.md").write_text("no code")
-    assert again() == key and again(seed=1) != key
-
-
-@pytest.mark.parametrize(
-    ("trouble", "status", "message"),
-    [
-        ("lost", Status.DIVERGED, "loss is nan at step 3"),
-        ("crash", Status.CRASHED, "RuntimeError: something broke"),
-        ("memory", Status.OUT_OF_MEMORY, "MemoryError: no more"),
-        ("overflow", Status.DIVERGED, "FloatingPointError: overflow in exp"),
-        ("deaf", Status.CRASHED, "told to stop"),
-    ],
-)
-def test_a_failing_run_leaves_a_typed_result(call, trouble: str, status: Status, message: str) -> None:
-    console, stream = text_console()
-    end = call(console, set=(f"trouble={trouble}",))
-    assert not end and end.status is status
-    result = read_result(end.folder)
-    assert result.status is status and message in result.message
-    assert message in stream.getvalue()
-    assert "psnr" not in result.scores and result.scores["steps"] >= 2 and result.curve
-    raised = trouble != "lost"
-    assert ("Traceback" in result.traceback) == raised
-    assert bool(result.nonfinite) == (trouble == "lost")
-
-
-def test_out_of_time(call) -> None:
-    end = call(budget="0.01s", set=("pause=0.05",))
-    assert end.status is Status.OUT_OF_TIME
-
-
-def test_a_non_finite_prediction_is_a_divergence_and_its_nan_is_kept(call) -> None:
-    end = call(set=("trouble=hole",))
-    result = read_result(end.folder)
-    assert result.status is Status.DIVERGED and "1 of" in result.message
-    assert math.isnan(result.scores["psnr"]) and math.isnan(result.curve[0].scores["psnr"])
-    assert result.nonfinite[0].stage == "render refocus"
-
-
-def test_a_wrong_input_found_while_training_is_passed_on(call, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="points"):
-        call(set=("trouble=input",))
-    assert not list((tmp_path / "results").rglob("result.json"))
-
-
-def test_a_crash_is_tried_again_and_a_divergence_is_not(call) -> None:
-    assert not call(set=("trouble=crash",)).reused and not call(set=("trouble=crash",)).reused
-    assert not call(set=("trouble=lost",)).reused and call(set=("trouble=lost",)).reused
-
-
-@pytest.mark.parametrize("place", ["interrupt", "interrupt-in-kernel"])
-def test_an_interrupted_run_says_so(call, tmp_path: Path, place: str) -> None:
-    with pytest.raises(KeyboardInterrupt):
-        call(set=(f"trouble={place}",))
-    (file,) = (tmp_path / "results").rglob("result.json")
-    result = read_result(file)
-    assert result.status is Status.CRASHED and result.message == "interrupted after 2 steps"
-
-
-def test_a_run_interrupted_while_it_scores_goes_on_from_there(call, monkeypatch: pytest.MonkeyPatch) -> None:
-    reference = call()
-    expected = read_result(reference.folder)
-
-    def interrupted(self, folder):
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(Evaluator, "final", interrupted)
-        call(rerun=True)
-    console, stream = text_console()
-    end = call(console)
-    result = read_result(end.folder)
-    assert "going on with the scores" in stream.getvalue()
-    assert end.status is Status.OK and result.predictions == expected.predictions
-    assert result.scores["steps"] == 8 and [p.steps for p in result.curve] == [p.steps for p in expected.curve]
-    assert {"train", "load model", "score"} <= set(result.stages)
-    assert not (end.folder / "trained.json").exists()
-
-
 @pytest.mark.parametrize("interrupted", [False, True])
 def test_what_training_decided_stands_in_the_result_with_its_reason(call, monkeypatch, interrupted: bool) -> None:
     def stop(self, folder):
@@ -368,87 +226,6 @@ def test_a_dry_run_writes_nothing(call, tmp_path: Path) -> None:
 def test_wrong_calls(call, change: dict, match: str) -> None:
     with pytest.raises(InputError, match=match):
         call(**change)
-
-
-def test_two_processes_never_write_one_result(call) -> None:
-    end = call()
-    spec = read_result(end.folder).spec
-    with locked(end.folder, spec, "waves", "now"):
-        assert is_running(end.folder)
-        with pytest.raises(InputError, match="another process"):
-            call()
-    assert not is_running(end.folder)
-    assert not (end.folder / "running.lock").exists()
-
-
-def test_a_killed_process_leaves_a_trace(call, tmp_path: Path) -> None:
-    spec = read_result(call().folder).spec
-    script = (
-        "import json, sys, time\nfrom pathlib import Path\nfrom dofbench.harness.lock import locked\n"
-        "from dofbench.harness.result import Spec\n"
-        "with locked(Path(sys.argv[1]), Spec(**json.loads(sys.argv[2])), 'waves', 'noon'):\n"
-        "    print('ready', flush=True)\n    time.sleep(60)\n"
-    )
-    folder = tmp_path / "killed"
-    process = subprocess.Popen([sys.executable, "-c", script, str(folder), json.dumps(spec.model_dump())],
-                               stdout=subprocess.PIPE, text=True)
-    assert process.stdout.readline() == "ready\n"
-    assert is_running(folder)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    process.stdout.close()
-    deadline = time.monotonic() + 5
-    while is_running(folder) and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert not is_running(folder)
-    assert read_lock(folder) == (spec, "waves", "noon")
-
-
-def test_a_prediction_of_a_wrong_size_is_a_crash(call, tmp_path: Path) -> None:
-    code = tmp_path / "methods" / "fake" / "trainer.py"
-    code.write_text(code.read_text().replace("return Rendering(image.", "return Rendering(image[1:]."))
-    result = read_result(call().folder)
-    assert result.status is Status.CRASHED
-    assert "expected an image of shape (48, 64, 3), found (47, 64, 3)" in result.message
-
-
-def test_what_a_process_left_that_died_after_its_result_is_cleared_away(call) -> None:
-    end = call()
-    (end.folder / "trained.json").write_text("{}")
-    assert call().reused and not (end.folder / "trained.json").exists()
-
-
-def test_a_lock_is_only_one_on_the_file_that_has_the_name(call, tmp_path: Path) -> None:
-    """Its last owner removes the file: who had opened it before must not take the removed one for the lock."""
-    spec = read_result(call().folder).spec
-    folder, entered = tmp_path / "shared", []
-
-    def other() -> None:
-        with locked(folder, spec, "waves", "later", wait=True):
-            entered.append(is_running(folder))
-
-    with locked(folder, spec, "waves", "now"):
-        threads = [threading.Thread(target=other) for _ in range(3)]
-        for thread in threads:
-            thread.start()
-        time.sleep(0.1)
-        assert not entered
-    for thread in threads:
-        thread.join(10)
-    # Each held a lock that everybody could see; on the removed file nobody would.
-    assert entered == [True] * 3 and not (folder / "running.lock").exists()
-
-
-def test_a_glance_at_a_lock_does_not_turn_a_run_away(call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lock, "_GLANCE", 5.0)  # on a busy machine an instant is long
-    spec = read_result(call().folder).spec
-    folder = tmp_path / "glanced"
-    folder.mkdir()
-    with open(folder / "running.lock", "w") as stream:
-        fcntl.flock(stream, fcntl.LOCK_SH)
-        threading.Timer(0.05, fcntl.flock, (stream, fcntl.LOCK_UN)).start()
-        with locked(folder, spec, "waves", "now"):
-            assert is_running(folder)
 
 
 def test_a_terminal_gets_a_bar_and_the_files_place(call) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from harness_fakes import fake_run, write_dataset
 from rich.console import Console
 
 from dofbench.reporting import board
-from dofbench.reporting.board import write_report
+from dofbench.reporting.board import Written, write_report
 from dofbench.reporting.settings import Report
 
 SUMMARY = """\
@@ -82,3 +83,28 @@ def made_report(tmp_path_factory: pytest.TempPathFactory) -> Made:
         assert write_report(settings, Console(file=stream, width=400))
     # The fakes are taken back here: this lasts as long as the session, and other tests want the real ones.
     return Made(folder / "results", folder / "out", ablation, stream.getvalue())
+
+
+@pytest.fixture
+def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable:
+    return fake_run(tmp_path, monkeypatch)
+
+
+@pytest.fixture
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No figures: they take most of the time, and most tests look at tables."""
+    monkeypatch.setattr(board, "write_curves", lambda *_: {})
+    monkeypatch.setattr(board, "write_strip", lambda *_: "this test wants none")
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> Callable[..., tuple[Written, Path, str]]:
+    """`made()` writes the report of tmp_path/results; returns what was written, where, and what was said."""
+
+    def made(out: str = "board", pictures: bool = True, reach: str = "") -> tuple[Written, Path, str]:
+        stream = io.StringIO()
+        settings = Report(tmp_path / "results", tmp_path / out, pictures, reach)
+        written = write_report(settings, Console(file=stream, width=400))
+        return written, tmp_path / out, stream.getvalue()
+
+    return made

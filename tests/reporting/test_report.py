@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 import re
-import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from harness_fakes import fake_run, write_dataset
-from report_pages import notes, table_rows
-from rich.console import Console
+from harness_fakes import write_dataset
+from report_pages import notes, rows, table_rows
 from tolerances import CSV_DIGITS
 
 from dofbench.errors import InputError
 from dofbench.harness.check import check_result
 from dofbench.harness.lock import locked
 from dofbench.harness.result import Spec, read_result
-from dofbench.reporting import board, curves, reach, report
-from dofbench.reporting.board import Written, write_report
+from dofbench.reporting import curves, reach, report
 from dofbench.reporting.columns import DEPTH
 from dofbench.reporting.held_out import ASKED_HEADING
 from dofbench.reporting.settings import Report
@@ -34,35 +28,6 @@ HEADER = (
     "across_blurred_psnr,across_clear_psnr,unscaled_psnr,unscaled_blurred_psnr,in_focus_psnr,in_focus_blurred_psnr,"
     "exif_spread,exif_ratio,resolved"
 )
-
-
-@pytest.fixture
-def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable:
-    return fake_run(tmp_path, monkeypatch)
-
-
-@pytest.fixture
-def plain(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No figures: they take most of the time, and most tests look at tables."""
-    monkeypatch.setattr(board, "write_curves", lambda *_: {})
-    monkeypatch.setattr(board, "write_strip", lambda *_: "this test wants none")
-
-
-@pytest.fixture
-def made(tmp_path: Path) -> Callable[..., tuple[Written, Path, str]]:
-    """`made()` writes the report of tmp_path/results; returns what was written, where, and what was said."""
-
-    def made(out: str = "board", pictures: bool = True, reach: str = "") -> tuple[Written, Path, str]:
-        stream = io.StringIO()
-        settings = Report(tmp_path / "results", tmp_path / out, pictures, reach)
-        written = write_report(settings, Console(file=stream, width=400))
-        return written, tmp_path / out, stream.getvalue()
-
-    return made
-
-
-def rows(file: Path) -> list[dict[str, str]]:
-    return list(csv.DictReader(io.StringIO(file.read_text())))
 
 
 def test_the_header_is_exact_and_one_row_a_run(plain, call, made) -> None:
@@ -124,24 +89,6 @@ def test_what_is_no_finite_number_is_shown_as_what_it_is(plain, call, made, valu
     assert (row["FLIP ↓"], row["GMSD ↓"]) == (str(value), "nan")
 
 
-def test_seeds_have_a_spread_and_a_failed_seed_is_not_left_out_of_a_mean(plain, call, made) -> None:
-    values = [read_result(call(seed=seed).folder).scores["psnr"] for seed in (0, 1, 2)]
-    _, out, _ = made()
-    (row, _) = table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v2")
-    mean = sum(values) / 3
-    spread = math.sqrt(sum((value - mean) ** 2 for value in values) / 2)
-    assert row["seeds"] == "0, 1, 2 (n = 3)" and row["PSNR [dB] ↑"] == f"{mean:.2f} ± {spread:.2f}"
-
-    file = next((out.parent / "results").rglob("*seed2*/result.json"))
-    data = json.loads(file.read_text())
-    data.update(status="diverged", message="loss is nan at step 3")
-    file.write_text(json.dumps(data))
-    _, out, _ = made()
-    page = (out / "leaderboard.md").read_text()
-    cell = table_rows(page, "waves, refocus-v2")[0]["PSNR [dB] ↑"]
-    assert cell.startswith("diverged (1 of 3 seeds)[^") and notes(page, cell) == "loss is nan at step 3"
-
-
 def test_the_best_is_bold_and_only_there(plain, call, made) -> None:
     call(set=("noise=0.5",))
     call(set=("noise=0.01",))
@@ -152,141 +99,6 @@ def test_the_best_is_bold_and_only_there(plain, call, made) -> None:
     assert good["δ_A ↓"].startswith("**") and bad["δ_A ↓"].startswith("**")  # a tie
     assert not any(value.startswith("**") for value in nothing.values())
     assert not good["steps"].startswith("**")
-
-
-def test_protocols_never_share_a_table(plain, call, made) -> None:
-    call()
-    call(inputs="all-in-focus")
-    _, out, _ = made()
-    page = (out / "leaderboard.md").read_text()
-    for protocol in ("refocus-v2", "sharp-inputs-v2"):
-        methods = [row["method"] for row in table_rows(page, f"waves, {protocol}")]
-        assert methods.count("fake") == 1
-    sharp = table_rows(page, "waves, sharp-inputs-v2")
-    assert [row["method"] for row in sharp] == ["fake"]  # no lens, so no do-nothing line
-    assert not {"δ_A ↓", "PSNR [dB] ↑"} & set(sharp[0])  # no row has them: there is no such column
-    below = page.split("## waves, sharp-inputs-v2")[1]
-    line = re.search(r"^Not shown, as no row has it: (.*)$", below, re.MULTILINE)[1]
-    assert "GMSD" in line and "no lens here);" in line and re.search(r"δ_A, δ_F, δ_R \(.*sharp photographs", line)
-    assert {row["protocol"] for row in rows(out / "leaderboard.csv")} == {"refocus-v2", "sharp-inputs-v2"}
-
-
-def test_a_forced_stage_is_no_second_seed(plain, call, made) -> None:
-    call(inputs="all-in-focus")
-    call(inputs="all-in-focus", force_all=True)
-    _, out, _ = made()
-    rows = table_rows((out / "leaderboard.md").read_text(), "waves, sharp-inputs-v2")
-    assert {(row["preset"], row["seeds"]) for row in rows} == {
-        ("quick, lens left out", "0"), ("quick, nothing left out", "0")}
-
-
-def test_two_versions_of_a_dataset_never_share_a_table(plain, call, made, tmp_path: Path) -> None:
-    first = read_result(call().folder).spec.dataset_checksum
-    write_dataset(tmp_path / "data", test=3)
-    second = read_result(call().folder).spec.dataset_checksum
-    _, out, _ = made()
-    page = (out / "leaderboard.md").read_text()
-    for checksum in (first, second):
-        assert len(table_rows(page, f"waves@{checksum[:8]}, refocus-v2")) == 2
-    assert {row["dataset"] for row in rows(out / "leaderboard.csv")} == {f"waves@{c[:8]}" for c in (first, second)}
-
-
-def test_what_looks_alike_is_told_apart(plain, call, made, tmp_path: Path) -> None:
-    call()
-    call(budget="9it")
-    code = tmp_path / "methods" / "fake" / "behaviour.py"
-    code.write_text(code.read_text() + "\n# changed\n")
-    call()
-    _, out, _ = made()
-    presets = [row["preset"] for row in table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v2")][:3]
-    assert len(set(presets)) == 3
-    assert "quick, 9it" in presets and all(re.fullmatch(r"quick, (9it|8it, code [0-9a-f]{8})", p) for p in presets)
-
-
-def test_means_only_over_complete_sets_of_scenes(plain, call, made, tmp_path: Path) -> None:
-    other = write_dataset(tmp_path / "other", name="ripples", seed=1)
-    scores = [read_result(call(data=data).folder).scores["psnr"] for data in (tmp_path / "data", other)]
-    call(method="pinhole")
-    _, out, _ = made()
-    page = (out / "leaderboard.md").read_text()
-    means = {row["method"]: row for row in table_rows(page, "Means over scenes, refocus-v2")}
-    assert means["fake"]["PSNR [dB] ↑"] == f"{sum(scores) / 2:.2f}"
-    gap = means["pinhole"]["all-in-focus PSNR [dB] ↑"]
-    assert notes(page, gap) == "no mean over an incomplete set: ripples missing of 2 scenes"
-
-
-def test_a_mean_over_scenes_has_the_spread_of_its_seeds(plain, call, made, tmp_path: Path) -> None:
-    other = write_dataset(tmp_path / "other", name="ripples", seed=1)
-    scores = [[read_result(call(data=data, seed=seed).folder).scores["aif_psnr"] for seed in (0, 1)]
-              for data in (tmp_path / "data", other)]
-    call(method="pinhole", seed=0)
-    call(method="pinhole", seed=1, data=other)
-    _, out, _ = made()
-    means = {row["method"]: row for row in table_rows((out / "leaderboard.md").read_text(),
-                                                      "Means over scenes, refocus-v2")}
-    by_seed = [sum(one) / 2 for one in zip(*scores, strict=True)]
-    spread = abs(by_seed[0] - by_seed[1]) / math.sqrt(2)
-    column = "all-in-focus PSNR [dB] ↑"
-    assert means["fake"][column].strip("*") == f"{sum(by_seed) / 2:.2f} ± {spread:.2f}"
-    assert means["fake"]["seeds"] == "0, 1 (n = 2)"
-    # Seeds that aren't the same on every scene have no common spread.
-    assert "±" not in means["pinhole"][column] and means["pinhole"]["seeds"] == "not the same on all"
-
-
-def test_methods_are_compared_view_by_view(plain, call, made, tmp_path: Path) -> None:
-    write_dataset(tmp_path / "data", test=7)
-    one = read_result(call(set=("noise=0.5",)).folder)
-    other = read_result(call(set=("noise=0.05",)).folder)
-    call(method="pinhole")
-    call(set=("trouble=lost",))
-    _, out, _ = made()
-    page = (out / "leaderboard.md").read_text()
-    rows_ = {(row[""], row["minus"]): row for row in table_rows(page, "Compared view by view")}
-    assert list(rows_)[0] == ("fake quick noise=0.05", "fake quick noise=0.5") and len(rows_) == 6
-    column = "PSNR [dB] ↑"
-    cell = rows_["fake quick noise=0.05", "fake quick noise=0.5"][column]
-    differences = [a.scores["psnr"] - b.scores["psnr"] for a, b in zip(other.views, one.views, strict=True)]
-    # All seven views say the same: 2 of 128 choices of signs are as far out, times the comparisons of the column.
-    assert cell.startswith(f"{sum(differences) / 7:+.2f} [") and cell.endswith("p = 0.016, **better** (one seed)")
-    gap = rows_["fake quick noise=0.05", "pinhole quick"][column]
-    assert notes(page, gap) == "a run of the pair failed, or lacks this score"
-    assert "Over 7 test views and 4 training views" in page and "## How differences are tested" in page
-    table = {(row["preset"], row["against_preset"], row["method"], row["against_method"], row["column"]): row
-             for row in rows(out / "comparisons.csv")}
-    found = table["quick noise=0.05", "quick noise=0.5", "fake", "fake", "psnr"]
-    assert float(found["difference"]) == pytest.approx(sum(differences) / 7, rel=CSV_DIGITS)
-    assert (found["pairs"], found["seeds"], found["verdict"]) == ("7", "1", "better")
-    assert float(found["low"]) < float(found["difference"]) < float(found["high"])
-
-
-def test_a_board_of_one_compares_nothing(plain, call, made) -> None:
-    call()
-    call(seed=1)
-    _, out, _ = made()
-    page = (out / "leaderboard.md").read_text()
-    assert "Compared view by view" not in page and "How differences are tested" not in page
-    assert rows(out / "comparisons.csv") == []
-
-
-def test_two_views_never_make_it_better(plain, call, made) -> None:
-    call(set=("noise=0.5",))
-    call(set=("noise=0.05",))
-    _, out, _ = made()
-    (row,) = table_rows((out / "leaderboard.md").read_text(), "Compared view by view")
-    assert row["PSNR [dB] ↑"].endswith("p = 0.500") and "better" not in "".join(row.values())
-
-
-def test_scenes_are_compared_together_where_both_have_all(plain, call, made, tmp_path: Path) -> None:
-    write_dataset(tmp_path / "data", test=4)
-    other = write_dataset(tmp_path / "other", name="ripples", seed=1, test=3)
-    for noise in (0.5, 0.05):
-        for data in (tmp_path / "data", other):
-            call(data=data, set=(f"noise={noise}",))
-    call(method="pinhole")
-    _, out, _ = made()
-    page = (out / "leaderboard.md").read_text().split("## Means over scenes")[1]
-    (row,) = table_rows(page, "Compared view by view")
-    assert "Over 7 test views" in page and row["PSNR [dB] ↑"].endswith("**better** (one seed)")
 
 
 def test_claims_stand_apart_with_their_source(plain, call, made) -> None:
@@ -428,14 +240,6 @@ def test_no_results_is_an_error(tmp_path: Path) -> None:
         report(Report(tmp_path / "nowhere", tmp_path / "out"))
     with pytest.raises(InputError, match="no result.json"):
         report(Report(tmp_path, tmp_path / "out"))
-
-
-def test_a_copy_of_a_result_is_no_second_seed(plain, call, made) -> None:
-    folder = call().folder
-    shutil.copytree(folder, folder.with_name("backup"))
-    _, out, said = made()
-    assert "a copy of another result" in said
-    assert len(rows(out / "leaderboard.csv")) == 1
 
 
 def test_a_held_out_focus_has_a_table_of_its_own(plain, call, made, tmp_path: Path) -> None:

@@ -1,0 +1,180 @@
+"""Runs that fail, are interrupted or killed, or meet another one at the same result."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from harness_fakes import text_console
+
+from dofbench.errors import InputError, Status
+from dofbench.harness import lock
+from dofbench.harness.evaluate import Evaluator
+from dofbench.harness.lock import is_running, locked, read_lock
+from dofbench.harness.result import read_result
+
+
+@pytest.mark.parametrize(
+    ("trouble", "status", "message"),
+    [
+        ("lost", Status.DIVERGED, "loss is nan at step 3"),
+        ("crash", Status.CRASHED, "RuntimeError: something broke"),
+        ("memory", Status.OUT_OF_MEMORY, "MemoryError: no more"),
+        ("overflow", Status.DIVERGED, "FloatingPointError: overflow in exp"),
+        ("deaf", Status.CRASHED, "told to stop"),
+    ],
+)
+def test_a_failing_run_leaves_a_typed_result(call, trouble: str, status: Status, message: str) -> None:
+    console, stream = text_console()
+    end = call(console, set=(f"trouble={trouble}",))
+    assert not end and end.status is status
+    result = read_result(end.folder)
+    assert result.status is status and message in result.message
+    assert message in stream.getvalue()
+    assert "psnr" not in result.scores and result.scores["steps"] >= 2 and result.curve
+    raised = trouble != "lost"
+    assert ("Traceback" in result.traceback) == raised
+    assert bool(result.nonfinite) == (trouble == "lost")
+
+
+def test_out_of_time(call) -> None:
+    end = call(budget="0.01s", set=("pause=0.05",))
+    assert end.status is Status.OUT_OF_TIME
+
+
+def test_a_non_finite_prediction_is_a_divergence_and_its_nan_is_kept(call) -> None:
+    end = call(set=("trouble=hole",))
+    result = read_result(end.folder)
+    assert result.status is Status.DIVERGED and "1 of" in result.message
+    assert math.isnan(result.scores["psnr"]) and math.isnan(result.curve[0].scores["psnr"])
+    assert result.nonfinite[0].stage == "render refocus"
+
+
+def test_a_wrong_input_found_while_training_is_passed_on(call, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="points"):
+        call(set=("trouble=input",))
+    assert not list((tmp_path / "results").rglob("result.json"))
+
+
+def test_a_crash_is_tried_again_and_a_divergence_is_not(call) -> None:
+    assert not call(set=("trouble=crash",)).reused and not call(set=("trouble=crash",)).reused
+    assert not call(set=("trouble=lost",)).reused and call(set=("trouble=lost",)).reused
+
+
+@pytest.mark.parametrize("place", ["interrupt", "interrupt-in-kernel"])
+def test_an_interrupted_run_says_so(call, tmp_path: Path, place: str) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        call(set=(f"trouble={place}",))
+    (file,) = (tmp_path / "results").rglob("result.json")
+    result = read_result(file)
+    assert result.status is Status.CRASHED and result.message == "interrupted after 2 steps"
+
+
+def test_a_run_interrupted_while_it_scores_goes_on_from_there(call, monkeypatch: pytest.MonkeyPatch) -> None:
+    reference = call()
+    expected = read_result(reference.folder)
+
+    def interrupted(self, folder):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(Evaluator, "final", interrupted)
+        call(rerun=True)
+    console, stream = text_console()
+    end = call(console)
+    result = read_result(end.folder)
+    assert "going on with the scores" in stream.getvalue()
+    assert end.status is Status.OK and result.predictions == expected.predictions
+    assert result.scores["steps"] == 8 and [p.steps for p in result.curve] == [p.steps for p in expected.curve]
+    assert {"train", "load model", "score"} <= set(result.stages)
+    assert not (end.folder / "trained.json").exists()
+
+
+def test_two_processes_never_write_one_result(call) -> None:
+    end = call()
+    spec = read_result(end.folder).spec
+    with locked(end.folder, spec, "waves", "now"):
+        assert is_running(end.folder)
+        with pytest.raises(InputError, match="another process"):
+            call()
+    assert not is_running(end.folder)
+    assert not (end.folder / "running.lock").exists()
+
+
+def test_a_killed_process_leaves_a_trace(call, tmp_path: Path) -> None:
+    spec = read_result(call().folder).spec
+    script = (
+        "import json, sys, time\nfrom pathlib import Path\nfrom dofbench.harness.lock import locked\n"
+        "from dofbench.harness.result import Spec\n"
+        "with locked(Path(sys.argv[1]), Spec(**json.loads(sys.argv[2])), 'waves', 'noon'):\n"
+        "    print('ready', flush=True)\n    time.sleep(60)\n"
+    )
+    folder = tmp_path / "killed"
+    process = subprocess.Popen([sys.executable, "-c", script, str(folder), json.dumps(spec.model_dump())],
+                               stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "ready\n"
+    assert is_running(folder)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    process.stdout.close()
+    deadline = time.monotonic() + 5
+    while is_running(folder) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert not is_running(folder)
+    assert read_lock(folder) == (spec, "waves", "noon")
+
+
+def test_a_prediction_of_a_wrong_size_is_a_crash(call, tmp_path: Path) -> None:
+    code = tmp_path / "methods" / "fake" / "trainer.py"
+    code.write_text(code.read_text().replace("return Rendering(image.", "return Rendering(image[1:]."))
+    result = read_result(call().folder)
+    assert result.status is Status.CRASHED
+    assert "expected an image of shape (48, 64, 3), found (47, 64, 3)" in result.message
+
+
+def test_what_a_process_left_that_died_after_its_result_is_cleared_away(call) -> None:
+    end = call()
+    (end.folder / "trained.json").write_text("{}")
+    assert call().reused and not (end.folder / "trained.json").exists()
+
+
+def test_a_lock_is_only_one_on_the_file_that_has_the_name(call, tmp_path: Path) -> None:
+    """Its last owner removes the file: who had opened it before must not take the removed one for the lock."""
+    spec = read_result(call().folder).spec
+    folder, entered = tmp_path / "shared", []
+
+    def other() -> None:
+        with locked(folder, spec, "waves", "later", wait=True):
+            entered.append(is_running(folder))
+
+    with locked(folder, spec, "waves", "now"):
+        threads = [threading.Thread(target=other) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        time.sleep(0.1)
+        assert not entered
+    for thread in threads:
+        thread.join(10)
+    # Each held a lock that everybody could see; on the removed file nobody would.
+    assert entered == [True] * 3 and not (folder / "running.lock").exists()
+
+
+def test_a_glance_at_a_lock_does_not_turn_a_run_away(call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lock, "_GLANCE", 5.0)  # on a busy machine an instant is long
+    spec = read_result(call().folder).spec
+    folder = tmp_path / "glanced"
+    folder.mkdir()
+    with open(folder / "running.lock", "w") as stream:
+        fcntl.flock(stream, fcntl.LOCK_SH)
+        threading.Timer(0.05, fcntl.flock, (stream, fcntl.LOCK_UN)).start()
+        with locked(folder, spec, "waves", "now"):
+            assert is_running(folder)
