@@ -23,37 +23,26 @@ from dofbench.gaussians.colours import LearnedColours
 from dofbench.gaussians.density import DensityControl
 from dofbench.gaussians.exposure import Shot, render_view, rings_for, sampled, scattered, summed
 from dofbench.gaussians.fineness import coarsen
-from dofbench.gaussians.held_back import HeldBackScores, held_back_mask, held_back_scores
+from dofbench.gaussians.held_back import HeldBackScores, held_back_scores
 from dofbench.gaussians.lens_samples import together
 from dofbench.gaussians.lens_ties import lens_ties
 from dofbench.gaussians.lenses import LearnedLenses
 from dofbench.gaussians.model import Gaussians, scene_extent
+from dofbench.gaussians.nonfinite import NonFiniteError, Place
 from dofbench.gaussians.optimiser import GaussianOptimiser
 from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.outliers import OutlierViews
+from dofbench.gaussians.photographs import Photograph, all_photographs
 from dofbench.gaussians.raster import ViewStatistics
 from dofbench.gaussians.render import SURFACE_ALPHA, rasterise, surface_disparity
-from dofbench.gaussians.supervision import DepthSamples, all_disparities
+from dofbench.gaussians.supervision import all_disparities
 from dofbench.gaussians.trials import HELD_BACK, Trials
 from dofbench.gaussians.warmup import compile_kernels
-from dofbench.images import resize
 from dofbench.lens import DisparityRange, PhysicalLens
 from dofbench.priors import Prior, make_prior, with_surface_points
 
 _RENDER_RANGE_QUANTILE = 0.95  # the released code's near end of the disparity range
 _FILTER_3D_EVERY = 100         # steps; Mip-Splatting's interval
-
-
-@dataclass(frozen=True, eq=False)
-class _Photograph:
-    """One training view at one resolution."""
-
-    index: int
-    name: str
-    camera: Camera
-    image: Tensor
-    known: DepthSamples | None
-    held_back: Tensor | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,14 +60,6 @@ class Snapshot:
     loss: float
     colours: LearnedColours
     outliers: OutlierViews
-
-
-class NonFiniteError(FloatingPointError):
-    """A NaN or infinity, with the place where it appeared first."""
-
-    def __init__(self, event: NonFinite):
-        self.event = event
-        super().__init__(f"step {event.step}, view {event.view}, {event.stage}: {event.detail}")
 
 
 class Trainer:
@@ -109,7 +90,7 @@ class Trainer:
         self.stages: dict[str, float] = {}
         self._trials = Trials(self, options)
         self.decisions: list[Decision] = []
-        self._photographs: dict[int, list[_Photograph]] = {}
+        self._photographs: dict[int, list[Photograph]] = {}
         self._order: list[int] = []
         self._loss = math.nan
         self._trying = self._put_off = False
@@ -164,10 +145,9 @@ class Trainer:
             order = [index for index in order if index not in self.left_out_views]
         return order
 
-    def _all_photographs(self) -> dict[int, list[_Photograph]]:
-        """All training views at each size that they are trained at, by the factor that they are shrunk by."""
-        factors = {1, self.options.coarse_factor if self.options.coarse_until > 0 else 1}
-        return {factor: [self._view(index, factor) for index in range(self.count)] for factor in factors}
+    def _all_photographs(self) -> dict[int, list[Photograph]]:
+        held_back = max(self.options.held_back, HELD_BACK if self._trials.open else 0)
+        return all_photographs(self.views, self.options, self._prior, held_back, self._seed)
 
     def _next(self, step: int, progress: float) -> float:
         """The step after so many, on the next photograph in a random order; returns the loss."""
@@ -178,7 +158,7 @@ class Trainer:
         if views[0].camera.width != self._cameras[0].width:
             # The sampling interval of the 3D filter is that of the images trained on.
             self._cameras = [view.camera for view in views]
-            self._update_filter(step, views[self._order[-1]])
+            self._update_filter(Place(step, views[self._order[-1]].name))
         index = self._order.pop()
         loss = self._step(step + 1, progress, views[index])
         self._outliers.record(index, loss)
@@ -236,17 +216,6 @@ class Trainer:
         """Of the lenses learned so far, pixels (`circles.foci_apart`)."""
         return foci_apart(self._shots(), self.range, self.options)
 
-    def _view(self, index: int, factor: int) -> _Photograph:
-        view = self.views[index]
-        width, height = view.camera.width // factor, view.camera.height // factor
-        camera = view.camera if factor == 1 else view.camera.resized(width, height)
-        image = torch.from_numpy(np.ascontiguousarray(resize(view.image, width, height)))
-        supervised = self._prior is not None and self.options.depth_weight > 0
-        known = self._prior.samples(index, camera) if supervised else None
-        share = max(self.options.held_back, HELD_BACK if self._trials.open else 0)
-        held_back = held_back_mask(view.camera.height, view.camera.width, (height, width), share, self._seed, index)
-        return _Photograph(index, view.name, camera, image, known, held_back)
-
     def _start_from(self, points: PointCloud) -> None:
         """Begin anew from these points, in the same `gaussians`, which others hold too."""
         self.gaussians.parameters = Gaussians.from_points(points, self.options.sh_degree).parameters
@@ -261,7 +230,7 @@ class Trainer:
             return make_prior(self._training_set, self.options, seed=self._seed, steps=steps,
                               progress=observer.stage)
         except FloatingPointError as error:
-            raise NonFiniteError(NonFinite(0, "", "depth prior", str(error))) from None
+            raise Place(0, "").error("depth prior", str(error)) from None
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:
@@ -269,9 +238,9 @@ class Trainer:
         yield
         self.stages[stage] = self.stages.get(stage, 0.0) + time.perf_counter() - start
 
-    def _step(self, step: int, progress: float, view: _Photograph) -> float:
+    def _step(self, step: int, progress: float, view: Photograph) -> float:
         """One optimisation step on one view; returns the loss."""
-        options = self.options
+        options, place = self.options, Place(step, view.name)
         degree = min(options.sh_degree, int(progress / options.sh_every)) if options.sh_every > 0 else options.sh_degree
         with_normals = options.normal_weight > 0 and progress >= options.normal_from
         with_distortion = options.distortion_weight > 0 and progress >= options.distortion_from
@@ -286,7 +255,7 @@ class Trainer:
             statistics = ViewStatistics(want_abs=options.grow_absolute)
             geometry = "full" if with_normals else "depth" if with_depth else "none"
             geometry = "distortion" if with_distortion else geometry
-            with self._located(step, view, "rasterise"):
+            with place.located("rasterise"):
                 raster = rasterise(self.gaussians, view.camera, options, sh_degree=degree, geometry=geometry,
                                    statistics=statistics)
         # The graph is cut between the stages, so each stage's time and numbers can be looked at.
@@ -302,18 +271,18 @@ class Trainer:
                 lens = self._lens(view, alpha, disparity)
                 out_of_focus = lens.out_of_focus(disparity) if adapting else None
                 if not sampling:
-                    with self._located(step, view, "lens"):
+                    with place.located("lens"):
                         image = scattered(colour, disparity, lens, options, adapting)
             if sampling:
                 if rings > 0:  # no more than this photograph's circles need
                     rings = rings_for(lens.circles(depth, alpha, options), rings)
-                samples, more = self._samples(step, view, lens, degree, rings, adapting)
+                samples, more = self._samples(place, lens, degree, rings, adapting)
                 leaves = [sample.detach().requires_grad_() for sample in samples]
                 outputs += zip(samples, leaves, strict=True)
                 seen += more
                 with self._timed("lens"):
                     image = together(leaves, options.lens_gamma)
-            self._check(image, step, view, "lens")
+            place.check(image, "lens")
 
         with self._timed("loss"):
             weight = losses.adaptation_weight(out_of_focus, options) if adapting else None
@@ -337,21 +306,21 @@ class Trainer:
                     distortion, alpha, view.image, options.distortion_near, options.distortion_far)
         value = float(loss.detach())
         if not math.isfinite(value):
-            raise NonFiniteError(NonFinite(step, view.name, "loss", f"loss is {value}"))
+            raise place.error("loss", f"loss is {value}")
 
         with self._timed("loss and lens, backward"):
             loss.backward()
         reached = [(tensor, leaf.grad) for tensor, leaf in outputs if leaf is not None and leaf.grad is not None]
         for tensor_gradient in reached:
-            self._check(tensor_gradient[1], step, view, "gradient by the rendering")
+            place.check(tensor_gradient[1], "gradient by the rendering")
         with self._timed("rasterise, backward"):
             torch.autograd.backward([tensor for tensor, _ in reached], [gradient for _, gradient in reached])
         if self.lenses is not None:
-            self._check(self.lenses.gradient(), step, view, "gradient by the lens")
-        self._check(self.colours.gradient(), step, view, "gradient by the colours")
+            place.check(self.lenses.gradient(), "gradient by the lens")
+        place.check(self.colours.gradient(), "gradient by the colours")
         for name, parameter in self.gaussians.parameters.items():
             if parameter.grad is not None:
-                self._check(parameter.grad, step, view, f"gradient by {name}")
+                place.check(parameter.grad, f"gradient by {name}")
 
         with self._timed("optimiser"):
             self._optimiser.step(progress)
@@ -369,17 +338,17 @@ class Trainer:
                 changed = self._density.after_step(step, progress, graded, overdue=self._put_off)
                 self._put_off = False
             if changed or step % _FILTER_3D_EVERY == 0:
-                self._update_filter(step, view, progress)
+                self._update_filter(place, progress)
         return value
 
-    def _update_filter(self, step: int, view: _Photograph, progress: float = 0.0) -> None:
+    def _update_filter(self, place: Place, progress: float = 0.0) -> None:
         """The 3D filter anew. Gaussians that all faded, or fled, are training's failure and not the user's mistake."""
         try:
             self.gaussians.update_filter_3d(self._cameras)
             if self.lenses is not None and self.options.fineness > 0 and progress >= self.options.fineness_from:
                 coarsen(self.gaussians, self._cameras, self._shots(), self.options)
         except InputError as error:
-            raise NonFiniteError(NonFinite(step, view.name, "density control", error.found)) from None
+            raise place.error("density control", error.found) from None
 
     def _shots(self) -> list[Shot]:
         """All training views with their lenses as learned so far, as numbers."""
@@ -389,41 +358,24 @@ class Trainer:
             shots.append(Shot(camera, self.lenses.ranges[index], aperture, -aperture * focus))
         return shots
 
-    def _samples(self, step: int, view: _Photograph, lens: Shot, degree: int, rings: int,
+    def _samples(self, place: Place, lens: Shot, degree: int, rings: int,
                  adapting: bool) -> tuple[list[Tensor], list[ViewStatistics]]:
         """What the points of the lens see, and the statistics of each; the points turn at random."""
-        with self._timed("rasterise"), self._located(step, view, "rasterise"):
+        with self._timed("rasterise"), place.located("rasterise"):
             rasters, statistics = sampled(
                 self.gaussians, lens, self.options, rings, rotation=self._random.uniform(0, 2 * math.pi),
                 sh_degree=degree, want_abs=self.options.grow_absolute, adapting=adapting)
         return [raster.color for raster in rasters], statistics
 
-    @staticmethod
-    @contextmanager
-    def _located(step: int, view: _Photograph, stage: str) -> Iterator[None]:
-        """Turns a kernel's complaint into one that names step, view and stage."""
-        try:
-            yield
-        except FloatingPointError as error:
-            raise NonFiniteError(NonFinite(step, view.name, stage, str(error))) from None
-
     def _disparity(self, alpha: Tensor, depth: Tensor) -> Tensor:
         surface = depth if self.options.blur_to_depth else depth.detach()
         return surface_disparity(surface, alpha.detach())
 
-    def _lens(self, view: _Photograph, alpha: Tensor, disparity: Tensor | None) -> Shot:
+    def _lens(self, view: Photograph, alpha: Tensor, disparity: Tensor | None) -> Shot:
         """The learned lens of a view, for one step."""
         if self.options.lens_range == "render":
             self.lenses.ranges[view.index] = _rendered_range(disparity, alpha, self.range)
         return Shot(view.camera, self.lenses.ranges[view.index], *self.lenses.forward(view.index))
-
-    @staticmethod
-    def _check(tensor: Tensor | None, step: int, view: _Photograph, stage: str) -> None:
-        # A sum is non-finite when any element is, and is much cheaper than looking at each.
-        if tensor is not None and not math.isfinite(float(tensor.detach().sum())):
-            bad = int((~torch.isfinite(tensor)).sum())
-            if bad:
-                raise NonFiniteError(NonFinite(step, view.name, stage, f"{bad} of {tensor.numel()} values"))
 
     def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
         """Render at any camera; with a lens the image is defocused, without it is all in focus."""

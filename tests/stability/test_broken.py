@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from dofbench.contracts import Budget
-from dofbench.gaussians import trainer
+from dofbench.gaussians import nonfinite, trainer
 from dofbench.gaussians.method import GaussianMethod
 from dofbench.harness.methods import find_method
 from dofbench.kernels import load
@@ -187,7 +187,7 @@ def test_a_dataset_that_is_not_what_it_says_is_seen(monkeypatch):
 
 def test_a_trainer_that_does_not_look_is_seen(monkeypatch):
     assert error_of("training/dofgaussian-planted-nan-lens").met
-    monkeypatch.setattr(trainer.Trainer, "_located", staticmethod(lambda *args: nullcontext()))
+    monkeypatch.setattr(nonfinite.Place, "located", lambda *args: nullcontext())
     assert not error_of("training/dofgaussian-planted-nan-lens").met
     assert not error_of("training/dofgaussian-planted-nan-means").met
 
