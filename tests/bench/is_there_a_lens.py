@@ -4,8 +4,8 @@
 
 Makes the datasets of `lens_cases.py` in DIR, small ones, and trains on each case until preset cpu's trials
 (`dofbench/gaussians/trials.py`) have decided: one row of is-there-a-lens.csv a case and length of training, written as
-soon as it is known; what has a row isn't measured again. With --cost, cases are trained to the end with a lens and
-without one, for what a mistake costs: is-there-a-lens-costs.csv. is-there-a-lens-table.md sums up both files.
+soon as it is known; what has a row isn't measured again. With --cost, cases are trained to the end with a lens a
+photograph, without one, and with one that photographs share, for what a mistake costs: is-there-a-lens-costs.csv. is-there-a-lens-table.md sums up both files.
 """
 
 from __future__ import annotations
@@ -37,6 +37,11 @@ COLUMNS = ("case", "kind", "views", "steps", "lens", "true_circle", "share", "po
            "circle", "shared", "apart", "scene_gain", "scene_error", "exif_gain", "exif_error", "aperture_gain",
            "aperture_error", "prior_s", "trials_s", "seconds", "status")
 COST_COLUMNS = ("case", "lens", "steps", "held_back_psnr", "aif_psnr", "ms_a_step", "status")
+# What a case is trained with for its cost: a lens a photograph, none, one aperture with a focus each, one lens.
+WAYS: dict[str, dict[str, object]] = {
+    "on": {"lens_per": "view"}, "off": {"lens": False}, "aperture": {"lens_per": "aperture"},
+    "scene": {"lens_per": "scene"},
+}
 _PIXELS, _VIEWS = 0.95, 0.9  # quantiles, as `Trainer.widest_circle` has them
 
 
@@ -59,7 +64,7 @@ class Settings:
     cases: str = ""
     """Names of cases, comma-separated; without it, all whose dataset is there."""
     cost: bool = False
-    """Train to the end, with a lens and without."""
+    """Train to the end, in each way that could be decided."""
 
 
 def main(settings: Settings) -> None:
@@ -78,7 +83,7 @@ def main(settings: Settings) -> None:
     keyed = [({"case": case.name, "steps": str(settings.steps)}, case) for case in ready
              if not asked or case.name in asked]
     if settings.cost:
-        pairs = [({**key, "lens": lens}, case) for key, case in keyed for lens in ("on", "off")]
+        pairs = [({**key, "lens": lens}, case) for key, case in keyed for lens in WAYS]
         fill(costs, COST_COLUMNS, pairs, lambda key, case: cost(case, key["lens"], settings), late)
     else:
         fill(table, COLUMNS, keyed, lambda key, case: decided(case, settings), late)
@@ -184,10 +189,9 @@ class Clock:
 
 
 def cost(case: Case, lens: str, settings: Settings) -> dict[str, object]:
-    """Train to the end with a lens or without and score what is held back, and the sharp test views where known."""
+    """Train to the end in one way and score what is held back, and the sharp test views where known."""
     dataset, training_set, _ = load(case, settings.work)
-    without = {} if lens == "on" else {"lens": False}
-    trainer = Trainer(training_set, options(settings, lens_trials="", held_back=HELD_BACK, **without), 0)
+    trainer = Trainer(training_set, options(settings, lens_trials="", held_back=HELD_BACK, **WAYS[lens]), 0)
     clock = Clock()
     outcome = trainer.fit(Budget(steps=settings.steps), clock)
     return {"held_back_psnr": trainer.held_back_scores().psnr,
