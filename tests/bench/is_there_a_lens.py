@@ -5,7 +5,8 @@
 Makes the datasets of `lens_cases.py` in DIR, small ones, and trains on each case until preset cpu's trials
 (`dofbench/gaussians/trials.py`) have decided: one row of is-there-a-lens.csv a case and length of training, written as
 soon as it is known; what has a row isn't measured again. With --cost, cases are trained to the end with a lens a
-photograph, without one, and with one that photographs share, for what a mistake costs: is-there-a-lens-costs.csv. is-there-a-lens-table.md sums up both files.
+photograph, without one, and with one that photographs share, for what a mistake costs: is-there-a-lens-costs.csv.
+is-there-a-lens-table.md sums up both files.
 """
 
 from __future__ import annotations
