@@ -28,7 +28,7 @@ class Run:
     set: tuple[str, ...] = ()
     """Options that replace the preset's, as key=value with a TOML value: --set sh_degree=1 lens_lr=1e-3."""
     budget: str | None = None
-    """When training stops: 300s, 7000it, or both (300s,7000it), whichever comes first. Default: the preset's."""
+    """When training stops: 300s, 5min, 7000it, or both (300s,7000it), whichever comes first. Default: the preset's."""
     seed: int = 0
     """Seed of everything random in the method."""
     device: str = "auto"
@@ -60,17 +60,17 @@ class Run:
 
 
 def parse_budget(text: str) -> Budget:
-    """Read "300s", "7000it" or "300s,7000it". Raises InputError for anything else."""
+    """Read "300s", "5min", "7000it" or "300s,7000it". Raises InputError for anything else."""
     steps: int | None = None
     seconds: float | None = None
-    expected = "seconds (300s), steps (7000it) or both (300s,7000it), each once and above zero"
+    expected = "seconds (300s), minutes (5min), steps (7000it) or time and steps (300s,7000it), each above zero"
     for part in text.replace(" ", "").split(","):
         try:
             if part.endswith("it") and steps is None:
                 steps = int(part[:-2])
                 good = steps > 0
-            elif part.endswith("s") and seconds is None:
-                seconds = float(part[:-1])
+            elif part.endswith(("s", "min")) and seconds is None:
+                seconds = 60 * float(part[:-3]) if part.endswith("min") else float(part[:-1])
                 good = 0 < seconds < float("inf")
             else:
                 good = False

@@ -31,8 +31,8 @@ class Runs:
     set: tuple[str, ...] = ()
     """Options that replace the preset's, as key=value with a TOML value: --set sh_degree=1 lens_lr=1e-3."""
     budget: tuple[str, ...] | None = None
-    """When training stops: 300s, 7000it, or both (300s,7000it), whichever comes first. Several, with spaces between,
-    are runs of their own: --budget 60s 300s. Default: the preset's."""
+    """When training stops: 300s, 5min, 7000it, or both (300s,7000it), whichever comes first. Several, with spaces
+    between, are runs of their own: --budget 60s 300s. Default: the preset's."""
     seed: int = 0
     """Seed of everything random in the method; with --seeds the first of them."""
     seeds: int = 1
@@ -62,7 +62,7 @@ class Runs:
             found = str(self.width) if self.photographs is not None else "the option without --photographs"
             raise InputError("--width", found, "at least 8 pixels, with --photographs")
         if self.budget == ():
-            raise InputError("--budget", "nothing", "seconds, steps or both: 300s, 7000it or 300s,7000it")
+            raise InputError("--budget", "nothing", "time, steps or both: 300s, 5min, 7000it or 300s,7000it")
 
     def cells(self) -> tuple[Run, ...]:
         """Every run, the first seed's first: then all of them have something to show early.
