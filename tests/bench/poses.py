@@ -40,6 +40,13 @@ COLUMNS = (
     "rotation_median_deg", "rotation_max_deg", "position_median_percent", "position_max_percent", "focal_percent",
     "seconds",
 )
+# What else is tried on the sets that a real lens took: case, what it is called, options of `measure`.
+VARIED = {
+    "shallow_chessking": (("four-octaves", "four octaves, as COLMAP has them", {"octaves": 4}),
+                          ("global", "--mapping global", {"mapping": "global"})),
+    "shallow_blowtorch": (("full-size", "as large as they are", {"size": 1060}),
+                          ("focal-known", "--sensor-width 36", {"size": 1060, "sensor_width": 36.0})),
+}
 
 
 def pose_errors(found: Mapping[str, Camera], true: Mapping[str, Camera]) -> tuple[np.ndarray, np.ndarray]:
@@ -113,11 +120,11 @@ def cases(
         if (data / name).is_dir() and wanted(f"{name}/as-they-are"):
             text = {"photographs": "real, shallow", "options": f"--size {size}"}
             yield f"{name}/as-they-are", data / name, load_scene(data / name), text, {"size": size}
-        for what, asked, settings in (("four-octaves", "four octaves, as COLMAP has them", {"octaves": 4}),
-                                      ("global", "--mapping global", {"mapping": "global"})):
-            if name == "shallow_chessking" and (data / name).is_dir() and wanted(f"{name}/{what}"):
-                text = {"photographs": "real, shallow", "options": f"--size {size}, {asked}"}
-                yield f"{name}/{what}", data / name, load_scene(data / name), text, {"size": size, **settings}
+        for what, asked, settings in VARIED[name]:
+            if (data / name).is_dir() and wanted(f"{name}/{what}"):
+                settings = {"size": size, **settings}
+                text = {"photographs": "real, shallow", "options": ", ".join((f"--size {settings['size']}", asked))}
+                yield f"{name}/{what}", data / name, load_scene(data / name), text, settings
     width = width or 504
     for name in ("llff_fern", "llff_flower"):
         if (data / name).is_dir():
