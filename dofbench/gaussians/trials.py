@@ -33,6 +33,7 @@ VISITS = 2             # of each photograph in a trial, at least
 MOST = 0.06            # share of the training that a trial may take, at most
 NO_CIRCLE = 0.3        # px, radius: below it a photograph shows nothing of its lens
 SMALL_CIRCLE = 1.0     # px, radius: below it a lens must explain something to stay
+EXPLAINED = 0.01       # dB on held-back pixels: less is nothing; sharp photographs gave up to 0.003 (reports/lens)
 WORTH = 0.05           # dB on held-back pixels below which the simpler way is as good
 SURE = 2.0             # standard errors that what costs more must be better by
 FOCI_APART = 1.0       # px that the same point's circles differ by between photographs that can't share a focus
@@ -107,7 +108,8 @@ class Trials:
                    f"and its circles of confusion reach {circle:.2f} px")
         # Wide circles that explain no more than painted blur would are no proof against a lens: of what all photographs
         # saw blurred alike both are true.
-        needless = circle < NO_CIRCLE or (gain < WORTH and circle < SMALL_CIRCLE) or gain < -WORTH - SURE * error
+        explains = gain > max(EXPLAINED, SURE * error)
+        needless = circle < NO_CIRCLE or (not explains and circle < SMALL_CIRCLE) or gain < -WORTH - SURE * error
         decided = Decision("lens", not needless, f"tried while training: {figures}",
                            {"lens gain": gain, "lens error": error, "circle": circle})
         return (without if needless else with_lens), decided

@@ -77,8 +77,9 @@ def test_a_lens_that_explains_the_photographs_stays_as_it_is():
 
 
 @pytest.mark.parametrize(("gain", "circle", "runs"), [
-    (0.03, 0.8, False),   # explains nothing, and blurs next to nothing
-    (0.03, 9.0, True),    # explains nothing more than painted blur would, but blurs
+    (0.008, 0.8, False),  # explains nothing, and blurs next to nothing
+    (0.008, 9.0, True),   # explains nothing more than painted blur would, but blurs
+    (0.03, 0.8, True),    # explains little, but for sure
     (-0.4, 9.0, False),   # is wrong about the photographs
     (0.30, 0.8, True),
     (0.30, 0.2, False),   # too small to be a lens, whatever else it explains
@@ -86,6 +87,11 @@ def test_a_lens_that_explains_the_photographs_stays_as_it_is():
 def test_when_a_lens_is_left_out(gain, circle, runs):
     changes, decided = _decided(Scripted({**GOOD, "view": gain}, circle=circle), "lens")
     assert decided == {"lens": runs} and changes.get("lens", True) is runs
+
+
+def test_a_small_lens_that_may_explain_something_by_chance_is_left_out():
+    _, decided = _decided(Scripted({**GOOD, "view": 0.03}, circle=0.8, noise=0.2), "lens")
+    assert decided == {"lens": False}
 
 
 def test_without_a_lens_nothing_else_is_asked():
@@ -185,9 +191,9 @@ def test_density_control_that_a_trial_put_off_comes_right_after_it():
 
 def test_tiles_are_held_back_until_the_trials_are_over():
     trainer = Trainer(training_set(), options(**OPEN), 0)
-    assert trainer._view(0, 1).held_back is not None
+    assert trainer._all_photographs()[1][0].held_back is not None
     trainer.fit(Budget(), Recorder())
-    assert trainer._view(0, 1).held_back is None
+    assert trainer._all_photographs()[1][0].held_back is None
 
 
 def test_the_length_of_a_trial_is_a_share_of_the_training_and_shows_every_photograph_twice():
