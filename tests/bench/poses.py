@@ -44,8 +44,7 @@ COLUMNS = (
 VARIED = {
     "shallow_chessking": (("four-octaves", "four octaves, as COLMAP has them", {"octaves": 4}),
                           ("global", "--mapping global", {"mapping": "global"})),
-    "shallow_blowtorch": (("full-size", "as large as they are", {"size": 1060}),
-                          ("focal-known", "--sensor-width 36", {"size": 1060, "sensor_width": 36.0})),
+    "shallow_blowtorch": (("focal-known", "--sensor-width 36", {"size": 1600, "sensor_width": 36.0}),),
 }
 
 
