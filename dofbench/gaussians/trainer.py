@@ -32,10 +32,10 @@ from dofbench.gaussians.nonfinite import NonFiniteError, Place
 from dofbench.gaussians.optimiser import GaussianOptimiser
 from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.outliers import OutlierViews
-from dofbench.gaussians.photographs import Photograph, all_photographs
 from dofbench.gaussians.raster import ViewStatistics
 from dofbench.gaussians.render import SURFACE_ALPHA, rasterise, surface_disparity
 from dofbench.gaussians.supervision import all_disparities
+from dofbench.gaussians.training_views import Photograph, all_photographs
 from dofbench.gaussians.trials import HELD_BACK, Trials
 from dofbench.gaussians.warmup import compile_kernels
 from dofbench.lens import DisparityRange, PhysicalLens
