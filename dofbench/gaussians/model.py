@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -70,20 +70,14 @@ class Gaussians:
 
     @torch.no_grad()
     def update_filter_3d(self, cameras: Sequence[Camera]) -> None:
-        """Mip-Splatting's 3D filter: the finest sampling interval of any view that sees a Gaussian."""
-        self.filter_3d = self.finest(cameras, lambda view, depth: depth.new_tensor(math.sqrt(FILTER_3D_VARIANCE)))
+        """Mip-Splatting's 3D filter, (N,) scene units, from the finest sampling of any view that sees a Gaussian.
 
-    @torch.no_grad()
-    def finest(self, cameras: Sequence[Camera], deviation: Callable[[int, Tensor], Tensor]) -> Tensor:
-        """(N,) scene units: the smallest size with which any view that sees a Gaussian shows it.
-
-        deviation: of what a view shows of a point, pixels, from the view's number and z-depths (N,), scene units.
         A view sees a Gaussian when it is in front of it and projects at most 15 % outside the image; a
         Gaussian that no view sees gets the largest size of the others. Raises InputError where none is seen.
         """
         means = self.parameters["means"].detach()
         finest = torch.full((len(means),), math.inf)
-        for view, camera in enumerate(cameras):
+        for camera in cameras:
             world_to_camera = torch.from_numpy(np.array(camera.world_to_camera)).float()
             local = means @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]
             depth = local[:, 2]
@@ -91,13 +85,13 @@ class Gaussians:
             v = camera.fy * local[:, 1] / depth + camera.cy
             w, h = camera.width, camera.height
             seen = (depth > _NEAR) & (u > -0.15 * w) & (u < 1.15 * w) & (v > -0.15 * h) & (v < 1.15 * h)
-            size = depth / max(camera.fx, camera.fy) * deviation(view, depth)
+            size = depth / max(camera.fx, camera.fy) * math.sqrt(FILTER_3D_VARIANCE)
             finest = torch.where(seen, torch.minimum(finest, size), finest)
         unseen = torch.isinf(finest)
         if bool(unseen.all()):
             raise InputError("cameras", "no Gaussian in front of any of them", "cameras that see the points")
         finest[unseen] = finest[~unseen].max()
-        return finest
+        self.filter_3d = finest
 
     def save(self, path: Path) -> None:
         """Write all parameters bit for bit as a compressed numpy archive, atomically: a file to go on from.

@@ -58,8 +58,6 @@ class TrainerOptions:
         lens_update: "view" keeps Adam's moments of each view by its own visits, "dense" runs one
         Adam over the vectors (released). lens_lr, lens_lr_final: rate at the start and the end.
         lens_from: share of the training before which the lens stays as it was initialised.
-        fineness: least standard deviation of a Gaussian, in standard deviations of the smallest circle of confusion
-        with which any photograph saw it (`fineness.py`); 0 sets no limit. fineness_from: share of the training.
         blur_to_depth: whether the blur's gradient reaches the geometry.
     Depth supervision (Eq. 9)
         depth_weight: w_d, 0 switches it off. depth_norm: "l1" or "l2"; depth_space: "depth" (scene
@@ -152,8 +150,6 @@ class TrainerOptions:
     lens_init_aperture: float = 0.5
     lens_init_focus: float = 0.5
     blur_to_depth: bool = False
-    fineness: float = 0.0
-    fineness_from: float = 0.2
 
     depth_weight: float = 0.01
     depth_norm: Literal["l1", "l2"] = "l2"

@@ -22,7 +22,6 @@ from dofbench.gaussians.circles import foci_apart, widest_circle
 from dofbench.gaussians.colours import LearnedColours
 from dofbench.gaussians.density import DensityControl
 from dofbench.gaussians.exposure import Shot, render_view, rings_for, sampled, scattered, summed
-from dofbench.gaussians.fineness import coarsen
 from dofbench.gaussians.held_back import HeldBackScores, held_back_scores
 from dofbench.gaussians.lens_samples import together
 from dofbench.gaussians.lens_ties import lens_ties
@@ -338,15 +337,13 @@ class Trainer:
                 changed = self._density.after_step(step, progress, graded, overdue=self._put_off)
                 self._put_off = False
             if changed or step % _FILTER_3D_EVERY == 0:
-                self._update_filter(place, progress)
+                self._update_filter(place)
         return value
 
-    def _update_filter(self, place: Place, progress: float = 0.0) -> None:
+    def _update_filter(self, place: Place) -> None:
         """The 3D filter anew. Gaussians that all faded, or fled, are training's failure and not the user's mistake."""
         try:
             self.gaussians.update_filter_3d(self._cameras)
-            if self.lenses is not None and self.options.fineness > 0 and progress >= self.options.fineness_from:
-                coarsen(self.gaussians, self._cameras, self._shots(), self.options)
         except InputError as error:
             raise place.error("density control", error.found) from None
 
