@@ -37,7 +37,7 @@ from dofbench.threads import configure_threads
 COLUMNS = ("case", "kind", "views", "steps", "lens", "true_circle", "share", "points_px", "tried", "gain", "error",
            "circle", "shared", "apart", "scene_gain", "scene_error", "exif_gain", "exif_error", "aperture_gain",
            "aperture_error", "prior_s", "trials_s", "seconds", "status")
-COST_COLUMNS = ("case", "lens", "steps", "held_back_psnr", "aif_psnr", "ms_a_step", "status")
+COST_COLUMNS = ("case", "way", "steps", "held_back_psnr", "aif_psnr", "ms_a_step", "status")
 # What a case is trained with for its cost: a lens a photograph, none, one aperture with a focus each, one lens.
 WAYS: dict[str, dict[str, object]] = {
     "on": {"lens_per": "view"}, "off": {"lens": False}, "aperture": {"lens_per": "aperture"},
@@ -84,8 +84,8 @@ def main(settings: Settings) -> None:
     keyed = [({"case": case.name, "steps": str(settings.steps)}, case) for case in ready
              if not asked or case.name in asked]
     if settings.cost:
-        pairs = [({**key, "lens": lens}, case) for key, case in keyed for lens in WAYS]
-        fill(costs, COST_COLUMNS, pairs, lambda key, case: cost(case, key["lens"], settings), late)
+        pairs = [({**key, "way": way}, case) for key, case in keyed for way in WAYS]
+        fill(costs, COST_COLUMNS, pairs, lambda key, case: cost(case, key["way"], settings), late)
     else:
         fill(table, COLUMNS, keyed, lambda key, case: decided(case, settings), late)
     write_table(settings.out / "is-there-a-lens-table.md", read(table), read(costs))
@@ -189,10 +189,10 @@ class Clock:
         """Ignored."""
 
 
-def cost(case: Case, lens: str, settings: Settings) -> dict[str, object]:
+def cost(case: Case, way: str, settings: Settings) -> dict[str, object]:
     """Train to the end in one way and score what is held back, and the sharp test views where known."""
     dataset, training_set, _ = load(case, settings.work)
-    trainer = Trainer(training_set, options(settings, lens_trials="", held_back=HELD_BACK, **WAYS[lens]), 0)
+    trainer = Trainer(training_set, options(settings, lens_trials="", held_back=HELD_BACK, **WAYS[way]), 0)
     clock = Clock()
     outcome = trainer.fit(Budget(steps=settings.steps), clock)
     return {"held_back_psnr": trainer.held_back_scores().psnr,

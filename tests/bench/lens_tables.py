@@ -137,15 +137,15 @@ def _seconds(rows: Sequence[Row]) -> list[str]:
 def _costs(rows: Sequence[Row]) -> list[str]:
     lines = ["## Trained to the end", "",
              "A lens a photograph (on), none (off), one aperture with a focus each (aperture), one lens (scene).", "",
-             "| case | lens | steps | held back, dB | all in focus, dB | processor ms a step |",
+             "| case | way | steps | held back, dB | all in focus, dB | processor ms a step |",
              "| :--- | :--- | ---: | ---: | ---: | ---: |"]
     for row in rows:
         if row["status"] == "ok":
             sharp = f"{float(row['aif_psnr']):.2f}" if row["aif_psnr"] else "–"
-            lines.append(f"| {row['case']} | {row['lens']} | {row['steps']} | {float(row['held_back_psnr']):.2f} | "
+            lines.append(f"| {row['case']} | {row['way']} | {row['steps']} | {float(row['held_back_psnr']):.2f} | "
                          f"{sharp} | {float(row['ms_a_step']):.0f} |")
         else:
-            lines.append(f"| {row['case']} | {row['lens']} | {row['steps']} | {row['status']} | – | – |")
+            lines.append(f"| {row['case']} | {row['way']} | {row['steps']} | {row['status']} | – | – |")
     return lines
 
 

@@ -15,14 +15,6 @@ from tolerances import CSV_DIGITS
 
 from dofbench.harness.result import read_result
 
-HEADER = (
-    "method,preset,dataset,scene,protocol,seed,status,psnr,ssim,ms_ssim,flip,gmsd,delta_e,aif_psnr,aif_ssim,aif_flip,"
-    "delta_a,delta_f,delta_r,train_s,steps,render_fps,peak_mb,gaussians,disparity_error,depth_rel,"
-    "train_cpu_s,cold_start_s,photo_psnr,photo_ssim,photo_blur_psnr,across_psnr,across_ssim,"
-    "across_blurred_psnr,across_clear_psnr,unscaled_psnr,unscaled_blurred_psnr,in_focus_psnr,in_focus_blurred_psnr,"
-    "exif_spread,exif_ratio,resolved"
-)
-
 
 def test_seeds_have_a_spread_and_a_failed_seed_is_not_left_out_of_a_mean(plain, call, made) -> None:
     values = [read_result(call(seed=seed).folder).scores["psnr"] for seed in (0, 1, 2)]
