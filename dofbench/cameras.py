@@ -54,8 +54,13 @@ class Camera:
         """The same view with another number of pixels; each axis is scaled by its own factor."""
         sx, sy = width / self.width, height / self.height
         return replace(
-            self, width=width, height=height,
-            fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy,
+            self,
+            width=width,
+            height=height,
+            fx=self.fx * sx,
+            fy=self.fy * sy,
+            cx=self.cx * sx,
+            cy=self.cy * sy,
         )
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -66,8 +71,6 @@ class Camera:
         local = points @ self.world_to_camera[:3, :3].T + self.world_to_camera[:3, 3]
         depth = local[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):
-            xy = np.stack(
-                [self.fx * local[:, 0] / depth + self.cx, self.fy * local[:, 1] / depth + self.cy], axis=1
-            )
+            xy = np.stack([self.fx * local[:, 0] / depth + self.cx, self.fy * local[:, 1] / depth + self.cy], axis=1)
         xy[depth <= 0] = np.nan
         return xy, depth

@@ -39,6 +39,7 @@ _DESCRIPTION = (
     "Help on one command: dofbench COMMAND --help. The version: dofbench --version."
 )
 
+
 @dataclass(frozen=True)
 class Scenes:
     """List the scenes that make-dataset can read: built-in, named datasets, and those in the folders given."""
@@ -82,7 +83,16 @@ class Interrupted(KeyboardInterrupt):
 
 
 Command = (
-    MakeDatasets | MakeScene | Reconstruct | Runs | Ablate | Score | Report | Check | Scenes | ValidateRenderer
+    MakeDatasets
+    | MakeScene
+    | Reconstruct
+    | Runs
+    | Ablate
+    | Score
+    | Report
+    | Check
+    | Scenes
+    | ValidateRenderer
     | Stability
 )
 
@@ -90,9 +100,17 @@ Command = (
 def parse(arguments: Sequence[str]) -> Command:
     """The settings that the command line means. Raises InputError, or SystemExit after printing help or an error."""
     commands = {
-        "make-dataset": MakeDatasets, "make-scene": MakeScene, "reconstruct": Reconstruct, "run": Runs,
-        "ablate": Ablate, "score": Score, "report": Report, "check": Check, "scenes": Scenes,
-        "validate-renderer": ValidateRenderer, "stability": Stability,
+        "make-dataset": MakeDatasets,
+        "make-scene": MakeScene,
+        "reconstruct": Reconstruct,
+        "run": Runs,
+        "ablate": Ablate,
+        "score": Score,
+        "report": Report,
+        "check": Check,
+        "scenes": Scenes,
+        "validate-renderer": ValidateRenderer,
+        "stability": Stability,
     }
     named = tuple(Annotated[settings, tyro.conf.subcommand(name)] for name, settings in commands.items())
     look = (tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalMetavarFromFieldName)
@@ -100,7 +118,10 @@ def parse(arguments: Sequence[str]) -> Command:
     with _input_errors_unframed():
         return tyro.cli(
             Union[named],  # noqa: UP007 - the alternatives are known only here
-            prog="dofbench", description=_DESCRIPTION, args=list(arguments), config=look,
+            prog="dofbench",
+            description=_DESCRIPTION,
+            args=list(arguments),
+            config=look,
         )
 
 

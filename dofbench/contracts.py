@@ -69,8 +69,7 @@ class PointCloud:
 
 @dataclass(frozen=True, eq=False)
 class TrainingView:
-    """One training photograph: image (H, W, 3) float32, encoded, [0, 1]. exif: what its camera wrote down, if it did.
-    """
+    """One training photograph: image (H, W, 3) float32, encoded, [0, 1]. exif: what its camera wrote down, if any."""
 
     name: str
     camera: Camera

@@ -106,8 +106,9 @@ def defocus_by_radius(
         sharp = torch.from_numpy(np.ascontiguousarray(image, dtype=np.float32))
         if bool((radius == 0).all()):
             return sharp.numpy().copy(), decode(sharp, gamma).numpy()
-        encoded, linear = _blur(sharp, radius, gamma, alpha, shape, energy, backend, form,
-                                layers if renderer == "layered" else None)
+        encoded, linear = _blur(
+            sharp, radius, gamma, alpha, shape, energy, backend, form, layers if renderer == "layered" else None
+        )
         return encoded.numpy(), linear.numpy()
 
 

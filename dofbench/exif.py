@@ -46,8 +46,7 @@ class Exif:
 
     @property
     def light(self) -> float | None:
-        """Light gathered, up to a factor that is the camera's: exposure x iso / f_number^2; None unless all are known.
-        """
+        """Light gathered, up to the camera's factor: exposure x iso / f_number^2; None unless all are known."""
         if self.exposure is None or self.iso is None or self.f_number is None:
             return None
         return self.exposure * self.iso / self.f_number**2

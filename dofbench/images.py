@@ -188,8 +188,10 @@ def _write(path: Path, pixels: np.ndarray, kind: str, attributes: dict, names: l
     with replacing(path) as temporary:
         output = oiio.ImageOutput.create(str(temporary))
         written = (
-            output is not None and output.open(str(temporary), spec)
-            and output.write_image(np.ascontiguousarray(pixels)) and output.close()
+            output is not None
+            and output.open(str(temporary), spec)
+            and output.write_image(np.ascontiguousarray(pixels))
+            and output.close()
         )
         # On a full disk both the PNG and the EXR writer report success.
         if not (written and _reads_back(temporary)):

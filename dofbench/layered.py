@@ -102,8 +102,14 @@ def _continued(image: np.ndarray, known: np.ndarray) -> np.ndarray:
     padding = ((0, height % 2), (0, width % 2))
     weight = known.astype(np.float32)
     coarse_weight = cv2.resize(np.pad(weight, padding), half, interpolation=cv2.INTER_AREA)
-    coarse = cv2.resize(np.pad((image * weight[..., None]).astype(np.float32), (*padding, (0, 0))), half,
-                        interpolation=cv2.INTER_AREA) / np.maximum(coarse_weight, 1e-6)[..., None]
+    coarse = (
+        cv2.resize(
+            np.pad((image * weight[..., None]).astype(np.float32), (*padding, (0, 0))),
+            half,
+            interpolation=cv2.INTER_AREA,
+        )
+        / np.maximum(coarse_weight, 1e-6)[..., None]
+    )
     filled = _continued(coarse, coarse_weight > 0)
     fine = cv2.resize(filled, (2 * half[0], 2 * half[1]), interpolation=cv2.INTER_LINEAR)
     return np.where(known[..., None], image, fine[:height, :width])

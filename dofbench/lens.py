@@ -14,10 +14,10 @@ from typing import Literal
 import numpy as np
 
 COC_FRACTION = 0.02  # CoC radius at A = 1, per unit of normalised disparity, as a share of the width
-GAMMA = 2.2          # the paper's colour-space note (supplement)
-ALPHA = 4.0          # smoothness of the confusion function, paper section 5
-AREA_EPSILON = 0.2   # of the area term 1 / (R^2 + 0.2) in the public renderers
-LAYERS = 8           # of the layered renderer, unless told: more come no closer (reports/renderer)
+GAMMA = 2.2  # the paper's colour-space note (supplement)
+ALPHA = 4.0  # smoothness of the confusion function, paper section 5
+AREA_EPSILON = 0.2  # of the area term 1 / (R^2 + 0.2) in the public renderers
+LAYERS = 8  # of the layered renderer, unless told: more come no closer (reports/renderer)
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,11 @@ import numpy as np
 
 from dofbench.depth_edges import JUMP
 
-_REACH = 2            # pixels: how far the pure colours are looked for
-_WHITE = 1.0          # a highlight beside an outline is no reason to expect another one on it
-_UNEXPLAINED = 0.25   # of the difference of the two colours: what is farther off is no mixture of them
-_PURE = 0.1           # what has less of one of the two is the other
-_DISTINCT = 1e-3      # of linear light, squared: what differs less can't be told apart
+_REACH = 2  # pixels: how far the pure colours are looked for
+_WHITE = 1.0  # a highlight beside an outline is no reason to expect another one on it
+_UNEXPLAINED = 0.25  # of the difference of the two colours: what is farther off is no mixture of them
+_PURE = 0.1  # what has less of one of the two is the other
+_DISTINCT = 1e-3  # of linear light, squared: what differs less can't be told apart
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,10 @@ from collections import deque
 from typing import Protocol
 
 ESTIMATING = "estimating the time left"
-_HANDFUL = 5       # units that are timed before anything is said; a quarter of all units where that is fewer
-_RECENT = 30.0     # seconds that the rate is of, or the last handful of units where these took longer
-_KEPT = 300        # units at most: a step may take a millisecond
-_PAUSE = 10.0      # what takes so many times as long as usual is a kernel compiled, or a machine put to sleep
+_HANDFUL = 5  # units that are timed before anything is said; a quarter of all units where that is fewer
+_RECENT = 30.0  # seconds that the rate is of, or the last handful of units where these took longer
+_KEPT = 300  # units at most: a step may take a millisecond
+_PAUSE = 10.0  # what takes so many times as long as usual is a kernel compiled, or a machine put to sleep
 
 
 class Progress(Protocol):
@@ -50,8 +50,10 @@ class Remaining:
         done = sum(after[0] - before[0] for before, after in zip(told, told[1:], strict=False))
         if done < self._needed:
             return None
-        paces = [((after[1] - before[1]) / (after[0] - before[0]), after[0] - before[0])
-                 for before, after in zip(told, told[1:], strict=False)]
+        paces = [
+            ((after[1] - before[1]) / (after[0] - before[0]), after[0] - before[0])
+            for before, after in zip(told, told[1:], strict=False)
+        ]
         slowest = _PAUSE * statistics.median(pace for pace, _ in paces)
         usual = [(pace, units) for pace, units in paces if pace <= slowest or slowest == 0]
         pace = math.fsum(pace * units for pace, units in usual) / math.fsum(units for _, units in usual)

@@ -287,8 +287,9 @@ def scatter8(typing_context, array, index, stride, value):
         step = context.cast(builder, args[2], stride, types.intp)
         for i in range(LANES):
             offset = builder.mul(step, ir.Constant(step.type, i))
-            builder.store(builder.extract_element(args[3], _lane(i)),
-                          builder.gep(pointer, [offset], inbounds=True), align=4)
+            builder.store(
+                builder.extract_element(args[3], _lane(i)), builder.gep(pointer, [offset], inbounds=True), align=4
+            )
         return context.get_dummy_value()
 
     return signature(types.void, array, index, stride, value), build
@@ -314,8 +315,9 @@ def gather_pairs8(typing_context, array, at, index, beyond):
         while len(vectors) > 2:
             order = range(2 * vectors[0].type.count)
             vectors = [_shuffle(builder, a, b, order) for a, b in zip(vectors[0::2], vectors[1::2], strict=True)]
-        return context.make_tuple(builder, kind, [_shuffle(builder, *vectors, range(start, 2 * LANES, 2))
-                                                  for start in (0, 1)])
+        return context.make_tuple(
+            builder, kind, [_shuffle(builder, *vectors, range(start, 2 * LANES, 2)) for start in (0, 1)]
+        )
 
     return signature(kind, array, at, index, beyond), build
 
@@ -476,9 +478,7 @@ def _log2(builder, x):
     root_half = int(np.float32(np.sqrt(0.5)).view(np.int32))
     start = builder.sub(bits, ir.Constant(_INTS, [root_half] * LANES))
     exponent = builder.ashr(start, ir.Constant(_INTS, [23] * LANES))
-    mantissa = builder.bitcast(
-        builder.sub(bits, builder.shl(exponent, ir.Constant(_INTS, [23] * LANES))), _FLOATS
-    )
+    mantissa = builder.bitcast(builder.sub(bits, builder.shl(exponent, ir.Constant(_INTS, [23] * LANES))), _FLOATS)
     s = builder.fdiv(builder.fsub(mantissa, _constant(1.0)), builder.fadd(mantissa, _constant(1.0)))
     series = _polynomial(builder, builder.fmul(s, s), [2 / np.log(2) / n for n in (1, 3, 5, 7, 9)])
     return builder.fadd(builder.sitofp(exponent, _FLOATS), builder.fmul(s, series), flags=_CONTRACT)

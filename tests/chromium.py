@@ -20,9 +20,19 @@ import pytest
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 _FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
-    "--hide-scrollbars", "--disable-extensions", "--no-default-browser-check", "--remote-debugging-port=0",
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-dev-shm-usage",
+    "--hide-scrollbars",
+    "--disable-extensions",
+    "--no-default-browser-check",
+    "--remote-debugging-port=0",
 )
 _PATIENCE = 240.0  # s, for a start or an answer on a machine that is busy with other work; nothing is timed by it
 
@@ -78,8 +88,14 @@ class Page:
     def mouse(self, kind: str, x: float, y: float) -> None:
         """kind: moved, pressed or released, with the left button."""
         pressed = kind != "moved"
-        self.call("Input.dispatchMouseEvent", type=f"mouse{kind.capitalize()}", x=x, y=y,
-                  button="left" if pressed else "none", clickCount=int(pressed))
+        self.call(
+            "Input.dispatchMouseEvent",
+            type=f"mouse{kind.capitalize()}",
+            x=x,
+            y=y,
+            button="left" if pressed else "none",
+            clickCount=int(pressed),
+        )
 
     def key(self, name: str) -> None:
         """Press and release a key, as ArrowRight, Enter or Tab."""
@@ -123,8 +139,13 @@ def browser() -> Iterator[Page]:
     program = find_chromium()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         command = [program, *_FLAGS, f"--user-data-dir={profile}", "about:blank"]
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-                                   stderr=subprocess.DEVNULL, start_new_session=True)
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
         try:
             port = _port(Path(profile) / "DevToolsActivePort", process)
             target = _target(port)

@@ -15,8 +15,10 @@ def back_projected(camera: Camera, depth: np.ndarray) -> np.ndarray:
     """(M, 3) world points of the pixels of known depth."""
     rows, columns = np.nonzero(depth > 0)
     z = depth[rows, columns].astype(np.float64)
-    local = np.stack([(columns + 0.5 - camera.cx) / camera.fx * z, (rows + 0.5 - camera.cy) / camera.fy * z, z,
-                      np.ones_like(z)], axis=1)
+    local = np.stack(
+        [(columns + 0.5 - camera.cx) / camera.fx * z, (rows + 0.5 - camera.cy) / camera.fy * z, z, np.ones_like(z)],
+        axis=1,
+    )
     return (local @ camera.camera_to_world.T)[:, :3]
 
 
@@ -32,14 +34,21 @@ def write_fused(file: Path, points: np.ndarray) -> None:
     table = np.zeros(len(points), [(name, "<f4") for name in names] + [(c, "u1") for c in ("red", "green", "blue")])
     for axis, name in enumerate("xyz"):
         table[name] = points[:, axis]
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}",
-              *(f"property float {name}" for name in names),
-              *(f"property uchar {name}" for name in ("red", "green", "blue")), "end_header", ""]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(points)}",
+        *(f"property float {name}" for name in names),
+        *(f"property uchar {name}" for name in ("red", "green", "blue")),
+        "end_header",
+        "",
+    ]
     file.write_bytes("\n".join(header).encode() + table.tobytes())
 
 
-def write_workspace(folder: Path, names: Sequence[str], cameras: Sequence[Camera], depths: Sequence[np.ndarray],
-                    fused: np.ndarray) -> None:
+def write_workspace(
+    folder: Path, names: Sequence[str], cameras: Sequence[Camera], depths: Sequence[np.ndarray], fused: np.ndarray
+) -> None:
     """The whole: sparse/ without a numbered folder, geometric maps of NAME.png, fused.ply."""
     write_colmap(folder, [f"{name}.png" for name in names], cameras, None)
     for file in (folder / "sparse/0").iterdir():

@@ -85,8 +85,14 @@ class FakeDataset:
         lens = self._lens(index)
         known = name not in self._unknown
         return FakeView(
-            name, split, camera, lens if known else None, lens.physical(self.disparity_range, WIDTH) if known else None,
-            coc if known else None, name not in self._blurred, name not in self._flat,
+            name,
+            split,
+            camera,
+            lens if known else None,
+            lens.physical(self.disparity_range, WIDTH) if known else None,
+            coc if known else None,
+            name not in self._blurred,
+            name not in self._flat,
         )
 
     @staticmethod
@@ -137,9 +143,19 @@ def sharp_image(seed: int, camera: Camera) -> np.ndarray:
 
 
 def write_dataset(
-    folder: Path, *, name: str = "waves", seed: int = 1, train: int = 4, test: int = 2, coc: float = 4.0,
-    points: bool = True, assign: str = "per-view", exact: bool = True, unknown: Sequence[str] = (),
-    blurred: Sequence[str] = (), flat: Sequence[str] = (),
+    folder: Path,
+    *,
+    name: str = "waves",
+    seed: int = 1,
+    train: int = 4,
+    test: int = 2,
+    coc: float = 4.0,
+    points: bool = True,
+    assign: str = "per-view",
+    exact: bool = True,
+    unknown: Sequence[str] = (),
+    blurred: Sequence[str] = (),
+    flat: Sequence[str] = (),
 ) -> Path:
     """Write the dataset.json that `FakeDataset` reads; returns the folder. unknown, blurred, flat: the views without a
     known lens, a sharp photograph, depth."""
@@ -299,14 +315,23 @@ def misbehave(options, step, loss):
 
 
 def write_method(
-    root: Path, method: str = "fake", *, refocus: bool = True, learns_lens: bool = True, needs_points: bool = True,
+    root: Path,
+    method: str = "fake",
+    *,
+    refocus: bool = True,
+    learns_lens: bool = True,
+    needs_points: bool = True,
     toml: str = METHOD_TOML,
 ) -> Path:
     """Write a method folder below `root`; returns `root`, for DOFBENCH_METHODS."""
     folder = root / method
     folder.mkdir(parents=True)
-    words = {"name": method.capitalize(), "refocus": str(refocus).lower(), "learns_lens": str(learns_lens).lower(),
-             "needs_points": str(needs_points).lower()}
+    words = {
+        "name": method.capitalize(),
+        "refocus": str(refocus).lower(),
+        "learns_lens": str(learns_lens).lower(),
+        "needs_points": str(needs_points).lower(),
+    }
     (folder / "method.toml").write_text(toml.format(**words))
     (folder / "trainer.py").write_text(METHOD_CODE)
     (folder / "behaviour.py").write_text(BEHAVIOUR_CODE)

@@ -27,8 +27,12 @@ def mean_of_channels(image: Tensor) -> Tensor:
 
 
 def write_network(
-    path: Path, function: Callable[[Tensor], Tensor | tuple[Tensor, ...]] = mean_of_channels, *,
-    side: str | None = "", fixed: tuple[int, int] | None = None, outputs: tuple[str, ...] = ("map",),
+    path: Path,
+    function: Callable[[Tensor], Tensor | tuple[Tensor, ...]] = mean_of_channels,
+    *,
+    side: str | None = "",
+    fixed: tuple[int, int] | None = None,
+    outputs: tuple[str, ...] = ("map",),
 ) -> Path:
     """Export the function to `path` with the side file `side` (None: without one).
 
@@ -40,8 +44,14 @@ def write_network(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         torch.onnx.export(
-            Function(function), (torch.zeros(1, 3, height, width),), str(path), input_names=["image"],
-            output_names=list(outputs), dynamic_axes=axes, opset_version=17, dynamo=False,
+            Function(function),
+            (torch.zeros(1, 3, height, width),),
+            str(path),
+            input_names=["image"],
+            output_names=list(outputs),
+            dynamic_axes=axes,
+            opset_version=17,
+            dynamo=False,
         )
     if side is not None:
         text = side or 'longest = 64\noutput = "disparity"\n'

@@ -23,8 +23,9 @@ def turned(angle: float = 0.1) -> np.ndarray:
 
 def view(width: int = 24, height: int = 20, pose: np.ndarray | None = None) -> Camera:
     """Off-centre principal point, unequal focal lengths, turned."""
-    return Camera(width, height, 1.1 * width, 1.2 * width, 0.45 * width, 0.6 * height,
-                  turned() if pose is None else pose)
+    return Camera(
+        width, height, 1.1 * width, 1.2 * width, 0.45 * width, 0.6 * height, turned() if pose is None else pose
+    )
 
 
 def scene(n: int, seed: int, rest: int = 15, size: float = -2.0) -> dict[str, torch.Tensor]:

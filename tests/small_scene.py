@@ -50,7 +50,7 @@ def training_set(bad_view=None):
         xy, z = camera.project(xyz)
         for i in np.argsort(-z):
             column, row = int(xy[i, 0]), int(xy[i, 1])
-            image[max(row - 2, 0):row + 3, max(column - 2, 0):column + 3] = points.rgb[i]
+            image[max(row - 2, 0) : row + 3, max(column - 2, 0) : column + 3] = points.rgb[i]
         if index == bad_view:
             image[4, 5, 1] = np.nan
         views.append(TrainingView(f"v{index}", camera, image))
@@ -59,6 +59,14 @@ def training_set(bad_view=None):
 
 def options(**overrides):
     """A short schedule."""
-    return TrainerOptions().with_overrides({
-        "steps": 90, "sh_degree": 1, "densify_from": 0.1, "densify_every": 20, "normal_from": 0.5,
-        "reset_every": 0.0, **overrides})
+    return TrainerOptions().with_overrides(
+        {
+            "steps": 90,
+            "sh_degree": 1,
+            "densify_from": 0.1,
+            "densify_every": 20,
+            "normal_from": 0.5,
+            "reset_every": 0.0,
+            **overrides,
+        }
+    )

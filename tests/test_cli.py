@@ -17,8 +17,18 @@ from dofbench import __version__, cli
 from dofbench.errors import InputError
 
 HEAVY = (
-    "torch", "numba", "cv2", "OpenImageIO", "pycolmap", "matplotlib", "scipy", "skimage", "colour", "mitsuba",
-    "flip_evaluator", "pandas",
+    "torch",
+    "numba",
+    "cv2",
+    "OpenImageIO",
+    "pycolmap",
+    "matplotlib",
+    "scipy",
+    "skimage",
+    "colour",
+    "mitsuba",
+    "flip_evaluator",
+    "pandas",
 )
 
 
@@ -57,8 +67,16 @@ def test_typical_calls_mean_what_they_say() -> None:
 
 @pytest.mark.parametrize(
     "arguments",
-    ["", "frobnicate", "run", "run --method", "run --method a --bogus 1", "make-dataset --seed x", "check",
-     "check a b"],
+    [
+        "",
+        "frobnicate",
+        "run",
+        "run --method",
+        "run --method a --bogus 1",
+        "make-dataset --seed x",
+        "check",
+        "check a b",
+    ],
 )
 def test_a_wrong_call_ends_with_2_and_says_so(arguments: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
@@ -70,17 +88,34 @@ def test_a_wrong_call_ends_with_2_and_says_so(arguments: str, capsys: pytest.Cap
 
 @pytest.mark.parametrize(
     "arguments",
-    ["make-dataset --jobs 0", "make-dataset --shape round", "make-dataset --width 1",
-     "make-dataset no/such/folder --out never", "make-dataset --focus 7 --out never", "make-dataset --aperture a,b",
-     "make-dataset --depth guess",
-     "run --method nobodys", "run --method dofgaussian --data no/such/folder", "run --method dofgaussian --budget lots",
-     "run --method dofgaussian --seeds 0", "run --method dofgaussian --jobs 0", "run --method dofgaussian, --seeds 2",
-     "run --method dofgaussian,dofgaussian", "run --method dofgaussian --budget 60s 60.0s",
-     "run --method dofgaussian --data a,b",
-     "run --method dofgaussian --set sh_degree=3 --set steps=9",
-     "ablate --data no/such/folder", "ablate --data a --seeds 0", "ablate --data a --tables none.toml",
-     "report no/such/folder", "report --reach psnr=fast", "check no/such/folder", "score no/such/folder",
-     "score . --metrics lpips", "scenes no/such/folder"],
+    [
+        "make-dataset --jobs 0",
+        "make-dataset --shape round",
+        "make-dataset --width 1",
+        "make-dataset no/such/folder --out never",
+        "make-dataset --focus 7 --out never",
+        "make-dataset --aperture a,b",
+        "make-dataset --depth guess",
+        "run --method nobodys",
+        "run --method dofgaussian --data no/such/folder",
+        "run --method dofgaussian --budget lots",
+        "run --method dofgaussian --seeds 0",
+        "run --method dofgaussian --jobs 0",
+        "run --method dofgaussian, --seeds 2",
+        "run --method dofgaussian,dofgaussian",
+        "run --method dofgaussian --budget 60s 60.0s",
+        "run --method dofgaussian --data a,b",
+        "run --method dofgaussian --set sh_degree=3 --set steps=9",
+        "ablate --data no/such/folder",
+        "ablate --data a --seeds 0",
+        "ablate --data a --tables none.toml",
+        "report no/such/folder",
+        "report --reach psnr=fast",
+        "check no/such/folder",
+        "score no/such/folder",
+        "score . --metrics lpips",
+        "scenes no/such/folder",
+    ],
 )
 def test_a_wrong_input_is_one_line_with_what_was_expected(
     arguments: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -98,8 +133,9 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"dofbench {__version__}\n"
 
 
-@pytest.mark.parametrize("command", ["make-dataset", "make-scene", "reconstruct", "run", "ablate", "score", "report",
-                                     "check", "scenes"])
+@pytest.mark.parametrize(
+    "command", ["make-dataset", "make-scene", "reconstruct", "run", "ablate", "score", "report", "check", "scenes"]
+)
 def test_help_names_every_option_with_a_sentence(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         cli.main([command, "--help"])
@@ -132,10 +168,16 @@ def ending(monkeypatch: pytest.MonkeyPatch, outcome: Any) -> int:
         (1, 1, ""),
         (InputError("a.json", "no\nnumber", "one"), 2, "dofbench: a.json: found no number, expected one\n"),
         (KeyboardInterrupt(), 130, "dofbench: interrupted; the same command goes on from what is finished\n"),
-        (OSError(errno.ENOSPC, "No space left on device", "out"), 1,
-         "dofbench: out: No space left on device; what is finished stays\n"),
-        (PermissionError(errno.EACCES, "Permission denied", "out"), 1,
-         "dofbench: out: Permission denied; what is finished stays\n"),
+        (
+            OSError(errno.ENOSPC, "No space left on device", "out"),
+            1,
+            "dofbench: out: No space left on device; what is finished stays\n",
+        ),
+        (
+            PermissionError(errno.EACCES, "Permission denied", "out"),
+            1,
+            "dofbench: out: Permission denied; what is finished stays\n",
+        ),
     ],
 )
 def test_ending(
@@ -169,8 +211,9 @@ def test_sigterm_unwinds_the_command(monkeypatch: pytest.MonkeyPatch, capsys: py
     assert capsys.readouterr().err.count("\n") == 1
 
 
-@pytest.mark.parametrize("arguments", [["make-dataset"], ["run", "--method", "a"], ["ablate", "--data", "a"],
-                                       ["check", "."]], ids=" ".join)
+@pytest.mark.parametrize(
+    "arguments", [["make-dataset"], ["run", "--method", "a"], ["ablate", "--data", "a"], ["check", "."]], ids=" ".join
+)
 def test_sigterm_unwinds_after_pycolmap_was_loaded(arguments: list[str]) -> None:
     """Importing pycolmap takes SIGTERM over for the whole process: it printed a stack and died without clean-up."""
     script = (

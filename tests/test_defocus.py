@@ -77,9 +77,18 @@ def test_no_aperture_is_the_image_bit_for_bit():
         assert torch.equal(blurred, image) and blurred.data_ptr() != image.data_ptr()
 
 
-@pytest.mark.parametrize("options", [
-    {}, {"gamma": 2.0}, {"gamma": 4.0}, {"alpha": 2.0}, {"energy": "algorithm1"}, {"form": "linear"},
-    {"shape": ApertureShape(blades=6, rotation=0.2)}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"gamma": 2.0},
+        {"gamma": 4.0},
+        {"alpha": 2.0},
+        {"energy": "algorithm1"},
+        {"form": "linear"},
+        {"shape": ApertureShape(blades=6, rotation=0.2)},
+    ],
+)
 def test_cpu_agrees_with_the_reference(options):
     image, radius = scene(1)
     gradient = torch.from_numpy(np.random.default_rng(2).standard_normal(image.shape))
@@ -165,8 +174,9 @@ def test_unknown_depth_is_infinitely_far():
     spoiled = depth.copy()
     spoiled[:, 10:15], spoiled[:, 15:20], spoiled[:, 20:25], spoiled[:, 25:] = 0.0, np.inf, np.nan, -1.0
     lens = PhysicalLens(8.0, 0.5, 31)
-    for found, expected in zip(defocus_numpy(image.numpy(), spoiled, lens),
-                               defocus_numpy(image.numpy(), depth, lens), strict=True):
+    for found, expected in zip(
+        defocus_numpy(image.numpy(), spoiled, lens), defocus_numpy(image.numpy(), depth, lens), strict=True
+    ):
         np.testing.assert_allclose(found, expected, rtol=FLOAT32_VALUE, atol=FLOAT32_VALUE)
 
 

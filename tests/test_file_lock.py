@@ -13,8 +13,10 @@ from dofbench import file_lock
 from dofbench.errors import InputError
 from dofbench.synthesis.work import only_writer
 
-HOLD = "import sys\nfrom pathlib import Path\nfrom dofbench.synthesis.work import only_writer\n" \
+HOLD = (
+    "import sys\nfrom pathlib import Path\nfrom dofbench.synthesis.work import only_writer\n"
     "with only_writer(Path(sys.argv[1])):\n    print('held', flush=True)\n    sys.stdin.read()\n"
+)
 
 
 def without_locks(number):
@@ -25,8 +27,9 @@ def without_locks(number):
 
 
 def test_another_process_is_kept_out_as_long_as_one_writes(tmp_path):
-    other = subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path)], stdin=subprocess.PIPE,
-                             stdout=subprocess.PIPE, text=True)
+    other = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
     assert other.stdout.readline() == "held\n"
     with pytest.raises(InputError, match="another run that is writing it"), only_writer(tmp_path):
         pass

@@ -157,14 +157,17 @@ def test_resizing_to_the_same_size_and_of_planes():
 
 
 @given(
-    st.tuples(st.integers(1, 60), st.integers(1, 60)), st.tuples(st.integers(1, 90), st.integers(1, 90)),
-    st.sampled_from([(0.0, 1.0), (1.0, 1.0), (0.25, 900.0)]), st.sampled_from(["noise", "blocks"]),
-    st.sampled_from([(), (1,), (3,)]), st.integers(0, 2**32 - 1),
+    st.tuples(st.integers(1, 60), st.integers(1, 60)),
+    st.tuples(st.integers(1, 90), st.integers(1, 90)),
+    st.sampled_from([(0.0, 1.0), (1.0, 1.0), (0.25, 900.0)]),
+    st.sampled_from(["noise", "blocks"]),
+    st.sampled_from([(), (1,), (3,)]),
+    st.integers(0, 2**32 - 1),
 )
 def test_resizing_never_leaves_the_range_of_the_image(size, goal, ends, kind, channels, seed):
     """An encoded image stays in [0, 1], blown-out white is no more than white, and light keeps its own range."""
     unit = np.random.default_rng(seed).random((*size, *channels)).astype(np.float32)
-    image = (np.float32(ends[0]) + np.float32(ends[1] - ends[0]) * (np.rint(unit) if kind == "blocks" else unit))
+    image = np.float32(ends[0]) + np.float32(ends[1] - ends[0]) * (np.rint(unit) if kind == "blocks" else unit)
     # The compared number is what `make-dataset` compares: no tolerance.
     resized = resize(image, *goal)
     assert resized.shape == (goal[1], goal[0], *channels) and resized.dtype == np.float32

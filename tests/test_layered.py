@@ -27,8 +27,10 @@ def texture(seed: int, y: np.ndarray, x: np.ndarray) -> np.ndarray:
     """(H, W, 3) smooth waves in [0, 1] at any coordinates."""
     generator = np.random.default_rng(seed)
     waves = [
-        sum(np.cos(generator.uniform(-0.4, 0.4) * y + generator.uniform(-0.4, 0.4) * x + generator.uniform(0, 6.3))
-            for _ in range(4))
+        sum(
+            np.cos(generator.uniform(-0.4, 0.4) * y + generator.uniform(-0.4, 0.4) * x + generator.uniform(0, 6.3))
+            for _ in range(4)
+        )
         for _ in range(3)
     ]
     return (np.stack(waves, axis=-1) + 4) / 8
@@ -45,16 +47,16 @@ def seen_through_pinhole(dy: float = 0.0, dx: float = 0.0, front: float = 0.0, b
     """The scene from a point (dy, dx) of the unit lens, where planes shift by their signed radii."""
     y, x = np.mgrid[: HEIGHT + 2 * MARGIN, : WIDTH + 2 * MARGIN].astype(float)
     mask = covered(y - front * dy, x - front * dx)
-    return (mask * texture(1, y - front * dy, x - front * dx)
-            + (1 - mask) * texture(2, y - back * dy, x - back * dx))
+    return mask * texture(1, y - front * dy, x - front * dx) + (1 - mask) * texture(2, y - back * dy, x - back * dx)
 
 
 def thin_lens(front: float, back: float, points: int = 400) -> np.ndarray:
     """Mean over a sunflower of lens points, which covers the disc evenly."""
     index = np.arange(points) + 0.5
     rho, angle = np.sqrt(index / points), math.pi * (1 + 5**0.5) * index
-    views = (seen_through_pinhole(r * math.sin(a), r * math.cos(a), front, back)
-             for r, a in zip(rho, angle, strict=True))
+    views = (
+        seen_through_pinhole(r * math.sin(a), r * math.cos(a), front, back) for r, a in zip(rho, angle, strict=True)
+    )
     return sum(views) / points
 
 

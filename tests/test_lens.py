@@ -16,8 +16,9 @@ widths = st.integers(16, 4096)
 apertures = st.floats(0.0, 2.0)
 focuses = st.floats(-0.5, 1.5)
 angles = st.floats(-10.0, 10.0)
-shapes = st.builds(ApertureShape, blades=st.sampled_from([0, 3, 4, 5, 6, 8, 12]), rotation=angles,
-                   curvature=st.floats(0, 1))
+shapes = st.builds(
+    ApertureShape, blades=st.sampled_from([0, 3, 4, 5, 6, 8, 12]), rotation=angles, curvature=st.floats(0, 1)
+)
 
 
 @st.composite
@@ -79,7 +80,8 @@ def test_both_units_give_the_same_radius(aperture, focus, disparity_range, width
     lens = Lens(aperture, focus)
     disparity = disparity_range.q_min + d * disparity_range.extent
     assert lens.physical(disparity_range, width).signed_radius(disparity, width) == pytest.approx(
-        0.02 * width * aperture * (d - focus), abs=FLOAT64_VALUE * width)
+        0.02 * width * aperture * (d - focus), abs=FLOAT64_VALUE * width
+    )
 
 
 @given(apertures, focuses, ranges(), st.integers(1, 8), st.floats(-1, 2))
@@ -94,7 +96,8 @@ def test_the_unit_of_length_does_not_matter(aperture, focus, disparity_range, un
     lens, other = (Lens(aperture, focus).physical(r, 504) for r in (disparity_range, scaled))
     disparity = disparity_range.q_max
     assert other.signed_radius(disparity / unit, 504) == pytest.approx(
-        lens.signed_radius(disparity, 504), abs=FLOAT64_VALUE)
+        lens.signed_radius(disparity, 504), abs=FLOAT64_VALUE
+    )
 
 
 def test_llff_width_has_the_released_codes_ten_pixels():
@@ -145,10 +148,17 @@ def test_what_counts_as_a_disc():
     assert np.array_equal(ApertureShape().radius_factor(np.arange(4.0)), np.ones(4))
 
 
-@pytest.mark.parametrize(("options", "message"), [
-    ({"blades": 2}, "blades"), ({"blades": -1}, "blades"), ({"curvature": 1.1}, "curvature"),
-    ({"curvature": math.nan}, "curvature"), ({"obstruction": 1.0}, "obstruction"),
-    ({"obstruction": -0.1}, "obstruction")])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"blades": 2}, "blades"),
+        ({"blades": -1}, "blades"),
+        ({"curvature": 1.1}, "curvature"),
+        ({"curvature": math.nan}, "curvature"),
+        ({"obstruction": 1.0}, "obstruction"),
+        ({"obstruction": -0.1}, "obstruction"),
+    ],
+)
 def test_shapes_that_do_not_exist(options, message):
     with pytest.raises(ValueError, match=message):
         ApertureShape(**options)

@@ -55,8 +55,9 @@ def two_apertures(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_png(root / "images" / f"{view.name}.png", defocus_numpy(view.image(), view.depth(), lens)[0])
         lines.append(f"{view.name}.png,{number:g},50")
     (root / "exif.csv").write_text("\n".join(lines) + "\n")
-    export.write_colmap(root, [f"{view.name}.png" for view in scene.views], [view.camera for view in scene.views],
-                        scene.points)
+    export.write_colmap(
+        root, [f"{view.name}.png" for view in scene.views], [view.camera for view in scene.views], scene.points
+    )
     return root
 
 
@@ -67,8 +68,10 @@ def test_one_aperture_predicts_the_photographs_of_another(
     make = ["make-dataset", str(two_apertures), "--photographs", "shallow", "--out", str(data)]
     assert cli.main([*make, "--train-f-number", "2", "--test-f-number", "8"]) == 0
     assert cli.main(["check", str(data)]) == 0
-    numbers = {split: {view.exif.f_number for view in Dataset.load(data).views if view.split == split}
-               for split in ("train", "test")}
+    numbers = {
+        split: {view.exif.f_number for view in Dataset.load(data).views if view.split == split}
+        for split in ("train", "test")
+    }
     assert numbers == {"train": {2.0}, "test": {8.0}}
     run = ["run", "--preset", "smoke", "--data", str(data), "--budget", "8it", "--out", str(results), "--method"]
     assert cli.main([*run, "dofgaussian"]) == 0 and cli.main([*run, "mipsplatting"]) == 0
@@ -93,8 +96,26 @@ def test_spread_and_ratio_come_from_a_sitting_of_several_apertures(two_apertures
     data = tmp_path / "data"
     assert cli.main(["make-dataset", str(two_apertures), "--photographs", "shallow", "--out", str(data)]) == 0
     for setting, there in (("lens_per=view", {"exif_spread", "exif_ratio"}), ("lens_per=scene", {"exif_ratio"})):
-        assert cli.main(["run", "--method", "dofgaussian", "--preset", "smoke", "--data", str(data), "--budget", "60it",
-                         "--out", str(tmp_path / setting), "--set", setting]) == 0
+        assert (
+            cli.main(
+                [
+                    "run",
+                    "--method",
+                    "dofgaussian",
+                    "--preset",
+                    "smoke",
+                    "--data",
+                    str(data),
+                    "--budget",
+                    "60it",
+                    "--out",
+                    str(tmp_path / setting),
+                    "--set",
+                    setting,
+                ]
+            )
+            == 0
+        )
         (file,) = (tmp_path / setting).rglob("result.json")
         result = read_result(file)
         assert result.spec.protocol == "photographs-v1"
@@ -115,8 +136,19 @@ def test_photographs_are_trained_on_scored_checked_and_reported(
     data, results, report = tmp_path / "data", tmp_path / "results", tmp_path / "report"
     assert cli.main(["make-dataset", str(blurred), "--layout", "deblurnerf", "--out", str(data)]) == 0
     assert cli.main(["check", str(data)]) == 0
-    run = ["run", "--method", "dofgaussian", "--preset", "smoke", "--data", str(data), "--budget", f"{STEPS}it",
-           "--out", str(results)]
+    run = [
+        "run",
+        "--method",
+        "dofgaussian",
+        "--preset",
+        "smoke",
+        "--data",
+        str(data),
+        "--budget",
+        f"{STEPS}it",
+        "--out",
+        str(results),
+    ]
     assert cli.main([*run, "--dry-run"]) == 0
     plan = capsys.readouterr().out
     assert "scores aif_psnr, aif_ssim, aif_flip" in plan and "no psnr, ssim" in plan and ": no test lens" in plan
@@ -139,10 +171,28 @@ def test_photographs_that_are_sharp_after_all_are_trained_on_without_a_lens(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     data = tmp_path / "data"
-    assert cli.main(["make-dataset", "tabletop", "--width", str(WIDTH), "--photographs", "shallow", "--out",
-                     str(data)]) == 0
-    assert cli.main(["run", "--method", "dofgaussian", "--preset", "smoke", "--data", str(data), "--budget", "5it",
-                     "--out", str(tmp_path / "results")]) == 0
+    assert (
+        cli.main(["make-dataset", "tabletop", "--width", str(WIDTH), "--photographs", "shallow", "--out", str(data)])
+        == 0
+    )
+    assert (
+        cli.main(
+            [
+                "run",
+                "--method",
+                "dofgaussian",
+                "--preset",
+                "smoke",
+                "--data",
+                str(data),
+                "--budget",
+                "5it",
+                "--out",
+                str(tmp_path / "results"),
+            ]
+        )
+        == 0
+    )
     plan = capsys.readouterr().out
     assert "stage lens: left out: the photographs show" in plan and "lens=False" in plan
     # Beside what the photographs themselves say, the scene's own depth is known.
@@ -161,8 +211,24 @@ def test_shallow_photographs_alone_are_scored_by_half_of_each(
     data, results, report = tmp_path / "data", tmp_path / "results", tmp_path / "report"
     assert cli.main(["make-dataset", str(blurred), "--photographs", "shallow", "--out", str(data)]) == 0
     assert cli.main(["check", str(data)]) == 0
-    assert cli.main(["run", "--method", "dofgaussian", "--preset", "smoke", "--data", str(data), "--budget", "8it",
-                     "--out", str(results)]) == 0
+    assert (
+        cli.main(
+            [
+                "run",
+                "--method",
+                "dofgaussian",
+                "--preset",
+                "smoke",
+                "--data",
+                str(data),
+                "--budget",
+                "8it",
+                "--out",
+                str(results),
+            ]
+        )
+        == 0
+    )
     plan = capsys.readouterr().out
     assert "photographs-v1" in plan and "scores photo_psnr, photo_ssim, photo_blur_psnr" in plan
     (file,) = results.rglob("result.json")

@@ -64,7 +64,12 @@ def test_every_end_is_told_apart_and_none_stops_the_others(monkeypatch):
     log = Log()
     outcomes = run_jobs(jobs("wrong input", "refused", "bug", "killed", "well"), workers=2, watcher=log)
     assert [(outcome.name, outcome.message) for outcome in outcomes] == [
-        ("wrong input", ""), ("refused", ""), ("bug", ""), ("killed", ""), ("well", "well, done")]
+        ("wrong input", ""),
+        ("refused", ""),
+        ("bug", ""),
+        ("killed", ""),
+        ("well", "well, done"),
+    ]
     wrong, refused, bug, killed, well = (outcome.problem for outcome in outcomes)
     assert wrong == "a.json: found no number, expected one"
     assert refused == "out: Permission denied; what is finished stays"
@@ -121,8 +126,9 @@ def forever(report):
 def test_no_process_outlives_its_parent(tmp_path, number):
     script = tmp_path / "parent.py"
     script.write_text(PARENT.format(folder=str(Path(__file__).parent)))
-    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-                          text=True) as parent:
+    with subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as parent:
         child = int(parent.stdout.readline())
         os.kill(parent.pid, number)
         parent.wait(60)

@@ -108,8 +108,9 @@ def test_cached_code_is_forgotten_when_a_module_beside_it_changes(tmp_path):
     printed = []
     for factor in (2.0, 2.0, 3.0):
         constants.write_text(f"FACTOR = {factor}\n")
-        done = subprocess.run([sys.executable, "kernel.py"], cwd=tmp_path, env=environment, capture_output=True,
-                              text=True, check=True)
+        done = subprocess.run(
+            [sys.executable, "kernel.py"], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+        )
         printed.append(done.stdout.split())
     assert printed == [["2.0", "0"], ["2.0", "1"], ["3.0", "0"]]
 

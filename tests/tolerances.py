@@ -175,8 +175,14 @@ SWEEP_REACH = 0.5
 # A level is a whole number of steps; both are floats.
 ROUNDED_LEVEL = 1e-9
 # Half a unit of the last printed digit of a mean, and of each value that it is of.
-PRINTED_MEAN = {"psnr": 0.0101, "ssim": 0.00101, "delta_a": 0.00101, "delta_f": 0.00101, "aif_psnr": 0.0101,
-                "aif_ssim": 0.00101}
+PRINTED_MEAN = {
+    "psnr": 0.0101,
+    "ssim": 0.00101,
+    "delta_a": 0.00101,
+    "delta_f": 0.00101,
+    "aif_psnr": 0.0101,
+    "aif_ssim": 0.00101,
+}
 # The blur of an edge, as a factor: the window in which it is measured cuts the tails of a wide one.
 EDGE_BLUR = 1.25
 # Deviation in pixels by which the differences that stand for a gradient blur an edge themselves.

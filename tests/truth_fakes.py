@@ -8,8 +8,7 @@ from dofbench.validation import planes
 from dofbench.validation.lens_points import lens_points
 
 WIDTH, HEIGHT = 160, 120
-SCENE = (planes.Plane(1, 4.0, "all", 0.0, highlights=0.01),
-         planes.Plane(2, 4.0, "discs", 1.0, highlights=0.01))
+SCENE = (planes.Plane(1, 4.0, "all", 0.0, highlights=0.01), planes.Plane(2, 4.0, "discs", 1.0, highlights=0.01))
 
 
 def looked_at(radius: float, focus: float, points: int = 256) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

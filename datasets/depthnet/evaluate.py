@@ -26,8 +26,8 @@ from dofbench.errors import InputError
 from dofbench.scenes import load_scene
 from dofbench.scenes.types import Scene
 
-HELD_OUT = 5        # every fifth point
-ALIGNING = 300      # pixels of a held-out room that the network is aligned to, as sparse points would be
+HELD_OUT = 5  # every fifth point
+ALIGNING = 300  # pixels of a held-out room that the network is aligned to, as sparse points would be
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,11 @@ class Errors:
         """AbsRel of depth, share within 1.25, median relative error of disparity."""
         found, true = np.maximum(self.found, 0.1 * np.percentile(self.true, 1)), self.true
         ratio = np.maximum(found / true, true / found)
-        return [f"{np.mean(np.abs(true / found - 1)):.3f}", f"{np.mean(ratio < 1.25):.3f}",
-                f"{np.median(np.abs(found / true - 1)):.3f}"]
+        return [
+            f"{np.mean(np.abs(true / found - 1)):.3f}",
+            f"{np.mean(ratio < 1.25):.3f}",
+            f"{np.median(np.abs(found / true - 1)):.3f}",
+        ]
 
 
 def main(settings: Settings) -> None:

@@ -26,8 +26,8 @@ from dofbench.rendering.tracer import Tracer
 from dofbench.rendering.variant import choose_variant
 
 WIDTH, HEIGHT = 256, 192
-RECIPES = 3      # every third room is one of make-scene's, of a seed that no shipped scene has
-SAMPLES = 32     # rays a pixel: noise is an augmentation, and the sensor's is added anyway
+RECIPES = 3  # every third room is one of make-scene's, of a seed that no shipped scene has
+SAMPLES = 32  # rays a pixel: noise is an augmentation, and the sensor's is added anyway
 BANK_ROOMS = 24  # rooms that share one bank of textures
 
 

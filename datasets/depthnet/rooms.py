@@ -25,11 +25,15 @@ def texture_bank(rng: np.random.Generator, rounds: int) -> list[np.ndarray]:
         bank += [
             textures.wood(rng, 384, 512, int(rng.integers(3, 12))),
             textures.bricks(rng, 384, 640, int(rng.integers(6, 22))),
-            textures.plaid(rng, 320, 320), textures.newspaper(rng, 512, 384),
+            textures.plaid(rng, 320, 320),
+            textures.newspaper(rng, 512, 384),
             textures.cells(rng, 320, 448, int(rng.integers(15, 160))),
-            textures.relief(rng, 320, 448), textures.poster(rng, 448, 320),
+            textures.relief(rng, 320, 448),
+            textures.poster(rng, 448, 320),
             textures.quilt(rng, 320, 320, int(rng.integers(2, 8))),
-            textures.carton(rng, 384, 256), textures.marble(rng, 256, 512), textures.leaf(rng),
+            textures.carton(rng, 384, 256),
+            textures.marble(rng, 256, 512),
+            textures.leaf(rng),
             textures.label(rng, textures.some(rng), 192, 512),
         ]
         for slope in (0.6, 1.2, 2.0, 2.8):
@@ -47,7 +51,8 @@ def room(rng: np.random.Generator, bank: list[np.ndarray]) -> Stage:
     lamps = tuple(
         Lamp(
             (float(rng.uniform(-4, 4)), float(rng.uniform(-2, 6)), float(rng.uniform(2.5, 7))),
-            (float(rng.uniform(-1, 1)), float(rng.uniform(2, 6)), 0.3), side := float(rng.uniform(0.2, 2.5)),
+            (float(rng.uniform(-1, 1)), float(rng.uniform(2, 6)), 0.3),
+            side := float(rng.uniform(0.2, 2.5)),
             float(rng.uniform(20, 70)) / side**2,
         )
         for _ in range(int(rng.integers(0, 3)))

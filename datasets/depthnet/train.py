@@ -22,13 +22,13 @@ from torch import Tensor
 from dofbench.depth.depthnet import MEAN, STD, DepthNet
 from dofbench.files import replacing
 
-SIZES = ((128, 96), (192, 160))   # (width, height) trained at: small at first, since that is three times as fast
-SWITCH = 0.75                     # share of the budget at which the size changes
+SIZES = ((128, 96), (192, 160))  # (width, height) trained at: small at first, since that is three times as fast
+SWITCH = 0.75  # share of the budget at which the size changes
 BATCH, RATE, DECAY = 16, 2e-3, 2e-2
-AVERAGE = 0.998                   # of the weights, over steps
-GRADIENT, SCALES = 0.5, 4         # weight and number of scales of the gradient term
+AVERAGE = 0.998  # of the weights, over steps
+GRADIENT, SCALES = 0.5, 4  # weight and number of scales of the gradient term
 SAVE_SECONDS = 60.0
-BACKGROUND = 0.0                  # disparity where there is no surface: infinitely far
+BACKGROUND = 0.0  # disparity where there is no surface: infinitely far
 
 
 @dataclass(frozen=True)
@@ -146,9 +146,14 @@ def export(net: torch.nn.Module, file: Path) -> None:
 
     with replacing(file) as temporary:
         torch.onnx.export(
-            net, (torch.zeros(1, 3, 192, 256),), str(temporary), input_names=["image"], output_names=["disparity"],
+            net,
+            (torch.zeros(1, 3, 192, 256),),
+            str(temporary),
+            input_names=["image"],
+            output_names=["disparity"],
             dynamic_axes={"image": {2: "height", 3: "width"}, "disparity": {2: "height", 3: "width"}},
-            opset_version=17, dynamo=False,
+            opset_version=17,
+            dynamo=False,
         )
         model = onnx.load(str(temporary))
         casts = []
@@ -214,10 +219,16 @@ def _save(
     file: Path, net: DepthNet, average: DepthNet, optimiser: torch.optim.Optimizer, used: float, step: int
 ) -> None:
     with replacing(file) as temporary:
-        torch.save({
-            "net": net.state_dict(), "average": average.state_dict(), "optimiser": optimiser.state_dict(),
-            "used": used, "step": step,
-        }, temporary)
+        torch.save(
+            {
+                "net": net.state_dict(),
+                "average": average.state_dict(),
+                "optimiser": optimiser.state_dict(),
+                "used": used,
+                "step": step,
+            },
+            temporary,
+        )
 
 
 if __name__ == "__main__":

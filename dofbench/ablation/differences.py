@@ -35,7 +35,10 @@ def difference_cells(filled: Filled, notes: Footnotes) -> tuple[list[str], list[
         texts = []
         for column in columns:
             compared = found[column][row]
-            texts.append(f"–{notes.mark(compared.reason)}" if compared.difference is None
-                         else difference_text(compared.difference, COLUMNS[column]))
+            texts.append(
+                f"–{notes.mark(compared.reason)}"
+                if compared.difference is None
+                else difference_text(compared.difference, COLUMNS[column])
+            )
         cells.append([plain(row), *texts])
     return columns, cells

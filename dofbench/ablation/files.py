@@ -12,22 +12,44 @@ from dofbench.reporting.summary import Cell
 from dofbench.reporting.tables import write_csv
 
 CELLS = ("table", "row", "dataset", "seed", "column", "value", "status")
-SUMMARY = ("table", "row", "dataset", "seeds", "column", "mean", "sd", "status", "paper",
-           "difference", "difference_sd", "p", "pairs", "difference_low", "difference_high", "verdict")
+SUMMARY = (
+    "table",
+    "row",
+    "dataset",
+    "seeds",
+    "column",
+    "mean",
+    "sd",
+    "status",
+    "paper",
+    "difference",
+    "difference_sd",
+    "p",
+    "pairs",
+    "difference_low",
+    "difference_high",
+    "verdict",
+)
 MEAN = "mean"  # stands for the dataset in the rows that average over all of them
 
 
 def write_cells(path: Path, filled: Filled) -> None:
     """One row a run and score. value is empty where there is none: status says how the run ended, or "not run"."""
     rows = []
-    for (row, dataset, seed) in filled.plan.runs:
+    for row, dataset, seed in filled.plan.runs:
         entry = filled.entries.get((row, dataset, seed))
         for column in filled.plan.table.columns:
-            rows.append({
-                "table": filled.plan.table.id, "row": row, "dataset": dataset, "seed": seed, "column": column,
-                "value": filled.value(row, dataset, seed, column),
-                "status": "not run" if entry is None else str(entry.status),
-            })
+            rows.append(
+                {
+                    "table": filled.plan.table.id,
+                    "row": row,
+                    "dataset": dataset,
+                    "seed": seed,
+                    "column": column,
+                    "value": filled.value(row, dataset, seed, column),
+                    "status": "not run" if entry is None else str(entry.status),
+                }
+            )
     write_csv(path, CELLS, rows)
 
 
@@ -44,9 +66,15 @@ def write_summary(path: Path, filled: Filled) -> None:
                 rows.append(_row(filled, row, dataset, column, filled.cell(row, dataset, column)))
             mean = _row(filled, row, MEAN, column, filled.mean_cell(row, column)) | {"paper": paper[row].get(column)}
             if row in found and (difference := found[row].difference) is not None:
-                mean |= {"difference": difference.mean, "difference_sd": difference.spread, "p": difference.p,
-                         "pairs": difference.pairs, "difference_low": difference.low,
-                         "difference_high": difference.high, "verdict": verdict(difference, COLUMNS[column])}
+                mean |= {
+                    "difference": difference.mean,
+                    "difference_sd": difference.spread,
+                    "p": difference.p,
+                    "pairs": difference.pairs,
+                    "difference_low": difference.low,
+                    "difference_high": difference.high,
+                    "verdict": verdict(difference, COLUMNS[column]),
+                }
             rows.append(mean)
     write_csv(path, SUMMARY, rows)
 
@@ -54,6 +82,12 @@ def write_summary(path: Path, filled: Filled) -> None:
 def _row(filled: Filled, row: str, dataset: str, column: str, cell: Cell) -> dict[str, object]:
     status = "ok" if cell.value is not None else "not run" if cell is NOT_RUN else cell.failure or "no such score"
     return {
-        "table": filled.plan.table.id, "row": row, "dataset": dataset, "column": column,
-        "seeds": " ".join(map(str, filled.seeds)), "mean": cell.value, "sd": cell.spread, "status": status,
+        "table": filled.plan.table.id,
+        "row": row,
+        "dataset": dataset,
+        "column": column,
+        "seeds": " ".join(map(str, filled.seeds)),
+        "mean": cell.value,
+        "sd": cell.spread,
+        "status": status,
     }

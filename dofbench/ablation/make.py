@@ -34,8 +34,12 @@ def make_tables(settings: Ablate, console: Console | None = None, run_jobs: RunJ
         _say(console, line)
     if settings.dry_run:
         for run in plan.runs:
-            rows = dict.fromkeys(f"{one.table.id} {place[0]}" for one in plan.tables
-                                 for place, needed in one.runs.items() if needed is run)
+            rows = dict.fromkeys(
+                f"{one.table.id} {place[0]}"
+                for one in plan.tables
+                for place, needed in one.runs.items()
+                if needed is run
+            )
             _say(console, f"{batch.ended.words(run)}, for {'; '.join(rows)}: {run.settings.command()}")
         return True
 

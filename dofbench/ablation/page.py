@@ -30,8 +30,14 @@ def table_page(filled: Filled, settings: Ablate) -> str:
     declared, notes = filled.plan.table, Footnotes()
     page = [f"# {declared.title}", "", *([declared.note.strip(), ""] if declared.note else []), *_reading(filled), ""]
     if len(filled.datasets) > 1:
-        page += [f"## Mean over {len(filled.datasets)} datasets", "", f"{', '.join(filled.datasets)}.", "",
-                 *_block(filled, filled.mean_lines(), notes, {row.label: row.paper for row in declared.rows}), ""]
+        page += [
+            f"## Mean over {len(filled.datasets)} datasets",
+            "",
+            f"{', '.join(filled.datasets)}.",
+            "",
+            *_block(filled, filled.mean_lines(), notes, {row.label: row.paper for row in declared.rows}),
+            "",
+        ]
     page += _differences(filled, notes)
     for source in filled.plan.sources:
         figures = {row.label: _scene_figures(row, source) for row in declared.rows}
@@ -40,9 +46,15 @@ def table_page(filled: Filled, settings: Ablate) -> str:
         page += [*_heading(filled, source), "", *_block(filled, filled.lines(source.label), notes, figures), ""]
         if declared.held_out:
             page += _asked(filled, source, notes)
-    page += [*_rows(filled), "", "## What the columns say", "",
-             *(f"- {COLUMNS[column].label} ({column}): {COLUMNS[column].note}." for column in declared.columns), "",
-             *_how_made(filled, settings)]
+    page += [
+        *_rows(filled),
+        "",
+        "## What the columns say",
+        "",
+        *(f"- {COLUMNS[column].label} ({column}): {COLUMNS[column].note}." for column in declared.columns),
+        "",
+        *_how_made(filled, settings),
+    ]
     return "\n".join([*page, *notes.lines()]).rstrip() + "\n"
 
 
@@ -52,15 +64,23 @@ def _reading(filled: Filled) -> list[str]:
     planned = len({seed for _, _, seed in filled.plan.runs})
     seeds = f"seeds {', '.join(map(str, filled.seeds))}"
     so_far = f", of {planned} asked for" if len(filled.seeds) < planned else ""
-    spread = "A cell is mean ± sample standard deviation over the seeds." if len(filled.seeds) > 1 else \
-        "One seed only: no spread is known, so small differences say nothing."
-    lines = [f"Measured here with {seeds}{so_far}. {spread} Bold is the best number of its column, which alone doesn't "
-             "make it better: see the differences. A gap is –, with its reason; a run that failed shows how, and "
-             "nothing averages over an incomplete set."]
+    spread = (
+        "A cell is mean ± sample standard deviation over the seeds."
+        if len(filled.seeds) > 1
+        else "One seed only: no spread is known, so small differences say nothing."
+    )
+    lines = [
+        f"Measured here with {seeds}{so_far}. {spread} Bold is the best number of its column, which alone doesn't "
+        "make it better: see the differences. A gap is –, with its reason; a run that failed shows how, and "
+        "nothing averages over an incomplete set."
+    ]
     if declared.paper_columns():
-        lines += ["", f"Columns headed *paper* were not measured here: they are the figures of {declared.source}, "
-                      f"{declared.paper_data}. The data differ, so rows may be compared within them, "
-                      "not across to ours."]
+        lines += [
+            "",
+            f"Columns headed *paper* were not measured here: they are the figures of {declared.source}, "
+            f"{declared.paper_data}. The data differ, so rows may be compared within them, "
+            "not across to ours.",
+        ]
     return lines
 
 
@@ -76,11 +96,18 @@ def _block(filled: Filled, lines: list[Line], notes: Footnotes, figures: dict[st
 
     def published(line: Line) -> list[str]:
         given = figures[line.method]
-        return [f"{given[column]:.{min(COLUMNS[column].digits, _PAPER_DIGITS)}f}" if column in given
-                else f"–{notes.mark('the paper gives no such figure')}" for column in paper]
+        return [
+            f"{given[column]:.{min(COLUMNS[column].digits, _PAPER_DIGITS)}f}"
+            if column in given
+            else f"–{notes.mark('the paper gives no such figure')}"
+            for column in paper
+        ]
 
     return line_table(
-        lines, declared.columns, notes, before=Beside(["row", *declared.switches], switches),
+        lines,
+        declared.columns,
+        notes,
+        before=Beside(["row", *declared.switches], switches),
         after=Beside([f"*paper: {COLUMNS[column].heading}*" for column in paper], published),
     )
 
@@ -122,10 +149,18 @@ def _differences(filled: Filled, notes: Footnotes) -> list[str]:
     columns, rows = difference_cells(filled, notes)
     if not columns:
         return []
-    said = (f"The row's score minus that of {reference}, view by view over all datasets, each of which weighs the "
-            f"same; a cost is paired by dataset and seed. {EXPLANATION}")
-    return [f"## Difference from {reference}", "", said, "",
-            *table(["row", *(COLUMNS[column].heading for column in columns)], rows, left=1), ""]
+    said = (
+        f"The row's score minus that of {reference}, view by view over all datasets, each of which weighs the "
+        f"same; a cost is paired by dataset and seed. {EXPLANATION}"
+    )
+    return [
+        f"## Difference from {reference}",
+        "",
+        said,
+        "",
+        *table(["row", *(COLUMNS[column].heading for column in columns)], rows, left=1),
+        "",
+    ]
 
 
 def _rows(filled: Filled) -> list[str]:
@@ -133,13 +168,23 @@ def _rows(filled: Filled) -> list[str]:
     rows = []
     for row in filled.plan.table.rows:
         runs = [run for place, run in filled.plan.runs.items() if place[0] == row.label]
-        left = {reason: name for entry in _entries(filled, row.label) if entry.result
-                for name, reason in entry.result.left_out_stages.items()}
+        left = {
+            reason: name
+            for entry in _entries(filled, row.label)
+            if entry.result
+            for name, reason in entry.result.left_out_stages.items()
+        }
         sets = [*(f"`{key}={_json(value)}`" for key, value in row.set.items()), *(["`--force-all`"] * row.force_all)]
-        rows.append([
-            plain(row.label), runs[0].spec.method, runs[0].spec.preset, " ".join(sets),
-            "; ".join(f"{name}: {plain(reason)}" for reason, name in left.items()), plain(row.note),
-        ])
+        rows.append(
+            [
+                plain(row.label),
+                runs[0].spec.method,
+                runs[0].spec.preset,
+                " ".join(sets),
+                "; ".join(f"{name}: {plain(reason)}" for reason, name in left.items()),
+                plain(row.note),
+            ]
+        )
     heading = ["row", "method", "preset", "options set", "left out by the plan", "note"]
     return ["## What the rows are", "", *table(heading, rows, left=len(heading))]
 
@@ -148,12 +193,19 @@ def _how_made(filled: Filled, settings: Ablate) -> list[str]:
     entries = [entry for entry in filled.entries.values() if entry.result is not None]
     some = next(iter(filled.plan.runs.values()))
     budgets = ", ".join(dict.fromkeys(run.spec.budget for run in filled.plan.runs.values()))
-    lines = ["## How this was made", "", f"    {settings.command()}", "",
-             f"- Budget {budgets}, {some.spec.protocol}, device {some.spec.device}; {settings.jobs} at a time, each "
-             "with its share of the machine's threads. Runs that an earlier call finished are not repeated: their "
-             "training times are of then."]
-    lines += [f"- {source.label}: {source.folder}, checksum {checksum[:16]}."
-              for source, checksum in zip(filled.plan.sources, _checksums(filled), strict=True)]
+    lines = [
+        "## How this was made",
+        "",
+        f"    {settings.command()}",
+        "",
+        f"- Budget {budgets}, {some.spec.protocol}, device {some.spec.device}; {settings.jobs} at a time, each "
+        "with its share of the machine's threads. Runs that an earlier call finished are not repeated: their "
+        "training times are of then.",
+    ]
+    lines += [
+        f"- {source.label}: {source.folder}, checksum {checksum[:16]}."
+        for source, checksum in zip(filled.plan.sources, _checksums(filled), strict=True)
+    ]
     for name, describe in (("Commit", commit_text), ("Machine", machine_text)):
         lines += [f"- {name} {text}." for text in dict.fromkeys(map(describe, entries))]
     lines += [f"- Code {code}." for code in dict.fromkeys(entry.spec.code for entry in entries)]

@@ -80,13 +80,23 @@ def make_plan(settings: Ablate, declaration: Declaration) -> Plan:
 
 
 def _run(
-    settings: Ablate, declaration: Declaration, table: Table, row: Row, source: Source, shared: dict[str, Any],
+    settings: Ablate,
+    declaration: Declaration,
+    table: Table,
+    row: Row,
+    source: Source,
+    shared: dict[str, Any],
 ) -> PlannedRun:
     """The run of seed 0."""
     run = Run(
-        method=row.method or declaration.method, data=source.folder, preset=row.preset or settings.preset,
+        method=row.method or declaration.method,
+        data=source.folder,
+        preset=row.preset or settings.preset,
         set=tuple(f"{key}={_toml(value)}" for key, value in {**shared, **row.set}.items()),
-        budget=settings.budget, device=settings.device, out=settings.results, inputs=table.inputs,
+        budget=settings.budget,
+        device=settings.device,
+        out=settings.results,
+        inputs=table.inputs,
         force_all=row.force_all,
     )
     try:

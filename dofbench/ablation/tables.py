@@ -75,8 +75,10 @@ class Table(_Strict):
             raise ValueError(f"reference {self.reference!r}, expected one of {', '.join(labels)}")
         for row in self.rows:
             if set(row.switches) != set(self.switches):
-                raise ValueError(f"row {row.label}: switches {', '.join(row.switches) or 'none'}, "
-                                 f"expected {', '.join(self.switches) or 'none'}")
+                raise ValueError(
+                    f"row {row.label}: switches {', '.join(row.switches) or 'none'}, "
+                    f"expected {', '.join(self.switches) or 'none'}"
+                )
             if (row.paper or row.paper_scenes) and not (self.source and self.paper_data):
                 raise ValueError(f"row {row.label}: figures of a paper without the table's source and paper_data")
         return self

@@ -40,7 +40,13 @@ def resolve(choice: Literal["auto"] | SourceId, scene: Scene) -> SourceId:
 
 
 def open_source(
-    source: SourceId, scene: Scene, *, steps: int, seed: int, work: Path, network: Path | None = None,
+    source: SourceId,
+    scene: Scene,
+    *,
+    steps: int,
+    seed: int,
+    work: Path,
+    network: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> DepthSource:
     """Make the source ready for all views of the scene.

@@ -14,11 +14,11 @@ from typing import Literal
 
 import numpy as np
 
-ENOUGH = 12             # points that a view needs for a scale and shift of its own
-TRIALS = 256            # pairs of points that are tried for the start
+ENOUGH = 12  # points that a view needs for a scale and shift of its own
+TRIALS = 256  # pairs of points that are tried for the start
 _ROUNDS = 30
-_MAD = 1.4826           # standard deviation of a normal distribution by its median absolute deviation
-_OUTLIER = 2.5          # of these a residual may be and still be called an inlier
+_MAD = 1.4826  # standard deviation of a normal distribution by its median absolute deviation
+_OUTLIER = 2.5  # of these a residual may be and still be called an inlier
 
 Output = Literal["disparity", "depth"]
 Freedom = Literal["scale-shift", "scale", "none"]

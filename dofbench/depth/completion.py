@@ -21,20 +21,19 @@ from scipy.sparse.linalg import splu
 
 from dofbench.depth.sightings import Sightings
 
-_EDGE = 50.0            # per unit of colour distance, CIELAB / 100
-_LEAK = 1e-3            # affinity across the strongest edge: every pixel stays connected
-_SMOOTH = 0.1           # weight of smoothness against an exact sighting's 1
-_BREAK = 0.01           # step between neighbours, share of the range, at which the L1 part begins
-_OUTLIER = 0.03         # residual of a sighting, share of the range, that begins to be doubted
-_COARSEST = 240         # pixels, width that is solved directly at most
-_FINEST = 1280          # pixels, width that is solved at most; above, the result is enlarged
+_EDGE = 50.0  # per unit of colour distance, CIELAB / 100
+_LEAK = 1e-3  # affinity across the strongest edge: every pixel stays connected
+_SMOOTH = 0.1  # weight of smoothness against an exact sighting's 1
+_BREAK = 0.01  # step between neighbours, share of the range, at which the L1 part begins
+_OUTLIER = 0.03  # residual of a sighting, share of the range, that begins to be doubted
+_COARSEST = 240  # pixels, width that is solved directly at most
+_FINEST = 1280  # pixels, width that is solved at most; above, the result is enlarged
 _COARSE_ROUNDS, _FINE_STEPS = 3, 60
 
 
 @dataclass(frozen=True, eq=False)
 class Completion:
-    """disparity: (H, W) float64, 1 / scene unit. residual: (M,) sightings minus surface. trusted: (M,) rho_i, 0 ... 1.
-    """
+    """disparity: (H, W) float64, 1 / scene unit. residual: (M,), sightings - surface. trusted: (M,) rho_i, 0 to 1."""
 
     disparity: np.ndarray
     residual: np.ndarray
@@ -76,8 +75,11 @@ class _System:
 
     def __init__(self, image: np.ndarray, sightings: Sightings, columns: int, rows: int, extent: float):
         self.columns, self.rows, self._extent = columns, rows, extent
-        small = cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA) \
-            if image.shape[:2] != (rows, columns) else image
+        small = (
+            cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA)
+            if image.shape[:2] != (rows, columns)
+            else image
+        )
         lab = cv2.cvtColor(np.ascontiguousarray(small, dtype=np.float32), cv2.COLOR_RGB2LAB) / 100
         index = np.arange(rows * columns).reshape(rows, columns)
         first = np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()])
@@ -152,8 +154,12 @@ def _bilinear(xy: np.ndarray, columns: int, rows: int) -> sparse.csr_array:
     right_share, bottom_share = x - left, y - top
     corner = top * columns + left
     number = np.arange(len(xy))
-    weights = [(1 - right_share) * (1 - bottom_share), right_share * (1 - bottom_share),
-               (1 - right_share) * bottom_share, right_share * bottom_share]
+    weights = [
+        (1 - right_share) * (1 - bottom_share),
+        right_share * (1 - bottom_share),
+        (1 - right_share) * bottom_share,
+        right_share * bottom_share,
+    ]
     places = [corner, corner + 1, corner + columns, corner + columns + 1]
     return sparse.csr_array(
         (np.concatenate(weights), (np.tile(number, 4), np.concatenate(places))), shape=(len(xy), rows * columns)

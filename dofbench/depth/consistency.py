@@ -20,13 +20,13 @@ from dofbench.contracts import PointCloud
 from dofbench.lens import COC_FRACTION, DisparityRange
 
 NEIGHBOURS = 4
-_PIXELS = 5_000         # of a view at most that are compared with each neighbour, on a regular grid
-AGREEMENT = 0.05        # relative difference of disparity up to which two views agree
+_PIXELS = 5_000  # of a view at most that are compared with each neighbour, on a regular grid
+AGREEMENT = 0.05  # relative difference of disparity up to which two views agree
 # Pixels that a point is moved by before its pixel is taken. Where cameras and surfaces stand in round numbers, points
 # fall on borders of pixels, and the last bit of a sum, which isn't the same everywhere, would choose the side.
 _BORDER = 1e-6
-_NOISE = 9              # decimals beyond which distances and differences are equal
-_LEAST = 0.02           # share of the pixels that must be comparable for a pair to say anything
+_NOISE = 9  # decimals beyond which distances and differences are equal
+_LEAST = 0.02  # share of the pixels that must be comparable for a pair to say anything
 # A view is off when its difference is beyond doubt, or it, or the share that disagrees, is clearly beyond its peers'.
 WORST, PEERS = 0.2, 4.0
 UNREMARKABLE, UNREMARKABLE_SHARE = 0.02, 0.1
@@ -52,8 +52,12 @@ class Consistency:
 
 
 def consistencies(
-    names: Sequence[str], cameras: Sequence[Camera], depth_of: Callable[[int], np.ndarray], points: PointCloud | None,
-    disparity_range: DisparityRange, progress: Callable[[int], None] | None = None,
+    names: Sequence[str],
+    cameras: Sequence[Camera],
+    depth_of: Callable[[int], np.ndarray],
+    points: PointCloud | None,
+    disparity_range: DisparityRange,
+    progress: Callable[[int], None] | None = None,
 ) -> list[Consistency | None]:
     """One for every view. depth_of: index of a view to its z-depth (H, W), scene units, 0 where unknown.
 
@@ -109,8 +113,10 @@ def neighbours(cameras: Sequence[Camera], points: PointCloud | None) -> list[lis
         shared = (sight.T @ sight).toarray()
     chosen = []
     for index in range(count):
-        order = sorted((other for other in range(count) if other != index),
-                       key=lambda other: (-shared[index, other], away[index, other]))
+        order = sorted(
+            (other for other in range(count) if other != index),
+            key=lambda other: (-shared[index, other], away[index, other]),
+        )
         chosen.append(order[:NEIGHBOURS])
     return chosen
 
@@ -186,8 +192,10 @@ def _summary(
     ordered = sorted((pair for _, pair in said), key=lambda pair: round(pair.difference, _NOISE))
     typical = ordered[(len(ordered) - 1) // 2]
     return Consistency(
-        neighbours=tuple(names[other] for other, _ in said), compared=typical.compared,
-        consistent=float((np.abs(typical.relative) <= AGREEMENT).mean()), difference=typical.difference,
+        neighbours=tuple(names[other] for other, _ in said),
+        compared=typical.compared,
+        consistent=float((np.abs(typical.relative) <= AGREEMENT).mean()),
+        difference=typical.difference,
         bias=float(np.median(typical.relative)),
         coc_px=COC_FRACTION * width / disparity_range.extent * typical.absolute,
     )

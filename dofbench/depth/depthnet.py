@@ -51,16 +51,20 @@ class DepthNet(nn.Module):
         super().__init__()
         c = CHANNELS
         self.stem = _Conv(3, c[0], 2, folded=folded)
-        self.down = nn.ModuleList([
-            nn.Sequential(_Conv(c[index], c[index + 1], 2, folded=folded), _Residual(c[index + 1], folded))
-            for index in range(len(c) - 1)
-        ])
+        self.down = nn.ModuleList(
+            [
+                nn.Sequential(_Conv(c[index], c[index + 1], 2, folded=folded), _Residual(c[index + 1], folded))
+                for index in range(len(c) - 1)
+            ]
+        )
         # What the whole picture is about, told to every place in it.
         self.context = nn.Sequential(nn.Conv2d(c[4], c[4], 1), nn.ReLU(inplace=True))
-        self.up = nn.ModuleList([
-            _Conv(inputs, outputs, folded=folded)
-            for inputs, outputs in ((c[4] + c[3], 80), (80 + c[2], 56), (56 + c[1], 32))
-        ])
+        self.up = nn.ModuleList(
+            [
+                _Conv(inputs, outputs, folded=folded)
+                for inputs, outputs in ((c[4] + c[3], 80), (80 + c[2], 56), (56 + c[1], 32))
+            ]
+        )
         self.narrow = nn.Conv2d(32, 16, 1)
         self.last = _Conv(16 + c[0], 16, folded=folded)
         self.head = nn.Conv2d(16, 1, 3, padding=1)

@@ -22,7 +22,8 @@ def require_depth(scene: Scene) -> None:
     missing = [view.name for view in scene.views if view.depth is None]
     if missing:
         raise InputError(
-            scene.root, f"no depth for {len(missing)} of {len(scene.views)} views ({missing[0]} first)",
+            scene.root,
+            f"no depth for {len(missing)} of {len(scene.views)} views ({missing[0]} first)",
             "depth of every view for --depth given",
         )
 

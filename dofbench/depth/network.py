@@ -26,8 +26,13 @@ PRESETS: dict[str, dict[str, Any]] = {
     # apple/ml-depth-pro, src/depth_pro/depth_pro.py: the transform and `infer` resize to 1536 x 1536 and normalise by
     # 0.5; `forward` gives canonical inverse depth, which a factor (width / focal length) makes metric. What was
     # exported from `infer` gives depth: output = "depth".
-    "depth-pro": {"size": (1536, 1536), "mean": (0.5, 0.5, 0.5), "std": (0.5, 0.5, 0.5), "output": "disparity",
-                  "align": "scale"},
+    "depth-pro": {
+        "size": (1536, 1536),
+        "mean": (0.5, 0.5, 0.5),
+        "std": (0.5, 0.5, 0.5),
+        "output": "disparity",
+        "align": "scale",
+    },
     # DepthAnything/Depth-Anything-V2, depth_anything_v2/dpt.py, image2tensor: shorter side 518, multiples of 14. Its
     # metric versions give depth: output = "depth", align = "scale".
     "depth-anything-v2": {"shortest": 518, "multiple": 14, **_IMAGENET, "output": "disparity", "align": "scale-shift"},
@@ -86,15 +91,17 @@ class Description(BaseModel):
         """(width, height) that an image of that size is resized to."""
         if self.size is not None:
             return self.size
-        scale = self.shortest / min(width, height) if self.shortest is not None else \
-            (self.longest or 0) / max(width, height)
+        scale = (
+            self.shortest / min(width, height)
+            if self.shortest is not None
+            else (self.longest or 0) / max(width, height)
+        )
         whole = [max(self.multiple, round(side * scale / self.multiple) * self.multiple) for side in (width, height)]
         return whole[0], whole[1]
 
 
 def find_network(name: str) -> Path:
-    """The file that NAME in `onnx:NAME` means: a file, or a network that dofbench ships. Raises InputError for neither.
-    """
+    """The file that NAME in `onnx:NAME` means: a file, or a network that dofbench ships. Raises InputError."""
     shipped = content_folder("datasets") / name / f"{name}.onnx"
     if Path(name).is_file():
         return Path(name)
@@ -152,8 +159,11 @@ class Network:
         except Exception as error:  # its many exceptions share no base but this
             raise InputError(file, f"no readable network ({_first_line(error)})", "an ONNX network") from None
         inputs = self._session.get_inputs()
-        if len(inputs) != 1 or len(inputs[0].shape) != 4 or inputs[0].shape[1] not in (3, None) and not isinstance(
-            inputs[0].shape[1], str
+        if (
+            len(inputs) != 1
+            or len(inputs[0].shape) != 4
+            or inputs[0].shape[1] not in (3, None)
+            and not isinstance(inputs[0].shape[1], str)
         ):
             found = ", ".join(f"{entry.name} {entry.shape}" for entry in inputs)
             raise InputError(file, f"inputs {found}", "one input (1, 3, height, width)")
@@ -176,8 +186,11 @@ class Network:
             outputs = self._session.run(self._names, {self._input.name: prepared})
         except Exception as error:
             size = f"{prepared.shape[3]}x{prepared.shape[2]} pixels"
-            raise InputError(self.file, f"a failure on view {view}, {size} ({_first_line(error)})",
-                             f"a network that takes what {side_file(self.file).name} says") from None
+            raise InputError(
+                self.file,
+                f"a failure on view {view}, {size} ({_first_line(error)})",
+                f"a network that takes what {side_file(self.file).name} says",
+            ) from None
         maps = [np.squeeze(output) for output in outputs]
         maps = [one for one in maps if one.ndim == 2 and min(one.shape) > 1]
         if len(maps) != 1:

@@ -35,8 +35,9 @@ class OnnxDepth:
         "around the pixel after alignment; half of that where a view had too few points of its own; 0.5 without points"
     )
 
-    def __init__(self, network: Network, maps: Path, alignments: dict[str, Alignment],
-                 sightings: SceneSightings | None):
+    def __init__(
+        self, network: Network, maps: Path, alignments: dict[str, Alignment], sightings: SceneSightings | None
+    ):
         self._network, self._maps, self._alignments, self._sightings = network, maps, alignments, sightings
 
     @classmethod
@@ -76,8 +77,11 @@ class OnnxDepth:
         else:
             middle = float(np.median(disparity))
             if not middle > 0:
-                raise InputError(self._network.file, f"a median disparity of {middle:g} for view {view.name}",
-                                 f"positive values, or another align than none in {side_file(self._network.file).name}")
+                raise InputError(
+                    self._network.file,
+                    f"a median disparity of {middle:g} for view {view.name}",
+                    f"positive values, or another align than none in {side_file(self._network.file).name}",
+                )
             floor, ceiling = _OWN_FLOOR * middle, middle / _OWN_FLOOR
         disparity, outside = clipped(disparity, floor, ceiling)
         # Disparity is what is interpolated, not depth: blur is linear in it.
@@ -93,8 +97,12 @@ class OnnxDepth:
             confidence = trust(spread_around(sightings, relative, depth.shape))
             confidence *= _SHARED if alignment.shared else 1.0
         statistics |= {
-            "points": len(sightings), "inliers": alignment.inliers, "scale": alignment.scale, "shift": alignment.shift,
-            "median_residual": alignment.residual / self._sightings.extent, "shared": float(alignment.shared),
+            "points": len(sightings),
+            "inliers": alignment.inliers,
+            "scale": alignment.scale,
+            "shift": alignment.shift,
+            "median_residual": alignment.residual / self._sightings.extent,
+            "shared": float(alignment.shared),
         }
         return DepthEstimate(depth, confidence.astype(np.float32), statistics)
 
@@ -102,7 +110,8 @@ class OnnxDepth:
         """The network by content, its description, and what the numbers of each view mean."""
         file, description = self._network.file, self._network.description
         return {
-            "from": "a monocular depth network, aligned to the sparse points" if self._sightings is not None
+            "from": "a monocular depth network, aligned to the sparse points"
+            if self._sightings is not None
             else "a monocular depth network in scene units",
             "network": network_digest(file),
             "description": description.model_dump(mode="json", exclude_none=True),
@@ -125,9 +134,7 @@ def _pairs(maps: Path, view: SceneView, sightings: Sightings) -> tuple[np.ndarra
     return at, sightings.disparity, sightings.weight
 
 
-def _aligned(
-    pairs: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]], network: Network
-) -> dict[str, Alignment]:
+def _aligned(pairs: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]], network: Network) -> dict[str, Alignment]:
     meaning, free = network.description.output, network.description.align
     own = {name: fit(*parts, meaning, free) for name, parts in pairs.items()}
     aligned = [found for found in own.values() if found is not None]
@@ -140,7 +147,8 @@ def _aligned(
         shared = middle(aligned)
     if shared is None:
         raise InputError(
-            network.file, f"an output that does not follow the {len(everything[0])} sightings of sparse points",
-            f'at least {ENOUGH} that it follows; is it {meaning}, as {side_file(network.file).name} says?',
+            network.file,
+            f"an output that does not follow the {len(everything[0])} sightings of sparse points",
+            f"at least {ENOUGH} that it follows; is it {meaning}, as {side_file(network.file).name} says?",
         )
     return {name: found or replace(shared, shared=True) for name, found in own.items()}

@@ -44,10 +44,17 @@ class SfmDepth:
         confidence = _support(sightings, trusted, disparity.shape)
         confidence *= trust(spread_around(sightings, relative, disparity.shape))
         confidence *= trust(_unevenness(disparity) / self._sightings.extent)
-        return DepthEstimate((1 / disparity).astype(np.float32), confidence.astype(np.float32), {
-            "points": len(sightings), "rejected": sightings.rejected, "doubted": int((~trusted).sum()),
-            "median_residual": float(np.median(relative)), "clipped": outside,
-        })
+        return DepthEstimate(
+            (1 / disparity).astype(np.float32),
+            confidence.astype(np.float32),
+            {
+                "points": len(sightings),
+                "rejected": sightings.rejected,
+                "doubted": int((~trusted).sum()),
+                "median_residual": float(np.median(relative)),
+                "clipped": outside,
+            },
+        )
 
     def provenance(self) -> dict[str, Any]:
         """What the numbers of each view mean."""

@@ -71,8 +71,10 @@ def scene_sightings(scene: Scene, need: str) -> SceneSightings:
     points = scene.require_points(need)
     known = points.error[np.isfinite(points.error)]
     usual = float(np.median(known)) if known.size else 0.0
-    by_view = {view.name: _of_view(points, view.camera, _tracked(points, index), usual)
-               for index, view in enumerate(scene.views)}
+    by_view = {
+        view.name: _of_view(points, view.camera, _tracked(points, index), usual)
+        for index, view in enumerate(scene.views)
+    }
     disparity = np.concatenate([found.disparity for found in by_view.values()])
     if disparity.size == 0:
         raise InputError(scene.root, "no sparse point that any view sees", f"some for {need}")

@@ -46,7 +46,9 @@ class SplatDepth:
         reconstruction = gaussians.Reconstruction.load(path, steps=steps)
         provenance = {
             "from": "a Gaussian reconstruction of the all-in-focus images of all views",
-            "steps": steps, "seed": seed, "options": dict(reconstruction.settings()),
+            "steps": steps,
+            "seed": seed,
+            "options": dict(reconstruction.settings()),
         }
         return cls(reconstruction, provenance)
 

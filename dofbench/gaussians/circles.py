@@ -14,7 +14,7 @@ from dofbench.gaussians.render import rasterise
 from dofbench.lens import DisparityRange
 
 _WIDE_PIXELS, _WIDE_VIEWS = 0.95, 0.9  # quantiles
-_MIDDLE = 0.25, 0.75                   # of the lenses; those beyond may be badly learned
+_MIDDLE = 0.25, 0.75  # of the lenses; those beyond may be badly learned
 
 
 @torch.no_grad()
@@ -32,7 +32,11 @@ def widest_circle(gaussians: Gaussians, shots: Sequence[Shot], options: TrainerO
 def foci_apart(shots: Sequence[Shot], bounds: DisparityRange, options: TrainerOptions) -> float:
     """Pixels: how much the circle of one and the same point changes from a lens to another, for the middle half of the
     lenses, at the end of the range `bounds` where it changes more."""
-    ends = np.array([[float(shot.radius(torch.tensor(disparity), options, False)) for shot in shots]
-                     for disparity in (bounds.q_min, bounds.q_max)])
+    ends = np.array(
+        [
+            [float(shot.radius(torch.tensor(disparity), options, False)) for shot in shots]
+            for disparity in (bounds.q_min, bounds.q_max)
+        ]
+    )
     low, high = np.quantile(ends, _MIDDLE, axis=1)
     return float((high - low).max())

@@ -84,13 +84,19 @@ class LearnedColours:
 
 def write_colours(path: Path, colours: Mapping[str, np.ndarray]) -> None:
     """Write every photograph's colour, (3, 4), by name."""
-    write_json(path, {"schema_name": SCHEMA, "version": VERSION, "convention": CONVENTION, "views": {
-        name: matrix.astype(float).tolist() for name, matrix in colours.items()}})
+    write_json(
+        path,
+        {
+            "schema_name": SCHEMA,
+            "version": VERSION,
+            "convention": CONVENTION,
+            "views": {name: matrix.astype(float).tolist() for name, matrix in colours.items()},
+        },
+    )
 
 
 def read_colours(path: Path) -> dict[str, np.ndarray]:
-    """What `write_colours` wrote: name -> (3, 4) float32. Raises InputError where it is damaged or of another version.
-    """
+    """What `write_colours` wrote: name -> (3, 4) float32. Raises InputError if it is damaged or of another version."""
     data = read_json(path)
     expected = f"colours of version {VERSION} beside a .ply: a 3 x 4 matrix a view"
     if not isinstance(data, dict) or (data.get("schema_name"), data.get("version")) != (SCHEMA, VERSION):

@@ -18,8 +18,14 @@ _RESET_OPACITY = 0.01
 class DensityControl:
     """Accumulates screen-space gradients and, when due, clones, splits, prunes and resets."""
 
-    def __init__(self, gaussians: Gaussians, optimiser: GaussianOptimiser, options: TrainerOptions,
-                 extent: float, generator: torch.Generator):
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        optimiser: GaussianOptimiser,
+        options: TrainerOptions,
+        extent: float,
+        generator: torch.Generator,
+    ):
         self._gaussians, self._optimiser, self._options = gaussians, optimiser, options
         self._extent, self._generator = extent, generator
         self._next_reset = options.reset_every
@@ -48,8 +54,9 @@ class DensityControl:
         """Whether the schedule has growing and pruning at this step, if it is the time of training for it."""
         return step % self._options.densify_every == 0
 
-    def after_step(self, step: int, progress: float, depth_of_means: Tensor | None = None, *,
-                   overdue: bool = False) -> bool:
+    def after_step(
+        self, step: int, progress: float, depth_of_means: Tensor | None = None, *, overdue: bool = False
+    ) -> bool:
         """Do what is due; True when Gaussians were added or removed. overdue: growing and pruning was put off."""
         options = self._options
         if options.reset_every > 0 and progress >= self._next_reset and progress < options.densify_until:

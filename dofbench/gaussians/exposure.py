@@ -24,9 +24,9 @@ from dofbench.gaussians.raster import Raster, ViewStatistics
 from dofbench.gaussians.render import rasterise, surface_disparity
 from dofbench.lens import COC_FRACTION, ApertureShape, DisparityRange, PhysicalLens
 
-_MOST_RINGS = 3         # 37 points of the lens: a picture is rendered once, and training looks at many
-_CELL = 1.5             # px: radius of the cell that a point may stand for: within a cell nothing hides anything
-_WIDE_PIXELS = 0.99     # quantile of a picture's circles by which its points are counted
+_MOST_RINGS = 3  # 37 points of the lens: a picture is rendered once, and training looks at many
+_CELL = 1.5  # px: radius of the cell that a point may stand for: within a cell nothing hides anything
+_WIDE_PIXELS = 0.99  # quantile of a picture's circles by which its points are counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +65,27 @@ def aperture_shape(options: TrainerOptions) -> ApertureShape:
 
 def scattered(colour: Tensor, disparity: Tensor, shot: Shot, options: TrainerOptions, adapting: bool = False) -> Tensor:
     """The paper's model: a sharp rendering (H, W, 3), scattered by its disparity (H, W), 1 / scene unit."""
-    return defocus(colour, shot.radius(disparity, options, adapting), gamma=options.lens_gamma,
-                   alpha=options.lens_alpha, energy=options.lens_energy, shape=aperture_shape(options))
+    return defocus(
+        colour,
+        shot.radius(disparity, options, adapting),
+        gamma=options.lens_gamma,
+        alpha=options.lens_alpha,
+        energy=options.lens_energy,
+        shape=aperture_shape(options),
+    )
 
 
-def sampled(gaussians: Gaussians, shot: Shot, options: TrainerOptions, rings: int, *, rotation: float = 0.0,
-            sh_degree: int | None = None, want_abs: bool = False, adapting: bool = False,
-            ) -> tuple[list[Raster], list[ViewStatistics]]:
+def sampled(
+    gaussians: Gaussians,
+    shot: Shot,
+    options: TrainerOptions,
+    rings: int,
+    *,
+    rotation: float = 0.0,
+    sh_degree: int | None = None,
+    want_abs: bool = False,
+    adapting: bool = False,
+) -> tuple[list[Raster], list[ViewStatistics]]:
     """The scene as rasterised from each point of the lens (`lens_samples.py`), and each one's statistics."""
     depth = depth_of(gaussians, shot.camera)
     if not options.blur_to_depth:
@@ -83,8 +97,18 @@ def sampled(gaussians: Gaussians, shot: Shot, options: TrainerOptions, rings: in
     for point in pattern:
         statistics.append(ViewStatistics(want_abs=want_abs))
         means = seen_from(gaussians, shot.camera, depth, radius, point)
-        rasters.append(rasterise(gaussians, shot.camera, options, sh_degree=sh_degree, geometry="none",
-                                 means=means, blur=blur, statistics=statistics[-1]))
+        rasters.append(
+            rasterise(
+                gaussians,
+                shot.camera,
+                options,
+                sh_degree=sh_degree,
+                geometry="none",
+                means=means,
+                blur=blur,
+                statistics=statistics[-1],
+            )
+        )
     return rasters, statistics
 
 
@@ -110,8 +134,9 @@ def rings_for(circles: Tensor, most: int = _MOST_RINGS) -> int:
 
 
 @torch.no_grad()
-def render_view(gaussians: Gaussians, camera: Camera, options: TrainerOptions, *,
-                lens: PhysicalLens | None) -> Rendering:
+def render_view(
+    gaussians: Gaussians, camera: Camera, options: TrainerOptions, *, lens: PhysicalLens | None
+) -> Rendering:
     """Image and depth at any camera; all in focus when `lens` is None."""
     raster = rasterise(gaussians, camera, options)
     image = raster.color

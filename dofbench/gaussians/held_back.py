@@ -63,8 +63,9 @@ def shrunk(mask: np.ndarray, width: int, height: int) -> np.ndarray:
     return sums(sums(mask.astype(float), height).T, width).T > 0
 
 
-def held_back_mask(height: int, width: int, shown: tuple[int, int], share: float, seed: int,
-                   view: int) -> Tensor | None:
+def held_back_mask(
+    height: int, width: int, shown: tuple[int, int], share: float, seed: int, view: int
+) -> Tensor | None:
     """`held_back_tiles` of a photograph (height, width), at the size (height, width) `shown`; None for a share of 0."""
     if share <= 0:
         return None
@@ -72,8 +73,9 @@ def held_back_mask(height: int, width: int, shown: tuple[int, int], share: float
     return torch.from_numpy(np.ascontiguousarray(shrunk(tiles, shown[1], shown[0])))
 
 
-def held_back_scores(photographs: Mapping[str, np.ndarray], render: Callable[[int], np.ndarray], share: float,
-                     seed: int) -> HeldBackScores:
+def held_back_scores(
+    photographs: Mapping[str, np.ndarray], render: Callable[[int], np.ndarray], share: float, seed: int
+) -> HeldBackScores:
     """Score renderings of the training views, as they were photographed, on the pixels that were held back.
 
     photographs: name -> (H, W, 3) encoded, in the training set's order. render: the rendering of a view by its

@@ -16,17 +16,26 @@ from dofbench.lens import PhysicalLens
 SCHEMA, VERSION = "dofbench.lenses", 1
 # Trainer options that a trained scene is rendered with.
 RENDERING = (
-    "sh_degree", "background", "filter_2d", "lens", "lens_model", "lens_rings", "lens_blades", "lens_rotation",
-    "lens_gamma", "lens_alpha", "lens_energy",
+    "sh_degree",
+    "background",
+    "filter_2d",
+    "lens",
+    "lens_model",
+    "lens_rings",
+    "lens_blades",
+    "lens_rotation",
+    "lens_gamma",
+    "lens_alpha",
+    "lens_energy",
 )
 CONVENTIONS = {
     "lens": "signed radius in pixels of the circle of confusion of what lies at z-depth z, in an image `width` pixels "
-            "wide: aperture * (1 / z - focus_disparity); in proportion at other widths; negative is behind the focus",
+    "wide: aperture * (1 / z - focus_disparity); in proportion at other widths; negative is behind the focus",
     "aperture": "pixels * scene unit",
     "focus_disparity": "1 / scene unit; 0 is focus at infinity",
     "blur": "of colours raised to lens_gamma; lens_model scatter: each pixel of the sharp image is spread evenly over "
-            "its disc, or polygon of lens_blades sides, with a rim of softness 1 / lens_alpha, its weight divided by "
-            "the area unless lens_energy is algorithm1; lens_model samples: the scene as seen from points of the lens",
+    "its disc, or polygon of lens_blades sides, with a rim of softness 1 / lens_alpha, its weight divided by "
+    "the area unless lens_energy is algorithm1; lens_model samples: the scene as seen from points of the lens",
     "filter_2d": "pixels^2, added to every footprint's covariance, opacity times sqrt(det before / det after)",
     "background": "grey level behind the scene, encoded like the colours",
     "frame": "that of the cameras trained with; camera axes x right, y down, z forward",
@@ -51,11 +60,16 @@ class _File(BaseModel):
 
 def write_lenses(path: Path, lenses: Mapping[str, PhysicalLens] | None, options: TrainerOptions) -> None:
     """Write the lens of every view by name, None for a scene without any, and the options it is rendered with."""
-    write_json(path, {
-        "schema_name": SCHEMA, "version": VERSION, "conventions": CONVENTIONS,
-        "rendering": {name: getattr(options, name) for name in RENDERING},
-        "views": None if lenses is None else {name: vars(lens) for name, lens in lenses.items()},
-    })
+    write_json(
+        path,
+        {
+            "schema_name": SCHEMA,
+            "version": VERSION,
+            "conventions": CONVENTIONS,
+            "rendering": {name: getattr(options, name) for name in RENDERING},
+            "views": None if lenses is None else {name: vars(lens) for name, lens in lenses.items()},
+        },
+    )
 
 
 def read_lenses(path: Path, options: TrainerOptions) -> tuple[dict[str, PhysicalLens] | None, TrainerOptions]:

@@ -59,8 +59,11 @@ def seen_from(gaussians: Gaussians, camera: Camera, depth: Tensor, radius: Tenso
     """
     right, down = (torch.from_numpy(np.array(row)).float() for row in camera.world_to_camera[:2, :3])
     across = radius * depth
-    return (gaussians.parameters["means"] + (across * float(point[0] / camera.fx))[:, None] * right
-            + (across * float(point[1] / camera.fy))[:, None] * down)
+    return (
+        gaussians.parameters["means"]
+        + (across * float(point[0] / camera.fx))[:, None] * right
+        + (across * float(point[1] / camera.fy))[:, None] * down
+    )
 
 
 def cell_variance(radius: Tensor, points: int) -> Tensor:

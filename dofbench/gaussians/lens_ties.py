@@ -58,8 +58,11 @@ def lens_ties(views: Sequence[TrainingView], per: LensPer) -> Ties:
     numbers = [None if view.exif is None else view.exif.f_number for view in views]
     if per != "aperture" and None in numbers:
         name = views[numbers.index(None)].name
-        raise InputError("option lens_per", f"{per}, and view {name} without an f-number",
-                         "EXIF with the f-number of every photograph, or lens_per=aperture")
+        raise InputError(
+            "option lens_per",
+            f"{per}, and view {name} without an f-number",
+            "EXIF with the f-number of every photograph, or lens_per=aperture",
+        )
     # Circles are learned in units of the image's width.
     widths = np.array([view.camera.fx / view.camera.width for view in views])
     if per == "exif":

@@ -37,8 +37,9 @@ class LearnedLenses:
         self.ranges = [disparity_range] * count
         self._ties = Ties.untied(count) if ties is None else ties
         self._numbers = (self._ties.aperture, self._ties.focus)
-        self._raw = [torch.full((max(numbers) + 1,), value)
-                     for numbers, value in zip(self._numbers, self._start(), strict=True)]
+        self._raw = [
+            torch.full((max(numbers) + 1,), value) for numbers, value in zip(self._numbers, self._start(), strict=True)
+        ]
         self._first = [torch.zeros_like(raw) for raw in self._raw]
         self._second = [torch.zeros_like(raw) for raw in self._raw]
         self._visits = [torch.zeros_like(raw) for raw in self._raw]

@@ -21,8 +21,12 @@ def reconstruction(prediction: Tensor, target: Tensor, ssim_weight: float, weigh
     return load("ssim", function="l1_ssim")(prediction, target, ssim_weight=ssim_weight, weight=weight)
 
 
-def looked_at(prediction: Tensor, target: Tensor, held_back: Tensor | None = None, clipped_white: bool = False,
-              ) -> Tensor:
+def looked_at(
+    prediction: Tensor,
+    target: Tensor,
+    held_back: Tensor | None = None,
+    clipped_white: bool = False,
+) -> Tensor:
     """The prediction with the target in its place where no loss may look: no difference there, and no gradient.
 
     prediction, target: (H, W, 3). held_back: (H, W) bool, or None for nothing held back. clipped_white: a channel at
@@ -52,8 +56,14 @@ def adaptation_weight(out_of_focus: Tensor, options: TrainerOptions) -> Tensor |
     return 1 - step_function((out_of_focus - low) / (high - low).clamp(min=1e-12), options)
 
 
-def depth_loss(depth: Tensor, alpha: Tensor, truth: DepthSamples, options: TrainerOptions,
-               disparity_extent: float, weight: Tensor | None) -> Tensor | None:
+def depth_loss(
+    depth: Tensor,
+    alpha: Tensor,
+    truth: DepthSamples,
+    options: TrainerOptions,
+    disparity_extent: float,
+    weight: Tensor | None,
+) -> Tensor | None:
     """Eq. 9 on the pixels whose depth is known; None when none of them has a surface yet.
 
     In "disparity" the difference is taken in normalised disparity, the quantity that sets the
@@ -92,8 +102,15 @@ def normals_from_depth(depth: Tensor, camera: Camera) -> Tensor:
     return torch.nn.functional.normalize(torch.linalg.cross(along_y, along_x), dim=-1)
 
 
-def normal_consistency(normal: Tensor, alpha: Tensor, depth: Tensor, median_depth: Tensor, camera: Camera,
-                       median_share: float, form: Literal["splats", "pixel"] = "splats") -> Tensor:
+def normal_consistency(
+    normal: Tensor,
+    alpha: Tensor,
+    depth: Tensor,
+    median_depth: Tensor,
+    camera: Camera,
+    median_share: float,
+    form: Literal["splats", "pixel"] = "splats",
+) -> Tensor:
     """How far the rendered normals lie from the depth's, n^, averaged over the pixels within the border.
 
     "splats" is Eq. 12, the sum over a pixel's splats of w (1 - n . n^): alpha minus the blended normal along n^.

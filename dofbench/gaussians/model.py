@@ -59,14 +59,16 @@ class Gaussians:
         quaternions = torch.zeros(count, 4)
         quaternions[:, 0] = 1.0
         colours = torch.from_numpy(np.asarray(points.rgb, dtype=np.float32))
-        return Gaussians({
-            "means": torch.from_numpy(points.xyz).float(),
-            "log_scales": scales[:, None].repeat(1, 3),
-            "quaternions": quaternions,
-            "opacity_logits": torch.full((count,), math.log(INITIAL_OPACITY / (1 - INITIAL_OPACITY))),
-            "sh_dc": (colours - 0.5) / SH_C0,
-            "sh_rest": torch.zeros(count, (sh_degree + 1) ** 2 - 1, 3),
-        })
+        return Gaussians(
+            {
+                "means": torch.from_numpy(points.xyz).float(),
+                "log_scales": scales[:, None].repeat(1, 3),
+                "quaternions": quaternions,
+                "opacity_logits": torch.full((count,), math.log(INITIAL_OPACITY / (1 - INITIAL_OPACITY))),
+                "sh_dc": (colours - 0.5) / SH_C0,
+                "sh_rest": torch.zeros(count, (sh_degree + 1) ** 2 - 1, 3),
+            }
+        )
 
     @torch.no_grad()
     def update_filter_3d(self, cameras: Sequence[Camera]) -> None:

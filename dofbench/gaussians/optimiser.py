@@ -44,9 +44,13 @@ class GaussianOptimiser:
 
     def state(self) -> dict[str, dict[str, Tensor]]:
         """Each parameter with its moments, copied, to come back to."""
-        return {group["name"]: {"value": group["params"][0].detach().clone(), **{
-            key: value.clone() for key, value in self._adam.state.get(group["params"][0], {}).items()
-        }} for group in self._adam.param_groups}
+        return {
+            group["name"]: {
+                "value": group["params"][0].detach().clone(),
+                **{key: value.clone() for key, value in self._adam.state.get(group["params"][0], {}).items()},
+            }
+            for group in self._adam.param_groups
+        }
 
     def restore(self, state: dict[str, dict[str, Tensor]]) -> None:
         """Go on from a `state`, whatever has been added or removed since."""

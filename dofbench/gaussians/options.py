@@ -196,11 +196,17 @@ class TrainerOptions:
         if self.lens_model == "samples" and self.lens_blades:
             raise InputError("option lens_blades", f"{self.lens_blades} with lens_model=samples", "0: a disc")
         if self.lens_init_aperture <= 0:
-            raise InputError("option lens_init_aperture", str(self.lens_init_aperture),
-                             "more than 0: a closed lens blurs nothing, so nothing would open it")
+            raise InputError(
+                "option lens_init_aperture",
+                str(self.lens_init_aperture),
+                "more than 0: a closed lens blurs nothing, so nothing would open it",
+            )
         if self.lens_range == "render" and self.lens_per not in ("view", "scene"):
-            raise InputError("option lens_per", f"{self.lens_per} with lens_range=render",
-                             "view or scene: an aperture in units of each view's own range can't be shared")
+            raise InputError(
+                "option lens_per",
+                f"{self.lens_per} with lens_range=render",
+                "view or scene: an aperture in units of each view's own range can't be shared",
+            )
         if not 0 <= self.held_back < 1:
             raise InputError("option held_back", str(self.held_back), "a share of 0 to below 1")
         unknown = sorted(set(filter(None, self.lens_trials.split(","))) - {"lens", "share", "model"})

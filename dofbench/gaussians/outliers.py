@@ -10,11 +10,11 @@ from collections import deque
 
 import numpy as np
 
-VISITS = 2            # of a view that its loss is averaged over
-FAR = 4.0             # robust standard deviations of the losses' logarithms
-LEAST_RATIO = 1.4     # times the median loss, so that views that are all alike have no outlier
-MOST = 0.25           # share of the views that may be left out
-LEAST_VIEWS = 8       # for a median to mean something
+VISITS = 2  # of a view that its loss is averaged over
+FAR = 4.0  # robust standard deviations of the losses' logarithms
+LEAST_RATIO = 1.4  # times the median loss, so that views that are all alike have no outlier
+MOST = 0.25  # share of the views that may be left out
+LEAST_VIEWS = 8  # for a median to mean something
 
 
 class OutlierViews:
@@ -34,5 +34,5 @@ class OutlierViews:
         logs = np.log([np.mean(losses) for losses in self._losses])
         above = logs - np.median(logs)
         bound = max(FAR * 1.4826 * float(np.median(np.abs(above))), np.log(LEAST_RATIO))
-        worst = np.argsort(-above)[:int(MOST * len(logs))]
+        worst = np.argsort(-above)[: int(MOST * len(logs))]
         return {int(view) for view in worst if above[view] > bound}

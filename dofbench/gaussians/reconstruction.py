@@ -23,12 +23,27 @@ from dofbench.scenes.types import Scene
 Progress = Callable[[int, int], None]
 
 # Depth is what counts here, so the points supervise it in disparity, where blur is linear.
-OPTIONS = TrainerOptions().with_overrides({
-    "lens": False, "adaptation": "off", "sh_degree": 2, "means_lr": 4e-4, "means_lr_final": 4e-6,
-    "depth_space": "disparity", "depth_norm": "l1", "depth_weight": 0.2, "depth_decay": 0.3, "normal_weight": 0.0,
-    "coarse_until": 0.15, "reset_every": 0.0, "densify_from": 0.05, "densify_until": 0.6, "grow_gradient": 3e-4,
-    "clone_opacity": "share", "max_gaussians": 150_000,
-})
+OPTIONS = TrainerOptions().with_overrides(
+    {
+        "lens": False,
+        "adaptation": "off",
+        "sh_degree": 2,
+        "means_lr": 4e-4,
+        "means_lr_final": 4e-6,
+        "depth_space": "disparity",
+        "depth_norm": "l1",
+        "depth_weight": 0.2,
+        "depth_decay": 0.3,
+        "normal_weight": 0.0,
+        "coarse_until": 0.15,
+        "reset_every": 0.0,
+        "densify_from": 0.05,
+        "densify_until": 0.6,
+        "grow_gradient": 3e-4,
+        "clone_opacity": "share",
+        "max_gaussians": 150_000,
+    }
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +75,16 @@ class Reconstruction:
         unit = float(disparity.max())
         moments = torch.stack([disparity / unit, (disparity / unit) ** 2, torch.zeros_like(z)], dim=1)
         painted = Gaussians({**self.gaussians.parameters, "sh_dc": (moments - 0.5) / SH_C0}, self.gaussians.filter_3d)
-        blended = rasterise(painted, camera, self._options.with_overrides({"background": 0.0}), sh_degree=0,
-                            geometry="none").color.numpy().astype(np.float64)
+        blended = (
+            rasterise(painted, camera, self._options.with_overrides({"background": 0.0}), sh_degree=0, geometry="none")
+            .color.numpy()
+            .astype(np.float64)
+        )
         alpha = raster.alpha.numpy()
         known = alpha > SURFACE_ALPHA
-        mean, square = (np.divide(blended[..., channel], alpha, out=np.zeros(alpha.shape), where=known)
-                        for channel in (0, 1))
+        mean, square = (
+            np.divide(blended[..., channel], alpha, out=np.zeros(alpha.shape), where=known) for channel in (0, 1)
+        )
         return Surface(
             np.where(known, raster.depth.numpy(), np.float32(0)), alpha, unit * np.sqrt(np.maximum(square - mean**2, 0))
         )

@@ -15,9 +15,17 @@ from dofbench.kernels import load
 SURFACE_ALPHA = 0.1
 
 
-def rasterise(gaussians: Gaussians, camera: Camera, options: TrainerOptions, *, sh_degree: int | None = None,
-              geometry: Geometry = "depth", statistics: ViewStatistics | None = None, blur: Tensor | None = None,
-              means: Tensor | None = None) -> Raster:
+def rasterise(
+    gaussians: Gaussians,
+    camera: Camera,
+    options: TrainerOptions,
+    *,
+    sh_degree: int | None = None,
+    geometry: Geometry = "depth",
+    statistics: ViewStatistics | None = None,
+    blur: Tensor | None = None,
+    means: Tensor | None = None,
+) -> Raster:
     """The rasteriser kernel with the method's filters and background.
 
     Without `sh_degree` all harmonics count; those that training hasn't reached yet are zero. blur: (N,) px^2, each
@@ -28,9 +36,15 @@ def rasterise(gaussians: Gaussians, camera: Camera, options: TrainerOptions, *, 
     background = torch.full((3,), options.background) if options.background else None
     parameters = gaussians.parameters if means is None else {**gaussians.parameters, "means": means}
     return load("rasterize")(
-        **parameters, camera=camera, sh_degree=degree, geometry=geometry,
+        **parameters,
+        camera=camera,
+        sh_degree=degree,
+        geometry=geometry,
         filter_3d=gaussians.filter_3d if options.filter_3d else None,
-        filter_2d=options.filter_2d, blur=blur, background=background, statistics=statistics,
+        filter_2d=options.filter_2d,
+        blur=blur,
+        background=background,
+        statistics=statistics,
     )
 
 

@@ -15,12 +15,40 @@ from dofbench.scenes.ply import read_vertices
 EXPECTED = "a .ply file of Gaussians as 3DGS writes it"
 _REST = 15  # coefficients a channel beyond the first, up to degree 3; some viewers demand them all
 _ALWAYS = (
-    "x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2",
-    "rot_0", "rot_1", "rot_2", "rot_3",
+    "x",
+    "y",
+    "z",
+    "f_dc_0",
+    "f_dc_1",
+    "f_dc_2",
+    "opacity",
+    "scale_0",
+    "scale_1",
+    "scale_2",
+    "rot_0",
+    "rot_1",
+    "rot_2",
+    "rot_3",
 )
 _PROPERTIES = (
-    "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", *(f"f_rest_{k}" for k in range(3 * _REST)),
-    "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3",
+    "x",
+    "y",
+    "z",
+    "nx",
+    "ny",
+    "nz",
+    "f_dc_0",
+    "f_dc_1",
+    "f_dc_2",
+    *(f"f_rest_{k}" for k in range(3 * _REST)),
+    "opacity",
+    "scale_0",
+    "scale_1",
+    "scale_2",
+    "rot_0",
+    "rot_1",
+    "rot_2",
+    "rot_3",
 )
 # An opacity of exactly 0 or 1 has no finite logit; at these it is either to more digits than float32 has.
 _LARGEST_LOGIT = 30.0
@@ -45,10 +73,15 @@ def write_splats(path: Path, gaussians: Gaussians) -> None:
         rows[:, first : first + terms] = parameters["sh_rest"][:, :, channel]
     rows[:, 54] = np.clip(logits, -_LARGEST_LOGIT, _LARGEST_LOGIT)
     rows[:, 55:58], rows[:, 58:62] = log_scales, _unit(parameters["quaternions"].astype(np.float64))
-    header = "\n".join([
-        "ply", "format binary_little_endian 1.0", f"element vertex {count}",
-        *(f"property float {name}" for name in _PROPERTIES), "end_header\n",
-    ])
+    header = "\n".join(
+        [
+            "ply",
+            "format binary_little_endian 1.0",
+            f"element vertex {count}",
+            *(f"property float {name}" for name in _PROPERTIES),
+            "end_header\n",
+        ]
+    )
     with replacing(path) as temporary, open(temporary, "wb") as stream:
         stream.write(header.encode("ascii"))
         stream.write(rows.data)
@@ -92,15 +125,22 @@ def read_splats(path: Path) -> Gaussians:
         return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
 
     rest = columns(*(f"f_rest_{k}" for k in range(count))).reshape(len(rows), 3, count // 3)
-    return Gaussians({
-        "means": columns("x", "y", "z"), "log_scales": columns("scale_0", "scale_1", "scale_2"),
-        "quaternions": columns("rot_0", "rot_1", "rot_2", "rot_3"), "opacity_logits": columns("opacity")[:, 0],
-        "sh_dc": columns("f_dc_0", "f_dc_1", "f_dc_2"), "sh_rest": rest.transpose(1, 2),
-    }, columns("filter_3D")[:, 0].contiguous() if "filter_3D" in names else None)
+    return Gaussians(
+        {
+            "means": columns("x", "y", "z"),
+            "log_scales": columns("scale_0", "scale_1", "scale_2"),
+            "quaternions": columns("rot_0", "rot_1", "rot_2", "rot_3"),
+            "opacity_logits": columns("opacity")[:, 0],
+            "sh_dc": columns("f_dc_0", "f_dc_1", "f_dc_2"),
+            "sh_rest": rest.transpose(1, 2),
+        },
+        columns("filter_3D")[:, 0].contiguous() if "filter_3D" in names else None,
+    )
 
 
 def lower_degree(gaussians: Gaussians, degree: int) -> Gaussians:
     """The Gaussians without the harmonics above `degree`."""
     terms = (min(degree, gaussians.max_sh_degree) + 1) ** 2 - 1
-    return Gaussians({**gaussians.parameters, "sh_rest": gaussians.parameters["sh_rest"][:, :terms]},
-                     gaussians.filter_3d)
+    return Gaussians(
+        {**gaussians.parameters, "sh_rest": gaussians.parameters["sh_rest"][:, :terms]}, gaussians.filter_3d
+    )

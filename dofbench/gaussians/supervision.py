@@ -48,7 +48,8 @@ class DepthMap:
         depth, weight = (values[rows[:, None], columns] for values in (self.depth, self.weight))
         known = np.nonzero((depth > 0) & (weight > 0))
         return DepthSamples(
-            rows=torch.from_numpy(known[0]), columns=torch.from_numpy(known[1]),
+            rows=torch.from_numpy(known[0]),
+            columns=torch.from_numpy(known[1]),
             depth=torch.from_numpy(depth[known].astype(np.float32)),
             weight=torch.from_numpy(weight[known].astype(np.float32)),
         )

@@ -41,7 +41,7 @@ from dofbench.lens import DisparityRange, PhysicalLens
 from dofbench.priors import Prior, make_prior, with_surface_points
 
 _RENDER_RANGE_QUANTILE = 0.95  # the released code's near end of the disparity range
-_FILTER_3D_EVERY = 100         # steps; Mip-Splatting's interval
+_FILTER_3D_EVERY = 100  # steps; Mip-Splatting's interval
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +104,9 @@ class Trainer:
             with self._timed("depth prior"):
                 self._prior = self._depth_prior(total, observer)
                 if self._prior is not None and self.options.start_points > 0:
-                    self._start_from(with_surface_points(self._training_set, self._prior, self.options.start_points,
-                                                         self._seed))
+                    self._start_from(
+                        with_surface_points(self._training_set, self._prior, self.options.start_points, self._seed)
+                    )
             self._photographs = self._all_photographs()
             while step < total:
                 progress = step / total
@@ -132,8 +133,12 @@ class Trainer:
             event = event or NonFinite(step, "", "3D filter", error.found)
         status = Status.DIVERGED if event else Status.OK
         return FitOutcome(
-            status=status, steps=step, message=str(event) if event else "",
-            nonfinite=(event,) if event else (), stages=dict(self.stages), decisions=tuple(self.decisions),
+            status=status,
+            steps=step,
+            message=str(event) if event else "",
+            nonfinite=(event,) if event else (),
+            stages=dict(self.stages),
+            decisions=tuple(self.decisions),
         )
 
     def _next_round(self, progress: float) -> list[int]:
@@ -163,8 +168,14 @@ class Trainer:
         self._outliers.record(index, loss)
         return loss
 
-    def train(self, step: int, count: int, total: int, progress: float,
-              tell: Callable[[int, int], None] = lambda done, of: None) -> None:
+    def train(
+        self,
+        step: int,
+        count: int,
+        total: int,
+        progress: float,
+        tell: Callable[[int, int], None] = lambda done, of: None,
+    ) -> None:
         """Take so many steps more, after `step` of `total`, which nobody observes: a trial's. tell: how many are taken.
 
         Density control is put off: for some steps after it has split Gaussians, single views are decibels off.
@@ -180,10 +191,17 @@ class Trainer:
     def snapshot(self) -> Snapshot:
         """All that training changes, copied."""
         return Snapshot(
-            options=self.options, optimiser=self._optimiser.state(), density=self._density.state(),
-            filter_3d=self.gaussians.filter_3d.clone(), lenses=copy.deepcopy(self.lenses),
-            order=list(self._order), random=copy.deepcopy(self._random), generator=self._generator.get_state(),
-            loss=self._loss, colours=copy.deepcopy(self.colours), outliers=copy.deepcopy(self._outliers),
+            options=self.options,
+            optimiser=self._optimiser.state(),
+            density=self._density.state(),
+            filter_3d=self.gaussians.filter_3d.clone(),
+            lenses=copy.deepcopy(self.lenses),
+            order=list(self._order),
+            random=copy.deepcopy(self._random),
+            generator=self._generator.get_state(),
+            loss=self._loss,
+            colours=copy.deepcopy(self.colours),
+            outliers=copy.deepcopy(self._outliers),
         )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -199,8 +217,7 @@ class Trainer:
         self.colours, self._outliers = copy.deepcopy(snapshot.colours), copy.deepcopy(snapshot.outliers)
 
     def revise(self, changes: Mapping[str, Any]) -> None:
-        """Go on with other options: without the lens, with one that photographs share, or with another forward model.
-        """
+        """Go on with other options: without the lens, with one that photographs share, with another forward model."""
         before, self.options = self.options, self.options.with_overrides(changes)
         if not self.options.lens:
             self.lenses = None
@@ -226,8 +243,7 @@ class Trainer:
         if self.options.depth_weight <= 0 and self.options.start_points <= 0:
             return None
         try:
-            return make_prior(self._training_set, self.options, seed=self._seed, steps=steps,
-                              progress=observer.stage)
+            return make_prior(self._training_set, self.options, seed=self._seed, steps=steps, progress=observer.stage)
         except FloatingPointError as error:
             raise Place(0, "").error("depth prior", str(error)) from None
 
@@ -255,8 +271,9 @@ class Trainer:
             geometry = "full" if with_normals else "depth" if with_depth else "none"
             geometry = "distortion" if with_distortion else geometry
             with place.located("rasterise"):
-                raster = rasterise(self.gaussians, view.camera, options, sh_degree=degree, geometry=geometry,
-                                   statistics=statistics)
+                raster = rasterise(
+                    self.gaussians, view.camera, options, sh_degree=degree, geometry=geometry, statistics=statistics
+                )
         # The graph is cut between the stages, so each stage's time and numbers can be looked at.
         colour = raster.color.detach().requires_grad_()
         alpha = raster.alpha.detach().requires_grad_(with_normals or with_distortion)
@@ -297,12 +314,14 @@ class Trainer:
                 median = raster.median_depth.detach().requires_grad_(options.normal_median > 0)
                 outputs += [(raster.normal, normal), (raster.median_depth, median)]
                 loss = loss + options.normal_weight * losses.normal_consistency(
-                    normal, alpha, depth, median, view.camera, options.normal_median, options.normal_form)
+                    normal, alpha, depth, median, view.camera, options.normal_median, options.normal_form
+                )
             if with_distortion:
                 distortion = raster.distortion.detach().requires_grad_()
                 outputs.append((raster.distortion, distortion))
                 loss = loss + options.distortion_weight * losses.distortion_loss(
-                    distortion, alpha, view.image, options.distortion_near, options.distortion_far)
+                    distortion, alpha, view.image, options.distortion_near, options.distortion_far
+                )
         value = float(loss.detach())
         if not math.isfinite(value):
             raise place.error("loss", f"loss is {value}")
@@ -355,13 +374,21 @@ class Trainer:
             shots.append(Shot(camera, self.lenses.ranges[index], aperture, -aperture * focus))
         return shots
 
-    def _samples(self, place: Place, lens: Shot, degree: int, rings: int,
-                 adapting: bool) -> tuple[list[Tensor], list[ViewStatistics]]:
+    def _samples(
+        self, place: Place, lens: Shot, degree: int, rings: int, adapting: bool
+    ) -> tuple[list[Tensor], list[ViewStatistics]]:
         """What the points of the lens see, and the statistics of each; the points turn at random."""
         with self._timed("rasterise"), place.located("rasterise"):
             rasters, statistics = sampled(
-                self.gaussians, lens, self.options, rings, rotation=self._random.uniform(0, 2 * math.pi),
-                sh_degree=degree, want_abs=self.options.grow_absolute, adapting=adapting)
+                self.gaussians,
+                lens,
+                self.options,
+                rings,
+                rotation=self._random.uniform(0, 2 * math.pi),
+                sh_degree=degree,
+                want_abs=self.options.grow_absolute,
+                adapting=adapting,
+            )
         return [raster.color for raster in rasters], statistics
 
     def _disparity(self, alpha: Tensor, depth: Tensor) -> Tensor:
@@ -379,8 +406,7 @@ class Trainer:
         return render_view(self.gaussians, camera, self.options, lens=lens)
 
     def photograph(self, index: int) -> np.ndarray:
-        """Training view number `index` as it was photographed, by its learned lens and colour: (H, W, 3), encoded.
-        """
+        """Training view number `index` as it was photographed, by its learned lens and colour: (H, W, 3), encoded."""
         lens = None if self.lenses is None else self._lens_estimate(index)
         image = self.render(self.views[index].camera, lens).image
         return self.colours.apply(index, torch.from_numpy(image)).numpy()

@@ -31,20 +31,24 @@ class Photograph:
     held_back: Tensor | None
 
 
-def all_photographs(views: Sequence[TrainingView], options: TrainerOptions, prior: Prior | None, held_back: float,
-                    seed: int) -> dict[int, list[Photograph]]:
+def all_photographs(
+    views: Sequence[TrainingView], options: TrainerOptions, prior: Prior | None, held_back: float, seed: int
+) -> dict[int, list[Photograph]]:
     """All training views at each size that they are trained at, by the factor that they are shrunk by.
 
     held_back: the share of every photograph's tiles that no colour loss looks at.
     """
     supervisor = prior if options.depth_weight > 0 else None
     factors = {1, options.coarse_factor if options.coarse_until > 0 else 1}
-    return {factor: [_photograph(view, index, factor, supervisor, held_back, seed) for index, view in enumerate(views)]
-            for factor in factors}
+    return {
+        factor: [_photograph(view, index, factor, supervisor, held_back, seed) for index, view in enumerate(views)]
+        for factor in factors
+    }
 
 
-def _photograph(view: TrainingView, index: int, factor: int, prior: Prior | None, held_back: float,
-                seed: int) -> Photograph:
+def _photograph(
+    view: TrainingView, index: int, factor: int, prior: Prior | None, held_back: float, seed: int
+) -> Photograph:
     width, height = view.camera.width // factor, view.camera.height // factor
     camera = view.camera if factor == 1 else view.camera.resized(width, height)
     image = torch.from_numpy(np.ascontiguousarray(resize(view.image, width, height)))

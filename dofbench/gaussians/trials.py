@@ -28,15 +28,15 @@ from dofbench.remaining import Progress, silent
 if TYPE_CHECKING:
     from dofbench.gaussians.trainer import Snapshot, Trainer
 
-HELD_BACK = 0.08       # share of the tiles
-VISITS = 2             # of each photograph in a trial, at least
-MOST = 0.06            # share of the training that a trial may take, at most
-NO_CIRCLE = 0.3        # px, radius: below it a photograph shows nothing of its lens
-SMALL_CIRCLE = 1.0     # px, radius: below it a lens must explain something to stay
-EXPLAINED = 0.01       # dB on held-back pixels: less is nothing; sharp photographs gave up to 0.003 (reports/lens)
-WORTH = 0.05           # dB on held-back pixels below which the simpler way is as good
-SURE = 2.0             # standard errors that what costs more must be better by
-FOCI_APART = 1.0       # px that the same point's circles differ by between photographs that can't share a focus
+HELD_BACK = 0.08  # share of the tiles
+VISITS = 2  # of each photograph in a trial, at least
+MOST = 0.06  # share of the training that a trial may take, at most
+NO_CIRCLE = 0.3  # px, radius: below it a photograph shows nothing of its lens
+SMALL_CIRCLE = 1.0  # px, radius: below it a lens must explain something to stay
+EXPLAINED = 0.01  # dB on held-back pixels: less is nothing; sharp photographs gave up to 0.003 (reports/lens)
+WORTH = 0.05  # dB on held-back pixels below which the simpler way is as good
+SURE = 2.0  # standard errors that what costs more must be better by
+FOCI_APART = 1.0  # px that the same point's circles differ by between photographs that can't share a focus
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +69,7 @@ class Trials:
         """Steps of one trial, of a training of `total` steps."""
         return max(1, min(max(round(self._share * total), VISITS * views), round(MOST * total)))
 
-    def decide(self, step: int, total: int, progress: float,
-               tell: Progress = silent) -> tuple[int, list[Decision]]:
+    def decide(self, step: int, total: int, progress: float, tell: Progress = silent) -> tuple[int, list[Decision]]:
         """Try, and leave the trainer in the state of the best; returns the steps taken in all, and what was decided.
 
         tell: told what is tried, and how many of its steps are taken.
@@ -104,14 +103,20 @@ class Trials:
         circle = self._trainer.widest_circle()
         without = attempt({"lens": False, "adaptation": "off"}, "no lens")
         gain, error = _gain(with_lens, without)
-        figures = (f"with the lens that was learned so far held-back pixels are {_signed(gain, error)} dB better, "
-                   f"and its circles of confusion reach {circle:.2f} px")
+        figures = (
+            f"with the lens that was learned so far held-back pixels are {_signed(gain, error)} dB better, "
+            f"and its circles of confusion reach {circle:.2f} px"
+        )
         # Wide circles that explain no more than painted blur would are no proof against a lens: of what all photographs
         # saw blurred alike both are true.
         explains = gain > max(EXPLAINED, SURE * error)
         needless = circle < NO_CIRCLE or (not explains and circle < SMALL_CIRCLE) or gain < -WORTH - SURE * error
-        decided = Decision("lens", not needless, f"tried while training: {figures}",
-                           {"lens gain": gain, "lens error": error, "circle": circle})
+        decided = Decision(
+            "lens",
+            not needless,
+            f"tried while training: {figures}",
+            {"lens gain": gain, "lens error": error, "circle": circle},
+        )
         return (without if needless else with_lens), decided
 
     def _shared(self, attempt, each: _Attempt) -> tuple[_Attempt, Decision]:
@@ -139,8 +144,9 @@ class Trials:
         gain, error = _gain(own, scatter)
         figures = f"each Gaussian's own blur makes held-back pixels {_signed(gain, error)} dB better than the scatter"
         better = gain > max(WORTH, SURE * error)
-        return (own if better else scatter), Decision("lens_samples", better, f"tried while training: {figures}",
-                                                      {"own blur gain": gain, "own blur error": error})
+        return (own if better else scatter), Decision(
+            "lens_samples", better, f"tried while training: {figures}", {"own blur gain": gain, "own blur error": error}
+        )
 
 
 # Each Gaussian blurred by itself: as fast as the scatter, and knows what hides what.

@@ -55,8 +55,9 @@ def _compile_side_by_side(gaussians: Gaussians, camera: Camera, options: Trainer
     command = [sys.executable, "-P", "-m", "dofbench.gaussians.warmup", *(["lens"] if options.lens else [])]
     # A tenth of compiling is the garbage collector, which finds nothing.
     collecting = gc.isenabled()
-    with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-                          stderr=subprocess.DEVNULL) as other:
+    with subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ) as other:
         try:
             gc.disable()
             _rasterise_once(gaussians, camera, options, "depth")

@@ -142,8 +142,11 @@ def _scores_again(folder: Path, result: Result) -> list[str]:
                 continue
             truth = (dataset.all_in_focus if kind == "all_in_focus" else dataset.image)(test[scored.name])
             picture = read_image(file)
-            again = score_image(picture, truth, ["psnr"])["psnr"] if kind in WHOLE \
+            again = (
+                score_image(picture, truth, ["psnr"])["psnr"]
+                if kind in WHOLE
                 else picture_scores(picture, truth, prefix)[column]
+            )
             if again != stored and not abs(again - stored) <= PSNR_AGREEMENT:
                 problems.append(f"view {scored.name}: {column} is {stored:.4f}, computed again {again:.4f}")
     return problems

@@ -13,9 +13,9 @@ import numpy as np
 from dofbench.exif import Exif
 
 DARKEST, BRIGHTEST = 10 / 255, 245 / 255  # colours between which a ratio says something: above noise, not clipped
-LEAST_SHARED = 20   # points that a photograph must share with others
-LEAST_VIEWS = 3     # photographs that are told about
-ROUNDS = 20         # of medians over points and over photographs in turn
+LEAST_SHARED = 20  # points that a photograph must share with others
+LEAST_VIEWS = 3  # photographs that are told about
+ROUNDS = 20  # of medians over points and over photographs in turn
 
 
 def view_gains(colours: np.ndarray) -> np.ndarray:

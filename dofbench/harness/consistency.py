@@ -26,8 +26,15 @@ _PLANNED = ("method", "preset", "dataset", "protocol", "budget", "seed", "device
 
 def inconsistencies(result: Result) -> list[str]:
     """Every fault."""
-    return [*_identity(result), *_columns(result), *_means(result), *_lenses(result), *_apertures(result),
-            *_ending(result), *_times(result)]
+    return [
+        *_identity(result),
+        *_columns(result),
+        *_means(result),
+        *_lenses(result),
+        *_apertures(result),
+        *_ending(result),
+        *_times(result),
+    ]
 
 
 def added_inconsistencies(added: Added, result: Result) -> Iterator[str]:
@@ -65,12 +72,18 @@ def _identity(result: Result) -> Iterator[str]:
     else:
         said = known.as_data()
         # Through JSON, lists came of tuples; a protocol that has grown a part since says nothing of it.
-        changed = [name for name, value in result.protocol.items()
-                   if name in said and value != (list(said[name]) if isinstance(said[name], tuple) else said[name])]
+        changed = [
+            name
+            for name, value in result.protocol.items()
+            if name in said and value != (list(said[name]) if isinstance(said[name], tuple) else said[name])
+        ]
         yield from (f"protocol {known.id}: its {name} is not what that protocol says" for name in changed)
     spec = result.spec.model_dump(mode="json")
-    yield from (f"the plan's {name} is {result.plan[name]!r}, the spec's {spec[name]!r}" for name in _PLANNED
-                if name in result.plan and result.plan[name] != spec[name])
+    yield from (
+        f"the plan's {name} is {result.plan[name]!r}, the spec's {spec[name]!r}"
+        for name in _PLANNED
+        if name in result.plan and result.plan[name] != spec[name]
+    )
 
 
 def _columns(result: Result) -> Iterator[str]:
@@ -94,11 +107,13 @@ def _means(result: Result) -> Iterator[str]:
         if any(column not in view.scores for view in result.views):
             yield f"{column}: not of every view"
             continue
-        yield from differing(column, result.scores.get(column), arithmetic_mean(
-            [view.scores[column] for view in result.views]))
+        yield from differing(
+            column, result.scores.get(column), arithmetic_mean([view.scores[column] for view in result.views])
+        )
     for column in ("delta_a", "delta_f") if result.lens else ():
-        yield from differing(column, result.scores.get(column), arithmetic_mean(
-            [getattr(view, column) for view in result.lens]))
+        yield from differing(
+            column, result.scores.get(column), arithmetic_mean([getattr(view, column) for view in result.lens])
+        )
     images = [column for column in result.plan.get("columns", []) if column not in (*LENS_COLUMNS, *EXIF_COLUMNS)]
     for column in images:
         if column in result.scores and column not in columns:
@@ -107,8 +122,10 @@ def _means(result: Result) -> Iterator[str]:
 
 def _lenses(result: Result) -> Iterator[str]:
     for view in result.lens:
-        for column, true, found in (("delta_a", view.aperture, view.aperture_estimated),
-                                    ("delta_f", view.focus, view.focus_estimated)):
+        for column, true, found in (
+            ("delta_a", view.aperture, view.aperture_estimated),
+            ("delta_f", view.focus, view.focus_estimated),
+        ):
             error = abs(true - found)
             if not math.isclose(getattr(view, column), error, rel_tol=MEAN_AGREEMENT, abs_tol=MEAN_AGREEMENT):
                 yield f"view {view.name}: {column} is {getattr(view, column):.6g}, its lenses differ by {error:.6g}"
@@ -145,8 +162,11 @@ def _ending(result: Result) -> Iterator[str]:
         yield f"ended {result.status} without a message"
     if lost and not result.nonfinite:
         yield f"{lost[0]}, and no event says so"
-    if result.views and any(column in result.scores and math.isfinite(result.scores[column])
-                            for column in DEPTH_COLUMNS) and not result.nonfinite:
+    if (
+        result.views
+        and any(column in result.scores and math.isfinite(result.scores[column]) for column in DEPTH_COLUMNS)
+        and not result.nonfinite
+    ):
         yield f"ended {result.status}, with scores all the same"
 
 

@@ -46,12 +46,16 @@ from dofbench.metrics.lens_errors import do_nothing_errors, lens_errors
 from dofbench.synthesis.dataset import Dataset, DatasetView
 
 CURVE_METRICS = ("psnr", "ssim")  # cheap enough to be taken a dozen times during training
-SPEED_VIEWS = 8                   # test views that are rendered to measure the speed
-SPEED_REPEATS = 3                 # renderings of each of them
+SPEED_VIEWS = 8  # test views that are rendered to measure the speed
+SPEED_REPEATS = 3  # renderings of each of them
 
 Kind = Literal["refocus", "all_in_focus", "photograph", "across"]
-PREFIX: dict[Kind, str] = {"refocus": "", "all_in_focus": AIF_PREFIX, "photograph": PHOTO_PREFIX,
-                           "across": ACROSS_PREFIX}
+PREFIX: dict[Kind, str] = {
+    "refocus": "",
+    "all_in_focus": AIF_PREFIX,
+    "photograph": PHOTO_PREFIX,
+    "across": ACROSS_PREFIX,
+}
 # Of which every pixel is scored, by any metric; of a photograph of unknown lens only some are.
 WHOLE: tuple[Kind, ...] = ("refocus", "all_in_focus")
 
@@ -91,8 +95,11 @@ class Evaluator:
         if self._photographs():
             prefix = PREFIX[self._photograph_kind()]
             rows = [scored.scores for scored in self._scored_photographs(quick=True)]
-            scores |= {column: value for column, value in _means(rows).items()
-                       if column in [prefix + metric for metric in CURVE_METRICS]}
+            scores |= {
+                column: value
+                for column, value in _means(rows).items()
+                if column in [prefix + metric for metric in CURVE_METRICS]
+            }
         errors, _ = self._lens_errors(with_radius=False)
         return scores | errors
 
@@ -289,11 +296,18 @@ class Evaluator:
         for name, lens in true.items():
             guess = Lens.from_physical(estimated[name], disparity_range)
             delta_a, delta_f, delta_r = errors.per_view[name]
-            views.append(ViewLens(
-                name=name, aperture=lens.aperture, focus=lens.focus,
-                aperture_estimated=guess.aperture, focus_estimated=guess.focus,
-                delta_a=delta_a, delta_f=delta_f, delta_r=delta_r,
-            ))
+            views.append(
+                ViewLens(
+                    name=name,
+                    aperture=lens.aperture,
+                    focus=lens.focus,
+                    aperture_estimated=guess.aperture,
+                    focus_estimated=guess.focus,
+                    delta_a=delta_a,
+                    delta_f=delta_f,
+                    delta_r=delta_r,
+                )
+            )
         return {"delta_a": errors.delta_a, "delta_f": errors.delta_f, "delta_r": errors.delta_r}, views
 
     def _true_lenses(self) -> dict[str, Lens]:

@@ -19,12 +19,18 @@ def asked_by_exif(dataset: Dataset, inputs: str) -> bool:
 
 def missing_exif(dataset: Dataset) -> str:
     """Why learned apertures can't be compared with EXIF, one line; "" where they can."""
-    known = [view.exif for view in dataset.views if view.split == "train" and view.exif is not None
-             and view.exif.f_number is not None]
+    known = [
+        view.exif
+        for view in dataset.views
+        if view.split == "train" and view.exif is not None and view.exif.f_number is not None
+    ]
     if not known:
         return "no training photograph has an f-number in its EXIF"
-    for name, values in (("focal length", {exif.focal_length for exif in known}),
-                         ("camera", {exif.camera for exif in known}), ("lens", {exif.lens for exif in known})):
+    for name, values in (
+        ("focal length", {exif.focal_length for exif in known}),
+        ("camera", {exif.camera for exif in known}),
+        ("lens", {exif.lens for exif in known}),
+    ):
         if len(values - {None}) > 1:
             return f"more than one {name} took the training photographs"
     return ""
@@ -32,12 +38,20 @@ def missing_exif(dataset: Dataset) -> str:
 
 def learned_apertures(dataset: Dataset, estimated: Mapping[str, PhysicalLens]) -> list[ViewAperture]:
     """Of the training views whose f-number is known; apertures at the width of the first of them."""
-    views = [view for view in dataset.views if view.split == "train" and view.name in estimated
-             and view.exif is not None and view.exif.f_number is not None]
+    views = [
+        view
+        for view in dataset.views
+        if view.split == "train" and view.name in estimated and view.exif is not None and view.exif.f_number is not None
+    ]
     width = views[0].camera.width if views else 0
-    return [ViewAperture(name=view.name, f_number=view.exif.f_number,
-                         aperture=estimated[view.name].aperture * width / estimated[view.name].width)
-            for view in views]
+    return [
+        ViewAperture(
+            name=view.name,
+            f_number=view.exif.f_number,
+            aperture=estimated[view.name].aperture * width / estimated[view.name].width,
+        )
+        for view in views
+    ]
 
 
 def exif_scores(apertures: Iterable[ViewAperture]) -> tuple[dict[str, float], dict[str, str]]:
@@ -45,5 +59,7 @@ def exif_scores(apertures: Iterable[ViewAperture]) -> tuple[dict[str, float], di
     found = exif_errors([(view.aperture, view.f_number) for view in apertures])
     values = dict(zip(EXIF_COLUMNS, (found.spread, found.ratio), strict=True))
     reasons = dict(zip(EXIF_COLUMNS, (found.no_spread, found.no_ratio), strict=True))
-    return ({column: value for column, value in values.items() if value is not None},
-            {column: reasons[column] for column, value in values.items() if value is None})
+    return (
+        {column: value for column, value in values.items() if value is not None},
+        {column: reasons[column] for column, value in values.items() if value is None},
+    )

@@ -116,12 +116,18 @@ class MethodEntry:
         module = importlib.import_module(f"{_package(self.id, self.folder)}.{module_name}")
         kind = getattr(module, class_name, None)
         if kind is None:
-            raise InputError(self.folder / "method.toml", f"class = {self.card.class_!r}, which isn't there",
-                             f"a class of {module.__file__}")
+            raise InputError(
+                self.folder / "method.toml",
+                f"class = {self.card.class_!r}, which isn't there",
+                f"a class of {module.__file__}",
+            )
         missing = [part for part in _PARTS if not callable(getattr(kind, part, None))]
         if missing:
-            raise InputError(f"{module.__file__}:{class_name}", f"no {', '.join(missing)}",
-                             f"the methods {', '.join(_PARTS)} (dofbench.contracts.Method)")
+            raise InputError(
+                f"{module.__file__}:{class_name}",
+                f"no {', '.join(missing)}",
+                f"the methods {', '.join(_PARTS)} (dofbench.contracts.Method)",
+            )
         return kind(options, seed, device)
 
 
@@ -136,8 +142,9 @@ def method_files() -> dict[str, Path]:
             file = file.resolve()
             earlier = found.setdefault(file.parent.name, file)
             if earlier != file:
-                raise InputError(f"method {file.parent.name}", f"{earlier.parent} and {file.parent}",
-                                 "one folder of that name")
+                raise InputError(
+                    f"method {file.parent.name}", f"{earlier.parent} and {file.parent}", "one folder of that name"
+                )
     return dict(sorted(found.items()))
 
 
@@ -174,8 +181,11 @@ def _read_card(file: Path) -> Card:
     bases = [name for name, options in card.presets.items() if "extends" not in options]
     for name, options in card.presets.items():
         if options.get("extends", bases[0] if bases else None) not in bases:
-            raise InputError(file, f"presets.{name}: extends = {options.get('extends')!r}",
-                             f"one of {', '.join(bases)}, which extend nothing")
+            raise InputError(
+                file,
+                f"presets.{name}: extends = {options.get('extends')!r}",
+                f"one of {', '.join(bases)}, which extend nothing",
+            )
     return card
 
 

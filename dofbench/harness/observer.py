@@ -11,8 +11,8 @@ from dofbench.errors import Status
 from dofbench.harness.clock import Stopwatch
 from dofbench.harness.result import CurvePoint
 
-CURVE_FACTOR = 1.6    # ratio of two neighbouring evaluation times
-CURVE_POINTS = 14     # thresholds below the whole budget: the first is at 1.6^-14, 0.14 % of it
+CURVE_FACTOR = 1.6  # ratio of two neighbouring evaluation times
+CURVE_POINTS = 14  # thresholds below the whole budget: the first is at 1.6^-14, 0.14 % of it
 
 Evaluate = Callable[[], dict[str, float]]
 
@@ -119,7 +119,8 @@ class TrainingObserver:
         loss = math.fsum(self._losses) / len(self._losses) if self._losses else None
         self._losses.clear()
         self.curve.append(
-            CurvePoint(train_s=seconds, train_cpu_s=self._clock.cpu, steps=step, loss=loss, scores=scores))
+            CurvePoint(train_s=seconds, train_cpu_s=self._clock.cpu, steps=step, loss=loss, scores=scores)
+        )
 
 
 class OneStep:

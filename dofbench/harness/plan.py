@@ -16,11 +16,11 @@ from dofbench.harness.settings import format_budget
 from dofbench.harness.truth import NO_TEST_VIEWS, MissingTruth, missing_truth
 from dofbench.synthesis.dataset import Dataset
 
-NEEDLESS_BLUR = 0.75       # px, radius as estimated: photographs in focus give up to 0.6
-CLEAR_BLUR = 2.0           # px: from here on the estimate alone tells that there is a lens
+NEEDLESS_BLUR = 0.75  # px, radius as estimated: photographs in focus give up to 0.6
+CLEAR_BLUR = 2.0  # px: from here on the estimate alone tells that there is a lens
 NEEDLESS_DEPENDENCE = 2.5  # levels of 255: below it no harmonics would be seen
-NEEDLESS_COLOURS = 12.0    # per cent: up to 10 a learned colour was worth nothing, at 21 a decibel
-NEEDLESS_LIGHT = 0.3       # stops by EXIF, where no points can tell
+NEEDLESS_COLOURS = 12.0  # per cent: up to 10 a learned colour was worth nothing, at 21 a decibel
+NEEDLESS_LIGHT = 0.3  # stops by EXIF, where no points can tell
 TRIED = "whether that helps is tried while training"
 
 # Scores of photographs that compare a lens with less: none for a method without one.
@@ -91,16 +91,29 @@ def dealt_lenses(dataset: Dataset) -> dict[str, Any]:
     """How the dataset deals its lenses ("assign"), and per split ("train", "test") view -> [A, F], or None where nobody
     knows the lens; as plain data."""
     dealt = {
-        split: {view.name: None if view.lens is None else [view.lens.aperture, view.lens.focus]
-                for view in dataset.views if view.split == split}
+        split: {
+            view.name: None if view.lens is None else [view.lens.aperture, view.lens.focus]
+            for view in dataset.views
+            if view.split == split
+        }
         for split in ("train", "test")
     }
     return {"assign": dataset.assign, **dealt}
 
 
 def make_plan(
-    entry: MethodEntry, preset: str, options: dict[str, Any], overrides: dict[str, Any], budget: Budget,
-    dataset: Dataset, facts: Facts, protocol: Protocol, *, seed: int, device: str, force_all: bool,
+    entry: MethodEntry,
+    preset: str,
+    options: dict[str, Any],
+    overrides: dict[str, Any],
+    budget: Budget,
+    dataset: Dataset,
+    facts: Facts,
+    protocol: Protocol,
+    *,
+    seed: int,
+    device: str,
+    force_all: bool,
 ) -> RunPlan:
     """Decide from the dataset, from what its photographs show and from the method's card.
 
@@ -114,20 +127,37 @@ def make_plan(
     if entry.card.capabilities.needs_points and not facts.points:
         raise InputError(f"dataset {dataset.name}", "no sparse points", f"some, as {entry.id} starts from them")
 
-    stages, switched = _stages(entry, {**options, **overrides}, overrides, facts, force_all,
-                               protocol.inputs == "all-in-focus")
+    stages, switched = _stages(
+        entry, {**options, **overrides}, overrides, facts, force_all, protocol.inputs == "all-in-focus"
+    )
     left_out = _left_out(entry, protocol, stages, missing_truth(dataset))
     exif = EXIF_COLUMNS if asked_by_exif(dataset, protocol.inputs) else ()
     if reason := _no_exif(entry, stages, dataset):
         left_out |= dict.fromkeys(exif, reason)
-    every = (*protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.photograph, *protocol.lens,
-             *exif, *protocol.depth)
+    every = (
+        *protocol.refocus_columns,
+        *protocol.all_in_focus_columns,
+        *protocol.photograph,
+        *protocol.lens,
+        *exif,
+        *protocol.depth,
+    )
     return RunPlan(
-        method=entry.id, preset=preset, dataset=dataset.name, protocol=protocol.id, budget=format_budget(budget),
-        seed=seed, device=device, options={**options, **switched, **overrides},
-        train_views=len(train), test_views=len(test), facts=facts, lenses=dealt_lenses(dataset),
+        method=entry.id,
+        preset=preset,
+        dataset=dataset.name,
+        protocol=protocol.id,
+        budget=format_budget(budget),
+        seed=seed,
+        device=device,
+        options={**options, **switched, **overrides},
+        train_views=len(train),
+        test_views=len(test),
+        facts=facts,
+        lenses=dealt_lenses(dataset),
         stages=tuple(stages),
-        columns=tuple(column for column in every if column not in left_out), left_out=left_out,
+        columns=tuple(column for column in every if column not in left_out),
+        left_out=left_out,
     )
 
 
@@ -161,8 +191,12 @@ class _Trials:
 def revised(plan: dict[str, Any], decisions: Sequence[Decision]) -> dict[str, Any]:
     """The plan, as plain data, with what training decided for itself in place of what was open, and its reasons."""
     found = {decision.stage: decision for decision in decisions}
-    stages = [{**stage, "runs": found[stage["name"]].runs, "reason": found[stage["name"]].reason}
-              if stage["name"] in found else stage for stage in plan["stages"]]
+    stages = [
+        {**stage, "runs": found[stage["name"]].runs, "reason": found[stage["name"]].reason}
+        if stage["name"] in found
+        else stage
+        for stage in plan["stages"]
+    ]
     return {**plan, "stages": stages}
 
 
@@ -176,8 +210,9 @@ def decided(before: Sequence[Stage], plan: dict[str, Any]) -> list[str]:
     return [stage.line() for stage in now if stage != was.get(stage.name)]
 
 
-def _stages(entry: MethodEntry, options: dict[str, Any], overrides: dict[str, Any], facts: Facts, force_all: bool,
-            sharp: bool) -> tuple[list[Stage], dict]:
+def _stages(
+    entry: MethodEntry, options: dict[str, Any], overrides: dict[str, Any], facts: Facts, force_all: bool, sharp: bool
+) -> tuple[list[Stage], dict]:
     """What runs and what doesn't, and the options that switch off what doesn't. sharp: the call says that the
     photographs are all in focus."""
     stages, switched = [], {}
@@ -202,9 +237,12 @@ def _stages(entry: MethodEntry, options: dict[str, Any], overrides: dict[str, An
     if entry.card.capabilities.learns_lens:
         asked = _Trials(options, overrides, force_all)
         blur = facts.blur_px
-        shown = ("the photographs don't tell how blurred they are" if blur is None else
-                 f"the photographs show circles of confusion of up to {blur:.2f} px, by an estimate of which "
-                 f"{NEEDLESS_BLUR} px mean nothing")
+        shown = (
+            "the photographs don't tell how blurred they are"
+            if blur is None
+            else f"the photographs show circles of confusion of up to {blur:.2f} px, by an estimate of which "
+            f"{NEEDLESS_BLUR} px mean nothing"
+        )
         needless = blur is not None and blur < NEEDLESS_BLUR
         if sharp and needless:
             shown += ", and the call says that they are all in focus"
@@ -212,13 +250,26 @@ def _stages(entry: MethodEntry, options: dict[str, Any], overrides: dict[str, An
             # Points are found where a photograph is sharp, so what they show can't tell that there is no lens.
             needless, shown = False, f"{shown}; {TRIED}"
         if decide("lens", needless, shown):
-            said = "the dataset says: one lens took all photographs" if facts.one_lens else \
-                "the dataset says: photographs by several lenses" if facts.one_lens is not None else \
-                "nobody knows the photographs' lenses, so each may have one of its own"
-            tied = facts.one_lens is None and "aperture_per_view" in entry.card.leave_out and decide(
-                "aperture_per_view", facts.f_numbers, "EXIF has the f-number of every photograph, by one camera at one "
-                "focal length: they share one aperture x f-number, and have a focus each" if facts.f_numbers else
-                "EXIF doesn't say how the photographs' apertures compare") is False
+            said = (
+                "the dataset says: one lens took all photographs"
+                if facts.one_lens
+                else "the dataset says: photographs by several lenses"
+                if facts.one_lens is not None
+                else "nobody knows the photographs' lenses, so each may have one of its own"
+            )
+            tied = (
+                facts.one_lens is None
+                and "aperture_per_view" in entry.card.leave_out
+                and decide(
+                    "aperture_per_view",
+                    facts.f_numbers,
+                    "EXIF has the f-number of every photograph, by one camera at one "
+                    "focal length: they share one aperture x f-number, and have a focus each"
+                    if facts.f_numbers
+                    else "EXIF doesn't say how the photographs' apertures compare",
+                )
+                is False
+            )
             if asked.about("share", known=tied or facts.one_lens is not None):
                 said = f"{said}; {TRIED}"
             if not tied:
@@ -232,13 +283,23 @@ def _stages(entry: MethodEntry, options: dict[str, Any], overrides: dict[str, An
     if entry.card.capabilities.needs_points or "sparse_depth" in entry.card.leave_out:
         supervised = decide("sparse_depth", not facts.points, f"{facts.points or 'no'} sparse points")
     if "normals" in entry.card.leave_out:
-        decide("normals", not supervised, "they smooth what depth supervision has placed" if supervised
-               else "without depth supervision they smooth what nothing has placed")
+        decide(
+            "normals",
+            not supervised,
+            "they smooth what depth supervision has placed"
+            if supervised
+            else "without depth supervision they smooth what nothing has placed",
+        )
     if "harmonics" in entry.card.leave_out:
         spread = facts.view_dependence
         even = spread is not None and spread < NEEDLESS_DEPENDENCE
-        decide("harmonics", even, "too few points are seen often enough to tell" if spread is None else
-               f"surfaces change by {spread:.1f} of 255 with the direction, {NEEDLESS_DEPENDENCE} can be seen")
+        decide(
+            "harmonics",
+            even,
+            "too few points are seen often enough to tell"
+            if spread is None
+            else f"surfaces change by {spread:.1f} of 255 with the direction, {NEEDLESS_DEPENDENCE} can be seen",
+        )
     if "colours" in entry.card.leave_out:
         decide("colours", *_even_colours(facts))
     return stages, switched
@@ -256,11 +317,15 @@ def _even_colours(facts: Facts) -> tuple[bool, str]:
     """Whether the photographs are alike in exposure and white balance, and what says so."""
     spread, light = facts.colour_spread, facts.light_spread
     if spread is not None:
-        return spread < NEEDLESS_COLOURS, (f"exposure and white balance differ by {spread:.1f} % over the photographs, "
-                                           f"of which less than {NEEDLESS_COLOURS:.0f} % need no colours of their own")
+        return spread < NEEDLESS_COLOURS, (
+            f"exposure and white balance differ by {spread:.1f} % over the photographs, "
+            f"of which less than {NEEDLESS_COLOURS:.0f} % need no colours of their own"
+        )
     if light is not None:
-        return light < NEEDLESS_LIGHT, (f"too few points are shared to tell, and by EXIF the light let in differs by "
-                                        f"{light:.1f} stops, of which {NEEDLESS_LIGHT} mean nothing")
+        return light < NEEDLESS_LIGHT, (
+            f"too few points are shared to tell, and by EXIF the light let in differs by "
+            f"{light:.1f} stops, of which {NEEDLESS_LIGHT} mean nothing"
+        )
     return True, "too few points are shared to tell whether exposure or white balance differ, and EXIF says nothing"
 
 
@@ -285,7 +350,9 @@ def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], missi
         blur = f"{BY_BLUR}: the lens was left out: {lens_stage.reason}"
     reasons = (
         (tuple(column for column in protocol.photograph if column in OF_LENSES), blur),
-        (protocol.refocus_columns, refocus), (protocol.all_in_focus_columns, missing.all_in_focus),
-        (LENS_COLUMNS, lens), (protocol.depth, missing.depth),
+        (protocol.refocus_columns, refocus),
+        (protocol.all_in_focus_columns, missing.all_in_focus),
+        (LENS_COLUMNS, lens),
+        (protocol.depth, missing.depth),
     )
     return {column: reason for columns, reason in reasons if reason for column in columns}

@@ -74,13 +74,30 @@ def prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
     protocol = protocol_for(settings.inputs, photographs=photograph_columns(dataset))
     facts = _facts(data.resolve(), dataset.checksum, settings.inputs)
     plan = make_plan(
-        entry, choices.preset, choices.options, choices.overrides, choices.budget, dataset, facts, protocol,
-        seed=settings.seed, device=choices.device, force_all=settings.force_all,
+        entry,
+        choices.preset,
+        choices.options,
+        choices.overrides,
+        choices.budget,
+        dataset,
+        facts,
+        protocol,
+        seed=settings.seed,
+        device=choices.device,
+        force_all=settings.force_all,
     )
     spec = Spec(
-        method=entry.id, preset=choices.preset, overrides=choices.overrides, options=plan.options, budget=plan.budget,
-        dataset=dataset.name, dataset_checksum=dataset.checksum, protocol=protocol.id, seed=settings.seed,
-        device=choices.device, code=provenance.code_version(entry.folder),
+        method=entry.id,
+        preset=choices.preset,
+        overrides=choices.overrides,
+        options=plan.options,
+        budget=plan.budget,
+        dataset=dataset.name,
+        dataset_checksum=dataset.checksum,
+        protocol=protocol.id,
+        seed=settings.seed,
+        device=choices.device,
+        code=provenance.code_version(entry.folder),
     )
     method = entry.create(dict(plan.options), settings.seed, choices.device)  # raises for an unknown option
     return Prepared(settings, choices, dataset, data, protocol, plan, spec, method, settings.out / spec.folder)

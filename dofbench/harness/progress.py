@@ -35,8 +35,12 @@ class TrainingProgress:
     def __enter__(self) -> TrainingProgress:
         if self._console.is_terminal:
             self._bar = Progress(
-                TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[detail]}"),
-                TimeElapsedColumn(), TextColumn("{task.fields[left]}"), console=self._console,
+                TextColumn("{task.description}"),
+                BarColumn(),
+                TextColumn("{task.fields[detail]}"),
+                TimeElapsedColumn(),
+                TextColumn("{task.fields[left]}"),
+                console=self._console,
             )
             self._bar.start()
             self._task = self._bar.add_task("training", total=1.0, detail="", left="")
@@ -72,8 +76,13 @@ class TrainingProgress:
         if self._steps_left is not None:
             self._steps_left.told(step, seconds)
         if self._bar is not None:
-            self._bar.update(self._task, description="training", completed=spent,
-                             detail=f"step {step} loss {loss:.4f}", left=self._left(seconds))
+            self._bar.update(
+                self._task,
+                description="training",
+                completed=spent,
+                detail=f"step {step} loss {loss:.4f}",
+                left=self._left(seconds),
+            )
             return
         now = time.monotonic()
         if spent >= 1 or now - self._last_line >= PLAIN_EVERY:

@@ -16,8 +16,16 @@ DEPTH_COLUMNS = ("disparity_error", "depth_rel")
 PHOTOGRAPH_COLUMNS = ("photo_psnr", "photo_ssim", "photo_blur_psnr")
 # By the learned aperture scaled, the same unscaled, and all in focus; over all scored pixels, and over the thirds in
 # which the training photographs are most and least blurred.
-ACROSS_COLUMNS = ("across_psnr", "across_ssim", "across_blurred_psnr", "across_clear_psnr", "unscaled_psnr",
-                  "unscaled_blurred_psnr", "in_focus_psnr", "in_focus_blurred_psnr")
+ACROSS_COLUMNS = (
+    "across_psnr",
+    "across_ssim",
+    "across_blurred_psnr",
+    "across_clear_psnr",
+    "unscaled_psnr",
+    "unscaled_blurred_psnr",
+    "in_focus_psnr",
+    "in_focus_blurred_psnr",
+)
 EXIF_COLUMNS = ("exif_spread", "exif_ratio")
 
 
@@ -70,7 +78,11 @@ _SHARED = dict(
     mean="arithmetic mean of the per-image values",
 )
 PHOTOGRAPHS = Protocol(
-    id="photographs-v1", inputs="shallow", lens=LENS_COLUMNS, depth=DEPTH_COLUMNS, photograph=PHOTOGRAPH_COLUMNS,
+    id="photographs-v1",
+    inputs="shallow",
+    lens=LENS_COLUMNS,
+    depth=DEPTH_COLUMNS,
+    photograph=PHOTOGRAPH_COLUMNS,
     **{**_SHARED, "refocus": (), "all_in_focus": ()},
 )
 
@@ -111,8 +123,11 @@ def protocol_for(inputs: Inputs, *, photographs: tuple[str, ...] = ()) -> Protoc
     they are scored by: `PHOTOGRAPH_COLUMNS`, or `ACROSS_COLUMNS` where they are of another aperture than the training
     views.
     """
-    found = [protocol for protocol in PROTOCOLS.values()
-             if protocol.inputs == inputs and protocol.photograph == (photographs if inputs == "shallow" else ())]
+    found = [
+        protocol
+        for protocol in PROTOCOLS.values()
+        if protocol.inputs == inputs and protocol.photograph == (photographs if inputs == "shallow" else ())
+    ]
     if not found:
         known = dict.fromkeys(repr(protocol.inputs) for protocol in PROTOCOLS.values())
         raise InputError("inputs", repr(inputs), " or ".join(known))

@@ -17,9 +17,9 @@ from dofbench.contracts import Method
 from dofbench.lens import PhysicalLens
 
 RESOLVED_COLUMN = "resolved"
-RESOLVED = 1.0      # px, radius: a circle up to this wide hides no detail that its photograph's pixels could show
+RESOLVED = 1.0  # px, radius: a circle up to this wide hides no detail that its photograph's pixels could show
 SAME_SURFACE = 0.03  # relative difference of z up to which two views see one surface
-FULL_SCALE = 10.0   # px, radius of the circle with the darkest colour, and larger ones
+FULL_SCALE = 10.0  # px, radius of the circle with the darkest colour, and larger ones
 COLOURS = "viridis"
 
 

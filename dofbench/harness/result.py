@@ -263,8 +263,11 @@ def migrate(data: Any, path: Path) -> dict[str, Any]:
         try:
             data = MIGRATIONS[version](data)
         except (KeyError, TypeError, AttributeError) as error:
-            raise InputError(path, f"schema_version {version}, and in it {type(error).__name__}: {error}",
-                             "what a result of that version holds") from None
+            raise InputError(
+                path,
+                f"schema_version {version}, and in it {type(error).__name__}: {error}",
+                "what a result of that version holds",
+            ) from None
         version += 1
         data["schema_version"] = version
     return data

@@ -61,7 +61,11 @@ class _Trained:
 
 
 def run(
-    settings: Run, console: Console | None = None, progress: ProgressBar = TrainingProgress, *, key: str | None = None,
+    settings: Run,
+    console: Console | None = None,
+    progress: ProgressBar = TrainingProgress,
+    *,
+    key: str | None = None,
     wait: bool = False,
 ) -> RunEnd:
     """Train, score and write `<out>/<dataset>/<method>-<preset>-seed<k>-<key>/result.json`.
@@ -82,8 +86,11 @@ def run(
     with stages[IMPORT].running():  # the method's own modules
         run = prepare(settings, choices, data_folder(settings))
     if key is not None and run.spec.key != key:
-        raise InputError(run.folder, "code or data that changed since the call began",
-                         "the same; the same command goes on with the new")
+        raise InputError(
+            run.folder,
+            "code or data that changed since the call began",
+            "the same; the same command goes on with the new",
+        )
     for line in run.plan.lines():
         _say(console, line)
     if settings.dry_run:
@@ -103,12 +110,18 @@ def run(
 class _Execution:
     """The part of a run that writes: everything that was decided goes in, a result comes out."""
 
-    def __init__(self, run: Prepared, console: Console, progress: ProgressBar, stages: StageTimes,
-                 already_compiled: int):
+    def __init__(
+        self, run: Prepared, console: Console, progress: ProgressBar, stages: StageTimes, already_compiled: int
+    ):
         self.settings, self.console, self.progress = run.settings, console, progress
         self.entry, self.protocol, self.budget = run.choices.entry, run.protocol, run.choices.budget
         self.dataset, self.data, self.plan, self.spec, self.folder = (
-            run.dataset, run.data, run.plan, run.spec, run.folder)
+            run.dataset,
+            run.data,
+            run.plan,
+            run.spec,
+            run.folder,
+        )
         self.stages, self.already_compiled = stages, already_compiled
         self._use(run.method)
         self.observer: TrainingObserver | None = None
@@ -136,8 +149,9 @@ class _Execution:
             raise
         except (Exception, KeyboardInterrupt) as error:
             if (stop := interruption(error)) is not None:
-                self._finish(Status.CRASHED, f"interrupted after {self._steps(trained)} steps", "", trained,
-                             Evaluation())
+                self._finish(
+                    Status.CRASHED, f"interrupted after {self._steps(trained)} steps", "", trained, Evaluation()
+                )
                 raise stop from None
             status, message = classify(error)
             trace = traceback.format_exc()
@@ -187,16 +201,26 @@ class _Execution:
                 self.method.save(self.folder / MODEL_FOLDER)
                 # Scored is what was kept, whether or not the run is interrupted here and goes on later.
                 self.method.load(self.folder / MODEL_FOLDER)
-        trained = _Trained(outcome, observer.curve, provenance.peak_memory_mb(), self._compiled(),
-                           self.stages.as_data())
+        trained = _Trained(
+            outcome, observer.curve, provenance.peak_memory_mb(), self._compiled(), self.stages.as_data()
+        )
         if outcome.status is Status.OK:
-            write_json(self.folder / TRAINED_FILE, {
-                "key": self.spec.key, "started": self.started, "steps": outcome.steps, "message": outcome.message,
-                "method_stages": outcome.stages, "left_out": outcome.left_out,
-                "decisions": [asdict(decision) for decision in outcome.decisions],
-                "curve": [point.model_dump() for point in trained.curve],
-                "peak_mb": trained.peak_mb, "compiled": trained.compiled, "stages": trained.stages,
-            })
+            write_json(
+                self.folder / TRAINED_FILE,
+                {
+                    "key": self.spec.key,
+                    "started": self.started,
+                    "steps": outcome.steps,
+                    "message": outcome.message,
+                    "method_stages": outcome.stages,
+                    "left_out": outcome.left_out,
+                    "decisions": [asdict(decision) for decision in outcome.decisions],
+                    "curve": [point.model_dump() for point in trained.curve],
+                    "peak_mb": trained.peak_mb,
+                    "compiled": trained.compiled,
+                    "stages": trained.stages,
+                },
+            )
         return trained
 
     def _use(self, method: Method) -> None:
@@ -216,8 +240,9 @@ class _Execution:
             self.method.load(self.folder / MODEL_FOLDER)
         self.started = data["started"]
         decisions = tuple(Decision(**decision) for decision in data.get("decisions", ()))
-        outcome = FitOutcome(Status.OK, data["steps"], data["message"], (), data["method_stages"], data["left_out"],
-                             decisions)
+        outcome = FitOutcome(
+            Status.OK, data["steps"], data["message"], (), data["method_stages"], data["left_out"], decisions
+        )
         curve = [CurvePoint.model_validate(point) for point in data["curve"]]
         # Its pictures, of which some may be half, are made anew.
         shutil.rmtree(self.folder / PREDICTIONS_FOLDER, ignore_errors=True)
@@ -241,17 +266,18 @@ class _Execution:
 
     def _model(self) -> dict[str, str]:
         root = self.folder / MODEL_FOLDER
-        return {file.relative_to(self.folder).as_posix(): sha256_file(file)
-                for file in sorted(root.rglob("*")) if file.is_file()}
+        return {
+            file.relative_to(self.folder).as_posix(): sha256_file(file)
+            for file in sorted(root.rglob("*"))
+            if file.is_file()
+        }
 
     def _steps(self, trained: _Trained | None) -> int:
         if trained is not None:
             return trained.outcome.steps
         return self.observer.steps if self.observer else 0
 
-    def _finish(
-        self, status: Status, message: str, trace: str, trained: _Trained | None, found: Evaluation
-    ) -> Result:
+    def _finish(self, status: Status, message: str, trace: str, trained: _Trained | None, found: Evaluation) -> Result:
         observer, outcome = self.observer, trained.outcome if trained else None
         stages = {**(trained.stages if trained else {}), **self.stages.as_data()}
         training = stages.get(TRAIN, {"wall": 0.0, "cpu": 0.0})
@@ -260,28 +286,54 @@ class _Execution:
         for decision in outcome.decisions if outcome else ():
             if decision.stage == "lens" and not decision.runs:
                 columns = (*self.protocol.refocus_columns, *self.protocol.lens)
-                left_out |= {column: f"the lens was left out: {decision.reason}" for column in columns
-                             if column in self.plan.columns and column not in scores}
-        scores |= {"train_s": training["wall"], "steps": self._steps(trained), "train_cpu_s": training["cpu"],
-                   "cold_start_s": sum(stages[name]["wall"] for name in (IMPORT, WARM_UP) if name in stages)}
+                left_out |= {
+                    column: f"the lens was left out: {decision.reason}"
+                    for column in columns
+                    if column in self.plan.columns and column not in scores
+                }
+        scores |= {
+            "train_s": training["wall"],
+            "steps": self._steps(trained),
+            "train_cpu_s": training["cpu"],
+            "cold_start_s": sum(stages[name]["wall"] for name in (IMPORT, WARM_UP) if name in stages),
+        }
         scores["peak_mb"] = max(provenance.peak_memory_mb(), trained.peak_mb if trained else 0.0)
         events = [*(observer.nonfinite if observer else ()), *(outcome.nonfinite if outcome else ()), *found.nonfinite]
         result = Result(
-            schema_version=SCHEMA_VERSION, key=self.spec.key, spec=self.spec,
+            schema_version=SCHEMA_VERSION,
+            key=self.spec.key,
+            spec=self.spec,
             protocol={**self.protocol.as_data(), "metrics": {entry.id: entry.note for entry in METRICS.values()}},
-            plan=plan, status=status, message=message, traceback=trace,
-            scene=self.dataset.scene, data=str(self.data), command=self.settings.command(),
-            started=self.started, ended=_now(), scores=scores, left_out=left_out,
-            left_out_stages={**{stage["name"]: stage["reason"] for stage in plan["stages"] if not stage["runs"]},
-                             **(outcome.left_out if outcome else {})},
-            do_nothing=self.do_nothing, views=found.views, lens=found.lens,
-            fits=found.fits, apertures=found.apertures,
+            plan=plan,
+            status=status,
+            message=message,
+            traceback=trace,
+            scene=self.dataset.scene,
+            data=str(self.data),
+            command=self.settings.command(),
+            started=self.started,
+            ended=_now(),
+            scores=scores,
+            left_out=left_out,
+            left_out_stages={
+                **{stage["name"]: stage["reason"] for stage in plan["stages"] if not stage["runs"]},
+                **(outcome.left_out if outcome else {}),
+            },
+            do_nothing=self.do_nothing,
+            views=found.views,
+            lens=found.lens,
+            fits=found.fits,
+            apertures=found.apertures,
             curve=trained.curve if trained else observer.curve if observer else [],
             stages=stages,
-            method_stages=outcome.stages if outcome else {}, description=self.description,
-            kernels_compiled=trained.compiled if trained else self._compiled(), model=self._model(),
-            nonfinite=[Event(**asdict(event)) for event in events], predictions=found.predictions,
-            git=provenance.git_state(), machine=provenance.machine(self.spec.device),
+            method_stages=outcome.stages if outcome else {},
+            description=self.description,
+            kernels_compiled=trained.compiled if trained else self._compiled(),
+            model=self._model(),
+            nonfinite=[Event(**asdict(event)) for event in events],
+            predictions=found.predictions,
+            git=provenance.git_state(),
+            machine=provenance.machine(self.spec.device),
             packages=provenance.package_versions(),
         )
         write_result(self.folder, result)

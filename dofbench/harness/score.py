@@ -29,8 +29,8 @@ from dofbench.images import read_image, to_8bit
 from dofbench.metrics import METRICS, score_image
 from dofbench.synthesis.dataset import Dataset
 
-SAME = 1e-6       # relative, between a score and the same one computed again from the same pictures
-SAME_LEVELS = 1   # of 255, between a kept picture and the kept model rendered again: float32 sums of another machine
+SAME = 1e-6  # relative, between a score and the same one computed again from the same pictures
+SAME_LEVELS = 1  # of 255, between a kept picture and the kept model rendered again: float32 sums of another machine
 
 
 @dataclass(eq=False)
@@ -51,7 +51,10 @@ def columns_known() -> tuple[str, ...]:
 
 
 def score(
-    paths: Sequence[Path], metrics: str | None = None, data: Path | None = None, console: Console | None = None,
+    paths: Sequence[Path],
+    metrics: str | None = None,
+    data: Path | None = None,
+    console: Console | None = None,
 ) -> bool:
     """Score every result at or below `paths`, and add what is new to its added.json.
 
@@ -92,8 +95,9 @@ def score_result(folder: Path, result: Result, columns: Iterable[str], data: Pat
     found = Scored()
     for kind in WHOLE:
         prefix = PREFIX[kind]
-        own = [column for column in wanted if column not in DEPTH_COLUMNS
-               and column.startswith(AIF_PREFIX) == bool(prefix)]
+        own = [
+            column for column in wanted if column not in DEPTH_COLUMNS and column.startswith(AIF_PREFIX) == bool(prefix)
+        ]
         if own and (reason := _no_pictures(folder, result, kind)):
             found.left_out |= dict.fromkeys(own, reason)
         elif own:
@@ -112,9 +116,17 @@ def score_result(folder: Path, result: Result, columns: Iterable[str], data: Pat
             values = {name: scores[column] for name, scores in views.items()}
             mean = arithmetic_mean(list(values.values()))
             if column not in result.scores:
-                found.added[column] = AddedScore.model_validate(dict(
-                    value=mean, views=values, of=of, note=METRICS[column.removeprefix(AIF_PREFIX)].note, code=code,
-                    git=git, scored=_now()))
+                found.added[column] = AddedScore.model_validate(
+                    dict(
+                        value=mean,
+                        views=values,
+                        of=of,
+                        note=METRICS[column.removeprefix(AIF_PREFIX)].note,
+                        code=code,
+                        git=git,
+                        scored=_now(),
+                    )
+                )
             elif _same(mean, result.scores[column]):
                 found.again.append(column)
             else:
@@ -150,8 +162,11 @@ def _folders(paths: Sequence[Path]) -> list[Path]:
 def _dataset(result: Result, folder: Path) -> Dataset:
     dataset = Dataset.load(folder)
     if dataset.checksum != result.spec.dataset_checksum:
-        raise InputError(folder, f"the dataset {dataset.name} of checksum {dataset.checksum[:16]}",
-                         f"{result.spec.dataset} of checksum {result.spec.dataset_checksum[:16]}, that it was run on")
+        raise InputError(
+            folder,
+            f"the dataset {dataset.name} of checksum {dataset.checksum[:16]}",
+            f"{result.spec.dataset} of checksum {result.spec.dataset_checksum[:16]}, that it was run on",
+        )
     return dataset
 
 
@@ -174,24 +189,28 @@ def _of_pictures(folder: Path, dataset: Dataset, kind: Kind, columns: list[str])
     views = {}
     for view in _test_views(dataset):
         picture = read_image(folder / "predictions" / kind / f"{view.name}.png")
-        views[view.name] = {prefix + metric: float(value)
-                            for metric, value in score_image(picture, read(view), metrics).items()}
+        views[view.name] = {
+            prefix + metric: float(value) for metric, value in score_image(picture, read(view), metrics).items()
+        }
     return views
 
 
 def _of_depth(method: Method, dataset: Dataset) -> dict[str, dict[str, float]]:
     return {
-        view.name: depth_scores(np.asarray(method.render(view.camera, None).depth), dataset.depth(view),
-                                dataset.disparity_range)
+        view.name: depth_scores(
+            np.asarray(method.render(view.camera, None).depth), dataset.depth(view), dataset.disparity_range
+        )
         for view in _test_views(dataset)
     }
 
 
 def _kept_method(
-    folder: Path, result: Result, dataset: Dataset, entry: MethodEntry,
+    folder: Path,
+    result: Result,
+    dataset: Dataset,
+    entry: MethodEntry,
 ) -> tuple[Method | None, str]:
-    """The trained method, or None and the reason: nothing to compare with, or what was kept can't be rendered as then.
-    """
+    """The trained method, or None and the reason: nothing to compare with, or the kept model can't be rendered."""
     views = _test_views(dataset)
     if reason := missing_truth(dataset).depth:
         return None, reason
@@ -225,17 +244,30 @@ def _keep(folder: Path, result: Result, found: Scored) -> None:
     except InputError:  # of another result.json, or damaged: written anew
         earlier = None
     scores = {**(earlier.scores if earlier else {}), **found.added}
-    left_out = {column: reason for column, reason in {**(earlier.left_out if earlier else {}), **found.left_out}.items()
-                if column not in scores}
+    left_out = {
+        column: reason
+        for column, reason in {**(earlier.left_out if earlier else {}), **found.left_out}.items()
+        if column not in scores
+    }
     if scores or left_out:
-        write_added(folder, Added(schema_version=ADDED_VERSION, key=result.key, scores=scores, left_out=left_out,
-                                  result_sha256=sha256_file(folder / RESULT_FILE)))
+        write_added(
+            folder,
+            Added(
+                schema_version=ADDED_VERSION,
+                key=result.key,
+                scores=scores,
+                left_out=left_out,
+                result_sha256=sha256_file(folder / RESULT_FILE),
+            ),
+        )
 
 
 def _lines(found: Scored) -> list[str]:
     lines = [*found.problems]
-    lines += [f"added {column} {score.value:.6g}, of {len(score.views)} views, from the kept {score.of}"
-              for column, score in found.added.items()]
+    lines += [
+        f"added {column} {score.value:.6g}, of {len(score.views)} views, from the kept {score.of}"
+        for column, score in found.added.items()
+    ]
     if found.again:
         lines.append(f"the same again: {', '.join(found.again)}")
     reasons: dict[str, list[str]] = {}

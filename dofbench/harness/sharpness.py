@@ -15,16 +15,16 @@ import numpy as np
 from dofbench.scenes.visibility import Seen
 
 LUMA = np.array([0.299, 0.587, 0.114])
-SECOND_BLUR = 1.0   # px, standard deviation
-WINDOW = 9          # px
-DEPTHS = 6          # bins of disparity
-LEAST_POINTS = 15   # in a bin of a view
-SHARPEST = 0.1      # quantile over a bin's points that stands for its sharpest detail
-CONTRAST = 0.01     # gradient, per px of a range of 1, below which there is no detail to judge by
-ABOVE_NOISE = 4.0   # times the noise's own energy that detail must have
+SECOND_BLUR = 1.0  # px, standard deviation
+WINDOW = 9  # px
+DEPTHS = 6  # bins of disparity
+LEAST_POINTS = 15  # in a bin of a view
+SHARPEST = 0.1  # quantile over a bin's points that stands for its sharpest detail
+CONTRAST = 0.01  # gradient, per px of a range of 1, below which there is no detail to judge by
+ABOVE_NOISE = 4.0  # times the noise's own energy that detail must have
 OWN_SOFTNESS = 0.7  # px: more than this a photograph in focus isn't blurred by its lens, sensor and scaling
-MOST = 8.0          # px: a blur that the second one no longer changes
-WIDEST = 0.75       # quantile over the views: some may see one depth only, or the focus' own
+MOST = 8.0  # px: a blur that the second one no longer changes
+WIDEST = 0.75  # quantile over the views: some may see one depth only, or the focus' own
 
 
 def largest_blur(images: Sequence[np.ndarray], seen: Sequence[Seen]) -> float | None:

@@ -39,8 +39,7 @@ def missing_truth(dataset: Dataset) -> MissingTruth:
     depth = _lacking("depth", test, [view for view in test if not view.has_depth], "test")
     return MissingTruth(
         refocus=_lacking("test lens", test, [view for view in test if view.lens is None], "test"),
-        all_in_focus=_lacking(
-            "sharp photograph", test, [view for view in test if not view.has_all_in_focus], "test"),
+        all_in_focus=_lacking("sharp photograph", test, [view for view in test if not view.has_all_in_focus], "test"),
         lens=lens,
         depth=depth or ("" if dataset.has_exact_depth else NO_EXACT_DEPTH),
     )

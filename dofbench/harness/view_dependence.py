@@ -13,13 +13,13 @@ import numpy as np
 
 from dofbench.scenes.visibility import Seen
 
-SMOOTHED = 1.5      # px, standard deviation: so much is looked at together
-AROUND = 9          # px: within this window the image must be even, so that a blur brings nothing else in
-EVEN = 0.25         # share of the points whose surroundings change least
-VIEWS = 4           # that must see a point
-LEAST_POINTS = 30   # that are left
+SMOOTHED = 1.5  # px, standard deviation: so much is looked at together
+AROUND = 9  # px: within this window the image must be even, so that a blur brings nothing else in
+EVEN = 0.25  # share of the points whose surroundings change least
+VIEWS = 4  # that must see a point
+LEAST_POINTS = 30  # that are left
 MOST_POINTS = 20000  # are looked at, evenly chosen
-LARGEST = 0.95      # quantile over the points
+LARGEST = 0.95  # quantile over the points
 
 
 def point_colours(images: Sequence[np.ndarray], seen: Sequence[Seen]) -> tuple[np.ndarray, np.ndarray] | None:

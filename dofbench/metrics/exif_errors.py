@@ -13,8 +13,8 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-SMALLEST_GROUP = 3   # photographs of one f-number, for a spread or a median to mean anything
-TIED = 1e-5          # relative: apertures that differ by less weren't estimated one by one, but rounded to float32
+SMALLEST_GROUP = 3  # photographs of one f-number, for a spread or a median to mean anything
+TIED = 1e-5  # relative: apertures that differ by less weren't estimated one by one, but rounded to float32
 _TO_DEVIATION = 1.4826  # from the median absolute deviation to the standard deviation of a normal distribution
 
 Estimate = tuple[float, float]  # learned aperture, f-number
@@ -58,8 +58,9 @@ def exif_errors(estimates: Sequence[Estimate]) -> ExifErrors:
     else:
         count = sum(map(len, groups.values()))
         spread = 100 * math.fsum(len(own) * _robust(own) for own in groups.values()) / count
-        deviation = 100 * math.fsum(
-            len(own) * statistics.stdev(own) / statistics.fmean(own) for own in groups.values()) / count
+        deviation = (
+            100 * math.fsum(len(own) * statistics.stdev(own) / statistics.fmean(own) for own in groups.values()) / count
+        )
     ratio, no_ratio = None, ""
     if len(groups) < 2:
         no_ratio = f"fewer than two f-numbers with {SMALLEST_GROUP} training views or more"

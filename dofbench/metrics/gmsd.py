@@ -13,8 +13,8 @@ import numpy as np
 from dofbench.metrics._images import checked
 
 _LUMA = np.array([0.299, 0.587, 0.114])  # Rec. 601, what the authors' images were converted by
-_C = 170.0                               # section III-C, for values of 0 ... 255
-_SMALLEST = 3                            # pixels; leaves 2 x 2 values whose deviation can be taken
+_C = 170.0  # section III-C, for values of 0 ... 255
+_SMALLEST = 3  # pixels; leaves 2 x 2 values whose deviation can be taken
 
 
 def gmsd(prediction: np.ndarray, truth: np.ndarray) -> float:

@@ -34,8 +34,9 @@ def octaves(width: int, height: int) -> int:
     return max(4, math.floor(math.log2(max(1.0, min(width, height) / _COARSEST))) - FIRST_OCTAVE + 1)
 
 
-def register_images(database: Path, folder: Path, photographs: Sequence[Prepared], groups: Sequence[CameraGroup],
-                    model: str) -> None:
+def register_images(
+    database: Path, folder: Path, photographs: Sequence[Prepared], groups: Sequence[CameraGroup], model: str
+) -> None:
     """Write cameras and photographs into a new database, in order: ids count from 1 in the order of `photographs`.
 
     Where the poses are known, every photograph has its own camera, held as it is.
@@ -49,8 +50,10 @@ def register_images(database: Path, folder: Path, photographs: Sequence[Prepared
         for table in ("images", "frames", "rigs", "cameras"):
             getattr(opened, f"clear_{table}")()
         ids = [opened.write_camera(_camera(group, model)) for group in groups]
-        own = [opened.write_camera(_known_camera(photograph)) if photograph.camera is not None else 0
-               for photograph in photographs]
+        own = [
+            opened.write_camera(_known_camera(photograph)) if photograph.camera is not None else 0
+            for photograph in photographs
+        ]
     for index, photograph in enumerate(photographs):
         options = pycolmap.ImageReaderOptions()
         options.existing_camera_id = own[index] or ids[group_of[photograph.name]]
@@ -58,7 +61,13 @@ def register_images(database: Path, folder: Path, photographs: Sequence[Prepared
 
 
 def extract(
-    database: Path, folder: Path, photographs: Sequence[Prepared], *, most: int, threads: int, wait: Wait,
+    database: Path,
+    folder: Path,
+    photographs: Sequence[Prepared],
+    *,
+    most: int,
+    threads: int,
+    wait: Wait,
     advance: Callable[[int], None],
 ) -> dict[str, FeatureCount]:
     """Features of every photograph, by name; those that the database has are kept.
@@ -74,8 +83,11 @@ def extract(
     options.sift.max_num_features = most
     for start in range(0, len(photographs), threads):
         names = [photograph.file_name for photograph in photographs[start : start + threads]]
-        wait(lambda names=names: pycolmap.extract_features(
-            database, folder, image_names=names, extraction_options=options))
+        wait(
+            lambda names=names: pycolmap.extract_features(
+                database, folder, image_names=names, extraction_options=options
+            )
+        )
         advance(min(len(photographs), start + threads))
     return counts(database, photographs)
 
@@ -126,7 +138,11 @@ def _known_camera(photograph: Prepared) -> Any:
 
     known = photograph.camera
     assert known is not None
-    camera = pycolmap.Camera(model="PINHOLE", width=photograph.width, height=photograph.height,
-                             params=[known.fx, known.fy, known.cx, known.cy])
+    camera = pycolmap.Camera(
+        model="PINHOLE",
+        width=photograph.width,
+        height=photograph.height,
+        params=[known.fx, known.fy, known.cx, known.cy],
+    )
     camera.has_prior_focal_length = True
     return camera

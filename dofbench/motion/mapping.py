@@ -29,8 +29,15 @@ class Mapped:
 
 
 def map_photographs(
-    database: Path, folder: Path, work: Path, count: int, *, mapping: Mapping, seed: int,
-    advance: Callable[[int], None], sign: Callable[[], None],
+    database: Path,
+    folder: Path,
+    work: Path,
+    count: int,
+    *,
+    mapping: Mapping,
+    seed: int,
+    advance: Callable[[int], None],
+    sign: Callable[[], None],
 ) -> Mapped | None:
     """Poses of the photographs that hang together, `count` at most; None where no three of them do.
 
@@ -43,8 +50,12 @@ def map_photographs(
     for attempt, demands in (("COLMAP's own", {}), ("lenient", _LENIENT)):
         placed = _Placed(advance, count)
         found = _largest(
-            wait(lambda demands=demands, placed=placed: _incremental(database, folder, work, seed, demands, placed),
-                 placed.look), attempt)
+            wait(
+                lambda demands=demands, placed=placed: _incremental(database, folder, work, seed, demands, placed),
+                placed.look,
+            ),
+            attempt,
+        )
         if found is not None and (best is None or found.model.num_reg_images() > best.model.num_reg_images()):
             best = found
         if best is not None and best.model.num_reg_images() >= _ENOUGH * count:
@@ -84,7 +95,11 @@ def _incremental(
         setattr(options.mapper, name, value)
     pycolmap.set_random_seed(seed)
     return pycolmap.incremental_mapping(
-        database, folder, _emptied(work), options=options, initial_image_pair_callback=placed.begin,
+        database,
+        folder,
+        _emptied(work),
+        options=options,
+        initial_image_pair_callback=placed.begin,
         next_image_callback=placed.one_more,
     )
 
@@ -94,8 +109,12 @@ def _global(database: Path, folder: Path, work: Path, seed: int) -> dict[int, An
 
     options = pycolmap.GlobalPipelineOptions()
     options.num_threads, options.random_seed, options.min_model_size = 1, seed, LEAST
-    for part in (options.mapper, options.mapper.rotation_averaging, options.mapper.global_positioning,
-                 options.mapper.retriangulation):
+    for part in (
+        options.mapper,
+        options.mapper.rotation_averaging,
+        options.mapper.global_positioning,
+        options.mapper.retriangulation,
+    ):
         part.random_seed = seed
     options.mapper.num_threads = 1
     options.mapper.global_positioning.use_gpu = False
@@ -118,8 +137,9 @@ def _largest(models: dict[int, Any], attempt: str) -> Mapped | None:
     return Mapped(order[0], tuple(others), attempt)
 
 
-def triangulate(database: Path, folder: Path, work: Path, photographs: Sequence[Prepared], seed: int,
-                sign: Callable[[], None]) -> Any:
+def triangulate(
+    database: Path, folder: Path, work: Path, photographs: Sequence[Prepared], seed: int, sign: Callable[[], None]
+) -> Any:
     """Points (a pycolmap.Reconstruction) of photographs whose poses are known and held fixed.
 
     Tracks that cameras see under a smaller angle than 1.5 degrees, or miss by 4 pixels, are left out, as COLMAP does.
@@ -144,8 +164,7 @@ def triangulate(database: Path, folder: Path, work: Path, photographs: Sequence[
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads, options.random_seed = 1, seed
     options.triangulation.random_seed = seed
-    return wait(lambda: pycolmap.triangulate_points(posed, database, folder, _emptied(work), options=options),
-                sign)
+    return wait(lambda: pycolmap.triangulate_points(posed, database, folder, _emptied(work), options=options), sign)
 
 
 def _emptied(work: Path) -> Path:

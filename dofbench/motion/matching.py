@@ -15,9 +15,7 @@ from dofbench.motion.watch import Wait
 _AT_ONCE = 24
 
 
-def choose_pairs(
-    matching: Matching, database: Path, photographs: Sequence[Prepared], seed: int
-) -> list[Pair]:
+def choose_pairs(matching: Matching, database: Path, photographs: Sequence[Prepared], seed: int) -> list[Pair]:
     """The pairs to compare, by index into `photographs`; `matching` is not auto any more."""
     count = len(photographs)
     if matching == "exhaustive":
@@ -30,8 +28,15 @@ def choose_pairs(
 
 
 def match(
-    database: Path, photographs: Sequence[Prepared], pairs: Sequence[Pair], work: Path, *, seed: int, threads: int,
-    wait: Wait, advance: Callable[[int], None],
+    database: Path,
+    photographs: Sequence[Prepared],
+    pairs: Sequence[Pair],
+    work: Path,
+    *,
+    seed: int,
+    threads: int,
+    wait: Wait,
+    advance: Callable[[int], None],
 ) -> None:
     """Match the pairs and keep what one geometry explains; pairs that the database has are passed over.
 
@@ -49,8 +54,11 @@ def match(
         some = pairs[start : start + _AT_ONCE]
         lines = [f"{photographs[first].file_name} {photographs[second].file_name}" for first, second in some]
         pairing.match_list_path.write_text("\n".join(lines) + "\n")
-        wait(lambda: pycolmap.match_image_pairs(
-            database, matching_options=matching, pairing_options=pairing, verification_options=geometry))
+        wait(
+            lambda: pycolmap.match_image_pairs(
+                database, matching_options=matching, pairing_options=pairing, verification_options=geometry
+            )
+        )
         advance(start + len(some))
 
 

@@ -132,10 +132,18 @@ def prepare(
         if min(width, height) < 16:
             raise InputError(photograph.source, f"{width}x{height} pixels", "a photograph of at least 16x16")
         camera = photograph.camera
-        prepared.append(Prepared(
-            photograph.name, path.name, width, height, sharpness(image), photograph.exif,
-            None if camera is None else camera.resized(width, height), photograph.split,
-        ))
+        prepared.append(
+            Prepared(
+                photograph.name,
+                path.name,
+                width,
+                height,
+                sharpness(image),
+                photograph.exif,
+                None if camera is None else camera.resized(width, height),
+                photograph.split,
+            )
+        )
         advance(index + 1)
     return prepared
 

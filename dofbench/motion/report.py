@@ -42,8 +42,11 @@ class ViewReport:
 
 
 def view_reports(
-    photographs: Sequence[Prepared], counts: Mapping[str, FeatureCount], verified: Mapping[Pair, int],
-    model: Any | None, others: Sequence[Sequence[str]],
+    photographs: Sequence[Prepared],
+    counts: Mapping[str, FeatureCount],
+    verified: Mapping[Pair, int],
+    model: Any | None,
+    others: Sequence[Sequence[str]],
 ) -> list[ViewReport]:
     """A report for every photograph. model: a pycolmap.Reconstruction, None where nothing was found. others: parts that
     hang together apart from it, by view."""
@@ -56,10 +59,21 @@ def view_reports(
         points, error = seen.get(photograph.file_name, (0, None))
         registered = photograph.file_name in seen
         why, advice = ("", "") if registered else _reason(photograph, count, mine, others, usual)
-        reports.append(ViewReport(
-            photograph.name, registered, count.features, count.coarse, round(photograph.sharpness, 2), len(mine),
-            max(mine, default=0), points, error, why, advice,
-        ))
+        reports.append(
+            ViewReport(
+                photograph.name,
+                registered,
+                count.features,
+                count.coarse,
+                round(photograph.sharpness, 2),
+                len(mine),
+                max(mine, default=0),
+                points,
+                error,
+                why,
+                advice,
+            )
+        )
     return reports
 
 
@@ -70,13 +84,20 @@ def remarks(reports: Sequence[ViewReport], video: bool) -> list[str]:
     if len(missing) > len(lines):
         lines.append(f"and {len(missing) - len(lines)} more without a pose; reconstruct.json has them all")
     if len(missing) > len(reports) / 2:
-        lines.append("More than half have no pose: " + (
-            "a slower walk, or more --frames, gives frames that overlap more." if video else
-            "neighbours should overlap by two thirds, and be taken from different places, not from one by turning."))
+        lines.append(
+            "More than half have no pose: "
+            + (
+                "a slower walk, or more --frames, gives frames that overlap more."
+                if video
+                else "neighbours should overlap by two thirds, taken from different places, not from one by turning."
+            )
+        )
     seen = median_points(reports)
     if seen is not None and seen < _WEAK:
-        lines.append(f"The poses are doubtful: the typical photograph sees {seen:g} points; fewer than {_WEAK} gave "
-                     "focal lengths wrong by a fifth to a half. Take more photographs, nearer to each other.")
+        lines.append(
+            f"The poses are doubtful: the typical photograph sees {seen:g} points; fewer than {_WEAK} gave "
+            "focal lengths wrong by a fifth to a half. Take more photographs, nearer to each other."
+        )
     return lines
 
 
@@ -92,18 +113,26 @@ def _reason(
     blurred = photograph.sharpness < _BLURRED * usual
     if count.features < FEW:
         what = "blurred all over" if blurred else "dark, plain or blurred"
-        return (f"{count.features} features, it is {what}",
-                "leave it out, or take it with something sharp and textured in it")
+        return (
+            f"{count.features} features, it is {what}",
+            "leave it out, or take it with something sharp and textured in it",
+        )
     if not matches:
-        return ("no other photograph shows enough of the same",
-                "take photographs between it and the others, overlapping by two thirds")
+        return (
+            "no other photograph shows enough of the same",
+            "take photographs between it and the others, overlapping by two thirds",
+        )
     for part in others:
         if photograph.name in part:
-            return (f"it hangs together with {len(part) - 1} others, but not with the rest",
-                    "take photographs between the two parts, or reconstruct this part by itself")
-    return (f"at most {max(matches)} matches with one of {len(matches)} photographs, too few points in common with "
-            "those that have poses",
-            "take more photographs near it, or try --mapping global, or --cameras each if the lens was zoomed")
+            return (
+                f"it hangs together with {len(part) - 1} others, but not with the rest",
+                "take photographs between the two parts, or reconstruct this part by itself",
+            )
+    return (
+        f"at most {max(matches)} matches with one of {len(matches)} photographs, too few points in common with "
+        "those that have poses",
+        "take more photographs near it, or try --mapping global, or --cameras each if the lens was zoomed",
+    )
 
 
 def _seen(model: Any) -> dict[str, tuple[int, float | None]]:

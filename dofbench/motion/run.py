@@ -58,10 +58,17 @@ def run(settings: Reconstruct, progress: Progress, say: Callable[[str], None] | 
     pycolmap.logging.minloglevel = 3
     source = find_source(settings)
     digests = source.digests()
-    identity = sha256_text(canonical_json({
-        "settings": settings.recipe(), "kind": source.kind, "files": digests, "dofbench": __version__,
-        "pycolmap": pycolmap.__version__,
-    }))
+    identity = sha256_text(
+        canonical_json(
+            {
+                "settings": settings.recipe(),
+                "kind": source.kind,
+                "files": digests,
+                "dofbench": __version__,
+                "pycolmap": pycolmap.__version__,
+            }
+        )
+    )
     with only_writer(settings.out):
         work = Work(settings.out)
         if work.begin(identity) == "complete":
@@ -71,23 +78,48 @@ def run(settings: Reconstruct, progress: Progress, say: Callable[[str], None] | 
 
 
 def _stages(
-    settings: Reconstruct, source: Source, digests: dict[str, str], identity: str, work: Work, progress: Progress,
+    settings: Reconstruct,
+    source: Source,
+    digests: dict[str, str],
+    identity: str,
+    work: Work,
+    progress: Progress,
     say: Callable[[str], None],
 ) -> Outcome:
     photographs = _photographs(settings, source, work, progress)
-    groups = [] if source.kind == "poses" else group_by_camera(
-        photographs, "shared" if source.kind == "video" else settings.cameras, settings.sensor_width)
+    groups = (
+        []
+        if source.kind == "poses"
+        else group_by_camera(
+            photographs, "shared" if source.kind == "video" else settings.cameras, settings.sensor_width
+        )
+    )
     threads = _threads()
     with work.timed("features"), progress.stage("features", len(photographs)) as advance:
         register_images(work.database, work.photographs, photographs, groups, settings.camera_model)
-        features = extract(work.database, work.photographs, photographs, most=settings.features, threads=threads,
-                           wait=wait, advance=advance)
+        features = extract(
+            work.database,
+            work.photographs,
+            photographs,
+            most=settings.features,
+            threads=threads,
+            wait=wait,
+            advance=advance,
+        )
     matching = choose(settings.matching, len(photographs), source.kind == "video")
     with work.timed("matches"):
         pairs = choose_pairs(matching, work.database, photographs, settings.seed)
         with progress.stage("matches", len(pairs)) as advance:
-            match(work.database, photographs, pairs, work.folder, seed=settings.seed, threads=threads, wait=wait,
-                  advance=advance)
+            match(
+                work.database,
+                photographs,
+                pairs,
+                work.folder,
+                seed=settings.seed,
+                threads=threads,
+                wait=wait,
+                advance=advance,
+            )
     found = _map(settings, source, work, photographs, progress, say)
     model = _read(work.model) if found is not None else None
     agreed = verified(work.database, photographs)
@@ -95,13 +127,24 @@ def _stages(
     views = view_reports(photographs, features, agreed, model, others)
     lines = tuple(remarks(views, source.kind == "video"))
     if model is None:
-        nothing = (f"{settings.out}: no scene: no {LEAST} of the {len(photographs)} photographs hang together; what is "
-                   "finished stays, and the same command goes on from it")
+        nothing = (
+            f"{settings.out}: no scene: no {LEAST} of the {len(photographs)} photographs hang together; what is "
+            "finished stays, and the same command goes on from it"
+        )
         return Outcome(None, (*lines, nothing))
     with work.timed("undistortion"), progress.stage("undistortion", model.num_reg_images()) as advance:
         placed = write_scene(work, photographs, source.holds_split, advance)
     content = record(
-        settings, source, digests, identity, groups, views, model, placed, mapping=found, seconds=work.seconds(),
+        settings,
+        source,
+        digests,
+        identity,
+        groups,
+        views,
+        model,
+        placed,
+        mapping=found,
+        seconds=work.seconds(),
         matching={"mode": matching, "pairs": len(pairs), "verified_pairs": len(agreed)},
     )
     write_json(work.scene / RECORD, content)
@@ -121,7 +164,11 @@ def _photographs(settings: Reconstruct, source: Source, work: Work, progress: Pr
 
 
 def _map(
-    settings: Reconstruct, source: Source, work: Work, photographs: Sequence[Prepared], progress: Progress,
+    settings: Reconstruct,
+    source: Source,
+    work: Work,
+    photographs: Sequence[Prepared],
+    progress: Progress,
     say: Callable[[str], None],
 ) -> dict[str, Any] | None:
     """Make the model in `work.model`, unless it is there. Returns what is to be said of how; None without a model."""
@@ -136,14 +183,25 @@ def _map(
                 return None
             how: dict[str, Any] = {"how": "poses kept, points triangulated", "others": []}
         else:
-            mapped = map_photographs(work.database, work.photographs, work.folder, len(photographs),
-                                     mapping=settings.mapping, seed=settings.seed, advance=advance, sign=sign)
+            mapped = map_photographs(
+                work.database,
+                work.photographs,
+                work.folder,
+                len(photographs),
+                mapping=settings.mapping,
+                seed=settings.seed,
+                advance=advance,
+                sign=sign,
+            )
             if mapped is None:
                 return None
             model = mapped.model
             names = {photograph.file_name: photograph.name for photograph in photographs}
-            how = {"how": settings.mapping, "demands": mapped.attempt,
-                   "others": [[names[file] for file in part] for part in mapped.others]}
+            how = {
+                "how": settings.mapping,
+                "demands": mapped.attempt,
+                "others": [[names[file] for file in part] for part in mapped.others],
+            }
     write_json(work.folder / _MAPPING, how)
     unfinished = work.folder / "model.part"
     shutil.rmtree(unfinished, ignore_errors=True)
@@ -177,8 +235,10 @@ def _read(folder: Path) -> Any:
 
 def _summary(content: dict[str, Any]) -> str:
     done = sum(view["registered"] for view in content["views"])
-    return (f"{done} of {len(content['views'])} photographs have poses, {content['points']} points, "
-            f"{content['mean_reprojection_error']:.2f} px")
+    return (
+        f"{done} of {len(content['views'])} photographs have poses, {content['points']} points, "
+        f"{content['mean_reprojection_error']:.2f} px"
+    )
 
 
 def _threads() -> int:

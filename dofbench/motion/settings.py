@@ -63,8 +63,12 @@ class Reconstruct:
     """Seed of the random choices in matching and mapping."""
 
     def __post_init__(self) -> None:
-        for option, value, lowest in (("--size", self.size, 64), ("--frames", self.frames, 3),
-                                      ("--features", self.features, 100), ("--seed", self.seed, 0)):
+        for option, value, lowest in (
+            ("--size", self.size, 64),
+            ("--frames", self.frames, 3),
+            ("--features", self.features, 100),
+            ("--seed", self.seed, 0),
+        ):
             if value < lowest:
                 raise InputError(option, str(value), f"at least {lowest}")
         if self.sensor_width is not None and not 1 <= self.sensor_width <= 200:
@@ -77,6 +81,7 @@ class Reconstruct:
     def command(self) -> str:
         """The command line of these settings."""
         defaults = {name: field.default for name, field in self.__dataclass_fields__.items()}
-        options = [f"--{name.replace('_', '-')} {value}" for name, value in self.recipe().items()
-                   if value != defaults[name]]
+        options = [
+            f"--{name.replace('_', '-')} {value}" for name, value in self.recipe().items() if value != defaults[name]
+        ]
         return " ".join(["dofbench reconstruct", str(self.source), "--out", str(self.out), *options])

@@ -51,15 +51,24 @@ def find_source(settings: Reconstruct) -> Source:
             return _posed(settings)
         photographs = find_photographs(path, settings.images)
         return Source(
-            "photographs", path.resolve().name, len(photographs), upright_size(photographs[0].source),
-            lambda: digests(photographs), lambda folder, advance: photographs,
+            "photographs",
+            path.resolve().name,
+            len(photographs),
+            upright_size(photographs[0].source),
+            lambda: digests(photographs),
+            lambda folder, advance: photographs,
         )
     if not video.is_video(path):
         raise InputError(path, "a file that is no video", f"{_EXPECTED} ({', '.join(video.VIDEO_SUFFIXES)})")
     count, size = video.announced(path), video.frame_size(path)
     return Source(
-        "video", path.stem, min(count or settings.frames, settings.frames), size, lambda: video.digest(path),
-        lambda folder, advance: video.sharpest_frames(path, folder, settings.frames, advance), count=count,
+        "video",
+        path.stem,
+        min(count or settings.frames, settings.frames),
+        size,
+        lambda: video.digest(path),
+        lambda folder, advance: video.sharpest_frames(path, folder, settings.frames, advance),
+        count=count,
     )
 
 
@@ -83,7 +92,11 @@ def _posed(settings: Reconstruct) -> Source:
     first = scene.views[0].camera
     usual = {view.name: view.split for view in scene.with_hold(DEFAULT_HOLD).views}
     return Source(
-        "poses", scene.name, len(photographs), (first.width, first.height), lambda: digests(photographs),
+        "poses",
+        scene.name,
+        len(photographs),
+        (first.width, first.height),
+        lambda: digests(photographs),
         lambda folder, advance: photographs,
         holds_split=any(view.split != usual[view.name] for view in scene.views),
     )

@@ -82,8 +82,9 @@ def _best(path: Path, total: int, count: int, advance: Callable[[int], None]) ->
             best, score = None, -1.0
         current = window
         width = min(_LOOK, frame.shape[1])
-        small = cv2.resize(frame, (width, max(1, frame.shape[0] * width // frame.shape[1])),
-                           interpolation=cv2.INTER_AREA)
+        small = cv2.resize(
+            frame, (width, max(1, frame.shape[0] * width // frame.shape[1])), interpolation=cv2.INTER_AREA
+        )
         value = sharpness(small[..., ::-1].astype(np.float32) / np.float32(255.0))
         if value > score:
             best, score = (index, np.ascontiguousarray(frame[..., ::-1])), value

@@ -57,8 +57,11 @@ class Work:
         if record.is_file():
             found = read_json(record)
             if not isinstance(found, dict) or found.get("identity") != identity:
-                raise InputError(self.root, "another reconstruction",
-                                 "the same one (photographs, settings, version), or another --out")
+                raise InputError(
+                    self.root,
+                    "another reconstruction",
+                    "the same one (photographs, settings, version), or another --out",
+                )
             shutil.rmtree(self.folder, ignore_errors=True)
             return "complete"
         if any(entry.name != _WORK for entry in self.root.iterdir()) and not (self.folder / _STATE).is_file():

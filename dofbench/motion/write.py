@@ -40,8 +40,12 @@ def write_scene(
     points = None if model.points is None else _in_front(model.points, cameras)
     export.write_colmap(work.scene, names, cameras, points)
     if holds_split:
-        export.write_transforms(work.scene / "transforms.json", [f"images/{name}" for name in names], cameras,
-                                splits=[view.split or "train" for view in views])
+        export.write_transforms(
+            work.scene / "transforms.json",
+            [f"images/{name}" for name in names],
+            cameras,
+            splits=[view.split or "train" for view in views],
+        )
     if exif := {view.name: view.exif for view in views if view.exif is not None}:
         write_exif(work.scene, exif)
     return {view.name: lens for view, lens in zip(views, model.intrinsics, strict=True)}

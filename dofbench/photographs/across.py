@@ -28,7 +28,7 @@ from dofbench.photographs.predict import (
 from dofbench.photographs.search import Effort, Frame
 from dofbench.photographs.tiles import Tiles
 
-FOCUSES = 7          # of the grid, over the disparities of the view and a quarter of their extent beyond both ends
+FOCUSES = 7  # of the grid, over the disparities of the view and a quarter of their extent beyond both ends
 BEYOND = 0.25
 FOCUS_EFFORT = Effort(apertures=1, focuses=FOCUSES, coarse=6, fine=4)
 QUICK_FOCUS_EFFORT = Effort(apertures=1, focuses=FOCUSES, coarse=4, fine=1)
@@ -46,8 +46,15 @@ class AcrossPrediction:
 
 
 def predict_across(
-    method: Method, camera: Camera, photograph: np.ndarray, learned: Mapping[str, PhysicalLens] | None, ratio: float,
-    effort: Effort = FOCUS_EFFORT, *, no_lens: str = "", unscaled: bool = True,
+    method: Method,
+    camera: Camera,
+    photograph: np.ndarray,
+    learned: Mapping[str, PhysicalLens] | None,
+    ratio: float,
+    effort: Effort = FOCUS_EFFORT,
+    *,
+    no_lens: str = "",
+    unscaled: bool = True,
 ) -> AcrossPrediction:
     """Predict a photograph whose f-number is 1 / `ratio` times that of the training views.
 
@@ -62,8 +69,9 @@ def predict_across(
         return AcrossPrediction(nothing, None, None)
     in_focus = assembled([image, image], photograph, tiles)
     lens, frame = median_lens(learned), frame_of(depth, camera, learned)
-    refused = no_lens or ("no learned aperture to be scaled" if lens is None or frame is None
-                          else refusal(method, camera, frame))
+    refused = no_lens or (
+        "no learned aperture to be scaled" if lens is None or frame is None else refusal(method, camera, frame)
+    )
     if lens is None or frame is None or refused:
         return AcrossPrediction(Prediction.by_blur(image, photograph, tiles, refused, start), None, in_focus)
     apertures = [lens.aperture * camera.width / lens.width * factor for factor in (ratio, *([1.0] * unscaled))]
@@ -74,8 +82,9 @@ def predict_across(
     return AcrossPrediction(scaled, other[0] if other else None, in_focus)
 
 
-def _by_focus(method: Method, camera: Camera, photograph: np.ndarray, tiles: Tiles, frame: Frame, aperture: float,
-              effort: Effort) -> LensSearch:
+def _by_focus(
+    method: Method, camera: Camera, photograph: np.ndarray, tiles: Tiles, frame: Frame, aperture: float, effort: Effort
+) -> LensSearch:
     """A search for the focus alone, in shares of the view's disparities."""
     disparities = frame.disparities
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 LOW, HIGH = 1.5 / 255, 253.5 / 255  # what lies beyond was clipped by the sensor, or nearly: no word about colour
-FEWEST = 64                         # pixels to fit 12 numbers to; with fewer, colours stay as they are
+FEWEST = 64  # pixels to fit 12 numbers to; with fewer, colours stay as they are
 
 
 def colour_map(prediction: np.ndarray, photograph: np.ndarray) -> np.ndarray:

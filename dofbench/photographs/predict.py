@@ -18,9 +18,9 @@ from dofbench.photographs.search import LEAST_STEP, Effort, Found, Frame, best_s
 from dofbench.photographs.tiles import Tiles, shrink
 
 HALVES = (0, 1)
-REDUCED = 256         # px, about the width at which the search begins
+REDUCED = 256  # px, about the width at which the search begins
 LARGEST_SIGMA = 0.04  # of the width: a Gaussian as wide as a disc twice as large
-_RANGE = 2.0, 98.0    # percentiles of the disparities of a view that the search spans
+_RANGE = 2.0, 98.0  # percentiles of the disparities of a view that the search spans
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +56,10 @@ class Prediction:
         """Of a rendering without a lens, by the Gaussian blur that helps it most."""
         gaussian = _fit_sigmas(image, photograph, tiles)
         blurred = assembled([found for _, found in gaussian], photograph, tiles)
-        halves = tuple(HalfFit(half, None, sigma, (0, 1), _cost(found, photograph, tiles.fitted(half)))
-                       for half, (sigma, found) in zip(HALVES, gaussian, strict=True))
+        halves = tuple(
+            HalfFit(half, None, sigma, (0, 1), _cost(found, photograph, tiles.fitted(half)))
+            for half, (sigma, found) in zip(HALVES, gaussian, strict=True)
+        )
         return Prediction(blurred, blurred, halves, tiles, refused, 0, time.perf_counter() - start)
 
 
@@ -72,8 +74,13 @@ def sharp_rendering(method: Method, camera: Camera) -> tuple[np.ndarray, np.ndar
 
 
 def predict(
-    method: Method, camera: Camera, photograph: np.ndarray, learned: Mapping[str, PhysicalLens] | None, effort: Effort,
-    *, no_lens: str = "",
+    method: Method,
+    camera: Camera,
+    photograph: np.ndarray,
+    learned: Mapping[str, PhysicalLens] | None,
+    effort: Effort,
+    *,
+    no_lens: str = "",
 ) -> Prediction:
     """Fit what isn't known on each half of the photograph, and predict the other half.
 
@@ -87,8 +94,9 @@ def predict(
     if bad:
         return Prediction(None, None, (), tiles, no_lens, bad, time.perf_counter() - start)
     frame = frame_of(depth, camera, learned)
-    refused = no_lens or ("neither depth nor learned lenses to begin with" if frame is None
-                          else refusal(method, camera, frame))
+    refused = no_lens or (
+        "neither depth nor learned lenses to begin with" if frame is None else refusal(method, camera, frame)
+    )
     if frame is None or refused:
         return Prediction.by_blur(image, photograph, tiles, refused, start)
     starts = [frame.ends(lens) for lens in lens_grid(frame, median_lens(learned), effort)]
@@ -113,8 +121,16 @@ class LensSearch:
     the full size.
     """
 
-    def __init__(self, method: Method, camera: Camera, photograph: np.ndarray, tiles: Tiles, starts: list[np.ndarray],
-                 lens: Callable[[np.ndarray], PhysicalLens], steps: Callable[[np.ndarray], tuple[float, float]]):
+    def __init__(
+        self,
+        method: Method,
+        camera: Camera,
+        photograph: np.ndarray,
+        tiles: Tiles,
+        starts: list[np.ndarray],
+        lens: Callable[[np.ndarray], PhysicalLens],
+        steps: Callable[[np.ndarray], tuple[float, float]],
+    ):
         self._method, self._camera, self._photograph, self._tiles = method, camera, photograph, tiles
         self._lens, self._steps = lens, steps
         factor = max(1, round(camera.width / REDUCED))
@@ -125,21 +141,30 @@ class LensSearch:
         """The fits of both halves, and what they predict. start: when the work began, by `time.perf_counter`."""
         found = [self._half(half, effort) for half in HALVES]
         bad = max(int(one.image.size - np.count_nonzero(np.isfinite(one.image))) for one, _ in found)
-        halves = tuple(HalfFit(half, self._lens(one.at), None, renders, one.cost)
-                       for half, (one, renders) in zip(HALVES, found, strict=True))
+        halves = tuple(
+            HalfFit(half, self._lens(one.at), None, renders, one.cost)
+            for half, (one, renders) in zip(HALVES, found, strict=True)
+        )
         picture = None if bad else assembled([one.image for one, _ in found], self._photograph, self._tiles)
         return Prediction(picture, None, halves, self._tiles, "", bad, time.perf_counter() - start)
 
     def _half(self, half: int, effort: Effort) -> tuple[Found, tuple[int, int]]:
         """(best, renders at the reduced and the full size) of the fit on that half."""
-        small = partial(_cost, photograph=shrink(self._photograph, self._factor),
-                        mask=self._tiles.shrunk(self._factor, half))
+        small = partial(
+            _cost, photograph=shrink(self._photograph, self._factor), mask=self._tiles.shrunk(self._factor, half)
+        )
         at, _ = min(self._grid, key=lambda pair: small(pair[1]))
-        coarse = simplex(lambda at: self._render(self._small, self._lens(at)), small, at, effort.coarse,
-                         self._steps(at)[0])
+        coarse = simplex(
+            lambda at: self._render(self._small, self._lens(at)), small, at, effort.coarse, self._steps(at)[0]
+        )
         full = partial(_cost, photograph=self._photograph, mask=self._tiles.fitted(half))
-        fine = simplex(lambda at: self._render(self._camera, self._lens(at)), full, coarse.at, effort.fine,
-                       self._steps(coarse.at)[1])
+        fine = simplex(
+            lambda at: self._render(self._camera, self._lens(at)),
+            full,
+            coarse.at,
+            effort.fine,
+            self._steps(coarse.at)[1],
+        )
         return fine, (len(self._grid) + coarse.renders, fine.renders)
 
     def _render(self, camera: Camera, lens: PhysicalLens) -> np.ndarray:
@@ -158,8 +183,12 @@ def _fit_sigmas(image: np.ndarray, photograph: np.ndarray, tiles: Tiles) -> list
     def blurred(sigma: float) -> np.ndarray:
         return image if sigma == 0 else encode(gaussian_filter(linear, (sigma, sigma, 0), mode="nearest", truncate=3))
 
-    return [best_sigma(blurred, partial(_cost, photograph=photograph, mask=tiles.fitted(half)),
-                       LARGEST_SIGMA * image.shape[1]) for half in HALVES]
+    return [
+        best_sigma(
+            blurred, partial(_cost, photograph=photograph, mask=tiles.fitted(half)), LARGEST_SIGMA * image.shape[1]
+        )
+        for half in HALVES
+    ]
 
 
 def _cost(image: np.ndarray, photograph: np.ndarray, mask: np.ndarray) -> float:
@@ -180,11 +209,13 @@ def assembled(images: list[np.ndarray], photograph: np.ndarray, tiles: Tiles) ->
 
 
 def frame_of(depth: np.ndarray, camera: Camera, learned: Mapping[str, PhysicalLens] | None) -> Frame | None:
-    """What lenses of a view refer to: the disparities of its depth (H, W), else of the learned foci; None of neither.
-    """
+    """What lenses of a view refer to: the disparities of its depth (H, W), else of the learned foci; or None."""
     known = depth[np.isfinite(depth) & (depth > 0)]
-    disparities = 1.0 / known.astype(np.float64) if known.size else np.array(
-        [lens.focus_disparity for lens in (learned or {}).values()])
+    disparities = (
+        1.0 / known.astype(np.float64)
+        if known.size
+        else np.array([lens.focus_disparity for lens in (learned or {}).values()])
+    )
     if not np.any(disparities > 0):
         return None
     return Frame(DisparityRange.of_disparity(disparities, *_RANGE), camera.width)
@@ -212,8 +243,15 @@ def median_lens(learned: Mapping[str, PhysicalLens] | None) -> PhysicalLens | No
 
 def _reduced(camera: Camera, factor: int) -> Camera:
     """The camera whose pixels are cells of factor x factor pixels; what is left over is cut off."""
-    return replace(camera, width=camera.width // factor, height=camera.height // factor, fx=camera.fx / factor,
-                   fy=camera.fy / factor, cx=camera.cx / factor, cy=camera.cy / factor)
+    return replace(
+        camera,
+        width=camera.width // factor,
+        height=camera.height // factor,
+        fx=camera.fx / factor,
+        fy=camera.fy / factor,
+        cx=camera.cx / factor,
+        cy=camera.cy / factor,
+    )
 
 
 def checked_image(image: np.ndarray, camera: Camera) -> np.ndarray:

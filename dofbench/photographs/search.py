@@ -81,13 +81,20 @@ def lens_grid(frame: Frame, learned: PhysicalLens | None, effort: Effort) -> lis
     """Lenses to begin with: none of the blur, and every aperture with every focus, those of `learned` among them."""
     first = 0 if effort.apertures == len(APERTURES) else 1
     disparities, width = frame.disparities, frame.width
-    apertures = [COC_FRACTION * a * width / disparities.extent for a in APERTURES[first:first + effort.apertures]]
+    apertures = [COC_FRACTION * a * width / disparities.extent for a in APERTURES[first : first + effort.apertures]]
     focuses = list(np.linspace(disparities.q_min, disparities.q_max, effort.focuses))
     if learned is not None:
         apertures.append(learned.aperture * width / learned.width)
         # A focus far outside would blur all alike, whatever the aperture.
-        focuses.append(float(np.clip(learned.focus_disparity, disparities.q_min - disparities.extent,
-                                     disparities.q_max + disparities.extent)))
+        focuses.append(
+            float(
+                np.clip(
+                    learned.focus_disparity,
+                    disparities.q_min - disparities.extent,
+                    disparities.q_max + disparities.extent,
+                )
+            )
+        )
     lenses = [PhysicalLens(float(a), float(f), width) for a in apertures for f in focuses if a > 0]
     return [PhysicalLens(0.0, float(focuses[0]), width), *lenses]
 
@@ -103,7 +110,11 @@ class Found:
 
 
 def simplex(
-    render: Callable[[np.ndarray], np.ndarray], cost: Cost, start: np.ndarray, most: int, step: float,
+    render: Callable[[np.ndarray], np.ndarray],
+    cost: Cost,
+    start: np.ndarray,
+    most: int,
+    step: float,
 ) -> Found:
     """Nelder and Mead's simplex from `start`, at most `most` images, `start`'s among them. step: the first along each
     coordinate."""
@@ -123,14 +134,17 @@ def simplex(
     if most < len(corners):
         value(start)
     else:
-        asked = minimize(value, start, method="Nelder-Mead", options={
-            "initial_simplex": corners, "maxfev": most, "xatol": LEAST_STEP / 10, "fatol": 0.0}).nfev
+        asked = minimize(
+            value,
+            start,
+            method="Nelder-Mead",
+            options={"initial_simplex": corners, "maxfev": most, "xatol": LEAST_STEP / 10, "fatol": 0.0},
+        ).nfev
     return Found(best[0].at, best[0].cost, best[0].image, asked)
 
 
 def best_sigma(blurred: Callable[[float], np.ndarray], cost: Cost, largest: float) -> tuple[float, np.ndarray]:
-    """(sigma, image): the Gaussian blur of least cost, 0 to `largest` pixels; a grid, halved five times round its best.
-    """
+    """(sigma, image): the Gaussian blur of least cost, 0 to `largest` pixels: a grid, halved five times at its best."""
     tried: dict[float, float] = {}
 
     def value(sigma: float) -> float:

@@ -16,10 +16,10 @@ from dofbench.contracts import PointCloud
 from dofbench.scenes.visibility import visible
 
 SMOOTH, WINDOW = 1.0, 3.0  # px: against noise, before gradients are taken; around a point
-VIEWS = 3                  # photographs of either kind that must see a point, for a median to mean anything
-FEWEST = 64                # such points, for a map of them to mean anything
-NEAREST = 8                # points that a pixel takes its value from
-_LEAST = 1e-6              # energy of gradients that counts as none
+VIEWS = 3  # photographs of either kind that must see a point, for a median to mean anything
+FEWEST = 64  # such points, for a map of them to mean anything
+NEAREST = 8  # points that a pixel takes its value from
+_LEAST = 1e-6  # energy of gradients that counts as none
 
 Shot = tuple[Camera, np.ndarray]  # of a photograph: its camera, and the image (H, W, 3), encoded
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from dofbench.metrics.ssim import ssim_map
 
-TILES = 8      # along the shorter side
+TILES = 8  # along the shorter side
 SMALLEST = 16  # px, so that windows of SSIM fit into a tile
 MARGIN = 1 / 8  # of a tile's side: scored pixels lie at least this far from the other half, whose light blur mixes in
 
@@ -81,4 +81,4 @@ def _inner(index: np.ndarray, side: int, margin: int) -> np.ndarray:
 
 def _cells(image: np.ndarray, factor: int) -> np.ndarray:
     height, width = image.shape[0] // factor, image.shape[1] // factor
-    return image[:height * factor, :width * factor].reshape(height, factor, width, factor, -1)
+    return image[: height * factor, : width * factor].reshape(height, factor, width, factor, -1)

@@ -50,8 +50,9 @@ class DensePrior:
         return self.maps[index].samples(camera)
 
 
-def make_prior(training_set: TrainingSet, options: TrainerOptions, *, seed: int, steps: int,
-               progress: Progress = silent) -> Prior:
+def make_prior(
+    training_set: TrainingSet, options: TrainerOptions, *, seed: int, steps: int, progress: Progress = silent
+) -> Prior:
     """The prior that the options ask for. steps: of the training; tuning a network takes no more of its own.
 
     progress: told of every view, and of every step of tuning.
@@ -74,8 +75,12 @@ def make_prior(training_set: TrainingSet, options: TrainerOptions, *, seed: int,
     if options.depth_prior == "stereo":
         # A point was matched in several views at a corner of the image: it is the better of the two.
         maps = stereo_depth(training_set, coarser=options.depth_prior_coarser, progress=progress)
-        return DensePrior([found.with_samples(sparse_depth(points, view.camera, index))
-                           for index, (found, view) in enumerate(zip(maps, training_set.views, strict=True))])
+        return DensePrior(
+            [
+                found.with_samples(sparse_depth(points, view.camera, index))
+                for index, (found, view) in enumerate(zip(maps, training_set.views, strict=True))
+            ]
+        )
     from dofbench.priors.network import open_network, predicted_depth
 
     network = open_network(options.depth_prior_file, training_set)
@@ -89,8 +94,15 @@ def make_prior(training_set: TrainingSet, options: TrainerOptions, *, seed: int,
         known = workspace_depth(Path(options.depth_prior_workspace), training_set, progress=progress)
     else:
         known = stereo_depth(training_set, coarser=options.depth_prior_coarser, progress=progress)
-    tune(network, training_set, known, steps=min(options.depth_prior_steps, steps), loss=options.depth_prior_loss,
-         seed=seed, progress=progress)
+    tune(
+        network,
+        training_set,
+        known,
+        steps=min(options.depth_prior_steps, steps),
+        loss=options.depth_prior_loss,
+        seed=seed,
+        progress=progress,
+    )
     return DensePrior(predicted_depth(network, training_set, known, progress=progress))
 
 
@@ -113,8 +125,10 @@ def with_surface_points(training_set: TrainingSet, prior: Prior, count: int, see
         if wanted:
             chosen = np.sort(random.choice(len(depth), wanted, replace=False, p=weight / weight.sum()))
         rows, columns, z = samples.rows.numpy()[chosen], samples.columns.numpy()[chosen], depth[chosen]
-        local = np.stack([(columns + 0.5 - camera.cx) / camera.fx * z, (rows + 0.5 - camera.cy) / camera.fy * z, z,
-                          np.ones_like(z)], axis=1)
+        local = np.stack(
+            [(columns + 0.5 - camera.cx) / camera.fx * z, (rows + 0.5 - camera.cy) / camera.fy * z, z, np.ones_like(z)],
+            axis=1,
+        )
         xyz.append((local @ camera.camera_to_world.T)[:, :3])
         rgb.append(view.image[rows, columns])
     every, colours = np.concatenate(xyz), np.concatenate(rgb).astype(np.float32)

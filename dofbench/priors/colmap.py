@@ -21,8 +21,8 @@ from dofbench.scenes.colmap_files import model_suffix
 from dofbench.scenes.depth_files import read_depth
 from dofbench.scenes.ply import read_ply
 
-SAME_DEPTH = 0.02      # relative: a fused point is a mean over views, and lies so near to a map that it came from
-_ALIKE = 0.01          # of the distances between cameras: the two sets of poses are one set, but for a scale
+SAME_DEPTH = 0.02  # relative: a fused point is a mean over views, and lies so near to a map that it came from
+_ALIKE = 0.01  # of the distances between cameras: the two sets of poses are one set, but for a scale
 
 
 def workspace_depth(folder: Path, training_set: TrainingSet, *, progress: Progress = silent) -> list[DepthMap]:
@@ -69,8 +69,11 @@ def _places(folder: Path, model: Model, views: tuple[TrainingView, ...]) -> list
             by_name.setdefault(key, []).append(index)
     missing = [view.name for view in views if view.name not in by_name]
     if missing:
-        raise InputError(folder, f"no image of {len(missing)} of {len(views)} training views, such as {missing[0]}",
-                         "the images that the scene's cameras come from")
+        raise InputError(
+            folder,
+            f"no image of {len(missing)} of {len(views)} training views, such as {missing[0]}",
+            "the images that the scene's cameras come from",
+        )
     for view in views:
         if len(by_name[view.name]) > 1:
             names = ", ".join(model.names[index] for index in by_name[view.name])
@@ -87,8 +90,9 @@ def _camera(model: Model, index: int) -> Camera:
 
 def _scale(folder: Path, views: tuple[TrainingView, ...], cameras: list[Camera]) -> float:
     """Scene units per unit of the workspace, from the distances between cameras alone."""
-    own, others = (np.array([camera.centre for camera in every])
-                   for every in ([view.camera for view in views], cameras))
+    own, others = (
+        np.array([camera.centre for camera in every]) for every in ([view.camera for view in views], cameras)
+    )
     first, second = np.triu_indices(len(own), 1)
     distances = [np.linalg.norm(centres[first] - centres[second], axis=1) for centres in (own, others)]
     far = distances[1] > 0.1 * distances[1].max(initial=0)
@@ -98,8 +102,11 @@ def _scale(folder: Path, views: tuple[TrainingView, ...], cameras: list[Camera])
     scale = float(np.median(ratio))
     worst = float(np.abs(ratio / scale - 1).max()) if scale > 0 else np.inf
     if worst > _ALIKE:
-        raise InputError(folder, f"cameras whose distances differ from the scene's by up to {100 * worst:.0f} %",
-                         "the scene's own poses, up to a similarity")
+        raise InputError(
+            folder,
+            f"cameras whose distances differ from the scene's by up to {100 * worst:.0f} %",
+            "the scene's own poses, up to a similarity",
+        )
     return scale
 
 

@@ -26,9 +26,9 @@ from dofbench.images import resize
 from dofbench.priors.progress import Progress, silent
 
 SHIPPED = "depthnet"
-LONGEST = 256      # px, the longer side of what goes in
-THREADS = 1        # of torch: the bits of a convolution's gradient depend on their number
-_FLOOR = 1e-3      # least disparity, as a share of the scene's median
+LONGEST = 256  # px, the longer side of what goes in
+THREADS = 1  # of torch: the bits of a convolution's gradient depend on their number
+_FLOOR = 1e-3  # least disparity, as a share of the scene's median
 
 
 class LogDepth(nn.Module):
@@ -87,8 +87,9 @@ def fixed_threads() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def predicted_depth(network: nn.Module, training_set: TrainingSet, known: Sequence[DepthMap] | None, *,
-                    progress: Progress = silent) -> list[DepthMap]:
+def predicted_depth(
+    network: nn.Module, training_set: TrainingSet, known: Sequence[DepthMap] | None, *, progress: Progress = silent
+) -> list[DepthMap]:
     """A map of every pixel of every view, each times the median ratio of what is known of the view to it.
 
     known: semi-dense depth a view; None for the sparse points alone. A view of which nothing is known
@@ -120,12 +121,14 @@ def run(network: nn.Module, images: Tensor, name: str) -> Tensor:
         output = network(images)
     except RuntimeError as error:
         reason = (str(error).strip().splitlines() or ["failed"])[-1]
-        raise InputError("option depth_prior_file", f"a network that fails on view {name} ({reason})",
-                         "one that takes (B, 3, H, W)") from None
+        raise InputError(
+            "option depth_prior_file", f"a network that fails on view {name} ({reason})", "one that takes (B, 3, H, W)"
+        ) from None
     if not isinstance(output, Tensor) or output.shape != (len(images), 1, *images.shape[2:]):
         found = tuple(output.shape) if isinstance(output, Tensor) else type(output).__name__
-        raise InputError("option depth_prior_file", f"output {found} for input {tuple(images.shape)}",
-                         "log depth (B, 1, H, W)")
+        raise InputError(
+            "option depth_prior_file", f"output {found} for input {tuple(images.shape)}", "log depth (B, 1, H, W)"
+        )
     return output
 
 

@@ -21,25 +21,25 @@ from dofbench.images import resize
 from dofbench.kernels import load
 from dofbench.priors.progress import Progress, silent
 
-SOURCES, BEST = 4, 2             # views that a view is matched with; the best of them count
-RADIUS = 3                       # pixels of the window around its centre, at every scale
-SCALES = (1.0, 0.5, 0.25)         # weight of the scores at 1, 1/2, 1/4 of the size
-SMALLEST = 48                    # px, the shorter side of the coarsest scale
-STEP = 0.75                      # px that a plane moves the image at most from the plane before
-PLANES = (16, 192)               # least and most planes
-TOGETHER = 8                     # planes that the kernels do together: a multiple of it wastes nothing
-MARGIN, QUANTILE = 0.1, 0.005    # the points' disparities, without so many at each end, and how far beyond
-SMALL, LARGE, EDGE = 0.05, 0.6, 0.05   # semiglobal penalties, in units of correlation, and of grey
-ANGLE = (3.0, 12.0)              # degrees between two views' rays: less is imprecise, more looks different
-SCORE, DISTINCT = 0.6, 0.05      # least correlation and margin that is believed
-OUTLINE, JUMP = 3, 0.03          # px around what is farther by this share of the planes' range
-AGREE_PX, AGREE_DEPTH = 1.0, 0.02      # forth and back: error in the image, and relative to the depth
-AGREEING = 3                     # other views that must agree, but no more than half of all
-CHECKED = 32                     # views that a view is checked against
+SOURCES, BEST = 4, 2  # views that a view is matched with; the best of them count
+RADIUS = 3  # pixels of the window around its centre, at every scale
+SCALES = (1.0, 0.5, 0.25)  # weight of the scores at 1, 1/2, 1/4 of the size
+SMALLEST = 48  # px, the shorter side of the coarsest scale
+STEP = 0.75  # px that a plane moves the image at most from the plane before
+PLANES = (16, 192)  # least and most planes
+TOGETHER = 8  # planes that the kernels do together: a multiple of it wastes nothing
+MARGIN, QUANTILE = 0.1, 0.005  # the points' disparities, without so many at each end, and how far beyond
+SMALL, LARGE, EDGE = 0.05, 0.6, 0.05  # semiglobal penalties, in units of correlation, and of grey
+ANGLE = (3.0, 12.0)  # degrees between two views' rays: less is imprecise, more looks different
+SCORE, DISTINCT = 0.6, 0.05  # least correlation and margin that is believed
+OUTLINE, JUMP = 3, 0.03  # px around what is farther by this share of the planes' range
+AGREE_PX, AGREE_DEPTH = 1.0, 0.02  # forth and back: error in the image, and relative to the depth
+AGREEING = 3  # other views that must agree, but no more than half of all
+CHECKED = 32  # views that a view is checked against
 SWEEP, CHECK = "depth prior: sweep", "depth prior: check"
 
 
-_Level = tuple[torch.Tensor, Camera]   # a grey image (H, W), and its camera
+_Level = tuple[torch.Tensor, Camera]  # a grey image (H, W), and its camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +75,13 @@ def stereo_depth(training_set: TrainingSet, *, coarser: int = 0, progress: Progr
     return maps
 
 
-def _matched(pyramids: list[list[_Level]], neighbours: list[list[int]], bounds: tuple[float, float], size: str,
-             progress: Progress) -> list[DepthMap]:
+def _matched(
+    pyramids: list[list[_Level]],
+    neighbours: list[list[int]],
+    bounds: tuple[float, float],
+    size: str,
+    progress: Progress,
+) -> list[DepthMap]:
     """Maps at the size of the pyramids' first level. size: what to call it in a report."""
     swept, cameras = [], [levels[0][1] for levels in pyramids]
     progress(SWEEP + size, 0, len(cameras))
@@ -93,19 +98,29 @@ def _matched(pyramids: list[list[_Level]], neighbours: list[list[int]], bounds: 
 
 def _filled(found: DepthMap, coarse: DepthMap, share: float) -> DepthMap:
     """The map, with a smaller one's nearest pixels where it has none, at a share of their weight."""
-    at = np.ix_(*(((np.arange(size) + 0.5) * small / size).astype(np.int64)
-                  for size, small in zip(found.depth.shape, coarse.depth.shape, strict=True)))
+    at = np.ix_(
+        *(
+            ((np.arange(size) + 0.5) * small / size).astype(np.int64)
+            for size, small in zip(found.depth.shape, coarse.depth.shape, strict=True)
+        )
+    )
     known = found.depth > 0
-    return DepthMap(np.where(known, found.depth, coarse.depth[at]),
-                    np.where(known, found.weight, np.float32(share) * coarse.weight[at]))
+    return DepthMap(
+        np.where(known, found.depth, coarse.depth[at]),
+        np.where(known, found.weight, np.float32(share) * coarse.weight[at]),
+    )
 
 
 def disparity_bounds(training_set: TrainingSet) -> tuple[float, float]:
     """The disparities, 1 / scene unit, between which the planes lie."""
     if training_set.points is None:
         raise InputError("option depth_prior", "stereo without sparse points", "some, which say how far planes reach")
-    found = np.concatenate([1 / sparse_depth(training_set.points, view.camera, index).depth.numpy()
-                            for index, view in enumerate(training_set.views)])
+    found = np.concatenate(
+        [
+            1 / sparse_depth(training_set.points, view.camera, index).depth.numpy()
+            for index, view in enumerate(training_set.views)
+        ]
+    )
     low, high = (float(value) for value in np.quantile(found, (QUANTILE, 1 - QUANTILE)))
     beyond = MARGIN * (high - low)
     return max(low - beyond, 0.1 * low), high + beyond
@@ -123,8 +138,12 @@ def choose_sources(training_set: TrainingSet, most: int = SOURCES) -> list[list[
         else:
             xy, depth = view.camera.project(points.xyz)
             with np.errstate(invalid="ignore"):
-                seen[index] = ((depth > 0) & (xy >= 0).all(axis=1) & (xy[:, 0] < view.camera.width)
-                               & (xy[:, 1] < view.camera.height))
+                seen[index] = (
+                    (depth > 0)
+                    & (xy >= 0).all(axis=1)
+                    & (xy[:, 0] < view.camera.width)
+                    & (xy[:, 1] < view.camera.height)
+                )
         rays[index] = points.xyz - view.camera.centre
         rays[index] /= np.linalg.norm(rays[index], axis=1, keepdims=True)
     worth = np.full((count, count), -np.inf)
@@ -173,14 +192,17 @@ def plane_map(camera: Camera, source: Camera) -> np.ndarray:
     All of it times z instead, the third coordinate is the source's z.
     """
     relative = source.world_to_camera @ camera.camera_to_world
-    return np.concatenate([source.intrinsics @ relative[:3, :3] @ np.linalg.inv(camera.intrinsics),
-                           source.intrinsics @ relative[:3, 3:]], axis=1)
+    return np.concatenate(
+        [source.intrinsics @ relative[:3, :3] @ np.linalg.inv(camera.intrinsics), source.intrinsics @ relative[:3, 3:]],
+        axis=1,
+    )
 
 
 def _planes(camera: Camera, sources: list[Camera], low: float, high: float) -> np.ndarray:
     """Evenly spaced disparities, so fine that the image moves by at most STEP from one to the next."""
-    corners = np.array([[x, y, 1.0] for x in (0, camera.width / 2, camera.width)
-                        for y in (0, camera.height / 2, camera.height)])
+    corners = np.array(
+        [[x, y, 1.0] for x in (0, camera.width / 2, camera.width) for y in (0, camera.height / 2, camera.height)]
+    )
     moved = 0.0
     for source in sources:
         matrix = plane_map(camera, source)
@@ -202,13 +224,21 @@ def _sweep(pyramids: list, index: int, chosen: list[int], low: float, high: floa
         maps = np.stack([plane_map(camera, source) for _, source in others])
         # An image of half the size moves by half as many pixels.
         planes = np.linspace(low, high, -(-(len(disparities) - 1) // 2**level) + 1)
-        scores = load("stereo")(grey, torch.stack([other for other, _ in others]), torch.from_numpy(maps),
-                                torch.from_numpy(planes), radius=RADIUS, best=min(BEST, len(others)))
+        scores = load("stereo")(
+            grey,
+            torch.stack([other for other, _ in others]),
+            torch.from_numpy(maps),
+            torch.from_numpy(planes),
+            radius=RADIUS,
+            best=min(BEST, len(others)),
+        )
         if total is not None:
             load("stereo", function="upsample")(scores, total, weight / (weight + SCALES[level]))
         total, weight = scores, weight + SCALES[level]
-    plane, score, margin = (found.numpy() for found in load("stereo", function="semiglobal")(
-        total, levels[0][0], small=SMALL, large=LARGE, edge=EDGE))
+    plane, score, margin = (
+        found.numpy()
+        for found in load("stereo", function="semiglobal")(total, levels[0][0], small=SMALL, large=LARGE, edge=EDGE)
+    )
     depth = 1 / (low + (high - low) / (len(disparities) - 1) * plane.astype(np.float64))
     # The first and the last plane stand for all that is beyond.
     depth[(plane < 0.5) | (plane > len(disparities) - 1.5)] = 0
@@ -231,10 +261,16 @@ def _agreed(cameras: list[Camera], swept: list[_Swept], index: int, others: list
     depth = np.where(own.weight > 0, own.depth, 0)
     agreeing = np.zeros(depth.shape, np.float32)
     for other in others:
-        there, back = (torch.from_numpy(plane_map(*pair))
-                       for pair in ((camera, cameras[other]), (cameras[other], camera)))
+        there, back = (
+            torch.from_numpy(plane_map(*pair)) for pair in ((camera, cameras[other]), (cameras[other], camera))
+        )
         agreeing += load("stereo", function="returns")(
-            torch.from_numpy(depth), torch.from_numpy(swept[other].depth), there, back, pixels=AGREE_PX,
-            share=AGREE_DEPTH).numpy()
+            torch.from_numpy(depth),
+            torch.from_numpy(swept[other].depth),
+            there,
+            back,
+            pixels=AGREE_PX,
+            share=AGREE_DEPTH,
+        ).numpy()
     kept = agreeing >= min(AGREEING, max(1, (len(cameras) - 1) // 2))
     return DepthMap(np.where(kept, depth, 0), np.where(kept, own.weight * (agreeing / (agreeing + 1)), 0))

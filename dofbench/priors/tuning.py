@@ -15,7 +15,7 @@ from dofbench.priors.network import fixed_threads, network_input, run
 from dofbench.priors.progress import Progress, silent
 
 BATCH = 5
-RATE, DECAY = 4e-4, 0.1    # Adam's rate falls by this factor over the whole tuning
+RATE, DECAY = 4e-4, 0.1  # Adam's rate falls by this factor over the whole tuning
 
 
 def scale_invariant_loss(predicted: Tensor, target: Tensor, weight: Tensor, form: str) -> Tensor:
@@ -35,8 +35,16 @@ def scale_invariant_loss(predicted: Tensor, target: Tensor, weight: Tensor, form
     return ((weight * error).sum(axes) / whole[:, 0, 0, 0]).sum() / seen.sum().clamp_min(1)
 
 
-def tune(network: nn.Module, training_set: TrainingSet, known: Sequence[DepthMap], *, steps: int, loss: str, seed: int,
-         progress: Progress = silent) -> None:
+def tune(
+    network: nn.Module,
+    training_set: TrainingSet,
+    known: Sequence[DepthMap],
+    *,
+    steps: int,
+    loss: str,
+    seed: int,
+    progress: Progress = silent,
+) -> None:
     """Train the network, in place, on the photographs against what is known of their depth and the sparse points.
 
     Raises FloatingPointError at the first loss that isn't finite, InputError for a network that can't

@@ -42,9 +42,17 @@ class SceneFolder:
         self._half = settings.linear == "exr-half"
         self._bits = settings.depth_bits
         made = {
-            "dofbench": __version__, "recipe": recipe, "seed": settings.seed, "path": settings.path,
-            "views": settings.views, "width": settings.width, "height": settings.height, "samples": settings.samples,
-            "linear": settings.linear, "depth_bits": settings.depth_bits, "variant": variant,
+            "dofbench": __version__,
+            "recipe": recipe,
+            "seed": settings.seed,
+            "path": settings.path,
+            "views": settings.views,
+            "width": settings.width,
+            "height": settings.height,
+            "samples": settings.samples,
+            "linear": settings.linear,
+            "depth_bits": settings.depth_bits,
+            "variant": variant,
         }
         if (root / RECORD).is_file():
             self.record = read_record(root)
@@ -55,16 +63,28 @@ class SceneFolder:
         if root.is_dir() and any(not path.name.startswith(".") for path in root.iterdir()):
             raise InputError(root, "files that are no rendered scene", "an empty or a new folder")
         self.record = {
-            "schema": SCHEMA, "version": VERSION, "name": recipe, "title": title, "recipe": recipe,
-            "seed": settings.seed, "path": settings.path, "licence": LICENCE,
+            "schema": SCHEMA,
+            "version": VERSION,
+            "name": recipe,
+            "title": title,
+            "recipe": recipe,
+            "seed": settings.seed,
+            "path": settings.path,
+            "licence": LICENCE,
             "origin": "synthetic; textures, geometry and path are procedural, made by dofbench make-scene",
             "citation": f"dofbench {__version__}, scene {recipe}, seed {settings.seed}",
             "made": made,
             "render": {
-                "mitsuba": version("mitsuba"), "variant": variant, "light": "direct", "sampler": "multijitter",
-                "filter": "box", "samples": settings.samples, "gamma": GAMMA,
+                "mitsuba": version("mitsuba"),
+                "variant": variant,
+                "light": "direct",
+                "sampler": "multijitter",
+                "filter": "box",
+                "samples": settings.samples,
+                "gamma": GAMMA,
             },
-            "images": [], "lens_images": [],
+            "images": [],
+            "lens_images": [],
         }
 
     def save(self) -> None:
@@ -84,7 +104,8 @@ class SceneFolder:
         """Whether the photograph through that lens, with so many samples, is there."""
         return any(
             (entry["view"], entry["aperture"], entry["focus"], entry["samples"]) == (view, aperture, focus, samples)
-            and (self.root / entry["image"]).is_file() for entry in self.record["lens_images"]
+            and (self.root / entry["image"]).is_file()
+            for entry in self.record["lens_images"]
         )
 
     def keep_depth(self, view: str, depth: np.ndarray) -> None:
@@ -101,11 +122,16 @@ class SceneFolder:
         write_exr(self.root / "images_linear" / f"{view}.exr", shot.linear, half=self._half)
         encoded = encode(np.clip(shot.linear, 0, 1))
         write_png(self.root / "images" / f"{view}.png", encoded)
-        entry = {"view": view, **shot.noise, "brightest": float(f"{shot.linear.max():.4g}"),
-                 "clipped_fraction": round(float((shot.linear > 1).any(axis=2).mean()), 6)}
+        entry = {
+            "view": view,
+            **shot.noise,
+            "brightest": float(f"{shot.linear.max():.4g}"),
+            "clipped_fraction": round(float((shot.linear > 1).any(axis=2).mean()), 6),
+        }
         self._put("images", entry, ("view",))
         self.record["render"] |= {
-            "samples": shot.samples, "noise_rms_linear": max(e["noise_rms_linear"] for e in self.record["images"]),
+            "samples": shot.samples,
+            "noise_rms_linear": max(e["noise_rms_linear"] for e in self.record["images"]),
         }
         self.save()
 
@@ -115,10 +141,20 @@ class SceneFolder:
         """Write a photograph through a lens. scene_units: (aperture in px * unit, focus in unit); asked: samples."""
         name = f"lens/{view}_a{aperture:g}_f{focus:g}.exr"
         write_exr(self.root / name, shot.linear, half=self._half)
-        self._put("lens_images", {
-            "view": view, "image": name, "aperture": aperture, "focus": focus, "aperture_scene": scene_units[0],
-            "focus_scene": scene_units[1], "samples": asked, **shot.noise,
-        }, ("image",))
+        self._put(
+            "lens_images",
+            {
+                "view": view,
+                "image": name,
+                "aperture": aperture,
+                "focus": focus,
+                "aperture_scene": scene_units[0],
+                "focus_scene": scene_units[1],
+                "samples": asked,
+                **shot.noise,
+            },
+            ("image",),
+        )
         self.save()
 
     def seal(self, readme: str) -> None:

@@ -14,22 +14,46 @@ Point = tuple[float, float]
 
 # Letters on a grid 4 wide and 6 tall, y down: one string a stroke, two digits (x, y) a corner.
 _LETTERS = {
-    "A": ("062046", "1333"), "B": ("0006", "003041423303", "3344453606"), "C": ("4130100105163645",),
-    "D": ("00204244260600",), "E": ("40000646", "0333"), "F": ("400006", "0333"),
-    "G": ("41301001051636454323",), "H": ("0006", "4046", "0343"), "I": ("2026",), "J": ("4045361605",),
-    "K": ("0006", "400346"), "L": ("000646",), "M": ("0600234046",), "N": ("06004640",),
-    "O": ("103041453616050110",), "P": ("06003041423303",), "Q": ("103041453616050110", "2446"),
-    "R": ("06003041423303", "2346"), "S": ("413010010213334445361605",), "T": ("0040", "2026"),
-    "U": ("000516364540",), "V": ("002640",), "W": ("0016233640",), "X": ("0046", "4006"),
-    "Y": ("002340", "2326"), "Z": ("00400646",), " ": (),
+    "A": ("062046", "1333"),
+    "B": ("0006", "003041423303", "3344453606"),
+    "C": ("4130100105163645",),
+    "D": ("00204244260600",),
+    "E": ("40000646", "0333"),
+    "F": ("400006", "0333"),
+    "G": ("41301001051636454323",),
+    "H": ("0006", "4046", "0343"),
+    "I": ("2026",),
+    "J": ("4045361605",),
+    "K": ("0006", "400346"),
+    "L": ("000646",),
+    "M": ("0600234046",),
+    "N": ("06004640",),
+    "O": ("103041453616050110",),
+    "P": ("06003041423303",),
+    "Q": ("103041453616050110", "2446"),
+    "R": ("06003041423303", "2346"),
+    "S": ("413010010213334445361605",),
+    "T": ("0040", "2026"),
+    "U": ("000516364540",),
+    "V": ("002640",),
+    "W": ("0016233640",),
+    "X": ("0046", "4006"),
+    "Y": ("002340", "2326"),
+    "Z": ("00400646",),
+    " ": (),
 }
 
 
 def stroke(image: np.ndarray, start: Point, end: Point, width: float, colour: Colour) -> None:
     """A line of `width` pixels with round ends."""
     reach = width / 2 + 1
-    window = _window(image, min(start[0], end[0]) - reach, min(start[1], end[1]) - reach,
-                     max(start[0], end[0]) + reach, max(start[1], end[1]) + reach)
+    window = _window(
+        image,
+        min(start[0], end[0]) - reach,
+        min(start[1], end[1]) - reach,
+        max(start[0], end[0]) + reach,
+        max(start[1], end[1]) + reach,
+    )
     if window is None:
         return
     part, x, y = window
@@ -41,8 +65,9 @@ def stroke(image: np.ndarray, start: Point, end: Point, width: float, colour: Co
 
 def disc(image: np.ndarray, centre: Point, radius: float, colour: Colour) -> None:
     """A filled disc."""
-    window = _window(image, centre[0] - radius - 1, centre[1] - radius - 1, centre[0] + radius + 1,
-                     centre[1] + radius + 1)
+    window = _window(
+        image, centre[0] - radius - 1, centre[1] - radius - 1, centre[0] + radius + 1, centre[1] + radius + 1
+    )
     if window is not None:
         part, x, y = window
         _paint(part, radius - np.hypot(x - centre[0], y - centre[1]), colour)
@@ -67,8 +92,10 @@ def frame(image: np.ndarray, margin: int, width: int, colour: Colour) -> None:
     """A border line at `margin` pixels from the image's edges."""
     high, wide = image.shape[:2]
     for box in (
-        (margin, margin, wide - 2 * margin, width), (margin, high - margin - width, wide - 2 * margin, width),
-        (margin, margin, width, high - 2 * margin), (wide - margin - width, margin, width, high - 2 * margin),
+        (margin, margin, wide - 2 * margin, width),
+        (margin, high - margin - width, wide - 2 * margin, width),
+        (margin, margin, width, high - 2 * margin),
+        (wide - margin - width, margin, width, high - 2 * margin),
     ):
         rectangle(image, box, colour)
 
@@ -94,8 +121,7 @@ def text(
 def print_lines(
     rng: np.random.Generator, image: np.ndarray, box: tuple[int, int, int, int], pitch: int, colour: Colour
 ) -> None:
-    """Small print that fills box = (x, y, width, height): words of random letters, ragged right; pitch: line to line.
-    """
+    """Small print that fills box = (x, y, width, height): words of random letters, ragged right. pitch: of lines."""
     x0, y0, width, height = box
     letters = sorted(set(_LETTERS) - {" "})
     advance = 0.55 * pitch

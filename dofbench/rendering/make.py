@@ -102,7 +102,9 @@ class _Rendering:
             record["disparity_range"] = [found.q_min, found.q_max]
             record["depth"] = _about_depth(self._depths(), self._settings.depth_bits)
             write_transforms(
-                self.folder.root / TRANSFORMS, [f"images/{name}.png" for name in self._names], views,
+                self.folder.root / TRANSFORMS,
+                [f"images/{name}.png" for name in self._names],
+                views,
                 depth_paths=[f"depth/{name}.exr" for name in self._names],
             )
             self.folder.save()
@@ -136,11 +138,16 @@ class _Rendering:
         asked = self._settings
         shots = [
             _Shot(index * asked.views // asked.lens_views, Lens(aperture, focus))
-            for index in range(asked.lens_views) for focus in asked.focus_values for aperture in asked.aperture_values
+            for index in range(asked.lens_views)
+            for focus in asked.focus_values
+            for aperture in asked.aperture_values
         ]
         return [
-            shot for shot in shots if not self.folder.has_lens_image(
-                self._names[shot.view], shot.lens.aperture, shot.lens.focus, asked.lens_samples)
+            shot
+            for shot in shots
+            if not self.folder.has_lens_image(
+                self._names[shot.view], shot.lens.aperture, shot.lens.focus, asked.lens_samples
+            )
         ]
 
     @property
@@ -181,8 +188,10 @@ def _about_depth(maps: Iterator[np.ndarray], bits: int) -> dict[str, object]:
     depth = np.stack(list(maps))
     known = depth[depth > 0]
     return {
-        "meaning": "z at the pixel's centre, scene units; 0 where there is no surface", "fraction_bits": bits,
-        "min": float(known.min()), "max": float(known.max()),
+        "meaning": "z at the pixel's centre, scene units; 0 where there is no surface",
+        "fraction_bits": bits,
+        "min": float(known.min()),
+        "max": float(known.max()),
         "infinite_fraction": round(float((depth == 0).mean()), 6),
     }
 

@@ -23,20 +23,20 @@ def readme(record: dict[str, Any], settings: MakeScene) -> str:
     depth, render = record["depth"], record["render"]
     title = record["title"][0].upper() + record["title"][1:]
     size = f"{settings.width} x {settings.height}"
-    return f"""# {record['name']}, a rendered scene
+    return f"""# {record["name"]}, a rendered scene
 
-{title}. Everything is procedural, from seed {record['seed']}; licence {record['licence']}.
+{title}. Everything is procedural, from seed {record["seed"]}; licence {record["licence"]}.
 
-    {command(record['recipe'], settings)}
+    {command(record["recipe"], settings)}
 
 | what | where |
 | --- | --- |
 | {settings.views} pinhole images of {size}, encoded by 1 / 2.2, clipped, 8 bit | `images/` |
-| the same, linear, not clipped; {render['samples']} samples a pixel{_noise(record['images'])} | `images_linear/` |
-| z at the pixels' centres, {depth['min']:.4g} to {depth['max']:.4g} scene units, 0 at infinity | `depth/` |
-| photographs through a thin lens, linear: {_lenses(record['lens_images'])} | `lens/` |
+| the same, linear, not clipped; {render["samples"]} samples a pixel{_noise(record["images"])} | `images_linear/` |
+| z at the pixels' centres, {depth["min"]:.4g} to {depth["max"]:.4g} scene units, 0 at infinity | `depth/` |
+| photographs through a thin lens, linear: {_lenses(record["lens_images"])} | `lens/` |
 | cameras, nerfstudio's layout | `transforms.json` |
-| cameras and {record['sparse']['points']} triangulated points, COLMAP's layout | `sparse/0` |
+| cameras and {record["sparse"]["points"]} triangulated points, COLMAP's layout | `sparse/0` |
 | lenses, noise of every image, settings, versions | `scene.json` |
 
 Light is direct, with shadows and gloss; what bounces from thing to thing is left out, so a surface looks the same to

@@ -68,10 +68,16 @@ class MakeScene:
     def __post_init__(self) -> None:
         if self.recipe not in (ALL, *NAMES):
             raise InputError("recipe", repr(self.recipe), f"{ALL} or one of {', '.join(NAMES)}")
-        for option, value, lowest in (("--views", self.views, 2), ("--width", self.width, 8),
-                                      ("--height", self.height, 8), ("--samples", self.samples, 2),
-                                      ("--lens-views", self.lens_views, 0), ("--lens-samples", self.lens_samples, 2),
-                                      ("--seed", self.seed, 0), ("--depth-bits", self.depth_bits, 1)):
+        for option, value, lowest in (
+            ("--views", self.views, 2),
+            ("--width", self.width, 8),
+            ("--height", self.height, 8),
+            ("--samples", self.samples, 2),
+            ("--lens-views", self.lens_views, 0),
+            ("--lens-samples", self.lens_samples, 2),
+            ("--seed", self.seed, 0),
+            ("--depth-bits", self.depth_bits, 1),
+        ):
             if value < lowest:
                 raise InputError(option, str(value), f"at least {lowest}")
         if self.depth_bits > 23:

@@ -10,7 +10,9 @@ from dofbench.rendering.stage import Mesh
 
 
 def quad(
-    corner: Sequence[float] | np.ndarray, right: Sequence[float] | np.ndarray, up: Sequence[float] | np.ndarray,
+    corner: Sequence[float] | np.ndarray,
+    right: Sequence[float] | np.ndarray,
+    up: Sequence[float] | np.ndarray,
     repeat: tuple[float, float] = (1, 1),
 ) -> Mesh:
     """A flat parallelogram; `corner` is the texture's lower left. repeat: how often it shows the texture each way."""
@@ -21,12 +23,13 @@ def quad(
 
 
 def box(x: float, y: float, size: Sequence[float], turn: float = 0.0, base: float = 0.0) -> Mesh:
-    """A box of size (width, depth, height) standing at (x, y), turned by `turn` degrees; each face has all the texture.
-    """
+    """A box of (width, depth, height) standing at (x, y), turned by `turn` degrees; each face has the whole texture."""
     w, d, h = size
     sides = [
-        quad((-w / 2, -d / 2, 0), (w, 0, 0), (0, 0, h)), quad((w / 2, d / 2, 0), (-w, 0, 0), (0, 0, h)),
-        quad((w / 2, -d / 2, 0), (0, d, 0), (0, 0, h)), quad((-w / 2, d / 2, 0), (0, -d, 0), (0, 0, h)),
+        quad((-w / 2, -d / 2, 0), (w, 0, 0), (0, 0, h)),
+        quad((w / 2, d / 2, 0), (-w, 0, 0), (0, 0, h)),
+        quad((w / 2, -d / 2, 0), (0, d, 0), (0, 0, h)),
+        quad((-w / 2, d / 2, 0), (0, -d, 0), (0, 0, h)),
         quad((-w / 2, -d / 2, h), (w, 0, 0), (0, d, 0)),
     ]
     whole = merged(sides)
@@ -53,8 +56,14 @@ def blade(
     return _ribbon(spine, half, t)
 
 
-def leaf(root: Sequence[float] | np.ndarray, along: Sequence[float] | np.ndarray, normal: Sequence[float] | np.ndarray,
-         width: float, bend: float = 0.15, steps: int = 6) -> Mesh:
+def leaf(
+    root: Sequence[float] | np.ndarray,
+    along: Sequence[float] | np.ndarray,
+    normal: Sequence[float] | np.ndarray,
+    width: float,
+    bend: float = 0.15,
+    steps: int = 6,
+) -> Mesh:
     """A leaf from `root` to root + along, widest in the middle, that bends away from `normal` towards its tip."""
     along, normal = np.asarray(along, float), np.asarray(normal, float)
     side = np.cross(along, normal)
@@ -65,9 +74,7 @@ def leaf(root: Sequence[float] | np.ndarray, along: Sequence[float] | np.ndarray
     return _ribbon(np.asarray(root) + t * along - sag, half, t)
 
 
-def ground(
-    x: np.ndarray, y: np.ndarray, height: Callable[[np.ndarray, np.ndarray], np.ndarray], repeat: float
-) -> Mesh:
+def ground(x: np.ndarray, y: np.ndarray, height: Callable[[np.ndarray, np.ndarray], np.ndarray], repeat: float) -> Mesh:
     """Land over the grid of x and y. height: of every place. repeat: scene units that show the whole texture once."""
     across, away = np.meshgrid(x, y)
     vertices = np.stack([across, away, height(across, away)], axis=-1).reshape(-1, 3)

@@ -11,9 +11,9 @@ def directions(height: int) -> np.ndarray:
     """(height, 2 height, 3) unit vectors of a sky map's pixels: first row the zenith, columns from x by way of y."""
     polar = (np.arange(height) + 0.5)[:, None] / height * np.pi
     around = (np.arange(2 * height) + 0.5)[None, :] / height * np.pi
-    return np.stack([
-        np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar) * np.ones_like(around)
-    ], axis=-1)
+    return np.stack(
+        [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar) * np.ones_like(around)], axis=-1
+    )
 
 
 def cloudy(rng: np.random.Generator, sun: tuple[float, float, float], height: int = 512) -> np.ndarray:

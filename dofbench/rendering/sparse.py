@@ -38,8 +38,13 @@ def triangulate(cameras: Sequence[Camera], names: Sequence[str], images: Path, w
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.num_threads = 1
     pycolmap.extract_features(
-        database, images, image_names=list(names), camera_mode=pycolmap.CameraMode.SINGLE,
-        reader_options=reader, extraction_options=extraction, device=pycolmap.Device.cpu,
+        database,
+        images,
+        image_names=list(names),
+        camera_mode=pycolmap.CameraMode.SINGLE,
+        reader_options=reader,
+        extraction_options=extraction,
+        device=pycolmap.Device.cpu,
     )
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = 1
@@ -89,7 +94,10 @@ def _posed(cameras: Sequence[Camera], names: Sequence[str], found: Any) -> Any:
     first = cameras[0]
     model = pycolmap.Reconstruction()
     camera = pycolmap.Camera(
-        camera_id=1, model="PINHOLE", width=first.width, height=first.height,
+        camera_id=1,
+        model="PINHOLE",
+        width=first.width,
+        height=first.height,
         params=[first.fx, first.fy, first.cx, first.cy],
     )
     model.add_camera_with_trivial_rig(camera)

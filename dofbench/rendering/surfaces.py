@@ -18,7 +18,8 @@ def load_stage(stage: Stage) -> Any:
     for index, lamp in enumerate(stage.lamps):
         look = mi.ScalarTransform4f().look_at(list(lamp.centre), list(lamp.target), [0.1, 1, 0])
         parts[f"lamp_{index}"] = {
-            "type": "rectangle", "to_world": look @ mi.ScalarTransform4f().scale(lamp.side / 2),
+            "type": "rectangle",
+            "to_world": look @ mi.ScalarTransform4f().scale(lamp.side / 2),
             "emitter": {"type": "area", "radiance": {"type": "rgb", "value": lamp.radiance}},
         }
     if isinstance(stage.sky, np.ndarray):
@@ -26,7 +27,8 @@ def load_stage(stage: Stage) -> Any:
         # about x that is the world's z, and from y by way of x. Ours go round from x by way of y.
         turned = np.ascontiguousarray(np.roll(stage.sky[:, ::-1], stage.sky.shape[1] // 4, axis=1), np.float32)
         parts["sky"] = {
-            "type": "envmap", "bitmap": mi.Bitmap(turned),
+            "type": "envmap",
+            "bitmap": mi.Bitmap(turned),
             "to_world": mi.ScalarTransform4f().rotate([1, 0, 0], 90),
         }
     elif stage.sky > 0:
@@ -51,8 +53,12 @@ def _prop(prop: Prop) -> Any:
     side = [1.0, 0.0, 0.0] if abs(axis[2]) > 0.5 * length else [0.0, 0.0, 1.0]
     placed = mi.ScalarTransform4f().look_at(start.tolist(), list(shape.end), side) @ turned
     return {
-        "type": "cylinder", "p0": [0, 0, 0], "p1": [0, 0, length], "radius": shape.radius,
-        "to_world": placed, **_look(prop, top_down=False),
+        "type": "cylinder",
+        "p0": [0, 0, 0],
+        "p1": [0, 0, length],
+        "radius": shape.radius,
+        "to_world": placed,
+        **_look(prop, top_down=False),
     }
 
 

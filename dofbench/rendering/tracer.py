@@ -44,7 +44,8 @@ class Photograph:
         so that a few pixels of an image differ in the last bit of float32 from one run to the next.
         """
         return {
-            "noise_rms_linear": float(f"{self.noise_rms:.3g}"), "noise_psnr_db": round(min(self.noise_psnr, 200.0), 2),
+            "noise_rms_linear": float(f"{self.noise_rms:.3g}"),
+            "noise_psnr_db": round(min(self.noise_psnr, 200.0), 2),
         }
 
 
@@ -70,8 +71,14 @@ class Tracer:
         self._integrator = mi.load_dict({"type": "direct", "emitter_samples": 1, "bsdf_samples": int(not shining)})
 
     def photograph(
-        self, camera: Camera, samples: int, key: str, lens: PhysicalLens | None = None, *,
-        window: tuple[slice, slice] | None = None, tick: Callable[[], None] = lambda: None,
+        self,
+        camera: Camera,
+        samples: int,
+        key: str,
+        lens: PhysicalLens | None = None,
+        *,
+        window: tuple[slice, slice] | None = None,
+        tick: Callable[[], None] = lambda: None,
     ) -> Photograph:
         """What the camera sees; each pixel is the mean over its square.
 
@@ -89,9 +96,7 @@ class Tracer:
         for index in range(count):
             digest = hashlib.sha256(f"{key}/{index}".encode()).digest()
             # Not mi.render, which turns a signal's exception into another.
-            image = self._integrator.render(
-                self._scene, sensor, seed=int.from_bytes(digest[:4], "little"), spp=size
-            )
+            image = self._integrator.render(self._scene, sensor, seed=int.from_bytes(digest[:4], "little"), spp=size)
             halves[index % 2] += np.array(image, dtype=np.float64)
             tick()
         halves /= count / 2
@@ -100,7 +105,9 @@ class Tracer:
         shown = [encode(np.clip(half, 0, 1)) for half in halves]
         squared = float(np.mean((shown[0] - shown[1]) ** 2)) / 4
         return Photograph(
-            halves.mean(axis=0).astype(np.float32), count * size, noise,
+            halves.mean(axis=0).astype(np.float32),
+            count * size,
+            noise,
             math.inf if squared == 0 else -10 * math.log10(squared),
         )
 
@@ -133,7 +140,8 @@ class Tracer:
         import mitsuba as mi
 
         if not math.isclose(camera.fx, camera.fy, rel_tol=_SQUARE) or (camera.cx, camera.cy) != (
-            camera.width / 2, camera.height / 2
+            camera.width / 2,
+            camera.height / 2,
         ):
             raise ValueError("camera: expected square pixels and the principal point in the middle")
         # Mitsuba's camera looks along +z with x to the left and y up: OpenCV's with x and y turned round.
@@ -146,10 +154,16 @@ class Tracer:
             "far_clip": 1e6,
             "to_world": mi.ScalarTransform4f(to_world),
             "film": {
-                "type": "hdrfilm", "width": camera.width, "height": camera.height,
-                "crop_offset_x": columns.start, "crop_offset_y": rows.start,
-                "crop_width": columns.stop - columns.start, "crop_height": rows.stop - rows.start,
-                "pixel_format": "rgb", "component_format": "float32", "rfilter": {"type": "box"},
+                "type": "hdrfilm",
+                "width": camera.width,
+                "height": camera.height,
+                "crop_offset_x": columns.start,
+                "crop_offset_y": rows.start,
+                "crop_width": columns.stop - columns.start,
+                "crop_height": rows.stop - rows.start,
+                "pixel_format": "rgb",
+                "component_format": "float32",
+                "rfilter": {"type": "box"},
             },
             "sampler": {"type": "multijitter", "sample_count": samples},
         }

@@ -13,8 +13,14 @@ from dofbench.errors import InputError
 VECTORISED, SCALAR = "llvm_ad_rgb", "scalar_rgb"
 # Older versions load, then abort the whole process at the first render.
 _LLVM_OLDEST = 17
-_LIBRARY_FOLDERS = ("/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64", "/usr/lib",
-                    "/usr/local/lib", "/opt/homebrew/opt/llvm/lib")
+_LIBRARY_FOLDERS = (
+    "/usr/lib/x86_64-linux-gnu",
+    "/usr/lib/aarch64-linux-gnu",
+    "/usr/lib64",
+    "/usr/lib",
+    "/usr/local/lib",
+    "/opt/homebrew/opt/llvm/lib",
+)
 _PROBE = (
     "import mitsuba as mi; mi.set_variant('llvm_ad_rgb');"
     "print(mi.render(mi.load_dict(mi.cornell_box() | {'integrator': {'type': 'direct'}}), spp=1).numpy().mean())"
@@ -57,8 +63,10 @@ def _find_llvm() -> tuple[str | None, str]:
     candidates = [given] if given else _installed_llvm()
     for library in candidates:
         trial = subprocess.run(
-            [sys.executable, "-c", _PROBE], env=os.environ | {"DRJIT_LIBLLVM_PATH": library},
-            capture_output=True, check=False,
+            [sys.executable, "-c", _PROBE],
+            env=os.environ | {"DRJIT_LIBLLVM_PATH": library},
+            capture_output=True,
+            check=False,
         )
         if trial.returncode == 0:
             return library, ""

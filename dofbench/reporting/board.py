@@ -72,8 +72,18 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
 
     names, boards = variant_names(entries), board_names(entries)
     plots = make_plots(entries, names, boards, settings.levels)
-    files = [out / name for name in (
-        "leaderboard.csv", "per_view.csv", "curves.csv", "comparisons.csv", "reach.csv", "pareto.csv", "times.csv")]
+    files = [
+        out / name
+        for name in (
+            "leaderboard.csv",
+            "per_view.csv",
+            "curves.csv",
+            "comparisons.csv",
+            "reach.csv",
+            "pareto.csv",
+            "times.csv",
+        )
+    ]
     tables.write_leaderboard_csv(files[0], entries)
     tables.write_per_view_csv(files[1], entries)
     tables.write_curves_csv(files[2], entries)
@@ -112,7 +122,10 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
 
 
 def _block(
-    plots: list[Plot], figures: dict[str, list[Path]], strip: Path | None, rules: str,
+    plots: list[Plot],
+    figures: dict[str, list[Path]],
+    strip: Path | None,
+    rules: str,
 ) -> list[str]:
     """What stands below the tables of one board: error against run time, and pictures."""
     lines = ["### Error against run time", "", *([rules, ""] if rules else [])]

@@ -45,8 +45,10 @@ class Entry:
         """Test view -> column -> value, measured then or later."""
         later = self.added.scores.items() if self.added else ()
         return {
-            view.name: {**{column: score.views[view.name] for column, score in later if view.name in score.views},
-                        **view.scores}
+            view.name: {
+                **{column: score.views[view.name] for column, score in later if view.name in score.views},
+                **view.scores,
+            }
             for view in (self.result.views if self.result else ())
         }
 
@@ -156,9 +158,7 @@ def board_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], str]:
     checksums: dict[str, set[str]] = {}
     for dataset, checksum, _ in boards:
         checksums.setdefault(dataset, set()).add(checksum)
-    return {
-        board: board[0] if len(checksums[board[0]]) == 1 else f"{board[0]}@{board[1][:8]}" for board in boards
-    }
+    return {board: board[0] if len(checksums[board[0]]) == 1 else f"{board[0]}@{board[1][:8]}" for board in boards}
 
 
 def variant_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], tuple[str, str]]:
@@ -167,7 +167,9 @@ def variant_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], tuple[str
     first = {variant: found[0] for variant, found in grouped(entries, "variant").items()}
     names = {variant: (entry.spec.method, entry.preset) for variant, entry in first.items()}
     details_of: tuple[Callable[[Entry], str], ...] = (
-        _left_out_stages, lambda entry: entry.spec.budget, lambda entry: entry.spec.device,
+        _left_out_stages,
+        lambda entry: entry.spec.budget,
+        lambda entry: entry.spec.device,
         lambda entry: f"code {entry.spec.code[-64:][:8]}",
     )
     for detail in details_of:

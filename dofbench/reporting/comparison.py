@@ -16,8 +16,12 @@ from dofbench.reporting.columns import COLUMNS
 from dofbench.reporting.figures import new_figure, save
 from dofbench.reporting.truth import find_dataset, prediction_file, true_picture
 
-_TITLES: dict[Kind, str] = {"refocus": "through the true lens", "all_in_focus": "all in focus",
-                           "photograph": "as photographed", "across": "at the other aperture"}
+_TITLES: dict[Kind, str] = {
+    "refocus": "through the true lens",
+    "all_in_focus": "all in focus",
+    "photograph": "as photographed",
+    "across": "at the other aperture",
+}
 _PANEL = 2.6  # inches wide
 
 
@@ -27,10 +31,17 @@ def write_strip(path: Path, entries: list[Entry], names: dict[tuple[str, ...], t
     Returns None when it was written, else one line that says why it couldn't be.
     """
     shown = [
-        (names[variant], good[0]) for variant, seeds in grouped(entries, "variant").items()
-        if (good := [entry for entry in seeds
-                     if entry.status is Status.OK and entry.result
-                     and any(name.split("/")[1] in PREFIX for name in entry.result.predictions)])
+        (names[variant], good[0])
+        for variant, seeds in grouped(entries, "variant").items()
+        if (
+            good := [
+                entry
+                for entry in seeds
+                if entry.status is Status.OK
+                and entry.result
+                and any(name.split("/")[1] in PREFIX for name in entry.result.predictions)
+            ]
+        )
     ]
     if not shown:
         return "no run has predictions"
@@ -53,17 +64,32 @@ def write_strip(path: Path, entries: list[Entry], names: dict[tuple[str, ...], t
             return str(error)
         upper, lower = grid[2 * index], grid[2 * index + 1]
         _show(upper[0], truth, f"truth, {_TITLES[kind]}")
-        lower[0].text(0.5, 0.5, f"this row: mean absolute error,\nblack 0, lightest {FULL_SCALE} or more",
-                      ha="center", va="center", fontsize=8, transform=lower[0].transAxes)
+        lower[0].text(
+            0.5,
+            0.5,
+            f"this row: mean absolute error,\nblack 0, lightest {FULL_SCALE} or more",
+            ha="center",
+            va="center",
+            fontsize=8,
+            transform=lower[0].transAxes,
+        )
         for column, ((method, preset), entry) in enumerate(shown, start=1):
             picture = prediction_file(entry, kind, view.name)
             if picture is None:
                 reason = entry.left_out.get(f"{PREFIX[kind]}psnr", "the picture isn't beside the result")
-                upper[column].text(0.5, 0.5, textwrap.fill(f"{method} {preset}: {reason}", 28), ha="center",
-                                   va="center", fontsize=8, transform=upper[column].transAxes)
+                upper[column].text(
+                    0.5,
+                    0.5,
+                    textwrap.fill(f"{method} {preset}: {reason}", 28),
+                    ha="center",
+                    va="center",
+                    fontsize=8,
+                    transform=upper[column].transAxes,
+                )
                 continue
-            psnr = next(scored.scores[f"{PREFIX[kind]}psnr"] for scored in entry.result.views
-                        if scored.name == view.name)
+            psnr = next(
+                scored.scores[f"{PREFIX[kind]}psnr"] for scored in entry.result.views if scored.name == view.name
+            )
             _show(upper[column], read_image(picture), f"{method} {preset}\n{COLUMNS['psnr'].text(psnr)} dB")
             error = prediction_file(entry, f"{kind}_error", view.name)
             if error is not None:

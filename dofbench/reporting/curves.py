@@ -12,8 +12,8 @@ from dofbench.reporting.series import Series
 
 PLOTTED = ("psnr", "ssim", "aif_psnr", "aif_ssim", "photo_psnr", "across_psnr", "delta_a", "delta_f")
 FRONT_LABEL = "Pareto front"
-_LEGEND_WIDTH = 95    # characters
-_LEGEND_LINE = 0.16   # inches
+_LEGEND_WIDTH = 95  # characters
+_LEGEND_LINE = 0.16  # inches
 
 
 def write_curves(folder: Path, plots: Iterable[Plot]) -> dict[tuple[str, ...], dict[str, list[Path]]]:
@@ -37,8 +37,16 @@ def _figure(plot: Plot):
     figure = new_figure(7.0, 3.9 + _LEGEND_LINE * lines)
     axes = figure.add_subplot()
     if len(plot.front) > 1:  # below the curves, so that it hides none
-        axes.step([point.time for point in plot.front], [point.score for point in plot.front], where="post",
-                  color=NEUTRAL, alpha=0.3, linewidth=6, solid_capstyle="butt", label=FRONT_LABEL)
+        axes.step(
+            [point.time for point in plot.front],
+            [point.score for point in plot.front],
+            where="post",
+            color=NEUTRAL,
+            alpha=0.3,
+            linewidth=6,
+            solid_capstyle="butt",
+            label=FRONT_LABEL,
+        )
     for index, (series, label) in enumerate(zip(plot.series, labels, strict=True)):
         _draw(axes, series, label, look(index))
     if plot.nothing is not None:

@@ -45,8 +45,10 @@ def compare(groups: Sequence[tuple[Side, Side]], column: str) -> Compared:
 def adjusted(compared: Sequence[Compared]) -> list[Compared]:
     """The same with p adjusted for their number."""
     p = holm([one.difference.p if one.difference else None for one in compared])
-    return [one if one.difference is None else Compared(replace(one.difference, p=value))
-            for one, value in zip(compared, p, strict=True)]
+    return [
+        one if one.difference is None else Compared(replace(one.difference, p=value))
+        for one, value in zip(compared, p, strict=True)
+    ]
 
 
 def difference_text(difference: Difference, column: Column) -> str:

@@ -41,8 +41,11 @@ def _lines(method: str, preset: str, seeds: list[Entry]) -> list[Line]:
     for view, lens in results[0].plan["lenses"]["test"].items():
         if lens is not None:  # else nobody knows it
             asked.setdefault((lens[1], lens[0]), []).append(view)
-    rows = [(f"F {focus:g}, A {aperture:g}", views, "") for (focus, aperture), views in sorted(asked.items())
-            if aperture > 0]
+    rows = [
+        (f"F {focus:g}, A {aperture:g}", views, "")
+        for (focus, aperture), views in sorted(asked.items())
+        if aperture > 0
+    ]
     rows.append((ALL_IN_FOCUS, list(results[0].plan["lenses"]["test"]), AIF_PREFIX))
     lines = []
     for name, views, prefix in rows:
@@ -50,8 +53,11 @@ def _lines(method: str, preset: str, seeds: list[Entry]) -> list[Line]:
         cells = {}
         for column in COLUMNS_SHOWN:
             known = all(prefix + column in scores for run in by_seed for scores in run.values())
-            values = [arithmetic_mean([scores[prefix + column] for scores in run.values()])
-                      for run in by_seed] if known else []
+            values = (
+                [arithmetic_mean([scores[prefix + column] for scores in run.values()]) for run in by_seed]
+                if known
+                else []
+            )
             cells[column] = spread_cell(values, results[0].left_out.get(prefix + column, "no such score"))
         if any(cell.value is not None for cell in cells.values()):
             count = f"{len(views)} view{'s' if len(views) > 1 else ''}"

@@ -24,8 +24,9 @@ def _values(views: dict[str, list[float] | None]) -> str:
         return "unknown lenses"
     apertures, focuses = zip(*known, strict=True)
     others = len(views) - len(known)
-    return (f"F {_listed(set(focuses))} and A {_listed(set(apertures))}"
-            + (f" ({others} of {len(views)} lenses unknown)" if others else ""))
+    return f"F {_listed(set(focuses))} and A {_listed(set(apertures))}" + (
+        f" ({others} of {len(views)} lenses unknown)" if others else ""
+    )
 
 
 def _listed(values: set[float]) -> str:

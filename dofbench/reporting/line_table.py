@@ -19,7 +19,12 @@ class Beside:
 
 
 def line_table(
-    lines: Sequence[Line], columns: Sequence[str], notes: Footnotes, *, before: Beside, after: Beside | None = None,
+    lines: Sequence[Line],
+    columns: Sequence[str],
+    notes: Footnotes,
+    *,
+    before: Beside,
+    after: Beside | None = None,
 ) -> list[str]:
     """The lines in their order, and below them which columns no line has, and why."""
     after = after or Beside()
@@ -35,9 +40,7 @@ def line_table(
     return [*table(heading, rows, left=len(before.headings)), *_not_shown(empty)]
 
 
-def cell_text(
-    line: Line, column: str, best: str | None, notes: Footnotes, known: Column | None = None
-) -> str:
+def cell_text(line: Line, column: str, best: str | None, notes: Footnotes, known: Column | None = None) -> str:
     """A cell as it is shown, with a footnote where it has no number. known: the column, where it is no score's."""
     cell, known = line.cells[column], known or COLUMNS[column]
     if cell.value is None:

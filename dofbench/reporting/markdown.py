@@ -32,9 +32,7 @@ of different protocols, or of different versions of a dataset, never share a tab
 is what a predictor of the lens scores that learns nothing; an error above it is worse than no learning."""
 
 
-def leaderboard_markdown(
-    collection: Collection, blocks: dict[tuple[str, ...], list[str]]
-) -> str:
+def leaderboard_markdown(collection: Collection, blocks: dict[tuple[str, ...], list[str]]) -> str:
     """The page. blocks: board -> the lines below its tables: plots, times to reach a score, pictures."""
     entries = collection.entries
     notes = Footnotes()
@@ -53,9 +51,14 @@ def leaderboard_markdown(
         shown = list(lines.values())
         if (nothing := do_nothing_line(members, columns)) is not None:
             shown.append(nothing)
-        page += [f"## {boards[board]}, {kind}", "",
-                 f"Scene {members[0].scene}; dataset checksum {board[1][:16]}{_lenses(board[2], lenses)}.", "",
-                 *_board(shown, columns, notes), ""]
+        page += [
+            f"## {boards[board]}, {kind}",
+            "",
+            f"Scene {members[0].scene}; dataset checksum {board[1][:16]}{_lenses(board[2], lenses)}.",
+            "",
+            *_board(shown, columns, notes),
+            "",
+        ]
         if differences := pairwise_table(board_pairs(members), names, notes):
             compared = True
             page += [f"### {PAIRWISE}", "", *differences, ""]
@@ -66,14 +69,24 @@ def leaderboard_markdown(
         page += blocks[board]
     for kind, scenes in by_kind.items():
         if len(scenes) > 1:
-            page += [f"## Means over scenes, {kind}", "", f"Scenes: {', '.join(scenes)}.", "",
-                     *_scene_means(scenes, columns, notes), ""]
+            page += [
+                f"## Means over scenes, {kind}",
+                "",
+                f"Scenes: {', '.join(scenes)}.",
+                "",
+                *_scene_means(scenes, columns, notes),
+                "",
+            ]
             if differences := pairwise_table(scene_pairs([seeds for _, seeds in scenes.values()]), names, notes):
                 page += [f"### {PAIRWISE}", "", *differences, ""]
     page += explanation() if compared else []
     page += _claims(entries, notes)
-    page += ["## What the columns say", "",
-             *(f"- {COLUMNS[column].label} ({column}): {COLUMNS[column].note}." for column in columns), ""]
+    page += [
+        "## What the columns say",
+        "",
+        *(f"- {COLUMNS[column].label} ({column}): {COLUMNS[column].note}." for column in columns),
+        "",
+    ]
     page += _added(entries)
     page += _how_made(entries, boards, names)
     if collection.unreadable:
@@ -98,7 +111,9 @@ def _names(last: str) -> Beside:
 
 
 def _scene_means(
-    scenes: dict[str, tuple[dict[tuple[str, ...], Line], Seeds]], columns: list[str], notes: Footnotes,
+    scenes: dict[str, tuple[dict[tuple[str, ...], Line], Seeds]],
+    columns: list[str],
+    notes: Footnotes,
 ) -> list[str]:
     variants = sorted({variant for lines, _ in scenes.values() for variant in lines})
     means = []
@@ -107,8 +122,10 @@ def _scene_means(
         runs = [seeds[variant] for _, seeds in scenes.values() if variant in seeds]
         some = next(iter(own.values()))
         cells = {column: scene_mean(own, list(scenes), column) for column in columns}
-        cells = {column: cell if cell.value is None else replace(cell, spread=scene_spread(runs, column))
-                 for column, cell in cells.items()}
+        cells = {
+            column: cell if cell.value is None else replace(cell, spread=scene_spread(runs, column))
+            for column, cell in cells.items()
+        }
         same = len({line.seeds for line in own.values()}) == 1
         means.append(Line(some.method, some.preset, some.seeds if same else "not the same on all", cells))
     return line_table(sorted_lines(means), columns, notes, before=_names("seeds"))
@@ -122,8 +139,14 @@ def _added(entries: tuple[Entry, ...]) -> list[str]:
             by_code.setdefault(score.code, {})[column] = None
     if not by_code:
         return []
-    return ["## Added after the runs", "", "From the pictures and models that they kept, by `dofbench score`.", "",
-            *(f"- {', '.join(columns)}: by code {code}." for code, columns in by_code.items()), ""]
+    return [
+        "## Added after the runs",
+        "",
+        "From the pictures and models that they kept, by `dofbench score`.",
+        "",
+        *(f"- {', '.join(columns)}: by code {code}." for code, columns in by_code.items()),
+        "",
+    ]
 
 
 def _claims(entries: tuple[Entry, ...], notes: Footnotes) -> list[str]:
@@ -134,8 +157,7 @@ def _claims(entries: tuple[Entry, ...], notes: Footnotes) -> list[str]:
     claims = {method: card.claims for method, card in cards.items() if card.claims is not None}
     if not claims:
         return []
-    columns = list(dict.fromkeys(
-        column for claim in claims.values() for row in claim.rows.values() for column in row))
+    columns = list(dict.fromkeys(column for claim in claims.values() for row in claim.rows.values() for column in row))
     rows = []
     for method, claim in claims.items():
         silent = f"{claim.source} gives no such figure"
@@ -143,9 +165,14 @@ def _claims(entries: tuple[Entry, ...], notes: Footnotes) -> list[str]:
             figures = [f"{values[column]:g}" if column in values else f"–{notes.mark(silent)}" for column in columns]
             rows.append([method, plain(measured_on), *figures, plain(claim.source)])
     labels = [COLUMNS[column].heading if column in COLUMNS else column for column in columns]
-    return ["## Published by the authors, on their own data", "",
-            "Not measured here, and not comparable with the tables above digit by digit.", "",
-            *table(["method", "measured on", *labels, "source"], rows, left=2), ""]
+    return [
+        "## Published by the authors, on their own data",
+        "",
+        "Not measured here, and not comparable with the tables above digit by digit.",
+        "",
+        *table(["method", "measured on", *labels, "source"], rows, left=2),
+        "",
+    ]
 
 
 def _how_made(
@@ -163,9 +190,21 @@ def _how_made(
             machine = str(machines.setdefault(described, len(machines) + 1))
             command = f"`{entry.result.command}`"
             commit = commit_text(entry)
-        rows.append([boards[entry.board], method, plain(preset), str(entry.spec.seed), str(entry.status),
-                     entry.spec.budget, plain(command), entry.spec.key[:8], entry.spec.code.rpartition("+")[2][:8],
-                     commit, machine])
+        rows.append(
+            [
+                boards[entry.board],
+                method,
+                plain(preset),
+                str(entry.spec.seed),
+                str(entry.status),
+                entry.spec.budget,
+                plain(command),
+                entry.spec.key[:8],
+                entry.spec.code.rpartition("+")[2][:8],
+                commit,
+                machine,
+            ]
+        )
     heading = ["dataset", "method", "preset", "seed", "status", "budget", "command", "key", "code", "commit", "machine"]
     lines = ["## How these were made", "", *table(heading, rows, left=len(heading)), ""]
     lines += [f"- Machine {number}: {described}" for described, number in machines.items()]
@@ -184,9 +223,11 @@ def machine_text(entry: Entry) -> str:
     assert entry.result is not None
     facts = entry.result.machine
     threads = f" ({facts['threads']} used)" if "threads" in facts else ""
-    parts = [f"{facts['cpu']}, {facts['cores']} cores{threads}, {facts['memory_gib']} GiB", str(facts["os"]),
-             f"Python {facts['python']}"]
+    parts = [
+        f"{facts['cpu']}, {facts['cores']} cores{threads}, {facts['memory_gib']} GiB",
+        str(facts["os"]),
+        f"Python {facts['python']}",
+    ]
     if "accelerator" in facts:
         parts.append(str(facts["accelerator"]))
     return ", ".join(parts)
-

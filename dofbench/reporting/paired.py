@@ -18,14 +18,14 @@ import numpy as np
 from dofbench.harness.protocol import arithmetic_mean
 
 SIGNIFICANT = 0.05
-FEWEST = 6            # pairs of which p can be below `SIGNIFICANT`: 2 ** (1 - 6) = 0.031
-CONFIDENCE = 0.95     # of the interval
-_EXACT = 16           # pairs of which every choice of signs is looked at: 65536
-_FLIPS = 10_000       # choices of signs at a time for more pairs
+FEWEST = 6  # pairs of which p can be below `SIGNIFICANT`: 2 ** (1 - 6) = 0.031
+CONFIDENCE = 0.95  # of the interval
+_EXACT = 16  # pairs of which every choice of signs is looked at: 65536
+_FLIPS = 10_000  # choices of signs at a time for more pairs
 _TIMES = 10
-_RESAMPLES = 5_000    # of the bootstrap
-_SEED = 0             # the same results give the same report
-_TIE = 1e-12          # relative, of two sums in another order
+_RESAMPLES = 5_000  # of the bootstrap
+_SEED = 0  # the same results give the same report
+_TIE = 1e-12  # relative, of two sums in another order
 
 # What a page says beside such differences.
 EXPLANATION = (
@@ -34,7 +34,7 @@ EXPLANATION = (
     "and there is none. p is of a two-sided permutation test that flips the signs of the views' differences, exact for "
     "few views: with n of them it is never below 2^(1−n), so fewer than six can't tell. It is adjusted for the "
     "comparisons of a column (Holm). *Better* and *worse* (for a cost: *more* and *less*) stand only where p < 0.05 "
-    "and the interval leaves zero out; \"one seed\" warns that training again could change it. Views of a scene aren't "
+    'and the interval leaves zero out; "one seed" warns that training again could change it. Views of a scene aren\'t '
     "independent of each other, and scenes not drawn at random: p speaks of these views, not of other scenes."
 )
 
@@ -59,8 +59,13 @@ class Difference:
     @property
     def telling(self) -> bool:
         """Whether the test and the interval bear a word such as better."""
-        return (self.p is not None and self.p < SIGNIFICANT and self.low is not None and self.high is not None
-                and not self.low <= 0 <= self.high)
+        return (
+            self.p is not None
+            and self.p < SIGNIFICANT
+            and self.low is not None
+            and self.high is not None
+            and not self.low <= 0 <= self.high
+        )
 
 
 def paired_difference(pairs: Sequence[tuple[float, float]]) -> Difference:

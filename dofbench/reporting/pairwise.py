@@ -20,13 +20,40 @@ from dofbench.reporting.tables import write_csv
 Variant = tuple[str, ...]
 Seeds = dict[Variant, list[Entry]]  # of one dataset
 
-COMPARED = ("psnr", "ssim", "flip", "aif_psnr", "aif_ssim", "aif_flip", "photo_psnr", "photo_ssim",
-            "across_psnr", "across_blurred_psnr", "delta_a",
-            "delta_f", "disparity_error")
+COMPARED = (
+    "psnr",
+    "ssim",
+    "flip",
+    "aif_psnr",
+    "aif_ssim",
+    "aif_flip",
+    "photo_psnr",
+    "photo_ssim",
+    "across_psnr",
+    "across_blurred_psnr",
+    "delta_a",
+    "delta_f",
+    "disparity_error",
+)
 EVERY_PAIR = 8  # variants of which every pair is compared; of more, each with the first, or a page would be all pairs
 HEADING = "Compared view by view"
-FILE_COLUMNS = ("dataset", "protocol", "method", "preset", "against_method", "against_preset", "column", "pairs",
-                "seeds", "difference", "low", "high", "p", "verdict", "reason")
+FILE_COLUMNS = (
+    "dataset",
+    "protocol",
+    "method",
+    "preset",
+    "against_method",
+    "against_preset",
+    "column",
+    "pairs",
+    "seeds",
+    "difference",
+    "low",
+    "high",
+    "p",
+    "verdict",
+    "reason",
+)
 
 
 @dataclass(frozen=True)
@@ -65,6 +92,7 @@ def scene_pairs(scenes: Sequence[Seeds]) -> list[Pair]:
 
 def _ranked(datasets: Sequence[Seeds]) -> list[Variant]:
     """As lines are ranked: best refocus PSNR first, then by all-in-focus PSNR."""
+
     def place(variant: Variant) -> tuple:
         means = []
         for column in ("psnr", "aif_psnr", "photo_psnr", "across_psnr"):
@@ -86,14 +114,21 @@ def pairwise_table(pairs: Sequence[Pair], names: dict[Variant, tuple[str, str]],
         cells = []
         for column in columns:
             found = pair.compared[column]
-            cells.append(f"–{notes.mark(found.reason)}" if found.difference is None
-                         else difference_text(found.difference, COLUMNS[column]))
+            cells.append(
+                f"–{notes.mark(found.reason)}"
+                if found.difference is None
+                else difference_text(found.difference, COLUMNS[column])
+            )
         rows.append([*(plain(" ".join(names[side])) for side in (pair.one, pair.other)), *cells])
-    counts = {column: {found.difference.pairs for pair in pairs if (found := pair.compared[column]).difference}
-              for column in columns}
+    counts = {
+        column: {found.difference.pairs for pair in pairs if (found := pair.compared[column]).difference}
+        for column in columns
+    }
     words = dict.fromkeys(
         f"{' or '.join(map(str, sorted(found)))} {'training' if column in LENS else 'test'} "
-        f"view{'' if found == {1} else 's'}" for column, found in counts.items())
+        f"view{'' if found == {1} else 's'}"
+        for column, found in counts.items()
+    )
     heading = ["", "minus", *(COLUMNS[column].heading for column in columns)]
     return [f"Over {' and '.join(words)}; see *How differences are tested*.", "", *table(heading, rows, left=2)]
 
@@ -104,7 +139,9 @@ def explanation() -> list[str]:
 
 
 def write_comparisons_csv(
-    path: Path, boards: Sequence[tuple[str, str, list[Pair]]], names: dict[Variant, tuple[str, str]],
+    path: Path,
+    boards: Sequence[tuple[str, str, list[Pair]]],
+    names: dict[Variant, tuple[str, str]],
 ) -> None:
     """One row a pair and score. boards: (dataset or datasets, protocol, pairs)."""
     rows = []
@@ -113,11 +150,24 @@ def write_comparisons_csv(
             (method, preset), (against, against_preset) = names[pair.one], names[pair.other]
             for column, found in pair.compared.items():
                 row: dict[str, object] = {
-                    "dataset": dataset, "protocol": protocol, "method": method, "preset": preset,
-                    "against_method": against, "against_preset": against_preset, "column": column,
-                    "reason": found.reason}
+                    "dataset": dataset,
+                    "protocol": protocol,
+                    "method": method,
+                    "preset": preset,
+                    "against_method": against,
+                    "against_preset": against_preset,
+                    "column": column,
+                    "reason": found.reason,
+                }
                 if (one := found.difference) is not None:
-                    row |= {"pairs": one.pairs, "seeds": one.seeds, "difference": one.mean, "low": one.low,
-                            "high": one.high, "p": one.p, "verdict": verdict(one, COLUMNS[column])}
+                    row |= {
+                        "pairs": one.pairs,
+                        "seeds": one.seeds,
+                        "difference": one.mean,
+                        "low": one.low,
+                        "high": one.high,
+                        "p": one.p,
+                        "verdict": verdict(one, COLUMNS[column]),
+                    }
                 rows.append(row)
     write_csv(path, FILE_COLUMNS, rows)

@@ -42,8 +42,10 @@ def paper_figures() -> dict[str, Figures]:
 
 def _figures(source: str, table: dict[str, Any]) -> Figures:
     columns = tuple(table["columns"])
-    scenes = {scene: {method: _by_column(columns, values) for method, values in methods.items()}
-              for scene, methods in table.get("scenes", {}).items()}
+    scenes = {
+        scene: {method: _by_column(columns, values) for method, values in methods.items()}
+        for scene, methods in table.get("scenes", {}).items()
+    }
     means = {method: _by_column(columns, values) for method, values in table.get("means", {}).items()}
     return Figures(f"{source}, {table['table']}", table["data"], columns, means or _means(columns, scenes), scenes)
 
@@ -52,13 +54,13 @@ def _by_column(columns: tuple[str, ...], values: list[float]) -> dict[str, float
     return {column: float(value) for column, value in zip(columns, values, strict=True) if math.isfinite(value)}
 
 
-def _means(
-    columns: tuple[str, ...], scenes: dict[str, dict[str, dict[str, float]]]
-) -> dict[str, dict[str, float]]:
+def _means(columns: tuple[str, ...], scenes: dict[str, dict[str, dict[str, float]]]) -> dict[str, dict[str, float]]:
     """Over all scenes, for the methods that have every one."""
     methods = dict.fromkeys(method for found in scenes.values() for method in found)
     return {
-        method: {column: math.fsum(found[method][column] for found in scenes.values()) / len(scenes)
-                 for column in columns}
-        for method in methods if all(method in found for found in scenes.values())
+        method: {
+            column: math.fsum(found[method][column] for found in scenes.values()) / len(scenes) for column in columns
+        }
+        for method in methods
+        if all(method in found for found in scenes.values())
     }

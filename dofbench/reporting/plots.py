@@ -44,17 +44,25 @@ class Plot:
 
 
 def make_plots(
-    entries: Sequence[Entry], names: dict[tuple[str, ...], tuple[str, str]], boards: dict[tuple[str, ...], str],
+    entries: Sequence[Entry],
+    names: dict[tuple[str, ...], tuple[str, str]],
+    boards: dict[tuple[str, ...], str],
     wanted: dict[str, tuple[float, ...]],
 ) -> tuple[Plot, ...]:
     """The plots of every board, for the scores that its curves have. wanted: score -> levels, in place of chosen
     ones."""
-    return tuple(plot for board, members in grouped(list(entries), "board").items()
-                 for plot in _board_plots(board, members, names, boards[board], wanted))
+    return tuple(
+        plot
+        for board, members in grouped(list(entries), "board").items()
+        for plot in _board_plots(board, members, names, boards[board], wanted)
+    )
 
 
 def _board_plots(
-    board: tuple[str, ...], members: list[Entry], names: dict[tuple[str, ...], tuple[str, str]], dataset: str,
+    board: tuple[str, ...],
+    members: list[Entry],
+    names: dict[tuple[str, ...], tuple[str, str]],
+    dataset: str,
     wanted: dict[str, tuple[float, ...]],
 ) -> Iterator[Plot]:
     nothing = next((entry.result.do_nothing for entry in members if entry.result and entry.result.do_nothing), {})
@@ -64,6 +72,13 @@ def _board_plots(
             continue
         higher = bool(COLUMNS[column].higher_is_better)
         yield Plot(
-            board, dataset, members[0].scene, column, series, front_of(series, higher_is_better=higher),
-            wanted.get(column) or levels(series, higher_is_better=higher), column in wanted, nothing.get(column),
+            board,
+            dataset,
+            members[0].scene,
+            column,
+            series,
+            front_of(series, higher_is_better=higher),
+            wanted.get(column) or levels(series, higher_is_better=higher),
+            column in wanted,
+            nothing.get(column),
         )

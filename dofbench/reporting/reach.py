@@ -83,7 +83,10 @@ def reach_cell(series: Series, level: float, *, higher_is_better: bool) -> Reach
     found = [run_reached(run, level, higher_is_better=higher_is_better) for run in series.runs]
     times = [math.inf if one.time is None else one.time for one in found]
     return ReachCell(
-        median=statistics.median(times), low=min(times), high=max(times), seeds=len(times),
+        median=statistics.median(times),
+        low=min(times),
+        high=max(times),
+        seeds=len(times),
         count=sum(one.time is not None for one in found),
         lost=sum(one.time is not None and not one.held for one in found),
     )

@@ -69,8 +69,11 @@ def series_of(
 
 def run_of(entry: Entry, column: str) -> Run:
     """One run's curve in one score."""
-    scored = [(point.train_s, point.scores[column]) for point in (entry.result.curve if entry.result else ())
-              if column in point.scores and point.train_s > 0]
+    scored = [
+        (point.train_s, point.scores[column])
+        for point in (entry.result.curve if entry.result else ())
+        if column in point.scores and point.train_s > 0
+    ]
     points = tuple(point for point in scored if math.isfinite(point[1]))
     return Run(entry.spec.seed, entry.status, points, len(scored) - len(points))
 

@@ -69,8 +69,11 @@ def _no_reason(entry: Entry, column: str) -> str:
         return f"{protocol.id} has no such score"
     if column in EXIF:
         return ""  # of made photographs, whose lens is known
-    if protocol is not None and column in (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH) and column not in (
-            *protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.photograph):
+    if (
+        protocol is not None
+        and column in (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH)
+        and column not in (*protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.photograph)
+    ):
         return ""  # of another protocol, whose tables are others: nothing that is missing here
     if column not in SCORES:
         return "not computed: `dofbench score` adds it"
@@ -106,11 +109,22 @@ def sorted_lines(lines: list[Line]) -> list[Line]:
     def place(line: Line) -> tuple:
         refocus, sharp = (line.cells[column].value for column in ("psnr", "aif_psnr"))
         if sharp is None:
-            sharp = next((cell.value for column in ("photo_psnr", "across_psnr")
-                          if (cell := line.cells.get(column)) is not None and cell.value is not None), None)
+            sharp = next(
+                (
+                    cell.value
+                    for column in ("photo_psnr", "across_psnr")
+                    if (cell := line.cells.get(column)) is not None and cell.value is not None
+                ),
+                None,
+            )
         return (
-            not line.competes, refocus is None and sharp is None, refocus is None,
-            -_number(refocus), -_number(sharp), line.method, line.preset,
+            not line.competes,
+            refocus is None and sharp is None,
+            refocus is None,
+            -_number(refocus),
+            -_number(sharp),
+            line.method,
+            line.preset,
         )
 
     return sorted(lines, key=place)
@@ -120,7 +134,8 @@ def best_texts(lines: list[Line], columns: list[str]) -> dict[str, str | None]:
     """For each column the best value as it is shown, so that what looks equal is marked equally."""
     return {
         column: COLUMNS[column].best(
-            [value for line in lines if line.competes and (value := line.cells[column].value) is not None])
+            [value for line in lines if line.competes and (value := line.cells[column].value) is not None]
+        )
         for column in columns
     }
 
@@ -140,13 +155,15 @@ def scene_mean(lines: dict[str, Line], scenes: list[str], column: str) -> Cell:
     """Mean over scenes of one variant (scene -> its line), only where every scene has a value."""
     missing = [scene for scene in scenes if scene not in lines or lines[scene].cells[column].value is None]
     if missing:
-        gaps = {(cell.failure, cell.reason) for scene in missing if scene in lines
-                if (cell := lines[scene].cells[column])}
+        gaps = {
+            (cell.failure, cell.reason) for scene in missing if scene in lines if (cell := lines[scene].cells[column])
+        }
         if len(missing) == len(scenes) and len(gaps) == 1:
             failure, reason = gaps.pop()  # it has no such score anywhere, for one reason
             return Cell(None, failure=failure, reason=reason)
-        return Cell(None, reason=f"no mean over an incomplete set: {', '.join(missing)} missing "
-                                 f"of {len(scenes)} scenes")
+        return Cell(
+            None, reason=f"no mean over an incomplete set: {', '.join(missing)} missing of {len(scenes)} scenes"
+        )
     values = [lines[scene].cells[column].value for scene in scenes]
     return Cell(arithmetic_mean([value for value in values if value is not None]))
 

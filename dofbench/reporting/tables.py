@@ -12,12 +12,38 @@ from dofbench.reporting.collect import Entry, added_columns, board_names
 from dofbench.reporting.columns import ALL_IN_FOCUS, DEPTH, FILE_SCORES, IDENTITY, LENS, PHOTOGRAPH, REFOCUS
 
 CURVE_SCORES = ("psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f")
-CURVE_COLUMNS = ("method", "preset", "dataset", "protocol", "seed", "train_s", "steps", *CURVE_SCORES, "loss",
-                 "train_cpu_s", "photo_psnr", "photo_ssim", "across_psnr", "across_ssim")
+CURVE_COLUMNS = (
+    "method",
+    "preset",
+    "dataset",
+    "protocol",
+    "seed",
+    "train_s",
+    "steps",
+    *CURVE_SCORES,
+    "loss",
+    "train_cpu_s",
+    "photo_psnr",
+    "photo_ssim",
+    "across_psnr",
+    "across_ssim",
+)
 _LENS_VALUES = ("aperture", "aperture_estimated", "focus", "focus_estimated")
 VIEW_COLUMNS = (
-    "method", "preset", "dataset", "scene", "protocol", "seed", "view", "split",
-    *REFOCUS, *ALL_IN_FOCUS, *_LENS_VALUES, *LENS, *DEPTH, *PHOTOGRAPH,
+    "method",
+    "preset",
+    "dataset",
+    "scene",
+    "protocol",
+    "seed",
+    "view",
+    "split",
+    *REFOCUS,
+    *ALL_IN_FOCUS,
+    *_LENS_VALUES,
+    *LENS,
+    *DEPTH,
+    *PHOTOGRAPH,
 )
 
 
@@ -35,8 +61,10 @@ def write_per_view_csv(path: Path, entries: tuple[Entry, ...]) -> None:
         if entry.result is None:
             continue
         rows += [{**identity, "view": view, "split": "test", **scores} for view, scores in entry.views.items()]
-        rows += [{**identity, "split": "train", **view.model_dump(exclude={"name"}), "view": view.name}
-                 for view in entry.result.lens]
+        rows += [
+            {**identity, "split": "train", **view.model_dump(exclude={"name"}), "view": view.name}
+            for view in entry.result.lens
+        ]
     write_csv(path, (*VIEW_COLUMNS, *added_columns(entries)), rows)
 
 
@@ -45,8 +73,16 @@ def write_curves_csv(path: Path, entries: tuple[Entry, ...]) -> None:
     rows = []
     for entry, identity in zip(entries, _identities(entries), strict=True):
         for point in entry.result.curve if entry.result else ():
-            rows.append({**identity, **point.scores, "train_s": point.train_s, "steps": point.steps,
-                         "loss": point.loss, "train_cpu_s": point.train_cpu_s})
+            rows.append(
+                {
+                    **identity,
+                    **point.scores,
+                    "train_s": point.train_s,
+                    "steps": point.steps,
+                    "loss": point.loss,
+                    "train_cpu_s": point.train_cpu_s,
+                }
+            )
     write_csv(path, CURVE_COLUMNS, rows)
 
 
@@ -54,8 +90,15 @@ def _identities(entries: tuple[Entry, ...]) -> list[dict[str, object]]:
     """The identity columns of each entry; the dataset's name carries its checksum where one name means two."""
     boards = board_names(entries)
     return [
-        {"method": entry.spec.method, "preset": entry.preset, "dataset": boards[entry.board], "scene": entry.scene,
-         "protocol": entry.spec.protocol, "seed": entry.spec.seed, "status": str(entry.status)}
+        {
+            "method": entry.spec.method,
+            "preset": entry.preset,
+            "dataset": boards[entry.board],
+            "scene": entry.scene,
+            "protocol": entry.spec.protocol,
+            "seed": entry.spec.seed,
+            "status": str(entry.status),
+        }
         for entry in entries
     ]
 

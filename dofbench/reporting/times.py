@@ -19,10 +19,20 @@ def write_times_csv(path: Path, entries: tuple[Entry, ...]) -> None:
         if entry.result is None:
             continue
         method, preset = names[entry.variant]
-        who = {"method": method, "preset": preset, "dataset": boards[entry.board], "scene": entry.scene,
-               "protocol": entry.spec.protocol, "seed": entry.spec.seed}
-        rows += [{**who, "stage": stage, "wall_s": time.wall, "cpu_s": time.cpu}
-                 for stage, time in entry.result.stages.items()]
-        rows += [{**who, "within": "train", "stage": stage, "wall_s": wall}
-                 for stage, wall in entry.result.method_stages.items()]
+        who = {
+            "method": method,
+            "preset": preset,
+            "dataset": boards[entry.board],
+            "scene": entry.scene,
+            "protocol": entry.spec.protocol,
+            "seed": entry.spec.seed,
+        }
+        rows += [
+            {**who, "stage": stage, "wall_s": time.wall, "cpu_s": time.cpu}
+            for stage, time in entry.result.stages.items()
+        ]
+        rows += [
+            {**who, "within": "train", "stage": stage, "wall_s": wall}
+            for stage, wall in entry.result.method_stages.items()
+        ]
     write_csv(path, TIMES_COLUMNS, rows)

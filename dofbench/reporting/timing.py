@@ -17,8 +17,20 @@ FRONT_RULE = (
     "The Pareto front holds the scored moments (medians over seeds) that no other method or preset beats: none is as "
     "early and as good"
 )
-REACH_COLUMNS = ("method", "preset", "dataset", "scene", "protocol", "seed", "score", "level", "reached_s",
-                 "not_before_s", "held", "status")
+REACH_COLUMNS = (
+    "method",
+    "preset",
+    "dataset",
+    "scene",
+    "protocol",
+    "seed",
+    "score",
+    "level",
+    "reached_s",
+    "not_before_s",
+    "held",
+    "status",
+)
 FRONT_COLUMNS = ("dataset", "protocol", "score", "train_s", "value", "method", "preset")
 
 
@@ -27,8 +39,13 @@ def timing_lines(plot: Plot) -> list[str]:
     lines = [front_line(plot), ""] if plot.front else []
     if plot.levels:
         heading = ["time to reach", *(level_text(plot.column, level) for level in plot.levels)]
-        rows = [[plain(series.name), *(reach_cell(series, level, higher_is_better=plot.higher_is_better).text
-                                       for level in plot.levels)] for series in plot.series]
+        rows = [
+            [
+                plain(series.name),
+                *(reach_cell(series, level, higher_is_better=plot.higher_is_better).text for level in plot.levels),
+            ]
+            for series in plot.series
+        ]
         lines += [*table(heading, rows, left=1), ""]
     return lines
 
@@ -43,8 +60,11 @@ def front_line(plot: Plot) -> str:
     """As "Pareto front: A from 0.2 s (12.1 dB), B from 31 s (25.0 dB) to 412 s (31.2 dB)."."""
     held = spans(plot.front)
     unit = f" {plot.score.unit}" if plot.score.unit else ""
-    parts = [f"{plain(plot.series[span.series].name)} from {seconds_text(span.first[0])} "
-             f"({plot.score.text(span.first[1])}{unit})" for span in held]
+    parts = [
+        f"{plain(plot.series[span.series].name)} from {seconds_text(span.first[0])} "
+        f"({plot.score.text(span.first[1])}{unit})"
+        for span in held
+    ]
     end = held[-1].last
     until = "" if end == held[-1].first else f" to {seconds_text(end[0])} ({plot.score.text(end[1])}{unit})"
     return f"Pareto front: {', '.join(parts)}{until}."
@@ -58,10 +78,19 @@ def write_reach_csv(path: Path, plots: Iterable[Plot]) -> None:
 
 def write_front_csv(path: Path, plots: Iterable[Plot]) -> None:
     """One row for every point of every front."""
-    rows = ({
-        "dataset": plot.dataset, "protocol": plot.protocol, "score": plot.column, "train_s": point.time,
-        "value": point.score, "method": plot.series[point.series].method, "preset": plot.series[point.series].preset,
-    } for plot in plots for point in plot.front)
+    rows = (
+        {
+            "dataset": plot.dataset,
+            "protocol": plot.protocol,
+            "score": plot.column,
+            "train_s": point.time,
+            "value": point.score,
+            "method": plot.series[point.series].method,
+            "preset": plot.series[point.series].preset,
+        }
+        for plot in plots
+        for point in plot.front
+    )
     write_csv(path, FRONT_COLUMNS, rows)
 
 
@@ -71,8 +100,16 @@ def _reach_rows(plot: Plot) -> Iterator[dict[str, object]]:
             for level in plot.levels:
                 found = run_reached(run, level, higher_is_better=plot.higher_is_better)
                 yield {
-                    "method": series.method, "preset": series.preset, "dataset": plot.dataset, "scene": plot.scene,
-                    "protocol": plot.protocol, "seed": run.seed, "score": plot.column, "level": level,
-                    "reached_s": found.time, "not_before_s": None if found.time is None else found.before,
-                    "held": "" if found.time is None else "yes" if found.held else "no", "status": str(run.status),
+                    "method": series.method,
+                    "preset": series.preset,
+                    "dataset": plot.dataset,
+                    "scene": plot.scene,
+                    "protocol": plot.protocol,
+                    "seed": run.seed,
+                    "score": plot.column,
+                    "level": level,
+                    "reached_s": found.time,
+                    "not_before_s": None if found.time is None else found.before,
+                    "held": "" if found.time is None else "yes" if found.held else "no",
+                    "status": str(run.status),
                 }

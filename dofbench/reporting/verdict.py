@@ -35,7 +35,8 @@ def verdict(lines: dict[tuple[str, ...], Line], entries: Sequence[Entry]) -> Ver
         known = {variant: line.cells[column].value for variant, line in lines.items() if column in line.cells}
         ranked = sorted(
             ((value, variant) for variant, value in known.items() if value is not None and not math.isnan(value)),
-            key=lambda one: (-one[0], one[1]))
+            key=lambda one: (-one[0], one[1]),
+        )
         if not ranked:
             continue
         value, best = ranked[0]

@@ -41,8 +41,9 @@ class Batch:
             after(run)
 
         known = [one for one in self.seconds.values() if one is not None]
-        watcher = Several(len(self.open), self._workers, things="runs",
-                          expected=sum(known) / len(known) if known else None)
+        watcher = Several(
+            len(self.open), self._workers, things="runs", expected=sum(known) / len(known) if known else None
+        )
         outcomes = make_runs(self.open, self._workers, watcher, ended, run_jobs)
         self._problems = {outcome.name: outcome.problem for outcome in outcomes if outcome.problem}
 

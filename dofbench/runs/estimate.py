@@ -30,11 +30,15 @@ def expected_seconds(run: PlannedRun, finished: Sequence[Result]) -> float | Non
     budget. Like are those on the same dataset, before all of the same method and preset. Without any, the budget's
     own seconds; None where it has none."""
     spec, budget = run.spec, parse_budget(run.spec.budget)
-    alike = [(result.spec.method == spec.method, result.spec.preset == spec.preset, result)
-             for result in finished if result.spec.dataset_checksum == spec.dataset_checksum]
+    alike = [
+        (result.spec.method == spec.method, result.spec.preset == spec.preset, result)
+        for result in finished
+        if result.spec.dataset_checksum == spec.dataset_checksum
+    ]
     nearest = max((closeness[:2] for closeness in alike), default=None)
-    known = [_scaled(result, budget.steps, budget.seconds) for *closeness, result in alike
-             if tuple(closeness) == nearest]
+    known = [
+        _scaled(result, budget.steps, budget.seconds) for *closeness, result in alike if tuple(closeness) == nearest
+    ]
     return statistics.median(known) if known else budget.seconds
 
 

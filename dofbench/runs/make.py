@@ -24,7 +24,10 @@ _REPORT_EVERY = 2.0  # seconds
 
 
 def make_runs(
-    runs: Sequence[PlannedRun], workers: int, watcher: Watcher, ended: Callable[[PlannedRun], None],
+    runs: Sequence[PlannedRun],
+    workers: int,
+    watcher: Watcher,
+    ended: Callable[[PlannedRun], None],
     run_jobs: RunJobs = run_jobs,
 ) -> list[Outcome]:
     """Make the runs in their order, `workers` at a time; one that fails doesn't stop the others.
@@ -34,8 +37,10 @@ def make_runs(
     result, and its outcome has no problem: `problem` is for what left none.
     """
     named = {run.name: run for run in runs}
-    jobs = [Job(name, partial(make_run, run.settings, run.spec.key, run.folder), busy=partial(is_running, run.folder))
-            for name, run in named.items()]
+    jobs = [
+        Job(name, partial(make_run, run.settings, run.spec.key, run.folder), busy=partial(is_running, run.folder))
+        for name, run in named.items()
+    ]
     return run_jobs(jobs, workers=workers, watcher=_Told(watcher, lambda name: ended(named[name])))
 
 

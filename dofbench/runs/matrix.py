@@ -45,8 +45,11 @@ def run_all(settings: Runs, console: Console | None = None, run_jobs: RunJobs = 
     for line in failures:
         _say(console, line)
     folders = dict.fromkeys(run.folder.parent for run in runs)
-    _say(console, f"{len(runs) - len(failures)} of {len(runs)} runs are done and ok; "
-                  f"results {', '.join(map(str, folders))}; tables: dofbench report {settings.out}")
+    _say(
+        console,
+        f"{len(runs) - len(failures)} of {len(runs)} runs are done and ok; "
+        f"results {', '.join(map(str, folders))}; tables: dofbench report {settings.out}",
+    )
     return not failures
 
 

@@ -28,17 +28,17 @@ from dofbench.synthesis.schema import MANIFEST
 from dofbench.synthesis.settings import MakeDataset
 
 WIDTH = 504  # px: what two cores train on in minutes, and the size at which LLFF's scores are published
-HOLD = 8     # every so many-th photograph is held back, to be predicted and scored
+HOLD = 8  # every so many-th photograph is held back, to be predicted and scored
 
 # Seconds on two cores of a shared machine (docs/own-photographs.md): another one may take half, or twice.
-_PHOTOGRAPH, _MEGAPIXEL = 0.5, 2.5       # features, mapping and undistortion of a photograph, and of its pixels
-_PAIR = 0.03                             # two photographs compared
-_FRAME_MEGAPIXEL = 0.015                 # a frame of a video, decoded and looked at
-_DATASET_MEGAPIXEL = 0.3                 # a photograph of the dataset, made smaller
-_STEP, _STEP_PIXEL = 0.03, 4.5e-7        # a training step, and a pixel of it
-_PRIOR_PIXEL = 4e-6                      # a pixel of a training view
+_PHOTOGRAPH, _MEGAPIXEL = 0.5, 2.5  # features, mapping and undistortion of a photograph, and of its pixels
+_PAIR = 0.03  # two photographs compared
+_FRAME_MEGAPIXEL = 0.015  # a frame of a video, decoded and looked at
+_DATASET_MEGAPIXEL = 0.3  # a photograph of the dataset, made smaller
+_STEP, _STEP_PIXEL = 0.03, 4.5e-7  # a training step, and a pixel of it
+_PRIOR_PIXEL = 4e-6  # a pixel of a training view
 _FIT_PIXEL, _CURVE_PIXEL = 3e-5, 2.5e-4  # a pixel of a held-back view, scored at the end, and along the training
-_ON_CURVE = 4                            # held-back views that are scored along the training, at most
+_ON_CURVE = 4  # held-back views that are scored along the training, at most
 _COMPILING = "the first run on a machine compiles kernels besides, about a minute"
 
 
@@ -92,8 +92,11 @@ def check_runs(runs: Sequence[Run]) -> None:
     """Raise InputError for methods, presets or options that the runs can't have: before minutes are spent on poses."""
     for run in runs:
         if run.inputs != "shallow":
-            raise InputError("--inputs", f"{run.inputs} with --photographs",
-                             "the photographs as they are; where all are sharp, --set lens=false leaves out the lens")
+            raise InputError(
+                "--inputs",
+                f"{run.inputs} with --photographs",
+                "the photographs as they are; where all are sharp, --set lens=false leaves out the lens",
+            )
         choices = choose(_on_data(run))
         choices.entry.create({**choices.options, **choices.overrides}, run.seed, choices.device)
 
@@ -152,8 +155,7 @@ def _motion_seconds(own: Own) -> float:
     megapixels = raw * min(1.0, largest / max(own.size)) ** 2
     matching = choose_matching("auto", own.views, own.kind == "video")
     pairs = own.views * ((own.views - 1) / 2 if matching == "exhaustive" else LOOK_ALIKES)
-    return (own.views * (_PHOTOGRAPH + megapixels * _MEGAPIXEL) + pairs * _PAIR
-            + own.items * raw * _FRAME_MEGAPIXEL)
+    return own.views * (_PHOTOGRAPH + megapixels * _MEGAPIXEL) + pairs * _PAIR + own.items * raw * _FRAME_MEGAPIXEL
 
 
 def _training_seconds(run: Run, pixels: float) -> float:
@@ -168,8 +170,12 @@ def _on_data(run: Run) -> Run:
     return replace(run, data=run.out)
 
 
-_WHAT = {"photographs": "camera poses and points", "video": "frames, camera poses and points",
-         "poses": "points, the poses being known,", "scene": "poses and points"}
+_WHAT = {
+    "photographs": "camera poses and points",
+    "video": "frames, camera poses and points",
+    "poses": "points, the poses being known,",
+    "scene": "poses and points",
+}
 
 
 def _minutes(seconds: float) -> str:

@@ -36,8 +36,13 @@ class PlannedRun:
     def with_seed(self, seed: int) -> PlannedRun:
         """The same run with another seed; nothing else depends on it."""
         spec = self.spec.model_copy(update={"seed": seed})
-        return replace(self, settings=replace(self.settings, seed=seed), spec=spec,
-                       plan=replace(self.plan, seed=seed), folder=self.settings.out / spec.folder)
+        return replace(
+            self,
+            settings=replace(self.settings, seed=seed),
+            spec=spec,
+            plan=replace(self.plan, seed=seed),
+            folder=self.settings.out / spec.folder,
+        )
 
 
 def plan_run(settings: Run) -> PlannedRun:

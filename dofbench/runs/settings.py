@@ -72,10 +72,25 @@ class Runs:
         methods = _listed("--method", self.method)
         presets = (None,) if self.preset is None else _listed("--preset", self.preset)
         return tuple(
-            Run(method=method, data=data, preset=preset, set=self.set, budget=budget, seed=seed, device=self.device,
-                out=self.out, inputs=self.inputs, dry_run=self.dry_run, force_all=self.force_all, rerun=self.rerun)
-            for seed in range(self.seed, self.seed + self.seeds) for data in self._folders()
-            for method in methods for preset in presets for budget in self._budgets()
+            Run(
+                method=method,
+                data=data,
+                preset=preset,
+                set=self.set,
+                budget=budget,
+                seed=seed,
+                device=self.device,
+                out=self.out,
+                inputs=self.inputs,
+                dry_run=self.dry_run,
+                force_all=self.force_all,
+                rerun=self.rerun,
+            )
+            for seed in range(self.seed, self.seed + self.seeds)
+            for data in self._folders()
+            for method in methods
+            for preset in presets
+            for budget in self._budgets()
         )
 
     def _folders(self) -> tuple[Path | None, ...]:

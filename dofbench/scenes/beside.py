@@ -19,7 +19,11 @@ _DEGREES, _OFFSET = 5.0, 0.1
 
 
 def points_beside(
-    model: Model, content: Mapping[str, Any], scale: float, paths: Sequence[str], poses: Sequence[np.ndarray],
+    model: Model,
+    content: Mapping[str, Any],
+    scale: float,
+    paths: Sequence[str],
+    poses: Sequence[np.ndarray],
     file: Path,
 ) -> PointCloud | None:
     """The model's points by applied_transform and `scale`, with tracks over the frames; None without points.

@@ -23,7 +23,12 @@ _REASON = 120
 # Where each of OpenCV's coefficients k1 k2 p1 p2 k3 k4 k5 k6 stands among a model's parameters, after its
 # focal lengths and principal point (COLMAP's sensor/models.h); fisheye models have k1 k2 k3 k4.
 _PERSPECTIVE = {
-    "SIMPLE_PINHOLE": 0, "PINHOLE": 0, "SIMPLE_RADIAL": 1, "RADIAL": 2, "OPENCV": 4, "FULL_OPENCV": 8,
+    "SIMPLE_PINHOLE": 0,
+    "PINHOLE": 0,
+    "SIMPLE_RADIAL": 1,
+    "RADIAL": 2,
+    "OPENCV": 4,
+    "FULL_OPENCV": 8,
 }
 _FISHEYE = {"SIMPLE_RADIAL_FISHEYE": 1, "RADIAL_FISHEYE": 2, "OPENCV_FISHEYE": 4}
 _TWO_FOCALS = ("PINHOLE", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE")

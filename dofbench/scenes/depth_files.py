@@ -50,8 +50,11 @@ def _read_npy(file: Path) -> np.ndarray:
     except (OSError, ValueError) as error:
         raise InputError(file, f"no readable array ({error})", "an .npy file of depth") from None
     if not isinstance(values, np.ndarray) or values.ndim not in (2, 3) or values.dtype.kind not in "fiu":
-        raise InputError(file, f"{getattr(values, 'dtype', 'an archive')} of shape {getattr(values, 'shape', '?')}",
-                         "numbers of shape (H, W)")
+        raise InputError(
+            file,
+            f"{getattr(values, 'dtype', 'an archive')} of shape {getattr(values, 'shape', '?')}",
+            "numbers of shape (H, W)",
+        )
     return values.astype(np.float32)
 
 
@@ -61,11 +64,12 @@ def _read_colmap(file: Path) -> np.ndarray:
     parts = data[:64].split(b"&", 3)
     try:
         width, height, channels = (int(part) for part in parts[:3])
-        values = np.frombuffer(data[sum(len(part) + 1 for part in parts[:3]):], dtype="<f4")
+        values = np.frombuffer(data[sum(len(part) + 1 for part in parts[:3]) :], dtype="<f4")
         values = values.reshape(channels, height, width)
     except ValueError:
-        raise InputError(file, "no depth map of COLMAP, or a part of one", "width&height&1& and as many float32"
-                         ) from None
+        raise InputError(
+            file, "no depth map of COLMAP, or a part of one", "width&height&1& and as many float32"
+        ) from None
     if channels != 1:
         raise InputError(file, f"{channels} channels", "one channel of depth")
     return values[0].astype(np.float32)

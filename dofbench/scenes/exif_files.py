@@ -13,17 +13,27 @@ from dofbench.exif import EXIF_FILE, Exif, read_exif
 CSV_FILE = "exif.csv"
 # A column of exif.csv, and what it is here.
 _COLUMNS = {
-    "f_number": "f_number", "focal_length_mm": "focal_length", "focal_length_35mm": "focal_length_35mm",
-    "focus_distance_m": "focus_distance", "exposure_s": "exposure", "iso": "iso", "time": "time", "camera": "camera",
+    "f_number": "f_number",
+    "focal_length_mm": "focal_length",
+    "focal_length_35mm": "focal_length_35mm",
+    "focus_distance_m": "focus_distance",
+    "exposure_s": "exposure",
+    "iso": "iso",
+    "time": "time",
+    "camera": "camera",
     "lens": "lens",
 }
 # OpenImageIO's names of EXIF's tags; of several, the first that is there.
 _TAGS = {
-    "f_number": ("FNumber", "Exif:FNumber"), "focal_length": ("Exif:FocalLength",),
-    "focal_length_35mm": ("Exif:FocalLengthIn35mmFilm",), "focus_distance": ("Exif:SubjectDistance",),
-    "exposure": ("ExposureTime", "Exif:ExposureTime"), "iso": ("Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings"),
+    "f_number": ("FNumber", "Exif:FNumber"),
+    "focal_length": ("Exif:FocalLength",),
+    "focal_length_35mm": ("Exif:FocalLengthIn35mmFilm",),
+    "focus_distance": ("Exif:SubjectDistance",),
+    "exposure": ("ExposureTime", "Exif:ExposureTime"),
+    "iso": ("Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings"),
     # Not DateTime, which is when the file was last changed.
-    "time": ("Exif:DateTimeOriginal", "Exif:DateTimeDigitized"), "lens": ("Exif:LensModel",),
+    "time": ("Exif:DateTimeOriginal", "Exif:DateTimeDigitized"),
+    "lens": ("Exif:LensModel",),
 }
 _TEXTS = ("time", "camera", "lens")
 
@@ -60,9 +70,13 @@ def exif_of_image(file: Path) -> Exif:
     opened.close()
     values = {name: next((tags[tag] for tag in names if tag in tags), None) for name, names in _TAGS.items()}
     return Exif(
-        **{name: _text(value) if name in _TEXTS else _positive(value) for name, value in values.items()
-           if name != "time"},
-        time=_time(values["time"]), camera=_camera(_text(tags.get("Make")), _text(tags.get("Model"))),
+        **{
+            name: _text(value) if name in _TEXTS else _positive(value)
+            for name, value in values.items()
+            if name != "time"
+        },
+        time=_time(values["time"]),
+        camera=_camera(_text(tags.get("Make")), _text(tags.get("Model"))),
     )
 
 
@@ -86,8 +100,11 @@ def read_exif_csv(file: Path) -> dict[str, Exif]:
         if line["name"] in records:
             raise InputError(file, f"{line['name']} a second time in line {number}", "one line a photograph")
         values = {ours: (line.get(column) or "").strip() for column, ours in _COLUMNS.items()}
-        known = {name: value if name in _TEXTS else _number(file, number, name, value)
-                 for name, value in values.items() if value}
+        known = {
+            name: value if name in _TEXTS else _number(file, number, name, value)
+            for name, value in values.items()
+            if value
+        }
         if "time" in known:
             known["time"] = _time(known["time"])
         try:
@@ -134,7 +151,7 @@ def _text(value: object) -> str | None:
 
 
 def _time(value: object) -> str | None:
-    """"2021:03:04 10:48:15", as EXIF writes it, to "2021-03-04 10:48:15"."""
+    """ "2021:03:04 10:48:15", as EXIF writes it, to "2021-03-04 10:48:15"."""
     text = _text(value)
     if text is None or len(text) < 19 or not text[:4].isdigit():
         return None

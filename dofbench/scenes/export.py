@@ -146,8 +146,12 @@ def write_transforms(
 
 def _lens(camera: Camera) -> dict[str, float]:
     return {
-        "w": camera.width, "h": camera.height,
-        "fl_x": float(camera.fx), "fl_y": float(camera.fy), "cx": float(camera.cx), "cy": float(camera.cy),
+        "w": camera.width,
+        "h": camera.height,
+        "fl_x": float(camera.fx),
+        "fl_y": float(camera.fy),
+        "cx": float(camera.cx),
+        "cy": float(camera.cy),
     }
 
 

@@ -61,10 +61,16 @@ def print_scenes(folders: Sequence[Path] = (), data_root: Path | None = None) ->
     rows = [("scene", "layout", "views", "size", "points", "depth", "what")]
     rows += [
         (
-            scene.name, scene.layout, f"{scene.training} + {scene.test} test", f"{scene.width}x{scene.height}",
-            str(scene.points), "given" if scene.depth else "-", scene.title,
+            scene.name,
+            scene.layout,
+            f"{scene.training} + {scene.test} test",
+            f"{scene.width}x{scene.height}",
+            str(scene.points),
+            "given" if scene.depth else "-",
+            scene.title,
         )
-        for scene in listed if not scene.problem
+        for scene in listed
+        if not scene.problem
     ]
     _print_table(rows)
     for scene in listed:
@@ -102,10 +108,13 @@ def _expected(dataset: NamedDataset) -> str:
 
 def _print_presences(dataset: NamedDataset, presences: Sequence[Presence], root: Path) -> None:
     """What is here, a line each; then, once for all that is absent, what to put where."""
-    _print_table([
-        (f"  {presence.scene.label}", presence.state, presence.detail, presence.scene.note)
-        for presence in presences if presence.state != "absent"
-    ])
+    _print_table(
+        [
+            (f"  {presence.scene.label}", presence.state, presence.detail, presence.scene.note)
+            for presence in presences
+            if presence.state != "absent"
+        ]
+    )
     absent = [presence.scene for presence in presences if presence.state == "absent"]
     if absent:
         print(f"  absent: {', '.join(scene.label.partition('/')[2] for scene in absent)}")
@@ -137,7 +146,8 @@ def _print_table(rows: Sequence[Sequence[str]]) -> None:
 def _built_in() -> list[Listed]:
     return [
         replace(_describe(scene.root, scene.label), title=dataset.title)
-        for dataset in named_datasets().values() if dataset.built_in
+        for dataset in named_datasets().values()
+        if dataset.built_in
         for scene in scenes_of(dataset, None)
     ]
 
@@ -153,9 +163,14 @@ def _describe(folder: Path, name: str) -> Listed:
         return Listed(name, problem=str(error))
     first = scene.views[0]
     return Listed(
-        name=name, layout=scene.layout, training=_count(scene.views, "train"), test=_count(scene.views, "test"),
-        width=first.camera.width, height=first.camera.height,
-        points=0 if scene.points is None else len(scene.points), depth=first.depth is not None,
+        name=name,
+        layout=scene.layout,
+        training=_count(scene.views, "train"),
+        test=_count(scene.views, "test"),
+        width=first.camera.width,
+        height=first.camera.height,
+        points=0 if scene.points is None else len(scene.points),
+        depth=first.depth is not None,
     )
 
 

@@ -54,9 +54,7 @@ def posed_frames(root: Path, folder: Path, files: Sequence[Path]) -> list[Frame]
     rows = _rows(file)
     if len(rows) != len(files):
         raise InputError(folder, f"{len(files)} images", f"the {len(rows)} that {file} has poses for")
-    return [
-        _frame(row, path, path.relative_to(folder).as_posix(), file) for row, path in zip(rows, files, strict=True)
-    ]
+    return [_frame(row, path, path.relative_to(folder).as_posix(), file) for row, path in zip(rows, files, strict=True)]
 
 
 def read_bounds(root: Path) -> np.ndarray:

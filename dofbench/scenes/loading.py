@@ -95,7 +95,9 @@ def _model_by_itself(root: Path, error: AnotherFrame, **options: int | str | Non
         return None
     print(
         f"{root}: transforms.json and the COLMAP model are in different frames ({error.subject}: {error.found}); "
-        "read as --layout colmap, with nothing from transforms.json", file=sys.stderr, flush=True,
+        "read as --layout colmap, with nothing from transforms.json",
+        file=sys.stderr,
+        flush=True,
     )
     return scene
 

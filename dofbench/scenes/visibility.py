@@ -9,10 +9,10 @@ import numpy as np
 from dofbench.cameras import Camera
 from dofbench.contracts import PointCloud
 
-_NEIGHBOURS = 12       # points around a point that may hide it
-_RADIUS_SHARE = 0.03   # how far away they may be, as a share of the image width
-_HIDDEN_RATIO = 0.85   # a neighbour this much nearer counts as being in front
-_HIDING_SHARE = 0.5    # hidden when at least this share of the neighbours is in front
+_NEIGHBOURS = 12  # points around a point that may hide it
+_RADIUS_SHARE = 0.03  # how far away they may be, as a share of the image width
+_HIDDEN_RATIO = 0.85  # a neighbour this much nearer counts as being in front
+_HIDING_SHARE = 0.5  # hidden when at least this share of the neighbours is in front
 
 
 @dataclass(frozen=True, eq=False)

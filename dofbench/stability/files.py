@@ -164,11 +164,21 @@ def _cases() -> tuple[Case, ...]:
         files("damaged", "a file cut short is refused by its name", NAMED, _damaged),
         Case(
             "files",
-            "resize", "images", "to and from one pixel: means and constants stay", "32 roundings", NUMPY, _resized
+            "resize",
+            "images",
+            "to and from one pixel: means and constants stay",
+            "32 roundings",
+            NUMPY,
+            _resized,
         ),
         Case(
             "files",
-            "pure-power", "images", "decoding and encoding give tones back, 0 too", "32 roundings", NUMPY, _pure_power
+            "pure-power",
+            "images",
+            "decoding and encoding give tones back, 0 too",
+            "32 roundings",
+            NUMPY,
+            _pure_power,
         ),
     )
 

@@ -119,7 +119,7 @@ def _heading(settings: Stability) -> list[str]:
         "Each row is a case in one backend and precision. It is met where the error is at most the bound, which "
         "follows from precision and the problem's condition, not from what was measured. A bound that isn't met is "
         "either a known limit, with its reason, or makes the command end with status 1. Known limits may differ by "
-        "machine: a row that meets the bound of one says \"met here\".",
+        'machine: a row that meets the bound of one says "met here".',
     ]
 
 

@@ -232,8 +232,13 @@ def cases_of(method: str) -> tuple[Case, ...]:
         ]
     if ours:
         found += [
-            trained(f"vanished-{what}", f"Gaussians that all {how} end as diverged, at the step that finds out",
-                    "0: the right step", _vanished, what=what)
+            trained(
+                f"vanished-{what}",
+                f"Gaussians that all {how} end as diverged, at the step that finds out",
+                "0: the right step",
+                _vanished,
+                what=what,
+            )
             for what, how in (("faded", "fade"), ("behind", "get behind the cameras"))
         ]
     if ours and learns:

@@ -32,12 +32,13 @@ def planned(settings: MakeDatasets) -> tuple[list[MakeDataset], list[ResolvedSce
                 scenes.append((text if Path(text).is_dir() else scene.label, scene.name))
     lenses = settings.lenses()
     if len(scenes) * len(lenses) == 1:
-        (text, name), = scenes
+        ((text, name),) = scenes
         return [settings.one(text, settings.out or default_folder(name), lenses[0])], missing
     parent = settings.out or default_folder("")
     datasets = [
         settings.one(text, parent / (f"{name}-{lens[0]}" if lens and len(lenses) > 1 else name), lens)
-        for text, name in scenes for lens in lenses
+        for text, name in scenes
+        for lens in lenses
     ]
     folder, times = Counter(dataset.out for dataset in datasets).most_common(1)[0]
     if times > 1:
@@ -57,10 +58,13 @@ def make_all(datasets: Sequence[MakeDataset], workers: int) -> list[Outcome]:
         assert dataset.out is not None
         sibling = first.setdefault(dataset.scene, dataset.out)
         alone = sibling == dataset.out
-        jobs.append(Job(
-            str(dataset.out), partial(_make_one, dataset, None if alone else sibling),
-            after=None if alone else str(sibling),
-        ))
+        jobs.append(
+            Job(
+                str(dataset.out),
+                partial(_make_one, dataset, None if alone else sibling),
+                after=None if alone else str(sibling),
+            )
+        )
     return run_jobs(jobs, workers=workers, watcher=Several(len(jobs), workers))
 
 

@@ -78,24 +78,35 @@ class Dataset:
         records = {record.name: record for record in lenses.views}
         if views.keys() != records.keys():
             different = sorted(views.keys() ^ records.keys())
-            raise InputError(folder, f"views in only one of {write.TRANSFORMS} and lens.json: {', '.join(different)}",
-                             "the same views in both")
+            raise InputError(
+                folder,
+                f"views in only one of {write.TRANSFORMS} and lens.json: {', '.join(different)}",
+                "the same views in both",
+            )
         moved = [name for name, view in sorted(views.items()) if view.split != records[name].split]
         if moved:
-            raise InputError(folder, f"another split in {write.TRANSFORMS} than in lens.json for {', '.join(moved)}",
-                             "the same split in both")
+            raise InputError(
+                folder,
+                f"another split in {write.TRANSFORMS} than in lens.json for {', '.join(moved)}",
+                "the same split in both",
+            )
         disparity_range = lenses.range()
         exif, found = read_exif(folder), []
         for name, record in sorted(records.items()):
             camera, known = views[name].camera, isinstance(record, ViewRecord)
-            found.append(DatasetView(
-                name=name, split=record.split, camera=camera, lens=record.lens if known else None,
-                physical_lens=record.lens.physical(disparity_range, camera.width) if known else None,
-                max_coc_px=record.max_coc_px if known else None,
-                has_all_in_focus=write.relative(write.sharp_path, name) in manifest.files,
-                has_depth=write.relative(write.depth_path, name) in manifest.files,
-                exif=exif.get(name),
-            ))
+            found.append(
+                DatasetView(
+                    name=name,
+                    split=record.split,
+                    camera=camera,
+                    lens=record.lens if known else None,
+                    physical_lens=record.lens.physical(disparity_range, camera.width) if known else None,
+                    max_coc_px=record.max_coc_px if known else None,
+                    has_all_in_focus=write.relative(write.sharp_path, name) in manifest.files,
+                    has_depth=write.relative(write.depth_path, name) in manifest.files,
+                    exif=exif.get(name),
+                )
+            )
         return Dataset(folder, manifest, lenses, tuple(found), scene.points, sha256_file(folder / MANIFEST))
 
     @property
@@ -193,8 +204,7 @@ class Dataset:
         return read_exr(write.depth_path(self.folder, _name(view))) if self._view(view).has_depth else None
 
     def confidence(self, view: DatasetView | str) -> np.ndarray | None:
-        """Confidence of the depth: (H, W) float32, 0 unknown ... 1 certain; None in datasets from before there was any.
-        """
+        """Confidence of the depth: (H, W) float32, 0 unknown ... 1 certain; None in datasets older than that map."""
         path = write.confidence_path(self.folder, _name(view))
         return read_image(path)[..., 0] if path.is_file() else None
 

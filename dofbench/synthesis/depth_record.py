@@ -32,7 +32,11 @@ _PREPARATION = {"splat": "reconstruction", "onnx": "network"}
 
 
 def make_depth(
-    scene: Scene, source_id: depth.SourceId, network: Path | None, settings: MakeDataset, out: Path,
+    scene: Scene,
+    source_id: depth.SourceId,
+    network: Path | None,
+    settings: MakeDataset,
+    out: Path,
     progress: Progress,
 ) -> tuple[DepthRecord, DisparityRange]:
     """Write depth and confidence of every view; returns their record and the disparity range of all views.
@@ -46,7 +50,12 @@ def make_depth(
             return record, _range(scene, out)
     steps = settings.depth_steps if source_id == "splat" else len(scene.views)
     opened = partial(
-        depth.open_source, source_id, scene, steps=settings.depth_steps, seed=settings.seed, work=out / WORK,
+        depth.open_source,
+        source_id,
+        scene,
+        steps=settings.depth_steps,
+        seed=settings.seed,
+        work=out / WORK,
         network=network,
     )
     if source_id in _PREPARATION:
@@ -62,14 +71,21 @@ def make_depth(
     disparity_range = _range(scene, out)
     with progress.stage("consistency", len(scene.views)) as advance:
         agreement = consistencies(
-            [view.name for view in scene.views], [view.camera for view in scene.views],
-            lambda index: read_exr(write.depth_path(out, scene.views[index].name)), scene.points, disparity_range,
+            [view.name for view in scene.views],
+            [view.camera for view in scene.views],
+            lambda index: read_exr(write.depth_path(out, scene.views[index].name)),
+            scene.points,
+            disparity_range,
             advance,
         )
     record = DepthRecord(
-        source=source.id, provenance=source.provenance(), confidence=source.confidence,
-        views=tuple(one.model_copy(update={"consistency": _consistency_record(agrees)})
-                    for one, agrees in zip(found, agreement, strict=True)),
+        source=source.id,
+        provenance=source.provenance(),
+        confidence=source.confidence,
+        views=tuple(
+            one.model_copy(update={"consistency": _consistency_record(agrees)})
+            for one, agrees in zip(found, agreement, strict=True)
+        ),
     )
     write_json(kept, record.model_dump(mode="json"))
     return record, disparity_range
@@ -114,8 +130,11 @@ def _agreement(dataset: Dataset, measured: Sequence[int]) -> Sequence[Consistenc
         return []
     views = [dataset.views[index] for index in measured]
     return consistencies(
-        [view.name for view in views], [view.camera for view in views], lambda index: dataset.depth(views[index]),
-        None if dataset.points is None else dataset.points.seen_by(measured), dataset.disparity_range,
+        [view.name for view in views],
+        [view.camera for view in views],
+        lambda index: dataset.depth(views[index]),
+        None if dataset.points is None else dataset.points.seen_by(measured),
+        dataset.disparity_range,
     )
 
 
@@ -145,7 +164,9 @@ def record_of_files(root: Path, view: str, statistics: Mapping[str, float]) -> D
     levels = to_8bit(read_image(write.confidence_path(root, view))[..., 0])[known]
     count = max(1, levels.size)
     return DepthViewRecord(
-        view=view, known=levels.size / known.size, confidence=int(levels.sum(dtype=np.int64)) / (255 * count),
+        view=view,
+        known=levels.size / known.size,
+        confidence=int(levels.sum(dtype=np.int64)) / (255 * count),
         confident=int(np.count_nonzero(levels > 127)) / count,
         statistics={name: _stated(value) for name, value in statistics.items()},
     )

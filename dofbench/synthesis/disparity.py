@@ -9,7 +9,7 @@ import numpy as np
 from dofbench.lens import DisparityRange
 
 SCENE_PERCENTILES = (1.0, 99.0)  # conventions: the scene's normaliser
-VIEW_PERCENTILES = (0.0, 95.0)   # minimum and 95th percentile, as the released DoF-Gaussian code normalises a view
+VIEW_PERCENTILES = (0.0, 95.0)  # minimum and 95th percentile, as the released DoF-Gaussian code normalises a view
 
 
 def scene_range(depth_maps: Callable[[], Iterable[np.ndarray]]) -> DisparityRange:

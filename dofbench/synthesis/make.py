@@ -56,14 +56,16 @@ def read_scene(found: ResolvedScene, settings: MakeDataset) -> tuple[Scene, Make
     scene = found.load(**asked)
     if settings.train_f_number is not None and settings.test_f_number is not None:
         if settings.photographs == "auto" and scene.photographs != "shallow":
-            raise InputError("--train-f-number", f"{scene.name}, whose photographs are all in focus, for all one knows",
-                             "--photographs shallow too, where a lens took them as they are")
-        scene = split_by_f_number(scene, settings.train_f_number, settings.test_f_number,
-                                  test_points=settings.test_points)
-    if settings.photographs != "auto":
-        scene = scene.taken_as(
-            train="shallow", test="shallow" if settings.photographs == "shallow" else "all-in-focus"
+            raise InputError(
+                "--train-f-number",
+                f"{scene.name}, whose photographs are all in focus, for all one knows",
+                "--photographs shallow too, where a lens took them as they are",
+            )
+        scene = split_by_f_number(
+            scene, settings.train_f_number, settings.test_f_number, test_points=settings.test_points
         )
+    if settings.photographs != "auto":
+        scene = scene.taken_as(train="shallow", test="shallow" if settings.photographs == "shallow" else "all-in-focus")
     return scene, replace(settings, scene=found.label, **found.reading(**asked))
 
 
@@ -98,13 +100,21 @@ def make(
     if expected is not None:
         check_source(source, expected, scene.root)
     identity = Identity(
-        rest=sha256_text(canonical_json({
-            "settings": settings.recipe(), "depth": source_id, "plan": plan.hash, "dofbench": __version__,
-            **({} if network is None else {"network": network_digest(network)}),
-            **({} if optics is None else {"thinlens": optics.record.model_dump()}),
-            "source": source.model_dump(mode="json", include={"scene", "layout", "geometry"}),
-        })),
-        images={image.view: image.sha256 for image in source.images}, own_depth=source_id in ("given", "folder"),
+        rest=sha256_text(
+            canonical_json(
+                {
+                    "settings": settings.recipe(),
+                    "depth": source_id,
+                    "plan": plan.hash,
+                    "dofbench": __version__,
+                    **({} if network is None else {"network": network_digest(network)}),
+                    **({} if optics is None else {"thinlens": optics.record.model_dump()}),
+                    "source": source.model_dump(mode="json", include={"scene", "layout", "geometry"}),
+                }
+            )
+        ),
+        images={image.view: image.sha256 for image in source.images},
+        own_depth=source_id in ("given", "folder"),
     )
     out = settings.out or default_folder(scene.name)
     with only_writer(out):
@@ -116,9 +126,16 @@ def make(
         _all_in_focus(scene, out, progress)
         depth_record, disparity_range = make_depth(scene, source_id, network, settings, out, progress)
         blur = Blur(
-            disparity_range=disparity_range, per_view=settings.normaliser == "view",
-            gamma=settings.gamma, alpha=settings.alpha, shape=settings.aperture_shape, energy=settings.energy,
-            renderer=settings.renderer, layers=settings.layers, sensor=settings.sensor, bits=settings.bits,
+            disparity_range=disparity_range,
+            per_view=settings.normaliser == "view",
+            gamma=settings.gamma,
+            alpha=settings.alpha,
+            shape=settings.aperture_shape,
+            energy=settings.energy,
+            renderer=settings.renderer,
+            layers=settings.layers,
+            sensor=settings.sensor,
+            bits=settings.bits,
             thinlens=None if optics is None else optics.record,
         )
         if optics is not None and optics.remark:
@@ -130,7 +147,12 @@ def make(
         write.sheet(out, f"{scene.name}: {len(records)} views with a known lens", records, blur.disparity_range)
         write.readme(out, scene, settings, source, depth_record, records, notes, blur.thinlens)
         write.manifest(
-            out, name=scene.name, settings=settings, recipe=settings.recipe(), source=source, depth=depth_record,
+            out,
+            name=scene.name,
+            settings=settings,
+            recipe=settings.recipe(),
+            source=source,
+            depth=depth_record,
             identity=identity.digest,
         )
         finish(out)
@@ -166,7 +188,11 @@ def _near_far(scene: Scene, out: Path, disparity_range: DisparityRange) -> np.nd
 
 
 def _shallow(
-    plan: Plan, scene: Scene, out: Path, blur: Blur, shoot: Callable[[ViewRecord, Camera, np.ndarray], ViewRecord],
+    plan: Plan,
+    scene: Scene,
+    out: Path,
+    blur: Blur,
+    shoot: Callable[[ViewRecord, Camera, np.ndarray], ViewRecord],
     progress: Progress,
 ) -> list[ViewRecord]:
     records = []
@@ -186,7 +212,13 @@ def _shallow(
 
 
 def _shoot(
-    record: ViewRecord, camera: Camera, depth_map: np.ndarray, *, out: Path, blur: Blur, half: bool,
+    record: ViewRecord,
+    camera: Camera,
+    depth_map: np.ndarray,
+    *,
+    out: Path,
+    blur: Blur,
+    half: bool,
     optics: Optics | None,
 ) -> ViewRecord:
     """Write a view's photograph unless it is there; returns its record, with the noise of one through a real lens."""

@@ -48,9 +48,7 @@ class Optics:
             raise InputError(root / "scene.json", f"recipe {recipe!r}, seed {seed!r}", "a recipe's name and a seed")
         return cls(recipe, seed, samples)
 
-    def photograph(
-        self, camera: Camera, view: ViewRecord, *, window: tuple[slice, slice] | None = None
-    ) -> Photograph:
+    def photograph(self, camera: Camera, view: ViewRecord, *, window: tuple[slice, slice] | None = None) -> Photograph:
         """The view through its lens; with a window, (rows, columns), that part alone, in other random numbers.
 
         Raises InputError for a camera whose pixels aren't square or whose principal point is off the middle.
@@ -63,9 +61,7 @@ class Optics:
         if window is not None:
             key += "/again"
         try:
-            return self._tracer.photograph(
-                camera, self.record.samples, key, view.physical(camera.width), window=window
-            )
+            return self._tracer.photograph(camera, self.record.samples, key, view.physical(camera.width), window=window)
         except ValueError as error:
             raise InputError(f"view {view.name}", str(error), "a camera and a lens that mitsuba has") from None
 

@@ -30,7 +30,11 @@ from dofbench.synthesis.work import Identity, finish, only_writer, prepare
 
 
 def make_of_photographs(
-    found: ResolvedScene, scene: Scene, settings: MakeDataset, progress: Progress, *,
+    found: ResolvedScene,
+    scene: Scene,
+    settings: MakeDataset,
+    progress: Progress,
+    *,
     expected: SourceRecord | None = None,
 ) -> Path:
     """Make the dataset, or finish it, or find that it is complete; returns its folder.
@@ -44,13 +48,19 @@ def make_of_photographs(
         check_source(source, expected, scene.root)
     recipe = settings.photograph_recipe()
     identity = Identity(
-        rest=sha256_text(canonical_json({
-            "settings": recipe, "photographs": {view.name: view.photograph for view in scene.views},
-            "dofbench": __version__,
-            "source": source.model_dump(mode="json", include={"scene", "layout", "geometry"}),
-            **({"exif": exif} if (exif := _exif_data(scene)) else {}),
-        })),
-        images={image.view: image.sha256 for image in source.images}, own_depth=True,
+        rest=sha256_text(
+            canonical_json(
+                {
+                    "settings": recipe,
+                    "photographs": {view.name: view.photograph for view in scene.views},
+                    "dofbench": __version__,
+                    "source": source.model_dump(mode="json", include={"scene", "layout", "geometry"}),
+                    **({"exif": exif} if (exif := _exif_data(scene)) else {}),
+                }
+            )
+        ),
+        images={image.view: image.sha256 for image in source.images},
+        own_depth=True,
     )
     out = settings.out or Path("data") / scene.name
     with only_writer(out):
@@ -67,7 +77,12 @@ def make_of_photographs(
         bounded = (out / write.POSES_BOUNDS).is_file()
         write_text(out / write.README, photographs_readme(scene, settings, source, depth, notes, bounded=bounded))
         write.manifest(
-            out, name=scene.name, settings=settings, recipe=recipe, source=source, depth=depth,
+            out,
+            name=scene.name,
+            settings=settings,
+            recipe=recipe,
+            source=source,
+            depth=depth,
             identity=identity.digest,
         )
         finish(out)

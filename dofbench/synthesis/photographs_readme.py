@@ -61,7 +61,12 @@ The photographs are those of the scene "{name}" ({layout} layout){origin}; their
 
 
 def photographs_readme(
-    scene: Scene, settings: MakeDataset, source: SourceRecord, depth: DepthRecord | None, lost: Sequence[str], *,
+    scene: Scene,
+    settings: MakeDataset,
+    source: SourceRecord,
+    depth: DepthRecord | None,
+    lost: Sequence[str],
+    *,
     bounded: bool,
 ) -> str:
     """The text, without anything of the machine or the time. lost: what a layout can't hold of the cameras. bounded:
@@ -73,39 +78,66 @@ def photographs_readme(
     origin = "" if depth is None else DEPTH_TEXT[depth.source]
     files = _files(len(sharp), measured, origin, len(views), bounded, any(view.exif is not None for view in views))
     return _TEXT.format(
-        name=scene.name, layout=scene.layout, version=__version__, count=len(views),
-        train=sum(view.split == "train" for view in views), test=sum(view.split == "test" for view in views),
+        name=scene.name,
+        layout=scene.layout,
+        version=__version__,
+        count=len(views),
+        train=sum(view.split == "train" for view in views),
+        test=sum(view.split == "test" for view in views),
         size=" and ".join(f"{width}x{height}" for width, height in sizes) + " pixels",
         resized=" but for its size" if settings.width is not None else "",
-        shallow=len(views) - len(sharp), sharp=len(sharp), command=settings.command(settings.scene or scene.name),
+        shallow=len(views) - len(sharp),
+        sharp=len(sharp),
+        command=settings.command(settings.scene or scene.name),
         files="\n".join(f"| {name} | {what} |" for name, what in files),
         exif=_exif_text(scene),
         missing="\n".join(f"- {line}" for line in _missing(len(sharp), measured, len(views), bounded)),
         lost="".join(f"\nCareful: {note}.\n" for note in lost),
-        origin=f", from {source.origin}" if source.origin else "", licence=licence_text(scene, source),
+        origin=f", from {source.origin}" if source.origin else "",
+        licence=licence_text(scene, source),
     )
 
 
 def _files(sharp: int, measured: int, origin: str, count: int, bounded: bool, exif: bool) -> list[tuple[str, str]]:
     files = [("`images/VIEW.png`", "the photograph, encoded, 8 bit")]
     if sharp:
-        files.append(("`all_in_focus/VIEW.png`", f"the same of the {sharp} views whose photograph is all in focus: "
-                                                 "the truth for all-in-focus renders"))
+        files.append(
+            (
+                "`all_in_focus/VIEW.png`",
+                f"the same of the {sharp} views whose photograph is all in focus: the truth for all-in-focus renders",
+            )
+        )
     if measured:
-        files += [("`depth/VIEW.exr`", f"z-depth in scene units, float32, 0 where unknown, of {measured} of {count} "
-                                       f"views; from {origin}"),
-                  ("`confidence/VIEW.png`", "where it is known, 8 bit: 0 or 255")]
-    files += [("`lens.json`", "that the lens is unknown, for every view"
-               + (", and the range of the known disparity" if measured else "")),
-              ("`transforms.json`", "cameras and split in nerfstudio's layout (OpenGL axes)")]
+        files += [
+            (
+                "`depth/VIEW.exr`",
+                f"z-depth in scene units, float32, 0 where unknown, of {measured} of {count} views; from {origin}",
+            ),
+            ("`confidence/VIEW.png`", "where it is known, 8 bit: 0 or 255"),
+        ]
+    files += [
+        (
+            "`lens.json`",
+            "that the lens is unknown, for every view" + (", and the range of the known disparity" if measured else ""),
+        ),
+        ("`transforms.json`", "cameras and split in nerfstudio's layout (OpenGL axes)"),
+    ]
     if bounded:
         files.append(("`poses_bounds.npy`", "the same cameras in LLFF's layout"))
     if exif:
-        files.append(("`exif.json`", "what the cameras wrote down of the photographs: f-number, focal length, exposure "
-                                     "and the like, as far as known"))
-    return [*files, ("`sparse/0/`", "the same cameras and the sparse points as a COLMAP model"),
-            ("`contact_sheet.png`", "a few views"),
-            ("`dataset.json`", "source, settings, sha256 and size of every other file")]
+        files.append(
+            (
+                "`exif.json`",
+                "what the cameras wrote down of the photographs: f-number, focal length, exposure "
+                "and the like, as far as known",
+            )
+        )
+    return [
+        *files,
+        ("`sparse/0/`", "the same cameras and the sparse points as a COLMAP model"),
+        ("`contact_sheet.png`", "a few views"),
+        ("`dataset.json`", "source, settings, sha256 and size of every other file"),
+    ]
 
 
 _EXIF = """\
@@ -131,8 +163,11 @@ def _exif_text(scene: Scene) -> str:
     order = sorted(by_number, key=lambda number: (number is None, number or 0.0))
     lines = [
         f"| {'not known' if number is None else f'f/{number:g}'} | {len(by_number[number])} | "
-        + " | ".join(_range_text([getattr(record, name) for record in by_number[number]])
-                     for name in ("focal_length", "exposure", "iso")) + " |"
+        + " | ".join(
+            _range_text([getattr(record, name) for record in by_number[number]])
+            for name in ("focal_length", "exposure", "iso")
+        )
+        + " |"
         for number in order
     ]
     return _EXIF.format(lines="\n".join(lines))
@@ -147,8 +182,10 @@ def _range_text(values: Sequence[float | None]) -> str:
 
 
 def _missing(sharp: int, measured: int, count: int, bounded: bool) -> list[str]:
-    missing = ["The lens of every view: no aperture, no focus, so no refocused render and no learned lens can be "
-               "scored.", "The photographs in linear light: how they were encoded isn't known either."]
+    missing = [
+        "The lens of every view: no aperture, no focus, so no refocused render and no learned lens can be scored.",
+        "The photographs in linear light: how they were encoded isn't known either.",
+    ]
     if sharp < count:
         missing.append(f"A sharp photograph of {count - sharp} of {count} views.")
     if measured < count:

@@ -54,8 +54,12 @@ class Terminal:
         if self._console.is_terminal:
             from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-            columns = (TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(),
-                       TextColumn("{task.fields[left]}"))
+            columns = (
+                TextColumn("{task.description:<16}"),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TextColumn("{task.fields[left]}"),
+            )
             with Progress(*columns, console=self._console) as bars:
                 task = bars.add_task(name, total=total, left="")
 
@@ -96,7 +100,12 @@ class Several:
     """
 
     def __init__(
-        self, total: int, workers: int, interval: float = 15.0, *, things: str = "datasets",
+        self,
+        total: int,
+        workers: int,
+        interval: float = 15.0,
+        *,
+        things: str = "datasets",
         expected: float | None = None,
     ):
         from rich.console import Console

@@ -12,8 +12,18 @@ from dofbench.synthesis.schema import DepthRecord, SourceRecord, ThinLensRecord,
 from dofbench.synthesis.settings import MakeDataset
 
 # What people call the file that says where a scene is from and under which terms.
-_NOTES = ("CITATION.cff", "LICENCE", "LICENCE.md", "LICENCE.txt", "LICENSE", "LICENSE.md", "LICENSE.txt",
-          "README.md", "README.txt", "SOURCE.md")
+_NOTES = (
+    "CITATION.cff",
+    "LICENCE",
+    "LICENCE.md",
+    "LICENCE.txt",
+    "LICENSE",
+    "LICENSE.md",
+    "LICENSE.txt",
+    "README.md",
+    "README.txt",
+    "SOURCE.md",
+)
 
 DEPTH_TEXT = {
     "given": "the scene's own depth maps",
@@ -98,8 +108,9 @@ _LAYERED = """ This is done
 in {layers} layers of equal range of the signed radius, laid over each other from far to near, each going on behind the
 nearer ones (`dofbench/layered.py`)."""
 
-_AGAIN = \
+_AGAIN = (
     "Who computes this from `all_in_focus`, `depth` and `lens.json` gets `images` to within the rounding to {} bits."
+)
 
 _THINLENS = """\
 
@@ -114,29 +125,44 @@ The lens of every view was dealt in the view's own units (minimum and 95th perce
 
 
 def readme_text(
-    scene: Scene, settings: MakeDataset, source: SourceRecord, depth: DepthRecord, records: Sequence[ViewRecord],
-    lost: Sequence[str], thinlens: ThinLensRecord | None = None,
+    scene: Scene,
+    settings: MakeDataset,
+    source: SourceRecord,
+    depth: DepthRecord,
+    records: Sequence[ViewRecord],
+    lost: Sequence[str],
+    thinlens: ThinLensRecord | None = None,
 ) -> str:
     """The text, without anything of the machine or the time. lost: what a layout can't hold of the cameras."""
     sizes = sorted({(view.camera.width, view.camera.height) for view in scene.views})
     shape = settings.aperture_shape
     return _TEXT.format(
-        name=scene.name, scene=scene.name, layout=scene.layout, version=__version__,
-        command=settings.command(settings.scene or scene.name), count=len(records),
+        name=scene.name,
+        scene=scene.name,
+        layout=scene.layout,
+        version=__version__,
+        command=settings.command(settings.scene or scene.name),
+        count=len(records),
         train=sum(record.split == "train" for record in records),
         test=sum(record.split == "test" for record in records),
         size=" and ".join(f"{width}x{height}" for width, height in sizes) + " pixels",
-        linear="half" if settings.linear == "exr-half" else "float", depth=DEPTH_TEXT[depth.source],
-        gamma=settings.gamma, alpha=settings.alpha, area=" / (R_i^2 + 0.2)" if settings.energy == "area" else "",
+        linear="half" if settings.linear == "exr-half" else "float",
+        depth=DEPTH_TEXT[depth.source],
+        gamma=settings.gamma,
+        alpha=settings.alpha,
+        area=" / (R_i^2 + 0.2)" if settings.energy == "area" else "",
         shape="" if shape.is_disc else "; R_i is scaled by direction to the aperture's `shape`",
         layered=_LAYERED.format(layers=settings.layers) if settings.renderer == "layered" else "",
         again=_AGAIN.format(settings.bits) if thinlens is None else _THINLENS.format(**thinlens.model_dump()),
         normaliser=_PER_VIEW if settings.normaliser == "view" else "",
         largest=max(record.max_coc_px for record in records),
-        dealt=_dealt_text(settings), bits=settings.bits, sensor=_sensor_text(settings),
+        dealt=_dealt_text(settings),
+        bits=settings.bits,
+        sensor=_sensor_text(settings),
         lost="".join(f"\nCareful: {note}.\n" for note in lost),
         but=" but for a rare last bit of the ray tracer's" if settings.renderer == "thinlens" else "",
-        origin=f", from {source.origin}" if source.origin else "", licence=licence_text(scene, source),
+        origin=f", from {source.origin}" if source.origin else "",
+        licence=licence_text(scene, source),
     )
 
 
@@ -174,5 +200,7 @@ def _sensor_text(settings: MakeDataset) -> str:
     if not settings.sensor.is_noisy:
         return ""
     shot = f"x / {settings.photons:g} + " if settings.photons > 0 else ""
-    return (f"\nNoise of the variance {shot}{settings.read_noise:g} ** 2 at a linear signal x is on `images` and "
-            "`images_linear` (`sensor` in\n`lens.json`; `dofbench.synthesis.sensor` makes it again).")
+    return (
+        f"\nNoise of the variance {shot}{settings.read_noise:g} ** 2 at a linear signal x is on `images` and "
+        "`images_linear` (`sensor` in\n`lens.json`; `dofbench.synthesis.sensor` makes it again)."
+    )

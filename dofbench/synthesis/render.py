@@ -50,9 +50,15 @@ def view_record(planned: PlannedView, depth: np.ndarray, blur: Blur) -> ViewReco
     physical = lens.physical(blur.disparity_range, width)
     radii = np.abs(physical.signed_radius(disparity_of(depth), width))
     return ViewRecord(
-        name=planned.name, split=planned.split, aperture=lens.aperture, focus=lens.focus,
-        k_px=lens.radius_per_disparity(width), aperture_scene=physical.aperture, focus_scene=physical.focus_depth,
-        max_coc_px=float(radii.max()), dealt=dealt,
+        name=planned.name,
+        split=planned.split,
+        aperture=lens.aperture,
+        focus=lens.focus,
+        k_px=lens.radius_per_disparity(width),
+        aperture_scene=physical.aperture,
+        focus_scene=physical.focus_depth,
+        max_coc_px=float(radii.max()),
+        dealt=dealt,
     )
 
 
@@ -67,8 +73,15 @@ def shallow_image(
     """
     physical = record.lens.physical(blur.disparity_range, sharp.shape[1])
     encoded, linear = defocus_numpy(
-        from_8bit(sharp), depth, physical, gamma=blur.gamma, alpha=blur.alpha, shape=blur.shape, energy=blur.energy,
-        renderer="layered" if blur.renderer == "layered" else "scatter", layers=blur.layers,
+        from_8bit(sharp),
+        depth,
+        physical,
+        gamma=blur.gamma,
+        alpha=blur.alpha,
+        shape=blur.shape,
+        energy=blur.energy,
+        renderer="layered" if blur.renderer == "layered" else "scatter",
+        layers=blur.layers,
     )
     if not blur.sensor.is_noisy:
         return encoded, linear

@@ -327,7 +327,8 @@ def _validate(path: Path, raw: object, model: type[Model]) -> Model:
     except ValidationError as error:
         problems = "; ".join(
             f"{'.'.join(str(part) for part in problem['loc'] if part not in (_KNOWN, _UNKNOWN)) or 'file'}: "
-            f"{problem['msg']}" for problem in error.errors()
+            f"{problem['msg']}"
+            for problem in error.errors()
         )
         expected = f"a {path.name} of schema version {' or '.join(map(str, VERSIONS))}"
         raise InputError(path, problems, expected) from None

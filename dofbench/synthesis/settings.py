@@ -25,9 +25,27 @@ LinearFormat = Literal["exr-half", "exr-float"]
 
 # Options that mean nothing for photographs that are taken as they are.
 _BLURRING = (
-    "assign", "focus", "aperture", "test_focus", "test_aperture", "renderer", "layers", "lens_samples", "normaliser",
-    "gamma", "alpha", "shape", "shape_rotation", "shape_curvature", "shape_obstruction", "energy", "photons",
-    "read_noise", "bits", "linear", "depth_steps",
+    "assign",
+    "focus",
+    "aperture",
+    "test_focus",
+    "test_aperture",
+    "renderer",
+    "layers",
+    "lens_samples",
+    "normaliser",
+    "gamma",
+    "alpha",
+    "shape",
+    "shape_rotation",
+    "shape_curvature",
+    "shape_obstruction",
+    "energy",
+    "photons",
+    "read_noise",
+    "bits",
+    "linear",
+    "depth_steps",
 )
 
 
@@ -149,10 +167,15 @@ class DatasetOptions:
     """Folder to write, or with several datasets the folder that they all go into; without it, data/<scene name>."""
 
     def __post_init__(self) -> None:
-        for option, value, lowest in (("--width", self.width, 8), ("--hold", self.hold, 2),
-                                      ("--depth-steps", self.depth_steps, 1), ("--seed", self.seed, 0),
-                                      ("--layers", self.layers, 1), ("--test-points", self.test_points, 0),
-                                      ("--lens-samples", self.lens_samples, 2)):
+        for option, value, lowest in (
+            ("--width", self.width, 8),
+            ("--hold", self.hold, 2),
+            ("--depth-steps", self.depth_steps, 1),
+            ("--seed", self.seed, 0),
+            ("--layers", self.layers, 1),
+            ("--test-points", self.test_points, 0),
+            ("--lens-samples", self.lens_samples, 2),
+        ):
             if value is not None and value < lowest:
                 raise InputError(option, str(value), f"at least {lowest}")
         for option, number in (("--gamma", self.gamma), ("--alpha", self.alpha), ("--depth-unit", self.depth_unit)):
@@ -192,13 +215,15 @@ class DatasetOptions:
         if self.assign == "continuous":
             for option, values in (("--focus", self.focus_values), ("--aperture", self.aperture_values)):
                 if len(values) > 2:
-                    raise InputError(f"{option} with --assign continuous", f"{len(values)} values",
-                                     "the two ends of a range, or one value")
+                    raise InputError(
+                        f"{option} with --assign continuous",
+                        f"{len(values)} values",
+                        "the two ends of a range, or one value",
+                    )
 
     @property
     def depth_source(self) -> tuple[DepthSource, Path | None]:
-        """The source's kind, and the folder of "folder" or the network of "onnx". Raises InputError for anything else.
-        """
+        """The source's kind, and the folder of "folder" or the network of "onnx". Raises InputError for any other."""
         kind, _, place = self.depth.partition(":")
         if kind in ("folder", "onnx") and place:
             return kind, Path(place)
@@ -272,12 +297,14 @@ class DatasetOptions:
             given = getattr(self, name)
             if given != getattr(default, name):
                 raise InputError(
-                    f"--{name.replace('_', '-')}", f"{given} for {scene}, whose photographs are shallow already",
+                    f"--{name.replace('_', '-')}",
+                    f"{given} for {scene}, whose photographs are shallow already",
                     "no option that says how to blur them, or how much",
                 )
         if self.depth_source[0] not in ("auto", "given", "folder"):
             raise InputError(
-                "--depth", f"{self.depth} for {scene}, whose photographs are shallow already",
+                "--depth",
+                f"{self.depth} for {scene}, whose photographs are shallow already",
                 "given, folder:DIR or auto: what is known, no estimate",
             )
 
@@ -290,27 +317,46 @@ class DatasetOptions:
     def _f_numbers(self) -> dict[str, object]:
         if self.train_f_number is None:
             return {}
-        return {"train_f_number": self.train_f_number, "test_f_number": self.test_f_number,
-                "test_points": self.test_points}
+        return {
+            "train_f_number": self.train_f_number,
+            "test_f_number": self.test_f_number,
+            "test_points": self.test_points,
+        }
 
     def recipe(self) -> dict[str, object]:
         """Everything that decides the dataset's content, as plain data: no path, nothing of this machine."""
         return {
-            "focus": list(self.focus_values), "aperture": list(self.aperture_values),
-            "width": self.width, "hold": self.hold,
-            "depth": self._depth_name, "depth_unit": self.depth_unit, "depth_steps": self.depth_steps,
-            "gamma": self.gamma, "alpha": self.alpha,
-            "shape": self.shape, "shape_rotation": self.shape_rotation,
-            "shape_curvature": self.shape_curvature, "shape_obstruction": self.shape_obstruction,
-            "energy": self.energy, "renderer": self.renderer, "layers": self.layers,
+            "focus": list(self.focus_values),
+            "aperture": list(self.aperture_values),
+            "width": self.width,
+            "hold": self.hold,
+            "depth": self._depth_name,
+            "depth_unit": self.depth_unit,
+            "depth_steps": self.depth_steps,
+            "gamma": self.gamma,
+            "alpha": self.alpha,
+            "shape": self.shape,
+            "shape_rotation": self.shape_rotation,
+            "shape_curvature": self.shape_curvature,
+            "shape_obstruction": self.shape_obstruction,
+            "energy": self.energy,
+            "renderer": self.renderer,
+            "layers": self.layers,
             "lens_samples": self.lens_samples,
-            "normaliser": self.normaliser, "assign": self.assign,
+            "normaliser": self.normaliser,
+            "assign": self.assign,
             "test_focus": _listed(self.held_out_values, "focus"),
             "test_aperture": _listed(self.held_out_values, "aperture"),
-            "photons": self.photons, "read_noise": self.read_noise, "bits": self.bits, "linear": self.linear,
-            "seed": self.seed, "images": self.images, "layout": self.layout,
+            "photons": self.photons,
+            "read_noise": self.read_noise,
+            "bits": self.bits,
+            "linear": self.linear,
+            "seed": self.seed,
+            "images": self.images,
+            "layout": self.layout,
             # Absent from the datasets of all-in-focus scenes, whose recipe was there first.
-            **({} if self.photographs == "auto" else {"photographs": self.photographs}), **self._f_numbers,
+            **({} if self.photographs == "auto" else {"photographs": self.photographs}),
+            **self._f_numbers,
         }
 
     def command(self, scene_name: str) -> str:
@@ -365,7 +411,8 @@ class MakeDatasets(DatasetOptions):
             return (None,)
         return tuple(
             (f"F{focus:g}-A{aperture:g}", focus, aperture)
-            for focus in self.focus_values for aperture in self.aperture_values
+            for focus in self.focus_values
+            for aperture in self.aperture_values
         )
 
     def one(self, scene: str | None, out: Path, lens: tuple[str, float, float] | None) -> MakeDataset:

@@ -81,21 +81,25 @@ def contact_sheet(title: str, rows: Sequence[SheetRow], disparity_range: Dispari
     for row in rows:
         known, record = row.depth > 0, row.record
         disparity = disparity_of(row.depth)
-        radius = np.abs(record.lens.physical(disparity_range, row.depth.shape[1])
-                        .signed_radius(disparity, row.depth.shape[1]))
-        drawn.append((
-            Panel(row.sharp, f"{record.name}  ({record.split})"),
-            _depth_panel(row.depth, disparity_range),
-            Panel(coloured(radius / most, known, COC), f"up to {record.max_coc_px:.1f} px"),
-            Panel(row.shallow, f"A {record.aperture:.3g}   F {record.focus:.3g}"),
-        ))
-    return draw(title, (Column("all in focus"), _DEPTH, Column("CoC radius", COC, ("0", f"{most:.1f} px")),
-                        Column("shallow")), drawn)
+        radius = np.abs(
+            record.lens.physical(disparity_range, row.depth.shape[1]).signed_radius(disparity, row.depth.shape[1])
+        )
+        drawn.append(
+            (
+                Panel(row.sharp, f"{record.name}  ({record.split})"),
+                _depth_panel(row.depth, disparity_range),
+                Panel(coloured(radius / most, known, COC), f"up to {record.max_coc_px:.1f} px"),
+                Panel(row.shallow, f"A {record.aperture:.3g}   F {record.focus:.3g}"),
+            )
+        )
+    return draw(
+        title,
+        (Column("all in focus"), _DEPTH, Column("CoC radius", COC, ("0", f"{most:.1f} px")), Column("shallow")),
+        drawn,
+    )
 
 
-def photographs_sheet(
-    title: str, rows: Sequence[PhotographRow], disparity_range: DisparityRange | None
-) -> np.ndarray:
+def photographs_sheet(title: str, rows: Sequence[PhotographRow], disparity_range: DisparityRange | None) -> np.ndarray:
     """Draw the sheet of photographs whose lens nobody knows; (H, W, 3) uint8.
 
     A column is there where any row has its picture; a picture that is missing in it is a grey one that says so.

@@ -10,11 +10,11 @@ import numpy as np
 
 from dofbench.images import resize
 
-_THUMB = 320          # pixels, longest side of a picture
+_THUMB = 320  # pixels, longest side of a picture
 _GAP, _MARGIN = 10, 18
-_CAPTION = 26         # pixels, height of the line under a picture
+_CAPTION = 26  # pixels, height of the line under a picture
 _HEADER = 70
-_BAR = 8              # pixels, height of a colour bar
+_BAR = 8  # pixels, height of a colour bar
 _PAPER, _INK, _FAINT = (250, 250, 248), (30, 30, 34), (110, 110, 116)
 _UNKNOWN = (190, 190, 190)
 
@@ -40,8 +40,12 @@ def draw(title: str, columns: Sequence[Column], rows: Sequence[Sequence[Panel]])
     """Draw the panels below their headings; (H, W, 3) uint8. The first panel's picture decides the size of all."""
     width, height = _thumb_size(rows[0][0].picture)
     sheet = np.empty(
-        (_HEADER + len(rows) * (height + _CAPTION + _GAP) + _MARGIN,
-         2 * _MARGIN + len(columns) * width + (len(columns) - 1) * _GAP, 3), np.uint8,
+        (
+            _HEADER + len(rows) * (height + _CAPTION + _GAP) + _MARGIN,
+            2 * _MARGIN + len(columns) * width + (len(columns) - 1) * _GAP,
+            3,
+        ),
+        np.uint8,
     )
     sheet[:] = _PAPER
     lefts = [_MARGIN + column * (width + _GAP) for column in range(len(columns))]
@@ -91,7 +95,13 @@ def _text_width(text: str, scale: float) -> int:
 
 
 def _write(
-    sheet: np.ndarray, text: str, left: int, baseline: int, *, scale: float, room: int,
+    sheet: np.ndarray,
+    text: str,
+    left: int,
+    baseline: int,
+    *,
+    scale: float,
+    room: int,
     colour: tuple[int, int, int] = _INK,
 ) -> None:
     """Write a line that is shrunk to fit in `room` pixels. The font has ASCII only; other letters come out as '?'."""

@@ -22,24 +22,38 @@ def source_record(scene: Scene, found: ResolvedScene, with_depth: bool) -> Sourc
     digest = hashlib.sha256()
     for view in scene.views:
         camera = view.camera
-        digest.update(canonical_json({
-            "name": view.name, "split": view.split, "size": [camera.width, camera.height],
-            "intrinsics": [camera.fx, camera.fy, camera.cx, camera.cy],
-            "world_to_camera": camera.world_to_camera.tolist(),
-        }).encode())
+        digest.update(
+            canonical_json(
+                {
+                    "name": view.name,
+                    "split": view.split,
+                    "size": [camera.width, camera.height],
+                    "intrinsics": [camera.fx, camera.fy, camera.cx, camera.cy],
+                    "world_to_camera": camera.world_to_camera.tolist(),
+                }
+            ).encode()
+        )
         if with_depth and view.depth is not None:
             digest.update(np.ascontiguousarray(view.depth(), dtype=np.float32).tobytes())
     if scene.points is not None:
         for array in (scene.points.xyz, scene.points.rgb, scene.points.error, *(scene.points.views or ())):
             digest.update(np.ascontiguousarray(array).tobytes() + b"|")
     return SourceRecord(
-        scene=scene.name, layout=scene.layout, geometry=digest.hexdigest(),
+        scene=scene.name,
+        layout=scene.layout,
+        geometry=digest.hexdigest(),
         images=tuple(
-            SourceImage(view=view.name, sha256=sha256_file(view.source),
-                        photograph=view.photograph if scene.photographs == "shallow" else None)
+            SourceImage(
+                view=view.name,
+                sha256=sha256_file(view.source),
+                photograph=view.photograph if scene.photographs == "shallow" else None,
+            )
             for view in scene.views
         ),
-        licence=found.licence, terms=found.terms, citation=found.citation, origin=found.origin,
+        licence=found.licence,
+        terms=found.terms,
+        citation=found.citation,
+        origin=found.origin,
     )
 
 

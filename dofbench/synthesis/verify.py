@@ -30,9 +30,9 @@ from dofbench.synthesis.schema import (
 )
 
 RECOMPUTED_PSNR = 55.0  # dB; rounding to 8 bits alone leaves 58.9
-SCATTERED_PSNR = 18.0   # dB, the scatter of a photograph through a real lens, at depth edges and with highlights
-_WINDOW = 64            # pixels, side of the part of a view that is blurred again
-_AGREEMENT = 1e-9       # relative, between the numbers of lens.json, which are float64
+SCATTERED_PSNR = 18.0  # dB, the scatter of a photograph through a real lens, at depth edges and with highlights
+_WINDOW = 64  # pixels, side of the part of a view that is blurred again
+_AGREEMENT = 1e-9  # relative, between the numbers of lens.json, which are float64
 
 
 def check_dataset(folder: Path) -> list[str]:
@@ -91,7 +91,9 @@ def blurred_again(
         blurred = load("scatter", "reference")(
             torch.from_numpy(decode(sharp[around].astype(np.float64), lenses.gamma)),
             torch.from_numpy(np.ascontiguousarray(radius[around])),
-            alpha=lenses.alpha, shape=lenses.shape.shape(), energy=lenses.energy,
+            alpha=lenses.alpha,
+            shape=lenses.shape.shape(),
+            energy=lenses.energy,
         ).numpy()
     finally:
         torch.set_num_threads(threads)
@@ -150,9 +152,16 @@ def _check_lens(record: ViewRecord, lenses: LensFile, depth: np.ndarray) -> list
 
 def _blur_of(lenses: LensFile, record: ViewRecord) -> Blur:
     return Blur(
-        lenses.range(), record.dealt is not None, lenses.gamma, lenses.alpha, lenses.shape.shape(), lenses.energy,
-        renderer=lenses.renderer, layers=lenses.layers or LAYERS,
-        sensor=lenses.sensor.sensor(), bits=lenses.sensor.bits,
+        lenses.range(),
+        record.dealt is not None,
+        lenses.gamma,
+        lenses.alpha,
+        lenses.shape.shape(),
+        lenses.energy,
+        renderer=lenses.renderer,
+        layers=lenses.layers or LAYERS,
+        sensor=lenses.sensor.sensor(),
+        bits=lenses.sensor.bits,
     )
 
 
@@ -164,15 +173,18 @@ def _check_photographs(lenses: LensFile | UnknownLensFile, manifest: Manifest) -
         unknown, taken = isinstance(view, UnknownLens), photograph.get(view.name)
         if unknown is (taken is None):
             said = "a photograph as it was taken" if taken else "no photograph as it was taken"
-            problems.append(f"lens.json: view {view.name}: lens {'unknown' if unknown else 'known'}, and in {MANIFEST} "
-                            f"{said}")
+            problems.append(
+                f"lens.json: view {view.name}: lens {'unknown' if unknown else 'known'}, and in {MANIFEST} {said}"
+            )
         images, sharp = (write.relative(place, view.name) for place in (write.shallow_path, write.sharp_path))
         if unknown and sharp in manifest.files and manifest.files[sharp] != manifest.files.get(images):
             problems.append(f"{sharp}: another picture than {images}")
     known_depth = any(record.startswith("depth/") for record in manifest.files)
     if isinstance(lenses, UnknownLensFile) and known_depth is (lenses.disparity_range is None):
-        problems.append(f"lens.json: {'no ' if known_depth else 'a '}disparity range, and "
-                        f"{'depth' if known_depth else 'no depth'} in {MANIFEST}")
+        problems.append(
+            f"lens.json: {'no ' if known_depth else 'a '}disparity range, and "
+            f"{'depth' if known_depth else 'no depth'} in {MANIFEST}"
+        )
     return problems
 
 
@@ -208,11 +220,8 @@ def _check_blur(folder: Path, lenses: LensFile) -> list[str]:
     return []
 
 
-def _check_thin_lens(
-    folder: Path, record: ViewRecord, lenses: LensFile, rows: slice, columns: slice
-) -> list[str]:
-    """Render the window again, with other random numbers; without mitsuba, blur it by the scatter, which is only near.
-    """
+def _check_thin_lens(folder: Path, record: ViewRecord, lenses: LensFile, rows: slice, columns: slice) -> list[str]:
+    """Render the window again, with other random numbers; without mitsuba, blur it by the scatter, which is close."""
     from dofbench.synthesis.optics import Optics, exposed
 
     assert lenses.thinlens is not None
@@ -227,8 +236,10 @@ def _check_thin_lens(
         scattered = blurred_again(sharp, depth, record, lenses, rows, columns)
         nearer, farther = _psnr(np.clip(scattered, 0, 1), shallow), _psnr(sharp[rows, columns], shallow)
         if nearer < SCATTERED_PSNR or nearer < farther:
-            return [f"{file}: {nearer:.1f} dB from the scatter and {farther:.1f} dB from the sharp image, "
-                    f"expected at least {SCATTERED_PSNR:g} dB, and nearer to the scatter"]
+            return [
+                f"{file}: {nearer:.1f} dB from the scatter and {farther:.1f} dB from the sharp image, "
+                f"expected at least {SCATTERED_PSNR:g} dB, and nearer to the scatter"
+            ]
         return []
     camera = Dataset.load(folder).view(record.name).camera
     shot = optics.photograph(camera, record, window=(rows, columns))

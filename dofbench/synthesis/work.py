@@ -53,8 +53,10 @@ def prepare(root: Path, identity: Identity) -> Literal["complete", "open"]:
             raise _holds_another(root)
         # The previous run may have been killed between writing the manifest and tidying up.
         shutil.rmtree(work, ignore_errors=True)
-        if all((root / name).is_file() and (root / name).stat().st_size == record.size
-               for name, record in manifest.files.items()):
+        if all(
+            (root / name).is_file() and (root / name).stat().st_size == record.size
+            for name, record in manifest.files.items()
+        ):
             return "complete"
         _begin(root, identity)
         # Where the depth is whole, it need not be made again to say how it was made.

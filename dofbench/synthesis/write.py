@@ -86,10 +86,16 @@ def lens_file(root: Path, blur: Blur, records: Sequence[ViewRecord]) -> None:
     """Write lens.json."""
     lenses = LensFile(
         disparity_range=(blur.disparity_range.q_min, blur.disparity_range.q_max),
-        normaliser="view" if blur.per_view else "scene", gamma=blur.gamma, alpha=blur.alpha, energy=blur.energy,
-        shape=ShapeRecord(**asdict(blur.shape)), renderer=blur.renderer,
-        layers=blur.layers if blur.renderer == "layered" else None, thinlens=blur.thinlens,
-        sensor=SensorRecord(**asdict(blur.sensor), bits=blur.bits), views=tuple(records),
+        normaliser="view" if blur.per_view else "scene",
+        gamma=blur.gamma,
+        alpha=blur.alpha,
+        energy=blur.energy,
+        shape=ShapeRecord(**asdict(blur.shape)),
+        renderer=blur.renderer,
+        layers=blur.layers if blur.renderer == "layered" else None,
+        thinlens=blur.thinlens,
+        sensor=SensorRecord(**asdict(blur.sensor), bits=blur.bits),
+        views=tuple(records),
     )
     write_json(root / LENS_FILE, as_json(lenses))
 
@@ -112,8 +118,10 @@ def sheet(root: Path, title: str, records: Sequence[ViewRecord], disparity_range
     """Draw the contact sheet from the files of a few views."""
     rows = [
         SheetRow(
-            record=record, sharp=to_8bit(read_image(sharp_path(root, record.name))),
-            depth=read_exr(depth_path(root, record.name)), shallow=to_8bit(read_image(shallow_path(root, record.name))),
+            record=record,
+            sharp=to_8bit(read_image(sharp_path(root, record.name))),
+            depth=read_exr(depth_path(root, record.name)),
+            shallow=to_8bit(read_image(shallow_path(root, record.name))),
         )
         for record in choose_rows(records)
     ]
@@ -125,18 +133,28 @@ def photographs_sheet(root: Path, scene: Scene, measured: Set[str], disparity_ra
     rows = []
     for view in choose_photographs(scene):
         sharp = view.photograph == "all-in-focus"
-        rows.append(PhotographRow(
-            name=view.name, split=view.split, photograph=to_8bit(read_image(shallow_path(root, view.name))),
-            sharp=to_8bit(read_image(sharp_path(root, view.name))) if sharp else None,
-            depth=read_exr(depth_path(root, view.name)) if view.name in measured else None,
-        ))
+        rows.append(
+            PhotographRow(
+                name=view.name,
+                split=view.split,
+                photograph=to_8bit(read_image(shallow_path(root, view.name))),
+                sharp=to_8bit(read_image(sharp_path(root, view.name))) if sharp else None,
+                depth=read_exr(depth_path(root, view.name)) if view.name in measured else None,
+            )
+        )
     title = f"{scene.name}: {len(scene.views)} views, lens unknown"
     write_png(root / SHEET, draw_photographs(title, rows, disparity_range))
 
 
 def readme(
-    root: Path, scene: Scene, settings: MakeDataset, source: SourceRecord, depth: DepthRecord,
-    records: Sequence[ViewRecord], notes: Sequence[str], thinlens: ThinLensRecord | None,
+    root: Path,
+    scene: Scene,
+    settings: MakeDataset,
+    source: SourceRecord,
+    depth: DepthRecord,
+    records: Sequence[ViewRecord],
+    notes: Sequence[str],
+    thinlens: ThinLensRecord | None,
 ) -> None:
     """Write the dataset's own README. notes: what the layouts can't hold. thinlens: of the renderer of that name."""
     write_text(root / README, readme_text(scene, settings, source, depth, records, notes, thinlens))
@@ -153,8 +171,11 @@ def expected_files(root: Path, source: SourceRecord, depth: DepthRecord | None) 
         if image.photograph is None:
             patterns = [_SHALLOW, _LINEAR, _SHARP, _DEPTH, *([_CONFIDENCE] if measured else [])]
         else:
-            patterns = [_SHALLOW, *([_SHARP] if image.photograph == "all-in-focus" else []),
-                        *([_DEPTH, _CONFIDENCE] if image.view in measured else [])]
+            patterns = [
+                _SHALLOW,
+                *([_SHARP] if image.photograph == "all-in-focus" else []),
+                *([_DEPTH, _CONFIDENCE] if image.view in measured else []),
+            ]
         views += [pattern.format(image.view) for pattern in patterns]
     model = [path.relative_to(root).as_posix() for path in (root / SPARSE).iterdir()]
     # Photographs without points have no bounds of depth, and then no such file.
@@ -165,20 +186,33 @@ def expected_files(root: Path, source: SourceRecord, depth: DepthRecord | None) 
 
 
 def manifest(
-    root: Path, *, name: str, settings: MakeDataset, recipe: Mapping[str, object], source: SourceRecord,
-    depth: DepthRecord | None, identity: str,
+    root: Path,
+    *,
+    name: str,
+    settings: MakeDataset,
+    recipe: Mapping[str, object],
+    source: SourceRecord,
+    depth: DepthRecord | None,
+    identity: str,
 ) -> None:
-    """Write dataset.json over all files there, which makes the dataset complete. recipe: what is kept of the settings.
-    """
+    """Write dataset.json over all files there, which makes the dataset complete. recipe: the settings that are kept."""
     files = {
         file: FileRecord(sha256=sha256_file(root / file), size=(root / file).stat().st_size)
         for file in expected_files(root, source, depth)
     }
     known = depth is not None and all(image.photograph is None for image in source.images)
     record = Manifest(
-        schema=SCHEMA, version=ALL_KNOWN if known else SOME_UNKNOWN, name=name, dofbench=__version__,
-        command=settings.command(settings.scene or name), identity=identity, seed=settings.seed,
-        settings=dict(recipe), source=source, depth=depth, files=files,
+        schema=SCHEMA,
+        version=ALL_KNOWN if known else SOME_UNKNOWN,
+        name=name,
+        dofbench=__version__,
+        command=settings.command(settings.scene or name),
+        identity=identity,
+        seed=settings.seed,
+        settings=dict(recipe),
+        source=source,
+        depth=depth,
+        files=files,
     )
     write_json(root / MANIFEST, as_json(record))
 
@@ -193,9 +227,14 @@ def geometry(root: Path, scene: Scene, near_far: np.ndarray | None, measured: Se
     files = [relative(shallow_path, view.name) for view in scene.views]
     export.write_colmap(root, [Path(file).name for file in files], cameras, scene.points)
     export.write_transforms(
-        root / TRANSFORMS, files, cameras, splits=[view.split for view in scene.views],
-        depth_paths=[relative(depth_path, view.name) if measured is None or view.name in measured else None
-                     for view in scene.views],
+        root / TRANSFORMS,
+        files,
+        cameras,
+        splits=[view.split for view in scene.views],
+        depth_paths=[
+            relative(depth_path, view.name) if measured is None or view.name in measured else None
+            for view in scene.views
+        ],
     )
     if near_far is None:
         return []

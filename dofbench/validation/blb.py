@@ -39,8 +39,14 @@ def blb_cases(folder: Path) -> list[Case]:
     info = read_json(folder / INFO)
     for key in _LISTS:
         values = info[key]
-        positive = isinstance(values, list) and values and all(
-            isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf for value in values)
+        positive = (
+            isinstance(values, list)
+            and values
+            and all(
+                isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf
+                for value in values
+            )
+        )
         if not positive:
             raise InputError(folder / INFO, f"{key} = {values!r}", "a list of positive numbers")
     sharp = {name: sha256_file(_there(folder / name)) for name in (IMAGE, DEPTH)}
@@ -52,11 +58,23 @@ def blb_cases(folder: Path) -> list[Case]:
             continue
         level, place = int(match[1]), int(match[2])
         if level >= len(info[_LISTS[0]]) or place >= len(info[_LISTS[1]]):
-            raise InputError(file, f"level {level}, focus {place}",
-                             f"{' x '.join(str(len(info[key])) for key in _LISTS)} of them by {INFO}")
+            raise InputError(
+                file,
+                f"level {level}, focus {place}",
+                f"{' x '.join(str(len(info[key])) for key in _LISTS)} of them by {INFO}",
+            )
         blur, distance = float(info[_LISTS[0]][level]), float(info[_LISTS[1]][place])
-        cases.append(Case("BLB", folder.name, blur, distance, [code, sharp, sha256_file(file)], width * height / 1e6,
-                          partial(_photograph, folder, file, blur, distance)))
+        cases.append(
+            Case(
+                "BLB",
+                folder.name,
+                blur,
+                distance,
+                [code, sharp, sha256_file(file)],
+                width * height / 1e6,
+                partial(_photograph, folder, file, blur, distance),
+            )
+        )
     if not cases:
         raise InputError(folder, "no bokeh_KK_FF.exr", "BLB's bokeh images")
     return cases
@@ -72,9 +90,12 @@ def _photograph(folder: Path, file: Path, blur: float, distance: float) -> Truth
         raise InputError(folder / DEPTH, "depth that isn't finite or isn't positive", "z > 0 everywhere")
     signed = (blur * (1 / depth.astype(np.float64) - 1 / distance)).astype(np.float32)
     return Truth(
-        sharp=encode(np.maximum(sharp, 0)), signed_radius=signed,
-        photograph=encode(np.clip(photograph, 0, 1)), gamma=GAMMA,
-        border=math.ceil(float(np.abs(signed).max())) + 2, own_error_db=math.nan,
+        sharp=encode(np.maximum(sharp, 0)),
+        signed_radius=signed,
+        photograph=encode(np.clip(photograph, 0, 1)),
+        gamma=GAMMA,
+        border=math.ceil(float(np.abs(signed).max())) + 2,
+        own_error_db=math.nan,
     )
 
 

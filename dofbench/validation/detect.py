@@ -30,9 +30,11 @@ def cases_in(folder: Path) -> list[Case]:
         inside = [_cases(entry) for entry in sorted(folder.iterdir()) if entry.is_dir()]
         found = [case for cases in inside if cases is not None for case in cases]
     if not found:
-        raise InputError(folder, "no photographs with a known lens",
-                         f"a light field ({GRID}), a rendered scene ({SCENE}), a scene of BLB ({INFO}), "
-                         "or a folder of these")
+        raise InputError(
+            folder,
+            "no photographs with a known lens",
+            f"a light field ({GRID}), a rendered scene ({SCENE}), a scene of BLB ({INFO}), or a folder of these",
+        )
     return found
 
 

@@ -26,10 +26,10 @@ from dofbench.validation.sources import truth_version
 from dofbench.validation.truth import Case, Truth
 
 GRID = "grid.json"
-_SWEEP_STEP = 0.02    # pixels per view step between two planes of the sweep
+_SWEEP_STEP = 0.02  # pixels per view step between two planes of the sweep
 _SWEEP_MARGIN = 0.15  # beyond the disparities that grid.json names
 _GUIDE_RADIUS, _GUIDE_EPSILON = 5, 1e-4
-_NEIGHBOURHOOD = 4     # steps of the sweep around the best one that don't contest it
+_NEIGHBOURHOOD = 4  # steps of the sweep around the best one that don't contest it
 _CLEAR_MARGIN = 0.01  # of encoded grey: what is better by more is taken as it is
 # Reaches 3 pixels from what is clear, 300 where nothing is. Edge: grey levels of 255.
 _SMOOTHNESS, _EDGE = 10.0, 6.0
@@ -71,12 +71,14 @@ def read_lightfield(folder: Path) -> LightField:
     try:
         middle = tuple(int(number) for number in grid["centre"].split("_"))
         measured = grid["disparity_px_per_view_step"]
-        ends = [value for key, values in measured.items() if key.startswith(("horizontal", "vertical"))
-                for value in values]
+        ends = [
+            value for key, values in measured.items() if key.startswith(("horizontal", "vertical")) for value in values
+        ]
         disparities = float(min(ends)), float(max(ends))
     except (KeyError, TypeError, ValueError, AttributeError):
-        raise InputError(path, "no centre or no disparities", '"centre": "RR_CC" and "disparity_px_per_view_step"'
-                         ) from None
+        raise InputError(
+            path, "no centre or no disparities", '"centre": "RR_CC" and "disparity_px_per_view_step"'
+        ) from None
     views = {}
     for file in sorted((folder / "views").glob("*")):
         match = re.fullmatch(r"(\d+)_(\d+)", file.stem)
@@ -88,8 +90,12 @@ def read_lightfield(folder: Path) -> LightField:
     if len(sizes) > 1:
         raise InputError(folder / "views", f"images of {len(sizes)} sizes", "one size")
     steps = min(max(abs(row) for row, _ in views), max(abs(column) for _, column in views))
-    missing = [(row, column) for row in range(-steps, steps + 1) for column in range(-steps, steps + 1)
-               if (row, column) not in views]
+    missing = [
+        (row, column)
+        for row in range(-steps, steps + 1)
+        for column in range(-steps, steps + 1)
+        if (row, column) not in views
+    ]
     if steps < 1 or missing:
         raise InputError(folder / "views", f"{len(views)} views with gaps", "a full grid around the centre")
     return LightField(folder.name, views, disparities)
@@ -102,9 +108,17 @@ def lightfield_cases(folder: Path) -> list[Case]:
     content = [truth_version("validation/lightfield.py"), sha256_file(folder / GRID)]
     content += [sha256_file(file) for file in sorted((folder / "views").glob("*")) if file.is_file()]
     return [
-        Case("light field", field.name, float(rho), percentile, content, field.centre[..., 0].size / 1e6,
-             partial(_photograph, field, depth, rho, percentile))
-        for rho in range(2, field.steps + 1) for percentile in _FOCUS_PERCENTILES
+        Case(
+            "light field",
+            field.name,
+            float(rho),
+            percentile,
+            content,
+            field.centre[..., 0].size / 1e6,
+            partial(_photograph, field, depth, rho, percentile),
+        )
+        for rho in range(2, field.steps + 1)
+        for percentile in _FOCUS_PERCENTILES
     ]
 
 
@@ -114,9 +128,7 @@ def _depth(field: LightField) -> tuple[np.ndarray, int]:
     return disparity, _nearer_sign(field, disparity)
 
 
-def _photograph(
-    field: LightField, depth: Callable[[], tuple[np.ndarray, int]], rho: int, percentile: float
-) -> Truth:
+def _photograph(field: LightField, depth: Callable[[], tuple[np.ndarray, int]], rho: int, percentile: float) -> Truth:
     """Views within `rho` steps, added; focused at a percentile of the disparity."""
     disparity, nearer = depth()
     focus = float(np.percentile(disparity, percentile))
@@ -126,9 +138,12 @@ def _photograph(
     whole, half = _added(field, aperture, focus), _added(field, aperture[::2], focus)
     error = float(np.mean((encode(whole) - encode(half)) ** 2))
     return Truth(
-        sharp=field.centre, signed_radius=(nearer * radius * (disparity - focus)).astype(np.float32),
-        photograph=encode(whole).astype(np.float32), gamma=GAMMA,
-        border=math.ceil(rho * max(map(abs, field.disparities))) + 4, own_error_db=-10 * math.log10(error),
+        sharp=field.centre,
+        signed_radius=(nearer * radius * (disparity - focus)).astype(np.float32),
+        photograph=encode(whole).astype(np.float32),
+        gamma=GAMMA,
+        border=math.ceil(rho * max(map(abs, field.disparities))) + 4,
+        own_error_db=-10 * math.log10(error),
     )
 
 
@@ -174,8 +189,12 @@ def sweep(field: LightField) -> np.ndarray:
 
 def _aperture(rho: int) -> list[tuple[int, int]]:
     """The steps (row, column) within a radius of rho, row by row."""
-    return [(row, column) for row in range(-rho, rho + 1) for column in range(-rho, rho + 1)
-            if row * row + column * column <= rho * rho]
+    return [
+        (row, column)
+        for row in range(-rho, rho + 1)
+        for column in range(-rho, rho + 1)
+        if row * row + column * column <= rho * rho
+    ]
 
 
 def _added(field: LightField, aperture: list[tuple[int, int]], focus: float) -> np.ndarray:

@@ -57,8 +57,11 @@ Scene = tuple[Plane, ...]  # far to near
 SCENES: dict[str, Scene] = {
     "two walls": (Plane(1, 2.0, "all", 0.1), Plane(2, 2.0, "discs", 0.9)),
     "thin bars": (Plane(3, 2.0, "all", 0.05), Plane(4, 4.0, "bars", 0.85)),
-    "slanted floor": (Plane(5, 3.0, "all", 0.0), Plane(6, 2.0, "lower half", 0.45, (0.0, 0.5)),
-                      Plane(7, 2.0, "discs", 1.0)),
+    "slanted floor": (
+        Plane(5, 3.0, "all", 0.0),
+        Plane(6, 2.0, "lower half", 0.45, (0.0, 0.5)),
+        Plane(7, 2.0, "discs", 1.0),
+    ),
     "highlights": (Plane(8, 3.0, "all", 0.0, highlights=0.002), Plane(9, 3.0, "discs", 0.6)),
     "flat walls": (Plane(10, 60.0, "all", 0.1), Plane(11, 60.0, "discs", 0.8), Plane(12, 60.0, "bars", 1.0)),
 }
@@ -74,19 +77,32 @@ def plane_cases(radii: Iterable[float], focuses: Iterable[float]) -> Iterator[Ca
                 yield _case("planes", name, scene, radius, focus, ApertureShape())
     for name in _BY_HEXAGON:
         for focus in focuses:
-            yield from (_case("planes, hexagonal aperture", name, SCENES[name], radius, focus, _HEXAGON)
-                        for radius in radii[-1:])
+            yield from (
+                _case("planes, hexagonal aperture", name, SCENES[name], radius, focus, _HEXAGON)
+                for radius in radii[-1:]
+            )
 
 
 def _case(source: str, name: str, scene: Scene, radius: float, focus: float, shape: ApertureShape) -> Case:
     code = truth_version("validation/planes.py", "validation/planes_lens.py")
     content = [code, [asdict(plane) for plane in scene], asdict(shape), WIDTH, HEIGHT, OWN_ERROR_DB, POINTS]
-    return Case(source, name, radius, focus, content, WIDTH * HEIGHT / 1e6,
-                partial(photograph, scene, radius, focus, shape), geometry=True)
+    return Case(
+        source,
+        name,
+        radius,
+        focus,
+        content,
+        WIDTH * HEIGHT / 1e6,
+        partial(photograph, scene, radius, focus, shape),
+        geometry=True,
+    )
 
 
 def photograph(
-    scene: Scene, radius: float, focus: float, shape: ApertureShape = ApertureShape(),
+    scene: Scene,
+    radius: float,
+    focus: float,
+    shape: ApertureShape = ApertureShape(),
     own_error_db: float = OWN_ERROR_DB,
 ) -> Truth:
     """One scene through a lens of `radius` pixels per unit of disparity, focused at `focus`.
@@ -113,8 +129,13 @@ def photograph(
         return _encoded(seen(scene, radius, focus, others)[0].sum(axis=0) / samples)
 
     return Truth(
-        sharp=encode(pinhole.sum(axis=0)).astype(np.float32), signed_radius=signed_radius.astype(np.float32),
-        photograph=whole, gamma=GAMMA, border=math.ceil(radius) + 2, own_error_db=reached, shape=shape,
+        sharp=encode(pinhole.sum(axis=0)).astype(np.float32),
+        signed_radius=signed_radius.astype(np.float32),
+        photograph=whole,
+        gamma=GAMMA,
+        border=math.ceil(radius) + 2,
+        own_error_db=reached,
+        shape=shape,
         thin_lens=thin_lens,
     )
 
@@ -128,8 +149,15 @@ def seen(scene: Scene, radius: float, focus: float, points: np.ndarray) -> tuple
     slopes = np.array([plane.slope for plane in scene]) * radius / (WIDTH / 2)
     offsets = radius * (np.array([plane.disparity for plane in scene]) - focus) - slopes @ (WIDTH / 2, HEIGHT / 2)
     stencils = np.array([_STENCILS[plane.stencil] for plane in scene])
-    add_views(_pictures(scene), _TEXTURE, stencils, np.column_stack([offsets, slopes]), np.ascontiguousarray(points),
-              light, front)
+    add_views(
+        _pictures(scene),
+        _TEXTURE,
+        stencils,
+        np.column_stack([offsets, slopes]),
+        np.ascontiguousarray(points),
+        light,
+        front,
+    )
     return light.transpose(0, 2, 3, 1), front
 
 
@@ -152,7 +180,8 @@ def _picture(plane: Plane) -> np.ndarray:
     frequency = np.hypot(fy, fx)
     # As much contrast in every octave up to the finest.
     spectrum = np.where(frequency > 0, 1 / np.maximum(frequency, 1 / _TEXTURE), 0) * np.exp(
-        -((frequency * 2 * plane.detail) ** 2))
+        -((frequency * 2 * plane.detail) ** 2)
+    )
     noise = generator.normal(size=(_TEXTURE, _TEXTURE, 3))
     waves = np.fft.ifft2(np.fft.fft2(noise, axes=(0, 1)) * spectrum[..., None], axes=(0, 1)).real
     picture = np.clip(0.45 + 0.2 * waves / waves.std(), 0.0, 1.0) ** GAMMA

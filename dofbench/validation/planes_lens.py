@@ -12,8 +12,12 @@ from dofbench.kernel_cache import cached
 ALL, LOWER_HALF, DISCS, BARS = range(4)
 # Shares of the width and the height, and radii in pixels; shares of the width, half widths in pixels, slants.
 _DISCS = np.array([(0.28, 0.35, 42.0), (0.72, 0.55, 60.0), (0.45, 0.85, 30.0)])
-_BARS = np.array([(c, w, math.cos(t), math.sin(t))
-                  for c, w, t in ((0.2, 1.0, 0.1), (0.4, 2.0, -0.2), (0.6, 4.0, 0.3), (0.8, 1.5, -0.4))])
+_BARS = np.array(
+    [
+        (c, w, math.cos(t), math.sin(t))
+        for c, w, t in ((0.2, 1.0, 0.1), (0.4, 2.0, -0.2), (0.6, 4.0, 0.3), (0.8, 1.5, -0.4))
+    ]
+)
 
 
 @njit(fastmath=True, error_model="numpy")

@@ -31,8 +31,9 @@ def plot_precision(rows: list[Score], folder: Path) -> Path:
                     axes.plot(times, errors, label=family, marker=_MARKERS[family], markersize=4, **look(index))
                     for time, error, knob in points:
                         if knob in (min(knobs), max(knobs)) and knob:
-                            axes.annotate(str(knob), (time, error), textcoords="offset points", xytext=(3, 4),
-                                          fontsize=7)
+                            axes.annotate(
+                                str(knob), (time, error), textcoords="offset points", xytext=(3, 4), fontsize=7
+                            )
             axes.set_xscale("log")
             middle, half = sum(axes.get_ylim()) / 2, (axes.get_ylim()[1] - axes.get_ylim()[0]) / 2
             axes.set_ylim(middle - max(half, _LEAST_RANGE), middle + max(half, _LEAST_RANGE))

@@ -22,6 +22,9 @@ def regions(signed_radius: np.ndarray, border: int) -> dict[str, np.ndarray]:
     inside[border : -border or None, border : -border or None] = True
     sharp = np.abs(signed_radius) <= _SHARP
     return {
-        "all": inside, "in focus": inside & ~near_edge & sharp, "blurred": inside & ~near_edge & ~sharp,
-        "depth edge": inside & near_edge, "frame": np.ones(signed_radius.shape, dtype=bool),
+        "all": inside,
+        "in focus": inside & ~near_edge & sharp,
+        "blurred": inside & ~near_edge & ~sharp,
+        "depth edge": inside & near_edge,
+        "frame": np.ones(signed_radius.shape, dtype=bool),
     }

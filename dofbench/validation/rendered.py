@@ -46,10 +46,14 @@ def rendered_cases(folder: Path) -> list[Case]:
             view, image = str(lens["view"]), str(lens["image"])
             numbers = {key: float(lens[key]) for key in _NUMBERS}
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError(folder / SCENE, f"lens_images[{index}] without {error}",
-                             f"view, image, {', '.join(_NUMBERS)}") from None
-        files = {"sharp": folder / "images_linear" / f"{view}.exr", "depth": folder / "depth" / f"{view}.exr",
-                 "photograph": folder / image}
+            raise InputError(
+                folder / SCENE, f"lens_images[{index}] without {error}", f"view, image, {', '.join(_NUMBERS)}"
+            ) from None
+        files = {
+            "sharp": folder / "images_linear" / f"{view}.exr",
+            "depth": folder / "depth" / f"{view}.exr",
+            "photograph": folder / image,
+        }
         for path in files.values():
             if not path.is_file():
                 raise InputError(path, "nothing", f"a file that {SCENE} names")
@@ -57,9 +61,19 @@ def rendered_cases(folder: Path) -> list[Case]:
         optics = PhysicalLens(numbers["aperture_scene"], 1 / numbers["focus_scene"], width)
         by_geometry = partial(thin_lens, folder, scene, view, optics) if has_geometry(scene) else None
         content = [numbers, code, {name: sha256_file(path) for name, path in files.items()}]
-        cases.append(Case("rendered", folder.name, numbers["aperture"], numbers["focus"], content,
-                          width * height / 1e6, partial(_photograph, files, numbers, by_geometry), view=view,
-                          geometry=has_geometry(scene)))
+        cases.append(
+            Case(
+                "rendered",
+                folder.name,
+                numbers["aperture"],
+                numbers["focus"],
+                content,
+                width * height / 1e6,
+                partial(_photograph, files, numbers, by_geometry),
+                view=view,
+                geometry=has_geometry(scene),
+            )
+        )
     return cases
 
 
@@ -78,8 +92,11 @@ def _photograph(
     disparity = np.divide(1.0, depth, out=np.zeros(depth.shape), where=depth > 0)
     signed = (numbers["aperture_scene"] * (disparity - 1 / numbers["focus_scene"])).astype(np.float32)
     return Truth(
-        sharp=encode(np.maximum(sharp, 0)), signed_radius=signed, photograph=encode(np.clip(photograph, 0, 1)),
-        gamma=GAMMA, border=math.ceil(float(np.abs(signed).max())) + 2,
+        sharp=encode(np.maximum(sharp, 0)),
+        signed_radius=signed,
+        photograph=encode(np.clip(photograph, 0, 1)),
+        gamma=GAMMA,
+        border=math.ceil(float(np.abs(signed).max())) + 2,
         own_error_db=numbers["noise_psnr_db"],
         thin_lens=by_geometry,
     )

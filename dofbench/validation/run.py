@@ -23,7 +23,7 @@ from dofbench.validation.tables import csv_text, markdown
 from dofbench.validation.truth import Case, Truth
 from dofbench.validation.variants import VARIANTS, Variant
 
-PLANE_RADII = (4.0, 12.0)        # pixels per unit of disparity
+PLANE_RADII = (4.0, 12.0)  # pixels per unit of disparity
 PLANE_FOCUSES = (0.1, 0.5, 0.9)
 _PICTURED = ("scatter", "layered, 16")
 _GAIN = 5  # of the error pictures
@@ -37,8 +37,10 @@ def validate_renderer(settings: ValidateRenderer, console: Console | None = None
     Raises InputError for a folder that holds no photographs with a known lens, and when there is nothing to do.
     """
     console = console or Console(stderr=True)
-    cases = [*(plane_cases(PLANE_RADII, PLANE_FOCUSES) if settings.planes else ()),
-             *chain.from_iterable(cases_in(folder) for folder in settings.truths)]
+    cases = [
+        *(plane_cases(PLANE_RADII, PLANE_FOCUSES) if settings.planes else ()),
+        *chain.from_iterable(cases_in(folder) for folder in settings.truths),
+    ]
     if not cases:
         raise InputError("validate-renderer --no-planes", "no folder", "something to compare with")
     store = Store(settings.out)
@@ -55,19 +57,25 @@ def validate_renderer(settings: ValidateRenderer, console: Console | None = None
 
 
 def _score_all(
-    cases: list[Case], done: dict[str, dict[str, list[Score]]], store: Store, settings: ValidateRenderer,
+    cases: list[Case],
+    done: dict[str, dict[str, list[Score]]],
+    store: Store,
+    settings: ValidateRenderer,
     console: Console,
 ) -> None:
     open_cases = [case for case in cases if _missing(case, done[case.key]) or not _pictured(case, settings)]
     if len(open_cases) < len(cases):
-        console.print(f"{len(cases) - len(open_cases)} of {len(cases)} photographs are scored already",
-                      highlight=False)
+        console.print(f"{len(cases) - len(open_cases)} of {len(cases)} photographs are scored already", highlight=False)
     begun = written = time.monotonic()
     ahead, behind = sum(case.megapixels for case in open_cases), 0.0
     for index, case in enumerate(open_cases):
         left = (time.monotonic() - begun) / behind * ahead if behind else None
-        console.print(f"{index + 1} of {len(open_cases)}: {case.title}" + (f", {_clock(left)} left" if left else ""),
-                      highlight=False, markup=False, soft_wrap=True)
+        console.print(
+            f"{index + 1} of {len(open_cases)}: {case.title}" + (f", {_clock(left)} left" if left else ""),
+            highlight=False,
+            markup=False,
+            soft_wrap=True,
+        )
         truth = case.make()
         kept, renders = done[case.key], {}
         for variant in VARIANTS:

@@ -25,7 +25,8 @@ def thin_lens(folder: Path, scene: dict[str, Any], view: str, lens: PhysicalLens
     _choose_variant()
     # Other random numbers than those of the scene's own photographs, which it is compared with.
     shot = _tracer(scene["recipe"], scene["seed"]).photograph(
-        _cameras(folder)[view], samples, f"validate/{scene['recipe']}/{view}", lens)
+        _cameras(folder)[view], samples, f"validate/{scene['recipe']}/{view}", lens
+    )
     return encode(np.clip(shot.linear, 0, 1))
 
 

@@ -15,8 +15,8 @@ from dofbench.validation.regions import regions
 from dofbench.validation.truth import Case, Truth
 from dofbench.validation.variants import Variant
 
-_LEAST_PIXELS = 200    # in a region: fewer say nothing
-_TIMED = 3             # calls of a renderer; the median counts
+_LEAST_PIXELS = 200  # in a region: fewer say nothing
+_TIMED = 3  # calls of a renderer; the median counts
 _ENOUGH_SECONDS = 1.0  # what takes longer is timed once
 _called: set[str] = set()
 
@@ -60,12 +60,24 @@ def score(case: Case, truth: Truth, variant: Variant) -> tuple[list[Score], np.n
         if pixels < _LEAST_PIXELS:
             continue
         error = squared[mask].mean()
-        rows.append(Score(
-            case.source, case.name, case.view, case.aperture, case.focus, radius, variant.name, region, pixels,
-            -10 * math.log10(error) if error > 0 else math.inf,
-            float(np.nanmean(similar[mask])), float(visible[mask].mean(dtype=np.float64)),
-            seconds / (squared.size / 1e6), truth.own_error_db,
-        ))
+        rows.append(
+            Score(
+                case.source,
+                case.name,
+                case.view,
+                case.aperture,
+                case.focus,
+                radius,
+                variant.name,
+                region,
+                pixels,
+                -10 * math.log10(error) if error > 0 else math.inf,
+                float(np.nanmean(similar[mask])),
+                float(visible[mask].mean(dtype=np.float64)),
+                seconds / (squared.size / 1e6),
+                truth.own_error_db,
+            )
+        )
     return rows, image
 
 

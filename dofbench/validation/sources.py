@@ -11,7 +11,14 @@ from dofbench.content import content_folder
 PACKAGE = Path(dofbench.__file__).resolve().parent
 # The sources that every score depends on, in the package and among the kernels.
 SCORING = (
-    "metrics", "defocus.py", "layered.py", "mixed_pixels.py", "depth_edges.py", "lens.py", "images.py", "simd.py",
+    "metrics",
+    "defocus.py",
+    "layered.py",
+    "mixed_pixels.py",
+    "depth_edges.py",
+    "lens.py",
+    "images.py",
+    "simd.py",
     *(f"validation/{name}.py" for name in ("lens_points", "regions", "score", "variants")),
 )
 KERNELS = ("scatter",)

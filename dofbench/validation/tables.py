@@ -21,15 +21,17 @@ EXACT_DB = 100.0  # what counts in a mean for a region without any error
 _BY_SCENE = ("no blur", "scatter", "layered, 4", "layered, 16", "thinlens, 64")
 _WHAT = {
     "planes": "textured planes before an exact thin lens, depth known exactly.",
-    "planes, hexagonal aperture": "the same planes, and the lens has six blades. \"Other aperture\" is a disc here.",
+    "planes, hexagonal aperture": 'the same planes, and the lens has six blades. "Other aperture" is a disc here.',
     "light field": "views of a real light field, added over a round aperture; disparity by a plane sweep over all "
-                   "views, so its errors are part of every renderer's.",
+    "views, so its errors are part of every renderer's.",
     "rendered": "scenes by `dofbench make-scene` through a sampled thin lens, exact depth, linear light with "
-                "highlights above white.",
+    "highlights above white.",
     "BLB": "scenes by Blender with depth and bokeh images, BokehMe's benchmark; its protocol scores the whole frame.",
 }
-_PAPER = ("DoF-Gaussian states 43.30 dB / 0.9932 for the pipeline that made its synthetic set, on scenes rendered with "
-          "Blender: other data than this, at other blur.")
+_PAPER = (
+    "DoF-Gaussian states 43.30 dB / 0.9932 for the pipeline that made its synthetic set, on scenes rendered with "
+    "Blender: other data than this, at other blur."
+)
 _QUOTED_AT = ("rendered", "BLB")
 
 
@@ -49,10 +51,13 @@ def markdown(rows: list[Score], cases: int, settings: ValidateRenderer, plots: l
     lines = ["# How close the renderers come to optical blur", "", _command(settings), ""]
     if scored < cases:
         lines += [f"Unfinished: {scored} of {cases} photographs. The same command goes on.", ""]
-    lines += ["Means over photographs: PSNR in dB / SSIM / FLIP of encoded images in [0, 1]. Depth edge: within one "
-              "circle of confusion of a jump in depth. Frame: all of the picture; the other regions leave out a margin "
-              "as wide as the blur, where light comes in from beyond the picture. Exact regions count as "
-              f"{EXACT_DB:.0f} dB. Seconds are medians for one megapixel{_load()}.", ""]
+    lines += [
+        "Means over photographs: PSNR in dB / SSIM / FLIP of encoded images in [0, 1]. Depth edge: within one "
+        "circle of confusion of a jump in depth. Frame: all of the picture; the other regions leave out a margin "
+        "as wide as the blur, where light comes in from beyond the picture. Exact regions count as "
+        f"{EXACT_DB:.0f} dB. Seconds are medians for one megapixel{_load()}.",
+        "",
+    ]
     lines += [line for plot in plots for line in (f"![Error against run time, by region]({plot.name})", "")]
     for source in dict.fromkeys(row.source for row in rows):
         lines += _source(source, [row for row in rows if row.source == source])
@@ -75,17 +80,47 @@ def _source(source: str, rows: list[Score]) -> list[str]:
     lines = [f"## {source}", "", f"{photographs} photographs: {_WHAT[source]} {_noise(source, rows)}", ""]
     if source in _QUOTED_AT:
         lines += [_PAPER, ""]
-    lines += _table("renderer", [*REGIONS, "s a megapixel"], [
-        (variant.name, [*(_cell(row for row in of_one if row.region == region) for region in REGIONS),
-                        f"{seconds(of_one):.2g}"])
-        for variant, of_one in _by_variant(rows)])
+    lines += _table(
+        "renderer",
+        [*REGIONS, "s a megapixel"],
+        [
+            (
+                variant.name,
+                [
+                    *(_cell(row for row in of_one if row.region == region) for region in REGIONS),
+                    f"{seconds(of_one):.2g}",
+                ],
+            )
+            for variant, of_one in _by_variant(rows)
+        ],
+    )
     lines += ["", "Error against run time, fastest first: PSNR.", ""]
-    lines += _table("renderer", ["s a megapixel", *REGIONS], [
-        (variant.name, [f"{seconds(of_one):.2g}",
-                        *(_psnr(row for row in of_one if row.region == region) for region in REGIONS)])
-        for variant, of_one in sorted(_by_variant(rows), key=lambda pair: seconds(pair[1])) if variant.family])
-    lines += ["", "By the largest radius in the picture, pixels: PSNR of the whole picture / beside depth edges.", "",
-              *_by_radius(rows), "", "By scene: the same.", "", *_by_scene(rows), ""]
+    lines += _table(
+        "renderer",
+        ["s a megapixel", *REGIONS],
+        [
+            (
+                variant.name,
+                [
+                    f"{seconds(of_one):.2g}",
+                    *(_psnr(row for row in of_one if row.region == region) for region in REGIONS),
+                ],
+            )
+            for variant, of_one in sorted(_by_variant(rows), key=lambda pair: seconds(pair[1]))
+            if variant.family
+        ],
+    )
+    lines += [
+        "",
+        "By the largest radius in the picture, pixels: PSNR of the whole picture / beside depth edges.",
+        "",
+        *_by_radius(rows),
+        "",
+        "By scene: the same.",
+        "",
+        *_by_scene(rows),
+        "",
+    ]
     return lines
 
 
@@ -101,20 +136,31 @@ def _noise(source: str, rows: list[Score]) -> str:
 def _by_radius(rows: list[Score]) -> list[str]:
     edges = np.percentile([row.radius for row in rows], [0, 100 / 3, 200 / 3, 100])
     # The last one closed: the largest radius belongs to it.
-    spans = [(low, high if high < edges[-1] else math.inf) for low, high in zip(edges, edges[1:], strict=False)
-             if low < high]
+    spans = [
+        (low, high if high < edges[-1] else math.inf) for low, high in zip(edges, edges[1:], strict=False) if low < high
+    ]
     spans = spans or [(edges[0], math.inf)]
     names = [f"{low:.1f} to {min(high, edges[-1]):.1f}" for low, high in spans]
-    return _table("renderer", names, [
-        (variant.name, [_whole_and_edge(row for row in of_one if low <= row.radius < high) for low, high in spans])
-        for variant, of_one in _by_variant(rows)])
+    return _table(
+        "renderer",
+        names,
+        [
+            (variant.name, [_whole_and_edge(row for row in of_one if low <= row.radius < high) for low, high in spans])
+            for variant, of_one in _by_variant(rows)
+        ],
+    )
 
 
 def _by_scene(rows: list[Score]) -> list[str]:
     chosen = [(variant, of_one) for variant, of_one in _by_variant(rows) if variant.name in _BY_SCENE]
-    return _table("scene", [variant.name for variant, _ in chosen], [
-        (name, [_whole_and_edge(row for row in of_one if row.name == name) for _, of_one in chosen])
-        for name in dict.fromkeys(row.name for row in rows)])
+    return _table(
+        "scene",
+        [variant.name for variant, _ in chosen],
+        [
+            (name, [_whole_and_edge(row for row in of_one if row.name == name) for _, of_one in chosen])
+            for name in dict.fromkeys(row.name for row in rows)
+        ],
+    )
 
 
 def _by_variant(rows: list[Score]) -> list[tuple[Variant, list[Score]]]:
@@ -127,8 +173,11 @@ def _photographs(rows: list[Score]) -> set[tuple]:
 
 
 def _table(first: str, columns: list[str], lines: list[tuple[str, list[str]]]) -> list[str]:
-    return [f"| {first} | {' | '.join(columns)} |", "| --- |" + " --- |" * len(columns),
-            *(f"| {name} | {' | '.join(cells)} |" for name, cells in lines)]
+    return [
+        f"| {first} | {' | '.join(columns)} |",
+        "| --- |" + " --- |" * len(columns),
+        *(f"| {name} | {' | '.join(cells)} |" for name, cells in lines),
+    ]
 
 
 def _cell(rows: Iterable[Score]) -> str:

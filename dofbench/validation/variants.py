@@ -37,7 +37,8 @@ class Variant:
 
 def _render(truth: Truth, **options) -> np.ndarray:
     return defocus_by_radius(
-        truth.sharp, truth.signed_radius, **{"gamma": truth.gamma, "shape": truth.shape, **options})[0]
+        truth.sharp, truth.signed_radius, **{"gamma": truth.gamma, "shape": truth.shape, **options}
+    )[0]
 
 
 def _other_shape(truth: Truth) -> np.ndarray:
@@ -50,7 +51,8 @@ def _other_shape(truth: Truth) -> np.ndarray:
 def _of_8_bits(truth: Truth, **options) -> np.ndarray:
     """What a PNG keeps of the sharp image: 256 levels, and nothing above white."""
     return defocus_by_radius(
-        from_8bit(to_8bit(truth.sharp)), truth.signed_radius, gamma=truth.gamma, shape=truth.shape, **options)[0]
+        from_8bit(to_8bit(truth.sharp)), truth.signed_radius, gamma=truth.gamma, shape=truth.shape, **options
+    )[0]
 
 
 def _thin_lens(truth: Truth, samples: int) -> np.ndarray:

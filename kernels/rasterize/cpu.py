@@ -33,9 +33,21 @@ _NOTHING = np.empty(0, np.float32)
 
 
 def rasterize(
-    means: Tensor, log_scales: Tensor, quaternions: Tensor, opacity_logits: Tensor, sh_dc: Tensor, sh_rest: Tensor, *,
-    camera: Camera, filter_3d: Tensor | None = None, sh_degree: int = 3, background: Tensor | None = None,
-    filter_2d: float = 0.1, blur: Tensor | None = None, geometry: Geometry = "depth", near: float = 0.2,
+    means: Tensor,
+    log_scales: Tensor,
+    quaternions: Tensor,
+    opacity_logits: Tensor,
+    sh_dc: Tensor,
+    sh_rest: Tensor,
+    *,
+    camera: Camera,
+    filter_3d: Tensor | None = None,
+    sh_degree: int = 3,
+    background: Tensor | None = None,
+    filter_2d: float = 0.1,
+    blur: Tensor | None = None,
+    geometry: Geometry = "depth",
+    near: float = 0.2,
     statistics: ViewStatistics | None = None,
 ) -> Raster:
     """Render N Gaussians from `camera`, with gradients by the first six arguments and `blur` from every output.
@@ -90,8 +102,9 @@ def _check(parameters, filter_3d, background, blur, geometry, sh_degree, filter_
     n = parameters[0].shape[0] if parameters[0].ndim else 0
     rest = parameters[5].shape[1] if parameters[5].ndim == 3 and parameters[5].shape[1] in (0, 3, 8, 15) else "0|3|8|15"
     shapes = ((n, 3), (n, 3), (n, 4), (n,), (n, 3), (n, rest, 3), (n,), (3,), (n,))
-    for name, value, shape in zip((*NAMES, "filter_3d", "background", "blur"),
-                                  (*parameters, filter_3d, background, blur), shapes, strict=True):
+    for name, value, shape in zip(
+        (*NAMES, "filter_3d", "background", "blur"), (*parameters, filter_3d, background, blur), shapes, strict=True
+    ):
         if value is None:
             continue
         if tuple(value.shape) != shape:
@@ -118,13 +131,22 @@ class _Settings:
         self.background = np.zeros(3, np.float32) if background is None else background.numpy()
         margin_x, margin_y = 0.15 * camera.width, 0.15 * camera.height
         self.view = view = np.zeros(layout.VIEW, np.float32)
-        view[layout.ROTATION:layout.TRANSLATION] = camera.world_to_camera[:3, :3].ravel()
-        view[layout.TRANSLATION:layout.CENTRE] = camera.world_to_camera[:3, 3]
-        view[layout.CENTRE:layout.FX] = camera.centre
-        view[layout.FX:layout.V_HIGH + 1] = (
-            camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, near, filter_2d,
-            (-camera.cx - margin_x) / camera.fx, (camera.width - camera.cx + margin_x) / camera.fx,
-            (-camera.cy - margin_y) / camera.fy, (camera.height - camera.cy + margin_y) / camera.fy,
+        view[layout.ROTATION : layout.TRANSLATION] = camera.world_to_camera[:3, :3].ravel()
+        view[layout.TRANSLATION : layout.CENTRE] = camera.world_to_camera[:3, 3]
+        view[layout.CENTRE : layout.FX] = camera.centre
+        view[layout.FX : layout.V_HIGH + 1] = (
+            camera.fx,
+            camera.fy,
+            camera.cx,
+            camera.cy,
+            camera.width,
+            camera.height,
+            near,
+            filter_2d,
+            (-camera.cx - margin_x) / camera.fx,
+            (camera.width - camera.cx + margin_x) / camera.fx,
+            (-camera.cy - margin_y) / camera.fy,
+            (camera.height - camera.cy + margin_y) / camera.fy,
         )
 
 
@@ -140,24 +162,48 @@ class _Rasterize(torch.autograd.Function):
         depths, radii = np.empty(padded, np.float32), np.empty(padded, np.float32)
         visible, counts = np.empty(padded, np.bool_), np.empty(padded, np.int32)
         threads = numba.get_num_threads()
-        bad = project(*flat, rest, settings.filter_3d, variance, settings.degree, settings.geometry, settings.view,
-                      records, depths, radii, visible, counts)
+        bad = project(
+            *flat,
+            rest,
+            settings.filter_3d,
+            variance,
+            settings.degree,
+            settings.geometry,
+            settings.view,
+            records,
+            depths,
+            radii,
+            visible,
+            counts,
+        )
         if bad >= 0:
             raise FloatingPointError(_describe(bad, parameters, settings.filter_3d, variance))
         order = depth_order(depths, counts, n)
-        starts, ids, spans, offsets, places = fill_tiles(records, counts, n, order, settings.view, settings.columns,
-                                                 settings.rows, threads)
+        starts, ids, spans, offsets, places = fill_tiles(
+            records, counts, n, order, settings.view, settings.columns, settings.rows, threads
+        )
         height, width, geometry = settings.height, settings.width, settings.geometry
         color, alpha = np.empty((height, width, 3), np.float32), np.empty((height, width), np.float32)
         depth = np.empty((height, width), np.float32) if geometry > 0 else _EMPTY2
         median, at = (np.empty((height, width), np.float32) if geometry > 1 else _EMPTY2 for _ in range(2))
         normal = np.empty((height, width, 3), np.float32) if geometry > 1 else _EMPTY3
-        distortion, mean_inverse = (np.empty((height, width), np.float32) if geometry > 2 else _EMPTY2
-                                    for _ in range(2))
+        distortion, mean_inverse = (
+            np.empty((height, width), np.float32) if geometry > 2 else _EMPTY2 for _ in range(2)
+        )
         looked_at = np.empty(settings.columns * settings.rows, np.int32)
-        blend(settings.features, records, starts, ids, spans, settings.view, settings.columns, settings.background,
-              *(image.reshape(-1) for image in (color, alpha, depth, median, at, normal, distortion, mean_inverse)),
-              looked_at, 4 * threads)
+        blend(
+            settings.features,
+            records,
+            starts,
+            ids,
+            spans,
+            settings.view,
+            settings.columns,
+            settings.background,
+            *(image.reshape(-1) for image in (color, alpha, depth, median, at, normal, distortion, mean_inverse)),
+            looked_at,
+            4 * threads,
+        )
         if statistics is not None:
             statistics.visible = torch.from_numpy(visible[:n])
             statistics.radii = torch.from_numpy(radii[:n])
@@ -166,8 +212,7 @@ class _Rasterize(torch.autograd.Function):
         ctx.tiles = (records, starts, ids, spans, offsets, places, looked_at, at.reshape(-1), mean_inverse.reshape(-1))
         ctx.set_materialize_grads(False)
         ctx.save_for_backward(*parameters, torch.from_numpy(variance) if blur is None else blur, *outputs)
-        return tuple(output if geometry >= level else None
-                     for output, level in zip(outputs, _LEVELS, strict=True))
+        return tuple(output if geometry >= level else None for output, level in zip(outputs, _LEVELS, strict=True))
 
     @staticmethod
     def backward(ctx, *output_gradients):
@@ -178,22 +223,53 @@ class _Rasterize(torch.autograd.Function):
         arrays = [_NOTHING if g is None else g.contiguous().numpy().reshape(-1) for g in output_gradients]
         # Outputs that the loss doesn't use cost nothing here.
         used = [level for array, level in zip(arrays, _LEVELS, strict=True) if array.size]
-        features = settings.features[:max(used, default=0)]
+        features = settings.features[: max(used, default=0)]
         want_abs = statistics is not None and statistics.want_abs
         width = 24 if len(features) > 1 else 16
         gradients = np.empty(ids.size * width, np.float32)
         threads = numba.get_num_threads()
-        blend_backward(features, (0,) * want_abs, records, starts, ids, spans, settings.view, settings.columns,
-                       looked_at, color, alpha, depth, normal, at, distortion, mean_inverse, *arrays, gradients,
-                       4 * threads)
+        blend_backward(
+            features,
+            (0,) * want_abs,
+            records,
+            starts,
+            ids,
+            spans,
+            settings.view,
+            settings.columns,
+            looked_at,
+            color,
+            alpha,
+            depth,
+            normal,
+            at,
+            distortion,
+            mean_inverse,
+            *arrays,
+            gradients,
+            4 * threads,
+        )
         n, rest = parameters[3].size, ctx.saved_tensors[5].shape[1]
         # numpy asks for huge pages where torch doesn't: a third off the last stage at 100 000 Gaussians.
         results = [np.empty(parameter.shape, np.float32) for parameter in ctx.saved_tensors[:7]]
         grad_2d = np.empty((n, 2) if statistics is not None else (0, 2), np.float32)
         abs_grad_2d = np.empty((n, 2) if want_abs else (0, 2), np.float32)
         outputs = (*(result.reshape(-1) for result in results), grad_2d.reshape(-1), abs_grad_2d.reshape(-1))
-        project_backward(*parameters, rest, settings.filter_3d, blur, settings.degree, len(features), settings.view,
-                         records, gradients, width, offsets, places, outputs)
+        project_backward(
+            *parameters,
+            rest,
+            settings.filter_3d,
+            blur,
+            settings.degree,
+            len(features),
+            settings.view,
+            records,
+            gradients,
+            width,
+            offsets,
+            places,
+            outputs,
+        )
         if statistics is not None:
             statistics.grad_2d = torch.from_numpy(grad_2d)
             if want_abs:

@@ -113,8 +113,9 @@ def _forward_tile(features, records, ids, spans, begin, end, left, top, near, sc
 
 
 @njit(error_model="numpy")
-def _backward_tile(features, absolute, width, records, ids, spans, begin, end, looked_at, left, top, near, scratch,
-                   out):
+def _backward_tile(
+    features, absolute, width, records, ids, spans, begin, end, looked_at, left, top, near, scratch, out
+):
     """One tile's share of the gradient, written to `out` at each intersection's place (`width` floats)."""
     zero = splat8(_ZERO)
     for k in range(begin, begin + looked_at):
@@ -209,8 +210,26 @@ def _backward_tile(features, absolute, width, records, ids, spans, begin, end, l
 
 @cached
 @njit(parallel=True, error_model="numpy")
-def blend(features, records, starts, ids, spans, view, columns, background, color, alpha, depth, median, median_at,
-          normal, distortion, mean_inverse, looked_at, workers):
+def blend(
+    features,
+    records,
+    starts,
+    ids,
+    spans,
+    view,
+    columns,
+    background,
+    color,
+    alpha,
+    depth,
+    median,
+    median_at,
+    normal,
+    distortion,
+    mean_inverse,
+    looked_at,
+    workers,
+):
     """Composite every tile, writing the images (flat) and how many Gaussians each tile looked at.
 
     features: an empty tuple for colour and alpha, one entry to add depth, two to add median depth and normals, three
@@ -224,17 +243,55 @@ def blend(features, records, starts, ids, spans, view, columns, background, colo
         for tile in range(worker, tiles, workers):
             left, top = tile % columns * layout.TILE_WIDTH, tile // columns * layout.TILE_HEIGHT
             clear_tile(scratch, left, top, view)
-            looked_at[tile] = _forward_tile(features, records, ids, spans, starts[tile], starts[tile + 1], left, top,
-                                            view[layout.NEAR], scratch)
-            write_tile(features, scratch, left, top, view, background, color, alpha, depth, median, median_at, normal,
-                       distortion, mean_inverse)
+            looked_at[tile] = _forward_tile(
+                features, records, ids, spans, starts[tile], starts[tile + 1], left, top, view[layout.NEAR], scratch
+            )
+            write_tile(
+                features,
+                scratch,
+                left,
+                top,
+                view,
+                background,
+                color,
+                alpha,
+                depth,
+                median,
+                median_at,
+                normal,
+                distortion,
+                mean_inverse,
+            )
 
 
 @cached
 @njit(parallel=True, error_model="numpy")
-def blend_backward(features, absolute, records, starts, ids, spans, view, columns, looked_at,
-                   color, alpha, depth, normal, median_at, distortion, mean_inverse,
-                   g_color, g_alpha, g_depth, g_median, g_normal, g_distortion, out, workers):
+def blend_backward(
+    features,
+    absolute,
+    records,
+    starts,
+    ids,
+    spans,
+    view,
+    columns,
+    looked_at,
+    color,
+    alpha,
+    depth,
+    normal,
+    median_at,
+    distortion,
+    mean_inverse,
+    g_color,
+    g_alpha,
+    g_depth,
+    g_median,
+    g_normal,
+    g_distortion,
+    out,
+    workers,
+):
     """Every intersection's share of the gradient, at its place in `out` (see cpu_layout).
 
     absolute: a tuple with one entry to fill ABS_X and ABS_Y too, else empty. A gradient of size 0 is zero.
@@ -246,7 +303,39 @@ def blend_backward(features, absolute, records, starts, ids, spans, view, column
         for tile in range(worker, tiles, workers):
             left, top = tile % columns * layout.TILE_WIDTH, tile // columns * layout.TILE_HEIGHT
             if looked_at[tile] > 0:
-                read_tile(features, scratch, left, top, view, color, alpha, depth, normal, median_at, distortion,
-                          mean_inverse, g_color, g_alpha, g_depth, g_median, g_normal, g_distortion)
-            _backward_tile(features, absolute, width, records, ids, spans, starts[tile], starts[tile + 1],
-                           looked_at[tile], left, top, view[layout.NEAR], scratch, out)
+                read_tile(
+                    features,
+                    scratch,
+                    left,
+                    top,
+                    view,
+                    color,
+                    alpha,
+                    depth,
+                    normal,
+                    median_at,
+                    distortion,
+                    mean_inverse,
+                    g_color,
+                    g_alpha,
+                    g_depth,
+                    g_median,
+                    g_normal,
+                    g_distortion,
+                )
+            _backward_tile(
+                features,
+                absolute,
+                width,
+                records,
+                ids,
+                spans,
+                starts[tile],
+                starts[tile + 1],
+                looked_at[tile],
+                left,
+                top,
+                view[layout.NEAR],
+                scratch,
+                out,
+            )

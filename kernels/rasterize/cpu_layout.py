@@ -42,4 +42,3 @@ MIN_DETERMINANT = np.float32(1e-6)
 EDGE_ON = np.float32(1e-7)
 # sqrt(log2(e) / 2): from standard deviations to the records' base-2 exponent.
 EXPONENT_SCALE = np.float32(math.sqrt(math.log2(math.e) / 2))
-

@@ -58,8 +58,12 @@ def to_camera8(view, x, y, z):
 @njit(forceinline=True)
 def unit_quaternion8(quaternions, i):
     """The normalised quaternion (identity for a zero one) and 1 / norm (0 for a zero one)."""
-    w, x, y, z = (gather8(quaternions, 4 * i, 4), gather8(quaternions, 4 * i + 1, 4),
-                  gather8(quaternions, 4 * i + 2, 4), gather8(quaternions, 4 * i + 3, 4))
+    w, x, y, z = (
+        gather8(quaternions, 4 * i, 4),
+        gather8(quaternions, 4 * i + 1, 4),
+        gather8(quaternions, 4 * i + 2, 4),
+        gather8(quaternions, 4 * i + 3, 4),
+    )
     # Scaling by the largest entry first keeps the squares from overflowing or vanishing.
     largest = max8(max8(abs8(w), abs8(x)), max8(abs8(y), abs8(z)))
     zero = largest == ZERO
@@ -81,9 +85,15 @@ def axes8(view, w, x, y, z):
     r10, r11, r12 = view[layout.ROTATION + 3], view[layout.ROTATION + 4], view[layout.ROTATION + 5]
     r20, r21, r22 = view[layout.ROTATION + 6], view[layout.ROTATION + 7], view[layout.ROTATION + 8]
     return (
-        r00 * c0x + (r01 * c0y + r02 * c0z), r10 * c0x + (r11 * c0y + r12 * c0z), r20 * c0x + (r21 * c0y + r22 * c0z),
-        r00 * c1x + (r01 * c1y + r02 * c1z), r10 * c1x + (r11 * c1y + r12 * c1z), r20 * c1x + (r21 * c1y + r22 * c1z),
-        r00 * c2x + (r01 * c2y + r02 * c2z), r10 * c2x + (r11 * c2y + r12 * c2z), r20 * c2x + (r21 * c2y + r22 * c2z),
+        r00 * c0x + (r01 * c0y + r02 * c0z),
+        r10 * c0x + (r11 * c0y + r12 * c0z),
+        r20 * c0x + (r21 * c0y + r22 * c0z),
+        r00 * c1x + (r01 * c1y + r02 * c1z),
+        r10 * c1x + (r11 * c1y + r12 * c1z),
+        r20 * c1x + (r21 * c1y + r22 * c1z),
+        r00 * c2x + (r01 * c2y + r02 * c2z),
+        r10 * c2x + (r11 * c2y + r12 * c2z),
+        r20 * c2x + (r21 * c2y + r22 * c2z),
     )
 
 
@@ -122,8 +132,27 @@ def weights8(e0, e1, e2):
 
 
 @njit(error_model="numpy")
-def project_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, blur, degree,
-                  geometry, view, i, records, depths, radii, visible, out, basis):
+def project_block(
+    means,
+    log_scales,
+    quaternions,
+    opacity_logits,
+    sh_dc,
+    sh_rest,
+    rest,
+    filter_3d,
+    blur,
+    degree,
+    geometry,
+    view,
+    i,
+    records,
+    depths,
+    radii,
+    visible,
+    out,
+    basis,
+):
     """Project Gaussians i … i + 7 of the inputs into places out … out + 7; returns the lanes gone non-finite."""
     px, py, pz = gather8(means, 3 * i, 3), gather8(means, 3 * i + 1, 3), gather8(means, 3 * i + 2, 3)
     x, y, z = to_camera8(view, px, py, pz)
@@ -216,8 +245,9 @@ def project_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest
     scatter8(records, base + layout.LIMIT, layout.RECORD, limit)
 
     eye = layout.CENTRE
-    red, green, blue = color8(sh_dc, sh_rest, rest, degree, i,
-                              px - view[eye], py - view[eye + 1], pz - view[eye + 2], basis)
+    red, green, blue = color8(
+        sh_dc, sh_rest, rest, degree, i, px - view[eye], py - view[eye + 1], pz - view[eye + 2], basis
+    )
     finite = finite & ((~seen) | ((red - red) + (green - green) + (blue - blue) == ZERO))
     scatter8(records, base + layout.RED, layout.RECORD, max8(red, ZERO))
     scatter8(records, base + layout.GREEN, layout.RECORD, max8(green, ZERO))
@@ -236,10 +266,18 @@ def project_block(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest
         ig = ONE / (cu * cu + (cv * cv + ONE))
         distance = sqrt8(dot3(x, y, z, x, y, z))
         scatter8(records, base + layout.T0, layout.RECORD, distance)
-        scatter8(records, base + layout.TX, layout.RECORD,
-                 select8(edge_on, ZERO, distance * (hx * inverse_along - cu * ig) / fx))
-        scatter8(records, base + layout.TY, layout.RECORD,
-                 select8(edge_on, ZERO, distance * (hy * inverse_along - cv * ig) / fy))
+        scatter8(
+            records,
+            base + layout.TX,
+            layout.RECORD,
+            select8(edge_on, ZERO, distance * (hx * inverse_along - cu * ig) / fx),
+        )
+        scatter8(
+            records,
+            base + layout.TY,
+            layout.RECORD,
+            select8(edge_on, ZERO, distance * (hy * inverse_along - cv * ig) / fy),
+        )
         if geometry > 1:
             unit = select8(edge_on, ZERO, -ONE / select8(edge_on, ONE, length))
             scatter8(records, base + layout.NX, layout.RECORD, hx * unit)
@@ -263,13 +301,41 @@ def tail_of(array, n):
 def tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur):
     """The last, incomplete block of every input."""
     n = opacity_logits.size
-    return (tail_of(means, n), tail_of(log_scales, n), tail_of(quaternions, n), tail_of(opacity_logits, n),
-            tail_of(sh_dc, n), tail_of(sh_rest, n), tail_of(filter_3d, n), tail_of(blur, n))
+    return (
+        tail_of(means, n),
+        tail_of(log_scales, n),
+        tail_of(quaternions, n),
+        tail_of(opacity_logits, n),
+        tail_of(sh_dc, n),
+        tail_of(sh_rest, n),
+        tail_of(filter_3d, n),
+        tail_of(blur, n),
+    )
 
 
 @njit(error_model="numpy")
-def project_blocks(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, blur, tails,
-                   degree, geometry, view, first, stop, records, depths, radii, visible, counts):
+def project_blocks(
+    means,
+    log_scales,
+    quaternions,
+    opacity_logits,
+    sh_dc,
+    sh_rest,
+    rest,
+    filter_3d,
+    blur,
+    tails,
+    degree,
+    geometry,
+    view,
+    first,
+    stop,
+    records,
+    depths,
+    radii,
+    visible,
+    counts,
+):
     """Project the blocks first … stop - 1; returns the index of a Gaussian that is not finite, or -1."""
     n = opacity_logits.size
     bad = -1
@@ -279,11 +345,21 @@ def project_blocks(means, log_scales, quaternions, opacity_logits, sh_dc, sh_res
         # One call with chosen arguments: a second call would be a second copy to compile.
         if i + LANES <= n:
             place, a, b, c, d, e, f, g, h = (
-                i, means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur)
+                i,
+                means,
+                log_scales,
+                quaternions,
+                opacity_logits,
+                sh_dc,
+                sh_rest,
+                filter_3d,
+                blur,
+            )
         else:
             place, (a, b, c, d, e, f, g, h) = 0, tails
-        lost = project_block(a, b, c, d, e, f, rest, g, h, degree, geometry, view, place,
-                             records, depths, radii, visible, i, basis)
+        lost = project_block(
+            a, b, c, d, e, f, rest, g, h, degree, geometry, view, place, records, depths, radii, visible, i, basis
+        )
         for lane in range(min(LANES, n - i)):
             if (lost >> lane) & 1:
                 bad = i + lane
@@ -296,8 +372,25 @@ def project_blocks(means, log_scales, quaternions, opacity_logits, sh_dc, sh_res
 
 @cached
 @njit(parallel=True, error_model="numpy")
-def project(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, blur, degree, geometry,
-            view, records, depths, radii, visible, counts):
+def project(
+    means,
+    log_scales,
+    quaternions,
+    opacity_logits,
+    sh_dc,
+    sh_rest,
+    rest,
+    filter_3d,
+    blur,
+    degree,
+    geometry,
+    view,
+    records,
+    depths,
+    radii,
+    visible,
+    counts,
+):
     """Fill records, depths, radii, visible and counts (tiles met) of every Gaussian.
 
     Inputs are flat, filter_3d and blur empty where there is none; `rest` is the number of SH coefficients beyond
@@ -310,7 +403,25 @@ def project(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest
     tails = tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur)
     for chunk in prange(chunks):
         bad[chunk] = project_blocks(
-            means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, blur, tails, degree,
-            geometry, view, chunk * blocks // chunks, (chunk + 1) * blocks // chunks, records, depths, radii, visible,
-            counts)
+            means,
+            log_scales,
+            quaternions,
+            opacity_logits,
+            sh_dc,
+            sh_rest,
+            rest,
+            filter_3d,
+            blur,
+            tails,
+            degree,
+            geometry,
+            view,
+            chunk * blocks // chunks,
+            (chunk + 1) * blocks // chunks,
+            records,
+            depths,
+            radii,
+            visible,
+            counts,
+        )
     return bad.max()

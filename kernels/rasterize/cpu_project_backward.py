@@ -40,14 +40,43 @@ def quaternion_backward8(w, x, y, z, inverse, g):
     gy = TWO * (x * (c0y + c1x) + z * (c1z + c2y) + w * (c2x - c0z) - TWO * y * (c0x + c2z))
     gz = TWO * (x * (c0z + c2x) + y * (c1z + c2y) + w * (c0y - c1x) - TWO * z * (c0x + c1y))
     along = w * gw + x * gx + (y * gy + z * gz)
-    return ((gw - w * along) * inverse, (gx - x * along) * inverse,
-            (gy - y * along) * inverse, (gz - z * along) * inverse)
+    return (
+        (gw - w * along) * inverse,
+        (gx - x * along) * inverse,
+        (gy - y * along) * inverse,
+        (gz - z * along) * inverse,
+    )
 
 
 @njit(error_model="numpy")
-def backward_block(means, log_scales, quaternions, opacity_logits, sh_rest, rest, filter_3d, blur, degree, geometry,
-                   view, i, records, out, seen_bits, sums, d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest,
-                   d_blur, grad_2d, basis, pulls):
+def backward_block(
+    means,
+    log_scales,
+    quaternions,
+    opacity_logits,
+    sh_rest,
+    rest,
+    filter_3d,
+    blur,
+    degree,
+    geometry,
+    view,
+    i,
+    records,
+    out,
+    seen_bits,
+    sums,
+    d_means,
+    d_scales,
+    d_quaternions,
+    d_logits,
+    d_dc,
+    d_rest,
+    d_blur,
+    grad_2d,
+    basis,
+    pulls,
+):
     """Gradients of Gaussians i … i + 7 of the inputs, with records out … out + 7; seen_bits: which have any."""
     seen = mask8_of(seen_bits)
     px, py, pz = gather8(means, 3 * i, 3), gather8(means, 3 * i + 1, 3), gather8(means, 3 * i + 2, 3)
@@ -180,8 +209,11 @@ def backward_block(means, log_scales, quaternions, opacity_logits, sh_rest, rest
             h_y += (ny * radial - to_ny) * il
             h_z += (nz * radial - to_nz) * il
         # h = sum of w_i k_i m_i with k_i = m_i . r.
-        t0, t1, t2 = dot3(h_x, h_y, h_z, m0x, m0y, m0z), dot3(h_x, h_y, h_z, m1x, m1y, m1z), dot3(
-            h_x, h_y, h_z, m2x, m2y, m2z)
+        t0, t1, t2 = (
+            dot3(h_x, h_y, h_z, m0x, m0y, m0z),
+            dot3(h_x, h_y, h_z, m1x, m1y, m1z),
+            dot3(h_x, h_y, h_z, m2x, m2y, m2z),
+        )
         g_e0 += -TWO * w0 * k0 * t0
         g_e1 += -TWO * w1 * k1 * t1
         g_e2 += -TWO * w2 * k2 * t2
@@ -211,9 +243,15 @@ def backward_block(means, log_scales, quaternions, opacity_logits, sh_rest, rest
     r10, r11, r12 = view[layout.ROTATION + 3], view[layout.ROTATION + 4], view[layout.ROTATION + 5]
     r20, r21, r22 = view[layout.ROTATION + 6], view[layout.ROTATION + 7], view[layout.ROTATION + 8]
     g_rotation = (
-        r00 * g0x + (r10 * g0y + r20 * g0z), r01 * g0x + (r11 * g0y + r21 * g0z), r02 * g0x + (r12 * g0y + r22 * g0z),
-        r00 * g1x + (r10 * g1y + r20 * g1z), r01 * g1x + (r11 * g1y + r21 * g1z), r02 * g1x + (r12 * g1y + r22 * g1z),
-        r00 * g2x + (r10 * g2y + r20 * g2z), r01 * g2x + (r11 * g2y + r21 * g2z), r02 * g2x + (r12 * g2y + r22 * g2z),
+        r00 * g0x + (r10 * g0y + r20 * g0z),
+        r01 * g0x + (r11 * g0y + r21 * g0z),
+        r02 * g0x + (r12 * g0y + r22 * g0z),
+        r00 * g1x + (r10 * g1y + r20 * g1z),
+        r01 * g1x + (r11 * g1y + r21 * g1z),
+        r02 * g1x + (r12 * g1y + r22 * g1z),
+        r00 * g2x + (r10 * g2y + r20 * g2z),
+        r01 * g2x + (r11 * g2y + r21 * g2z),
+        r02 * g2x + (r12 * g2y + r22 * g2z),
     )
     g_w, g_i, g_j, g_k = quaternion_backward8(w, qx, qy, qz, inverse_norm, g_rotation)
     scatter8(d_quaternions, 4 * i, 4, select8(seen, g_w, ZERO))
@@ -229,9 +267,23 @@ def backward_block(means, log_scales, quaternions, opacity_logits, sh_rest, rest
     green = select8(seen & (green > ZERO), gather8(sums, layout.S_GREEN, SLOT), ZERO)
     blue = select8(seen & (blue > ZERO), gather8(sums, layout.S_BLUE, SLOT), ZERO)
     eye = layout.CENTRE
-    dx, dy, dz = color_backward8(sh_rest, rest, degree, i, seen,
-                                 px - view[eye], py - view[eye + 1], pz - view[eye + 2],
-                                 red, green, blue, d_dc, d_rest, basis, pulls)
+    dx, dy, dz = color_backward8(
+        sh_rest,
+        rest,
+        degree,
+        i,
+        seen,
+        px - view[eye],
+        py - view[eye + 1],
+        pz - view[eye + 2],
+        red,
+        green,
+        blue,
+        d_dc,
+        d_rest,
+        basis,
+        pulls,
+    )
     scatter8(d_means, 3 * i, 3, select8(seen, r00 * g_x + (r10 * g_y + r20 * g_z) + dx, ZERO))
     scatter8(d_means, 3 * i + 1, 3, select8(seen, r01 * g_x + (r11 * g_y + r21 * g_z) + dy, ZERO))
     scatter8(d_means, 3 * i + 2, 3, select8(seen, r02 * g_x + (r12 * g_y + r22 * g_z) + dz, ZERO))
@@ -294,8 +346,29 @@ def met_lanes(offsets, i, count):
 
 
 @njit(error_model="numpy")
-def backward_blocks(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, blur, tails,
-                    degree, geometry, view, records, gradients, width, offsets, places, first, stop, outputs):
+def backward_blocks(
+    means,
+    log_scales,
+    quaternions,
+    opacity_logits,
+    sh_dc,
+    sh_rest,
+    rest,
+    filter_3d,
+    blur,
+    tails,
+    degree,
+    geometry,
+    view,
+    records,
+    gradients,
+    width,
+    offsets,
+    places,
+    first,
+    stop,
+    outputs,
+):
     """The blocks first … stop - 1."""
     n = opacity_logits.size
     d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, d_blur, grad_2d, abs_grad_2d = outputs
@@ -317,8 +390,9 @@ def backward_blocks(means, log_scales, quaternions, opacity_logits, sh_dc, sh_re
         for k in range(np.int64(offsets[i + count]), np.int64(offsets[min(i + 2 * LANES, n)])):
             prefetch(gradients, np.int64(places[k]) * width)
         for lane in range(count):
-            reduce_places(gradients, width, places, np.int64(offsets[i + lane]), np.int64(offsets[i + lane + 1]),
-                          sums, lane)
+            reduce_places(
+                gradients, width, places, np.int64(offsets[i + lane]), np.int64(offsets[i + lane + 1]), sums, lane
+            )
         # One call with chosen arguments: a second call would be a second copy to compile.
         if count == LANES:
             place, a, b, c, d, e, f, g = i, means, log_scales, quaternions, opacity_logits, sh_rest, filter_3d, blur
@@ -326,8 +400,34 @@ def backward_blocks(means, log_scales, quaternions, opacity_logits, sh_dc, sh_re
         else:
             place, (a, b, c, d, _, e, f, g) = 0, tails
             o_a, o_b, o_c, o_d, o_e, o_f, o_g = t_means, t_scales, t_quaternions, t_logits, t_dc, t_rest, t_blur
-        backward_block(a, b, c, d, e, rest, f, g, degree, geometry, view, place, records, i, seen, sums,
-                       o_a, o_b, o_c, o_d, o_e, o_f, o_g, mean_2d, basis, pulls)
+        backward_block(
+            a,
+            b,
+            c,
+            d,
+            e,
+            rest,
+            f,
+            g,
+            degree,
+            geometry,
+            view,
+            place,
+            records,
+            i,
+            seen,
+            sums,
+            o_a,
+            o_b,
+            o_c,
+            o_d,
+            o_e,
+            o_f,
+            o_g,
+            mean_2d,
+            basis,
+            pulls,
+        )
         if count < LANES:
             put_tail(d_means, n, t_means)
             put_tail(d_scales, n, t_scales)
@@ -349,8 +449,26 @@ def backward_blocks(means, log_scales, quaternions, opacity_logits, sh_dc, sh_re
 
 @cached
 @njit(parallel=True, error_model="numpy")
-def project_backward(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, blur, degree,
-                     geometry, view, records, gradients, width, offsets, places, outputs):
+def project_backward(
+    means,
+    log_scales,
+    quaternions,
+    opacity_logits,
+    sh_dc,
+    sh_rest,
+    rest,
+    filter_3d,
+    blur,
+    degree,
+    geometry,
+    view,
+    records,
+    gradients,
+    width,
+    offsets,
+    places,
+    outputs,
+):
     """Reduce the intersections' gradients (`width` floats each) to Gaussians and on to the parameters.
 
     outputs: the gradients of the six inputs and of blur, grad_2d and abs_grad_2d, all flat; that of blur is empty
@@ -361,6 +479,25 @@ def project_backward(means, log_scales, quaternions, opacity_logits, sh_dc, sh_r
     tails = tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur)
     for chunk in prange(chunks):
         backward_blocks(
-            means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, rest, filter_3d, blur, tails, degree,
-            geometry, view, records, gradients, width, offsets, places, chunk * blocks // chunks,
-            (chunk + 1) * blocks // chunks, outputs)
+            means,
+            log_scales,
+            quaternions,
+            opacity_logits,
+            sh_dc,
+            sh_rest,
+            rest,
+            filter_3d,
+            blur,
+            tails,
+            degree,
+            geometry,
+            view,
+            records,
+            gradients,
+            width,
+            offsets,
+            places,
+            chunk * blocks // chunks,
+            (chunk + 1) * blocks // chunks,
+            outputs,
+        )

@@ -81,8 +81,11 @@ def color8(sh_dc, sh_rest, rest, degree, i, dx, dy, dz, basis):
     """1/2 + the sum of the series in direction (dx, dy, dz), any length; three channels, not clamped."""
     inverse = ONE / sqrt8(dx * dx + (dy * dy + dz * dz))
     fill_basis(basis, degree, dx * inverse, dy * inverse, dz * inverse)
-    red, green, blue = (HALF + C0 * gather8(sh_dc, 3 * i, 3), HALF + C0 * gather8(sh_dc, 3 * i + 1, 3),
-                        HALF + C0 * gather8(sh_dc, 3 * i + 2, 3))
+    red, green, blue = (
+        HALF + C0 * gather8(sh_dc, 3 * i, 3),
+        HALF + C0 * gather8(sh_dc, 3 * i + 1, 3),
+        HALF + C0 * gather8(sh_dc, 3 * i + 2, 3),
+    )
     stride = 3 * rest
     for term in range(1, (degree + 1) * (degree + 1)):
         place = stride * i + 3 * (term - 1)

@@ -19,14 +19,10 @@ ONE = np.float32(1.0)
 # at least 1/255 of the weight, so its distance from the mean is bounded by the spread, and their difference
 # A M2 - M1**2 keeps its digits. About 0 it would lose them all where the ray meets one surface.
 PLANE = layout.TILE_HEIGHT * LANES
-T, RED, GREEN, BLUE, DEPTH, WEIGHT, NX, NY, NZ, MEDIAN, MEDIAN_AT, FIRST, M1, M2 = (
-    PLANE * k for k in range(14)
-)
+T, RED, GREEN, BLUE, DEPTH, WEIGHT, NX, NY, NZ, MEDIAN, MEDIAN_AT, FIRST, M1, M2 = (PLANE * k for k in range(14))
 # The backward pass has the loss by each output instead (colour's in the colour planes), what is left of the pixel's
 # loss, and for distortion the mean inverse ray length.
-LEFT, G_ALPHA, G_DEPTH, G_NX, G_NY, G_NZ, G_MEDIAN, G_SPREAD, MEAN = (
-    PLANE * k for k in (4, 5, 9, 6, 7, 8, 11, 12, 13)
-)
+LEFT, G_ALPHA, G_DEPTH, G_NX, G_NY, G_NZ, G_MEDIAN, G_SPREAD, MEAN = (PLANE * k for k in (4, 5, 9, 6, 7, 8, 11, 12, 13))
 SCRATCH = 12 * PLANE
 SCRATCH_WITH_DISTORTION = 14 * PLANE
 
@@ -73,8 +69,22 @@ def clear_tile(scratch, left, top, view):
 
 
 @njit(error_model="numpy")
-def write_tile(features, scratch, left, top, view, background, color, alpha, depth, median, median_at, normal,
-               distortion, mean_inverse):
+def write_tile(
+    features,
+    scratch,
+    left,
+    top,
+    view,
+    background,
+    color,
+    alpha,
+    depth,
+    median,
+    median_at,
+    normal,
+    distortion,
+    mean_inverse,
+):
     """From the forward pass' sums to the images (flat)."""
     width, height = np.int64(view[layout.WIDTH]), np.int64(view[layout.HEIGHT])
     count = width - left
@@ -107,8 +117,26 @@ def write_tile(features, scratch, left, top, view, background, color, alpha, dep
 
 
 @njit(error_model="numpy")
-def read_tile(features, scratch, left, top, view, color, alpha, depth, normal, median_at, distortion, mean_inverse,
-              g_color, g_alpha, g_depth, g_median, g_normal, g_distortion):
+def read_tile(
+    features,
+    scratch,
+    left,
+    top,
+    view,
+    color,
+    alpha,
+    depth,
+    normal,
+    median_at,
+    distortion,
+    mean_inverse,
+    g_color,
+    g_alpha,
+    g_depth,
+    g_median,
+    g_normal,
+    g_distortion,
+):
     """Fill the planes of the backward pass from flat images. An output whose gradient is empty has none.
 
     The pixel's loss to first order is S = sum of weight times s over its Gaussians, plus the background's part,

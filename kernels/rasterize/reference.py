@@ -30,9 +30,15 @@ def rotation_matrices(quaternions: Tensor) -> Tensor:
     some = some / some.detach().abs().amax(dim=1, keepdim=True)
     w, x, y, z = torch.nn.functional.normalize(some, dim=1, eps=0.0).unbind(1)
     rows = [
-        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+        1 - 2 * (y * y + z * z),
+        2 * (x * y - w * z),
+        2 * (x * z + w * y),
+        2 * (x * y + w * z),
+        1 - 2 * (x * x + z * z),
+        2 * (y * z - w * x),
+        2 * (x * z - w * y),
+        2 * (y * z + w * x),
+        1 - 2 * (x * x + y * y),
     ]
     return torch.stack(rows, 1).reshape(-1, 3, 3)
 
@@ -41,16 +47,27 @@ def spherical_harmonics(directions: Tensor) -> Tensor:
     """(N, 16): 3DGS' real basis up to degree 3 in unit directions (N, 3), with its signs."""
     x, y, z = directions.unbind(1)
     xx, yy, zz = x * x, y * y, z * z
-    return torch.stack([
-        torch.full_like(x, 0.28209479177387814),
-        -0.4886025119029199 * y, 0.4886025119029199 * z, -0.4886025119029199 * x,
-        1.0925484305920792 * x * y, -1.0925484305920792 * y * z, 0.31539156525252005 * (2 * zz - xx - yy),
-        -1.0925484305920792 * x * z, 0.5462742152960396 * (xx - yy),
-        -0.5900435899266435 * y * (3 * xx - yy), 2.890611442640554 * x * y * z,
-        -0.4570457994644658 * y * (4 * zz - xx - yy), 0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy),
-        -0.4570457994644658 * x * (4 * zz - xx - yy), 1.445305721320277 * z * (xx - yy),
-        -0.5900435899266435 * x * (xx - 3 * yy),
-    ], 1)
+    return torch.stack(
+        [
+            torch.full_like(x, 0.28209479177387814),
+            -0.4886025119029199 * y,
+            0.4886025119029199 * z,
+            -0.4886025119029199 * x,
+            1.0925484305920792 * x * y,
+            -1.0925484305920792 * y * z,
+            0.31539156525252005 * (2 * zz - xx - yy),
+            -1.0925484305920792 * x * z,
+            0.5462742152960396 * (xx - yy),
+            -0.5900435899266435 * y * (3 * xx - yy),
+            2.890611442640554 * x * y * z,
+            -0.4570457994644658 * y * (4 * zz - xx - yy),
+            0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy),
+            -0.4570457994644658 * x * (4 * zz - xx - yy),
+            1.445305721320277 * z * (xx - yy),
+            -0.5900435899266435 * x * (xx - 3 * yy),
+        ],
+        1,
+    )
 
 
 class _Absolute(torch.autograd.Function):
@@ -68,9 +85,21 @@ class _Absolute(torch.autograd.Function):
 
 
 def rasterize(
-    means: Tensor, log_scales: Tensor, quaternions: Tensor, opacity_logits: Tensor, sh_dc: Tensor, sh_rest: Tensor, *,
-    camera: Camera, filter_3d: Tensor | None = None, sh_degree: int = 3, background: Tensor | None = None,
-    filter_2d: float = 0.1, blur: Tensor | None = None, geometry: Geometry = "depth", near: float = 0.2,
+    means: Tensor,
+    log_scales: Tensor,
+    quaternions: Tensor,
+    opacity_logits: Tensor,
+    sh_dc: Tensor,
+    sh_rest: Tensor,
+    *,
+    camera: Camera,
+    filter_3d: Tensor | None = None,
+    sh_degree: int = 3,
+    background: Tensor | None = None,
+    filter_2d: float = 0.1,
+    blur: Tensor | None = None,
+    geometry: Geometry = "depth",
+    near: float = 0.2,
     statistics: ViewStatistics | None = None,
 ) -> Raster:
     """Same arguments, results and conventions as `cpu.rasterize`, which documents them."""
@@ -97,10 +126,13 @@ def rasterize(
     filters = torch.zeros_like(means[:, 0]) if filter_3d is None else filter_3d.detach()
     scales = (bare_scales**2 + filters[index, None] ** 2).sqrt()
     zero = torch.zeros_like(z)
-    jacobian = torch.stack([
-        torch.stack([fx / z, zero, -fx * u_bounded / z], 1),
-        torch.stack([zero, fy / z, -fy * v_bounded / z], 1),
-    ], 1)
+    jacobian = torch.stack(
+        [
+            torch.stack([fx / z, zero, -fx * u_bounded / z], 1),
+            torch.stack([zero, fy / z, -fy * v_bounded / z], 1),
+        ],
+        1,
+    )
     factor = jacobian @ axes * scales[:, None, :]
     covariance = factor @ factor.mT
     filtered = covariance + filter_2d * torch.eye(2, **to)
@@ -194,8 +226,11 @@ def rasterize(
     if statistics is not None:
         _fill(statistics, means, index, drawn, 3 * longest.sqrt(), projected, total_abs)
     outputs = (
-        color.reshape(height, width, 3), alpha_sum.reshape(height, width), depth,
-        median.reshape(height, width) * cosine, normal.reshape(height, width, 3),
+        color.reshape(height, width, 3),
+        alpha_sum.reshape(height, width),
+        depth,
+        median.reshape(height, width) * cosine,
+        normal.reshape(height, width, 3),
         distortion.reshape(height, width) / cosine**2,
     )
     left_out = {"none": 4, "depth": 3, "full": 1, "distortion": 0}[geometry]

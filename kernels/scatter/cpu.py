@@ -40,7 +40,7 @@ def scatter(
     height, width, channels = image.shape
     groups = []
     for first in range(0, channels, COLOURS):
-        colours = image[..., first:first + COLOURS]
+        colours = image[..., first : first + COLOURS]
         if colours.shape[2] < COLOURS:
             colours = torch.nn.functional.pad(colours, (0, COLOURS - colours.shape[2]))
         groups.append(_Scatter.apply(colours.contiguous(), signed_radius, alpha, shape, energy == "area", form))
@@ -90,8 +90,9 @@ class _Scatter(torch.autograd.Function):
             context.packed = None
         else:
             edge = edges(sizes, largest, alpha, shape)
-            packed = pack_sources(colours, radii, sizes, edge.kind == RATIONAL, np.float32(2.0 * alpha),
-                                  np.float32(edge.base), area)
+            packed = pack_sources(
+                colours, radii, sizes, edge.kind == RATIONAL, np.float32(2.0 * alpha), np.float32(edge.base), area
+            )
             blurred, total = cpu_direct.forward(*packed, sizes, edge)
             context.packed = *packed, edge
         context.sums = blurred, total
@@ -106,10 +107,12 @@ class _Scatter(torch.autograd.Function):
         sizes, alpha, area = context.options
         if context.packed is None:
             by_colour, by_radius = cpu_linear_backward.backward(
-                gradient, image, radii, blurred, total, sizes, alpha, area)
+                gradient, image, radii, blurred, total, sizes, alpha, area
+            )
         else:
             sources, reach, edge = context.packed
             by_sums, own = cpu_direct_backward.pack_gradient(gradient, image, blurred, total, sizes)
             by_colour, by_radius = cpu_direct_backward.backward(
-                sources, reach, radii, by_sums, own, sizes, edge, alpha, area)
+                sources, reach, radii, by_sums, own, sizes, edge, alpha, area
+            )
         return torch.from_numpy(by_colour), torch.from_numpy(by_radius), None, None, None, None

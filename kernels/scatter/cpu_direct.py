@@ -23,8 +23,12 @@ _ONE = np.float32(1.0)
 
 @njit(error_model="numpy")
 def _accumulate(sums, weight, planes, at, stride):
-    return (sums[0] + weight * load8(planes, at + stride), sums[1] + weight * load8(planes, at + 2 * stride),
-            sums[2] + weight * load8(planes, at + 3 * stride), sums[3] + weight * load8(planes, at + 4 * stride))
+    return (
+        sums[0] + weight * load8(planes, at + stride),
+        sums[1] + weight * load8(planes, at + 2 * stride),
+        sums[2] + weight * load8(planes, at + 3 * stride),
+        sums[3] + weight * load8(planes, at + 4 * stride),
+    )
 
 
 @njit(error_model="numpy")
@@ -107,8 +111,9 @@ def _spread(planes, reach, sizes, rows, kind, folded, outer, slope, stop, opacit
                         elif kind == EXPONENTIAL:
                             sums = _gather_exponential(sums, planes, at + i, stride, low, high, outer, slope, entry)
                         else:
-                            sums = _gather_stopped(sums, planes, at + i, stride, low, high, outer, slope, entry,
-                                                   stop, opacity)
+                            sums = _gather_stopped(
+                                sums, planes, at + i, stride, low, high, outer, slope, entry, stop, opacity
+                            )
                         if below:
                             _add(buffer, to + i, sums)
                         if above:
@@ -130,7 +135,7 @@ def _merge(buffers, height, width, rows, reach_y):
             line[:] = 0
             for part in range(first, last + 1):
                 at = (y - part * rows + reach_y) * SUMS * STRIP
-                line += buffers[part, strip, at:at + SUMS * STRIP]
+                line += buffers[part, strip, at : at + SUMS * STRIP]
             for column in range(min(STRIP, width - strip * STRIP)):
                 x = strip * STRIP + column
                 weight = line[COLOURS * STRIP + column]
@@ -144,6 +149,7 @@ def forward(planes: np.ndarray, reach: np.ndarray, sizes: Geometry, edge: Edges)
     """Blurred colours (H, W, COLOURS) and total weight (H, W); planes, reach: from `pack_sources`."""
     # A band of this height makes little overlap to merge, and still leaves work for several threads.
     rows = max(48, 2 * sizes.reach_y)
-    buffers = _spread(planes, reach, sizes, rows, edge.kind, edge.folded, edge.outer, edge.slope, edge.stop,
-                      edge.opacity)
+    buffers = _spread(
+        planes, reach, sizes, rows, edge.kind, edge.folded, edge.outer, edge.slope, edge.stop, edge.opacity
+    )
     return _merge(buffers, sizes.height, sizes.width, rows, sizes.reach_y)

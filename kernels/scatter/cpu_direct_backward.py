@@ -25,8 +25,8 @@ from dofbench.simd import load8, store8
 from .cpu_edge import half_width, logistic2
 from .cpu_pack import BLOCK, COLOURS, PLANES, RATIONAL, SUMS, Edges, Geometry
 
-STRIP = 64       # sources of a task in x
-ROWS = 16        # and in y
+STRIP = 64  # sources of a task in x
+ROWS = 16  # and in y
 LANES = 8
 _ONE, _NONE = np.float32(1.0), np.float32(0.0)
 
@@ -78,16 +78,23 @@ def _load4(lines, at, count):
 
 @njit(error_model="numpy")
 def _load4_mirrored(lines, at, dx, count):
-    return (load8(lines, at + dx) + load8(lines, at - dx),
-            load8(lines, at + count + dx) + load8(lines, at + count - dx),
-            load8(lines, at + 2 * count + dx) + load8(lines, at + 2 * count - dx),
-            load8(lines, at + 3 * count + dx) + load8(lines, at + 3 * count - dx))
+    return (
+        load8(lines, at + dx) + load8(lines, at - dx),
+        load8(lines, at + count + dx) + load8(lines, at + count - dx),
+        load8(lines, at + 2 * count + dx) + load8(lines, at + 2 * count - dx),
+        load8(lines, at + 3 * count + dx) + load8(lines, at + 3 * count - dx),
+    )
 
 
 @njit(error_model="numpy")
 def _load5(planes, at, step):
-    return (load8(planes, at), load8(planes, at + step), load8(planes, at + 2 * step), load8(planes, at + 3 * step),
-            load8(planes, at + 4 * step))
+    return (
+        load8(planes, at),
+        load8(planes, at + step),
+        load8(planes, at + 2 * step),
+        load8(planes, at + 3 * step),
+        load8(planes, at + 4 * step),
+    )
 
 
 @njit(error_model="numpy")
@@ -107,8 +114,13 @@ def _product(gradient, source):
 @njit(error_model="numpy")
 def _collect(sums, weight, slope, gradient, product):
     """Add one offset: S times the gradient by three colours, S D and S' D."""
-    return (sums[0] + weight * gradient[0], sums[1] + weight * gradient[1], sums[2] + weight * gradient[2],
-            sums[3] + weight * product, sums[4] + slope * product)
+    return (
+        sums[0] + weight * gradient[0],
+        sums[1] + weight * gradient[1],
+        sums[2] + weight * gradient[2],
+        sums[3] + weight * product,
+        sums[4] + slope * product,
+    )
 
 
 @njit(error_model="numpy")
@@ -142,8 +154,9 @@ def _visit_rational(sums, lines, at, count, source, own, own_at, dy, last, outer
 
 
 @njit(error_model="numpy")
-def _visit_exponential(sums, lines, at, count, source, own, own_at, dy, last, outer, slope, entry, stop,
-                       opacity, folded):
+def _visit_exponential(
+    sums, lines, at, count, source, own, own_at, dy, last, outer, slope, entry, stop, opacity, folded
+):
     # Tables are by source column minus target column; here the target is at +dx.
     gradient = _load4(lines, at, count)
     weight, steep = _exponential(source[0], outer[entry], slope[entry], stop, opacity)
@@ -204,12 +217,37 @@ def _gather(sources, reach, gradient, own, sizes, kind, folded, outer, slope, st
                         source = _load5(sources, y * PLANES * stride + left + i, stride)
                         sums = _load5(running, i, STRIP)
                         if kind == RATIONAL:
-                            sums = _visit_rational(sums, lines, around + i, count, source, own,
-                                                   y * stride + left + i, dy, last, outer, entry)
+                            sums = _visit_rational(
+                                sums,
+                                lines,
+                                around + i,
+                                count,
+                                source,
+                                own,
+                                y * stride + left + i,
+                                dy,
+                                last,
+                                outer,
+                                entry,
+                            )
                         else:
-                            sums = _visit_exponential(sums, lines, around + i, count, source, own,
-                                                      y * stride + left + i, dy, last, outer, slope, entry,
-                                                      stop, opacity, folded)
+                            sums = _visit_exponential(
+                                sums,
+                                lines,
+                                around + i,
+                                count,
+                                source,
+                                own,
+                                y * stride + left + i,
+                                dy,
+                                last,
+                                outer,
+                                slope,
+                                entry,
+                                stop,
+                                opacity,
+                                folded,
+                            )
                         _store5(running, i, STRIP, sums)
     return result
 
@@ -236,14 +274,24 @@ def _finish(sums, signed_radius, steepness, area_epsilon, area):
     return by_colour, by_radius
 
 
-def backward(sources: np.ndarray, reach: np.ndarray, signed_radius: np.ndarray, gradient: np.ndarray,
-             own: np.ndarray, sizes: Geometry, edge: Edges, alpha: float, area: bool) -> tuple[np.ndarray, np.ndarray]:
+def backward(
+    sources: np.ndarray,
+    reach: np.ndarray,
+    signed_radius: np.ndarray,
+    gradient: np.ndarray,
+    own: np.ndarray,
+    sizes: Geometry,
+    edge: Edges,
+    alpha: float,
+    area: bool,
+) -> tuple[np.ndarray, np.ndarray]:
     """Gradients by the image (H, W, COLOURS) and by the signed radius (H, W).
 
     sources, reach: from `pack_sources`; gradient, own: from `pack_gradient`.
     """
-    sums = _gather(sources, reach, gradient, own, sizes, edge.kind, edge.folded, edge.outer, edge.slope, edge.stop,
-                   edge.opacity)
+    sums = _gather(
+        sources, reach, gradient, own, sizes, edge.kind, edge.folded, edge.outer, edge.slope, edge.stop, edge.opacity
+    )
     # The rational form leaves dS/dR = 2 alpha S (1 - S) without its constant; the other's tables are powers of 2.
     steepness = 2.0 * alpha if edge.kind == RATIONAL else math.log(2.0)
     return _finish(sums, signed_radius, np.float32(steepness), np.float32(AREA_EPSILON), area)

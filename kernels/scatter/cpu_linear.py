@@ -49,8 +49,8 @@ from .cpu_pack import COLOURS, Geometry
 from .double4 import add_product4, add_row4, load4, splat4, splat_at4, store4, store_double8
 
 WAYS = COLOURS + 1  # lanes of a pixel
-LANES = 8           # sources worked on together, entries of a soft end worked out together
-TILE = 512          # sources of a tile's row: its sums and its sources stay in the nearest caches
+LANES = 8  # sources worked on together, entries of a soft end worked out together
+TILE = 512  # sources of a tile's row: its sums and its sources stay in the nearest caches
 SMALL_IMAGE = 1 << 21
 # Farther out than exp(-40) nothing is left of a weight, even beside the largest highlight, in float32.
 LARGEST_EXPONENT = 40.0
@@ -177,8 +177,9 @@ def _soft_ends_of(entries):
         for lane in range(LANES):
             left, right = np.int64(plan[at + _LEFT + lane]), np.int64(plan[at + _RIGHT + lane])
             for e in range(entries):
-                add_product4(softs, left - e * WAYS, right + e * WAYS, weights, lane * LANES + e,
-                             colours, (group + lane) * WAYS)
+                add_product4(
+                    softs, left - e * WAYS, right + e * WAYS, weights, lane * LANES + e, colours, (group + lane) * WAYS
+                )
 
     return add
 
@@ -198,8 +199,11 @@ def _add_sources(table, entry, groups, evens, odds, colours, plan, longest, full
             store4(runs, end, load4(runs, end) - source)
         if most <= LANES:
             for lane in range(LANES):
-                soft = _soft8(load8(table, entry + np.int64(plan[at + _START + lane])),
-                              splat8(evens[group + lane]), splat8(odds[group + lane]))
+                soft = _soft8(
+                    load8(table, entry + np.int64(plan[at + _START + lane])),
+                    splat8(evens[group + lane]),
+                    splat8(odds[group + lane]),
+                )
                 store8(weights, lane * LANES, soft * load8(ones, np.int64(plan[at + _ZEROS + lane])))
             if most <= 3:
                 _add3(softs, weights, colours, group, plan, at)
@@ -279,31 +283,66 @@ def _spread(image, signed_radius, area, table, columns, sizes, rows, tile, step,
         bottom, last = min(height, top + rows), min(width, first + tile)
         row0, column0 = max(0, top - reach_y), max(0, first - reach_x)
         size = LANES * -(-(last - first) // LANES)
-        runs, softs = (np.zeros((last - first + 2 * pad) * WAYS, np.float64),
-                       np.zeros((last - first + 2 * pad) * WAYS, np.float32))
+        runs, softs = (
+            np.zeros((last - first + 2 * pad) * WAYS, np.float64),
+            np.zeros((last - first + 2 * pad) * WAYS, np.float32),
+        )
         inner, outer, places = np.full(size, -_ONE), np.full(size, -_ONE), np.zeros(size, np.float32)
         evens, odds, colours = np.zeros(size, np.float32), np.zeros(size, np.float32), np.zeros(size * WAYS, np.float32)
         plan, longest = np.empty(size // LANES * _PLAN, np.int32), np.empty(size // LANES, np.int64)
         fulls, weights = np.empty(size, np.float64), np.empty(LANES * LANES, np.float32)
         for y in range(top, bottom):
-            _sort_row(image[y, first:last], signed_radius[y, first:last], sizes, area, period, steepness,
-                      inner, outer, evens, odds, places, colours)
+            _sort_row(
+                image[y, first:last],
+                signed_radius[y, first:last],
+                sizes,
+                area,
+                period,
+                steepness,
+                inner,
+                outer,
+                evens,
+                odds,
+                places,
+                colours,
+            )
             for dy in range(reach_y + 1):
                 below, above = y + dy < height, dy > 0 and y - dy >= 0
                 rest = outer[0] - np.float32(dy) * np.float32(dy)
                 if rest < _ZERO or not (below or above):
                     break
                 entry = dy * columns
-                groups = _plan_row(np.float32(dy), splat8(load1(table, entry)), np.float32(reach_x), np.float32(pad),
-                                   inner, outer, evens, odds, places, plan, longest, fulls)
-                _add_sources(table, entry, groups, evens, odds, colours, plan, longest, fulls, ones, weights,
-                             runs, softs)
+                groups = _plan_row(
+                    np.float32(dy),
+                    splat8(load1(table, entry)),
+                    np.float32(reach_x),
+                    np.float32(pad),
+                    inner,
+                    outer,
+                    evens,
+                    odds,
+                    places,
+                    plan,
+                    longest,
+                    fulls,
+                )
+                _add_sources(
+                    table, entry, groups, evens, odds, colours, plan, longest, fulls, ones, weights, runs, softs
+                )
                 chord = min(reach_x, int(np.sqrt(rest))) + 1
                 left, right = max(0, first - chord), min(width, last + chord)
                 to = (y - row0) * wide + left - column0
-                _flush(runs, softs, (pad - chord - LANES) * WAYS, (pad + left - first) * WAYS,
-                       (pad + right - first) * WAYS, (pad + last - first + chord + LANES) * WAYS, buffer,
-                       (to + dy * wide) * WAYS if below else -1, (to - dy * wide) * WAYS if above else -1)
+                _flush(
+                    runs,
+                    softs,
+                    (pad - chord - LANES) * WAYS,
+                    (pad + left - first) * WAYS,
+                    (pad + right - first) * WAYS,
+                    (pad + last - first + chord + LANES) * WAYS,
+                    buffer,
+                    (to + dy * wide) * WAYS if below else -1,
+                    (to - dy * wide) * WAYS if above else -1,
+                )
     return buffers
 
 
@@ -320,7 +359,7 @@ def _merge(buffers, height, width, rows, tile, reach_y, reach_x):
             at = (y - max(0, band * rows - reach_y)) * wide * WAYS
             for part in range(across):
                 left, right = max(0, part * tile - reach_x), min(width, part * tile + tile + reach_x)
-                line[left * WAYS:right * WAYS] += buffers[band * across + part, at:at + (right - left) * WAYS]
+                line[left * WAYS : right * WAYS] += buffers[band * across + part, at : at + (right - left) * WAYS]
         for x in range(width):
             total[y, x] = line[x * WAYS + COLOURS]
             for channel in range(COLOURS):
@@ -344,8 +383,9 @@ def _tiles(sizes: Geometry) -> tuple[int, int, int]:
     return rows, tile, step
 
 
-def forward(image: np.ndarray, signed_radius: np.ndarray, sizes: Geometry, alpha: float,
-            area: bool) -> tuple[np.ndarray, np.ndarray]:
+def forward(
+    image: np.ndarray, signed_radius: np.ndarray, sizes: Geometry, alpha: float, area: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """Blurred colours (H, W, COLOURS) and total weight (H, W)."""
     farthest = LARGEST_EXPONENT / (2.0 * alpha)
     sizes = sizes._replace(band=min(sizes.band, farthest), usual_band=min(sizes.usual_band, farthest))
@@ -353,6 +393,17 @@ def forward(image: np.ndarray, signed_radius: np.ndarray, sizes: Geometry, alpha
     columns = sizes.reach_x + 2 + 2 * LANES
     table = _table(sizes.reach_y + 1, columns, period, 2.0 * alpha)
     rows, tile, step = _tiles(sizes)
-    buffers = _spread(image, signed_radius, area, table, columns, sizes, rows, tile, step, np.float32(period),
-                      np.float32(2.0 * alpha * math.log2(math.e)))
+    buffers = _spread(
+        image,
+        signed_radius,
+        area,
+        table,
+        columns,
+        sizes,
+        rows,
+        tile,
+        step,
+        np.float32(period),
+        np.float32(2.0 * alpha * math.log2(math.e)),
+    )
     return _merge(buffers, sizes.height, sizes.width, rows, tile, sizes.reach_y, sizes.reach_x)

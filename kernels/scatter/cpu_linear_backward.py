@@ -24,7 +24,7 @@ from .cpu_pack import COLOURS, Geometry
 from .double4 import load4, splat4, store4
 
 WAYS = COLOURS + 1  # lanes of a pixel
-LANES = 8           # sources whose soft ends are worked out together
+LANES = 8  # sources whose soft ends are worked out together
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
 
@@ -89,7 +89,7 @@ def _prefix(gradient, image, blurred, total, pad):
     for y in prange(height):
         running = np.zeros(WAYS, np.float64)
         for x in range(pad):
-            sums[y, x * WAYS:x * WAYS + WAYS] = 0
+            sums[y, x * WAYS : x * WAYS + WAYS] = 0
         for x in range(width):
             at = (pad + x) * WAYS
             for way in range(WAYS):
@@ -138,8 +138,17 @@ def _gather(image, signed_radius, radii, largest, sums, correction, sizes, steep
                     gradient = gradient + load4(sums, (y - dy) * in_row + i)
                 store4(line, i, gradient)
             for start in range(0, width, LANES):
-                count = _soft_ends(weights, slopes, cores, load8(radii, y * columns + start), np.float32(dy),
-                                   steepness, band, least, np.float32(reach_x))
+                count = _soft_ends(
+                    weights,
+                    slopes,
+                    cores,
+                    load8(radii, y * columns + start),
+                    np.float32(dy),
+                    steepness,
+                    band,
+                    least,
+                    np.float32(reach_x),
+                )
                 for lane in range(min(LANES, width - start)):
                     x, core = start + lane, int(cores[lane])
                     left, right = (pad + x - core) * WAYS, (pad + x + core + 1) * WAYS
@@ -170,10 +179,28 @@ def _gather(image, signed_radius, radii, largest, sums, correction, sizes, steep
     return by_colour, by_radius
 
 
-def backward(gradient: np.ndarray, image: np.ndarray, signed_radius: np.ndarray, blurred: np.ndarray,
-             total: np.ndarray, sizes: Geometry, alpha: float, area: bool) -> tuple[np.ndarray, np.ndarray]:
+def backward(
+    gradient: np.ndarray,
+    image: np.ndarray,
+    signed_radius: np.ndarray,
+    blurred: np.ndarray,
+    total: np.ndarray,
+    sizes: Geometry,
+    alpha: float,
+    area: bool,
+) -> tuple[np.ndarray, np.ndarray]:
     """Gradients by the image (H, W, COLOURS) and by the signed radius (H, W)."""
     sums, correction = _prefix(gradient, image, blurred, total, sizes.reach_x + 1)
     radii, largest = _radii(signed_radius)
-    return _gather(image, signed_radius, radii, largest, sums, correction, sizes,
-                   np.float32(2.0 * alpha * math.log2(math.e)), np.float32(2.0 * alpha), area)
+    return _gather(
+        image,
+        signed_radius,
+        radii,
+        largest,
+        sums,
+        correction,
+        sizes,
+        np.float32(2.0 * alpha * math.log2(math.e)),
+        np.float32(2.0 * alpha),
+        area,
+    )

@@ -18,8 +18,8 @@ from dofbench.lens import AREA_EPSILON, ApertureShape
 
 from .reference import STOP_OPACITY
 
-BLOCK = 16       # pixels of a block: sources whose reach is known, targets done together
-COLOURS = 3      # channels done at a time
+BLOCK = 16  # pixels of a block: sources whose reach is known, targets done together
+COLOURS = 3  # channels done at a time
 SUMS = COLOURS + 1
 PLANES = COLOURS + 2
 NOWHERE = np.float32(-1e9)  # the reach of a block without sources
@@ -110,8 +110,10 @@ def geometry(height: int, width: int, largest: float, alpha: float, brightest: f
     # because most sources spread far beyond it.
     contrast = max(1.0, brightest / max(mean, SMALLEST_MEAN) / USUAL_CONTRAST)
     spread = max(1.0, largest**2 / (height * width))
-    usual_band, band = ((BAND_EXPONENT + math.log(tail) + math.log(spread)) / (2.0 * alpha)
-                        for tail in (min(contrast, BRIGHT / USUAL_CONTRAST), contrast))
+    usual_band, band = (
+        (BAND_EXPONENT + math.log(tail) + math.log(spread)) / (2.0 * alpha)
+        for tail in (min(contrast, BRIGHT / USUAL_CONTRAST), contrast)
+    )
     least = FOCUS_EXPONENT / (2.0 * alpha)
     reach = math.ceil(min(max(largest + band, least), height + width))
     reach_x, reach_y = min(reach, width - 1), min(reach, height - 1)

@@ -11,7 +11,7 @@ from dofbench.kernel_cache import cached
 from dofbench.simd import exp2_fast8, load8, log2_8, max8, min8, select8, store8
 
 _LANES = 8
-_CHUNK = 4096   # numbers of a task
+_CHUNK = 4096  # numbers of a task
 _INFINITY = np.float32(np.inf)
 _LARGEST_EXPONENT = np.float32(126.0)
 
@@ -61,9 +61,9 @@ def _power(values, exponent, toe, line):
             store8(result, i, _power8(load8(values, i), exponent, toe, line))
     # The rest goes through the same arithmetic, so that a pixel's value doesn't depend on its place.
     rest = np.ones(_LANES, np.float32)
-    rest[:size - whole] = values[whole:]
+    rest[: size - whole] = values[whole:]
     store8(rest, 0, _power8(load8(rest, 0), exponent, toe, line))
-    result[whole:] = rest[:size - whole]
+    result[whole:] = rest[: size - whole]
     return result
 
 

@@ -74,8 +74,8 @@ def check_largest(radius: float, kind: torch.finfo) -> None:
     """
     if not math.isfinite(radius):
         raise FloatingPointError("signed_radius: expected finite values, found NaN or infinity")
-    if radius > kind.tiny ** -0.5:
-        raise FloatingPointError(f"signed_radius: expected at most {kind.tiny ** -0.5:.3g} pixels, found {radius:.3g}")
+    if radius > kind.tiny**-0.5:
+        raise FloatingPointError(f"signed_radius: expected at most {kind.tiny**-0.5:.3g} pixels, found {radius:.3g}")
 
 
 def _overlap(offset: int, size: int) -> tuple[slice, slice]:
@@ -89,6 +89,7 @@ def _confusion(radius: Tensor, dx: int, dy: int, alpha: float, shape: ApertureSh
     # sigmoid(2 x) is 1/2 + 1/2 tanh(x), without its cancellation where the tail is small.
     weight = torch.sigmoid(2.0 * alpha * (radius * factor - distance))
     if shape.obstruction > 0:
-        weight = weight * (1.0 - STOP_OPACITY * torch.sigmoid(
-            2.0 * alpha * (radius * (factor * shape.obstruction) - distance)))
+        weight = weight * (
+            1.0 - STOP_OPACITY * torch.sigmoid(2.0 * alpha * (radius * (factor * shape.obstruction) - distance))
+        )
     return weight

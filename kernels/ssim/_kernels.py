@@ -22,8 +22,8 @@ from numba.extending import intrinsic
 
 from dofbench.kernel_cache import cached
 
-BAND = 16         # rows of a tile
-_TILE_ROW = 768   # numbers (pixels times channels) in a row of a tile, rounded to whole pixels
+BAND = 16  # rows of a tile
+_TILE_ROW = 768  # numbers (pixels times channels) in a row of a tile, rounded to whole pixels
 
 _u = np.uint64
 _ZERO, _ONE, _TWO, _THREE, _FOUR = _u(0), _u(1), _u(2), _u(3), _u(4)

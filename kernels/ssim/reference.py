@@ -23,9 +23,7 @@ def gaussian_window(window: int, sigma: float) -> list[float]:
     return (samples / samples.sum()).tolist()
 
 
-def check_images(
-    prediction: Tensor, target: Tensor, border: str, window: int, sigma: float, data_range: float
-) -> None:
+def check_images(prediction: Tensor, target: Tensor, border: str, window: int, sigma: float, data_range: float) -> None:
     """Raise ValueError, naming what was found and expected, for arguments `ssim` can't take."""
     if prediction.ndim != 3 or prediction.shape != target.shape:
         raise ValueError(

@@ -19,7 +19,7 @@ from .cpu_returns import find_returns
 from .cpu_sweep import sweep
 from .reference import CENTRE, check
 
-SCRATCH = 2**28   # bytes that semiglobal matching takes beside the scores
+SCRATCH = 2**28  # bytes that semiglobal matching takes beside the scores
 _F = np.float32
 _ZERO, _ONE, _HALF = _F(0), _F(1), _F(0.5)
 
@@ -31,8 +31,9 @@ def stereo(reference: Tensor, sources: Tensor, maps: Tensor, disparities: Tensor
     """
     check(reference, sources, maps, disparities, radius, best)
     scores = np.empty((*reference.shape, len(disparities)), np.float32)
-    single = [tensor.detach().to(torch.float32).contiguous().numpy()
-              for tensor in (reference, sources, maps, disparities)]
+    single = [
+        tensor.detach().to(torch.float32).contiguous().numpy() for tensor in (reference, sources, maps, disparities)
+    ]
     single[0], single[1] = single[0] - _F(CENTRE), np.pad(single[1] - _F(CENTRE), ((0, 0), (0, 1), (0, 1)), "edge")
     sweep(*single, radius, (0,) * (2 * radius + 1), best, scores)
     return torch.from_numpy(scores)
@@ -62,8 +63,12 @@ def _add(scores, coarse, share):
             a, b = (_ONE - y) * (_ONE - x), (_ONE - y) * x
             c, d = y * (_ONE - x), y * x
             for k in range(few):
-                mixed[k] = (a * coarse[top, left, k] + b * coarse[top, right, k]
-                            + c * coarse[bottom, left, k] + d * coarse[bottom, right, k])
+                mixed[k] = (
+                    a * coarse[top, left, k]
+                    + b * coarse[top, right, k]
+                    + c * coarse[bottom, left, k]
+                    + d * coarse[bottom, right, k]
+                )
             mixed[few] = mixed[few - 1]
             for k in range(count):
                 other = mixed[place[k]] + beyond[k] * (mixed[place[k] + 1] - mixed[place[k]])
@@ -75,8 +80,9 @@ def upsample(scores: Tensor, coarse: Tensor, share: float) -> None:
     _add(scores.numpy(), coarse.contiguous().numpy(), _F(share))
 
 
-def semiglobal(scores: Tensor, guide: Tensor, *, small: float, large: float, edge: float
-               ) -> tuple[Tensor, Tensor, Tensor]:
+def semiglobal(
+    scores: Tensor, guide: Tensor, *, small: float, large: float, edge: float
+) -> tuple[Tensor, Tensor, Tensor]:
     """(plane, score, margin), each (H, W); see `reference.semiglobal`. float32 on the CPU.
 
     Beside the scores it takes as much memory again, but no more than SCRATCH: a large image is done in blocks of

@@ -118,8 +118,19 @@ def down_columns(scores, guide, shape, known, small, large, edge, left, right, t
                     at = row * width + start + column
                     jump = _jump(guide, at, at if k == 0 else at - width if down else at + width, small, large, edge)
                     goal = (row * wide + start - left + column) * count
-                    lowest[column] = _step(one[column], two[column], lowest[column], scores, at * count, count, small,
-                                           jump, total, goal, True)
+                    lowest[column] = _step(
+                        one[column],
+                        two[column],
+                        lowest[column],
+                        scores,
+                        at * count,
+                        count,
+                        small,
+                        jump,
+                        total,
+                        goal,
+                        True,
+                    )
                     if not down:
                         winner, cost, second = _choose(total, goal, count)
                         shift = _ZERO

@@ -28,8 +28,8 @@ from dofbench.simd import (
 
 from .reference import FLOOR, UNKNOWN
 
-ROWS, COLUMNS = 32, 256   # of a tile
-PLANES = 8                # that a tile finishes together: they lie side by side in the result
+ROWS, COLUMNS = 32, 256  # of a tile
+PLANES = 8  # that a tile finishes together: they lie side by side in the result
 _F = np.float32
 _ZERO, _ONE, _HALF, _INFINITY = _F(0), _F(1), _F(0.5), _F(np.inf)
 
@@ -184,17 +184,43 @@ def sweep(reference, sources, maps, disparities, radius, window, best, scores):
             for index in range(planes):
                 largest[:] = -_INFINITY
                 for source in range(len(maps)):
-                    _warp(images[source], source_height, source_width, maps[source], disparities[first + index],
-                          top - radius, left - radius, rows + 2 * radius, pitch - LANES, warped, inside, pitch,
-                          at, along, down)
+                    _warp(
+                        images[source],
+                        source_height,
+                        source_width,
+                        maps[source],
+                        disparities[first + index],
+                        top - radius,
+                        left - radius,
+                        rows + 2 * radius,
+                        pitch - LANES,
+                        warped,
+                        inside,
+                        pitch,
+                        at,
+                        along,
+                        down,
+                    )
                     for row in range(rows):
                         # Sums that go on from those before gather rounding: no further than through a tile.
                         if row == 0:
                             _down(warped, patch, 0, pitch, window, padded + 2 * radius, sums)
                         else:
                             _further(warped, patch, row * pitch, pitch, window, padded + 2 * radius, sums)
-                        _correlate(sums, pitch, window, padded, own, deviation, inside, row * padded,
-                                   (row + radius) * pitch + radius, largest, layer, best)
+                        _correlate(
+                            sums,
+                            pitch,
+                            window,
+                            padded,
+                            own,
+                            deviation,
+                            inside,
+                            row * padded,
+                            (row + radius) * pitch + radius,
+                            largest,
+                            layer,
+                            best,
+                        )
                 _mean_of_best(largest, layer, best, index * layer, layer, together)
             for row in range(rows):
                 for column in range(columns):

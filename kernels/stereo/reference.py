@@ -9,20 +9,23 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-FLOOR = 2e-5       # added to both variances, encoded values squared: noise and rounding of a flat patch match nothing
-UNKNOWN = 0.0      # score where no source sees the pixel: that of two unrelated patches
-CENTRE = 0.5       # taken off the images: sums of squares around zero lose fewer digits
-FAR = 2            # planes around the best one that don't count as another answer
+FLOOR = 2e-5  # added to both variances, encoded values squared: noise and rounding of a flat patch match nothing
+UNKNOWN = 0.0  # score where no source sees the pixel: that of two unrelated patches
+CENTRE = 0.5  # taken off the images: sums of squares around zero lose fewer digits
+FAR = 2  # planes around the best one that don't count as another answer
 
 
 def check(reference: Tensor, sources: Tensor, maps: Tensor, disparities: Tensor, radius: int, best: int) -> None:
     """Raise ValueError, naming what was found and expected, for arguments `stereo` can't take."""
     if reference.ndim != 2 or sources.ndim != 3:
-        raise ValueError(f"stereo: expected images (H, W) and (S, h, w), found {tuple(reference.shape)}, "
-                         f"{tuple(sources.shape)}")
+        raise ValueError(
+            f"stereo: expected images (H, W) and (S, h, w), found {tuple(reference.shape)}, {tuple(sources.shape)}"
+        )
     if tuple(maps.shape) != (len(sources), 3, 4) or disparities.ndim != 1:
-        raise ValueError(f"stereo: expected maps ({len(sources)}, 3, 4) and disparities (D,), found "
-                         f"{tuple(maps.shape)}, {tuple(disparities.shape)}")
+        raise ValueError(
+            f"stereo: expected maps ({len(sources)}, 3, 4) and disparities (D,), found "
+            f"{tuple(maps.shape)}, {tuple(disparities.shape)}"
+        )
     if radius < 1 or not 1 <= best <= len(sources):
         raise ValueError(f"stereo: expected radius >= 1 and best in 1 ... {len(sources)}, found {radius}, {best}")
 
@@ -54,8 +57,10 @@ def stereo(reference: Tensor, sources: Tensor, maps: Tensor, disparities: Tensor
     for disparity in disparities:
         found = []
         for source, matrix in zip(sources, maps, strict=True):
-            u, v, w = (matrix[i, 0] * x + (matrix[i, 1] * y[:, None] + (matrix[i, 2] + matrix[i, 3] * disparity))
-                       for i in range(3))
+            u, v, w = (
+                matrix[i, 0] * x + (matrix[i, 1] * y[:, None] + (matrix[i, 2] + matrix[i, 3] * disparity))
+                for i in range(3)
+            )
             warped, inside = _bilinear(source - CENTRE, u / w, v / w)
             inside = (inside & (w > 0))[radius:-radius, radius:-radius]
             other = mean(warped)
@@ -89,13 +94,15 @@ def upsample(scores: Tensor, coarse: Tensor, share: float) -> None:
     Linear along all three axes. Pixels are areas, as in images; the first and the last plane are the same in both.
     """
     planes = torch.nn.functional.interpolate(coarse, scores.shape[2], mode="linear", align_corners=True)
-    enlarged = torch.nn.functional.interpolate(planes.permute(2, 0, 1)[None], scores.shape[:2], mode="bilinear",
-                                               align_corners=False)
+    enlarged = torch.nn.functional.interpolate(
+        planes.permute(2, 0, 1)[None], scores.shape[:2], mode="bilinear", align_corners=False
+    )
     scores += share * (enlarged[0].permute(1, 2, 0) - scores)
 
 
-def semiglobal(scores: Tensor, guide: Tensor, *, small: float, large: float, edge: float
-               ) -> tuple[Tensor, Tensor, Tensor]:
+def semiglobal(
+    scores: Tensor, guide: Tensor, *, small: float, large: float, edge: float
+) -> tuple[Tensor, Tensor, Tensor]:
     """The plane of each pixel by semiglobal matching along the four axes: (plane, score, margin), each (H, W).
 
     scores: (H, W, D); a plane's cost is its negative score. guide: (H, W), the grey image: a jump of
@@ -146,8 +153,9 @@ def returns(depth: Tensor, other: Tensor, there: Tensor, back: Tensor, *, pixels
     into, and comes back by that: no more than `pixels` beside where it began, its depth off by a share of less than
     `share`.
     """
-    rows, columns = torch.meshgrid(*(torch.arange(size, dtype=there.dtype) + 0.5 for size in depth.shape),
-                                   indexing="ij")
+    rows, columns = torch.meshgrid(
+        *(torch.arange(size, dtype=there.dtype) + 0.5 for size in depth.shape), indexing="ij"
+    )
 
     def moved(matrix: Tensor, x: Tensor, y: Tensor, z: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         u, v, w = (z * (matrix[i, 0] * x + matrix[i, 1] * y + matrix[i, 2]) + matrix[i, 3] for i in range(3))

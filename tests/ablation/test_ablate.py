@@ -98,8 +98,17 @@ def ablate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable:
 
     def call(fatal: int | None = None, **changes) -> tuple[bool, list[str], str, Path]:
         here, stream = Here(fatal), io.StringIO()
-        settings = Ablate(**{"data": str(tmp_path / "data"), "tables": tmp_path / "tables.toml", "seeds": 2,
-                             "results": tmp_path / "results", "out": tmp_path / "out", "table": "noise", **changes})
+        settings = Ablate(
+            **{
+                "data": str(tmp_path / "data"),
+                "tables": tmp_path / "tables.toml",
+                "seeds": 2,
+                "results": tmp_path / "results",
+                "out": tmp_path / "out",
+                "table": "noise",
+                **changes,
+            }
+        )
         good = make_tables(settings, Console(file=stream, width=400), here)
         return good, here.made, stream.getvalue(), tmp_path / "out"
 
@@ -112,8 +121,11 @@ def rows(file: Path) -> list[dict[str, str]]:
 
 def scores(results: Path, method: str, column: str) -> list[float]:
     """By seed."""
-    found = {result.spec.seed: result.scores[column] for file in sorted(results.rglob(f"{method}*/result.json"))
-             if (result := read_result(file))}
+    found = {
+        result.spec.seed: result.scores[column]
+        for file in sorted(results.rglob(f"{method}*/result.json"))
+        if (result := read_result(file))
+    }
     return [found[seed] for seed in sorted(found)]
 
 
@@ -124,8 +136,7 @@ def test_a_table_of_one_dataset(ablate, tmp_path: Path) -> None:
     page = (out / "noise.md").read_text()
     some, more, pinhole = table_rows(page, "waves")
     assert list(some)[:3] == ["row", "noisy", "how"] and (more["noisy"], more["how"]) == ("yes", "added")
-    values = [float(row["value"]) for row in rows(out / "noise.csv")
-              if (row["row"], row["column"]) == ("more", "psnr")]
+    values = [float(row["value"]) for row in rows(out / "noise.csv") if (row["row"], row["column"]) == ("more", "psnr")]
     spread = abs(values[0] - values[1]) / math.sqrt(2)
     assert more["PSNR [dB] ↑"] == f"{sum(values) / 2:.2f} ± {spread:.2f}"
     assert notes(page, pinhole["PSNR [dB] ↑"]) == "Pinhole has no lens to refocus with"
@@ -166,8 +177,11 @@ def test_means_and_differences_over_datasets(ablate, tmp_path: Path) -> None:
     other = write_dataset(tmp_path / "other", name="ripples", seed=1, test=5)
     _, _, _, out = ablate(data=f"{tmp_path / 'data'},{other}")
     page = (out / "noise.md").read_text()
-    values = {(row["row"], row["dataset"], row["seed"]): float(row["value"])
-              for row in rows(out / "noise.csv") if row["column"] == "aif_psnr"}
+    values = {
+        (row["row"], row["dataset"], row["seed"]): float(row["value"])
+        for row in rows(out / "noise.csv")
+        if row["column"] == "aif_psnr"
+    }
     by_seed = [(values["more", "waves", seed] + values["more", "ripples", seed]) / 2 for seed in "01"]
     means = {row["row"]: row for row in table_rows(page, "Mean over 2 datasets")}
     spread = abs(by_seed[0] - by_seed[1]) / math.sqrt(2)
@@ -177,11 +191,15 @@ def test_means_and_differences_over_datasets(ablate, tmp_path: Path) -> None:
     views = {}  # (row, dataset) -> seeds by views
     for row, noise in (("some", 0.1), ("more", 0.8)):
         for dataset in ("waves", "ripples"):
-            found = [result for file in sorted((tmp_path / "results" / dataset).rglob("fake*/result.json"))
-                     if (result := read_result(file)).spec.options.get("noise", 0.1) == noise]
+            found = [
+                result
+                for file in sorted((tmp_path / "results" / dataset).rglob("fake*/result.json"))
+                if (result := read_result(file)).spec.options.get("noise", 0.1) == noise
+            ]
             views[row, dataset] = np.array([[view.scores["aif_psnr"] for view in result.views] for result in found])
-    by_view = [views["more", dataset].mean(axis=0) - views["some", dataset].mean(axis=0)
-               for dataset in ("waves", "ripples")]
+    by_view = [
+        views["more", dataset].mean(axis=0) - views["some", dataset].mean(axis=0) for dataset in ("waves", "ripples")
+    ]
     # All seven views say the same. The fakes of the rows "some" and "pinhole" are one and the same: nothing to test.
     assert all((one < 0).all() for one in by_view)
     shown = {row["row"]: row for row in table_rows(page, "Difference from some")}
@@ -297,10 +315,15 @@ def test_held_out_lenses_have_tables_of_their_own(ablate, tmp_path: Path) -> Non
     held = write_dataset(tmp_path / "apart", name="apart", assign="held-out")
     _, made, said, out = ablate(data=f"{tmp_path / 'data'},{held}", table=None, seeds=1)
     assert (out / "held.md").is_file() and "## apart" not in (out / "noise.md").read_text()
-    assert ("## apart, held-out focus: trained on F 0.2, 0.5, 0.8 and A 0.5, 1; "
-            "the test views ask for F 0.2, 0.5 and A 0.5, 1") in (out / "held.md").read_text()
+    assert (
+        "## apart, held-out focus: trained on F 0.2, 0.5, 0.8 and A 0.5, 1; "
+        "the test views ask for F 0.2, 0.5 and A 0.5, 1"
+    ) in (out / "held.md").read_text()
     assert [row["asked for"] for row in table_rows((out / "held.md").read_text(), ASKED_HEADING)] == [
-        "F 0.2, A 0.5 (1 view)", "F 0.5, A 1 (1 view)", "A 0, all in focus (2 views)"]
+        "F 0.2, A 0.5 (1 view)",
+        "F 0.5, A 1 (1 view)",
+        "A 0, all in focus (2 views)",
+    ]
     _, _, said, _ = ablate(table=None, seeds=1)
     assert "table held is left out: it wants a dataset made with --assign held-out" in said
     with pytest.raises(InputError, match="table held: found no dataset for it"):
@@ -355,7 +378,7 @@ def test_an_option_that_the_code_does_not_know_is_named_with_its_row(ablate, tmp
         ('reference = "some"', 'reference = "none"', "reference 'none'"),
         ('label = "more"', 'label = "some"', "two rows of one label"),
         ('id = "again"', 'id = "noise"', "two tables of one id"),
-        ("noisy = true, how = \"added\"", "noisy = true", "row more: switches noisy"),
+        ('noisy = true, how = "added"', "noisy = true", "row more: switches noisy"),
         ('source = "Nobody 2020, Table 9"', "", "figures of a paper without the table's source"),
         ('assign = ["held-out"]', 'assign = ["held-out", "fixed"]', "expected held-out alone"),
         ('assign = ["held-out"]', 'assign = ["held"]', "assign"),
@@ -374,9 +397,19 @@ def test_a_wrong_file_of_tables_is_one_line(tmp_path: Path, old: str, new: str, 
 def test_the_shipped_tables_hold_the_paper_s_figures() -> None:
     tables = {table.id: table for table in read_tables(shipped_file()).tables}
     assert [(row.paper["aif_psnr"], row.paper["aif_ssim"]) for row in tables["table4"].rows] == [
-        (21.31, 0.636), (23.05, 0.728), (23.59, 0.742), (23.42, 0.738), (23.97, 0.756)]
+        (21.31, 0.636),
+        (23.05, 0.728),
+        (23.59, 0.742),
+        (23.42, 0.738),
+        (23.97, 0.756),
+    ]
     assert [tuple(row.switches.values()) for row in tables["table4"].rows] == [
-        (False, False, False), (True, False, False), (True, False, True), (True, True, False), (True, True, True)]
+        (False, False, False),
+        (True, False, False),
+        (True, False, True),
+        (True, True, False),
+        (True, True, True),
+    ]
     full, same = tables["table4"].rows[-1], tables["table5"].rows[3]
     assert full.set == same.set and full.paper == same.paper  # one run, in both tables
     fern = {row.label: row.paper_scenes.get("fern") for row in tables["table3"].rows}

@@ -41,21 +41,35 @@ LIMIT = 120  # seconds, for a run to begin at all on a busy machine
 @pytest.fixture
 def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """`dofbench ablate` on a small dataset, with a method that costs nothing, two runs at a time."""
-    make_dataset(MakeDataset(scene=str(content_folder("datasets") / "thinlens" / "foliage"), width=64,
-                             out=tmp_path / "data"))
+    make_dataset(
+        MakeDataset(scene=str(content_folder("datasets") / "thinlens" / "foliage"), width=64, out=tmp_path / "data")
+    )
     methods = write_method(tmp_path / "methods")
     behaviour = methods / "fake" / "behaviour.py"
-    behaviour.write_text(behaviour.read_text().replace(
-        "    match options", '    if options["trouble"] == "killed":\n        __import__("os").kill('
-        '__import__("os").getpid(), 9)\n    match options'))
+    behaviour.write_text(
+        behaviour.read_text().replace(
+            "    match options",
+            '    if options["trouble"] == "killed":\n        __import__("os").kill('
+            '__import__("os").getpid(), 9)\n    match options',
+        )
+    )
     (tmp_path / "tables.toml").write_text(TABLES)
     monkeypatch.setenv("DOFBENCH_METHODS", str(methods))
     # The fake method is written with the help of this folder.
     path = [str(Path(__file__).parent.parent), *filter(None, [os.environ.get("PYTHONPATH")])]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path))
     options = {"data": "data", "tables": "tables.toml", "results": "results", "out": "out"}
-    return [sys.executable, "-m", "dofbench", "ablate", "--seeds", "1", "--jobs", "2",
-            *(word for name, value in options.items() for word in (f"--{name}", str(tmp_path / value)))]
+    return [
+        sys.executable,
+        "-m",
+        "dofbench",
+        "ablate",
+        "--seeds",
+        "1",
+        "--jobs",
+        "2",
+        *(word for name, value in options.items() for word in (f"--{name}", str(tmp_path / value))),
+    ]
 
 
 @pytest.mark.slow

@@ -24,10 +24,22 @@ from dofbench.reporting.columns import COLUMNS
 from dofbench.reporting.footnotes import Footnotes, table
 from dofbench.reporting.tables import write_csv
 
-FIELDS = ("method", "options", "budget", "seed", "protocol", "dataset_checksum", *ACROSS_COLUMNS,
-          *EXIF_COLUMNS, "exif_deviation", "train_s", "fit_s", "key")
+FIELDS = (
+    "method",
+    "options",
+    "budget",
+    "seed",
+    "protocol",
+    "dataset_checksum",
+    *ACROSS_COLUMNS,
+    *EXIF_COLUMNS,
+    "exif_deviation",
+    "train_s",
+    "fit_s",
+    "key",
+)
 AIMS = {"exif_spread": 15.0, "exif_ratio": 10.0}  # per cent, at most
-AHEAD = 2.0                                       # dB above a method without a lens, in the column BLURRED
+AHEAD = 2.0  # dB above a method without a lens, in the column BLURRED
 BLURRED = "across_blurred_psnr"
 Key = tuple[str, ...]
 
@@ -47,9 +59,13 @@ def row_of(entry: Entry, options: str) -> dict[str, object]:
     spec, result = entry.spec, entry.result
     errors = exif_errors([(view.aperture, view.f_number) for view in result.apertures])
     return {
-        **{name: getattr(spec, name) for name in ("method", "budget", "seed", "protocol")}, "options": options,
-        "dataset_checksum": spec.dataset_checksum[:16], "key": result.key[:8], "exif_deviation": errors.deviation,
-        "fit_s": sum(fit.seconds for fit in result.fits), **result.scores,
+        **{name: getattr(spec, name) for name in ("method", "budget", "seed", "protocol")},
+        "options": options,
+        "dataset_checksum": spec.dataset_checksum[:16],
+        "key": result.key[:8],
+        "exif_deviation": errors.deviation,
+        "fit_s": sum(fit.seconds for fit in result.fits),
+        **result.scores,
     }
 
 
@@ -57,26 +73,50 @@ def markdown(boards: dict[Key, dict[str, list[Entry]]]) -> str:
     """The tables, means over seeds, and how far the aims were reached. boards: by what runs must share to be compared,
     the seeds of each variant."""
     notes = Footnotes()
-    lines = ["# One aperture predicted from another, and apertures against EXIF", "",
-             "Written by `tests/bench/across_apertures.py`, whose head has the commands. Mean ± standard deviation "
-             "over seeds.", ""]
+    lines = [
+        "# One aperture predicted from another, and apertures against EXIF",
+        "",
+        "Written by `tests/bench/across_apertures.py`, whose head has the commands. Mean ± standard deviation "
+        "over seeds.",
+        "",
+    ]
     rows, aims = [], ["", "| aim | of | reached |", "| :--- | :--- | :--- |"]
     for (_, _, protocol), variants in boards.items():
         for name, seeds in variants.items():
-            cells = [_spread(seeds, column) if column in seeds[0].scores else
-                     f"–{notes.mark(seeds[0].left_out.get(column, f'{protocol} has no such score'))}"
-                     for column in (*ACROSS_COLUMNS, *EXIF_COLUMNS)]
+            cells = [
+                _spread(seeds, column)
+                if column in seeds[0].scores
+                else f"–{notes.mark(seeds[0].left_out.get(column, f'{protocol} has no such score'))}"
+                for column in (*ACROSS_COLUMNS, *EXIF_COLUMNS)
+            ]
             rows.append([name, protocol, seeds[0].spec.budget, str(len(seeds)), *cells])
             for column, most in AIMS.items():
                 if column in seeds[0].scores:
-                    aims.append(_aim(f"{COLUMNS[column].label} at most {most:g} % ({protocol})", name,
-                                     f"{_mean(seeds, column):.1f} %", _mean(seeds, column) <= most))
-            without = [_mean(other, BLURRED) for other in variants.values() if BLURRED in other[0].scores
-                       and "unscaled_psnr" not in other[0].scores and other[0].spec.budget == seeds[0].spec.budget]
+                    aims.append(
+                        _aim(
+                            f"{COLUMNS[column].label} at most {most:g} % ({protocol})",
+                            name,
+                            f"{_mean(seeds, column):.1f} %",
+                            _mean(seeds, column) <= most,
+                        )
+                    )
+            without = [
+                _mean(other, BLURRED)
+                for other in variants.values()
+                if BLURRED in other[0].scores
+                and "unscaled_psnr" not in other[0].scores
+                and other[0].spec.budget == seeds[0].spec.budget
+            ]
             if without and "unscaled_psnr" in seeds[0].scores:
                 ahead = _mean(seeds, BLURRED) - max(without)
-                aims.append(_aim(f"{AHEAD:g} dB above any method without a lens where training photographs are blurred",
-                                 name, f"{ahead:+.2f} dB", ahead >= AHEAD))
+                aims.append(
+                    _aim(
+                        f"{AHEAD:g} dB above any method without a lens where training photographs are blurred",
+                        name,
+                        f"{ahead:+.2f} dB",
+                        ahead >= AHEAD,
+                    )
+                )
     headings = [COLUMNS[column].heading for column in (*ACROSS_COLUMNS, *EXIF_COLUMNS)]
     lines += table(["method", "protocol", "budget", "seeds", *headings], rows, left=3)
     return "\n".join([*lines, *aims, "", *notes.lines()]) + "\n"
@@ -100,12 +140,16 @@ def main(settings: Settings) -> None:
     """Read the runs and write both files."""
     entries = collect(settings.results).entries
     names = {variant: " ".join(words) for variant, words in variant_names(entries).items()}
-    scored = [entry for entry in entries if entry.status is Status.OK
-              and any(column in entry.scores for column in (*ACROSS_COLUMNS, *EXIF_COLUMNS))]
-    boards = {board: {names[variant]: seeds for variant, seeds in grouped(members, "variant").items()}
-              for board, members in grouped(scored, "board").items()}
-    write_csv(settings.out / "across-apertures.csv", FIELDS,
-              [row_of(entry, names[entry.variant]) for entry in scored])
+    scored = [
+        entry
+        for entry in entries
+        if entry.status is Status.OK and any(column in entry.scores for column in (*ACROSS_COLUMNS, *EXIF_COLUMNS))
+    ]
+    boards = {
+        board: {names[variant]: seeds for variant, seeds in grouped(members, "variant").items()}
+        for board, members in grouped(scored, "board").items()
+    }
+    write_csv(settings.out / "across-apertures.csv", FIELDS, [row_of(entry, names[entry.variant]) for entry in scored])
     write_text(settings.out / "across-apertures.md", markdown(boards))
 
 

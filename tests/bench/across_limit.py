@@ -57,16 +57,20 @@ def gains(predicted: np.ndarray, blurred: np.ndarray, photograph: np.ndarray) ->
     size, least = np.sqrt(np.square(whole).mean()), np.sqrt(np.square(lost).mean())
     left = np.sqrt(np.square(whole - lost).mean())
     return {
-        "blur_psnr": -20 * math.log10(least), "without_psnr": -20 * math.log10(size),
-        "correlation": float((whole * lost).mean() / (size * least)), "gain": 20 * math.log10(size / left),
+        "blur_psnr": -20 * math.log10(least),
+        "without_psnr": -20 * math.log10(size),
+        "correlation": float((whole * lost).mean() / (size * least)),
+        "gain": 20 * math.log10(size / left),
         "most_gain": 20 * math.log10(size / (size - least)) if size > least else math.inf,
     }
 
 
 def blurred_as_in_training(method: Method, dataset: Dataset, view: DatasetView) -> tuple[np.ndarray, np.ndarray]:
     """(photograph through the lens of the nearest training view, circles of confusion in pixels)."""
-    near = min((other for other in dataset.views if other.split == "train"),
-               key=lambda other: float(np.linalg.norm(other.camera.centre - view.camera.centre)))
+    near = min(
+        (other for other in dataset.views if other.split == "train"),
+        key=lambda other: float(np.linalg.norm(other.camera.centre - view.camera.centre)),
+    )
     depth = np.asarray(method.render(view.camera, None).depth)
     there = depth > 0
     disparity = np.where(there, 1 / np.where(there, depth, 1.0), (1 / depth[there]).min())
@@ -82,8 +86,14 @@ def rows(dataset: Dataset, seed: int, with_lens: Method, without: Path) -> list[
         mask = thirds[view.name] == BLURRED
         blurred, circles = blurred_as_in_training(with_lens, dataset, view)
         predicted = read_image(without / f"{view.name}.png")
-        found.append({"seed": seed, "view": view.name, "circle_px": float(np.median(circles[mask])),
-                      **gains(predicted[mask], blurred[mask], dataset.image(view)[mask])})
+        found.append(
+            {
+                "seed": seed,
+                "view": view.name,
+                "circle_px": float(np.median(circles[mask])),
+                **gains(predicted[mask], blurred[mask], dataset.image(view)[mask]),
+            }
+        )
     means = {name: float(np.mean([row[name] for row in found])) for name in FIELDS[2:]}
     return [*found, {"seed": seed, "view": "mean", **means}]
 
@@ -91,9 +101,11 @@ def rows(dataset: Dataset, seed: int, with_lens: Method, without: Path) -> list[
 def main(settings: Settings) -> None:
     """Measure every seed that has both runs."""
     dataset = Dataset.load(settings.data)
-    runs = {(entry.spec.method, entry.spec.seed): entry for entry in collect(settings.results).entries
-            if entry.status is Status.OK and entry.spec.dataset_checksum == dataset.checksum
-            and not entry.spec.overrides}
+    runs = {
+        (entry.spec.method, entry.spec.seed): entry
+        for entry in collect(settings.results).entries
+        if entry.status is Status.OK and entry.spec.dataset_checksum == dataset.checksum and not entry.spec.overrides
+    }
     table = []
     for (method, seed), entry in runs.items():
         if method == "dofgaussian" and (other := runs.get(("mipsplatting", seed))) is not None:

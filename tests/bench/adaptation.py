@@ -68,8 +68,10 @@ def main(settings: Settings) -> None:
         values = np.array(rows)
         spread = values.std(axis=0, ddof=1) if len(rows) > 1 else np.full(4, np.nan)
         mean = values.mean(axis=0)
-        print(f"| {name} | {mean[0]:.0%} | " + " | ".join(
-            f"{mean[i]:.2f} ± {spread[i]:.2f}" for i in (1, 2, 3)) + " |", flush=True)
+        print(
+            f"| {name} | {mean[0]:.0%} | " + " | ".join(f"{mean[i]:.2f} ± {spread[i]:.2f}" for i in (1, 2, 3)) + " |",
+            flush=True,
+        )
 
 
 def _measured(trainer: Trainer, dataset: Dataset) -> tuple[float, float, float, float]:

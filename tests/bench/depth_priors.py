@@ -52,16 +52,25 @@ class Settings:
 
 def main(settings: Settings) -> None:
     """Print the tables."""
-    print("| dataset | prior | pixels with depth | within 1 % | 2 % | 5 % | median error | CoC error at A = 1: < 0.5 px"
-          " | mean (px) | s |\n" + "|---" * 10 + "|", flush=True)
+    print(
+        "| dataset | prior | pixels with depth | within 1 % | 2 % | 5 % | median error | CoC error at A = 1: < 0.5 px"
+        " | mean (px) | s |\n" + "|---" * 10 + "|",
+        flush=True,
+    )
     for folder in settings.datasets:
         for prior in settings.priors.split(","):
             if prior != "none" and ":" not in prior:
                 _measure(Dataset.load(folder), prior, settings)
     if settings.out is None:
         return
-    print("\n| dataset | prior | " + " | ".join(SCORES) + " | training (s) | of it prior |\n" + "|---" *
-          (len(SCORES) + 4) + "|", flush=True)
+    print(
+        "\n| dataset | prior | "
+        + " | ".join(SCORES)
+        + " | training (s) | of it prior |\n"
+        + "|---" * (len(SCORES) + 4)
+        + "|",
+        flush=True,
+    )
     for folder in settings.datasets:
         for prior in settings.priors.split(","):
             _train(folder, prior, settings)
@@ -86,8 +95,12 @@ def _measure(dataset: Dataset, prior: str, settings: Settings) -> None:
         shares += [(error < share).mean() for share in (0.01, 0.02, 0.05)]
         rows.append([*shares, np.median(error), (radius < 0.5).mean(), radius.mean()])
     *shares, mean = np.mean(rows, axis=0)
-    print(f"| {dataset.name} | {prior} | " + " | ".join(f"{100 * share:.1f} %" for share in shares)
-          + f" | {mean:.2f} | {seconds:.0f} |", flush=True)
+    print(
+        f"| {dataset.name} | {prior} | "
+        + " | ".join(f"{100 * share:.1f} %" for share in shares)
+        + f" | {mean:.2f} | {seconds:.0f} |",
+        flush=True,
+    )
 
 
 def _train(folder: Path, prior: str, settings: Settings) -> None:
@@ -98,15 +111,31 @@ def _train(folder: Path, prior: str, settings: Settings) -> None:
     chosen += [f"{key}={value}" for key, value in _files(dataset, source, workspace).items()]
     rows = []
     for seed in settings.seeds.split(","):
-        end = run(Run(method="dofgaussian", data=folder, preset="cpu", budget=f"{settings.train_steps}it",
-                      set=tuple(chosen), seed=int(seed), out=settings.out))
+        end = run(
+            Run(
+                method="dofgaussian",
+                data=folder,
+                preset="cpu",
+                budget=f"{settings.train_steps}it",
+                set=tuple(chosen),
+                seed=int(seed),
+                out=settings.out,
+            )
+        )
         result = read_result(end.folder / "result.json")
-        rows.append([*(result.scores.get(score, np.nan) for score in SCORES), result.stages["train"].wall,
-                     result.method_stages.get("depth prior", 0.0)])
+        rows.append(
+            [
+                *(result.scores.get(score, np.nan) for score in SCORES),
+                result.stages["train"].wall,
+                result.method_stages.get("depth prior", 0.0),
+            ]
+        )
     mean, spread = np.mean(rows, axis=0), np.std(rows, axis=0)
     # Where depth isn't exact, nothing is said of its errors.
-    cells = [f"{value:.4g} ± {around:.2g}" if np.isfinite(value) else "–"
-             for value, around in zip(mean[:-2], spread[:-2], strict=True)]
+    cells = [
+        f"{value:.4g} ± {around:.2g}" if np.isfinite(value) else "–"
+        for value, around in zip(mean[:-2], spread[:-2], strict=True)
+    ]
     print(f"| {dataset.name} | {prior} | {' | '.join(cells)} | {mean[-2]:.0f} | {mean[-1]:.1f} |", flush=True)
 
 
@@ -117,8 +146,7 @@ def _files(dataset: Dataset, prior: str, folder: Path) -> dict[str, str]:
     views = dataset.training_views()
     if not (folder / "fused.ply").is_file():
         depths = [dataset.depth(view) for view in views]
-        fused = np.concatenate([back_projected(view.camera, depth)
-                                for view, depth in zip(views, depths, strict=True)])
+        fused = np.concatenate([back_projected(view.camera, depth) for view, depth in zip(views, depths, strict=True)])
         folder.mkdir(parents=True, exist_ok=True)
         write_workspace(folder, [view.name for view in views], [view.camera for view in views], depths, fused)
     return {"depth_prior_workspace": str(folder)}

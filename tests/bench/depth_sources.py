@@ -43,8 +43,10 @@ class Settings:
 
 def main(settings: Settings) -> None:
     """Print a row a scene and source."""
-    print("| scene | source | AbsRel | within 1.25 | CoC error at A = 1, mean / median (px) | views differ by | "
-          "views flagged | confidence: rank correlation | error, surest / least sure quarter (px) | s a view |")
+    print(
+        "| scene | source | AbsRel | within 1.25 | CoC error at A = 1, mean / median (px) | views differ by | "
+        "views flagged | confidence: rank correlation | error, surest / least sure quarter (px) | s a view |"
+    )
     print("|---|---|---|---|---|---|---|---|---|---|", flush=True)
     for folder in (content_folder("datasets") / "tabletop", *settings.scenes):
         scene = load_scene(folder)
@@ -60,26 +62,38 @@ def _measure(scene: Scene, source_id: SourceId, settings: Settings) -> None:
     disparity_range = scene_range(lambda: iter(truth))
     start = time.process_time()
     source = open_source(
-        source_id, scene, steps=settings.steps, seed=0, work=settings.work / scene.name,
+        source_id,
+        scene,
+        steps=settings.steps,
+        seed=0,
+        work=settings.work / scene.name,
         network=find_network("depthnet") if source_id == "onnx" else None,
     )
     estimates = [source.estimate(view) for view in scene.views]
     seconds = (time.process_time() - start) / len(estimates)
     agreement = consistencies(
-        [view.name for view in scene.views], [view.camera for view in scene.views],
-        lambda index: estimates[index].depth, scene.points, disparity_range,
+        [view.name for view in scene.views],
+        [view.camera for view in scene.views],
+        lambda index: estimates[index].depth,
+        scene.points,
+        disparity_range,
     )
     pixels = COC_FRACTION * scene.views[0].camera.width / disparity_range.extent
-    relative, near, blur, confidence = (np.concatenate(part) for part in zip(
-        *(_errors(one, true, pixels) for one, true in zip(estimates, truth, strict=True)), strict=True))
+    relative, near, blur, confidence = (
+        np.concatenate(part)
+        for part in zip(*(_errors(one, true, pixels) for one, true in zip(estimates, truth, strict=True)), strict=True)
+    )
     order = np.argsort(confidence, kind="stable")
     least, most = (blur[part].mean() for part in (order[: len(order) // 4], order[-(len(order) // 4) :]))
     constant = bool(np.ptp(confidence) == 0)
     rank = "–" if constant else f"{spearmanr(confidence[::THINNED], -blur[::THINNED])[0]:.2f}"
     differs = [one.difference for one in agreement if one is not None]
-    print(f"| {scene.name} | {source_id} | {relative.mean():.3f} | {near.mean():.3f} | {blur.mean():.3f} / "
-          f"{np.median(blur):.3f} | {np.median(differs):.2%} | {len(views_off(agreement))} of {len(agreement)} | "
-          f"{rank} | {'–' if constant else f'{most:.3f} / {least:.3f}'} | {seconds:.2f} |", flush=True)
+    print(
+        f"| {scene.name} | {source_id} | {relative.mean():.3f} | {near.mean():.3f} | {blur.mean():.3f} / "
+        f"{np.median(blur):.3f} | {np.median(differs):.2%} | {len(views_off(agreement))} of {len(agreement)} | "
+        f"{rank} | {'–' if constant else f'{most:.3f} / {least:.3f}'} | {seconds:.2f} |",
+        flush=True,
+    )
 
 
 def _errors(

@@ -45,8 +45,10 @@ def disparity(kind: str, height: int, width: int) -> np.ndarray:
         waves = np.zeros((height, width), np.float32)
         for _ in range(6):
             down, right, phase = rng.uniform(-3, 3), rng.uniform(-3, 3), rng.random()
-            waves += np.cos(np.float32(2 * np.pi) * (np.float32(down) * rows[:, None] + np.float32(right) * columns
-                                                     + np.float32(phase)))
+            waves += np.cos(
+                np.float32(2 * np.pi)
+                * (np.float32(down) * rows[:, None] + np.float32(right) * columns + np.float32(phase))
+            )
         return (waves - waves.min()) / np.ptp(waves)
     surfaces = np.zeros((height, width), np.float32)
     for level in np.linspace(0.05, 1.0, 24, dtype=np.float32):
@@ -87,11 +89,25 @@ def photograph(kind: str, renderer: str, width: int, height: int, radius: float)
     low, high = DISPARITIES
     sharp = picture(height, width)
     depth = 1 / (np.float32(low) + np.float32(high - low) * disparity(kind, height, width))
-    record = ViewRecord(name="0", split="train", k_px=radius, max_coc_px=radius, focus_scene=1 / low,
-                        aperture_scene=radius / (high - low), focus=0.0,
-                        aperture=radius / Lens(1.0, 0.0).radius_per_disparity(width))
-    blur = Blur(DisparityRange(low, high), per_view=False, gamma=2.2, alpha=4.0, shape=ApertureShape(), energy="area",
-                renderer=renderer)
+    record = ViewRecord(
+        name="0",
+        split="train",
+        k_px=radius,
+        max_coc_px=radius,
+        focus_scene=1 / low,
+        aperture_scene=radius / (high - low),
+        focus=0.0,
+        aperture=radius / Lens(1.0, 0.0).radius_per_disparity(width),
+    )
+    blur = Blur(
+        DisparityRange(low, high),
+        per_view=False,
+        gamma=2.2,
+        alpha=4.0,
+        shape=ApertureShape(),
+        energy="area",
+        renderer=renderer,
+    )
     corner = depth[:40, :40].copy()
     corner[0, 0] = 1 / high  # reaches as far as the whole, so that the same form is loaded, or compiled
     shallow_image(sharp[:40, :40].copy(), corner, record, blur)
@@ -99,10 +115,18 @@ def photograph(kind: str, renderer: str, width: int, height: int, radius: float)
     encoded, linear = shallow_image(sharp, depth, record, blur)
     wall, processor = watch.read()
     assert np.isfinite(encoded).all() and np.isfinite(linear).all()
-    return {"renderer": renderer, "disparity": kind, "width": width, "height": height, "largest_radius": radius,
-            "mean_radius": round(float(radius * (1 / depth - low).mean() / (high - low)), 1),
-            "wall_s": round(wall, 2), "processor_s": round(processor, 2), "peak_mib": round(peak_memory()),
-            "peak_before_mib": round(prepared)}
+    return {
+        "renderer": renderer,
+        "disparity": kind,
+        "width": width,
+        "height": height,
+        "largest_radius": radius,
+        "mean_radius": round(float(radius * (1 / depth - low).mean() / (high - low)), 1),
+        "wall_s": round(wall, 2),
+        "processor_s": round(processor, 2),
+        "peak_mib": round(peak_memory()),
+        "peak_before_mib": round(prepared),
+    }
 
 
 # ------------------------------------------------------------------------------------------------ energy
@@ -163,17 +187,28 @@ def energy(kind: str, width: int, height: int, radius: float) -> dict:
     dark = np.stack([rng.integers(0, height, 2000), rng.integers(0, width, 2000)], axis=1)
     dark = dark[~near[dark[:, 0], dark[:, 1]]]
     found = {"highlights": lit, "elsewhere": dark}
-    sums = {name: (blurred[at[:, 0], at[:, 1]].astype(np.float64),
-                   exact(image, radii, np.ascontiguousarray(at[:, 0]), np.ascontiguousarray(at[:, 1]), ALPHA))
-            for name, at in found.items()}
+    sums = {
+        name: (
+            blurred[at[:, 0], at[:, 1]].astype(np.float64),
+            exact(image, radii, np.ascontiguousarray(at[:, 0]), np.ascontiguousarray(at[:, 1]), ALPHA),
+        )
+        for name, at in found.items()
+    }
     bright, expected = sums["highlights"]
     error = {name: float((np.abs(a - b) / b).max()) for name, (a, b) in sums.items()}
-    return {"disparity": kind, "width": width, "height": height, "largest_radius": radius,
-            "pixels_compared": len(lit) + len(dark), "light_float64": f"{expected.sum():.9e}",
-            "light_error": f"{abs(bright.sum() / expected.sum() - 1):.1e}",
-            "largest_pixel_error_in_discs": f"{error['highlights']:.1e}",
-            "largest_pixel_error_elsewhere": f"{error['elsewhere']:.1e}",
-            "wall_s": round(wall, 2), "processor_s": round(processor, 2)}
+    return {
+        "disparity": kind,
+        "width": width,
+        "height": height,
+        "largest_radius": radius,
+        "pixels_compared": len(lit) + len(dark),
+        "light_float64": f"{expected.sum():.9e}",
+        "light_error": f"{abs(bright.sum() / expected.sum() - 1):.1e}",
+        "largest_pixel_error_in_discs": f"{error['highlights']:.1e}",
+        "largest_pixel_error_elsewhere": f"{error['elsewhere']:.1e}",
+        "wall_s": round(wall, 2),
+        "processor_s": round(processor, 2),
+    }
 
 
 # ------------------------------------------------------------------------------------------------ cost
@@ -200,11 +235,19 @@ def cost(kind: str, form: str, cases: list[tuple[int, int, float]], repeats: int
                 scatter(image, radii, form=form)
                 times.append(watch.read())
         wall, processor = (min(column) for column in zip(*times, strict=True))
-        rows.append({
-            "disparity": kind, "form": form, "width": width, "height": height,
-            "megapixels": round(width * height / MILLION, 4), "largest_radius": radius,
-            "mean_radius": round(float(radii.mean()), 1), "wall_s": round(wall, 4), "processor_s": round(processor, 4),
-        })
+        rows.append(
+            {
+                "disparity": kind,
+                "form": form,
+                "width": width,
+                "height": height,
+                "megapixels": round(width * height / MILLION, 4),
+                "largest_radius": radius,
+                "mean_radius": round(float(radii.mean()), 1),
+                "wall_s": round(wall, 4),
+                "processor_s": round(processor, 4),
+            }
+        )
     return rows
 
 
@@ -231,15 +274,23 @@ def draw(rows: list[dict], path: Path) -> None:
 
     figure = new_figure(11.0, 4.2)
     by_radius, by_pixels = figure.subplots(1, 2)
-    panels = ((by_radius, "radius", "largest_radius", ("form", "disparity")),
-              (by_pixels, "pixels", "megapixels", ("form", "largest_radius")))
+    panels = (
+        (by_radius, "radius", "largest_radius", ("form", "disparity")),
+        (by_pixels, "pixels", "megapixels", ("form", "largest_radius")),
+    )
     for axes, by, across, names in panels:
         chosen = [row for row in rows if row["by"] == by]
         for index, key in enumerate(dict.fromkeys(tuple(row[name] for name in names) for row in chosen)):
             line = [row for row in chosen if tuple(row[name] for name in names) == key]
             unit = "" if by == "radius" else " px"
-            axes.plot([float(row[across]) for row in line], [float(row["processor_s"]) for row in line], marker="o",
-                      markersize=3, label=f"{key[0]}, {key[1]}{unit}", **look(index))
+            axes.plot(
+                [float(row[across]) for row in line],
+                [float(row["processor_s"]) for row in line],
+                marker="o",
+                markersize=3,
+                label=f"{key[0]}, {key[1]}{unit}",
+                **look(index),
+            )
         axes.set(xscale="log", yscale="log", ylabel="processor time, s")
         axes.legend()
     size = next(row for row in rows if row["by"] == "radius")
@@ -285,8 +336,11 @@ def main() -> None:
     arguments.out.mkdir(parents=True, exist_ok=True)
     chosen = (arguments.only,) if arguments.only else PARTS
     if "photograph" in chosen:
-        rows = [in_new_process("photograph", kind=kind, renderer="scatter", **size)
-                for kind in KINDS for _ in range(arguments.repeats)]
+        rows = [
+            in_new_process("photograph", kind=kind, renderer="scatter", **size)
+            for kind in KINDS
+            for _ in range(arguments.repeats)
+        ]
         write(arguments.out / "photograph.csv", rows)
     if "layered" in chosen:
         write(arguments.out / "layered.csv", [in_new_process("photograph", kind="edges", renderer="layered", **size)])

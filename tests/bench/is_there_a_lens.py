@@ -34,13 +34,38 @@ from dofbench.reporting.tables import write_csv
 from dofbench.synthesis.dataset import Dataset
 from dofbench.threads import configure_threads
 
-COLUMNS = ("case", "kind", "views", "steps", "lens", "true_circle", "share", "points_px", "tried", "gain", "error",
-           "circle", "shared", "apart", "scene_gain", "scene_error", "exif_gain", "exif_error", "aperture_gain",
-           "aperture_error", "prior_s", "trials_s", "seconds", "status")
+COLUMNS = (
+    "case",
+    "kind",
+    "views",
+    "steps",
+    "lens",
+    "true_circle",
+    "share",
+    "points_px",
+    "tried",
+    "gain",
+    "error",
+    "circle",
+    "shared",
+    "apart",
+    "scene_gain",
+    "scene_error",
+    "exif_gain",
+    "exif_error",
+    "aperture_gain",
+    "aperture_error",
+    "prior_s",
+    "trials_s",
+    "seconds",
+    "status",
+)
 COST_COLUMNS = ("case", "way", "steps", "held_back_psnr", "aif_psnr", "ms_a_step", "status")
 # What a case is trained with for its cost: a lens a photograph, none, one aperture with a focus each, one lens.
 WAYS: dict[str, dict[str, object]] = {
-    "on": {"lens_per": "view"}, "off": {"lens": False}, "aperture": {"lens_per": "aperture"},
+    "on": {"lens_per": "view"},
+    "off": {"lens": False},
+    "aperture": {"lens_per": "aperture"},
     "scene": {"lens_per": "scene"},
 }
 _PIXELS, _VIEWS = 0.95, 0.9  # quantiles, as `Trainer.widest_circle` has them
@@ -81,8 +106,9 @@ def main(settings: Settings) -> None:
 
     asked = set(filter(None, settings.cases.split(",")))
     ready = [case for case in cases() if (settings.work / case.folder / "dataset.json").is_file()]
-    keyed = [({"case": case.name, "steps": str(settings.steps)}, case) for case in ready
-             if not asked or case.name in asked]
+    keyed = [
+        ({"case": case.name, "steps": str(settings.steps)}, case) for case in ready if not asked or case.name in asked
+    ]
     if settings.cost:
         pairs = [({**key, "way": way}, case) for key, case in keyed for way in WAYS]
         fill(costs, COST_COLUMNS, pairs, lambda key, case: cost(case, key["way"], settings), late)
@@ -96,8 +122,13 @@ def read(file: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(file.open())) if file.is_file() else []
 
 
-def fill(file: Path, columns: tuple[str, ...], wanted: Sequence[tuple[dict[str, str], Case]],
-         measure: Callable[[dict[str, str], Case], dict[str, object]], late: Callable[[], bool]) -> None:
+def fill(
+    file: Path,
+    columns: tuple[str, ...],
+    wanted: Sequence[tuple[dict[str, str], Case]],
+    measure: Callable[[dict[str, str], Case], dict[str, object]],
+    late: Callable[[], bool],
+) -> None:
     """Add the rows that a table lacks, each written at once, until it is late. A row is found by its key."""
     rows = read(file)
     for key, case in wanted:
@@ -132,10 +163,17 @@ def decided(case: Case, settings: Settings) -> dict[str, object]:
     clock = Clock(trainer)
     outcome = trainer.fit(Budget(steps=settings.steps), clock)
     return {
-        "kind": case.kind, "views": len(chosen), "lens": lens, "true_circle": circle, "share": case.share or "",
-        "points_px": blur, **_found(outcome.decisions, trainer.options.lens_per),
-        "prior_s": outcome.stages.get("depth prior"), "trials_s": outcome.stages.get("trials"),
-        "seconds": clock.seconds(), "status": str(outcome.status),
+        "kind": case.kind,
+        "views": len(chosen),
+        "lens": lens,
+        "true_circle": circle,
+        "share": case.share or "",
+        "points_px": blur,
+        **_found(outcome.decisions, trainer.options.lens_per),
+        "prior_s": outcome.stages.get("depth prior"),
+        "trials_s": outcome.stages.get("trials"),
+        "seconds": clock.seconds(),
+        "status": str(outcome.status),
     }
 
 
@@ -143,8 +181,12 @@ def _found(decisions: Sequence[Decision], lens_per: str) -> dict[str, object]:
     by_stage = {decision.stage: decision for decision in decisions}
     row: dict[str, object] = {}
     if lens := by_stage.get("lens"):
-        row |= {"tried": "yes" if lens.runs else "no", "gain": lens.figures["lens gain"],
-                "error": lens.figures["lens error"], "circle": lens.figures["circle"]}
+        row |= {
+            "tried": "yes" if lens.runs else "no",
+            "gain": lens.figures["lens gain"],
+            "error": lens.figures["lens error"],
+            "circle": lens.figures["circle"],
+        }
     if share := by_stage.get("lens_per_view"):
         row |= {"shared": lens_per, **{name.replace(" ", "_"): value for name, value in share.figures.items()}}
     return row
@@ -195,9 +237,12 @@ def cost(case: Case, way: str, settings: Settings) -> dict[str, object]:
     trainer = Trainer(training_set, options(settings, lens_trials="", held_back=HELD_BACK, **WAYS[way]), 0)
     clock = Clock()
     outcome = trainer.fit(Budget(steps=settings.steps), clock)
-    return {"held_back_psnr": trainer.held_back_scores().psnr,
-            "aif_psnr": _all_in_focus(trainer, dataset, case.contrast),
-            "ms_a_step": 1000 * clock.worked() / max(outcome.steps - 1, 1), "status": str(outcome.status)}
+    return {
+        "held_back_psnr": trainer.held_back_scores().psnr,
+        "aif_psnr": _all_in_focus(trainer, dataset, case.contrast),
+        "ms_a_step": 1000 * clock.worked() / max(outcome.steps - 1, 1),
+        "status": str(outcome.status),
+    }
 
 
 def _all_in_focus(trainer: Trainer, dataset: Dataset, contrast: float) -> float | None:

@@ -62,16 +62,25 @@ def main(settings: Settings) -> None:
             lines.append(line)
     settings.out.mkdir(parents=True, exist_ok=True)
     write_csv(settings.out / "leaving-out.csv", COLUMNS, rows)
-    head = ("| dataset | photographs | left out | because | training, planned [s] | forced [s] | saved | all-in-focus "
-            "PSNR, planned [dB] | forced [dB] | refocus PSNR, planned [dB] | forced [dB] |")
+    head = (
+        "| dataset | photographs | left out | because | training, planned [s] | forced [s] | saved | all-in-focus "
+        "PSNR, planned [dB] | forced [dB] | refocus PSNR, planned [dB] | forced [dB] |"
+    )
     rule = "| :--- | :--- | :--- | :--- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |"
     write_text(settings.out / "leaving-out.md", "\n".join([head, rule, *lines]) + "\n")
 
 
 def _compared(settings: Settings, data: Path, inputs: str, measured: set[str]) -> tuple[list[dict], str]:
     """Rows and a line; what is left out is added to `measured`."""
-    call = Run(method=settings.method, data=data, preset=settings.preset, set=settings.set, budget=settings.budget,
-               out=settings.results, inputs=inputs)
+    call = Run(
+        method=settings.method,
+        data=data,
+        preset=settings.preset,
+        set=settings.set,
+        budget=settings.budget,
+        out=settings.results,
+        inputs=inputs,
+    )
     plan = prepare(call, choose(call), data).plan
     needless = {stage.name: stage.reason for stage in plan.stages if not stage.runs}
     if not needless:
@@ -86,9 +95,17 @@ def _compared(settings: Settings, data: Path, inputs: str, measured: set[str]) -
         for forced in (False, True):
             result = _trained(call, seed, forced)
             found[forced].append(result)
-            rows.append({"dataset": plan.dataset, "inputs": inputs, "left_out": ", ".join(needless),
-                         "reason": "; ".join(needless.values()), "forced": forced, "seed": seed,
-                         **{score: result.scores.get(score) for score in SCORES}})
+            rows.append(
+                {
+                    "dataset": plan.dataset,
+                    "inputs": inputs,
+                    "left_out": ", ".join(needless),
+                    "reason": "; ".join(needless.values()),
+                    "forced": forced,
+                    "seed": seed,
+                    **{score: result.scores.get(score) for score in SCORES},
+                }
+            )
     planned, forced = (statistics.median(result.scores["train_s"] for result in found[key]) for key in (False, True))
     cells = [f"{planned:.0f}", f"{forced:.0f}", f"{1 - planned / forced:.0%}"]
     cells += [_spread(found[key], score) for score in ("aif_psnr", "psnr") for key in (False, True)]

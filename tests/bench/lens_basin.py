@@ -40,7 +40,7 @@ from dofbench.synthesis.dataset import Dataset
 from dofbench.threads import configure_threads
 
 ACTIVATIONS = ("relu", "log", "ends")
-SHRUNK = 2    # the known scene's image is made smaller by this
+SHRUNK = 2  # the known scene's image is made smaller by this
 FOUND = 0.02  # |A - A'| and |F - F'| below this count as converged to the true lens
 TRUE = tuple(Lens(aperture, focus) for aperture in (0.5, 1.0) for focus in (0.2, 0.5, 0.8))
 APERTURES = (0.03, 0.1, 0.25, 0.5, 1.0, 1.5, 2.0)
@@ -91,7 +91,7 @@ def _known(steps: int, done: set):
     view = scene.views[0]
     camera = view.camera.resized(view.camera.width // SHRUNK, view.camera.height // SHRUNK)
     image = torch.from_numpy(np.ascontiguousarray(resize(view.image(), camera.width, camera.height)))
-    depth = view.depth()[SHRUNK // 2::SHRUNK, SHRUNK // 2::SHRUNK][:camera.height, :camera.width]
+    depth = view.depth()[SHRUNK // 2 :: SHRUNK, SHRUNK // 2 :: SHRUNK][: camera.height, : camera.width]
     disparity = torch.from_numpy((1 / depth).astype(np.float32))
     bounds = DisparityRange.of_disparity(disparity.numpy())
     for activation, true, start in itertools.product(ACTIVATIONS, TRUE, itertools.product(APERTURES, FOCI)):
@@ -101,9 +101,15 @@ def _known(steps: int, done: set):
 
 
 def _learned_alone(image, disparity, camera, bounds: DisparityRange, true: Lens, start, activation, steps):
-    options = TrainerOptions().with_overrides({
-        "lens_activation": activation, "lens_init_aperture": start[0], "lens_init_focus": start[1],
-        "lens_lr": 2e-2, "lens_lr_final": 1e-3})
+    options = TrainerOptions().with_overrides(
+        {
+            "lens_activation": activation,
+            "lens_init_aperture": start[0],
+            "lens_init_focus": start[1],
+            "lens_lr": 2e-2,
+            "lens_lr_final": 1e-3,
+        }
+    )
     with torch.no_grad():
         lens = Shot(camera, bounds, true.aperture, -true.aperture * true.focus)
         photograph = scattered(image, disparity, lens, options)
@@ -132,16 +138,21 @@ def _joint(settings: Settings, done: set):
         key = _key("joint", activation, None, start)
         if key in done:
             continue
-        options = TrainerOptions().with_overrides({**preset, "lens_activation": activation,
-                                                   "lens_init_aperture": start[0], "lens_init_focus": start[1]})
+        options = TrainerOptions().with_overrides(
+            {**preset, "lens_activation": activation, "lens_init_aperture": start[0], "lens_init_focus": start[1]}
+        )
         trainer = Trainer(training_set, options, 0)
         outcome = trainer.fit(Budget(steps=settings.joint_steps), Unobserved())
         if outcome.status is not Status.OK:
             yield *key, float("nan"), float("nan")
             continue
         errors = lens_errors(
-            {view.name: view.lens for view in views}, trainer.lens_estimates(), dataset.disparity_range,
-            views[0].camera.width, {view.name: dataset.depth(view) for view in views})
+            {view.name: view.lens for view in views},
+            trainer.lens_estimates(),
+            dataset.disparity_range,
+            views[0].camera.width,
+            {view.name: dataset.depth(view) for view in views},
+        )
         yield *key, errors.delta_a, errors.delta_f
 
 
@@ -151,24 +162,36 @@ def _number(row, field: str) -> float:
 
 def _write_table(rows, path: Path) -> None:
     """The known scene by shares of starts, the joint training start by start."""
-    lines = [f"Scene known, {len(TRUE)} true lenses; converged is within {FOUND} in A and in F:", "",
-             "| learned | starts | converged | median δ_A | median δ_F | worst δ_A | worst δ_F |",
-             "| :--- | ---: | ---: | ---: | ---: | ---: | ---: |"]
+    lines = [
+        f"Scene known, {len(TRUE)} true lenses; converged is within {FOUND} in A and in F:",
+        "",
+        "| learned | starts | converged | median δ_A | median δ_F | worst δ_A | worst δ_F |",
+        "| :--- | ---: | ---: | ---: | ---: | ---: | ---: |",
+    ]
     for activation in ACTIVATIONS:
         some = [row for row in rows if (row["part"], row["activation"]) == ("known", activation)]
         if some:
             a, f = (np.array([_number(row, field) for row in some]) for field in ("delta_a", "delta_f"))
             found = int(((a < FOUND) & (f < FOUND)).sum())
-            lines.append(f"| {activation} | {len(some)} | {found} ({found / len(some):.0%}) | {np.median(a):.4f} | "
-                         f"{np.median(f):.4f} | {a.max():.3f} | {f.max():.3f} |")
+            lines.append(
+                f"| {activation} | {len(some)} | {found} ({found / len(some):.0%}) | {np.median(a):.4f} | "
+                f"{np.median(f):.4f} | {a.max():.3f} | {f.max():.3f} |"
+            )
     joint = [row for row in rows if row["part"] == "joint"]
     if joint:
-        lines += ["", "Gaussians and lenses trained together, δ_A / δ_F over the training views:", "",
-                  "| start A | start F | " + " | ".join(ACTIVATIONS) + " |",
-                  "| ---: | ---: |" + " ---: |" * len(ACTIVATIONS)]
+        lines += [
+            "",
+            "Gaussians and lenses trained together, δ_A / δ_F over the training views:",
+            "",
+            "| start A | start F | " + " | ".join(ACTIVATIONS) + " |",
+            "| ---: | ---: |" + " ---: |" * len(ACTIVATIONS),
+        ]
         for start in dict.fromkeys((row["start_a"], row["start_f"]) for row in joint):
-            cells = {row["activation"]: f"{_number(row, 'delta_a'):.3f} / {_number(row, 'delta_f'):.3f}"
-                     for row in joint if (row["start_a"], row["start_f"]) == start}
+            cells = {
+                row["activation"]: f"{_number(row, 'delta_a'):.3f} / {_number(row, 'delta_f'):.3f}"
+                for row in joint
+                if (row["start_a"], row["start_f"]) == start
+            }
             found = " | ".join(cells.get(activation, "–") for activation in ACTIVATIONS)
             lines.append(f"| {start[0]} | {start[1]} | {found} |")
     with replacing(path) as temporary:
@@ -182,16 +205,26 @@ def _plot(rows, path: Path) -> None:
     for axes, activation in zip(panels, ACTIVATIONS, strict=True):
         share = np.full((len(APERTURES), len(FOCI)), np.nan)
         for (i, aperture), (j, focus) in itertools.product(enumerate(APERTURES), enumerate(FOCI)):
-            hits = [_number(row, "delta_a") < FOUND and _number(row, "delta_f") < FOUND for row in rows
-                    if (row["part"], row["activation"], row["start_a"], row["start_f"])
-                    == ("known", activation, str(aperture), str(focus))]
+            hits = [
+                _number(row, "delta_a") < FOUND and _number(row, "delta_f") < FOUND
+                for row in rows
+                if (row["part"], row["activation"], row["start_a"], row["start_f"])
+                == ("known", activation, str(aperture), str(focus))
+            ]
             if hits:
                 share[i, j] = np.mean(hits)
         picture = axes.imshow(share, vmin=0, vmax=1, origin="lower", cmap="viridis", aspect="auto")
         for (i, j), value in np.ndenumerate(share):
             if np.isfinite(value):
-                axes.text(j, i, f"{value:.0%}", ha="center", va="center", fontsize=7,
-                          color="black" if value > 0.5 else "white")
+                axes.text(
+                    j,
+                    i,
+                    f"{value:.0%}",
+                    ha="center",
+                    va="center",
+                    fontsize=7,
+                    color="black" if value > 0.5 else "white",
+                )
         axes.set_xticks(range(len(FOCI)), [str(focus) for focus in FOCI])
         axes.set_yticks(range(len(APERTURES)), [str(aperture) for aperture in APERTURES])
         axes.set_xlabel("focus at the start")

@@ -23,8 +23,8 @@ from dofbench.synthesis.make import make
 from dofbench.synthesis.progress import Silent
 from dofbench.synthesis.settings import MakeDataset
 
-FEW = 6           # photographs of the smallest subsets
-FAINT = 0.75      # px: with true circles below it, it doesn't matter what is decided
+FEW = 6  # photographs of the smallest subsets
+FAINT = 0.75  # px: with true circles below it, it doesn't matter what is decided
 LOW_CONTRAST = 0.15
 ALL_BUT_SHARP = 11.0  # f-number from which on blowtorch is "all but sharp" by its README
 
@@ -67,8 +67,12 @@ class Case:
     @property
     def name(self) -> str:
         """What the case is called in the table."""
-        parts = (self.folder, self.inputs if self.inputs != "shallow" else "", self.subset,
-                 f"contrast {self.contrast:g}" if self.contrast != 1 else "")
+        parts = (
+            self.folder,
+            self.inputs if self.inputs != "shallow" else "",
+            self.subset,
+            f"contrast {self.contrast:g}" if self.contrast != 1 else "",
+        )
         return " ".join(filter(None, parts))
 
 
@@ -100,10 +104,14 @@ def _every() -> Iterator[Case]:
             yield Case("sharp", f"{scene}/multi", "all-in-focus", subset, lens="no")
             for lens in LARGE if large else SMALL:
                 share = {"multi": "view", "one0.5": "scene", "one1": "scene", "noise0": None}.get(lens, "aperture")
-                kind = {"multi": "grid", "one0.5": "one lens", "one1": "one lens", "noise0": "sharp, noise",
-                        "noise0.5": "noise"}.get(lens, f"A {lens[1:]}")
-                yield Case(kind, f"{scene}/{lens}", subset=subset, lens="no" if lens == "noise0" else None,
-                           share=share)
+                kind = {
+                    "multi": "grid",
+                    "one0.5": "one lens",
+                    "one1": "one lens",
+                    "noise0": "sharp, noise",
+                    "noise0.5": "noise",
+                }.get(lens, f"A {lens[1:]}")
+                yield Case(kind, f"{scene}/{lens}", subset=subset, lens="no" if lens == "noise0" else None, share=share)
             if large:
                 yield Case("sharp, low contrast", f"{scene}/multi", "all-in-focus", subset, LOW_CONTRAST, "no")
                 yield Case("low contrast", f"{scene}/a0.5", "shallow", subset, LOW_CONTRAST, share="aperture")
@@ -135,7 +143,7 @@ def chosen_views(subset: str, f_numbers: list[float | None]) -> list[int]:
         elif word == "few":
             # Neighbours, of the whole set: six photographs far apart would share nothing.
             middle = max(0, (len(chosen) - FEW) // 2)
-            chosen = chosen[middle:middle + FEW]
+            chosen = chosen[middle : middle + FEW]
     return chosen
 
 
@@ -151,14 +159,17 @@ def make_datasets(data: Path, work: Path, say: Callable[[str], None], only: str 
     wanted = set(filter(None, only.split(",")))
     for name, (layout, width) in REAL.items():
         if not wanted or name in wanted:
-            make(MakeDataset(scene=str(data / name), out=work / name, photographs="shallow", layout=layout,
-                             width=width), Silent())
+            make(
+                MakeDataset(scene=str(data / name), out=work / name, photographs="shallow", layout=layout, width=width),
+                Silent(),
+            )
             say(name)
     tabletop = content_folder("datasets") / "tabletop"
     for name, width in WIDTHS.items():
         if not wanted or name in wanted:
-            _through_lenses(tabletop if name == "tabletop" else data / name, work / name, LARGE, say, width=width,
-                            depth_steps=1200)
+            _through_lenses(
+                tabletop if name == "tabletop" else data / name, work / name, LARGE, say, width=width, depth_steps=1200
+            )
     for name in NAMES:
         if not wanted or f"rendered_{name}" in wanted:
             scene = work / "scenes" / name
@@ -173,7 +184,6 @@ def make_datasets(data: Path, work: Path, say: Callable[[str], None], only: str 
 def _through_lenses(scene: Path, out: Path, lenses: tuple[str, ...], say: Callable[[str], None], **options) -> None:
     first = None
     for lens in lenses:
-        folder = make(MakeDataset(scene=str(scene), out=out / lens, **options, **LENSES[lens]), Silent(),
-                      sibling=first)
+        folder = make(MakeDataset(scene=str(scene), out=out / lens, **options, **LENSES[lens]), Silent(), sibling=first)
         first = first or folder
         say(f"{out.name}/{lens}")

@@ -30,18 +30,22 @@ def by_both(row: Row) -> bool:
 RULES: dict[str, Callable[[Row], bool]] = {"points": by_points, "trial": by_trial, "both": by_both}
 # What may be shared where that is true: an aperture is shared by whoever shares the lens, and at one f-number
 # aperture times f-number says the same.
-FITTING = {"scene": ("scene", "aperture", "exif"), "aperture": ("aperture", "exif"), "exif": ("exif",),
-           "view": ("view",)}
+FITTING = {
+    "scene": ("scene", "aperture", "exif"),
+    "aperture": ("aperture", "exif"),
+    "exif": ("exif",),
+    "view": ("view",),
+}
 
 
 def wrong(row: Row, rule: str) -> str:
-    """"no lens" or "lens" where that was decided and isn't so; else, and of faint lenses, ""."""
+    """ "no lens" or "lens" where that was decided and isn't so; else, and of faint lenses, ""."""
     said = RULES[rule](row)
     return {("yes", False): "no lens", ("no", True): "lens"}.get((row["lens"], said), "")
 
 
 def wrongly_shared(row: Row) -> str:
-    """"shared" where more is shared than is true, "apart" where nothing is although it could be; else ""."""
+    """ "shared" where more is shared than is true, "apart" where nothing is although it could be; else ""."""
     if not row["share"] or not row["shared"] or row["shared"] in FITTING[row["share"]]:
         return ""
     return "apart" if row["shared"] == "view" else "shared"
@@ -69,26 +73,41 @@ def write_table(path: Path, rows: Sequence[Row], costs: Sequence[Row]) -> None:
 
 def _of_length(steps: str, rows: Sequence[Row]) -> list[str]:
     good = [row for row in rows if row["status"] == "ok" and row["tried"]]
-    lines = [f"## {steps} steps: {len(rows)} cases, of which {len(good)} came to a decision", "", *_rates(good), "",
-             *_by_kind(good), "", *_sharing(good), "", *_mistakes(good), "", *_seconds(good)]
+    lines = [
+        f"## {steps} steps: {len(rows)} cases, of which {len(good)} came to a decision",
+        "",
+        *_rates(good),
+        "",
+        *_by_kind(good),
+        "",
+        *_sharing(good),
+        "",
+        *_mistakes(good),
+        "",
+        *_seconds(good),
+    ]
     if bad := [row for row in rows if row not in good]:
         lines += ["", "No decision:", "", *(f"- {row['case']}: {row['status']}" for row in bad)]
     return lines
 
 
 def _rates(rows: Sequence[Row]) -> list[str]:
-    lines = ["| rule | false \"no lens\" | false \"lens\" | faint lenses kept |", "| :--- | ---: | ---: | ---: |"]
+    lines = ['| rule | false "no lens" | false "lens" | faint lenses kept |', "| :--- | ---: | ---: | ---: |"]
     lens, none, faint = ([row for row in rows if row["lens"] == truth] for truth in ("yes", "no", "faint"))
     for rule in RULES:
-        lines.append(f"| {rule} | {rate(sum(wrong(row, rule) != '' for row in lens), len(lens))} | "
-                     f"{rate(sum(wrong(row, rule) != '' for row in none), len(none))} | "
-                     f"{sum(RULES[rule](row) for row in faint)} of {len(faint)} |")
+        lines.append(
+            f"| {rule} | {rate(sum(wrong(row, rule) != '' for row in lens), len(lens))} | "
+            f"{rate(sum(wrong(row, rule) != '' for row in none), len(none))} | "
+            f"{sum(RULES[rule](row) for row in faint)} of {len(faint)} |"
+        )
     return lines
 
 
 def _by_kind(rows: Sequence[Row]) -> list[str]:
-    lines = ["| kind | truth | cases | called \"lens\" by points | by trial | by both |",
-             "| :--- | :--- | ---: | ---: | ---: | ---: |"]
+    lines = [
+        '| kind | truth | cases | called "lens" by points | by trial | by both |',
+        "| :--- | :--- | ---: | ---: | ---: | ---: |",
+    ]
     for kind, truth in sorted({(row["kind"], row["lens"]) for row in rows}):
         some = [row for row in rows if (row["kind"], row["lens"]) == (kind, truth)]
         said = " | ".join(str(sum(rule(row) for row in some)) for rule in RULES.values())
@@ -98,32 +117,46 @@ def _by_kind(rows: Sequence[Row]) -> list[str]:
 
 def _sharing(rows: Sequence[Row]) -> list[str]:
     asked = [row for row in rows if row["shared"] and row["share"] and row["lens"] == "yes"]
-    lines = ["What photographs share, where there is a lens and it was kept:", "",
-             f"| truth | cases | {' | '.join(FITTING)} | shared too much | needlessly apart |",
-             "| :--- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |"]
+    lines = [
+        "What photographs share, where there is a lens and it was kept:",
+        "",
+        f"| truth | cases | {' | '.join(FITTING)} | shared too much | needlessly apart |",
+        "| :--- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
+    ]
     for truth in FITTING:
         some = [row for row in asked if row["share"] == truth]
         said = " | ".join(str(sum(row["shared"] == way for row in some)) for way in FITTING)
-        errors = " | ".join(rate(sum(wrongly_shared(row) == error for row in some), len(some))
-                            for error in ("shared", "apart"))
+        errors = " | ".join(
+            rate(sum(wrongly_shared(row) == error for row in some), len(some)) for error in ("shared", "apart")
+        )
         lines.append(f"| {truth} | {len(some)} | {said} | {errors} |")
-    lines += ["", "| case | truth | decided | foci apart | scene | aperture | error |",
-              "| :--- | :--- | :--- | ---: | ---: | ---: | :--- |"]
+    lines += [
+        "",
+        "| case | truth | decided | foci apart | scene | aperture | error |",
+        "| :--- | :--- | :--- | ---: | ---: | ---: | :--- |",
+    ]
     for row in asked:
         if error := wrongly_shared(row):
             gains = " | ".join(_dB(row, f"{way}_gain", f"{way}_error") for way in ("scene", "aperture"))
-            lines.append(f"| {row['case']} | {row['share']} | {row['shared']} | {_px(row['apart'])} | {gains} | "
-                         f"{error} |")
+            lines.append(
+                f"| {row['case']} | {row['share']} | {row['shared']} | {_px(row['apart'])} | {gains} | {error} |"
+            )
     return lines
 
 
 def _mistakes(rows: Sequence[Row]) -> list[str]:
-    lines = ["Every mistake of the trial:", "",
-             "| case | true circle | points | circle | gain | said |", "| :--- | ---: | ---: | ---: | ---: | :--- |"]
+    lines = [
+        "Every mistake of the trial:",
+        "",
+        "| case | true circle | points | circle | gain | said |",
+        "| :--- | ---: | ---: | ---: | ---: | :--- |",
+    ]
     for row in rows:
         if error := wrong(row, "trial"):
-            lines.append(f"| {row['case']} | {_px(row['true_circle'])} | {_px(row['points_px'])} | "
-                         f"{_px(row['circle'])} | {_dB(row, 'gain', 'error')} | {error} |")
+            lines.append(
+                f"| {row['case']} | {_px(row['true_circle'])} | {_px(row['points_px'])} | "
+                f"{_px(row['circle'])} | {_dB(row, 'gain', 'error')} | {error} |"
+            )
     return lines
 
 
@@ -135,15 +168,21 @@ def _seconds(rows: Sequence[Row]) -> list[str]:
 
 
 def _costs(rows: Sequence[Row]) -> list[str]:
-    lines = ["## Trained to the end", "",
-             "A lens a photograph (on), none (off), one aperture with a focus each (aperture), one lens (scene).", "",
-             "| case | way | steps | held back, dB | all in focus, dB | processor ms a step |",
-             "| :--- | :--- | ---: | ---: | ---: | ---: |"]
+    lines = [
+        "## Trained to the end",
+        "",
+        "A lens a photograph (on), none (off), one aperture with a focus each (aperture), one lens (scene).",
+        "",
+        "| case | way | steps | held back, dB | all in focus, dB | processor ms a step |",
+        "| :--- | :--- | ---: | ---: | ---: | ---: |",
+    ]
     for row in rows:
         if row["status"] == "ok":
             sharp = f"{float(row['aif_psnr']):.2f}" if row["aif_psnr"] else "–"
-            lines.append(f"| {row['case']} | {row['way']} | {row['steps']} | {float(row['held_back_psnr']):.2f} | "
-                         f"{sharp} | {float(row['ms_a_step']):.0f} |")
+            lines.append(
+                f"| {row['case']} | {row['way']} | {row['steps']} | {float(row['held_back_psnr']):.2f} | "
+                f"{sharp} | {float(row['ms_a_step']):.0f} |"
+            )
         else:
             lines.append(f"| {row['case']} | {row['way']} | {row['steps']} | {row['status']} | – | – |")
     return lines

@@ -51,8 +51,20 @@ VARIANTS: dict[str, dict[str, object]] = {
     "gamma2.6": {"lens_gamma": 2.6},
     "nolens-views": {"lens": False, "outlier_views": True},
 }
-COLUMNS = ("dataset", "variant", "data", "seed", "steps", "psnr", "ssim", "psnr_worst_view", "aif_psnr", "left_out",
-           "gaussians", "train_s")
+COLUMNS = (
+    "dataset",
+    "variant",
+    "data",
+    "seed",
+    "steps",
+    "psnr",
+    "ssim",
+    "psnr_worst_view",
+    "aif_psnr",
+    "left_out",
+    "gaussians",
+    "train_s",
+)
 
 
 @dataclass(frozen=True)
@@ -112,7 +124,8 @@ def _options(variant: str, settings: Settings) -> TrainerOptions:
     _, preset, _ = find_method("dofgaussian").preset("cpu", builtin=False)
     more = dict(pair.split("=", 1) for pair in settings.set)
     return TrainerOptions().with_overrides(
-        {**preset, **overrides, **more, "steps": settings.steps, "held_back": SHARE, "lens_trials": ""})
+        {**preset, **overrides, **more, "steps": settings.steps, "held_back": SHARE, "lens_trials": ""}
+    )
 
 
 def _measured(dataset: Dataset, variant: str, settings: Settings, seed: int) -> Iterable[object]:
@@ -122,11 +135,21 @@ def _measured(dataset: Dataset, variant: str, settings: Settings, seed: int) -> 
     trainer.fit(Budget(steps=settings.steps), Unobserved())
     spent = time.perf_counter() - start - trainer.stages["depth prior"]
     scores = trainer.held_back_scores()
-    aif = [psnr(np.clip(trainer.render(view.camera, None).image, 0, 1), truth)
-           for view in dataset.test_views() if (truth := dataset.all_in_focus(view)) is not None]
+    aif = [
+        psnr(np.clip(trainer.render(view.camera, None).image, 0, 1), truth)
+        for view in dataset.test_views()
+        if (truth := dataset.all_in_focus(view)) is not None
+    ]
     left_out = " ".join(sorted(training_set.views[index].name for index in trainer.left_out_views))
-    return (f"{scores.psnr:.3f}", f"{scores.ssim:.4f}", f"{min(value for value, _ in scores.views.values()):.2f}",
-            f"{np.mean(aif):.3f}" if aif else "", left_out, len(trainer.gaussians), f"{spent:.0f}")
+    return (
+        f"{scores.psnr:.3f}",
+        f"{scores.ssim:.4f}",
+        f"{min(value for value, _ in scores.views.values()):.2f}",
+        f"{np.mean(aif):.3f}" if aif else "",
+        left_out,
+        len(trainer.gaussians),
+        f"{spent:.0f}",
+    )
 
 
 class _Trainer(Trainer):
@@ -159,7 +182,7 @@ def _harmed(training_set: TrainingSet, harm: str) -> TrainingSet:
             height, width = image.shape[:2]
             side = int(size * height)
             top, left = random.integers(height - side), random.integers(width - side)
-            image[top:top + side, left:left + side] = random.uniform(size=3)
+            image[top : top + side, left : left + side] = random.uniform(size=3)
             views[index] = replace(views[index], image=image)
     return replace(training_set, views=tuple(views))
 
@@ -181,12 +204,16 @@ def _write_table(rows: list[dict], file: Path) -> None:
     groups: dict[tuple, list[dict]] = {}
     for row in rows:
         groups.setdefault((row["dataset"], row["data"], row["steps"], row["variant"]), []).append(row)
-    lines = ["| dataset | training set | steps | variant | seeds | held-back PSNR [dB] | held-back SSIM | "
-             "all-in-focus PSNR of test views [dB] | training without prior [s] |",
-             "| :--- | :--- | ---: | :--- | ---: | ---: | ---: | ---: | ---: |"]
+    lines = [
+        "| dataset | training set | steps | variant | seeds | held-back PSNR [dB] | held-back SSIM | "
+        "all-in-focus PSNR of test views [dB] | training without prior [s] |",
+        "| :--- | :--- | ---: | :--- | ---: | ---: | ---: | ---: | ---: |",
+    ]
     for (dataset, data, steps, variant), some in groups.items():
-        cells = [_spread(some, column, digits) for column, digits in
-                 (("psnr", 2), ("ssim", 3), ("aif_psnr", 2), ("train_s", 0))]
+        cells = [
+            _spread(some, column, digits)
+            for column, digits in (("psnr", 2), ("ssim", 3), ("aif_psnr", 2), ("train_s", 0))
+        ]
         lines.append(f"| {dataset} | {data} | {steps} | {variant} | {len(some)} | " + " | ".join(cells) + " |")
     write_text(file, "\n".join(lines) + "\n")
 

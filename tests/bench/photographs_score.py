@@ -107,10 +107,13 @@ def row_of(name: str, dataset: Dataset, steps: int) -> dict[str, object]:
         spent += found.seconds
         scores = prediction_scores(found, photograph)
         scores.setdefault("photo_blur_psnr", scores["photo_psnr"])
-        rows.append({
-            "psnr": score_image(refocused, photograph, ["psnr"])["psnr"],
-            "aif_psnr": score_image(sharp, dataset.all_in_focus(view), ["psnr"])["psnr"], **scores,
-        })
+        rows.append(
+            {
+                "psnr": score_image(refocused, photograph, ["psnr"])["psnr"],
+                "aif_psnr": score_image(sharp, dataset.all_in_focus(view), ["psnr"])["psnr"],
+                **scores,
+            }
+        )
     means = {column: arithmetic_mean([row[column] for row in rows]) for column in SCORES}
     return {"dataset": dataset.name, "variant": name, **means, "train_s": seconds, "fit_s": spent, "views": len(rows)}
 
@@ -138,26 +141,61 @@ def rank_rows(rows: list[dict[str, str]]) -> Iterator[dict[str, object]]:
                 if len(set(chosen)) > 2:
                     drawn.append((spearmanr(x[chosen], y[chosen])[0], kendalltau(x[chosen], y[chosen])[0]))
             low, high = np.nanpercentile(np.array(drawn), [2.5, 97.5], axis=0)
-            yield {"dataset": dataset, "truth": true, "score": estimated,
-                   "over": f"within {CLOSE:g} dB" if close else "all", "variants": len(own),
-                   "spearman": spearmanr(x, y)[0], "spearman_low": low[0], "spearman_high": high[0],
-                   "kendall": kendalltau(x, y)[0], "kendall_low": low[1], "kendall_high": high[1]}
+            yield {
+                "dataset": dataset,
+                "truth": true,
+                "score": estimated,
+                "over": f"within {CLOSE:g} dB" if close else "all",
+                "variants": len(own),
+                "spearman": spearmanr(x, y)[0],
+                "spearman_low": low[0],
+                "spearman_high": high[0],
+                "kendall": kendalltau(x, y)[0],
+                "kendall_low": low[1],
+                "kendall_high": high[1],
+            }
 
 
 def markdown(rows: list[dict[str, str]], ranks: list[dict[str, object]]) -> str:
     """Both tables."""
-    lines = ["# photographs-v1 beside the truth", "", "By `tests/bench/photographs_score.py`.", "",
-             "## Rank correlation", ""]
-    lines += table(["dataset", "truth", "score", "over", "variants", "Spearman", "95 %", "Kendall", "95 %"], [
-        [*(str(one[key]) for key in ("dataset", "truth", "score", "over", "variants")), f"{one['spearman']:.2f}",
-         f"{one['spearman_low']:.2f} to {one['spearman_high']:.2f}", f"{one['kendall']:.2f}",
-         f"{one['kendall_low']:.2f} to {one['kendall_high']:.2f}"] for one in ranks], left=4)
+    lines = [
+        "# photographs-v1 beside the truth",
+        "",
+        "By `tests/bench/photographs_score.py`.",
+        "",
+        "## Rank correlation",
+        "",
+    ]
+    lines += table(
+        ["dataset", "truth", "score", "over", "variants", "Spearman", "95 %", "Kendall", "95 %"],
+        [
+            [
+                *(str(one[key]) for key in ("dataset", "truth", "score", "over", "variants")),
+                f"{one['spearman']:.2f}",
+                f"{one['spearman_low']:.2f} to {one['spearman_high']:.2f}",
+                f"{one['kendall']:.2f}",
+                f"{one['kendall_low']:.2f} to {one['kendall_high']:.2f}",
+            ]
+            for one in ranks
+        ],
+        left=4,
+    )
     for dataset in dict.fromkeys(row["dataset"] for row in rows):
         own = sorted((row for row in rows if row["dataset"] == dataset), key=lambda row: -float(row["photo_psnr"]))
         lines += ["", f"## {dataset}", "", f"{own[0]['views']} test views.", ""]
-        lines += table(["variant", *SCORES, "training, s", "fit, s"], [
-            [row["variant"], *(f"{float(row[column]):.{4 if column == 'photo_ssim' else 2}f}" for column in SCORES),
-             f"{float(row['train_s']):.0f}", f"{float(row['fit_s']):.0f}"] for row in own], left=1)
+        lines += table(
+            ["variant", *SCORES, "training, s", "fit, s"],
+            [
+                [
+                    row["variant"],
+                    *(f"{float(row[column]):.{4 if column == 'photo_ssim' else 2}f}" for column in SCORES),
+                    f"{float(row['train_s']):.0f}",
+                    f"{float(row['fit_s']):.0f}",
+                ]
+                for row in own
+            ],
+            left=1,
+        )
     return "\n".join(lines) + "\n"
 
 

@@ -30,11 +30,31 @@ SMALL = ("--width", "96", "--depth", "sfm")
 DATASETS = {
     "builtin": (),
     "fixed": ("{code}/datasets/tabletop", "--width", "96", "--assign", "fixed", "--focus", "0.3", "--aperture", "0.7"),
-    "held-out": ("{code}/datasets/tabletop", "--width", "96", "--assign", "held-out", "--focus", "0.2,0.8",
-                 "--test-focus", "0.5"),
+    "held-out": (
+        "{code}/datasets/tabletop",
+        "--width",
+        "96",
+        "--assign",
+        "held-out",
+        "--focus",
+        "0.2,0.8",
+        "--test-focus",
+        "0.5",
+    ),
     "continuous": ("{code}/datasets/tabletop", "--width", "96", "--assign", "continuous", "--focus", "0.2,0.8"),
-    "layered": ("{code}/datasets/tabletop", "--width", "96", "--renderer", "layered", "--shape", "6-gon",
-                "--photons", "500", "--bits", "16"),
+    "layered": (
+        "{code}/datasets/tabletop",
+        "--width",
+        "96",
+        "--renderer",
+        "layered",
+        "--shape",
+        "6-gon",
+        "--photons",
+        "500",
+        "--bits",
+        "16",
+    ),
     "fern": ("{scenes}/llff_fern", "--width", "126", "--focus", "0.2,0.8", "--aperture", "1.0", "--depth", "sfm"),
     "chessking": ("{scenes}/shallow_chessking", "--photographs", "shallow", "--layout", "colmap", "--width", "125"),
 }
@@ -46,8 +66,10 @@ TRAININGS = {
     "samples": ("builtin", ("--set", "lens_trials=", "lens_model=samples", "lens_rings=1", *_STEPS)),
     "trials": ("held-out", _STEPS),
     "colours": ("chessking", ("--force-all", *_STEPS)),
-    **{f"prior {name}": ("continuous", ("--set", f"depth_prior={name}", "start_points=0", "lens_trials=", *_STEPS))
-       for name in ("sparse", "stereo", "network", "tuned")},
+    **{
+        f"prior {name}": ("continuous", ("--set", f"depth_prior={name}", "start_points=0", "lens_trials=", *_STEPS))
+        for name in ("sparse", "stereo", "network", "tuned")
+    },
     "paper": ("held-out", ("--preset", "paper", "--set", "depth_prior=sparse", *_STEPS)),
     "released": ("held-out", ("--preset", "released", "--set", "depth_prior=sparse", *_STEPS)),
 }
@@ -66,8 +88,14 @@ class Place:
         """One dofbench command; a failure is printed and ends the program."""
         print("dofbench", *words, flush=True)
         environment = {**os.environ, "PYTHONPATH": str(self.code)}
-        done = subprocess.run([sys.executable, "-m", "dofbench", *words], cwd=self.work, env=environment, text=True,
-                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        done = subprocess.run(
+            [sys.executable, "-m", "dofbench", *words],
+            cwd=self.work,
+            env=environment,
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+        )
         if done.returncode:
             sys.exit(f"{done.stdout[-3000:]}\nexit status {done.returncode}")
 
@@ -127,8 +155,10 @@ def stability(place: Place) -> Iterator[tuple[str, Callable[[], dict[str, object
 def _stability(place: Place, group: str) -> dict[str, object]:
     place.call("stability", "--group", group, "--out", f"stability/{group}")
     with (place.work / "stability" / group / "stability.csv").open() as stream:
-        return {" ".join((row["case"], row["backend"], row["precision"])): f"{row['error']} {row['verdict']}"
-                for row in csv.DictReader(stream)}
+        return {
+            " ".join((row["case"], row["backend"], row["precision"])): f"{row['error']} {row['verdict']}"
+            for row in csv.DictReader(stream)
+        }
 
 
 def _sum(path: Path) -> str:
@@ -136,8 +166,11 @@ def _sum(path: Path) -> str:
 
 
 def _files(folder: Path, skip: frozenset[str] | set[str] = frozenset()) -> dict[str, object]:
-    return {str(path.relative_to(folder)): _sum(path) for path in sorted(folder.rglob("*"))
-            if path.is_file() and path.name not in skip}
+    return {
+        str(path.relative_to(folder)): _sum(path)
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name not in skip
+    }
 
 
 def made(place: Place, file: Path, kept: Path) -> dict[str, dict[str, object]]:
@@ -158,8 +191,11 @@ def differences(before: dict[str, dict[str, object]], after: dict[str, dict[str,
     lines = []
     for part in (*before, *(name for name in after if name not in before)):
         one, two = before.get(part, {}), after.get(part, {})
-        lines += [f"{part}: {key}: {one.get(key, 'absent')} -> {two.get(key, 'absent')}"
-                  for key in dict.fromkeys((*one, *two)) if repr(one.get(key)) != repr(two.get(key))]
+        lines += [
+            f"{part}: {key}: {one.get(key, 'absent')} -> {two.get(key, 'absent')}"
+            for key in dict.fromkeys((*one, *two))
+            if repr(one.get(key)) != repr(two.get(key))
+        ]
     return lines
 
 

@@ -36,14 +36,27 @@ from dofbench.synthesis.settings import MakeDataset
 from dofbench.threads import configure_threads
 
 COLUMNS = (
-    "case", "photographs", "options", "views", "registered", "features", "points", "reprojection_px",
-    "rotation_median_deg", "rotation_max_deg", "position_median_percent", "position_max_percent", "focal_percent",
+    "case",
+    "photographs",
+    "options",
+    "views",
+    "registered",
+    "features",
+    "points",
+    "reprojection_px",
+    "rotation_median_deg",
+    "rotation_max_deg",
+    "position_median_percent",
+    "position_max_percent",
+    "focal_percent",
     "seconds",
 )
 # What else is tried on the sets that a real lens took: case, what it is called, options of `measure`.
 VARIED = {
-    "shallow_chessking": (("four-octaves", "four octaves, as COLMAP has them", {"octaves": 4}),
-                          ("global", "--mapping global", {"mapping": "global"})),
+    "shallow_chessking": (
+        ("four-octaves", "four octaves, as COLMAP has them", {"octaves": 4}),
+        ("global", "--mapping global", {"mapping": "global"}),
+    ),
     "shallow_blowtorch": (("focal-known", "--sensor-width 36", {"size": 1600, "sensor_width": 36.0}),),
 }
 
@@ -98,12 +111,20 @@ def measure(
     true = {view.name: view.camera for view in truth.views}
     angle, position = pose_errors(found, true)
     focal = focal_lengths(truth.root, truth)
-    errors = [camera["focal"][0] / camera["width"] / focal[view] - 1
-              for camera in content["cameras"] if "focal" in camera for view in camera["views"] if view in found]
+    errors = [
+        camera["focal"][0] / camera["width"] / focal[view] - 1
+        for camera in content["cameras"]
+        if "focal" in camera
+        for view in camera["views"]
+        if view in found
+    ]
     return row | {
-        "registered": len(found), "features": int(np.mean([view["features"] for view in content["views"]])),
-        "points": content["points"], "reprojection_px": f"{content['mean_reprojection_error']:.3f}",
-        "rotation_median_deg": f"{np.median(angle):.4f}", "rotation_max_deg": f"{angle.max():.4f}",
+        "registered": len(found),
+        "features": int(np.mean([view["features"] for view in content["views"]])),
+        "points": content["points"],
+        "reprojection_px": f"{content['mean_reprojection_error']:.3f}",
+        "rotation_median_deg": f"{np.median(angle):.4f}",
+        "rotation_max_deg": f"{angle.max():.4f}",
         "position_median_percent": f"{100 * np.median(position):.3f}",
         "position_max_percent": f"{100 * position.max():.3f}",
         "focal_percent": f"{100 * np.median(np.abs(errors)):.3f}",
@@ -133,8 +154,17 @@ def cases(
                 yield f"{name}/sharp", data / name, truth, sharp, {"images": "images_8", "size": width}
             for aperture in filter(lambda aperture, name=name: wanted(f"{name}/shallow-{aperture}"), ("0.5", "1.0")):
                 made = work / f"{name}-{aperture}"
-                make_dataset(MakeDataset(scene=str(data / name), out=made, width=width, depth="sfm",
-                                         focus="0.2,0.5,0.8", aperture=aperture), progress=Silent())
+                make_dataset(
+                    MakeDataset(
+                        scene=str(data / name),
+                        out=made,
+                        width=width,
+                        depth="sfm",
+                        focus="0.2,0.5,0.8",
+                        aperture=aperture,
+                    ),
+                    progress=Silent(),
+                )
                 text = {"photographs": f"made shallow, A {aperture}, F 0.2 0.5 0.8", "options": f"{width} pixels wide"}
                 yield f"{name}/shallow-{aperture}", made / "images", truth, text, {}
     for scene in sorted((rendered / "scenes").iterdir()) if rendered is not None else []:
@@ -147,8 +177,10 @@ def cases(
             optics = json.loads((lens / "lens.json").read_text())
             how = "through a thin lens" if optics["renderer"] == "thinlens" else f"and blurred by {optics['renderer']}"
             apertures, focus = ({f"{view[name]:g}" for view in optics["views"]} for name in ("aperture", "focus"))
-            text = {"photographs": f"rendered {how}, A {' '.join(sorted(apertures))}, F {' '.join(sorted(focus))}",
-                    "options": size}
+            text = {
+                "photographs": f"rendered {how}, A {' '.join(sorted(apertures))}, F {' '.join(sorted(focus))}",
+                "options": size,
+            }
             if wanted(f"{lens.name}/lens"):
                 yield f"{lens.name}/lens", lens / "images", truth, text, {}
 
@@ -167,6 +199,7 @@ def main() -> None:
         with open(options.out, newline="") as stream:
             rows = list(csv.DictReader(stream))
     with tempfile.TemporaryDirectory() as work:
+
         def wanted(case: str) -> bool:
             return case.startswith(options.only) and case not in {row["case"] for row in rows}
 

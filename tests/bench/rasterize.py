@@ -48,9 +48,12 @@ def scene(n: int, width: int, height: int, pixels: float, seed: int = 0) -> tupl
     z = 2 + 6 * torch.rand(n, generator=generator)
     scales = torch.log(pixels * z / focal)[:, None] + 0.5 * torch.randn(n, 3, generator=generator)
     parameters = [
-        torch.stack([u * width / focal * z, v * height / focal * z, z], 1), scales,
-        torch.randn(n, 4, generator=generator), torch.randn(n, generator=generator) * 1.5 - 0.5,
-        torch.randn(n, 3, generator=generator) * 0.5, torch.randn(n, 15, 3, generator=generator) * 0.1,
+        torch.stack([u * width / focal * z, v * height / focal * z, z], 1),
+        scales,
+        torch.randn(n, 4, generator=generator),
+        torch.randn(n, generator=generator) * 1.5 - 0.5,
+        torch.randn(n, 3, generator=generator) * 0.5,
+        torch.randn(n, 15, 3, generator=generator) * 0.1,
     ]
     return parameters, Camera(width, height, focal, focal, width / 2, height / 2, np.eye(4))
 
@@ -132,8 +135,18 @@ class Peer:
         l11, l21, l22 = (r[:, k] / layout.EXPONENT_SCALE for k in (layout.L11, layout.L21, layout.L22))
         opacity = np.zeros(len(r), np.float32)
         opacity[order] = np.exp2(r[order, layout.LOG2_OPACITY])
-        columns = [r[:, layout.MX], r[:, layout.MY], l11 * l11, l11 * l21, l21 * l21 + l22 * l22, opacity,
-                   r[:, layout.RED], r[:, layout.GREEN], r[:, layout.BLUE], r[:, layout.T0]]
+        columns = [
+            r[:, layout.MX],
+            r[:, layout.MY],
+            l11 * l11,
+            l11 * l21,
+            l21 * l21 + l22 * l22,
+            opacity,
+            r[:, layout.RED],
+            r[:, layout.GREEN],
+            r[:, layout.BLUE],
+            r[:, layout.T0],
+        ]
         self.gaussians = np.ascontiguousarray(np.stack(columns, 1), np.float32)
         self.starts, self.ids = tile_lists(order, self.gaussians, camera.width, camera.height)
         shape = (camera.height, camera.width)
@@ -149,13 +162,30 @@ class Peer:
 
     def forward(self) -> float:
         """Seconds of one forward pass."""
-        return self._call(self.library.forward, self.gaussians, self.starts, self.ids, self.color, self.depth,
-                          self.alpha, self.looked_at)
+        return self._call(
+            self.library.forward,
+            self.gaussians,
+            self.starts,
+            self.ids,
+            self.color,
+            self.depth,
+            self.alpha,
+            self.looked_at,
+        )
 
     def backward(self) -> float:
         """Seconds of one backward pass."""
-        return self._call(self.library.backward, self.gaussians, self.starts, self.ids, self.looked_at, self.color,
-                          self.depth, *self.ones, self.out)
+        return self._call(
+            self.library.backward,
+            self.gaussians,
+            self.starts,
+            self.ids,
+            self.looked_at,
+            self.color,
+            self.depth,
+            *self.ones,
+            self.out,
+        )
 
 
 def build_peer(folder: Path) -> ctypes.CDLL:

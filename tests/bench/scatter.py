@@ -32,8 +32,9 @@ scatter = load("scatter", "cpu")
 def surfaces(rng, height: int, width: int) -> np.ndarray:
     """Smooth waves with a depth edge across them, [0, 1]: what a disparity map looks like."""
     rows, columns = np.mgrid[:height, :width] / width
-    waves = sum(np.cos(2 * np.pi * (rng.uniform(-3, 3) * rows + rng.uniform(-3, 3) * columns + rng.random()))
-                for _ in range(6))
+    waves = sum(
+        np.cos(2 * np.pi * (rng.uniform(-3, 3) * rows + rng.uniform(-3, 3) * columns + rng.random())) for _ in range(6)
+    )
     waves = (waves - waves.min()) / np.ptp(waves)
     return np.where(columns + 0.4 * rows > 0.6, 1 - waves, waves)
 
@@ -62,7 +63,7 @@ def errors(image, radius, gradient, outputs, rng) -> list[float]:
     # What the way back starts from; its own error is the first column's.
     blurred, total = (a.astype(np.float64) for a in outputs[0].grad_fn.sums)
     by_sum = gradient / total[..., None]
-    rows, columns = np.mgrid[:radius.shape[0], :radius.shape[1]]
+    rows, columns = np.mgrid[: radius.shape[0], : radius.shape[1]]
     outputs = [t.detach().double().numpy() for t in outputs]
     worst = np.zeros(3)
     for _ in range(SAMPLES):
@@ -70,9 +71,11 @@ def errors(image, radius, gradient, outputs, rng) -> list[float]:
         distance = np.hypot(rows - y, columns - x)
         arriving, _ = weights(radius, distance)
         leaving, slope = weights(radius[y, x], distance)
-        exact = ((arriving[..., None] * image).sum(axis=(0, 1)) / arriving.sum(),
-                 (leaving[..., None] * by_sum).sum(axis=(0, 1)),
-                 (slope * (by_sum * (image[y, x] - blurred)).sum(axis=2)).sum())
+        exact = (
+            (arriving[..., None] * image).sum(axis=(0, 1)) / arriving.sum(),
+            (leaving[..., None] * by_sum).sum(axis=(0, 1)),
+            (slope * (by_sum * (image[y, x] - blurred)).sum(axis=2)).sum(),
+        )
         found = [np.abs(output[y, x] - value).max() for output, value in zip(outputs, exact, strict=True)]
         worst = np.maximum(worst, found)
     return [error / np.abs(output).max() for error, output in zip(worst, outputs, strict=True)]
@@ -96,8 +99,11 @@ def table(kind: str, disparity: np.ndarray, radii: list[float], repeats: int, rn
                 else:
                     times[form].append((forward, backward))
         medians = {form: [statistics.median(t) for t in zip(*times[form], strict=True)] for form in FORMS}
-        row = [text for form, error in zip(FORMS, cells, strict=True)
-               for text in (*(f"{t:.1f}" for t in medians[form]), *(f"{e:.0e}" for e in error))]
+        row = [
+            text
+            for form, error in zip(FORMS, cells, strict=True)
+            for text in (*(f"{t:.1f}" for t in medians[form]), *(f"{e:.0e}" for e in error))
+        ]
         print(f"| {largest:g} |", " | ".join(row), "|", flush=True)
         if faster is None and sum(medians["linear"]) < sum(medians["direct"]):
             faster = largest
@@ -114,8 +120,10 @@ def main() -> None:
     rng = np.random.default_rng(0)
     shape = arguments.height, arguments.width
     radii = [float(r) for r in arguments.radii.split(",")]
-    print(f"{arguments.width} x {arguments.height} x 3, {torch.get_num_threads()} threads, medians of "
-          f"{arguments.repeats}, load {os.getloadavg()[0]:.1f}")
+    print(
+        f"{arguments.width} x {arguments.height} x 3, {torch.get_num_threads()} threads, medians of "
+        f"{arguments.repeats}, load {os.getloadavg()[0]:.1f}"
+    )
     table("Smooth surfaces with an edge", surfaces(rng, *shape), radii, arguments.repeats, rng)
     table("Noise as disparity", rng.random(shape), radii, arguments.repeats, rng)
 

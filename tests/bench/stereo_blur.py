@@ -18,7 +18,7 @@ from dofbench.lens import COC_FRACTION
 from dofbench.priors.stereo import stereo_depth
 from dofbench.synthesis.dataset import Dataset
 
-EDGES = (0.0, 0.5, 1.5, 3.0, np.inf)   # px of radius
+EDGES = (0.0, 0.5, 1.5, 3.0, np.inf)  # px of radius
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,10 @@ class Settings:
 
 def main(settings: Settings) -> None:
     """Print the table."""
-    print("| dataset | sharpest radius (px) | share of the picture | coarser | pixels with depth | CoC error < 0.5 px |"
-          " mean (px) |\n" + "|---" * 7 + "|")
+    print(
+        "| dataset | sharpest radius (px) | share of the picture | coarser | pixels with depth | CoC error < 0.5 px |"
+        " mean (px) |\n" + "|---" * 7 + "|"
+    )
     for folder in settings.datasets:
         dataset = Dataset.load(folder)
         training_set = dataset.training_set("shallow")
@@ -61,9 +63,11 @@ def _print(dataset: Dataset, truth: np.ndarray, sharpest: np.ndarray, coarser: i
             continue
         known = region & (found > 0)
         error = COC_FRACTION * truth.shape[2] * np.abs(1 / found[known] - truth[known]) / dataset.disparity_range.extent
-        print(f"| {dataset.name} | {low:g} to {high:g} | {100 * region.mean():.0f} % | {coarser} |"
-              f" {100 * known.sum() / region.sum():.1f} % | {100 * (error < 0.5).mean():.1f} % | {error.mean():.2f} |",
-              flush=True)
+        print(
+            f"| {dataset.name} | {low:g} to {high:g} | {100 * region.mean():.0f} % | {coarser} |"
+            f" {100 * known.sum() / region.sum():.1f} % | {100 * (error < 0.5).mean():.1f} % | {error.mean():.2f} |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -51,13 +51,18 @@ def main(settings: Settings) -> None:
     for worker in workers.values():
         worker.stdin.close()
         worker.wait()
-    print("| checkout | views | size | wall (s) | CPU (s) | pixels with depth | memory before | at its peak |\n"
-          + "|---" * 8 + "|")
+    print(
+        "| checkout | views | size | wall (s) | CPU (s) | pixels with depth | memory before | at its peak |\n"
+        + "|---" * 8
+        + "|"
+    )
     for name, calls in found.items():
         middle = {key: statistics.median(call[key] for call in calls) for key in calls[0]}
         task = sizes[name]
-        print(f"| {name} | {task['views']} | {task['size']} | {middle['wall']:.1f} | {middle['cpu']:.1f} |"
-              f" {100 * middle['share']:.2f} % | {task['before']:.0f} MB | {middle['peak']:.0f} MB |")
+        print(
+            f"| {name} | {task['views']} | {task['size']} | {middle['wall']:.1f} | {middle['cpu']:.1f} |"
+            f" {100 * middle['share']:.2f} % | {task['before']:.0f} MB | {middle['peak']:.0f} MB |"
+        )
     if settings.old:
         for key in ("wall", "cpu"):
             ratios = [old[key] / new[key] for old, new in zip(found["other"], found["this"], strict=True)]
@@ -66,8 +71,14 @@ def main(settings: Settings) -> None:
 
 def _start(checkout: Path, settings: Settings) -> subprocess.Popen:
     command = [sys.executable, str(HERE), "--worker", str(settings.scene), str(settings.width), str(settings.views)]
-    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=checkout,
-                            env={**os.environ, "PYTHONPATH": str(checkout)})
+    return subprocess.Popen(
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=checkout,
+        env={**os.environ, "PYTHONPATH": str(checkout)},
+    )
 
 
 def _ask(worker: subprocess.Popen) -> dict:
@@ -88,8 +99,10 @@ def _work(scene: Path, width: int, count: int) -> None:
     loaded = load_scene(scene, width=width)
     chosen = sorted(set(np.linspace(0, len(loaded.views) - 1, count).round().astype(int).tolist()))
     views = [loaded.views[index] for index in chosen]
-    every = TrainingSet(tuple(TrainingView(view.name, view.camera, np.clip(view.image(), 0, 1).astype(np.float32))
-                              for view in views), loaded.points.seen_by(chosen))
+    every = TrainingSet(
+        tuple(TrainingView(view.name, view.camera, np.clip(view.image(), 0, 1).astype(np.float32)) for view in views),
+        loaded.points.seen_by(chosen),
+    )
     few = TrainingSet(every.views[:3], every.points.seen_by(range(3)))
     stereo_depth(few)
     height, width = every.views[0].image.shape[:2]
@@ -100,9 +113,17 @@ def _work(scene: Path, width: int, count: int) -> None:
             continue
         wall, cpu = time.perf_counter(), time.process_time()
         maps = stereo_depth(every)
-        print(json.dumps({"wall": time.perf_counter() - wall, "cpu": time.process_time() - cpu,
-                          "share": float(np.mean([(one.depth > 0).mean() for one in maps])),
-                          "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}), flush=True)
+        print(
+            json.dumps(
+                {
+                    "wall": time.perf_counter() - wall,
+                    "cpu": time.process_time() - cpu,
+                    "share": float(np.mean([(one.depth > 0).mean() for one in maps])),
+                    "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+                }
+            ),
+            flush=True,
+        )
 
 
 def _resident() -> float:

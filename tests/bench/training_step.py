@@ -54,10 +54,18 @@ def main() -> None:
     arguments = parser.parse_args()
     scene = load_scene(arguments.scene, width=arguments.width)
     views = tuple(TrainingView(v.name, v.camera, v.image()) for v in scene.views)
-    options = TrainerOptions().with_overrides({
-        "densify_until": 0.0, "reset_every": 0.0, "lens_init_aperture": arguments.aperture, "lens_lr": 1e-12,
-        "lens_lr_final": 1e-12, "sh_every": 0.0, "adaptation": "off",
-        "normal_weight": 0.05 if arguments.normals else 0.0})
+    options = TrainerOptions().with_overrides(
+        {
+            "densify_until": 0.0,
+            "reset_every": 0.0,
+            "lens_init_aperture": arguments.aperture,
+            "lens_lr": 1e-12,
+            "lens_lr_final": 1e-12,
+            "sh_every": 0.0,
+            "adaptation": "off",
+            "normal_weight": 0.05 if arguments.normals else 0.0,
+        }
+    )
     trainer = Trainer(TrainingSet(views, scene.points), options, 0)
     trainer.fit(Budget(steps=5), Clock())  # compiles the kernels
     trainer.stages.clear()
@@ -66,8 +74,10 @@ def main() -> None:
     times = sorted(clock.times[1:])
     total = sum(clock.times)
     median, least, most = (1e3 * value for value in (statistics.median(times), times[0], times[-1]))
-    print(f"{len(trainer.gaussians)} Gaussians, {views[0].camera.width}x{views[0].camera.height}: "
-          f"median {median:.1f} ms a step (min {least:.1f}, max {most:.1f})")
+    print(
+        f"{len(trainer.gaussians)} Gaussians, {views[0].camera.width}x{views[0].camera.height}: "
+        f"median {median:.1f} ms a step (min {least:.1f}, max {most:.1f})"
+    )
     print("| stage | ms a step | share |\n| --- | --- | --- |")
     for stage, seconds in outcome.stages.items():
         print(f"| {stage} | {1e3 * seconds / arguments.steps:.2f} | {seconds / total:.0%} |")

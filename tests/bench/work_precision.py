@@ -117,8 +117,16 @@ def _bands(repeats: int) -> list[Point]:
         for form, exponent in knobs:
             found = blurred(form, exponent).double().numpy()
             error = max(np.abs(found[y, x] - value).max() for (y, x), value in exact.items()) / np.abs(found).max()
-            points.append(Point(f"scatter, R ≤ {largest:g} px", f"{form} form", f"{exponent:g}", float(error),
-                                "largest, relative", seconds[form, exponent]))
+            points.append(
+                Point(
+                    f"scatter, R ≤ {largest:g} px",
+                    f"{form} form",
+                    f"{exponent:g}",
+                    float(error),
+                    "largest, relative",
+                    seconds[form, exponent],
+                )
+            )
     return points
 
 
@@ -142,19 +150,28 @@ def _resolutions(repeats: int) -> list[Point]:
     height, width = depth.shape
     points = []
     for focus in (0.2, 0.8):
+
         def shot(share: int, lens=Lens(1.0, focus)) -> np.ndarray:
             if share == 1:
                 return defocus_numpy(image, depth, lens.physical(bounds, width))[0]
             small = resize(image, width // share, height // share)
-            nearest = depth[share // 2::share, share // 2::share][:height // share, :width // share]
+            nearest = depth[share // 2 :: share, share // 2 :: share][: height // share, : width // share]
             return resize(defocus_numpy(small, nearest, lens.physical(bounds, width // share))[0], width, height)
 
         shares = (1, 2, 4)
         seconds = _medians({share: lambda share=share, s=shot: s(share) for share in shares}, repeats)
         full = shot(1)
-        points += [Point("photograph by resolution", f"F = {focus:g}", f"1/{share}",
-                         float(np.sqrt(((shot(share) - full) ** 2).mean())) or np.nan, "RMSE", seconds[share])
-                   for share in shares]
+        points += [
+            Point(
+                "photograph by resolution",
+                f"F = {focus:g}",
+                f"1/{share}",
+                float(np.sqrt(((shot(share) - full) ** 2).mean())) or np.nan,
+                "RMSE",
+                seconds[share],
+            )
+            for share in shares
+        ]
     return points
 
 
@@ -185,8 +202,17 @@ def _lens_points(repeats: int) -> list[Point]:
     seconds = _medians({ring: lambda ring=ring: photograph(ring) for ring in rings}, repeats)
     finest = photograph(12)
     errors = {ring: float(np.sqrt(((photograph(ring) - finest) ** 2).mean())) for ring in rings}
-    return [Point("lens by its points", "points and cells", str(1 + 3 * ring * (ring + 1)), errors[ring], "RMSE",
-                  seconds[ring]) for ring in rings]
+    return [
+        Point(
+            "lens by its points",
+            "points and cells",
+            str(1 + 3 * ring * (ring + 1)),
+            errors[ring],
+            "RMSE",
+            seconds[ring],
+        )
+        for ring in rings
+    ]
 
 
 @torch.no_grad()
@@ -200,8 +226,18 @@ def _rasteriser(repeats: int) -> list[Point]:
 
     def defined(kind: Callable) -> np.ndarray:
         one = {name: kind(tensor) for name, tensor in double.items()}
-        return reference(**one, camera=camera, sh_degree=0, geometry="none", filter_3d=kind(gaussians.filter_3d),
-                         filter_2d=options.filter_2d).color.double().numpy()
+        return (
+            reference(
+                **one,
+                camera=camera,
+                sh_degree=0,
+                geometry="none",
+                filter_3d=kind(gaussians.filter_3d),
+                filter_2d=options.filter_2d,
+            )
+            .color.double()
+            .numpy()
+        )
 
     variants = {
         "kernel, float32": lambda: rasterise(gaussians, camera, options, geometry="none").color.double().numpy(),
@@ -210,9 +246,10 @@ def _rasteriser(repeats: int) -> list[Point]:
     }
     seconds = _medians(variants, min(repeats, 3))
     exact = variants["definition, float64"]()
-    return [Point("rasteriser", name, "", float(np.sqrt(((call() - exact) ** 2).mean())) or np.nan, "RMSE",
-                  seconds[name])
-            for name, call in variants.items()]
+    return [
+        Point("rasteriser", name, "", float(np.sqrt(((call() - exact) ** 2).mean())) or np.nan, "RMSE", seconds[name])
+        for name, call in variants.items()
+    ]
 
 
 def _plot(points: list[Point], path: Path) -> None:
@@ -222,12 +259,25 @@ def _plot(points: list[Point], path: Path) -> None:
         some = [point for point in points if point.panel == panel]
         for index, line in enumerate(dict.fromkeys(point.line for point in some)):
             found = [point for point in some if point.line == line and np.isfinite(point.error)]
-            axes.plot([1e3 * p.seconds for p in found], [p.error for p in found], marker="o", markersize=4, label=line,
-                      **look(index))
+            axes.plot(
+                [1e3 * p.seconds for p in found],
+                [p.error for p in found],
+                marker="o",
+                markersize=4,
+                label=line,
+                **look(index),
+            )
             for p in found:
                 axes.annotate(p.knob, (1e3 * p.seconds, p.error), textcoords="offset points", xytext=(3, 3), fontsize=7)
-        axes.set(xscale="log", yscale="log", xmargin=0.2, ymargin=0.2, title=panel, xlabel="time [ms]",
-                 ylabel=f"error ({some[0].unit})")
+        axes.set(
+            xscale="log",
+            yscale="log",
+            xmargin=0.2,
+            ymargin=0.2,
+            title=panel,
+            xlabel="time [ms]",
+            ylabel=f"error ({some[0].unit})",
+        )
         for axis in (axes.xaxis, axes.yaxis):
             low, high = axis.get_view_interval()
             axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 100 * low else (1,)))

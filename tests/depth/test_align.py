@@ -20,7 +20,10 @@ def made(meaning: str, scale: float, shift: float, seed: int = 0) -> tuple[np.nd
 
 
 @given(
-    st.sampled_from(["disparity", "depth"]), st.floats(1e-3, 1e3), st.floats(-5, 5), st.integers(0, 99),
+    st.sampled_from(["disparity", "depth"]),
+    st.floats(1e-3, 1e3),
+    st.floats(-5, 5),
+    st.integers(0, 99),
     st.floats(0, 0.4),
 )
 def test_it_is_found_among_outliers(meaning, scale, shift, seed, wrong):
@@ -62,11 +65,14 @@ def test_a_heavier_point_counts_more():
     assert found is not None and abs(found.shift) < 0.001
 
 
-@pytest.mark.parametrize(("output", "disparity"), [
-    (np.arange(ENOUGH - 1.0), np.arange(ENOUGH - 1.0)),          # too few
-    (np.arange(50.0), 2 - np.arange(50.0) / 50),                 # the nearer, the less
-    (np.ones(50), np.linspace(0.1, 1, 50)),                      # says nothing
-])
+@pytest.mark.parametrize(
+    ("output", "disparity"),
+    [
+        (np.arange(ENOUGH - 1.0), np.arange(ENOUGH - 1.0)),  # too few
+        (np.arange(50.0), 2 - np.arange(50.0) / 50),  # the nearer, the less
+        (np.ones(50), np.linspace(0.1, 1, 50)),  # says nothing
+    ],
+)
 def test_there_may_be_none(output, disparity):
     assert fit(output, disparity, np.ones(len(output)), "disparity", "scale-shift") is None
 

@@ -53,8 +53,9 @@ def test_exact_depth_agrees_and_what_is_hidden_says_nothing():
 def test_points_on_the_borders_of_pixels_fall_to_one_side_whatever_the_last_bits(seed):
     """From camera to camera everything moves by 7.5 or 2.5 pixels, so every point falls on a border."""
     random = np.random.default_rng(seed)
-    moved = [replace(one, world_to_camera=one.world_to_camera + 1e-14 * random.uniform(-1, 1, (4, 4)))
-             for one in CAMERAS]
+    moved = [
+        replace(one, world_to_camera=one.world_to_camera + 1e-14 * random.uniform(-1, 1, (4, 4))) for one in CAMERAS
+    ]
     names = [f"v{index}" for index in range(6)]
     again = consistencies(names, moved, lambda index: MAPS[index], None, RANGE)
     for one, other in zip(found(MAPS), again, strict=True):

@@ -93,8 +93,10 @@ def test_confidence_falls_away_from_the_points(tmp_path):
 
 def test_scene_units_scale_the_depth(tmp_path):
     cloud = points(90, (0, 1, 2))
-    one, other = (opened("sfm", scene(part), tmp_path).estimate(scene(part).views[0]).depth
-                  for part in (cloud, replace(cloud, xyz=cloud.xyz * 250)))
+    one, other = (
+        opened("sfm", scene(part), tmp_path).estimate(scene(part).views[0]).depth
+        for part in (cloud, replace(cloud, xyz=cloud.xyz * 250))
+    )
     np.testing.assert_allclose(other, 250 * one, rtol=COMPLETED_SCALE + FLOAT32_SCALAR)
 
 
@@ -148,16 +150,22 @@ def test_a_network_that_sees_disparity_up_to_scale_and_shift(tmp_path):
 
 
 def test_a_network_that_gives_depth_up_to_scale(tmp_path):
-    network = write_network(tmp_path / "n.onnx", lambda image: 7.0 / (mean_of_channels(image) - 0.1),
-                            side='longest = 64\noutput = "depth"\nalign = "scale"\n')
+    network = write_network(
+        tmp_path / "n.onnx",
+        lambda image: 7.0 / (mean_of_channels(image) - 0.1),
+        side='longest = 64\noutput = "depth"\nalign = "scale"\n',
+    )
     there = scene(points(60, (0, 1, 2)))
     estimate = opened("onnx", there, tmp_path, network).estimate(there.views[0])
     np.testing.assert_allclose(estimate.depth, ramp(), rtol=NETWORK_DISPARITY)
 
 
 def test_a_network_in_scene_units_needs_no_points(tmp_path):
-    network = write_network(tmp_path / "n.onnx", lambda image: 0.6 / (mean_of_channels(image) - 0.1),
-                            side='longest = 64\noutput = "depth"\nalign = "none"\n')
+    network = write_network(
+        tmp_path / "n.onnx",
+        lambda image: 0.6 / (mean_of_channels(image) - 0.1),
+        side='longest = 64\noutput = "depth"\nalign = "none"\n',
+    )
     there = scene(None)
     estimate = opened("onnx", there, tmp_path, network).estimate(there.views[0])
     np.testing.assert_allclose(estimate.depth, ramp(), rtol=NETWORK_DISPARITY)

@@ -33,11 +33,17 @@ def write_png(path: Path, depth: np.ndarray) -> None:
     cv2.imwrite(str(path), np.rint(depth * 4).astype(np.uint16))
 
 
-@pytest.mark.parametrize(("name", "write", "unit"), [
-    ("v0.exr", write_exr, 1.0), ("v0.npy", np.save, 1.0), ("v0.bin", write_colmap, 1.0),
-    ("v0.JPG.geometric.bin", write_colmap, 1.0), ("v0.png", write_png, 0.25),
-    ("v0.npy", lambda path, depth: np.save(path, depth * 1000), 1e-3),
-])
+@pytest.mark.parametrize(
+    ("name", "write", "unit"),
+    [
+        ("v0.exr", write_exr, 1.0),
+        ("v0.npy", np.save, 1.0),
+        ("v0.bin", write_colmap, 1.0),
+        ("v0.JPG.geometric.bin", write_colmap, 1.0),
+        ("v0.png", write_png, 0.25),
+        ("v0.npy", lambda path, depth: np.save(path, depth * 1000), 1e-3),
+    ],
+)
 def test_every_format_gives_the_same_map(tmp_path, name, write, unit):
     write(tmp_path / name, DEPTH)
     scene = with_folder_depth(SCENE, tmp_path, unit)
@@ -54,9 +60,13 @@ def test_infinity_and_zero_are_unknown(tmp_path):
     assert view.depth is not None and np.array_equal(view.depth()[0, :2], np.zeros(2))
 
 
-@pytest.mark.parametrize(("files", "word"), [
-    ({}, "no map for view v0"), ({"v0.npy": b"1", "v0.exr": b"1"}, "v0.exr and v0.npy for view v0"),
-])
+@pytest.mark.parametrize(
+    ("files", "word"),
+    [
+        ({}, "no map for view v0"),
+        ({"v0.npy": b"1", "v0.exr": b"1"}, "v0.exr and v0.npy for view v0"),
+    ],
+)
 def test_one_map_a_view(tmp_path, files, word):
     for name, content in files.items():
         (tmp_path / name).write_bytes(content)
@@ -64,10 +74,15 @@ def test_one_map_a_view(tmp_path, files, word):
         with_folder_depth(SCENE, tmp_path, 1.0)
 
 
-@pytest.mark.parametrize(("name", "content", "word"), [
-    ("v0.npy", b"no array", "no readable array"), ("v0.bin", b"4&3&1&short", "no depth map of COLMAP"),
-    ("v0.bin", b"4&3&3&" + bytes(144), "3 channels"), ("v0.bin", b"", "no depth map of COLMAP"),
-])
+@pytest.mark.parametrize(
+    ("name", "content", "word"),
+    [
+        ("v0.npy", b"no array", "no readable array"),
+        ("v0.bin", b"4&3&1&short", "no depth map of COLMAP"),
+        ("v0.bin", b"4&3&3&" + bytes(144), "3 channels"),
+        ("v0.bin", b"", "no depth map of COLMAP"),
+    ],
+)
 def test_a_damaged_map_is_one_line_that_names_it(tmp_path, name, content, word):
     (tmp_path / name).write_bytes(content)
     view = with_folder_depth(SCENE, tmp_path, 1.0).views[0]

@@ -15,19 +15,26 @@ IMAGE = np.random.default_rng(0).uniform(0, 1, (48, 64, 3)).astype(np.float32)
 
 
 def test_size_normalisation_and_order_of_colours(tmp_path):
-    side = ('size = [32, 24]\nmean = [0.1, 0.2, 0.3]\nstd = [0.5, 0.25, 2.0]\nfull_scale = 255\ncolour = "bgr"\n'
-            'output = "disparity"\n')
+    side = (
+        'size = [32, 24]\nmean = [0.1, 0.2, 0.3]\nstd = [0.5, 0.25, 2.0]\nfull_scale = 255\ncolour = "bgr"\n'
+        'output = "disparity"\n'
+    )
     network = Network(write_network(tmp_path / "n.onnx", lambda image: image[:, 2:], side=side))
     small = IMAGE.reshape(24, 2, 32, 2, 3).mean(axis=(1, 3))
     expected = (255 * small[..., 0] - 0.3) / 2.0  # the last channel of BGR is red
     np.testing.assert_allclose(network.predict(IMAGE, "v"), expected, rtol=FLOAT32_VALUE, atol=FLOAT32_VALUE)
 
 
-@pytest.mark.parametrize(("preset", "size", "expected"), [
-    ("midas", (640, 480), (384, 288)), ("midas", (480, 641), (288, 384)),
-    ("depth-anything-v2", (640, 480), (686, 518)), ("depth-anything-v2", (480, 640), (518, 686)),
-    ("depth-pro", (640, 480), (1536, 1536)),
-])
+@pytest.mark.parametrize(
+    ("preset", "size", "expected"),
+    [
+        ("midas", (640, 480), (384, 288)),
+        ("midas", (480, 641), (288, 384)),
+        ("depth-anything-v2", (640, 480), (686, 518)),
+        ("depth-anything-v2", (480, 640), (518, 686)),
+        ("depth-pro", (640, 480), (1536, 1536)),
+    ],
+)
 def test_presets_ask_for_their_networks_sizes(tmp_path, preset, size, expected):
     (tmp_path / "n.onnx.toml").write_text(f'preset = "{preset}"\n')
     assert read_description(tmp_path / "n.onnx").input_size(*size) == expected
@@ -79,16 +86,22 @@ def one_line(error: InputError, *words: str) -> None:
     assert "\n" not in str(error) and all(word in str(error) for word in words), str(error)
 
 
-@pytest.mark.parametrize(("side", "word"), [
-    (None, "no such file"), ("longest = ", "no TOML"), ("longest = 64\n", "output"),
-    ('output = "disparity"\n', "exactly one of size"),
-    ('longest = 64\nsize = [8, 8]\noutput = "depth"\n', "exactly one of size"),
-    ('longest = 64\noutput = "near"\n', "output"), ('preset = "zoe"\n', "preset"),
-    ('longest = 64\noutput = "depth"\nstd = [1, 0, 1]\n', "std"),
-    ('longest = 64\noutput = "depth"\nmeen = 1\n', "meen"),
-    ('longest = 64\noutput = "depth"\nmean = [0.5]\n', "mean"),
-    ('longest = 64\noutput = "depth"\ntensor = "depth"\n', "tensor"),
-])
+@pytest.mark.parametrize(
+    ("side", "word"),
+    [
+        (None, "no such file"),
+        ("longest = ", "no TOML"),
+        ("longest = 64\n", "output"),
+        ('output = "disparity"\n', "exactly one of size"),
+        ('longest = 64\nsize = [8, 8]\noutput = "depth"\n', "exactly one of size"),
+        ('longest = 64\noutput = "near"\n', "output"),
+        ('preset = "zoe"\n', "preset"),
+        ('longest = 64\noutput = "depth"\nstd = [1, 0, 1]\n', "std"),
+        ('longest = 64\noutput = "depth"\nmeen = 1\n', "meen"),
+        ('longest = 64\noutput = "depth"\nmean = [0.5]\n', "mean"),
+        ('longest = 64\noutput = "depth"\ntensor = "depth"\n', "tensor"),
+    ],
+)
 def test_a_side_file_that_is_wrong(tmp_path, side, word):
     path = write_network(tmp_path / "n.onnx", side=side)
     with pytest.raises(InputError) as caught:
@@ -112,12 +125,15 @@ def test_a_file_that_is_no_network(tmp_path, content):
     one_line(caught.value, "n.onnx", "no readable network")
 
 
-@pytest.mark.parametrize(("function", "words"), [
-    (lambda image: image.mean(dim=(2, 3)), ("outputs map (1, 3)", "view v7")),
-    (lambda image: image, ("(1, 3, 48, 64)", "view v7")),
-    (lambda image: image[:, :1] / 0.0, ("not finite", "view v7")),
-    (lambda image: torch.sqrt(image[:, :1] - 2), ("3072 values", "view v7")),
-])
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        (lambda image: image.mean(dim=(2, 3)), ("outputs map (1, 3)", "view v7")),
+        (lambda image: image, ("(1, 3, 48, 64)", "view v7")),
+        (lambda image: image[:, :1] / 0.0, ("not finite", "view v7")),
+        (lambda image: torch.sqrt(image[:, :1] - 2), ("3072 values", "view v7")),
+    ],
+)
 def test_an_output_that_is_no_map(tmp_path, function, words):
     path = write_network(tmp_path / "n.onnx", function, fixed=(64, 48))
     with pytest.raises(InputError) as caught:

@@ -20,8 +20,13 @@ CAMERA = Camera(4, 3, 4.0, 4.0, 2.0, 1.5, np.eye(4))
 def scene(*maps: np.ndarray | None) -> Scene:
     """A scene with one view per depth map; None is a view without one."""
     views = tuple(
-        SceneView(f"v{index}", CAMERA, lambda: np.zeros((3, 4, 3), np.float32), Path(f"v{index}.png"),
-                  depth=None if depth is None else lambda depth=depth: depth)
+        SceneView(
+            f"v{index}",
+            CAMERA,
+            lambda: np.zeros((3, 4, 3), np.float32),
+            Path(f"v{index}.png"),
+            depth=None if depth is None else lambda depth=depth: depth,
+        )
         for index, depth in enumerate(maps)
     )
     return Scene("scene", Path("scene"), "made up", views, None)
@@ -48,9 +53,14 @@ def test_given_depth_is_passed_on(tmp_path):
     assert source.id == "given" and source.provenance()
 
 
-@pytest.mark.parametrize("wrong, word", [
-    (np.ones((4, 3), np.float32), "shape"), (-PLANE, "negative"), (PLANE * np.nan, "NaN"),
-])
+@pytest.mark.parametrize(
+    "wrong, word",
+    [
+        (np.ones((4, 3), np.float32), "shape"),
+        (-PLANE, "negative"),
+        (PLANE * np.nan, "NaN"),
+    ],
+)
 def test_given_depth_that_can_be_none(tmp_path, wrong, word):
     there = scene(wrong)
     with pytest.raises(InputError, match=word):
@@ -91,8 +101,14 @@ def test_a_reconstruction_is_made_once(monkeypatch, tmp_path):
     monkeypatch.setattr(gaussians, "Reconstruction", FakeReconstruction, raising=False)
     there = scene(None, None)
     for _ in range(2):
-        source = open_source("splat", there, steps=7, seed=5, work=tmp_path / "work",
-                             progress=lambda step, steps: told.append((step, steps)))
+        source = open_source(
+            "splat",
+            there,
+            steps=7,
+            seed=5,
+            work=tmp_path / "work",
+            progress=lambda step, steps: told.append((step, steps)),
+        )
         estimate = source.estimate(there.views[1])
         assert estimate.depth.tolist() == np.full((3, 4), 3.0).tolist()
         assert estimate.confidence.tolist() == np.full((3, 4), 0.75).tolist()

@@ -66,8 +66,9 @@ def test_the_mean_over_the_photographs_stays_identity(kind):
     assert float(colours._table.values.abs().max()) > 0.01
     assert float(colours._table.values.mean(dim=0).abs().max()) < FLOAT32_VALUE
     if kind == "affine":
-        assert np.allclose(np.mean([colours.matrix(view) for view in range(4)], axis=0), np.eye(3, 4),
-                           atol=FLOAT32_VALUE)
+        assert np.allclose(
+            np.mean([colours.matrix(view) for view in range(4)], axis=0), np.eye(3, 4), atol=FLOAT32_VALUE
+        )
 
 
 @pytest.mark.parametrize("kind", ["gain", "affine"])
@@ -97,14 +98,20 @@ def test_photographs_of_other_colours_are_made_again():
     """Of three views one is darker and one warmer: with colours each is explained better."""
     given, errors = training_set(), {}
     factors = np.array([[0.8, 0.8, 0.8], [1.2, 1.2, 1.0], [1.04, 1.04, 1.25]], np.float32)
-    views = tuple(type(view)(view.name, view.camera, view.image * factor * 0.8)
-                  for view, factor in zip(given.views, factors, strict=True))
+    views = tuple(
+        type(view)(view.name, view.camera, view.image * factor * 0.8)
+        for view, factor in zip(given.views, factors, strict=True)
+    )
     for chosen in ("off", "gain"):
-        trainer = Trainer(type(given)(views, given.points), options(
-            steps=60, lens=False, adaptation="off", normal_weight=0, colour_per_view=chosen, colour_lr=3e-2), 0)
+        trainer = Trainer(
+            type(given)(views, given.points),
+            options(steps=60, lens=False, adaptation="off", normal_weight=0, colour_per_view=chosen, colour_lr=3e-2),
+            0,
+        )
         trainer.fit(Budget(), Recorder())
-        errors[chosen] = np.mean([np.abs(trainer.photograph(index) - view.image).mean()
-                                  for index, view in enumerate(views)])
+        errors[chosen] = np.mean(
+            [np.abs(trainer.photograph(index) - view.image).mean() for index, view in enumerate(views)]
+        )
         assert (trainer.colour_estimates() is None) == (chosen == "off")
     assert errors["gain"] < errors["off"]
     assert trainer.colour_estimates()["v0"][0, 0] < 0.95 < trainer.colour_estimates()["v1"][0, 0]
@@ -124,11 +131,17 @@ def test_colours_are_read_as_written(tmp_path):
     assert list(found) == ["a", "b"] and all(np.array_equal(found[name], colours[name]) for name in colours)
 
 
-@pytest.mark.parametrize("change", [
-    lambda data: data | {"version": 2}, lambda data: data | {"views": {"a": [[1, 0], [0, 1]]}},
-    lambda data: data | {"views": {"a": [["x"] * 4] * 3}}, lambda data: {"schema_name": data["schema_name"]},
-    lambda data: [], lambda data: data | {"views": {"a": [[float("nan")] * 4] * 3}},
-])
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda data: data | {"version": 2},
+        lambda data: data | {"views": {"a": [[1, 0], [0, 1]]}},
+        lambda data: data | {"views": {"a": [["x"] * 4] * 3}},
+        lambda data: {"schema_name": data["schema_name"]},
+        lambda data: [],
+        lambda data: data | {"views": {"a": [[float("nan")] * 4] * 3}},
+    ],
+)
 def test_damaged_colours_are_one_clear_error(tmp_path, change):
     file = tmp_path / "colours.json"
     write_colours(file, {"a": np.eye(3, 4)})

@@ -15,11 +15,15 @@ from dofbench.gaussians.options import TrainerOptions
 
 def _setup(count=12, **overrides):
     generator = np.random.default_rng(3)
-    points = PointCloud(generator.normal(size=(count, 3)), generator.uniform(size=(count, 3)).astype(np.float32),
-                        np.zeros(count, np.float32))
+    points = PointCloud(
+        generator.normal(size=(count, 3)),
+        generator.uniform(size=(count, 3)).astype(np.float32),
+        np.zeros(count, np.float32),
+    )
     gaussians = Gaussians.from_points(points, 1)
-    options = TrainerOptions().with_overrides({
-        "densify_from": 0.0, "densify_every": 1, "reset_every": 0.0, **overrides})
+    options = TrainerOptions().with_overrides(
+        {"densify_from": 0.0, "densify_every": 1, "reset_every": 0.0, **overrides}
+    )
     optimiser = GaussianOptimiser(gaussians, options, 1.0)
     for name in PARAMETERS:
         gaussians.parameters[name].grad = torch.ones_like(gaussians.parameters[name])
@@ -96,9 +100,14 @@ def test_rotate_is_the_rotation_matrix():
 
 
 def test_filter_3d_is_the_finest_sampling_of_the_views_that_see_a_gaussian():
-    gaussians = Gaussians.from_points(PointCloud(
-        np.array([[0, 0, 2.0], [0, 0, 8.0], [0.1, 0, 4.0], [50.0, 0, 4.0]]), np.zeros((4, 3), np.float32),
-        np.zeros(4, np.float32)), 0)
+    gaussians = Gaussians.from_points(
+        PointCloud(
+            np.array([[0, 0, 2.0], [0, 0, 8.0], [0.1, 0, 4.0], [50.0, 0, 4.0]]),
+            np.zeros((4, 3), np.float32),
+            np.zeros(4, np.float32),
+        ),
+        0,
+    )
     cameras = [Camera(20, 20, 10.0, 10.0, 10, 10, np.eye(4)), Camera(40, 40, 20.0, 20.0, 20, 20, np.eye(4))]
     gaussians.update_filter_3d(cameras)
     finest = np.array([2, 8, 4, 8]) / 20 * math.sqrt(0.2)  # the unseen one gets the largest of the others

@@ -87,8 +87,9 @@ def test_scores_are_those_of_the_pixels_held_back():
     mask[16:48, 32:80] = True
     found = tile_scores(prediction, truth, mask)
     cut = np.s_[16:48, 32:80]
-    assert found == pytest.approx((psnr(prediction[cut], truth[cut]), ssim(prediction[cut], truth[cut])),
-                                  rel=FLOAT32_SCALAR)
+    assert found == pytest.approx(
+        (psnr(prediction[cut], truth[cut]), ssim(prediction[cut], truth[cut])), rel=FLOAT32_SCALAR
+    )
     prediction[~mask] = 0
     assert tile_scores(prediction, truth, mask) == pytest.approx(found, rel=FLOAT32_SCALAR)
 
@@ -107,9 +108,14 @@ def test_held_back_pixels_of_a_training_are_scored_worse_than_the_rest():
     trainer.fit(Budget(), Recorder())
     scores = trainer.held_back_scores()
     assert list(scores.views) == ["v0", "v1", "v2"]
-    seen = [tile_scores(np.clip(trainer.photograph(number), 0, 1), view.image,
-                        ~held_back_tiles(*view.image.shape[:2], 0.3, 0, number))[0]
-            for number, view in enumerate(_training_set().views)]
+    seen = [
+        tile_scores(
+            np.clip(trainer.photograph(number), 0, 1),
+            view.image,
+            ~held_back_tiles(*view.image.shape[:2], 0.3, 0, number),
+        )[0]
+        for number, view in enumerate(_training_set().views)
+    ]
     assert scores.psnr < np.mean(seen)
 
 

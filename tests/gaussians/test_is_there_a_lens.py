@@ -22,9 +22,24 @@ def bench():
 
 
 def _row(**changes):
-    return {"case": "some", "kind": "grid", "lens": "yes", "share": "aperture", "points_px": "0.5", "tried": "yes",
-            "shared": "aperture", "true_circle": "2", "circle": "2", "gain": "1", "error": "0.1", "seconds": "30",
-            "trials_s": "10", "steps": "500", "status": "ok", **changes}
+    return {
+        "case": "some",
+        "kind": "grid",
+        "lens": "yes",
+        "share": "aperture",
+        "points_px": "0.5",
+        "tried": "yes",
+        "shared": "aperture",
+        "true_circle": "2",
+        "circle": "2",
+        "gain": "1",
+        "error": "0.1",
+        "seconds": "30",
+        "trials_s": "10",
+        "steps": "500",
+        "status": "ok",
+        **changes,
+    }
 
 
 def test_a_measured_case_is_not_measured_again_and_each_is_kept_at_once(bench, tmp_path):
@@ -60,7 +75,7 @@ def test_cases_are_named_apart_and_kinds_take_turns(bench):
     cases = bench["lens_cases"].cases()
     kinds = {case.kind for case in cases}
     assert len(cases) >= 80 and len({case.name for case in cases}) == len(cases)
-    assert {case.kind for case in cases[:len(kinds)]} == kinds
+    assert {case.kind for case in cases[: len(kinds)]} == kinds
     assert {case.lens for case in cases} == {"yes", "no", "faint", None}
 
 
@@ -72,33 +87,49 @@ def test_subsets(bench):
     assert chosen("f/5", f_numbers) == list(range(0, 24, 3)) and chosen("f/14 few", f_numbers) == list(range(5, 23, 3))
 
 
-@pytest.mark.parametrize(("changes", "points", "trial", "both"), [
-    ({}, "no lens", "", ""),
-    ({"tried": "no"}, "no lens", "no lens", "no lens"),
-    ({"tried": "no", "points_px": "3"}, "", "no lens", ""),   # a clear estimate needs no trial
-    ({"tried": "no", "points_px": ""}, "", "no lens", "no lens"),
-    ({"lens": "no"}, "", "lens", "lens"),
-    ({"lens": "no", "tried": "no", "points_px": "0.8"}, "lens", "", ""),
-    ({"lens": "faint", "tried": "no"}, "", "", ""),
-])
+@pytest.mark.parametrize(
+    ("changes", "points", "trial", "both"),
+    [
+        ({}, "no lens", "", ""),
+        ({"tried": "no"}, "no lens", "no lens", "no lens"),
+        ({"tried": "no", "points_px": "3"}, "", "no lens", ""),  # a clear estimate needs no trial
+        ({"tried": "no", "points_px": ""}, "", "no lens", "no lens"),
+        ({"lens": "no"}, "", "lens", "lens"),
+        ({"lens": "no", "tried": "no", "points_px": "0.8"}, "lens", "", ""),
+        ({"lens": "faint", "tried": "no"}, "", "", ""),
+    ],
+)
 def test_what_counts_as_a_mistake(bench, changes, points, trial, both):
     wrong = bench["lens_tables"].wrong
     assert [wrong(_row(**changes), rule) for rule in ("points", "trial", "both")] == [points, trial, both]
 
 
-@pytest.mark.parametrize(("truth", "shared", "error"), [
-    ("scene", "aperture", ""), ("aperture", "scene", "shared"), ("aperture", "exif", ""),
-    ("exif", "aperture", "shared"), ("view", "aperture", "shared"), ("scene", "view", "apart"), ("view", "view", ""),
-    ("", "view", ""), ("view", "", ""),
-])
+@pytest.mark.parametrize(
+    ("truth", "shared", "error"),
+    [
+        ("scene", "aperture", ""),
+        ("aperture", "scene", "shared"),
+        ("aperture", "exif", ""),
+        ("exif", "aperture", "shared"),
+        ("view", "aperture", "shared"),
+        ("scene", "view", "apart"),
+        ("view", "view", ""),
+        ("", "view", ""),
+        ("view", "", ""),
+    ],
+)
 def test_what_counts_as_shared_wrongly(bench, truth, shared, error):
     assert bench["lens_tables"].wrongly_shared(_row(share=truth, shared=shared)) == error
 
 
 def test_the_table_counts_mistakes_and_names_what_failed(bench, tmp_path):
-    rows = [_row(), _row(case="lost", tried="no"), _row(case="tied", share="view", apart="0.5"),
-            _row(case="sharp", lens="no", tried="no"),
-            _row(case="broken", tried="", status="dataset: found no points")]
+    rows = [
+        _row(),
+        _row(case="lost", tried="no"),
+        _row(case="tied", share="view", apart="0.5"),
+        _row(case="sharp", lens="no", tried="no"),
+        _row(case="broken", tried="", status="dataset: found no points"),
+    ]
     rows.append(_row(case="longer", steps="1000", tried="no"))
     bench["lens_tables"].write_table(tmp_path / "table.md", rows, [])
     text = (tmp_path / "table.md").read_text()
@@ -116,8 +147,13 @@ def test_training_ends_with_the_decision_whose_figures_are_kept(bench, monkeypat
     monkeypatch.setattr(script, "load", lambda case, work: (dataset, training_set(), [0, 1, 2]))
     monkeypatch.setattr(script, "options", lambda settings, **changes: options(**changes, adaptation="off"))
     ended = []
-    monkeypatch.setattr(script.Clock, "after_step", lambda self, step, loss, real=script.Clock.after_step:
-                        ended.append((step, real(self, step, loss))) or ended[-1][1])
+    monkeypatch.setattr(
+        script.Clock,
+        "after_step",
+        lambda self, step, loss, real=script.Clock.after_step: (
+            ended.append((step, real(self, step, loss))) or ended[-1][1]
+        ),
+    )
     case = bench["lens_cases"].Case("real lens", "anything", share="view")
     row = script.decided(case, script.Settings(work=tmp_path, out=tmp_path, steps=90))
     assert set(row) <= set(script.COLUMNS) and row["tried"] in ("yes", "no") and row["status"] == "ok"

@@ -24,8 +24,18 @@ BOUNDS = DisparityRange(0.1, 0.5)
 def _camera(**changes):
     pose = np.eye(4)
     pose[:3, 3] = 0.1, -0.05, 0.2
-    return Camera(**{"width": WIDTH, "height": HEIGHT, "fx": 90.0, "fy": 95.0, "cx": WIDTH / 2, "cy": HEIGHT / 2,
-                     "world_to_camera": pose, **changes})
+    return Camera(
+        **{
+            "width": WIDTH,
+            "height": HEIGHT,
+            "fx": 90.0,
+            "fy": 95.0,
+            "cx": WIDTH / 2,
+            "cy": HEIGHT / 2,
+            "world_to_camera": pose,
+            **changes,
+        }
+    )
 
 
 def _scene(depths, count=3000, seed=0):
@@ -77,11 +87,15 @@ def test_a_point_of_the_lens_sees_what_a_camera_there_sees():
         offset = -physical.aperture * point / (camera.fx, camera.fy)
         pose = camera.world_to_camera.copy()
         pose[:2, 3] -= offset
-        moved = _camera(world_to_camera=pose, cx=camera.cx + camera.fx * offset[0] * physical.focus_disparity,
-                        cy=camera.cy + camera.fy * offset[1] * physical.focus_disparity)
+        moved = _camera(
+            world_to_camera=pose,
+            cx=camera.cx + camera.fx * offset[0] * physical.focus_disparity,
+            cy=camera.cy + camera.fy * offset[1] * physical.focus_disparity,
+        )
         # Without the share of the blur that belongs to the point's cell, which a moved camera hasn't.
-        plain = rasterise(gaussians, moved, options, means=gaussians.parameters["means"],
-                          blur=_cell_blur(gaussians, shot, options)).color
+        plain = rasterise(
+            gaussians, moved, options, means=gaussians.parameters["means"], blur=_cell_blur(gaussians, shot, options)
+        ).color
         middle = rasterise(gaussians, camera, options).color
         assert float((raster.color - plain).detach().abs().mean()) < LENS_MOVED_CAMERA
         assert float((raster.color - middle).detach().abs().mean()) > 4 * LENS_MOVED_CAMERA
@@ -115,16 +129,18 @@ def test_a_sharp_foreground_hides_the_blurred_background_where_the_scatter_smear
     lens = Lens(12.0, float(BOUNDS.normalise(1 / 2.2))).physical(BOUNDS, WIDTH)
     sharp, by_samples, by_scatter = (
         render_view(gaussians, camera, _options(lens_model=model), lens=asked).image[..., 0]
-        for model, asked in (("samples", None), ("samples", lens), ("scatter", lens)))
+        for model, asked in (("samples", None), ("samples", lens), ("scatter", lens))
+    )
     hidden = np.zeros(sharp.shape, dtype=bool)
-    hidden[8:-8, 8:WIDTH // 2 - 6] = True
+    hidden[8:-8, 8 : WIDTH // 2 - 6] = True
     hidden &= sharp < 0.2
     assert hidden.sum() > 500
     assert np.abs(by_samples - sharp)[hidden].max() < LENS_SMEAR < np.abs(by_scatter - sharp)[hidden].max() / 2
 
 
-@pytest.mark.parametrize(("radius", "points"), [(0.0, 1), (1.4, 1),
-                                                (1.6, 7), (3.9, 7), (4.1, 19), (6.7, 37), (50.0, 37)])
+@pytest.mark.parametrize(
+    ("radius", "points"), [(0.0, 1), (1.4, 1), (1.6, 7), (3.9, 7), (4.1, 19), (6.7, 37), (50.0, 37)]
+)
 def test_a_point_of_the_lens_stands_for_a_cell_of_a_pixel_and_a_half(radius, points):
     """Of the circle's area: 1.5 px each, until there are enough."""
     circles = torch.zeros(10, 20)
@@ -201,7 +217,8 @@ def test_scatter_takes_a_polygon():
     image[20, 20] = 1.0
     disparity, camera = torch.full((41, 41), 0.5), _camera(width=41, height=41, cx=20.5, cy=20.5)
     shot = Shot(camera, BOUNDS, 10.0, 0.0)
-    disc, triangle = (scattered(image, disparity, shot, _options(lens_model="scatter", lens_blades=blades))
-                      for blades in (0, 3))
+    disc, triangle = (
+        scattered(image, disparity, shot, _options(lens_model="scatter", lens_blades=blades)) for blades in (0, 3)
+    )
     lit = [int((picture[..., 0] > 0.5 * picture.max()).sum()) for picture in (disc, triangle)]
     assert 0.3 < lit[1] / lit[0] < 0.6  # a triangle in a circle has 41 % of its area

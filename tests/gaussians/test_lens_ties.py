@@ -19,8 +19,10 @@ RANGE = DisparityRange(0.02, 0.06)
 
 def _views(*numbers, focal_length=None):
     views = training_set().views
-    return [dataclasses.replace(view, exif=Exif(f_number=number, focal_length=focal_length))
-            for view, number in zip(views, numbers, strict=True)]
+    return [
+        dataclasses.replace(view, exif=Exif(f_number=number, focal_length=focal_length))
+        for view, number in zip(views, numbers, strict=True)
+    ]
 
 
 def test_openings_are_in_proportion_to_one_over_the_f_number():
@@ -59,9 +61,15 @@ def test_photographs_without_f_number_are_named(per):
 @pytest.mark.parametrize("update", ["view", "dense"])
 def test_views_find_one_aperture_and_a_focus_each(activation, update):
     ties = lens_ties(_views(2.8, 5.6, 14.0), "exif")
-    options = TrainerOptions().with_overrides({
-        "lens_activation": activation, "lens_update": update, "lens_lr": 2e-2, "lens_lr_final": 1e-4,
-        "lens_per": "exif"})
+    options = TrainerOptions().with_overrides(
+        {
+            "lens_activation": activation,
+            "lens_update": update,
+            "lens_lr": 2e-2,
+            "lens_lr_final": 1e-4,
+            "lens_per": "exif",
+        }
+    )
     lenses = LearnedLenses(3, RANGE, options, ties)
     truth = [(0.4 * opening, focus) for opening, focus in zip(ties.opening, (0.2, 0.5, 0.8), strict=True)]
     for step in range(3000):
@@ -83,8 +91,9 @@ def test_what_is_shared_from_now_on_is_the_median_of_what_was_found(activation):
         first, second = lenses._raw_of(aperture, focus)
         lenses._raw[0][view], lenses._raw[1][view] = first, second
     shared = lenses.shared(lens_ties(training_set().views, "aperture"))
-    np.testing.assert_allclose([shared.aperture_and_focus(view) for view in range(3)],
-                               [(0.5, 0.2), (0.5, 0.5), (0.5, 0.9)], rtol=LENS_FLOOR)
+    np.testing.assert_allclose(
+        [shared.aperture_and_focus(view) for view in range(3)], [(0.5, 0.2), (0.5, 0.5), (0.5, 0.9)], rtol=LENS_FLOOR
+    )
     scene = lenses.shared(lens_ties(training_set().views, "scene"))
     np.testing.assert_allclose([scene.aperture_and_focus(view) for view in range(3)], [(0.5, 0.5)] * 3, rtol=LENS_FLOOR)
     assert start == [pytest.approx((0.5, 0.5), rel=LENS_FLOOR)] * 3

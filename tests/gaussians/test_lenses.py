@@ -21,8 +21,9 @@ def _train(lenses, target, steps, order):
 @pytest.mark.parametrize("activation", ["relu", "log", "ends"])
 @pytest.mark.parametrize("update", ["view", "dense"])
 def test_each_view_finds_its_lens(activation, update):
-    options = TrainerOptions().with_overrides({
-        "lens_activation": activation, "lens_update": update, "lens_lr": 2e-2, "lens_lr_final": 1e-4})
+    options = TrainerOptions().with_overrides(
+        {"lens_activation": activation, "lens_update": update, "lens_lr": 2e-2, "lens_lr_final": 1e-4}
+    )
     lenses = LearnedLenses(2, RANGE, options)
     _train(lenses, (0.9, 0.2), 2000, [0, 1])
     for index in range(2):
@@ -52,8 +53,13 @@ def test_the_estimate_does_not_depend_on_the_methods_own_range():
     truth = Lens(0.7, 0.3).physical(RANGE, 504)
     for own in (RANGE, DisparityRange(0.01, 0.09)):
         inside = Lens.from_physical(truth, own)
-        lenses = LearnedLenses(1, own, TrainerOptions().with_overrides(
-            {"lens_activation": "log", "lens_init_aperture": inside.aperture, "lens_init_focus": inside.focus}))
+        lenses = LearnedLenses(
+            1,
+            own,
+            TrainerOptions().with_overrides(
+                {"lens_activation": "log", "lens_init_aperture": inside.aperture, "lens_init_focus": inside.focus}
+            ),
+        )
         found = Lens.from_physical(lenses.estimate(0, 504), RANGE)
         assert found.aperture == pytest.approx(0.7, abs=FLOAT32_VALUE)
         assert found.focus == pytest.approx(0.3, abs=FLOAT32_VALUE)

@@ -57,7 +57,8 @@ def test_distortion_loss_is_the_variance_of_mapped_depth():
     mapped = (far * depths - far * near) / ((far - near) * depths)
     pairs = sum(weights[i] * weights[j] * (mapped[i] - mapped[j]) ** 2 for i in range(3) for j in range(i))
     by_disparity = sum(
-        weights[i] * weights[j] * (1 / depths[i] - 1 / depths[j]) ** 2 for i in range(3) for j in range(i))
+        weights[i] * weights[j] * (1 / depths[i] - 1 / depths[j]) ** 2 for i in range(3) for j in range(i)
+    )
     distortion, alpha = torch.zeros(10, 12), torch.zeros(10, 12)
     distortion[4, 5], alpha[4, 5] = by_disparity, weights.sum()
     distortion.requires_grad_()
@@ -95,10 +96,14 @@ def test_the_two_readings_of_eq_13_weight_opposite_regions():
     assert bool((printed[1] > printed[0]).all()) and bool((text[1] < text[0]).all())
 
 
-@pytest.mark.parametrize(("norm", "space", "expected"), [
-    ("l1", "depth", (1.0 + 3.0) / 2), ("l2", "depth", math.sqrt((1 + 9) / 2)),
-    ("l1", "disparity", (abs(1 / 3 - 1 / 2) + abs(1 / 5 - 1 / 2)) / 2 / 0.5),
-])
+@pytest.mark.parametrize(
+    ("norm", "space", "expected"),
+    [
+        ("l1", "depth", (1.0 + 3.0) / 2),
+        ("l2", "depth", math.sqrt((1 + 9) / 2)),
+        ("l1", "disparity", (abs(1 / 3 - 1 / 2) + abs(1 / 5 - 1 / 2)) / 2 / 0.5),
+    ],
+)
 def test_depth_loss_by_hand(norm, space, expected):
     depth = torch.full((4, 4), 2.0)
     depth[1, 2], depth[3, 0] = 3.0, 5.0

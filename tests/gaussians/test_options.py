@@ -10,11 +10,20 @@ def test_strings_become_the_options_type():
     assert (options.steps, options.lens, options.lens_lr, options.depth_norm) == (120, False, 1e-3, "l1")
 
 
-@pytest.mark.parametrize(("name", "value", "part"), [
-    ("stepz", 1, "unknown name"), ("steps", "many", "a number"), ("steps", "1.5", "a number"), ("steps", 1.5, "whole"),
-    ("lens", "maybe", "true or false"), ("depth_norm", "l3", "one of l1, l2"), ("lens_blades", 2, "at least 3"),
-    ("lens_rings", -1, "at least 0"), ("lens_init_aperture", 0, "more than 0"),
-])
+@pytest.mark.parametrize(
+    ("name", "value", "part"),
+    [
+        ("stepz", 1, "unknown name"),
+        ("steps", "many", "a number"),
+        ("steps", "1.5", "a number"),
+        ("steps", 1.5, "whole"),
+        ("lens", "maybe", "true or false"),
+        ("depth_norm", "l3", "one of l1, l2"),
+        ("lens_blades", 2, "at least 3"),
+        ("lens_rings", -1, "at least 0"),
+        ("lens_init_aperture", 0, "more than 0"),
+    ],
+)
 def test_a_bad_override_is_one_clear_line(name, value, part):
     with pytest.raises(InputError, match=part) as caught:
         TrainerOptions().with_overrides({name: value})
@@ -28,9 +37,13 @@ def test_points_of_the_lens_make_a_disc_only():
 
 def test_every_option_is_documented():
     text = TrainerOptions.__doc__
-    undocumented = [name for name in TrainerOptions.__dataclass_fields__
-                    if name not in text and not name.endswith(("_lr", "_lr_final"))
-                    and name not in ("lens_init_aperture", "lens_init_focus")]
+    undocumented = [
+        name
+        for name in TrainerOptions.__dataclass_fields__
+        if name not in text
+        and not name.endswith(("_lr", "_lr_final"))
+        and name not in ("lens_init_aperture", "lens_init_focus")
+    ]
     assert not undocumented
 
 

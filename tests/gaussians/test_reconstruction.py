@@ -21,11 +21,16 @@ def reconstruction(depths: list[float], opacities: list[float]) -> Reconstructio
     means[:, 2] = torch.tensor(depths)
     quaternions = torch.zeros(count, 4)
     quaternions[:, 0] = 1
-    gaussians = Gaussians({
-        "means": means, "log_scales": torch.log(torch.tensor(depths))[:, None].repeat(1, 3) + np.log(0.5),
-        "quaternions": quaternions, "opacity_logits": torch.logit(torch.tensor(opacities)),
-        "sh_dc": torch.zeros(count, 3), "sh_rest": torch.zeros(count, 0, 3),
-    })
+    gaussians = Gaussians(
+        {
+            "means": means,
+            "log_scales": torch.log(torch.tensor(depths))[:, None].repeat(1, 3) + np.log(0.5),
+            "quaternions": quaternions,
+            "opacity_logits": torch.logit(torch.tensor(opacities)),
+            "sh_dc": torch.zeros(count, 3),
+            "sh_rest": torch.zeros(count, 0, 3),
+        }
+    )
     return Reconstruction(gaussians, OPTIONS.with_overrides({"filter_3d": False}))
 
 

@@ -15,8 +15,12 @@ from dofbench.gaussians.render import rasterise
 from dofbench.gaussians.splats import lower_degree, read_splats, write_splats
 
 FIELDS = (
-    ["x", "y", "z", "nx", "ny", "nz"] + [f"f_dc_{k}" for k in range(3)] + [f"f_rest_{k}" for k in range(45)]
-    + ["opacity"] + [f"scale_{k}" for k in range(3)] + [f"rot_{k}" for k in range(4)]
+    ["x", "y", "z", "nx", "ny", "nz"]
+    + [f"f_dc_{k}" for k in range(3)]
+    + [f"f_rest_{k}" for k in range(45)]
+    + ["opacity"]
+    + [f"scale_{k}" for k in range(3)]
+    + [f"rot_{k}" for k in range(4)]
 )
 ROW = np.dtype([(name, "<f4") for name in FIELDS])
 
@@ -92,18 +96,40 @@ def test_extreme_gaussians_are_finite_and_render_the_same(tmp_path_factory, seed
 
 def written(kind: str, rest: int, extra: tuple[str, ...] = ()) -> tuple[bytes, dict[str, np.ndarray]]:
     """Three Gaussians as another program might write them: other order, other types, its own properties."""
-    names = ["opacity", *extra, "rot_0", "rot_1", "rot_2", "rot_3", "x", "y", "z", "scale_2", "scale_1", "scale_0",
-             *(f"f_rest_{k}" for k in range(rest)), "f_dc_0", "f_dc_1", "f_dc_2"]
-    order, letter = {"ascii": ("ascii", "="), "little": ("binary_little_endian", "<"),
-                     "big": ("binary_big_endian", ">")}[kind]
+    names = [
+        "opacity",
+        *extra,
+        "rot_0",
+        "rot_1",
+        "rot_2",
+        "rot_3",
+        "x",
+        "y",
+        "z",
+        "scale_2",
+        "scale_1",
+        "scale_0",
+        *(f"f_rest_{k}" for k in range(rest)),
+        "f_dc_0",
+        "f_dc_1",
+        "f_dc_2",
+    ]
+    order, letter = {
+        "ascii": ("ascii", "="),
+        "little": ("binary_little_endian", "<"),
+        "big": ("binary_big_endian", ">"),
+    }[kind]
     values = np.random.default_rng(rest).normal(size=(3, len(names))).round(4)
     types = ["double" if name in "xyz" else "float" for name in names]
     columns = list(zip(names, types, strict=True))
     table = np.empty(3, [(name, letter + ("f8" if t == "double" else "f4")) for name, t in columns])
     for k, name in enumerate(names):
         table[name] = values[:, k]
-    head = f"ply\nformat {order} 1.0\ncomment by somebody\nelement vertex 3\n" + "".join(
-        f"property {t} {name}\n" for name, t in columns) + "end_header\n"
+    head = (
+        f"ply\nformat {order} 1.0\ncomment by somebody\nelement vertex 3\n"
+        + "".join(f"property {t} {name}\n" for name, t in columns)
+        + "end_header\n"
+    )
     text = "".join(" ".join(str(x) for x in row) + "\n" for row in values)
     rows = text.encode() if kind == "ascii" else table.tobytes()
     return head.encode() + rows, {name: values[:, k].astype(np.float32) for k, name in enumerate(names)}
@@ -127,14 +153,17 @@ def test_files_of_other_programs(tmp_path, kind, rest):
             assert np.array_equal(found["sh_rest"][:, k, channel].detach(), values[f"f_rest_{rest // 3 * channel + k}"])
 
 
-@pytest.mark.parametrize(("change", "found"), [
-    (lambda data: b"", "no PLY header"),
-    (lambda data: data[:-1], "bytes of vertices"),
-    (lambda data: data.replace(b"scale_2", b"scale_x"), "no scale_2"),
-    (lambda data: data.replace(b"f_rest_8", b"fxrest_8"), "8 properties f_rest"),
-    (lambda data: data.replace(b"f_rest_8", b"f_rest_9"), "9 properties f_rest"),
-    (lambda data: data[:-4] + np.float32(np.nan).tobytes(), "NaN or infinity in f_dc_0"),
-])
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (lambda data: b"", "no PLY header"),
+        (lambda data: data[:-1], "bytes of vertices"),
+        (lambda data: data.replace(b"scale_2", b"scale_x"), "no scale_2"),
+        (lambda data: data.replace(b"f_rest_8", b"fxrest_8"), "8 properties f_rest"),
+        (lambda data: data.replace(b"f_rest_8", b"f_rest_9"), "9 properties f_rest"),
+        (lambda data: data[:-4] + np.float32(np.nan).tobytes(), "NaN or infinity in f_dc_0"),
+    ],
+)
 def test_damage_is_named_in_one_line(tmp_path, change, found):
     content, _ = written("little", 9)
     (tmp_path / "a.ply").write_bytes(change(content))

@@ -9,8 +9,9 @@ CAMERA = Camera(100, 80, 90.0, 90.0, 50.0, 40.0, np.eye(4))
 
 def _cloud(xyz, views=None):
     count = len(xyz)
-    return PointCloud(np.asarray(xyz, dtype=np.float64), np.zeros((count, 3), np.float32),
-                      np.zeros(count, np.float32), views)
+    return PointCloud(
+        np.asarray(xyz, dtype=np.float64), np.zeros((count, 3), np.float32), np.zeros(count, np.float32), views
+    )
 
 
 def _on_grid(depth, pixels):

@@ -22,17 +22,42 @@ from dofbench.gaussians.render import rasterise
 from dofbench.gaussians.trainer import Trainer
 
 
-@pytest.mark.parametrize("overrides", [
-    {"lens": False, "adaptation": "off"},
-    {},
-    {"blur_to_depth": True, "adaptation": "psi", "adaptation_aperture": True, "normal_median": 0.6,
-     "grow_absolute": True},
-    {"lens_range": "render", "lens_update": "dense", "lens_energy": "algorithm1", "coarse_until": 0.4,
-     "depth_norm": "l1", "depth_space": "disparity", "prune_depth_graded": True, "filter_2d": 0.0},
-    {"lens_model": "samples", "lens_rings": 1, "lens_samples_from": 0.3, "lens_rings_from": 0.7, "adaptation": "psi",
-     "lens_activation": "ends", "lens_per": "scene", "grow_absolute": True, "blur_to_depth": True},
-    {"normal_form": "pixel", "normal_median": 0.6, "distortion_weight": 1.0},
-])
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        {"lens": False, "adaptation": "off"},
+        {},
+        {
+            "blur_to_depth": True,
+            "adaptation": "psi",
+            "adaptation_aperture": True,
+            "normal_median": 0.6,
+            "grow_absolute": True,
+        },
+        {
+            "lens_range": "render",
+            "lens_update": "dense",
+            "lens_energy": "algorithm1",
+            "coarse_until": 0.4,
+            "depth_norm": "l1",
+            "depth_space": "disparity",
+            "prune_depth_graded": True,
+            "filter_2d": 0.0,
+        },
+        {
+            "lens_model": "samples",
+            "lens_rings": 1,
+            "lens_samples_from": 0.3,
+            "lens_rings_from": 0.7,
+            "adaptation": "psi",
+            "lens_activation": "ends",
+            "lens_per": "scene",
+            "grow_absolute": True,
+            "blur_to_depth": True,
+        },
+        {"normal_form": "pixel", "normal_median": 0.6, "distortion_weight": 1.0},
+    ],
+)
 def test_training_lowers_the_loss(overrides):
     recorder = Recorder()
     trainer = Trainer(_training_set(), _options(**overrides), 0)
@@ -48,10 +73,18 @@ def test_training_lowers_the_loss(overrides):
 def test_a_photograph_trains_through_as_many_points_as_its_circles_need(monkeypatch, aperture: float, rings: int):
     """Circles below a pixel and a half need the lens's centre alone; in units of the paper's A, 2 % of 48 px."""
     seen = []
-    monkeypatch.setattr(trainer_module, "sampled",
-                        lambda *given, **more: seen.append(given[3]) or exposure.sampled(*given, **more))
-    options = _options(lens_model="samples", lens_rings=1, lens_samples_from=0.0, lens_init_aperture=aperture,
-                       lens_init_focus=0.0, lens_from=1.0, lens_range="points")
+    monkeypatch.setattr(
+        trainer_module, "sampled", lambda *given, **more: seen.append(given[3]) or exposure.sampled(*given, **more)
+    )
+    options = _options(
+        lens_model="samples",
+        lens_rings=1,
+        lens_samples_from=0.0,
+        lens_init_aperture=aperture,
+        lens_init_focus=0.0,
+        lens_from=1.0,
+        lens_range="points",
+    )
     trainer = Trainer(_training_set(), options, 0)
     assert trainer.fit(Budget(steps=4), Recorder()).status is Status.OK
     assert seen == [rings] * 4
@@ -135,8 +168,10 @@ def test_freshly_compiled_kernels_train_to_the_same_bits_as_cached_ones(tmp_path
     paths = os.pathsep.join([str(Path(__file__).parent), str(Path(__file__).parents[1])])
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": paths}
     command = [sys.executable, "-c", script]
-    found = [subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.split()
-             for _ in range(2)]
+    found = [
+        subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.split()
+        for _ in range(2)
+    ]
     assert list(tmp_path.rglob("*.nbc")) and len(found[0][0]) == 64
     assert found[0] == found[1]
     # The second process, not this one, compiled what the lens needs.

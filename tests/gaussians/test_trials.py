@@ -15,8 +15,17 @@ from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.trainer import Trainer
 from dofbench.gaussians.trials import Trials, questions
 
-OPEN = {"lens_trials": "lens", "lens_trials_at": 0.4, "lens_trials_steps": 0.06, "lens_activation": "ends",
-        "lens_update": "dense", "lens_lr": 1e-2, "lens_lr_final": 1e-2, "adaptation": "off", "steps": 240}
+OPEN = {
+    "lens_trials": "lens",
+    "lens_trials_at": 0.4,
+    "lens_trials_steps": 0.06,
+    "lens_activation": "ends",
+    "lens_update": "dense",
+    "lens_lr": 1e-2,
+    "lens_lr_final": 1e-2,
+    "adaptation": "off",
+    "steps": 240,
+}
 
 
 class Scripted:
@@ -44,8 +53,9 @@ class Scripted:
         tell(0, count)
 
     def held_back_scores(self, share):
-        key = self.changes.get("lens_model") or ("no lens" if self.changes.get("lens") is False else
-                                                 self.changes.get("lens_per", "view"))
+        key = self.changes.get("lens_model") or (
+            "no lens" if self.changes.get("lens") is False else self.changes.get("lens_per", "view")
+        )
         easy = np.linspace(20, 40, self.count)  # views differ far more than ways do
         noise = np.random.default_rng(len(self.log)).normal(size=self.count)
         noise = self._noise * (noise - noise.mean())
@@ -76,14 +86,17 @@ def test_a_lens_that_explains_the_photographs_stays_as_it_is():
     assert decided == {"lens": True, "lens_per_view": True, "lens_samples": False} and changes == {}
 
 
-@pytest.mark.parametrize(("gain", "circle", "runs"), [
-    (0.008, 0.8, False),  # explains nothing, and blurs next to nothing
-    (0.008, 9.0, True),   # explains nothing more than painted blur would, but blurs
-    (0.03, 0.8, True),    # explains little, but for sure
-    (-0.4, 9.0, False),   # is wrong about the photographs
-    (0.30, 0.8, True),
-    (0.30, 0.2, False),   # too small to be a lens, whatever else it explains
-])
+@pytest.mark.parametrize(
+    ("gain", "circle", "runs"),
+    [
+        (0.008, 0.8, False),  # explains nothing, and blurs next to nothing
+        (0.008, 9.0, True),  # explains nothing more than painted blur would, but blurs
+        (0.03, 0.8, True),  # explains little, but for sure
+        (-0.4, 9.0, False),  # is wrong about the photographs
+        (0.30, 0.8, True),
+        (0.30, 0.2, False),  # too small to be a lens, whatever else it explains
+    ],
+)
 def test_when_a_lens_is_left_out(gain, circle, runs):
     changes, decided = _decided(Scripted({**GOOD, "view": gain}, circle=circle), "lens")
     assert decided == {"lens": runs} and changes.get("lens", True) is runs
@@ -214,5 +227,3 @@ def test_what_other_options_settle_is_not_asked():
 def test_an_unknown_question_is_named():
     with pytest.raises(InputError, match="lens_trials.*'colour'"):
         TrainerOptions(lens_trials="lens,colour")
-
-

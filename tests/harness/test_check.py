@@ -66,16 +66,20 @@ def test_results_of_version_1_agree_with_themselves() -> None:
         (lambda data: data["left_out"].update(psnr="why"), "psnr: a score, and a reason why there is none"),
         (lambda data: data["left_out"].update(lpips=" "), "lpips: left out without a reason"),
         (lambda data: data["left_out_stages"].update(normals=""), "normals: left out without a reason"),
-        (lambda data: [view["scores"].pop("ssim") for view in data["views"]] and data["scores"].pop("ssim"),
-         "no score ssim, though the plan has it"),
+        (
+            lambda data: [view["scores"].pop("ssim") for view in data["views"]] and data["scores"].pop("ssim"),
+            "no score ssim, though the plan has it",
+        ),
         (lambda data: data["views"][1]["scores"].pop("ssim"), "ssim: not of every view"),
         (lambda data: [view["scores"].pop("ssim") for view in data["views"]], "ssim: a mean without per-view values"),
         (lambda data: data["lens"][0].update(focus_estimated=9.0), "view v2: delta_f is"),
         (lambda data: data["lens"][0].update(name="v9"), "view v9: another true lens than the plan's"),
         (lambda data: data["views"][0].update(name="v9"), "scores of other views than the plan's test views"),
         (lambda data: data["views"][0]["scores"].update(ssim=math.nan), "view v0: ssim is nan, and the run ended ok"),
-        (lambda data: data["nonfinite"].append({"step": 1, "view": "", "stage": "loss", "detail": "loss is inf"}),
-         "loss: loss is inf, and the run ended ok"),
+        (
+            lambda data: data["nonfinite"].append({"step": 1, "view": "", "stage": "loss", "detail": "loss is inf"}),
+            "loss: loss is inf, and the run ended ok",
+        ),
         (lambda data: data.update(status="crashed", message=""), "ended crashed without a message"),
         (lambda data: data.update(status="diverged", message="?"), "ended diverged, with scores all the same"),
         (lambda data: data["scores"].update(train_s=0.001), "train_s is 0.001, its stages took"),
@@ -86,8 +90,10 @@ def test_results_of_version_1_agree_with_themselves() -> None:
         (lambda data: data["curve"].reverse(), "the curve goes back"),
         (lambda data: data["curve"][-1].update(train_s=1e6), "the curve goes on after the end of training"),
         (lambda data: data["curve"].pop(), "the curve ends at step"),
-        (lambda data: data["predictions"].pop("predictions/refocus/v0.png"),
-         "view v0: scores of refocus, and no picture of it"),
+        (
+            lambda data: data["predictions"].pop("predictions/refocus/v0.png"),
+            "view v0: scores of refocus, and no picture of it",
+        ),
         (lambda data: data["model"].update({"model/model.json": "0"}), "model/model.json: not the file"),
         (lambda data: data["model"].update({"model/more.json": "0"}), "model/more.json: missing"),
         (lambda data: data["spec"].update(protocol="own-v1"), "unknown protocol 'own-v1'"),
@@ -165,7 +171,8 @@ def test_another_picture_is_named(folder: Path) -> None:
     picture = folder / "predictions" / "refocus" / "v0.png"
     write_png(picture, read_image(picture) * 0.5)
     assert check_result(folder) == [
-        "predictions/refocus/v0.png: not the file that was scored (its sha256 is another one)"]
+        "predictions/refocus/v0.png: not the file that was scored (its sha256 is another one)"
+    ]
     picture.unlink()
     assert check_result(folder) == ["predictions/refocus/v0.png: missing"]
 

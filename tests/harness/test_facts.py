@@ -37,7 +37,7 @@ def sharp() -> tuple[TrainingSet, list[np.ndarray]]:
         camera = view.camera.resized(view.camera.width // SMALLER, view.camera.height // SMALLER)
         image = from_8bit(to_8bit(resize(view.image(), camera.width, camera.height)))
         views.append(TrainingView(view.name, camera, image))
-        depths.append(view.depth()[SMALLER // 2::SMALLER, SMALLER // 2::SMALLER][:camera.height, :camera.width])
+        depths.append(view.depth()[SMALLER // 2 :: SMALLER, SMALLER // 2 :: SMALLER][: camera.height, : camera.width])
     return TrainingSet(tuple(views), PointCloud(scene.points.xyz, scene.points.rgb, scene.points.error)), depths
 
 
@@ -99,7 +99,7 @@ def _plain(change: float) -> TrainingSet:
         pose = np.eye(4)
         pose[0, 3] = 0.05 * number  # 5 pixels at fx 200 and z 2
         camera = Camera(160, 120, 200.0, 200.0, 80.0, 60.0, pose)
-        image = wall[40:160, 120 - 5 * number:280 - 5 * number] + change * number / 5 / 255
+        image = wall[40:160, 120 - 5 * number : 280 - 5 * number] + change * number / 5 / 255
         views.append(TrainingView(f"v{number}", camera, from_8bit(to_8bit(image.astype(np.float32)))))
     return TrainingSet(tuple(views), PointCloud(points, np.zeros((800, 3), np.float32), np.zeros(800, np.float32)))
 

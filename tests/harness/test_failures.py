@@ -119,8 +119,9 @@ def test_a_killed_process_leaves_a_trace(call, tmp_path: Path) -> None:
         "    print('ready', flush=True)\n    time.sleep(60)\n"
     )
     folder = tmp_path / "killed"
-    process = subprocess.Popen([sys.executable, "-c", script, str(folder), json.dumps(spec.model_dump())],
-                               stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", script, str(folder), json.dumps(spec.model_dump())], stdout=subprocess.PIPE, text=True
+    )
     assert process.stdout.readline() == "ready\n"
     assert is_running(folder)
     os.kill(process.pid, signal.SIGKILL)

@@ -110,7 +110,9 @@ def test_a_class_without_the_contract_is_refused(folder: Path) -> None:
 
 def test_a_missing_class_is_refused(folder: Path) -> None:
     (folder / "method.toml").write_text(
-        METHOD_TOML.format(name="Fake", refocus="true", learns_lens="true", needs_points="true")
-        .replace("trainer:Fake", "trainer:Fakir"))
+        METHOD_TOML.format(name="Fake", refocus="true", learns_lens="true", needs_points="true").replace(
+            "trainer:Fake", "trainer:Fakir"
+        )
+    )
     with pytest.raises(InputError, match="trainer:Fakir"):
         find_method("fake").create({}, 0, "cpu")

@@ -24,14 +24,36 @@ def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     write_method(tmp_path / "methods", "pinhole", refocus=False, learns_lens=False)
     write_method(tmp_path / "methods", "pointless", needs_points=False)
 
-    def plan(method: str = "fake", inputs: str = "shallow", overrides: dict | None = None, force_all: bool = False,
-             blur: float | None = 4.0, dependence: float | None = 20.0, one_lens: bool | None = False,
-             points: int = 900, spread: float | None = 20.0, light: float | None = None,
-             f_numbers: bool = False, options: dict | None = None, **dataset) -> RunPlan:
+    def plan(
+        method: str = "fake",
+        inputs: str = "shallow",
+        overrides: dict | None = None,
+        force_all: bool = False,
+        blur: float | None = 4.0,
+        dependence: float | None = 20.0,
+        one_lens: bool | None = False,
+        points: int = 900,
+        spread: float | None = 20.0,
+        light: float | None = None,
+        f_numbers: bool = False,
+        options: dict | None = None,
+        **dataset,
+    ) -> RunPlan:
         data = FakeDataset(write_dataset(tmp_path / "data", **dataset))
         facts = Facts(points, blur, dependence, one_lens, spread, light, f_numbers)
-        return make_plan(find_method(method), "quick", options or {"noise": 0.2}, overrides or {}, Budget(steps=8),
-                         data, facts, protocol_for(inputs), seed=0, device="cpu", force_all=force_all)
+        return make_plan(
+            find_method(method),
+            "quick",
+            options or {"noise": 0.2},
+            overrides or {},
+            Budget(steps=8),
+            data,
+            facts,
+            protocol_for(inputs),
+            seed=0,
+            device="cpu",
+            force_all=force_all,
+        )
 
     return plan
 
@@ -55,7 +77,8 @@ def test_an_estimated_depth_is_no_truth(plan) -> None:
     made = plan(exact=False)
     assert not set(DEPTH_COLUMNS) & set(made.columns)
     assert {made.left_out[column] for column in DEPTH_COLUMNS} == {
-        "the dataset's own depth is an estimate, no truth to compare with"}
+        "the dataset's own depth is an estimate, no truth to compare with"
+    }
 
 
 def test_the_plan_has_every_view_s_lens(plan) -> None:
@@ -144,8 +167,10 @@ def test_harmonics_are_left_out_of_a_scene_that_looks_alike_from_everywhere(plan
 
 
 def test_colours_are_learned_where_points_or_else_exif_say_that_they_differ(plan) -> None:
-    learned = [_runs(plan(spread=spread, light=light))["colours"] for spread, light in
-               ((20.0, None), (1.0, None), (1.0, 2.0), (None, 2.0), (None, 0.1), (None, None))]
+    learned = [
+        _runs(plan(spread=spread, light=light))["colours"]
+        for spread, light in ((20.0, None), (1.0, None), (1.0, 2.0), (None, 2.0), (None, 0.1), (None, None))
+    ]
     assert learned == [True, False, False, True, False, False]
     assert plan(spread=1.0).options["colours"] == 0 and "colours" not in plan(spread=1.0, force_all=True).options
     reason = next(stage.reason for stage in plan(spread=1.0).stages if stage.name == "colours")
@@ -195,8 +220,7 @@ def test_photographs_of_unknown_lens_with_sharp_ones_to_test_with(plan) -> None:
     assert canonical_json(made.as_data())
     lines = made.lines()
     assert any(line.endswith("delta_a, delta_f, delta_r: no true lens") for line in lines)
-    assert made.lenses == {
-        "assign": "unknown", "train": dict.fromkeys(TRAINED), "test": dict.fromkeys(TESTED)}
+    assert made.lenses == {"assign": "unknown", "train": dict.fromkeys(TRAINED), "test": dict.fromkeys(TESTED)}
     assert lens_words(made.lenses) == "trained on unknown lenses; no test lens"
 
 
@@ -256,8 +280,7 @@ def test_a_plan_is_plain_data_and_text(plan) -> None:
 
 
 def test_every_protocol_is_found_by_its_inputs() -> None:
-    newest = {protocol_for(protocol.inputs, photographs=protocol.photograph).id
-              for protocol in PROTOCOLS.values()}
+    newest = {protocol_for(protocol.inputs, photographs=protocol.photograph).id for protocol in PROTOCOLS.values()}
     assert newest == {"refocus-v2", "sharp-inputs-v2", "photographs-v1", "across-apertures-v1"}
     assert newest < set(PROTOCOLS)  # the older ones are still known
     with pytest.raises(InputError, match="inputs"):

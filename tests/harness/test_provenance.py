@@ -14,8 +14,14 @@ from dofbench.harness.error_maps import FULL_SCALE, error_map
 @pytest.fixture
 def sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A small copy of the tree: dofbench/, kernels/, method/."""
-    for name in ("dofbench/a.py", "dofbench/reporting/b.py", "dofbench/cli.py", "dofbench/runs/c.py",
-                 "kernels/k/cpu.py", "method/m.py"):
+    for name in (
+        "dofbench/a.py",
+        "dofbench/reporting/b.py",
+        "dofbench/cli.py",
+        "dofbench/runs/c.py",
+        "kernels/k/cpu.py",
+        "method/m.py",
+    ):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("x = 1\n")
     monkeypatch.setattr(provenance, "_PACKAGE", tmp_path / "dofbench")
@@ -24,7 +30,8 @@ def sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize(
-    "name", ["dofbench/a.py", "kernels/k/cpu.py", "method/m.py", "method/method.toml", "kernels/new.py"])
+    "name", ["dofbench/a.py", "kernels/k/cpu.py", "method/m.py", "method/method.toml", "kernels/new.py"]
+)
 def test_the_code_version_follows_what_can_change_a_score(sources: Path, name: str) -> None:
     before = provenance.code_version(sources / "method")
     (sources / name).write_text("x = 2\n")
@@ -32,8 +39,16 @@ def test_the_code_version_follows_what_can_change_a_score(sources: Path, name: s
 
 
 @pytest.mark.parametrize(
-    "name", ["dofbench/reporting/b.py", "dofbench/cli.py", "dofbench/runs/c.py", "method/notes.md", "method/m.pyc",
-             "method/ablations.toml"])
+    "name",
+    [
+        "dofbench/reporting/b.py",
+        "dofbench/cli.py",
+        "dofbench/runs/c.py",
+        "method/notes.md",
+        "method/m.pyc",
+        "method/ablations.toml",
+    ],
+)
 def test_the_code_version_ignores_what_cannot(sources: Path, name: str) -> None:
     before = provenance.code_version(sources / "method")
     (sources / name).write_text("x = 2\n")

@@ -19,8 +19,16 @@ from dofbench.harness.result import SCHEMA_VERSION, Result, Spec, read_result, w
 
 def make_spec(**changes) -> Spec:
     values = {
-        "method": "fake", "preset": "quick", "overrides": {}, "options": {"noise": 0.1}, "budget": "8it",
-        "dataset": "waves", "dataset_checksum": "a" * 64, "protocol": "refocus-v1", "seed": 0, "device": "cpu",
+        "method": "fake",
+        "preset": "quick",
+        "overrides": {},
+        "options": {"noise": 0.1},
+        "budget": "8it",
+        "dataset": "waves",
+        "dataset_checksum": "a" * 64,
+        "protocol": "refocus-v1",
+        "seed": 0,
+        "device": "cpu",
         "code": "0.1.0+" + "b" * 64,
     }
     return Spec(**{**values, **changes})
@@ -29,12 +37,38 @@ def make_spec(**changes) -> Spec:
 def make_result(**changes) -> Result:
     spec = changes.pop("spec", make_spec())
     values = {
-        "schema_version": 3, "key": spec.key, "spec": spec, "protocol": {}, "plan": {}, "status": "ok", "message": "",
-        "traceback": "", "scene": "waves", "data": "data", "command": "dofbench run --method fake", "started": "now",
-        "ended": "then", "scores": {}, "left_out": {}, "left_out_stages": {}, "do_nothing": {}, "views": [],
-        "lens": [], "fits": [], "apertures": [], "curve": [], "stages": {}, "method_stages": {}, "description": {},
+        "schema_version": 3,
+        "key": spec.key,
+        "spec": spec,
+        "protocol": {},
+        "plan": {},
+        "status": "ok",
+        "message": "",
+        "traceback": "",
+        "scene": "waves",
+        "data": "data",
+        "command": "dofbench run --method fake",
+        "started": "now",
+        "ended": "then",
+        "scores": {},
+        "left_out": {},
+        "left_out_stages": {},
+        "do_nothing": {},
+        "views": [],
+        "lens": [],
+        "fits": [],
+        "apertures": [],
+        "curve": [],
+        "stages": {},
+        "method_stages": {},
+        "description": {},
         "nonfinite": [],
-        "kernels_compiled": 0, "predictions": {}, "model": {}, "git": None, "machine": {}, "packages": {},
+        "kernels_compiled": 0,
+        "predictions": {},
+        "model": {},
+        "git": None,
+        "machine": {},
+        "packages": {},
     }
     return Result(**{**values, **changes})
 
@@ -42,9 +76,17 @@ def make_result(**changes) -> Result:
 @pytest.mark.parametrize(
     "change",
     [
-        {"method": "other"}, {"preset": "slow"}, {"overrides": {"noise": 0.2}}, {"options": {"noise": 0.2}},
-        {"budget": "9it"}, {"dataset_checksum": "c" * 64}, {"protocol": "sharp-inputs-v1"}, {"seed": 1},
-        {"device": "cuda"}, {"code": "0.1.0+" + "d" * 64}, {"dataset": "other"},
+        {"method": "other"},
+        {"preset": "slow"},
+        {"overrides": {"noise": 0.2}},
+        {"options": {"noise": 0.2}},
+        {"budget": "9it"},
+        {"dataset_checksum": "c" * 64},
+        {"protocol": "sharp-inputs-v1"},
+        {"seed": 1},
+        {"device": "cuda"},
+        {"code": "0.1.0+" + "d" * 64},
+        {"dataset": "other"},
     ],
 )
 def test_the_key_depends_on_everything(change: dict) -> None:
@@ -88,8 +130,11 @@ def test_old_results_are_migrated(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     def rename(old: dict) -> dict:
         return {**{key: value for key, value in old.items() if key != "title"}, "command": old["title"]}
 
-    monkeypatch.setattr(module, "MIGRATIONS", {
-        -1: rename, 0: lambda data: {**data, "message": "migrated"}, 1: lambda data: data, 2: lambda data: data})
+    monkeypatch.setattr(
+        module,
+        "MIGRATIONS",
+        {-1: rename, 0: lambda data: {**data, "message": "migrated"}, 1: lambda data: data, 2: lambda data: data},
+    )
     assert read_result(tmp_path).command == "dofbench run --method fake"
     assert read_result(tmp_path).message == "migrated"
 
@@ -125,8 +170,11 @@ def test_what_a_migration_gives_is_of_this_version(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ("{", "JSON"), ("[]", "no schema_version"), ("{}", "no schema_version"),
-        ('{"schema_version": 4}', "newer dofbench"), ('{"schema_version": 3}', "key: Field required"),
+        ("{", "JSON"),
+        ("[]", "no schema_version"),
+        ("{}", "no schema_version"),
+        ('{"schema_version": 4}', "newer dofbench"),
+        ('{"schema_version": 3}', "key: Field required"),
         ('{"schema_version": 1}', "schema_version 1, and in it KeyError: 'stages'"),
         ("\xff", "JSON"),
     ],

@@ -24,7 +24,8 @@ def test_a_finished_result_is_reused(call) -> None:
 
 
 @pytest.mark.parametrize(
-    "change", [{"set": ("noise=0.2",)}, {"seed": 1}, {"budget": "9it"}, {"inputs": "all-in-focus"}])
+    "change", [{"set": ("noise=0.2",)}, {"seed": 1}, {"budget": "9it"}, {"inputs": "all-in-focus"}]
+)
 def test_any_change_is_another_result(call, change: dict) -> None:
     first, other = call(), call(**change)
     assert not other.reused and other.folder != first.folder

@@ -32,12 +32,23 @@ def test_a_good_run(call, tmp_path: Path) -> None:
     assert end.folder.parent == tmp_path / "results" / "waves"
     result = read_result(end.folder)
     assert end.folder.name == f"fake-quick-seed0-{result.key[:8]}"
-    assert set(result.scores) == {*OPEN.refocus_columns, *OPEN.all_in_focus_columns, *LENS_COLUMNS, *DEPTH_COLUMNS,
-                                  "train_s", "train_cpu_s", "cold_start_s", "steps", "render_fps", "peak_mb",
-                                  "gaussians", "resolved"}
+    assert set(result.scores) == {
+        *OPEN.refocus_columns,
+        *OPEN.all_in_focus_columns,
+        *LENS_COLUMNS,
+        *DEPTH_COLUMNS,
+        "train_s",
+        "train_cpu_s",
+        "cold_start_s",
+        "steps",
+        "render_fps",
+        "peak_mb",
+        "gaussians",
+        "resolved",
+    }
     assert result.scores["steps"] == 8 and result.scores["gaussians"] == 80
     assert result.scores["psnr"] > 30 and result.scores["peak_mb"] > 10
-    assert [point.steps for point in result.curve][::len(result.curve) - 1] == [1, 8]
+    assert [point.steps for point in result.curve][:: len(result.curve) - 1] == [1, 8]
     assert result.curve[-1].scores["psnr"] > result.curve[0].scores["psnr"] + 10
     assert {"psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f"} == set(result.curve[0].scores)
     assert result.left_out_stages == {"normals": "a fake has none"} and result.method_stages == {"guess": 0.01}
@@ -112,7 +123,8 @@ def test_same_seed_same_scores(call) -> None:
     two = read_result(call(rerun=True).folder)
     timed = {"train_s", "train_cpu_s", "cold_start_s", "render_fps", "peak_mb"}
     assert {k: v for k, v in one.scores.items() if k not in timed} == {
-        k: v for k, v in two.scores.items() if k not in timed}
+        k: v for k, v in two.scores.items() if k not in timed
+    }
     assert one.predictions == two.predictions
 
 
@@ -124,20 +136,21 @@ def test_a_budget_of_seconds(call) -> None:
 
 def test_compilation_is_not_training_time(call, tmp_path: Path) -> None:
     code = tmp_path / "methods" / "fake" / "behaviour.py"
-    compiling = "compiled = []\n\n\ndef misbehave(options, step, loss):\n" \
+    compiling = (
+        "compiled = []\n\n\ndef misbehave(options, step, loss):\n"
         "    if not compiled:\n        compiled.append(time.sleep(0.5))\n"
+    )
     code.write_text(code.read_text().replace("def misbehave(options, step, loss):\n", compiling))
     result = read_result(call(budget="0.3s", set=("pause=0.02",)).folder)
     assert result.status is Status.OK and result.scores["steps"] >= 5
     assert result.stages["warm up"].wall >= 0.5
-    assert result.scores["cold_start_s"] == pytest.approx(
-        result.stages["import"].wall + result.stages["warm up"].wall)
+    assert result.scores["cold_start_s"] == pytest.approx(result.stages["import"].wall + result.stages["warm up"].wall)
     assert result.scores["train_s"] == result.stages["train"].wall
 
 
 def test_processor_time_is_told_from_wall_time(call, tmp_path: Path) -> None:
     code = tmp_path / "methods" / "fake" / "behaviour.py"
-    code.write_text(code.read_text().replace('    time.sleep(options["pause"])\n', '    time.sleep(0.02)\n'))
+    code.write_text(code.read_text().replace('    time.sleep(options["pause"])\n', "    time.sleep(0.02)\n"))
     result = read_result(call().folder)
     assert result.scores["train_cpu_s"] == result.stages["train"].cpu
     assert result.scores["train_cpu_s"] < 0.7 * result.scores["train_s"]  # it sleeps
@@ -219,10 +232,15 @@ def test_a_dry_run_writes_nothing(call, tmp_path: Path) -> None:
         call(dry_run=True, set=("nose=1",))
 
 
-@pytest.mark.parametrize(("change", "match"), [
-    ({"device": "tpu"}, "--device"), ({"device": "cuda"}, "--device"), ({"inputs": "blurry"}, "inputs"),
-    ({"data": Path("nowhere")}, "nowhere"),
-])
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"device": "tpu"}, "--device"),
+        ({"device": "cuda"}, "--device"),
+        ({"inputs": "blurry"}, "inputs"),
+        ({"data": Path("nowhere")}, "nowhere"),
+    ],
+)
 def test_wrong_calls(call, change: dict, match: str) -> None:
     with pytest.raises(InputError, match=match):
         call(**change)

@@ -20,8 +20,22 @@ LIMIT = 600  # seconds, with kernels that must be compiled, on a busy machine
 
 def trained(folder: Path, threads: int) -> Path:
     """The result's folder of one run of 60 steps in a process of its own, with all that the default preset does."""
-    command = [sys.executable, "-m", "dofbench", "run", "--method", "dofgaussian", "--preset", "cpu",
-               "--budget", "60it", "--data", str(folder / "data"), "--out", str(folder / f"on-{threads}")]
+    command = [
+        sys.executable,
+        "-m",
+        "dofbench",
+        "run",
+        "--method",
+        "dofgaussian",
+        "--preset",
+        "cpu",
+        "--budget",
+        "60it",
+        "--data",
+        str(folder / "data"),
+        "--out",
+        str(folder / f"on-{threads}"),
+    ]
     environment = os.environ | {"OMP_NUM_THREADS": str(threads), "NUMBA_NUM_THREADS": str(threads)}
     done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT, env=environment)
     assert done.returncode == 0, done.stderr
@@ -31,20 +45,32 @@ def trained(folder: Path, threads: int) -> Path:
 
 def timeless(result: Result) -> list:
     """All that a result says but times, memory and where it was made."""
-    return [result.spec, {column: value for column, value in result.scores.items() if column not in TIMED},
-            result.views, result.lens, [(point.steps, point.loss, point.scores) for point in result.curve],
-            result.description, result.do_nothing, result.predictions, result.model]
+    return [
+        result.spec,
+        {column: value for column, value in result.scores.items() if column not in TIMED},
+        result.views,
+        result.lens,
+        [(point.steps, point.loss, point.scores) for point in result.curve],
+        result.description,
+        result.do_nothing,
+        result.predictions,
+        result.model,
+    ]
 
 
 @pytest.mark.slow
 def test_one_and_two_threads_give_the_same_bits(tmp_path: Path) -> None:
-    make_dataset(MakeDataset(scene=str(content_folder("datasets") / "thinlens" / "foliage"), width=96,
-                             out=tmp_path / "data"))
+    make_dataset(
+        MakeDataset(scene=str(content_folder("datasets") / "thinlens" / "foliage"), width=96, out=tmp_path / "data")
+    )
     one, two = (trained(tmp_path, threads) for threads in (1, 2))
     files = [sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file()) for folder in (one, two)]
     assert files[0] == files[1] and Path("model/gaussians.ply") in files[0]
-    different = [str(name) for name in files[0]
-                 if name.name != "result.json" and (one / name).read_bytes() != (two / name).read_bytes()]
+    different = [
+        str(name)
+        for name in files[0]
+        if name.name != "result.json" and (one / name).read_bytes() != (two / name).read_bytes()
+    ]
     assert different == []
     first, second = read_result(one), read_result(two)
     assert (first.machine["threads"], second.machine["threads"]) == (1, 2)

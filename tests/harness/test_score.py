@@ -53,8 +53,12 @@ def worst(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def forbid_training(folder: Path) -> None:
     code = folder / "methods" / "fake" / "trainer.py"
-    code.write_text(code.read_text().replace("    def fit(self, training_set, budget, observer):\n",
-                                             "    def fit(self, training_set, budget, observer):\n        1 / 0\n"))
+    code.write_text(
+        code.read_text().replace(
+            "    def fit(self, training_set, budget, observer):\n",
+            "    def fit(self, training_set, budget, observer):\n        1 / 0\n",
+        )
+    )
 
 
 def test_a_new_metric_is_added_without_training(call, worst, tmp_path: Path) -> None:
@@ -67,8 +71,10 @@ def test_a_new_metric_is_added_without_training(call, worst, tmp_path: Path) -> 
     added, result, data = read_added(end.folder), read_result(end.folder), FakeDataset(tmp_path / "data")
     assert set(added.scores) == {"worst", "aif_worst"} and added.key == result.key
     for kind, column, read in (("refocus", "worst", data.image), ("all_in_focus", "aif_worst", data.all_in_focus)):
-        values = {view.name: worst_error(read_image(end.folder / "predictions" / kind / f"{view.name}.png"), read(view))
-                  for view in data.test_views()}
+        values = {
+            view.name: worst_error(read_image(end.folder / "predictions" / kind / f"{view.name}.png"), read(view))
+            for view in data.test_views()
+        }
         assert added.scores[column].views == values
         assert added.scores[column].value == pytest.approx(np.mean(list(values.values())))
     # The code that scored isn't the code that trained, and both are known.
@@ -105,7 +111,8 @@ def test_without_a_truth_it_is_left_out_with_the_reason(call, tmp_path: Path) ->
     assert good and "no depth_rel: the dataset's own depth is an estimate" in said
     assert read_added(end.folder).left_out == {
         "depth_rel": "the dataset's own depth is an estimate, no truth to compare with",
-        "ms_ssim": "Pinhole has no lens to refocus with"}
+        "ms_ssim": "Pinhole has no lens to refocus with",
+    }
 
 
 def test_code_that_renders_otherwise_scores_no_depth(call, tmp_path: Path) -> None:
@@ -176,8 +183,11 @@ def test_failed_runs_and_runs_at_work_stop_nothing(call, tmp_path: Path) -> None
 def test_non_finite_values_stay(call, worst, monkeypatch: pytest.MonkeyPatch) -> None:
     end = call()
     values = iter([math.inf, math.nan, -math.inf, math.inf])
-    monkeypatch.setitem(METRICS, "worst", Metric("worst", "worst", "", False, 0.0, 1.0, "images",
-                                                 lambda prediction, truth: next(values), ""))
+    monkeypatch.setitem(
+        METRICS,
+        "worst",
+        Metric("worst", "worst", "", False, 0.0, 1.0, "images", lambda prediction, truth: next(values), ""),
+    )
     assert scored(end.folder, "worst,aif_worst")[0]
     views = read_added(end.folder).scores["worst"].views
     assert math.isinf(views["v0"]) and math.isnan(views["v1"])
@@ -221,10 +231,16 @@ def test_the_report_shows_what_was_added(call, tmp_path: Path, monkeypatch: pyte
     assert "added.json" in (tmp_path / "board" / "leaderboard.md").read_text()
 
 
-@pytest.mark.parametrize(("path", "metrics", "match"), [
-    ("nowhere", None, "no such file"), ("methods", None, "no result.json"), ("results", "lpips", "--metrics"),
-    ("results", "delta_a", "--metrics"), ("results", "", "--metrics"),
-])
+@pytest.mark.parametrize(
+    ("path", "metrics", "match"),
+    [
+        ("nowhere", None, "no such file"),
+        ("methods", None, "no result.json"),
+        ("results", "lpips", "--metrics"),
+        ("results", "delta_a", "--metrics"),
+        ("results", "", "--metrics"),
+    ],
+)
 def test_wrong_calls(call, tmp_path: Path, path: str, metrics: str | None, match: str) -> None:
     call()
     with pytest.raises(InputError, match=match):

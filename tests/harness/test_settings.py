@@ -31,8 +31,9 @@ def test_budget_takes_both_in_either_order() -> None:
     assert parse_budget("5min,7000it") == parse_budget("7000it,300s") and parse_budget("1.5min") == Budget(None, 90.0)
 
 
-@pytest.mark.parametrize("text", [
-    "", "lots", "0s", "-1it", "nans", "infs", "1.5it", "3s,4s", "1min,4s", "min", "1it,2it", "300", ","])
+@pytest.mark.parametrize(
+    "text", ["", "lots", "0s", "-1it", "nans", "infs", "1.5it", "3s,4s", "1min,4s", "min", "1it,2it", "300", ","]
+)
 def test_a_wrong_budget_is_one_line(text: str) -> None:
     with pytest.raises(InputError, match="budget"):
         parse_budget(text)

@@ -24,6 +24,7 @@ EVERY, TRAINED = [f"v{index}" for index in range(6)], [f"v{index}" for index in 
 @pytest.fixture
 def unknown(call: Callable[..., RunEnd], tmp_path: Path) -> Callable[..., RunEnd]:
     """A run on a dataset of photographs: `unknown(blurred=…)` as `write_dataset`."""
+
     def run(**dataset) -> RunEnd:
         options = {"unknown": EVERY, "blurred": TRAINED, "flat": EVERY, "exact": False, **dataset}
         return call(data=write_dataset(tmp_path / "photographs", name="seal", **options))
@@ -43,11 +44,12 @@ def test_what_has_its_truth_is_scored(unknown: Callable[..., RunEnd]) -> None:
     assert not any(name.startswith("predictions/refocus") for name in result.predictions)
 
 
-def test_a_run_that_nothing_can_be_scored_of_still_ends_well(
-    call: Callable[..., RunEnd], tmp_path: Path
-) -> None:
-    folder = call(data=write_dataset(tmp_path / "photographs", name="seal", unknown=TRAINED, blurred=EVERY, flat=EVERY,
-                                     test=0, train=6)).folder
+def test_a_run_that_nothing_can_be_scored_of_still_ends_well(call: Callable[..., RunEnd], tmp_path: Path) -> None:
+    folder = call(
+        data=write_dataset(
+            tmp_path / "photographs", name="seal", unknown=TRAINED, blurred=EVERY, flat=EVERY, test=0, train=6
+        )
+    ).folder
     result = read_result(folder)
     assert result.status is Status.OK and check_result(folder) == [] and result.scores["steps"] == 8
     assert result.left_out["aif_psnr"] == "the dataset has no test views" and result.predictions == {}
@@ -70,12 +72,12 @@ def test_the_report_shows_no_column_without_a_value(
     call(method="pinhole", data=tmp_path / "photographs")
     write_report(Report(results=tmp_path / "results", out=tmp_path / "report"), Console(quiet=True))
     page = (tmp_path / "report" / "leaderboard.md").read_text()
-    board = page[page.index("## seal"):page.index("## What the columns say")]
+    board = page[page.index("## seal") : page.index("## What the columns say")]
     heading = next(line for line in board.splitlines() if line.startswith("| method"))
     assert "all-in-focus PSNR" in heading
     assert not any(word in heading for word in ("| PSNR", "δ", "disparity error", "AbsRel"))
     assert "trained on unknown lenses; no test lens" in board
-    assert "do nothing" not in board and "no test lens" in board[board.index("Not shown"):]
+    assert "do nothing" not in board and "no test lens" in board[board.index("Not shown") :]
     assert (tmp_path / "report" / "comparison" / "seal-refocus-v2.png").is_file()
 
 
@@ -99,7 +101,7 @@ def test_photographs_are_scored_by_what_half_of_each_tells(call: Callable[..., R
 
     write_report(Report(results=tmp_path / "results", out=tmp_path / "report"), Console(quiet=True))
     page = (tmp_path / "report" / "leaderboard.md").read_text()
-    board = page[page.index("## seal"):page.index("## What the columns say")]
+    board = page[page.index("## seal") : page.index("## What the columns say")]
     heading = next(line for line in board.splitlines() if line.startswith("| method"))
     assert "photograph PSNR [dB]" in heading and "| PSNR" not in heading and "| all-in-focus" not in heading
     assert (tmp_path / "report" / "curves" / "seal-photographs-v1-photo_psnr.svg").is_file()

@@ -18,8 +18,13 @@ from dofbench.cameras import Camera
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_values_and_gradients_agree_with_the_reference(geometry, seed):
     n = 60 + seed
-    assert_agree(scene(n, seed), camera=view(), geometry=geometry, filter_3d=torch.full((n,), 0.03),
-                 background=torch.tensor([0.2, 0.5, 0.1]))
+    assert_agree(
+        scene(n, seed),
+        camera=view(),
+        geometry=geometry,
+        filter_3d=torch.full((n,), 0.03),
+        background=torch.tensor([0.2, 0.5, 0.1]),
+    )
 
 
 @pytest.mark.parametrize("width,height", [(1, 1), (1, 37), (33, 1), (8, 32), (9, 33)])
@@ -76,8 +81,9 @@ def test_zero_quaternion_is_no_rotation():
 
 
 def test_no_gaussians():
-    outputs, gradients, _ = render(cpu, scene(0, 0), torch.float32, camera=view(), geometry="distortion",
-                                   background=torch.tensor([0.1, 0.2, 0.3]))
+    outputs, gradients, _ = render(
+        cpu, scene(0, 0), torch.float32, camera=view(), geometry="distortion", background=torch.tensor([0.1, 0.2, 0.3])
+    )
     assert torch.equal(outputs.color, torch.tensor([0.1, 0.2, 0.3]).expand(20, 24, 3))
     for output in outputs[1:]:
         assert not output.any()
@@ -183,7 +189,9 @@ def test_a_disc_has_its_planes_depth_and_normal(tilt, turn):
         "means": torch.tensor(centre[None], dtype=torch.float32),
         "log_scales": torch.tensor([[0.0, 0.0, -9.0]]),
         "quaternions": torch.tensor([quaternion], dtype=torch.float32),
-        "opacity_logits": torch.tensor([5.0]), "sh_dc": torch.zeros(1, 3), "sh_rest": torch.zeros(1, 0, 3),
+        "opacity_logits": torch.tensor([5.0]),
+        "sh_dc": torch.zeros(1, 3),
+        "sh_rest": torch.zeros(1, 0, 3),
     }
     camera = Camera(64, 48, 400.0, 410.0, 15.0, 33.0, np.eye(4))
     raster = cpu(**inputs, camera=camera, geometry="distortion")
@@ -205,8 +213,9 @@ def test_extreme_gaussians_stay_finite(seed, size, spread, depth, filter_2d):
     gaussians["log_scales"] = (gaussians["log_scales"] + 2) * spread + size
     gaussians["means"][:, 2] = gaussians["means"][:, 2] - 4 + depth
     gaussians["quaternions"] *= 1e-15 if seed % 2 else 1e15
-    outputs, gradients, statistics = render(cpu, gaussians, torch.float32, camera=view(), geometry="distortion",
-                                            filter_2d=filter_2d)
+    outputs, gradients, statistics = render(
+        cpu, gaussians, torch.float32, camera=view(), geometry="distortion", filter_2d=filter_2d
+    )
     for output in outputs:
         assert torch.isfinite(output).all()
     assert (outputs.alpha >= 0).all() and (outputs.alpha <= 1).all()
@@ -231,18 +240,21 @@ def test_a_non_finite_parameter_is_named(name, value):
         cpu(**gaussians, camera=view())
 
 
-@pytest.mark.parametrize("name,value,found", [
-    ("means", torch.zeros(4, 2), r"means: expected shape \(4, 3\), found \(4, 2\)"),
-    ("quaternions", torch.zeros(4, 4).double(), "quaternions: expected contiguous torch.float32"),
-    ("sh_dc", torch.zeros(3, 4).T, "sh_dc: .* found not contiguous"),
-    ("sh_rest", torch.zeros(4, 5, 3), "sh_rest: expected shape"),
-    ("filter_3d", torch.zeros(3), r"filter_3d: expected shape \(4,\)"),
-    ("background", torch.zeros(3, requires_grad=True), "background: expected a tensor without gradient"),
-    ("geometry", "depths", "geometry: expected one of none, depth, full, distortion, found 'depths'"),
-    ("sh_degree", 4, "sh_degree: expected 0, 1, 2 or 3, found 4"),
-    ("filter_2d", -0.1, "filter_2d: expected at least 0"),
-    ("near", 0.0, "near: expected more than 0"),
-])
+@pytest.mark.parametrize(
+    "name,value,found",
+    [
+        ("means", torch.zeros(4, 2), r"means: expected shape \(4, 3\), found \(4, 2\)"),
+        ("quaternions", torch.zeros(4, 4).double(), "quaternions: expected contiguous torch.float32"),
+        ("sh_dc", torch.zeros(3, 4).T, "sh_dc: .* found not contiguous"),
+        ("sh_rest", torch.zeros(4, 5, 3), "sh_rest: expected shape"),
+        ("filter_3d", torch.zeros(3), r"filter_3d: expected shape \(4,\)"),
+        ("background", torch.zeros(3, requires_grad=True), "background: expected a tensor without gradient"),
+        ("geometry", "depths", "geometry: expected one of none, depth, full, distortion, found 'depths'"),
+        ("sh_degree", 4, "sh_degree: expected 0, 1, 2 or 3, found 4"),
+        ("filter_2d", -0.1, "filter_2d: expected at least 0"),
+        ("near", 0.0, "near: expected more than 0"),
+    ],
+)
 def test_wrong_arguments_say_so(name, value, found):
     arguments = {**scene(4, 18), "camera": view(), name: value}
     with pytest.raises(ValueError, match=found):

@@ -37,15 +37,22 @@ def lone(opacity: float, pixels: float, squeeze: float = 1.0):
         "log_scales": torch.tensor([[size, size + math.log(squeeze), size]]),
         "quaternions": torch.tensor([[1.0, 0.0, 0.0, 0.0]]),
         "opacity_logits": torch.tensor([math.log(opacity / (1 - opacity))]),
-        "sh_dc": torch.zeros(1, 3), "sh_rest": torch.zeros(1, 0, 3),
+        "sh_dc": torch.zeros(1, 3),
+        "sh_rest": torch.zeros(1, 0, 3),
     }
 
 
 @pytest.mark.parametrize("geometry,filter_2d", [("none", 0.1), ("depth", 0.0), ("distortion", 0.1)])
 @pytest.mark.parametrize("largest", [0.3, 30.0, 1000.0])
 def test_values_and_gradients_agree_with_the_reference(geometry, filter_2d, largest):
-    assert_agree(blurred(61, 1, largest), camera=view(60, 50), geometry=geometry, filter_2d=filter_2d,
-                 filter_3d=torch.full((61,), 0.03), background=torch.tensor([0.2, 0.5, 0.1]))
+    assert_agree(
+        blurred(61, 1, largest),
+        camera=view(60, 50),
+        geometry=geometry,
+        filter_2d=filter_2d,
+        filter_3d=torch.full((61,), 0.03),
+        background=torch.tensor([0.2, 0.5, 0.1]),
+    )
 
 
 def test_needles():
@@ -98,8 +105,9 @@ def test_no_blur_anywhere_is_none_bit_for_bit(seed, n, geometry, filtered):
     assert torch.equal(without[2].abs_grad_2d, zero[2].abs_grad_2d)
 
 
-@given(st.floats(0.1, 0.3), st.floats(1.5, 3.0), st.floats(0.3, 1.0), st.floats(0, 64), st.floats(0, 1),
-       st.floats(0, 1))
+@given(
+    st.floats(0.1, 0.3), st.floats(1.5, 3.0), st.floats(0.3, 1.0), st.floats(0, 64), st.floats(0, 1), st.floats(0, 1)
+)
 def test_a_lone_faint_gaussian_keeps_its_integral(opacity, pixels, squeeze, blur, x, y):
     gaussian, camera = lone(opacity, pixels, max(squeeze, 1.5 / pixels)), straight(48 + x, 40 + y)
     sharp, spread = (cpu(**gaussian, camera=camera, blur=b).color.sum() for b in (None, torch.tensor([blur])))
@@ -149,13 +157,16 @@ def test_same_bits_on_any_number_of_threads():
     assert all(torch.equal(runs[0][1][name], runs[1][1][name]) for name in gaussians)
 
 
-@pytest.mark.parametrize("value,error,found", [
-    (torch.zeros(3), ValueError, r"blur: expected shape \(4,\), found \(3,\)"),
-    (torch.zeros(4).double(), ValueError, "blur: expected contiguous torch.float32"),
-    (torch.tensor([0.0, 1.0, -0.5, 2.0]), ValueError, "blur: expected at least 0, found -0.5"),
-    (torch.tensor([0.0, 1.0, math.nan, 2.0]), FloatingPointError, r"blur\[2\]: found nan, expected a finite"),
-    (torch.tensor([0.0, 1.0, math.inf, 2.0]), FloatingPointError, r"blur\[2\]: found inf, expected a finite"),
-])
+@pytest.mark.parametrize(
+    "value,error,found",
+    [
+        (torch.zeros(3), ValueError, r"blur: expected shape \(4,\), found \(3,\)"),
+        (torch.zeros(4).double(), ValueError, "blur: expected contiguous torch.float32"),
+        (torch.tensor([0.0, 1.0, -0.5, 2.0]), ValueError, "blur: expected at least 0, found -0.5"),
+        (torch.tensor([0.0, 1.0, math.nan, 2.0]), FloatingPointError, r"blur\[2\]: found nan, expected a finite"),
+        (torch.tensor([0.0, 1.0, math.inf, 2.0]), FloatingPointError, r"blur\[2\]: found inf, expected a finite"),
+    ],
+)
 def test_wrong_blur_says_so(value, error, found):
     gaussians = scene(4, 18)
     gaussians["means"][:] = torch.tensor([0.0, 0.0, 4.0])

@@ -23,7 +23,8 @@ def facing(depths, opacity: float = 0.4) -> dict[str, torch.Tensor]:
         "log_scales": torch.tensor([[2.5, 2.5, -8.0]]).repeat(n, 1),
         "quaternions": torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(n, 1),
         "opacity_logits": torch.full((n,), math.log(opacity / (1 - opacity))),
-        "sh_dc": torch.zeros(n, 3), "sh_rest": torch.zeros(n, 0, 3),
+        "sh_dc": torch.zeros(n, 3),
+        "sh_rest": torch.zeros(n, 0, 3),
     }
 
 
@@ -106,9 +107,14 @@ def test_normals_are_the_published_ones():
         turned = axes - axes.T
         quaternion = [w, turned[2, 1] / (4 * w), turned[0, 2] / (4 * w), turned[1, 0] / (4 * w)]
         raster = reference(
-            torch.tensor(mean[None]), torch.tensor(np.log(scales)[None]), torch.tensor([quaternion]),
-            torch.tensor([3.0]).double(), torch.zeros(1, 3).double(), torch.zeros(1, 0, 3).double(),
-            camera=camera, geometry="full",
+            torch.tensor(mean[None]),
+            torch.tensor(np.log(scales)[None]),
+            torch.tensor([quaternion]),
+            torch.tensor([3.0]).double(),
+            torch.zeros(1, 3).double(),
+            torch.zeros(1, 0, 3).double(),
+            camera=camera,
+            geometry="full",
         )
         row, column = (int(40 * direction[1] + 20.5), int(40 * direction[0] + 20.5))
         found = raster.normal[row, column].numpy() / float(raster.alpha[row, column])
@@ -131,9 +137,12 @@ def tilted_plane() -> tuple[dict[str, torch.Tensor], np.ndarray, np.ndarray, Cam
     gaussians = {
         "means": torch.tensor(np.array(places), dtype=torch.float32),
         "log_scales": torch.tensor([[math.log(0.1), math.log(0.1), -9.0]]).repeat(n, 1),
-        "quaternions": torch.tensor([[math.cos(half), math.sin(half) * math.sin(turn),
-                                      -math.sin(half) * math.cos(turn), 0.0]]).repeat(n, 1),
-        "opacity_logits": torch.full((n,), 1.0), "sh_dc": torch.zeros(n, 3), "sh_rest": torch.zeros(n, 0, 3),
+        "quaternions": torch.tensor(
+            [[math.cos(half), math.sin(half) * math.sin(turn), -math.sin(half) * math.cos(turn), 0.0]]
+        ).repeat(n, 1),
+        "opacity_logits": torch.full((n,), 1.0),
+        "sh_dc": torch.zeros(n, 3),
+        "sh_rest": torch.zeros(n, 0, 3),
     }
     return gaussians, normal, point, Camera(64, 48, 80.0, 82.0, 30.0, 26.0, np.eye(4))
 

@@ -40,7 +40,7 @@ def test_one_far_reaching_source_widens_the_windows_of_its_own_block_alone() -> 
     sizes = geometry(HEIGHT, WIDTH, 30.0, ALPHA, 1.0, 0.5)
     image = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
     _, reach = pack_sources(image, radius, sizes, True, np.float32(2 * ALPHA), np.float32(15.0), True)
-    blocks = reach[:, sizes.pad // BLOCK:(sizes.pad + WIDTH) // BLOCK]
+    blocks = reach[:, sizes.pad // BLOCK : (sizes.pad + WIDTH) // BLOCK]
     own = np.zeros(blocks.shape, bool)
     own[7, 21 // BLOCK] = True
     assert blocks[own] == np.float32(30 + sizes.band)
@@ -66,7 +66,7 @@ def listed(monkeypatch: pytest.MonkeyPatch):
         cpu(**scene, camera=CAMERA)
         starts, ids = found[0][:2]
         columns, rows = -(-CAMERA.width // layout.TILE_WIDTH), -(-CAMERA.height // layout.TILE_HEIGHT)
-        return [ids[starts[tile]:starts[tile + 1]].tolist() for tile in range(columns * rows)]
+        return [ids[starts[tile] : starts[tile + 1]].tolist() for tile in range(columns * rows)]
 
     return tiles
 
@@ -79,7 +79,8 @@ def _two(blur: tuple[float, float]) -> dict[str, torch.Tensor]:
         "log_scales": torch.full((2, 3), size),
         "quaternions": torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(2, 1),
         "opacity_logits": torch.full((2,), 2.0),
-        "sh_dc": torch.zeros(2, 3), "sh_rest": torch.zeros(2, 0, 3),
+        "sh_dc": torch.zeros(2, 3),
+        "sh_rest": torch.zeros(2, 0, 3),
         "blur": torch.tensor(blur),
     }
 
@@ -89,11 +90,13 @@ def test_a_gaussian_is_listed_in_the_tiles_that_it_reaches_and_in_no_other(liste
     scene = _two((variance, 0.0))
     tiles = listed(**scene)
     for index in range(2):
-        alone = {name: value[index:index + 1] for name, value in scene.items()}
+        alone = {name: value[index : index + 1] for name, value in scene.items()}
         alpha = reference(**alone, camera=CAMERA).alpha.numpy()
-        reached = [alpha[top:top + layout.TILE_HEIGHT, left:left + layout.TILE_WIDTH].any()
-                   for top in range(0, CAMERA.height, layout.TILE_HEIGHT)
-                   for left in range(0, CAMERA.width, layout.TILE_WIDTH)]
+        reached = [
+            alpha[top : top + layout.TILE_HEIGHT, left : left + layout.TILE_WIDTH].any()
+            for top in range(0, CAMERA.height, layout.TILE_HEIGHT)
+            for left in range(0, CAMERA.width, layout.TILE_WIDTH)
+        ]
         assert [index in tile for tile in tiles] == reached
 
 

@@ -90,8 +90,10 @@ def weight_sum(scatter, radius: float, **options) -> float:
     return (0.5 + 0.5 * math.tanh(4.0 * radius)) / (radius**2 + 0.2) / kept
 
 
-@pytest.mark.parametrize(("radius", "expected"), [
-    (0.0, 2.51), (0.25, 3.39), (0.5, 2.35), (1.0, 2.62), (2.0, 2.86), (5.0, 3.09), (10.0, 3.13)])
+@pytest.mark.parametrize(
+    ("radius", "expected"),
+    [(0.0, 2.51), (0.25, 3.39), (0.5, 2.35), (1.0, 2.62), (2.0, 2.86), (5.0, 3.09), (10.0, 3.13)],
+)
 @pytest.mark.parametrize("form", ["reference", "direct", "linear"])
 def test_energy_of_a_source(radius, expected, form):
     """The published kernel's sums: methods.md, 1.4."""
@@ -162,23 +164,35 @@ def test_all_in_focus(form, radius):
 def test_gradient_at_focus_counts_as_nearer(scatter):
     """sgn(0) = +1: at s = 0 the gradient is the one for s slightly above it, and the opposite of that below."""
     image, _, gradient = scene(9, 8, 9, 0.0, 1.0)
-    by_radius = [with_gradients(scatter, image, torch.full((8, 9), s), gradient, torch.float32)[2]
-                 for s in (0.0, -0.0, 1e-7, -1e-7)]
+    by_radius = [
+        with_gradients(scatter, image, torch.full((8, 9), s), gradient, torch.float32)[2]
+        for s in (0.0, -0.0, 1e-7, -1e-7)
+    ]
     assert by_radius[0].abs().max() > 0
     for other, sign in zip(by_radius[1:], (1, 1, -1), strict=True):
         assert relative(sign * other, by_radius[0]) < FLOAT32_GRADIENT
 
 
 @given(
-    seed=st.integers(0, 2**31), height=st.integers(1, 14), width=st.integers(1, 40), largest=st.floats(0.01, 60.0),
-    form=st.sampled_from(["auto", "direct", "linear"]), energy=st.sampled_from(["area", "algorithm1"]),
+    seed=st.integers(0, 2**31),
+    height=st.integers(1, 14),
+    width=st.integers(1, 40),
+    largest=st.floats(0.01, 60.0),
+    form=st.sampled_from(["auto", "direct", "linear"]),
+    energy=st.sampled_from(["area", "algorithm1"]),
 )
 def test_any_small_scene(seed, height, width, largest, form, energy):
     assert_agrees(*scene(seed, height, width, 0.0, largest), form, energy=energy)
 
 
-@given(seed=st.integers(0, 2**31), blades=st.sampled_from([0, 3, 4, 6, 9]), rotation=st.floats(-4, 4),
-       curvature=st.floats(0, 1), obstruction=st.sampled_from([0.0, 0.2, 0.8]), largest=st.floats(0.01, 20.0))
+@given(
+    seed=st.integers(0, 2**31),
+    blades=st.sampled_from([0, 3, 4, 6, 9]),
+    rotation=st.floats(-4, 4),
+    curvature=st.floats(0, 1),
+    obstruction=st.sampled_from([0.0, 0.2, 0.8]),
+    largest=st.floats(0.01, 20.0),
+)
 def test_any_aperture(seed, blades, rotation, curvature, obstruction, largest):
     shape = ApertureShape(blades, rotation, curvature, obstruction)
     assert_agrees(*scene(seed, 9, 20, 0.0, largest), "auto", shape=shape)
@@ -207,7 +221,7 @@ def test_a_shifted_scene_gives_the_shifted_image(form):
     whole = cpu(image, radius, form=form)
     part = cpu(image[5:, 9:].contiguous(), radius[5:, 9:].contiguous(), form=form)
     margin = 8  # beyond the reach of what was cut away
-    assert relative(part[margin:, margin:], whole[5 + margin:, 9 + margin:]) < FLOAT32_VALUE
+    assert relative(part[margin:, margin:], whole[5 + margin :, 9 + margin :]) < FLOAT32_VALUE
 
 
 @pytest.mark.parametrize("form", ["direct", "linear"])
@@ -271,24 +285,34 @@ def test_a_bad_colour_is_not_hidden(form, bad):
     assert not torch.isfinite(cpu(image, radius, form=form)[4, 5, 1])
 
 
-@pytest.mark.parametrize(("change", "message"), [
-    (lambda i, s: (i.double(), s), "image: expected contiguous float32"),
-    (lambda i, s: (i, s.double()), "signed_radius: expected contiguous float32"),
-    (lambda i, s: (i.transpose(0, 1).contiguous().transpose(0, 1), s), "image: .*strided"),
-    (lambda i, s: (i[..., 0], s), "image: expected shape"),
-    (lambda i, s: (i[:0], s[:0]), "image: expected shape"),
-    (lambda i, s: (i, s[:-1]), "signed_radius: expected shape"),
-])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda i, s: (i.double(), s), "image: expected contiguous float32"),
+        (lambda i, s: (i, s.double()), "signed_radius: expected contiguous float32"),
+        (lambda i, s: (i.transpose(0, 1).contiguous().transpose(0, 1), s), "image: .*strided"),
+        (lambda i, s: (i[..., 0], s), "image: expected shape"),
+        (lambda i, s: (i[:0], s[:0]), "image: expected shape"),
+        (lambda i, s: (i, s[:-1]), "signed_radius: expected shape"),
+    ],
+)
 def test_tensors_that_do_not_fit(change, message):
     image, radius, _ = scene(18, 5, 6, 0.0, 2.0)
     with pytest.raises(ValueError, match=message):
         cpu(*change(image, radius))
 
 
-@pytest.mark.parametrize(("options", "message"), [
-    ({"alpha": 0.0}, "alpha"), ({"alpha": math.nan}, "alpha"), ({"energy": "none"}, "energy"),
-    ({"form": "fast"}, "form"), ({"form": "linear", "shape": HEXAGON}, "form"),
-    ({"form": "linear", "shape": DONUT}, "form")])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"alpha": 0.0}, "alpha"),
+        ({"alpha": math.nan}, "alpha"),
+        ({"energy": "none"}, "energy"),
+        ({"form": "fast"}, "form"),
+        ({"form": "linear", "shape": HEXAGON}, "form"),
+        ({"form": "linear", "shape": DONUT}, "form"),
+    ],
+)
 def test_options_that_do_not_exist(options, message):
     image, radius, _ = scene(19, 5, 6, 0.0, 2.0)
     with pytest.raises(ValueError, match=message):

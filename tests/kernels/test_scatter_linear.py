@@ -41,9 +41,14 @@ def errors(image, radius, **options) -> tuple[float, float]:
 
 
 @given(
-    seed=st.integers(0, 2**31), height=st.integers(1, 40), width=st.integers(1, 75), largest=st.floats(0.01, 300.0),
-    kind=st.sampled_from(["noise", "smooth", "surfaces"]), energy=st.sampled_from(["area", "algorithm1"]),
-    tile=st.sampled_from([8, 24, 512]), highlights=st.integers(0, 2),
+    seed=st.integers(0, 2**31),
+    height=st.integers(1, 40),
+    width=st.integers(1, 75),
+    largest=st.floats(0.01, 300.0),
+    kind=st.sampled_from(["noise", "smooth", "surfaces"]),
+    energy=st.sampled_from(["area", "algorithm1"]),
+    tile=st.sampled_from([8, 24, 512]),
+    highlights=st.integers(0, 2),
 )
 def test_any_scene_in_any_tiles(seed, height, width, largest, kind, energy, tile, highlights):
     rng = np.random.default_rng(seed)

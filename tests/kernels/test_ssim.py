@@ -58,7 +58,11 @@ def test_reference_equals_scikit_image() -> None:
 
     prediction, target = (image.double() for image in pair(40, 57, 0.1))
     expected = structural_similarity(
-        prediction.numpy(), target.numpy(), gaussian_weights=True, use_sample_covariance=False, data_range=1.0,
+        prediction.numpy(),
+        target.numpy(),
+        gaussian_weights=True,
+        use_sample_covariance=False,
+        data_range=1.0,
         channel_axis=2,
     )
     assert reference(prediction, target, border="valid").item() == pytest.approx(expected, abs=FLOAT64_VALUE)

@@ -85,8 +85,9 @@ def test_returns_are_the_definition(height, width, seed):
     depth = torch.rand(height, width, generator=random) + 0.6
     other = torch.rand(height + 1, width + 2, generator=random) + 0.6
     depth[depth > 1.5], other[other > 1.5] = 0, 0
-    there, back = (torch.eye(3, 4, dtype=torch.float64) + 0.1 * torch.randn(3, 4, generator=random).double()
-                   for _ in range(2))
+    there, back = (
+        torch.eye(3, 4, dtype=torch.float64) + 0.1 * torch.randn(3, 4, generator=random).double() for _ in range(2)
+    )
     limits = {"pixels": 4.0, "share": 0.4}
     found = load("stereo", function="returns")(depth, other, there, back, **limits)
     expected = load("stereo", "reference", function="returns")(depth, other, there, back, **limits)
@@ -142,11 +143,14 @@ def test_threads_change_no_bit():
 
 
 @pytest.mark.parametrize("backend", ["cpu", "reference"])
-@pytest.mark.parametrize(("change", "message"), [
-    (lambda r, s, m, d: (r[0], s, m, d), r"\(H, W\)"),
-    (lambda r, s, m, d: (r, s, m[:1], d), r"maps \(2, 3, 4\)"),
-    (lambda r, s, m, d: (r, s, m, d[None]), r"disparities \(D,\)"),
-])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda r, s, m, d: (r[0], s, m, d), r"\(H, W\)"),
+        (lambda r, s, m, d: (r, s, m[:1], d), r"maps \(2, 3, 4\)"),
+        (lambda r, s, m, d: (r, s, m, d[None]), r"disparities \(D,\)"),
+    ],
+)
 def test_what_cannot_be_swept_is_refused(backend, change, message):
     with pytest.raises(ValueError, match=message):
         load("stereo", backend)(*change(*case(9, 9, 2, 3, 0)), radius=2, best=1)

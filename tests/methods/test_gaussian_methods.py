@@ -117,16 +117,19 @@ def _loaded(entry, folder):
     return method
 
 
-@pytest.mark.parametrize(("file", "change", "found"), [
-    ("gaussians.ply", None, "no such file"),
-    ("gaussians.ply", lambda data: data[:-3], "bytes of vertices"),
-    ("lenses.json", None, "No such file"),
-    ("lenses.json", lambda data: data[:-5], "no JSON"),
-    ("lenses.json", lambda data: data.replace(b'"version": 1', b'"version": 2'), "version: "),
-    ("lenses.json", lambda data: data.replace(b'"aperture"', b'"opening"', 3), "views.a"),
-    ("lenses.json", lambda data: data.replace(b'"sh_degree"', b'"degree"'), "rendering.degree"),
-    ("lenses.json", lambda data: data.replace(b'"filter_2d": 0.1', b'"filter_2d": "wide"'), "wide"),
-])
+@pytest.mark.parametrize(
+    ("file", "change", "found"),
+    [
+        ("gaussians.ply", None, "no such file"),
+        ("gaussians.ply", lambda data: data[:-3], "bytes of vertices"),
+        ("lenses.json", None, "No such file"),
+        ("lenses.json", lambda data: data[:-5], "no JSON"),
+        ("lenses.json", lambda data: data.replace(b'"version": 1', b'"version": 2'), "version: "),
+        ("lenses.json", lambda data: data.replace(b'"aperture"', b'"opening"', 3), "views.a"),
+        ("lenses.json", lambda data: data.replace(b'"sh_degree"', b'"degree"'), "rendering.degree"),
+        ("lenses.json", lambda data: data.replace(b'"filter_2d": 0.1', b'"filter_2d": "wide"'), "wide"),
+    ],
+)
 def test_a_damaged_model_is_named(training_set, tmp_path, file, change, found):
     entry, method = _trained("dofgaussian", training_set)
     method.save(tmp_path)

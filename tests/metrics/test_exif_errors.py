@@ -18,7 +18,7 @@ def test_by_hand() -> None:
     assert found.spread == pytest.approx(100 * 1.4826 * (4 * 1.0 / 10.5 + 3 * 1.0 / 12) / 7, abs=FLOAT64_VALUE)
     assert found.ratio == pytest.approx(100 * (12 / 10.5 - 1), abs=FLOAT64_VALUE)
     deviation = (20.75 / 3) ** 0.5  # of 9, 10, 11, 15: mean 11.25, squares 5.0625 + 1.5625 + 0.0625 + 14.0625
-    other = (314 / 3 / 2) ** 0.5    # of 11, 12, 24: mean 47 / 3, squares (196 + 121 + 625) / 9
+    other = (314 / 3 / 2) ** 0.5  # of 11, 12, 24: mean 47 / 3, squares (196 + 121 + 625) / 9
     assert found.deviation == pytest.approx(100 * (4 * deviation / 11.25 + 3 * other / (47 / 3)) / 7, abs=FLOAT64_VALUE)
     assert found.no_spread == found.no_ratio == ""
 
@@ -34,8 +34,9 @@ def test_the_scene_unit_doesnt_count(apertures: list[float], unit: float) -> Non
     estimates = [(aperture, (4, 8)[index % 2]) for index, aperture in enumerate(apertures)]
     one, other = exif_errors(estimates), exif_errors([(unit * aperture, number) for aperture, number in estimates])
     for name in ("spread", "ratio", "deviation"):
-        assert getattr(one, name) == (None if getattr(other, name) is None
-                                      else pytest.approx(getattr(other, name), rel=1e-6, abs=1e-9))
+        assert getattr(one, name) == (
+            None if getattr(other, name) is None else pytest.approx(getattr(other, name), rel=1e-6, abs=1e-9)
+        )
 
 
 @pytest.mark.parametrize(
@@ -51,8 +52,11 @@ def test_the_scene_unit_doesnt_count(apertures: list[float], unit: float) -> Non
         ([(4, 5)] * 3 + [(2, 10)] * 3, "all photographs have one aperture", "tied by EXIF"),
         ([(4 * (1 + 1e-12), 5), (4, 5), (4, 5)] + [(2, 10)] * 3, "all photographs have one aperture", "tied by EXIF"),
         # ... as training leaves them, which computes in float32.
-        ([(float(np.float32(72.7) / np.float32(number)), number) for number in (14, 5, 6.3) for _ in range(3)],
-         "all photographs have one aperture", "tied by EXIF"),
+        (
+            [(float(np.float32(72.7) / np.float32(number)), number) for number in (14, 5, 6.3) for _ in range(3)],
+            "all photographs have one aperture",
+            "tied by EXIF",
+        ),
         # Half of them never moved.
         ([(4, 5)] * 4 + [(5, 5), (6, 5), (7, 5)], "or half of them", "fewer than two f-numbers"),
         ([(0, 5), (0, 5), (1, 5)], "median aperture is zero", "fewer than two f-numbers"),

@@ -52,7 +52,10 @@ def test_radii_are_compared_without_their_sign() -> None:
 
 
 @given(
-    aperture=st.floats(0, 2), focus=st.floats(-1, 2), guessed_aperture=st.floats(0, 2), guessed_focus=st.floats(-1, 2),
+    aperture=st.floats(0, 2),
+    focus=st.floats(-1, 2),
+    guessed_aperture=st.floats(0, 2),
+    guessed_focus=st.floats(-1, 2),
     scale=st.sampled_from([0.5, 2.0]),
 )
 def test_errors_do_not_depend_on_the_estimates_image_width(

@@ -32,8 +32,19 @@ def noisy(image: np.ndarray, amount: float, seed: int = 1) -> np.ndarray:
 
 def test_ids() -> None:
     assert list(METRICS) == [
-        "psnr", "ssim", "ms_ssim", "flip", "gmsd", "delta_e", "delta_a", "delta_f", "delta_r",
-        "disparity_error", "depth_rel", "exif_spread", "exif_ratio",
+        "psnr",
+        "ssim",
+        "ms_ssim",
+        "flip",
+        "gmsd",
+        "delta_e",
+        "delta_a",
+        "delta_f",
+        "delta_r",
+        "disparity_error",
+        "depth_rel",
+        "exif_spread",
+        "exif_ratio",
     ]
     for key, entry in METRICS.items():
         assert entry.id == key
@@ -101,7 +112,10 @@ def test_nan_gives_nan(entry: Metric) -> None:
 def test_images_that_do_not_fit_are_refused(entry: Metric) -> None:
     image = picture()
     for prediction, truth in (
-        (image[1:], image), (image[..., :1], image[..., :1]), (image[..., 0], image[..., 0]), (image, image[None]),
+        (image[1:], image),
+        (image[..., :1], image[..., :1]),
+        (image[..., 0], image[..., 0]),
+        (image, image[None]),
     ):
         with pytest.raises(ValueError, match="expected"):
             entry.function(prediction, truth)

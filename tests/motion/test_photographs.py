@@ -50,8 +50,14 @@ def test_large_photographs_are_shrunk_and_small_ones_left(tmp_path: Path) -> Non
     generator = np.random.default_rng(0)
     images = {"large": generator.random((90, 120, 3)), "small": generator.random((30, 40, 3))}
     found = prepare(
-        [Photograph(name, tmp_path / name, lambda image=image: image.astype(np.float32))
-         for name, image in images.items()], tmp_path, 80, lambda done: None)
+        [
+            Photograph(name, tmp_path / name, lambda image=image: image.astype(np.float32))
+            for name, image in images.items()
+        ],
+        tmp_path,
+        80,
+        lambda done: None,
+    )
     assert [(one.width, one.height) for one in found] == [(80, 60), (40, 30)]
 
 
@@ -70,8 +76,9 @@ def write_video(path: Path, frames: list[np.ndarray]) -> Path:
 def frames() -> list[np.ndarray]:
     """Twelve frames in four windows; the sharp ones are 1, 3, 8 and 10."""
     generator = np.random.default_rng(0)
-    sharp = cv2.resize((generator.random((24, 32, 3)) * 255).astype(np.uint8), (128, 96),
-                       interpolation=cv2.INTER_NEAREST)
+    sharp = cv2.resize(
+        (generator.random((24, 32, 3)) * 255).astype(np.uint8), (128, 96), interpolation=cv2.INTER_NEAREST
+    )
     blurred = cv2.GaussianBlur(sharp, (0, 0), 5)
     return [sharp if index in (1, 3, 8, 10) else blurred for index in range(12)]
 
@@ -110,8 +117,12 @@ def photograph(name: str, width: int = 40, exif: Exif | None = None) -> Prepared
 
 def test_which_photographs_share_a_camera() -> None:
     wide, tele = Exif(focal_length=24.0), Exif(focal_length=70.0)
-    all_of_them = [photograph("a", exif=wide), photograph("b", exif=tele), photograph("c", exif=wide),
-                   photograph("d", 50)]
+    all_of_them = [
+        photograph("a", exif=wide),
+        photograph("b", exif=tele),
+        photograph("c", exif=wide),
+        photograph("d", 50),
+    ]
 
     def names(cameras: str) -> list[tuple[str, ...]]:
         return [group.names for group in group_by_camera(all_of_them, cameras, None)]
@@ -130,7 +141,10 @@ def test_pairs_in_order_reach_every_photograph(count: int) -> None:
 
 def test_which_way_is_automatic() -> None:
     assert [choose("auto", 80, False), choose("auto", 81, False), choose("auto", 200, True)] == [
-        "exhaustive", "retrieval", "sequential"]
+        "exhaustive",
+        "retrieval",
+        "sequential",
+    ]
     assert choose("retrieval", 5, True) == "retrieval"
 
 
@@ -139,8 +153,10 @@ def test_look_alikes_are_found_by_their_own_vocabulary() -> None:
     generator = np.random.default_rng(0)
     places = [generator.integers(0, 256, (300, 128)) for _ in range(3)]
     descriptors = [
-        np.clip(places[index % 3][generator.permutation(300)[:200]] + generator.normal(0, 8, (200, 128)), 0, 255)
-        .astype(np.uint8) for index in range(15)
+        np.clip(
+            places[index % 3][generator.permutation(300)[:200]] + generator.normal(0, 8, (200, 128)), 0, 255
+        ).astype(np.uint8)
+        for index in range(15)
     ]
     vectors = signatures(descriptors, seed=0)
     assert np.linalg.norm(vectors, axis=1) == pytest.approx(1, abs=1e-5)

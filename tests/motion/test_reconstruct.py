@@ -29,8 +29,11 @@ from dofbench.scenes import Scene, export, load_scene
 
 def result_files(folder: Path) -> dict[str, bytes]:
     """All of a scene but reconstruct.json, which holds how long things took."""
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.rglob("*"))
-            if path.is_file() and path.name != "reconstruct.json"}
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name != "reconstruct.json"
+    }
 
 
 def relative(scene: Scene, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
@@ -64,7 +67,7 @@ def test_the_record_says_what_was_done(made: Path) -> None:
     assert 0 < content["mean_reprojection_error"] < 1 and content["settings"]["seed"] == 0
     assert {"photographs", "features", "matches", "mapping", "undistortion"} <= content["seconds"].keys()
     # 50 mm say nothing without the sensor: the usual field of view was the start.
-    camera, = content["cameras"]
+    (camera,) = content["cameras"]
     assert camera["focal_prior"] == pytest.approx(1.2 * 320) and "nothing" in camera["told_by"]
     assert not (made / ".work").exists()
 
@@ -153,13 +156,19 @@ def test_poses_may_be_ignored(tmp_path: Path) -> None:
     assert find_source(Reconstruct(source, tmp_path / "out", poses="ignore")).kind == "photographs"
 
 
-@pytest.mark.parametrize(("make", "said"), [
-    (lambda root: None, "no such file or folder"),
-    (lambda root: root.mkdir(), "0 photographs, expected at least 3"),
-    (lambda root: write_png(root / "a.png", np.full((64, 64, 3), 0.5)), "one photograph, expected at least 3"),
-    (lambda root: (root.mkdir(), [(root / f"{n}.jpg").write_bytes(b"no") for n in "abc"]), "a.jpg: found no readable"),
-    (lambda root: root.write_bytes(b"no video"), "a file that is no video"),
-])
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda root: None, "no such file or folder"),
+        (lambda root: root.mkdir(), "0 photographs, expected at least 3"),
+        (lambda root: write_png(root / "a.png", np.full((64, 64, 3), 0.5)), "one photograph, expected at least 3"),
+        (
+            lambda root: (root.mkdir(), [(root / f"{n}.jpg").write_bytes(b"no") for n in "abc"]),
+            "a.jpg: found no readable",
+        ),
+        (lambda root: root.write_bytes(b"no video"), "a file that is no video"),
+    ],
+)
 def test_a_wrong_source_is_one_line(
     tmp_path: Path, make: Callable, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

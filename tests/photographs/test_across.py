@@ -16,8 +16,11 @@ from dofbench.photographs.across import FOCUS_EFFORT, predict_across
 from dofbench.photographs.strata import sharpness_ratio, thirds
 from dofbench.photographs.tiles import Tiles, masked_psnr
 
-LEARNED = {"a": PhysicalLens(13.0, 0.3, WIDTH), "b": PhysicalLens(14.0, 0.7, WIDTH),
-           "c": PhysicalLens(31.0, 0.2, 2 * WIDTH)}  # 15.5 at this width: the median is 14
+LEARNED = {
+    "a": PhysicalLens(13.0, 0.3, WIDTH),
+    "b": PhysicalLens(14.0, 0.7, WIDTH),
+    "c": PhysicalLens(31.0, 0.2, 2 * WIDTH),
+}  # 15.5 at this width: the median is 14
 PHOTOGRAPH = Known().render(CAMERA, TRUE).image  # aperture 7
 
 
@@ -29,8 +32,10 @@ def test_the_learned_aperture_is_scaled_and_the_focus_found() -> None:
         assert half.lens.focus_disparity == pytest.approx(TRUE.focus_disparity, abs=FITTED_FOCUS)
     assert all(half.lens.aperture == pytest.approx(14.0) for half in found.unscaled.halves)
     inside = found.scaled.tiles.inside
-    scores = [masked_psnr(picture, PHOTOGRAPH, inside)
-              for picture in (found.scaled.picture, found.unscaled.picture, found.in_focus)]
+    scores = [
+        masked_psnr(picture, PHOTOGRAPH, inside)
+        for picture in (found.scaled.picture, found.unscaled.picture, found.in_focus)
+    ]
     assert scores[0] > 38 and scores[0] > max(scores[1:]) + 6
     grid_and_simplex = FOCUS_EFFORT.focuses + 2 * (FOCUS_EFFORT.coarse + FOCUS_EFFORT.fine)
     assert len(method.rendered) <= 2 + 2 * grid_and_simplex
@@ -47,8 +52,10 @@ def test_the_half_that_is_scored_is_never_looked_at() -> None:
 
 
 def test_without_a_lens_one_blur_is_fitted_and_nothing_is_unscaled() -> None:
-    for method, learned, reason in ((Known(lens=False), LEARNED, "no lens here"),
-                                    (Known(), None, "no learned aperture")):
+    for method, learned, reason in (
+        (Known(lens=False), LEARNED, "no lens here"),
+        (Known(), None, "no learned aperture"),
+    ):
         found = predict_across(method, CAMERA, PHOTOGRAPH, learned, 0.5)
         assert found.unscaled is None and reason in found.scaled.refused
         assert all(half.lens is None and half.sigma > 0 for half in found.scaled.halves)
@@ -68,8 +75,9 @@ def wall(blurred_from: float, camera: Camera) -> np.ndarray:
 def test_where_the_training_photographs_are_blurred() -> None:
     random = np.random.default_rng(1)
     plane = random.uniform(-0.45, 0.45, (600, 2))
-    points = PointCloud(np.concatenate([plane, np.ones((600, 1))], axis=1), np.zeros((600, 3), np.float32),
-                        np.zeros(600, np.float32))
+    points = PointCloud(
+        np.concatenate([plane, np.ones((600, 1))], axis=1), np.zeros((600, 3), np.float32), np.zeros(600, np.float32)
+    )
     training = [(CAMERA, 0.5 * wall(WIDTH / 2, CAMERA))] * 3  # half as bright, which doesn't count
     test = [(CAMERA, wall(WIDTH, CAMERA))] * 3
     ratio = sharpness_ratio(points, training, test)

@@ -35,8 +35,10 @@ def test_a_tile_is_an_eighth_of_the_shorter_side_but_holds_a_window() -> None:
 def test_a_shrunk_cell_is_of_a_half_only_as_a_whole() -> None:
     tiles = Tiles.of(100, 130)
     for half in (0, 1):
-        expected = [[bool((tiles.half[3 * y:3 * y + 3, 3 * x:3 * x + 3] == half).all()) for x in range(43)]
-                    for y in range(33)]
+        expected = [
+            [bool((tiles.half[3 * y : 3 * y + 3, 3 * x : 3 * x + 3] == half).all()) for x in range(43)]
+            for y in range(33)
+        ]
         assert np.array_equal(tiles.shrunk(3, half), expected)
     image = np.random.default_rng(0).random((100, 130, 3))
     assert shrink(image, 3)[4, 5] == pytest.approx(image[12:15, 15:18].mean((0, 1)), abs=FLOAT64_VALUE)

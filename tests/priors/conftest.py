@@ -41,8 +41,10 @@ def photographed() -> Photographed:
     sharp = [scene.views[index] for index in chosen]
     disparity_range = DisparityRange.of_disparity(np.concatenate([1 / view.depth().ravel() for view in sharp]))
     for place, view in enumerate(sharp):
-        rows, columns = (((np.arange(size) + 0.5) * factor).astype(int) for size, factor in
-                         ((HEIGHT, view.camera.height / HEIGHT), (WIDTH, view.camera.width / WIDTH)))
+        rows, columns = (
+            ((np.arange(size) + 0.5) * factor).astype(int)
+            for size, factor in ((HEIGHT, view.camera.height / HEIGHT), (WIDTH, view.camera.width / WIDTH))
+        )
         depth = view.depth()[rows[:, None], columns]
         lens = Lens(aperture=(0.5, 1.0)[place % 2], focus=(0.2, 0.5, 0.8)[place % 3])
         image, _ = defocus_numpy(resize(view.image(), WIDTH, HEIGHT), depth, lens.physical(disparity_range, WIDTH))

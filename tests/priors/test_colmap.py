@@ -20,15 +20,22 @@ from dofbench.priors.colmap import workspace_depth
 from dofbench.scenes import load_scene
 from dofbench.scenes.ply import read_ply
 
-UNIT = 2.5       # workspace units per scene unit
-CROPPED = 10     # pixels that undistortion cut off each side: other sizes and principal points than the scene's
+UNIT = 2.5  # workspace units per scene unit
+CROPPED = 10  # pixels that undistortion cut off each side: other sizes and principal points than the scene's
 
 
 def _cropped(camera: Camera) -> Camera:
     pose = np.array(camera.world_to_camera)
     pose[:3, 3] *= UNIT
-    return Camera(camera.width - 2 * CROPPED, camera.height - 2 * CROPPED, camera.fx, camera.fy,
-                  camera.cx - CROPPED, camera.cy - CROPPED, pose)
+    return Camera(
+        camera.width - 2 * CROPPED,
+        camera.height - 2 * CROPPED,
+        camera.fx,
+        camera.fy,
+        camera.cx - CROPPED,
+        camera.cy - CROPPED,
+        pose,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -91,9 +98,15 @@ def test_it_is_a_prior(workspace, photographed):
     assert len(half.depth) > 100 and float(half.depth.min()) >= photographed.truth[2].min()
 
 
-@pytest.mark.parametrize(("remove", "part"), [
-    ("fused.ply", "fused.ply"), ("sparse", "no model"), ("stereo/depth_maps", "geometric.bin"), (".", "no such folder"),
-])
+@pytest.mark.parametrize(
+    ("remove", "part"),
+    [
+        ("fused.ply", "fused.ply"),
+        ("sparse", "no model"),
+        ("stereo/depth_maps", "geometric.bin"),
+        (".", "no such folder"),
+    ],
+)
 def test_missing_parts_are_named(workspace, photographed, tmp_path, remove, part):
     folder = _copy(workspace, tmp_path)
     gone = folder / remove

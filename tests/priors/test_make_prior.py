@@ -40,8 +40,17 @@ def _by_pixel(samples) -> dict[tuple[int, int], float]:
 
 
 def _options(**overrides) -> TrainerOptions:
-    return TrainerOptions().with_overrides({"steps": 12, "sh_degree": 0, "adaptation": "off", "normal_weight": 0.0,
-                                            "depth_space": "disparity", "depth_norm": "l1", **overrides})
+    return TrainerOptions().with_overrides(
+        {
+            "steps": 12,
+            "sh_degree": 0,
+            "adaptation": "off",
+            "normal_weight": 0.0,
+            "depth_space": "disparity",
+            "depth_norm": "l1",
+            **overrides,
+        }
+    )
 
 
 def test_sparse_is_what_the_points_say(photographed):
@@ -61,11 +70,14 @@ def test_stereo_has_the_points_too(photographed):
     assert len(found) > 5 * len(points)
 
 
-@pytest.mark.parametrize(("overrides", "part"), [
-    ({"depth_prior": "colmap"}, "depth_prior_workspace"),
-    ({"depth_prior": "stereo", "depth_prior_file": "n.pt"}, "depth_prior_file"),
-    ({"depth_prior": "network", "depth_prior_workspace": "dense"}, "depth_prior_workspace"),
-])
+@pytest.mark.parametrize(
+    ("overrides", "part"),
+    [
+        ({"depth_prior": "colmap"}, "depth_prior_workspace"),
+        ({"depth_prior": "stereo", "depth_prior_file": "n.pt"}, "depth_prior_file"),
+        ({"depth_prior": "network", "depth_prior_workspace": "dense"}, "depth_prior_workspace"),
+    ],
+)
 def test_files_that_do_not_go_with_the_prior_are_named(photographed, overrides, part):
     with pytest.raises(InputError, match=part) as caught:
         make_prior(photographed.training_set, _options(**overrides), seed=0, steps=1)
@@ -89,15 +101,20 @@ def test_training_by_stereo_brings_depth_nearer_to_the_truth(photographed):
     """From one start, with depth as the only loss that moves it: what the prior says arrives."""
     errors = {}
     for weight in (0.0, 1.0):
-        options = _options(depth_prior="stereo", depth_weight=weight, coarse_until=0.5, steps=120, lens=False,
-                           densify_from=1.0)
+        options = _options(
+            depth_prior="stereo", depth_weight=weight, coarse_until=0.5, steps=120, lens=False, densify_from=1.0
+        )
         trainer = Trainer(photographed.training_set, options, 0)
         outcome = trainer.fit(Budget(), _Forever())
         assert outcome.status is Status.OK
         assert ("depth prior" in outcome.stages) and (outcome.stages["depth prior"] > 0)
         found = [trainer.render(view.camera, None).depth for view in photographed.training_set.views]
-        errors[weight] = np.mean([np.abs(1 / one[one > 0] - 1 / true[one > 0]).mean()
-                                  for one, true in zip(found, photographed.truth, strict=True)])
+        errors[weight] = np.mean(
+            [
+                np.abs(1 / one[one > 0] - 1 / true[one > 0]).mean()
+                for one, true in zip(found, photographed.truth, strict=True)
+            ]
+        )
     assert errors[1.0] < 0.9 * errors[0.0]
 
 
@@ -124,8 +141,11 @@ def test_a_start_needs_no_supervision(photographed):
     found = []
     for prior in ("stereo", "sparse"):
         start = 900 if prior == "stereo" else 0
-        trainer = Trainer(photographed.training_set, _options(depth_prior=prior, start_points=start, depth_weight=0.0,
-                                                              steps=1, densify_from=1.0), 0)
+        trainer = Trainer(
+            photographed.training_set,
+            _options(depth_prior=prior, start_points=start, depth_weight=0.0, steps=1, densify_from=1.0),
+            0,
+        )
         trainer.fit(Budget(), _Forever())
         found.append(len(trainer.gaussians))
     assert found[0] == found[1] + 900
@@ -148,8 +168,13 @@ def test_the_same_seed_trains_to_the_same_bits_with_a_prior(photographed):
 @pytest.mark.parametrize("prior", ["stereo", "network"])
 def test_every_view_of_a_prior_is_reported(photographed, prior):
     told, count = [], len(photographed.training_set.views)
-    make_prior(photographed.training_set, _options(depth_prior=prior), seed=0, steps=1,
-               progress=lambda *given: told.append(given))
+    make_prior(
+        photographed.training_set,
+        _options(depth_prior=prior),
+        seed=0,
+        steps=1,
+        progress=lambda *given: told.append(given),
+    )
     stages = list(dict.fromkeys(stage for stage, _, _ in told))
     assert all(stage.startswith("depth prior: ") for stage in stages)
     assert told == [(stage, done, count) for stage in stages for done in range(count + 1)]
@@ -157,9 +182,20 @@ def test_every_view_of_a_prior_is_reported(photographed, prior):
 
 def test_the_option_to_look_again_reaches_stereo(photographed):
     """And a number that makes no sense is named."""
-    known = [int(sum((one.depth > 0).sum() for one in make_prior(
-        photographed.training_set, _options(depth_prior="stereo", depth_prior_coarser=count), seed=0, steps=1).maps))
-        for count in (0, 1)]
+    known = [
+        int(
+            sum(
+                (one.depth > 0).sum()
+                for one in make_prior(
+                    photographed.training_set,
+                    _options(depth_prior="stereo", depth_prior_coarser=count),
+                    seed=0,
+                    steps=1,
+                ).maps
+            )
+        )
+        for count in (0, 1)
+    ]
     assert known[1] > known[0]
     with pytest.raises(InputError, match="depth_prior_coarser"):
         _options(depth_prior_coarser=-1)

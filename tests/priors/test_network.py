@@ -54,8 +54,9 @@ def known(photographed) -> list[DepthMap]:
 
 
 def _error(maps, photographed) -> float:
-    return float(np.mean([np.abs(np.log(one.depth / true)).mean()
-                          for one, true in zip(maps, photographed.truth, strict=True)]))
+    return float(
+        np.mean([np.abs(np.log(one.depth / true)).mean() for one, true in zip(maps, photographed.truth, strict=True)])
+    )
 
 
 def test_the_folded_network_gives_what_the_shipped_file_gives():

@@ -28,8 +28,10 @@ def test_most_of_what_it_finds_is_right_and_it_finds_much(photographed, maps):
 
 def test_it_finds_far_more_than_the_sparse_points(photographed, maps):
     views = photographed.training_set.views
-    sparse = sum(len(sparse_depth(photographed.training_set.points, view.camera, index).depth)
-                 for index, view in enumerate(views))
+    sparse = sum(
+        len(sparse_depth(photographed.training_set.points, view.camera, index).depth)
+        for index, view in enumerate(views)
+    )
     assert sum(int((one.depth > 0).sum()) for one in maps) > 5 * sparse
 
 
@@ -54,8 +56,11 @@ def test_what_agrees_with_no_other_view_is_left_out(photographed):
 
 
 def test_two_views_are_enough(photographed):
-    pair = replace(photographed.training_set, views=photographed.training_set.views[:2],
-                   points=photographed.training_set.points.seen_by([0, 1]))
+    pair = replace(
+        photographed.training_set,
+        views=photographed.training_set.views[:2],
+        points=photographed.training_set.points.seen_by([0, 1]),
+    )
     assert (stereo_depth(pair)[0].depth > 0).mean() > 0.1
 
 
@@ -70,8 +75,9 @@ def test_without_tracks_the_points_still_say_where_to_look(photographed, maps):
 def test_views_of_other_sizes_are_matched_too(photographed, maps):
     """Every second photograph half again as large: the others' depth hardly changes."""
     views = list(photographed.training_set.views)
-    views[::2] = [replace(view, camera=view.camera.resized(240, 180), image=resize(view.image, 240, 180))
-                  for view in views[::2]]
+    views[::2] = [
+        replace(view, camera=view.camera.resized(240, 180), image=resize(view.image, 240, 180)) for view in views[::2]
+    ]
     found = stereo_depth(replace(photographed.training_set, views=tuple(views)))
     assert found[0].depth.shape == (180, 240)
     assert (found[1].depth > 0).mean() > 0.8 * (maps[1].depth > 0).mean()
@@ -97,11 +103,18 @@ def test_no_size_is_too_small_to_look_again(photographed, maps):
     assert all(np.array_equal(one.depth, other.depth) for one, other in zip(twice, often, strict=True))
 
 
-@pytest.mark.parametrize(("change", "part"), [
-    (lambda training_set: replace(training_set, points=None), "sparse points"),
-    (lambda training_set: replace(training_set, views=training_set.views[:1], points=training_set.points.seen_by([0])),
-     "one training view"),
-])
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        (lambda training_set: replace(training_set, points=None), "sparse points"),
+        (
+            lambda training_set: replace(
+                training_set, views=training_set.views[:1], points=training_set.points.seen_by([0])
+            ),
+            "one training view",
+        ),
+    ],
+)
 def test_what_stereo_can_not_do_without_is_named(photographed, change, part):
     with pytest.raises(InputError, match=part):
         stereo_depth(change(photographed.training_set))

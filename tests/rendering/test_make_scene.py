@@ -50,8 +50,11 @@ def test_the_folder_holds_what_it_says(made: Path) -> None:
     entries = record(made)
     names = [f"view_{index:03d}" for index in range(3)]
     expected = {"scene.json", "transforms.json"}
-    expected |= {f"{part}/{name}" for part, suffix in (("images", "png"), ("images_linear", "exr"), ("depth", "exr"))
-                 for name in (f"{view}.{suffix}" for view in names)}
+    expected |= {
+        f"{part}/{name}"
+        for part, suffix in (("images", "png"), ("images_linear", "exr"), ("depth", "exr"))
+        for name in (f"{view}.{suffix}" for view in names)
+    }
     expected |= {"lens/view_000_a1_f0.2.exr", "lens/view_000_a1_f0.8.exr"}
     listed = dict(reversed(line.split("  ", 1)) for line in (made / "SHA256SUMS").read_text().splitlines())
     assert {name for name in listed if not name.startswith("sparse/0/")} == expected
@@ -131,10 +134,17 @@ def test_a_killed_run_goes_on(made: Path, tmp_path: Path, repository: Path) -> N
 
 @pytest.mark.parametrize(
     ("arguments", "named"),
-    [("beach", "recipe"), ("fence --views 1", "--views"), ("fence --focus 2", "--focus"),
-     ("fence --aperture 0", "--aperture"), ("fence --aperture 1,1", "--aperture"), ("fence --focus a", "--focus"),
-     ("fence --lens-views 30", "--lens-views"), ("fence --depth-bits 24", "--depth-bits"),
-     ("fence --samples 1", "--samples")],
+    [
+        ("beach", "recipe"),
+        ("fence --views 1", "--views"),
+        ("fence --focus 2", "--focus"),
+        ("fence --aperture 0", "--aperture"),
+        ("fence --aperture 1,1", "--aperture"),
+        ("fence --focus a", "--focus"),
+        ("fence --lens-views 30", "--lens-views"),
+        ("fence --depth-bits 24", "--depth-bits"),
+        ("fence --samples 1", "--samples"),
+    ],
 )
 def test_a_wrong_option_is_one_line(arguments: str, named: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["make-scene", *arguments.split()]) == 2

@@ -57,7 +57,9 @@ def test_a_forced_stage_is_no_second_seed(plain, call, made) -> None:
     _, out, _ = made()
     rows = table_rows((out / "leaderboard.md").read_text(), "waves, sharp-inputs-v2")
     assert {(row["preset"], row["seeds"]) for row in rows} == {
-        ("quick, lens left out", "0"), ("quick, nothing left out", "0")}
+        ("quick, lens left out", "0"),
+        ("quick, nothing left out", "0"),
+    }
 
 
 def test_two_versions_of_a_dataset_never_share_a_table(plain, call, made, tmp_path: Path) -> None:
@@ -97,13 +99,16 @@ def test_means_only_over_complete_sets_of_scenes(plain, call, made, tmp_path: Pa
 
 def test_a_mean_over_scenes_has_the_spread_of_its_seeds(plain, call, made, tmp_path: Path) -> None:
     other = write_dataset(tmp_path / "other", name="ripples", seed=1)
-    scores = [[read_result(call(data=data, seed=seed).folder).scores["aif_psnr"] for seed in (0, 1)]
-              for data in (tmp_path / "data", other)]
+    scores = [
+        [read_result(call(data=data, seed=seed).folder).scores["aif_psnr"] for seed in (0, 1)]
+        for data in (tmp_path / "data", other)
+    ]
     call(method="pinhole", seed=0)
     call(method="pinhole", seed=1, data=other)
     _, out, _ = made()
-    means = {row["method"]: row for row in table_rows((out / "leaderboard.md").read_text(),
-                                                      "Means over scenes, refocus-v2")}
+    means = {
+        row["method"]: row for row in table_rows((out / "leaderboard.md").read_text(), "Means over scenes, refocus-v2")
+    }
     by_seed = [sum(one) / 2 for one in zip(*scores, strict=True)]
     spread = abs(by_seed[0] - by_seed[1]) / math.sqrt(2)
     column = "all-in-focus PSNR [dB] ↑"
@@ -131,8 +136,10 @@ def test_methods_are_compared_view_by_view(plain, call, made, tmp_path: Path) ->
     gap = rows_["fake quick noise=0.05", "pinhole quick"][column]
     assert notes(page, gap) == "a run of the pair failed, or lacks this score"
     assert "Over 7 test views and 4 training views" in page and "## How differences are tested" in page
-    table = {(row["preset"], row["against_preset"], row["method"], row["against_method"], row["column"]): row
-             for row in rows(out / "comparisons.csv")}
+    table = {
+        (row["preset"], row["against_preset"], row["method"], row["against_method"], row["column"]): row
+        for row in rows(out / "comparisons.csv")
+    }
     found = table["quick noise=0.05", "quick noise=0.5", "fake", "fake", "psnr"]
     assert float(found["difference"]) == pytest.approx(sum(differences) / 7, rel=CSV_DIGITS)
     assert (found["pairs"], found["seeds"], found["verdict"]) == ("7", "1", "better")

@@ -131,8 +131,11 @@ def reader(made_report) -> Reader:
 def of(made_report, method: str, **spec) -> Result:
     """The one result of a method with this in its spec."""
     results = [read_result(path) for path in sorted(made_report.results.rglob("result.json"))]
-    (found,) = [one for one in results if one.spec.method == method
-                and all(getattr(one.spec, name) == value for name, value in spec.items())]
+    (found,) = [
+        one
+        for one in results
+        if one.spec.method == method and all(getattr(one.spec, name) == value for name, value in spec.items())
+    ]
     return found
 
 
@@ -188,9 +191,15 @@ def test_which_is_best_by_how_much_and_how_sure(made_report, reader: Reader) -> 
     glance = next(one for one in reader.tables if one.caption.startswith("The best"))
     row = next(cells for cells in glance.rows if cells[0][0] == "waves" and cells[1][0] == "refocus-v2")
     found = {heading: text for heading, (text, _) in zip(glance.headings, row, strict=True)}
-    scores = {noise: [of(made_report, "fake", seed=seed, dataset="waves", overrides=overrides, protocol="refocus-v2")
-                      .scores["psnr"] for seed in (0, 1, 2)]
-              for noise, overrides in (("", {}), ("noise=0.4", {"noise": 0.4}))}
+    scores = {
+        noise: [
+            of(made_report, "fake", seed=seed, dataset="waves", overrides=overrides, protocol="refocus-v2").scores[
+                "psnr"
+            ]
+            for seed in (0, 1, 2)
+        ]
+        for noise, overrides in (("", {}), ("noise=0.4", {"noise": 0.4}))
+    }
     ahead = sum(scores[""]) / 3 - sum(scores["noise=0.4"]) / 3
     assert found["best"] == f"fake {QUICK}" and found["ahead of"] == "fake quick noise=0.4"
     assert found["by"] == f"+{ahead:.2f} dB" and found["PSNR"].startswith(f"{sum(scores['']) / 3:.2f} ±")
@@ -215,8 +224,10 @@ def test_what_was_run_on_what_and_how_long(made_report, reader: Reader) -> None:
 
 def test_cells_are_the_means_of_the_results(made_report, reader: Reader) -> None:
     (board,) = [one for one in reader.tables if one.caption == "waves, refocus-v2"]
-    values = [of(made_report, "fake", seed=seed, dataset="waves", overrides={}, protocol="refocus-v2").scores["psnr"]
-              for seed in (0, 1, 2)]
+    values = [
+        of(made_report, "fake", seed=seed, dataset="waves", overrides={}, protocol="refocus-v2").scores["psnr"]
+        for seed in (0, 1, 2)
+    ]
     mean = sum(values) / 3
     assert board.cell(f"fake {QUICK} 0, 1, 2", "", "PSNR [dB] ↑").startswith(f"{mean:.2f} ±")
     assert board.cell("pinhole quick", "", "PSNR [dB] ↑").startswith("–")
@@ -403,8 +414,11 @@ def test_sorting_keys_are_numbers_or_absent() -> None:
     cells = [number_cell(1.5, "1.50"), number_cell(math.nan, "nan"), number_cell(math.inf, "inf"), Td("–", None)]
     html = table([Th("a"), Th("b"), Th("c"), Th("d")], [cells], "t", left=0)
     assert re.findall(r"<td[^>]*>", html) == [
-        '<td class="number" data-sort="1.5">', '<td class="number">', '<td class="number" data-sort="Infinity">',
-        '<td class="">']
+        '<td class="number" data-sort="1.5">',
+        '<td class="number">',
+        '<td class="number" data-sort="Infinity">',
+        '<td class="">',
+    ]
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(48.2, "48 s"), (700, "12 min"), (7500, "2 h 05 min")])

@@ -27,8 +27,11 @@ def opened(made_report) -> Iterator[Page]:
 def middle(page: Page, node: str) -> tuple[float, float]:
     """Where a node is, after it was brought into sight."""
     page.run(f"{node}.scrollIntoView({{block: 'center', behavior: 'instant'}})")
-    return tuple(page.run(f"(({{left, top, width, height}}) => [left + width / 2, top + height / 2])"
-                          f"({node}.getBoundingClientRect())"))
+    return tuple(
+        page.run(
+            f"(({{left, top, width, height}}) => [left + width / 2, top + height / 2])({node}.getBoundingClientRect())"
+        )
+    )
 
 
 def click(page: Page, node: str) -> None:
@@ -43,7 +46,8 @@ def choose(page: Page, select: str, text: str) -> None:
         f"(() => {{ const node = document.getElementById({select!r});"
         f"const index = [...node.options].findIndex((option) => option.textContent === {text!r});"
         "if (index < 0) return false; node.selectedIndex = index;"
-        "node.dispatchEvent(new Event('change')); return true; })()"), text
+        "node.dispatchEvent(new Event('change')); return true; })()"
+    ), text
 
 
 # ---- silent, and asking for nothing ----
@@ -85,11 +89,14 @@ BOARD = "[...document.querySelectorAll('table')].find((t) => t.caption?.textCont
 
 def column(page: Page, heading: str) -> tuple[str, list[str | None]]:
     """(aria-sort, sorting keys in the rows' order) of a column."""
-    return tuple(page.run(
-        f"(() => {{ const table = {BOARD}; const cells = [...table.tHead.rows].at(-1).cells;"
-        f"const index = [...cells].findIndex((cell) => cell.textContent.startsWith({heading!r}));"
-        "return [cells[index].getAttribute('aria-sort'),"
-        "[...table.tBodies[0].rows].map((row) => row.cells[index].dataset.sort ?? null)]; })()"))
+    return tuple(
+        page.run(
+            f"(() => {{ const table = {BOARD}; const cells = [...table.tHead.rows].at(-1).cells;"
+            f"const index = [...cells].findIndex((cell) => cell.textContent.startsWith({heading!r}));"
+            "return [cells[index].getAttribute('aria-sort'),"
+            "[...table.tBodies[0].rows].map((row) => row.cells[index].dataset.sort ?? null)]; })()"
+        )
+    )
 
 
 def button(heading: str) -> str:
@@ -99,7 +106,7 @@ def button(heading: str) -> str:
 def ordered(keys: list[str | None], *, down: bool) -> bool:
     """Whether numbers are in order, and what has none is last."""
     numbers = [float(key) for key in keys if key is not None]
-    return keys[len(numbers):] == [None] * (len(keys) - len(numbers)) and numbers == sorted(numbers, reverse=down)
+    return keys[len(numbers) :] == [None] * (len(keys) - len(numbers)) and numbers == sorted(numbers, reverse=down)
 
 
 def test_tables_sort_by_click(opened: Page) -> None:
@@ -130,7 +137,8 @@ def test_numbers_sort_as_numbers(opened: Page) -> None:
     found = opened.run(
         "(() => { const table = document.createElement('table'); table.innerHTML = '<tbody>' + ['10', '9', '1e-05']"
         ".map((v) => `<tr><td class=\"number\" data-sort=\"${v}\"></td></tr>`).join('') + '</tbody>';"
-        "return [...table.querySelectorAll('td')].map(sortKey).sort(compareKeys); })()")
+        "return [...table.querySelectorAll('td')].map(sortKey).sort(compareKeys); })()"
+    )
     assert found == [1e-05, 9, 10]
 
 
@@ -159,25 +167,36 @@ def test_every_pair_of_score_and_scene_can_be_chosen(opened: Page) -> None:
         for score in opened.run("[...document.getElementById('plot-score').options].map((o) => o.textContent)"):
             choose(opened, "plot-score", score)
             assert opened.run("document.querySelectorAll('#chart path').length") > 2
-            shown = opened.run("[...document.querySelectorAll('.plot-tables')].filter((t) => !t.hidden)"
-                               ".map((t) => t.querySelector('h4').textContent)")
+            shown = opened.run(
+                "[...document.querySelectorAll('.plot-tables')].filter((t) => !t.hidden)"
+                ".map((t) => t.querySelector('h4').textContent)"
+            )
             assert shown == [f"{score} on {board}"]
             pairs.add((board, score))
-    assert {("waves, refocus-v2", "PSNR"), ("waves, refocus-v2", "δ_F"), ("fern_small, refocus-v2", "δ_A"),
-            ("waves, sharp-inputs-v2", "all-in-focus SSIM")} <= pairs
+    assert {
+        ("waves, refocus-v2", "PSNR"),
+        ("waves, refocus-v2", "δ_F"),
+        ("fern_small, refocus-v2", "δ_A"),
+        ("waves, sharp-inputs-v2", "all-in-focus SSIM"),
+    } <= pairs
     choose(opened, "plot-board", "waves, refocus-v2")
 
 
 def test_curves_show_values_on_hover(opened: Page, made_report) -> None:
     choose(opened, "plot-board", "fern_small, refocus-v2")
     choose(opened, "plot-score", "PSNR")  # which the pinhole has not: there is one curve
-    (fake,) = [one for path in made_report.results.rglob("result.json")
-               if (one := read_result(path)).spec.method == "fake" and one.spec.dataset == "fern_small"]
+    (fake,) = [
+        one
+        for path in made_report.results.rglob("result.json")
+        if (one := read_result(path)).spec.method == "fake" and one.spec.dataset == "fern_small"
+    ]
     last = fake.curve[-1]
     # The last path is the curve's last mark.
     x, y = middle(opened, "document.querySelector('#chart svg')")
-    x, y = opened.run("(({left, top, width, height}) => [left + width / 2, top + height / 2])"
-                      "([...document.querySelectorAll('#chart svg > path')].at(-1).getBoundingClientRect())")
+    x, y = opened.run(
+        "(({left, top, width, height}) => [left + width / 2, top + height / 2])"
+        "([...document.querySelectorAll('#chart svg > path')].at(-1).getBoundingClientRect())"
+    )
     opened.mouse("moved", x, y)
     said = opened.run("document.getElementById('tip').textContent")
     assert said.startswith("fake quick, nothing left out, seed 0")
@@ -202,10 +221,13 @@ def test_seeds_have_a_median_and_the_front_is_marked(opened: Page) -> None:
     choose(opened, "plot-board", "waves, refocus-v2")
     choose(opened, "plot-score", "PSNR")
     data = opened.run("document.getElementById('data').textContent")
-    plot = next(one for one in json.loads(data)["plots"]
-                if (one["board"], one["column"]) == ("waves, refocus-v2", "psnr"))
-    steps = opened.run("[...document.querySelectorAll('#chart svg > path[stroke]')]"
-                       ".filter((path) => path.getAttribute('d').includes('H')).length")
+    plot = next(
+        one for one in json.loads(data)["plots"] if (one["board"], one["column"]) == ("waves, refocus-v2", "psnr")
+    )
+    steps = opened.run(
+        "[...document.querySelectorAll('#chart svg > path[stroke]')]"
+        ".filter((path) => path.getAttribute('d').includes('H')).length"
+    )
     assert steps == sum(bool(series["median"]) for series in plot["series"]) == 2
     assert opened.run("document.querySelectorAll('#chart .front').length") == (len(plot["front"]) > 1)
 
@@ -223,8 +245,11 @@ def test_time_is_on_a_log_axis(opened: Page) -> None:
     """Equal ratios of time are equal distances: by the marks of one run, whose times are in the data."""
     choose(opened, "plot-board", "fern_small, refocus-v2")
     choose(opened, "plot-score", "PSNR")
-    run = next(one for one in json.loads(opened.run("document.getElementById('data').textContent"))["plots"]
-               if (one["board"], one["column"]) == ("fern_small, refocus-v2", "psnr"))["series"][0]["runs"][0]["points"]
+    run = next(
+        one
+        for one in json.loads(opened.run("document.getElementById('data').textContent"))["plots"]
+        if (one["board"], one["column"]) == ("fern_small, refocus-v2", "psnr")
+    )["series"][0]["runs"][0]["points"]
     drawn = opened.run("document.querySelector('#chart svg > path[stroke]').getAttribute('d')")
     xs = [float(point.split(",")[0]) for point in drawn[1:].split("L")]
     assert len(xs) == len(run) > 3
@@ -245,8 +270,9 @@ def test_the_slider_moves_by_key_and_by_mouse(opened: Page) -> None:
     opened.key("ArrowLeft")
     assert opened.run(split) == "49%"
     _, y = middle(opened, "document.getElementById('compare')")
-    left, width = opened.run("(({left, width}) => [left, width])"
-                             "(document.getElementById('compare').getBoundingClientRect())")
+    left, width = opened.run(
+        "(({left, width}) => [left, width])(document.getElementById('compare').getBoundingClientRect())"
+    )
     opened.mouse("moved", left + 0.2 * width, y)
     opened.mouse("pressed", left + 0.2 * width, y)
     opened.mouse("released", left + 0.2 * width, y)

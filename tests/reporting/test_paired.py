@@ -23,8 +23,10 @@ FEW = st.lists(st.floats(-10, 10), min_size=1, max_size=9)
 def test_p_is_the_share_of_all_choices_of_signs(differences: list[float]) -> None:
     found = abs(math.fsum(differences))
     slack = 1e-9 * math.fsum(map(abs, differences))  # of the order of a sum; a tie is as far
-    choices = [abs(math.fsum(sign * one for sign, one in zip(signs, differences, strict=True)))
-               for signs in itertools.product((1, -1), repeat=len(differences))]
+    choices = [
+        abs(math.fsum(sign * one for sign, one in zip(signs, differences, strict=True)))
+        for signs in itertools.product((1, -1), repeat=len(differences))
+    ]
     least = sum(one > found + slack for one in choices) / len(choices)
     most = sum(one >= found - slack for one in choices) / len(choices)
     assert least <= sign_flip(np.array(differences)) <= most
@@ -47,8 +49,9 @@ def test_p_where_all_say_the_same(count: int) -> None:
 @pytest.mark.parametrize("count", [12, 40])
 def test_p_against_scipy(count: int) -> None:
     differences = np.random.default_rng(count).normal(0.3, 1.0, count)
-    expected = stats.permutation_test((differences,), np.sum, permutation_type="samples", n_resamples=100_000,
-                                      rng=np.random.default_rng(1)).pvalue
+    expected = stats.permutation_test(
+        (differences,), np.sum, permutation_type="samples", n_resamples=100_000, rng=np.random.default_rng(1)
+    ).pvalue
     assert sign_flip(differences) == pytest.approx(expected, abs=FLIPPED_AT_RANDOM)
 
 
@@ -72,7 +75,7 @@ def test_every_group_weighs_the_same() -> None:
     few, many = (np.full((1, 2), 3.0), np.zeros((1, 2))), (np.full((1, 8), 1.0), np.zeros((1, 8)))
     found = grouped_difference([few, many])
     assert found.mean == pytest.approx(2.0) and found.pairs == 10
-    assert found.p == 2.0 ** -9 and found.low == pytest.approx(2.0) == found.high
+    assert found.p == 2.0**-9 and found.low == pytest.approx(2.0) == found.high
 
 
 def test_the_interval_holds_the_truth_about_as_often_as_it_says() -> None:

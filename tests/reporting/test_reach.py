@@ -116,6 +116,7 @@ def test_a_seed_that_never_gets_there_is_later_than_all(curves, level: float) ->
 
 def test_what_a_cell_says() -> None:
     one, slow, never = ((1.0, 30.0),), ((9.0, 10.0), (12.0, 30.0)), ((1.0, 10.0),)
+
     def text(*curves) -> str:
         return reach_cell(series(*curves), 30.0, higher_is_better=True).text
 
@@ -166,8 +167,13 @@ def test_a_step_is_round_and_not_above(largest: float) -> None:
 def test_levels_on_the_command_line() -> None:
     assert parse_levels("psnr=28, psnr=30,delta_f=0.01") == {"psnr": (28.0, 30.0), "delta_f": (0.01,)}
     assert parse_levels("") == {}
-    for wrong, found in (("psnr", "'psnr'"), ("nice=1", "'nice=1'"), ("psnr=fast", "a number for psnr"),
-                         ("psnr=nan", "a number"), ("steps=5", "'steps=5'")):
+    for wrong, found in (
+        ("psnr", "'psnr'"),
+        ("nice=1", "'nice=1'"),
+        ("psnr=fast", "a number for psnr"),
+        ("psnr=nan", "a number"),
+        ("steps=5", "'steps=5'"),
+    ):
         with pytest.raises(InputError, match=found):
             parse_levels(wrong)
 

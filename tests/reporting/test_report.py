@@ -126,14 +126,17 @@ def test_per_view_and_curve_tables(plain, call, made) -> None:
     _, out, _ = made()
     views = rows(out / "per_view.csv")
     assert [(row["view"], row["split"]) for row in views] == [
-        *((view.name, "test") for view in result.views), *((view.name, "train") for view in result.lens)]
+        *((view.name, "test") for view in result.views),
+        *((view.name, "train") for view in result.lens),
+    ]
     assert float(views[0]["psnr"]) == pytest.approx(result.views[0].scores["psnr"], rel=CSV_DIGITS)
     assert float(views[-1]["aperture_estimated"]) == pytest.approx(result.lens[-1].aperture_estimated, rel=CSV_DIGITS)
     taken = rows(out / "curves.csv")
     assert list(taken[0])[:7] == ["method", "preset", "dataset", "protocol", "seed", "train_s", "steps"]
     assert [int(row["steps"]) for row in taken] == [point.steps for point in result.curve]
     assert [float(row["train_cpu_s"]) for row in taken] == pytest.approx(
-        [point.train_cpu_s for point in result.curve], rel=CSV_DIGITS)
+        [point.train_cpu_s for point in result.curve], rel=CSV_DIGITS
+    )
 
 
 def test_time_to_reach_a_score(plain, call, made) -> None:
@@ -224,9 +227,7 @@ def test_a_run_that_died_is_a_row_and_one_at_work_is_not(plain, call, made, tmp_
     assert "started noon, and the process died" in (out / "leaderboard.md").read_text()
 
 
-def test_no_dataset_means_no_pictures_but_a_report(
-    call, made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_dataset_means_no_pictures_but_a_report(call, made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(curves, "PLOTTED", ())
     call()
     (tmp_path / "data" / "dataset.json").unlink()
@@ -254,7 +255,11 @@ def test_a_held_out_focus_has_a_table_of_its_own(plain, call, made, tmp_path: Pa
     assert "## apart, refocus-v2, held-out focus\n" in page
     rows = table_rows(page, ASKED_HEADING)
     assert [row["asked for"] for row in rows if row["method"].startswith("fake")] == [
-        "F 0.2, A 0.5 (1 view)", "F 0.5, A 1 (1 view)", "F 0.8, A 0.5 (1 view)", "A 0, all in focus (3 views)"]
+        "F 0.2, A 0.5 (1 view)",
+        "F 0.5, A 1 (1 view)",
+        "F 0.8, A 0.5 (1 view)",
+        "A 0, all in focus (3 views)",
+    ]
     assert [row["asked for"] for row in rows if row["method"].startswith("pinhole")] == ["A 0, all in focus (3 views)"]
     for row, view in zip(rows, ("v0", "v1", "v2"), strict=False):
         values = [next(one for one in result.views if one.name == view).scores["psnr"] for result in results]

@@ -16,9 +16,14 @@ A, B, C = ("a",), ("b",), ("c",)
 def entry(variant: tuple[str, ...], seed: int, views: list[float], status: Status = Status.OK) -> SimpleNamespace:
     """A run, as far as a verdict looks at it: its refocus PSNR by view."""
     mean = sum(views) / len(views)
-    return SimpleNamespace(variant=variant, spec=SimpleNamespace(seed=seed), status=status, scores={"psnr": mean},
-                           result=SimpleNamespace(),
-                           views={f"v{index}": {"psnr": value} for index, value in enumerate(views)})
+    return SimpleNamespace(
+        variant=variant,
+        spec=SimpleNamespace(seed=seed),
+        status=status,
+        scores={"psnr": mean},
+        result=SimpleNamespace(),
+        views={f"v{index}": {"psnr": value} for index, value in enumerate(views)},
+    )
 
 
 def lines(entries: list[SimpleNamespace]) -> dict[tuple[str, ...], Line]:

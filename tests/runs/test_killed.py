@@ -19,7 +19,7 @@ from dofbench.synthesis.settings import MakeDataset
 LIMIT = 240  # seconds, for a call on a busy machine
 
 # What the fake does is written down; where a file says so, its command is killed there, and its process with it.
-MOMENTS = '''
+MOMENTS = """
 
 import os
 import signal
@@ -59,14 +59,15 @@ class Watched(Fake):
     def describe(self):
         moment("scored", self.seed)
         return super().describe()
-'''
+"""
 
 
 @pytest.fixture
 def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """`dofbench run` with three seeds on a small dataset, with a method that costs nothing, two runs at a time."""
-    make_dataset(MakeDataset(scene=str(content_folder("datasets") / "thinlens" / "foliage"), width=48,
-                             out=tmp_path / "data"))
+    make_dataset(
+        MakeDataset(scene=str(content_folder("datasets") / "thinlens" / "foliage"), width=48, out=tmp_path / "data")
+    )
     methods = write_method(tmp_path / "methods")
     trainer = methods / "fake" / "trainer.py"
     trainer.write_text(trainer.read_text() + MOMENTS)
@@ -78,8 +79,22 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     # The fake method is written with the help of this folder.
     path = [str(Path(__file__).parent.parent), *filter(None, [os.environ.get("PYTHONPATH")])]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path))
-    return [sys.executable, "-m", "dofbench", "run", "--method", "fake", "--data", str(tmp_path / "data"),
-            "--seeds", "3", "--jobs", "2", "--out", str(tmp_path / "results")]
+    return [
+        sys.executable,
+        "-m",
+        "dofbench",
+        "run",
+        "--method",
+        "fake",
+        "--data",
+        str(tmp_path / "data"),
+        "--seeds",
+        "3",
+        "--jobs",
+        "2",
+        "--out",
+        str(tmp_path / "results"),
+    ]
 
 
 def counts(folder: Path) -> Counter[str]:
@@ -123,7 +138,10 @@ def test_two_commands_at_once_share_the_work(command: list[str], tmp_path: Path)
     said = [process.communicate(timeout=LIMIT)[0] for process in both]
     assert [process.returncode for process in both] == [0, 0], said
     assert {name: count for name, count in counts(tmp_path).items() if name.startswith("trained")} == {
-        "trained 0": 1, "trained 1": 1, "trained 2": 1}
+        "trained 0": 1,
+        "trained 1": 1,
+        "trained 2": 1,
+    }
     assert len(finished(tmp_path)) == 3
     assert all("3 of 3 runs are done and ok" in one for one in said)
 

@@ -34,8 +34,14 @@ def matrix(call, tmp_path: Path) -> Callable[..., tuple[bool, list[str], str]]:
 
     def matrix(fatal: int | None = None, **changes) -> tuple[bool, list[str], str]:
         here, stream = Here(fatal), io.StringIO()
-        settings = Runs(**{"method": "fake,pinhole", "data": f"{tmp_path / 'data'},{tmp_path / 'other'}",
-                           "out": tmp_path / "results", **changes})
+        settings = Runs(
+            **{
+                "method": "fake,pinhole",
+                "data": f"{tmp_path / 'data'},{tmp_path / 'other'}",
+                "out": tmp_path / "results",
+                **changes,
+            }
+        )
         good = run_all(settings, Console(file=stream, width=400), here)
         return good, here.made, stream.getvalue()
 
@@ -52,14 +58,14 @@ def test_every_combination_is_a_run() -> None:
     assert len(cells) == len(set(cells)) == 2 * 2 * 2 * 2 * 2
     assert [cell.seed for cell in cells] == [5] * 16 + [6] * 16  # the first seed's first
     assert {(cell.data, cell.budget) for cell in cells} == {
-        (Path(data), budget) for data in "xy" for budget in ("60s", "300s,7000it")}
+        (Path(data), budget) for data in "xy" for budget in ("60s", "300s,7000it")
+    }
     assert {(cell.method, cell.preset) for cell in cells} == {("a", "p"), ("a", "q"), ("b", "p"), ("b", "q")}
 
 
 def test_one_of_each_is_the_run_it_always_was() -> None:
     parsed = cli.parse("run --method a --data x --seed 3 --budget 300s,7000it --set k=1 l=2".split())
-    assert parsed.cells() == (
-        Run(method="a", data=Path("x"), seed=3, budget="300s,7000it", set=("k=1", "l=2")),)
+    assert parsed.cells() == (Run(method="a", data=Path("x"), seed=3, budget="300s,7000it", set=("k=1", "l=2")),)
 
 
 def test_a_folder_with_a_comma_is_one(tmp_path: Path) -> None:
@@ -67,11 +73,19 @@ def test_a_folder_with_a_comma_is_one(tmp_path: Path) -> None:
     assert [cell.data for cell in Runs(method="m", data=str(tmp_path / "a,b")).cells()] == [tmp_path / "a,b"]
 
 
-@pytest.mark.parametrize(("changes", "match"), [
-    ({"seeds": 0}, "--seeds"), ({"jobs": 0}, "--jobs"), ({"method": "a,a"}, "a 2 times"), ({"data": "x,,y"}, "--data"),
-    ({"budget": ()}, "--budget"), ({"budget": ("60s", "60.0s")}, "60s 2 times"), ({"preset": "p,p"}, "p 2 times"),
-    ({"budget": ("long",)}, "budget"),
-])
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"seeds": 0}, "--seeds"),
+        ({"jobs": 0}, "--jobs"),
+        ({"method": "a,a"}, "a 2 times"),
+        ({"data": "x,,y"}, "--data"),
+        ({"budget": ()}, "--budget"),
+        ({"budget": ("60s", "60.0s")}, "60s 2 times"),
+        ({"preset": "p,p"}, "p 2 times"),
+        ({"budget": ("long",)}, "budget"),
+    ],
+)
 def test_impossible_matrices(changes: dict, match: str) -> None:
     with pytest.raises(InputError, match=match):
         Runs(**{"method": "a", **changes}).cells()
@@ -158,12 +172,15 @@ def test_a_result_that_cannot_be_read_is_named_and_kept(matrix, tmp_path: Path) 
     assert f"failed: {file.parent}: {file}: found nothing readable" in said
 
 
-@pytest.mark.parametrize(("changes", "match"), [
-    ({"method": "fake,nobodys"}, r"nobodys on .*: method: found 'nobodys'"),
-    ({"preset": "best"}, "fake on .*: preset of fake: found 'best'"),
-    ({"set": ("nose=1",)}, "fake on .*: option nose"),
-    ({"budget": ("8it", "soon")}, "budget: found 'soon'"),
-])
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"method": "fake,nobodys"}, r"nobodys on .*: method: found 'nobodys'"),
+        ({"preset": "best"}, "fake on .*: preset of fake: found 'best'"),
+        ({"set": ("nose=1",)}, "fake on .*: option nose"),
+        ({"budget": ("8it", "soon")}, "budget: found 'soon'"),
+    ],
+)
 def test_a_wrong_call_is_one_line_before_anything_runs(matrix, tmp_path: Path, changes: dict, match: str) -> None:
     with pytest.raises(InputError, match=match):
         matrix(**changes)
@@ -197,7 +214,10 @@ def test_what_another_process_has_at_work_comes_last(call, matrix, tmp_path: Pat
         _, _, said = matrix(dry_run=True)
         assert said.count("at work in another process") == 1
         jobs = []
-        run_all(Runs(method="fake,pinhole", data=str(tmp_path / "data"), out=tmp_path / "results"),
-                Console(quiet=True), lambda given, **_: jobs.extend(given) or [])
+        run_all(
+            Runs(method="fake,pinhole", data=str(tmp_path / "data"), out=tmp_path / "results"),
+            Console(quiet=True),
+            lambda given, **_: jobs.extend(given) or [],
+        )
         assert [job.busy() for job in jobs] == [True, False]
     assert not any(job.busy() for job in jobs)

@@ -29,8 +29,15 @@ NAMES = tuple(f"view_{index:03d}" for index in range(4, 13))
 def dofbench(folder: Path, *words: str, status: int = 0) -> str:
     """Call the command line in `folder`; returns what it printed on both streams."""
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "COLUMNS": "200"}
-    done = subprocess.run([sys.executable, "-P", "-m", "dofbench", *words], cwd=folder, env=environment, text=True,
-                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=600)
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "dofbench", *words],
+        cwd=folder,
+        env=environment,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        timeout=600,
+    )
     assert done.returncode == status, done.stdout
     return done.stdout
 
@@ -41,13 +48,26 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("own")
     (folder / "my desk").mkdir()
     for name in NAMES:
-        shutil.copy(content_folder("datasets") / f"tabletop/images/{name}.png",
-                    folder / "my desk" / f"{name.replace('_', ' ')}.png")
+        shutil.copy(
+            content_folder("datasets") / f"tabletop/images/{name}.png",
+            folder / "my desk" / f"{name.replace('_', ' ')}.png",
+        )
     return folder
 
 
-CALL = ("run", "--method", "dofgaussian", "--photographs", "my desk", "--preset", "smoke", "--width", "96",
-        "--set", "steps=12")
+CALL = (
+    "run",
+    "--method",
+    "dofgaussian",
+    "--photographs",
+    "my desk",
+    "--preset",
+    "smoke",
+    "--width",
+    "96",
+    "--set",
+    "steps=12",
+)
 
 
 def test_a_dry_run_says_what_will_be_done_and_how_long_it_takes(desk: Path):
@@ -109,8 +129,11 @@ def test_a_scene_without_points_keeps_its_poses(desk: Path, tmp_path: Path):
     (tmp_path / "posed/images").mkdir(parents=True)
     for view in views:
         shutil.copy(view.source, tmp_path / "posed/images")
-    write_transforms(tmp_path / "posed/transforms.json", [f"images/{view.source.name}" for view in views],
-                     [view.camera for view in views])
+    write_transforms(
+        tmp_path / "posed/transforms.json",
+        [f"images/{view.source.name}" for view in views],
+        [view.camera for view in views],
+    )
     found = find_own(tmp_path / "posed", tmp_path / "results")
     assert found.kind == "poses" and found.views == 9
     runs = Runs(method="dofgaussian", photographs=found.source).cells()
@@ -152,19 +175,26 @@ def test_from_photographs_to_a_page_and_again(desk: Path):
     assert (place / "report/leaderboard.md").read_text().count(f"| {result.key[:8]} |") == 1
 
 
-@pytest.mark.parametrize(("words", "said"), [
-    (("--photographs", "nowhere"), "no such folder or file: nowhere"),
-    (("--photographs", "my desk", "--data", "x"), "--data too"),
-    (("--width", "96"), "the option without --photographs"),
-    (("--photographs", "one", "--dry-run"), "one: found one photograph, expected at least 3"),
-    (("--photographs", "none", "--dry-run"), "none: found 0 photographs, expected at least 3"),
-    (("--photographs", "notes.txt", "--dry-run"), "a file that is no video"),
-    (("--photographs", "my desk", "--set", "nonsense=1"), "option nonsense: found an unknown name"),
-    (("--photographs", "my desk", "--inputs", "all-in-focus"), "--set lens=false leaves out the lens"),
-    (("--photographs", "my desk", "--out", "my desk/results"), "a folder outside of my desk"),
-])
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--photographs", "nowhere"), "no such folder or file: nowhere"),
+        (("--photographs", "my desk", "--data", "x"), "--data too"),
+        (("--width", "96"), "the option without --photographs"),
+        (("--photographs", "one", "--dry-run"), "one: found one photograph, expected at least 3"),
+        (("--photographs", "none", "--dry-run"), "none: found 0 photographs, expected at least 3"),
+        (("--photographs", "notes.txt", "--dry-run"), "a file that is no video"),
+        (("--photographs", "my desk", "--set", "nonsense=1"), "option nonsense: found an unknown name"),
+        (("--photographs", "my desk", "--inputs", "all-in-focus"), "--set lens=false leaves out the lens"),
+        (("--photographs", "my desk", "--out", "my desk/results"), "a folder outside of my desk"),
+    ],
+)
 def test_what_is_wrong_with_the_call_is_one_line(
-    desk: Path, words: tuple[str, ...], said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    desk: Path,
+    words: tuple[str, ...],
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ):
     monkeypatch.chdir(desk)
     Path("notes.txt").touch()

@@ -23,10 +23,16 @@ def scene() -> Scene:
     """Six views at f/2, f/5.6, f/2, f/8, unknown and f/2; each point is seen by the view of its number."""
     whole = load_scene(content_folder("datasets") / "tabletop", width=64)
     numbers = (2.0, 5.6, 2.0, 8.0, None, 2.001)
-    views = tuple(replace(view, exif=None if number is None else Exif(f_number=number))
-                  for view, number in zip(whole.views, numbers, strict=False))
-    points = PointCloud(np.arange(18.0).reshape(6, 3), np.zeros((6, 3), np.float32), np.zeros(6, np.float32),
-                        tuple(np.array([index]) for index in range(6)))
+    views = tuple(
+        replace(view, exif=None if number is None else Exif(f_number=number))
+        for view, number in zip(whole.views, numbers, strict=False)
+    )
+    points = PointCloud(
+        np.arange(18.0).reshape(6, 3),
+        np.zeros((6, 3), np.float32),
+        np.zeros(6, np.float32),
+        tuple(np.array([index]) for index in range(6)),
+    )
     return replace(whole, views=views, points=points)
 
 
@@ -34,7 +40,11 @@ def test_views_are_chosen_by_their_f_number(scene: Scene) -> None:
     found = split_by_f_number(scene, 2.0, 5.6)
     names = [view.name for view in scene.views]
     assert {view.name: view.split for view in found.views} == {
-        names[0]: "train", names[1]: "test", names[2]: "train", names[5]: "train"}
+        names[0]: "train",
+        names[1]: "test",
+        names[2]: "train",
+        names[5]: "train",
+    }
     assert np.array_equal(found.points.xyz, scene.points.xyz[[0, 1, 2, 5]])
     assert [track.tolist() for track in found.points.views] == [[0], [1], [2], [3]]
 

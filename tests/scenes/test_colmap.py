@@ -118,8 +118,10 @@ def test_views_of_different_size(tmp_path, make_cameras, write_images):
         ("RADIAL", [50, 24, 18, 0.02, 0.01], (0.02, 0.01), False),
         ("OPENCV", [50, 51, 24, 18, 0.02, 0.01, 0.001, 0.002], (0.02, 0.01, 0.001, 0.002), False),
         (
-            "FULL_OPENCV", [50, 51, 24, 18, 0.02, 0.01, 0.001, 0.002, 0.003, 0.01, 0.02, 0.001],
-            (0.02, 0.01, 0.001, 0.002, 0.003, 0.01, 0.02, 0.001), False,
+            "FULL_OPENCV",
+            [50, 51, 24, 18, 0.02, 0.01, 0.001, 0.002, 0.003, 0.01, 0.02, 0.001],
+            (0.02, 0.01, 0.001, 0.002, 0.003, 0.01, 0.02, 0.001),
+            False,
         ),
         ("SIMPLE_RADIAL_FISHEYE", [50, 24, 18, 0.02], (0.02,), True),
         ("RADIAL_FISHEYE", [50, 24, 18, 0.02, 0.01], (0.02, 0.01), True),
@@ -255,8 +257,9 @@ def test_no_camera_sees_a_point_behind_it(scene_folder, model, make_cameras, mak
 
 @pytest.mark.parametrize("inside", ["", "dense/0", "dense/12", "dense"])
 @pytest.mark.parametrize("place", [".", "sparse", "sparse/0"])
-def test_a_scene_is_called_after_the_folder_that_a_person_named(scene_folder, tmp_path_factory, monkeypatch, inside,
-                                                                place):
+def test_a_scene_is_called_after_the_folder_that_a_person_named(
+    scene_folder, tmp_path_factory, monkeypatch, inside, place
+):
     root = tmp_path_factory.mktemp("scenes") / "chess" / inside
     shutil.copytree(scene_folder, root)
     assert load_scene(root / place).name == "chess"

@@ -15,9 +15,16 @@ from dofbench.scenes import export, load_scene
 from dofbench.scenes.exif_files import exif_by_file, exif_of_image, read_exif_csv
 
 TAGS = {
-    "FNumber": 6.3, "ExposureTime": 0.0125, "Exif:FocalLength": 55.0, "Exif:FocalLengthIn35mmFilm": 82,
-    "Exif:SubjectDistance": 1.25, "Exif:PhotographicSensitivity": 6400, "Exif:DateTimeOriginal": "2021:03:04 10:48:15",
-    "Make": "SONY", "Model": "ILCE-7M2", "Exif:LensModel": "FE 55mm F1.8 ZA",
+    "FNumber": 6.3,
+    "ExposureTime": 0.0125,
+    "Exif:FocalLength": 55.0,
+    "Exif:FocalLengthIn35mmFilm": 82,
+    "Exif:SubjectDistance": 1.25,
+    "Exif:PhotographicSensitivity": 6400,
+    "Exif:DateTimeOriginal": "2021:03:04 10:48:15",
+    "Make": "SONY",
+    "Model": "ILCE-7M2",
+    "Exif:LensModel": "FE 55mm F1.8 ZA",
 }
 RECORD = Exif(6.3, 55.0, 82.0, 1.25, 0.0125, 6400.0, "2021-03-04 10:48:15", "SONY ILCE-7M2", "FE 55mm F1.8 ZA")
 
@@ -44,8 +51,15 @@ def test_what_the_camera_wrote_down_is_read(tmp_path: Path, suffix: str) -> None
         assert got == pytest.approx(value, rel=1e-4) if isinstance(value, float) else got == value, name
 
 
-@pytest.mark.parametrize("tags", [{}, {"FNumber": 0.0, "ExposureTime": 0.0}, {"Exif:DateTimeOriginal": "    "},
-                                  {"Exif:DateTimeOriginal": "0000:00:00 00:00:00"}])
+@pytest.mark.parametrize(
+    "tags",
+    [
+        {},
+        {"FNumber": 0.0, "ExposureTime": 0.0},
+        {"Exif:DateTimeOriginal": "    "},
+        {"Exif:DateTimeOriginal": "0000:00:00 00:00:00"},
+    ],
+)
 def test_what_is_missing_or_impossible_is_none(tmp_path: Path, tags: dict) -> None:
     file = write_photograph(tmp_path / "a.jpg", tags)
     assert exif_of_image(file) == Exif()
@@ -59,8 +73,10 @@ def test_the_maker_stands_once_in_the_name_of_the_camera(tmp_path: Path) -> None
 
 def test_the_table_comes_before_the_file_and_exif_json_before_both(tmp_path: Path) -> None:
     files = {name: write_photograph(tmp_path / f"images/{name}.jpg", TAGS) for name in "abc"}
-    (tmp_path / "exif.csv").write_text("name,f_number,focal_length_mm,exposure_s,iso,time\n"
-                                       "a.jpg,14.0,55.0,0.0166,6400,2021:03:04 10:48:15\nb.png,2,,,,\n")
+    (tmp_path / "exif.csv").write_text(
+        "name,f_number,focal_length_mm,exposure_s,iso,time\n"
+        "a.jpg,14.0,55.0,0.0166,6400,2021:03:04 10:48:15\nb.png,2,,,,\n"
+    )
     write_exif(tmp_path, {"b": Exif(f_number=5.0)})
     found = exif_by_file(tmp_path, files)
     assert found["a"] == Exif(14.0, 55.0, None, None, 0.0166, 6400.0, "2021-03-04 10:48:15")
@@ -70,10 +86,15 @@ def test_the_table_comes_before_the_file_and_exif_json_before_both(tmp_path: Pat
     assert exif_by_file(tmp_path, files)["b"] == Exif(f_number=2.0)  # by the name without suffix
 
 
-@pytest.mark.parametrize(("text", "said"), [
-    ("file,f_number\na.jpg,2\n", "columns file, f_number"), ("name,iso\na.jpg,fast\n", "line 2: iso 'fast'"),
-    ("name,iso\na.jpg,1\na.jpg,2\n", "a.jpg a second time in line 3"), ("name,iso\na.jpg,-1\n", "line 2: iso"),
-])
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("file,f_number\na.jpg,2\n", "columns file, f_number"),
+        ("name,iso\na.jpg,fast\n", "line 2: iso 'fast'"),
+        ("name,iso\na.jpg,1\na.jpg,2\n", "a.jpg a second time in line 3"),
+        ("name,iso\na.jpg,-1\n", "line 2: iso"),
+    ],
+)
 def test_a_damaged_table_is_said_to_be(tmp_path: Path, text: str, said: str) -> None:
     (tmp_path / "exif.csv").write_text(text)
     with pytest.raises(InputError, match=said):

@@ -146,9 +146,7 @@ def test_transforms_round_trip(tmp_path, make_cameras, write_images, distinct):
     write_images(tmp_path, files)
     splits = ["train", "test", "train", "train", "test"]
     extra = [{"aperture": index / 10} for index in range(len(cameras))]
-    write_transforms(
-        tmp_path / "transforms.json", files, cameras, depth_paths=depths, splits=splits, extra=extra
-    )
+    write_transforms(tmp_path / "transforms.json", files, cameras, depth_paths=depths, splits=splits, extra=extra)
     scene = load_scene(tmp_path)
     assert scene.layout == "nerfstudio"
     assert [view.split for view in scene.views] == splits

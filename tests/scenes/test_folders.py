@@ -18,8 +18,14 @@ def pyramid(tmp_path, write_images):
 @pytest.mark.parametrize(
     ("width", "habit", "expected"),
     [
-        (None, (8, 4, 1), "images_8"), (None, (1,), "images"), (None, (2,), "images"), (12, (1,), "images_8"),
-        (13, (8,), "images_4"), (24, (8,), "images_4"), (25, (8,), "images"), (96, (8,), "images"),
+        (None, (8, 4, 1), "images_8"),
+        (None, (1,), "images"),
+        (None, (2,), "images"),
+        (12, (1,), "images_8"),
+        (13, (8,), "images_4"),
+        (24, (8,), "images_4"),
+        (25, (8,), "images"),
+        (96, (8,), "images"),
     ],
 )
 def test_smallest_folder_that_is_wide_enough(pyramid, width, habit, expected):

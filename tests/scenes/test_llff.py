@@ -23,8 +23,11 @@ def folder(tmp_path, make_cameras, write_images):
 @pytest.mark.parametrize(
     ("options", "size", "source"),
     [
-        ({}, (12, 9), "images_8"), ({"width": 12}, (12, 9), "images_8"), ({"width": 20}, (20, 15), "images_4"),
-        ({"width": 96}, (96, 72), "images"), ({"images": "images_4"}, (24, 18), "images_4"),
+        ({}, (12, 9), "images_8"),
+        ({"width": 12}, (12, 9), "images_8"),
+        ({"width": 20}, (20, 15), "images_4"),
+        ({"width": 96}, (96, 72), "images"),
+        ({"images": "images_4"}, (24, 18), "images_4"),
         ({"images": "images", "width": 10}, (10, 8), "images"),
     ],
 )

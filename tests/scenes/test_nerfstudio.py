@@ -98,8 +98,11 @@ def test_file_path_without_suffix_and_with_a_dot(folder):
 def test_smaller_folder_for_a_smaller_width(folder, write_images, make_cameras):
     write_images(folder, [name.replace("images", "images_2") for name in FILES], (24, 18))
     for options, source, width in (
-        ({}, "images", 48), ({"width": 24}, "images_2", 24), ({"width": 20}, "images_2", 20),
-        ({"width": 30}, "images", 30), ({"images": "images_2"}, "images_2", 24),
+        ({}, "images", 48),
+        ({"width": 24}, "images_2", 24),
+        ({"width": 20}, "images_2", 20),
+        ({"width": 30}, "images", 30),
+        ({"images": "images_2"}, "images_2", 24),
     ):
         view = load_scene(folder, **options).views[1]
         assert view.source.parent.name == source
@@ -145,8 +148,9 @@ def test_depth_from_exr_png_and_several_channels(folder, make_cameras):
     assert half.shape == (18, 24) and set(np.unique(half)) <= set(np.unique(known * np.float32(0.25)))
 
 
-@pytest.mark.parametrize("value, word", [(np.nan, "NaN in 12 of 1728"), (-1.0, "negative values in 12"),
-                                         (None, "no pixel of known depth")])
+@pytest.mark.parametrize(
+    "value, word", [(np.nan, "NaN in 12 of 1728"), (-1.0, "negative values in 12"), (None, "no pixel of known depth")]
+)
 def test_depth_that_cannot_be_is_refused(folder, value, word):
     depth = np.zeros((36, 48), np.float32)
     if value is not None:
@@ -251,6 +255,7 @@ def beside(folder, make_cameras, make_cloud):
 
 def moved(turn, scale=1.0):
     """Take the poses of the file to another frame, and tell nobody."""
+
     def change(content):
         for frame in content["frames"]:
             pose = np.array(turn) @ np.array(frame["transform_matrix"])
@@ -267,7 +272,8 @@ FRAMES = {
     "moved": moved([[1, 0, 0, 9], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
     "told wrong": lambda content: content.update(applied_transform=np.diag([-1.0, 1, -1, 1])[:3].tolist()),
     "told a wrong scale": lambda content: content.update(applied_scale=0.5),
-    "upside down": moved(np.diag([-1.0, -1, 1, 1])), "scaled": moved(np.eye(4), 0.7),
+    "upside down": moved(np.diag([-1.0, -1, 1, 1])),
+    "scaled": moved(np.eye(4), 0.7),
     "tilted": moved([[1, 0, 0, 0], [0, np.cos(0.1), -np.sin(0.1), 0], [0, np.sin(0.1), np.cos(0.1), 0], [0, 0, 0, 1]]),
 }
 
@@ -311,8 +317,10 @@ def test_points_of_its_own_need_no_model(beside, make_cloud, make_cameras, capsy
     xyz = make_cloud(make_cameras(4)).xyz
     (beside / "points.ply").write_text(
         f"ply\nformat ascii 1.0\nelement vertex {len(xyz)}\n"
-        + "".join(f"property double {axis}\n" for axis in "xyz") + "end_header\n"
-        + "\n".join(" ".join(map(str, row)) for row in xyz) + "\n"
+        + "".join(f"property double {axis}\n" for axis in "xyz")
+        + "end_header\n"
+        + "\n".join(" ".join(map(str, row)) for row in xyz)
+        + "\n"
     )
     edit(beside, lambda content: content.update(ply_file_path="points.ply"))
     assert load_scene(beside).layout == "nerfstudio" and capsys.readouterr().err == ""
@@ -413,7 +421,9 @@ def test_wrong_depth_files_are_named(folder, write_images):
     colours = np.random.default_rng(0).random((36, 48, 3)).astype(np.float32)
     write_exr(folder / "colours.exr", colours)
     for name, found in (
-        ("eight.png", "a PNG of uint8"), ("colours.exr", "3 different channels"), ("depth.tiff", "suffix .tiff"),
+        ("eight.png", "a PNG of uint8"),
+        ("colours.exr", "3 different channels"),
+        ("depth.tiff", "suffix .tiff"),
     ):
         edit(folder, lambda content, name=name: _first(content).update(depth_file_path=name))
         view = load_scene(folder).views[0]

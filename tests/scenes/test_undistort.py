@@ -52,7 +52,10 @@ def to_pixels(lens: Intrinsics, xy: np.ndarray) -> np.ndarray:
 def test_distortion_is_colmaps(name):
     lens = LENSES[name]
     camera = pycolmap.Camera(
-        camera_id=1, model=PYCOLMAP[name], width=WIDTH, height=HEIGHT,
+        camera_id=1,
+        model=PYCOLMAP[name],
+        width=WIDTH,
+        height=HEIGHT,
         params=(
             [lens.fx, lens.cx, lens.cy, *lens.distortion]
             if PYCOLMAP[name] == "RADIAL"

@@ -33,8 +33,11 @@ def broken(monkeypatch):
 
     def replace(op: str, change, function: str | None = None) -> None:
         kernel = load(op, "cpu", function=function)
-        monkeypatch.setattr(import_module(f"dofbench.kernels.{op}.cpu"), function or op,
-                            lambda *args, **options: change(kernel, *args, **options))
+        monkeypatch.setattr(
+            import_module(f"dofbench.kernels.{op}.cpu"),
+            function or op,
+            lambda *args, **options: change(kernel, *args, **options),
+        )
 
     return replace
 
@@ -97,8 +100,12 @@ SWALLOWED = ("light/nan-in-the-image", "lens/radius-nan", "lens/radius-infinite"
 
 def test_swallowed_numbers_are_seen(broken):
     assert all(error_of(name).met for name in SWALLOWED)
-    broken("scatter", lambda kernel, image, radius, **options: kernel(
-        image.nan_to_num(posinf=1.0), radius.nan_to_num(posinf=5.0, neginf=5.0), **options))
+    broken(
+        "scatter",
+        lambda kernel, image, radius, **options: kernel(
+            image.nan_to_num(posinf=1.0), radius.nan_to_num(posinf=5.0, neginf=5.0), **options
+        ),
+    )
     for name in SWALLOWED:
         assert not error_of(name).met, name
 
@@ -106,8 +113,9 @@ def test_swallowed_numbers_are_seen(broken):
 def test_a_leak_at_aperture_0_is_seen(monkeypatch):
     assert error_of("lens/aperture-0").met
     defocus = import_module("dofbench.stability.lens").defocus
-    monkeypatch.setattr("dofbench.stability.lens.defocus",
-                        lambda *args, **options: defocus(*args, **options) * (1 + 2.0**-23))
+    monkeypatch.setattr(
+        "dofbench.stability.lens.defocus", lambda *args, **options: defocus(*args, **options) * (1 + 2.0**-23)
+    )
     assert not error_of("lens/aperture-0").met
 
 
@@ -122,12 +130,15 @@ def test_unknown_depth_taken_for_near_is_seen(monkeypatch):
     assert not error_of("lens/depth-nan").met and not error_of("lens/depth-0").met
 
 
-@pytest.mark.parametrize("name", ["gaussians/scale-0.1", "images/rasterize-1x9", "gaussians/half-a-pixel",
-                                  "gaussians/thousand-on-a-tile"])
+@pytest.mark.parametrize(
+    "name", ["gaussians/scale-0.1", "images/rasterize-1x9", "gaussians/half-a-pixel", "gaussians/thousand-on-a-tile"]
+)
 def test_a_wrong_rasteriser_is_not_the_reference(broken, name):
     assert error_of(name).met
-    broken("rasterize", lambda kernel, *args, **options: kernel(*args, **options)._replace(
-        alpha=1.05 * kernel(*args, **options).alpha))
+    broken(
+        "rasterize",
+        lambda kernel, *args, **options: kernel(*args, **options)._replace(alpha=1.05 * kernel(*args, **options).alpha),
+    )
     assert not error_of(name).met
 
 
@@ -140,8 +151,12 @@ def test_a_rasteriser_that_goes_by_the_stored_order_is_seen(broken):
 def test_a_gaussian_that_should_be_left_out_or_refused_is_seen(broken):
     names = ("gaussians/behind", "gaussians/near-plane-on", "gaussians/nan-means")
     assert all(error_of(name).met for name in names)
-    broken("rasterize", lambda kernel, **options: kernel(**{
-        **options, "means": options["means"].nan_to_num(4.0) + torch.tensor([0.0, 0.0, 8.0])}))
+    broken(
+        "rasterize",
+        lambda kernel, **options: kernel(
+            **{**options, "means": options["means"].nan_to_num(4.0) + torch.tensor([0.0, 0.0, 8.0])}
+        ),
+    )
     for name in names:
         assert not error_of(name).met, name
 
@@ -149,11 +164,16 @@ def test_a_gaussian_that_should_be_left_out_or_refused_is_seen(broken):
 @pytest.mark.parametrize(("factor", "turn"), [(1.001, 0.0), (1.0, 0.01), (-1.0, 0.0), (float("nan"), 0.0)])
 def test_a_wrong_gradient_is_seen_by_length_and_by_direction(broken, factor, turn):
     assert error_of("gradients/ssim-away").met and error_of("gradients/raster-away-from-kinks").met
-    broken("ssim", lambda kernel, image, *args, **options: kernel(Bent.apply(image, factor, turn), *args, **options),
-           "l1_ssim")
+    broken(
+        "ssim",
+        lambda kernel, image, *args, **options: kernel(Bent.apply(image, factor, turn), *args, **options),
+        "l1_ssim",
+    )
     assert not error_of("gradients/ssim-away").met
-    broken("rasterize", lambda kernel, **options: kernel(**{
-        **options, "sh_dc": Bent.apply(options["sh_dc"], factor, turn)}))
+    broken(
+        "rasterize",
+        lambda kernel, **options: kernel(**{**options, "sh_dc": Bent.apply(options["sh_dc"], factor, turn)}),
+    )
     assert not error_of("gradients/raster-away-from-kinks").met
 
 
@@ -180,8 +200,9 @@ def test_a_half_float_that_overflows_is_seen(monkeypatch):
 
 def test_a_dataset_that_is_not_what_it_says_is_seen(monkeypatch):
     shallow = import_module("dofbench.synthesis.make").shallow_image
-    monkeypatch.setattr("dofbench.synthesis.make.shallow_image",
-                        lambda *args: tuple(0.9 * part for part in shallow(*args)))
+    monkeypatch.setattr(
+        "dofbench.synthesis.make.shallow_image", lambda *args: tuple(0.9 * part for part in shallow(*args))
+    )
     assert not error_of("datasets/33x17", Setting("numpy", "float32")).met
 
 

@@ -24,14 +24,18 @@ def table(out):
 
 
 def test_one_kernel_of_one_group_as_a_user_runs_it(tmp_path):
-    done = subprocess.run([sys.executable, "-m", "dofbench", *CALL, "--out", str(tmp_path)], capture_output=True,
-                          text=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "dofbench", *CALL, "--out", str(tmp_path)], capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     header, rows = table(tmp_path)
     assert header == HEADER
     assert {row["verdict"] for row in rows} == {"met"} and {row["group"] for row in rows} == {"invariants"}
     assert {(row["backend"], row["precision"]) for row in rows} >= {
-        ("reference", "float64"), ("reference", "float32"), ("cpu", "float32")}
+        ("reference", "float64"),
+        ("reference", "float32"),
+        ("cpu", "float32"),
+    }
     for row in rows:
         assert float(row["error"]) <= float(row["bound"])
     page = (tmp_path / "stability.md").read_text()
@@ -41,8 +45,9 @@ def test_one_kernel_of_one_group_as_a_user_runs_it(tmp_path):
 
 def test_a_bound_that_is_not_met_ends_with_status_1_and_keeps_its_row(tmp_path, monkeypatch, capsys):
     kernel = load("ssim", "cpu", function="ssim")
-    monkeypatch.setattr(import_module("dofbench.kernels.ssim.cpu"), "ssim",
-                        lambda *args, **options: kernel(*args, **options) - 0.01)
+    monkeypatch.setattr(
+        import_module("dofbench.kernels.ssim.cpu"), "ssim", lambda *args, **options: kernel(*args, **options) - 0.01
+    )
     case = "invariants/ssim-of-itself-textured"
     assert main(["stability", "--case", case, "--out", str(tmp_path)]) == 1
     _, rows = table(tmp_path)
@@ -86,12 +91,17 @@ def test_an_interrupted_run_goes_on_from_what_is_measured(tmp_path, monkeypatch)
     assert len(count) == len(rows) + 1  # the one that was interrupted, twice
 
 
-@pytest.mark.parametrize(("options", "words"), [
-    (["--group", "optics"], "--group: found 'optics'"), (["--kernel", "blur"], "--kernel: found 'blur'"),
-    (["--method", "nerf"], "method: found 'nerf'"), (["--case", "lens/none"], "--case: found 'lens/none'"),
-    (["--kernel", "ssim", "--method", "dofgaussian"], "--kernel: found --method as well"),
-    (["--kernel", "stereo", "--group", "light"], "no case that fits"),
-])
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--group", "optics"], "--group: found 'optics'"),
+        (["--kernel", "blur"], "--kernel: found 'blur'"),
+        (["--method", "nerf"], "method: found 'nerf'"),
+        (["--case", "lens/none"], "--case: found 'lens/none'"),
+        (["--kernel", "ssim", "--method", "dofgaussian"], "--kernel: found --method as well"),
+        (["--kernel", "stereo", "--group", "light"], "no case that fits"),
+    ],
+)
 def test_a_wrong_call_is_one_line_and_status_2(options, words, tmp_path, capsys):
     assert main(["stability", *options, "--out", str(tmp_path)]) == 2
     error = capsys.readouterr().err

@@ -23,9 +23,14 @@ def case(found: Found) -> Case:
 
 @pytest.mark.parametrize(
     ("found", "listed", "verdict"),
-    [(Found(0.5, 1.0), False, MET), (Found(2.0, 1.0), False, NOT_MET), (Found(2.0, 1.0), True, KNOWN),
-     (Found(0.5, 1.0), True, MET_HERE), (Found(float("nan"), 1.0), False, NOT_MET),
-     (Found(float("inf"), float("inf")), False, NOT_MET)],
+    [
+        (Found(0.5, 1.0), False, MET),
+        (Found(2.0, 1.0), False, NOT_MET),
+        (Found(2.0, 1.0), True, KNOWN),
+        (Found(0.5, 1.0), True, MET_HERE),
+        (Found(float("nan"), 1.0), False, NOT_MET),
+        (Found(float("inf"), float("inf")), False, NOT_MET),
+    ],
 )
 def test_a_verdict_follows_from_bound_and_list(found, listed, verdict):
     limits = (Limit("lens/made-up", ("cpu float32",), "so it is"),) if listed else ()
@@ -49,8 +54,11 @@ def test_every_limit_names_a_case_and_places_where_it_is_run():
         assert set(limit.where) <= places | {"all"}, limit.case
 
 
-@pytest.mark.parametrize("limit", [limit for limit in read_limits() if not limit.case.startswith(SLOW)],
-                         ids=lambda limit: f"{limit.case} {' '.join(limit.where)}")
+@pytest.mark.parametrize(
+    "limit",
+    [limit for limit in read_limits() if not limit.case.startswith(SLOW)],
+    ids=lambda limit: f"{limit.case} {' '.join(limit.where)}",
+)
 def test_a_known_limit_is_measured_and_may_be_met(limit):
     """Rounding differs by machine, so a bound may be met; but an exception is no limit, and may not pass for one."""
     known = CASES[limit.case]

@@ -20,8 +20,17 @@ def outside(tmp_path, monkeypatch):
 
 def test_a_method_from_outside_gets_hard_scenes_and_none_of_our_options(outside):
     names = {case.name.removeprefix(f"{outside}-") for case in chosen(Stability(method=outside))}
-    assert names == {"3-views", "textureless", "noise", "only-noise", "wrong-pose", "one-black", "all-black",
-                     "photograph-nan", "photograph-inf"}
+    assert names == {
+        "3-views",
+        "textureless",
+        "noise",
+        "only-noise",
+        "wrong-pose",
+        "one-black",
+        "all-black",
+        "photograph-nan",
+        "photograph-inf",
+    }
 
 
 def test_it_is_run_and_what_it_says_is_looked_at(outside):

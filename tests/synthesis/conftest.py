@@ -81,7 +81,10 @@ def write_scene() -> Callable[..., Path]:
         )
         export.write_colmap(folder, [Path(name).name for name in names], cameras, cloud if points else None)
         export.write_transforms(
-            folder / "transforms.json", names, cameras, depth_paths=depths if depth else None,
+            folder / "transforms.json",
+            names,
+            cameras,
+            depth_paths=depths if depth else None,
             splits=["test" if index in TEST_VIEWS else "train" for index in range(VIEWS)],
         )
         return folder

@@ -16,11 +16,25 @@ from dofbench.synthesis.settings import MakeDataset
 @pytest.fixture(scope="module")
 def odd(scene, tmp_path_factory):
     """A dataset with as many options as possible."""
-    return make_dataset(MakeDataset(
-        scene=str(scene), out=tmp_path_factory.mktemp("odd") / "odd", hold=3, gamma=2.0, shape="5-gon",
-        shape_rotation=10.0, assign="held-out", focus="0.15,0.9", test_focus="0.5", photons=500.0, bits=16, seed=4,
-        linear="exr-float", depth=f"folder:{scene / 'depth'}",
-    ), progress=Silent())
+    return make_dataset(
+        MakeDataset(
+            scene=str(scene),
+            out=tmp_path_factory.mktemp("odd") / "odd",
+            hold=3,
+            gamma=2.0,
+            shape="5-gon",
+            shape_rotation=10.0,
+            assign="held-out",
+            focus="0.15,0.9",
+            test_focus="0.5",
+            photons=500.0,
+            bits=16,
+            seed=4,
+            linear="exr-float",
+            depth=f"folder:{scene / 'depth'}",
+        ),
+        progress=Silent(),
+    )
 
 
 def test_the_same_bytes(scene, odd, dataset_folder, tmp_path, contents, capsys):
@@ -51,10 +65,14 @@ def wrong_depth(root, manifest):
     shutil.copy(root / "depth" / "v01.exr", root / "depth" / "v02.exr")
 
 
-@pytest.mark.parametrize("change, word", [
-    (wrong_image, "another image of view v02"), (wrong_depth, "other cameras, split, depth or points"),
-    (lambda root, manifest: manifest.update(dofbench="0.0.0"), "made by dofbench 0.0.0"),
-])
+@pytest.mark.parametrize(
+    "change, word",
+    [
+        (wrong_image, "another image of view v02"),
+        (wrong_depth, "other cameras, split, depth or points"),
+        (lambda root, manifest: manifest.update(dofbench="0.0.0"), "made by dofbench 0.0.0"),
+    ],
+)
 def test_another_scene_or_version_is_refused(write_scene, dataset_folder, tmp_path, capsys, change, word):
     root, like = write_scene(tmp_path / "planes"), tmp_path / "like"
     like.mkdir()
@@ -65,9 +83,14 @@ def test_another_scene_or_version_is_refused(write_scene, dataset_folder, tmp_pa
     assert word in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("options, word", [
-    (["--gamma", "2"], "--gamma too"), (["tabletop"], "2 scenes"), (["--depth", "splat"], "--depth too"),
-])
+@pytest.mark.parametrize(
+    "options, word",
+    [
+        (["--gamma", "2"], "--gamma too"),
+        (["tabletop"], "2 scenes"),
+        (["--depth", "splat"], "--depth too"),
+    ],
+)
 def test_what_the_manifest_sets_is_not_for_the_caller(scene, dataset_folder, tmp_path, capsys, options, word):
     out = ["--out", str(tmp_path / "out")]
     assert cli.main(["make-dataset", str(scene), *options, "--like", str(dataset_folder), *out]) == 2

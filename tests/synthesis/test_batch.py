@@ -33,8 +33,10 @@ def test_scenes_times_lenses(scene):
     datasets, missing = planned(settings)
     assert not missing
     assert folders(datasets) == [
-        ("tabletop", Path("data/tabletop-F0.2-A1")), ("tabletop", Path("data/tabletop-F0.8-A1")),
-        (str(scene), Path("data/planes-F0.2-A1")), (str(scene), Path("data/planes-F0.8-A1")),
+        ("tabletop", Path("data/tabletop-F0.2-A1")),
+        ("tabletop", Path("data/tabletop-F0.8-A1")),
+        (str(scene), Path("data/planes-F0.2-A1")),
+        (str(scene), Path("data/planes-F0.8-A1")),
     ]
     assert [dataset.focus_values for dataset in datasets] == [(0.2,), (0.8,)] * 2
     assert {dataset.seed for dataset in datasets} == {3}
@@ -53,7 +55,8 @@ def test_scenes_of_a_named_dataset_that_are_not_here_are_told(write_scene, tmp_p
     datasets, missing = planned(settings)
     assert folders(datasets) == [("llff/fern", Path("data/llff-fern")), ("llff/room", Path("data/llff-room"))]
     assert {scene.label for scene in missing} == {
-        f"llff/{name}" for name in ("flower", "fortress", "horns", "leaves", "orchids", "trex")}
+        f"llff/{name}" for name in ("flower", "fortress", "horns", "leaves", "orchids", "trex")
+    }
     assert all(scene.missing for scene in missing)
 
 
@@ -65,7 +68,7 @@ def test_a_scene_that_fails_does_not_stop_the_others(scene, write_scene, dataset
     printed = capfd.readouterr()
     assert contents(out / "planes") == contents(dataset_folder)
     assert printed.out == f"{out / 'planes'}: 6 views\n"
-    line, = (line for line in printed.err.splitlines() if "v02.png" in line)
+    (line,) = (line for line in printed.err.splitlines() if "v02.png" in line)
     assert line.startswith(f"{out / 'other'}: {other / 'images/v02.png'}: found ")
     assert "Traceback" not in printed.err
 

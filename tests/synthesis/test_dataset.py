@@ -117,17 +117,20 @@ def manifest_with(folder, **values):
     write_json(folder / "dataset.json", content | values)
 
 
-@pytest.mark.parametrize("spoil, word", [
-    (lambda folder: shutil.rmtree(folder), "no such folder"),
-    (lambda folder: (folder / "dataset.json").unlink(), "as make-dataset writes it"),
-    (lambda folder: ((folder / "dataset.json").unlink(), (folder / ".work").mkdir()), "run make-dataset again"),
-    (lambda folder: (folder / "dataset.json").write_text("{"), "JSON"),
-    (lambda folder: (folder / "dataset.json").write_text("[]"), "another kind of JSON"),
-    (lambda folder: manifest_with(folder, version=3), "schema version 3"),
-    (lambda folder: manifest_with(folder, seed="lucky"), "seed"),
-    (lambda folder: (folder / "lens.json").unlink(), "lens.json"),
-    (lambda folder: (folder / "transforms.json").unlink(), "transforms.json"),
-])
+@pytest.mark.parametrize(
+    "spoil, word",
+    [
+        (lambda folder: shutil.rmtree(folder), "no such folder"),
+        (lambda folder: (folder / "dataset.json").unlink(), "as make-dataset writes it"),
+        (lambda folder: ((folder / "dataset.json").unlink(), (folder / ".work").mkdir()), "run make-dataset again"),
+        (lambda folder: (folder / "dataset.json").write_text("{"), "JSON"),
+        (lambda folder: (folder / "dataset.json").write_text("[]"), "another kind of JSON"),
+        (lambda folder: manifest_with(folder, version=3), "schema version 3"),
+        (lambda folder: manifest_with(folder, seed="lucky"), "seed"),
+        (lambda folder: (folder / "lens.json").unlink(), "lens.json"),
+        (lambda folder: (folder / "transforms.json").unlink(), "transforms.json"),
+    ],
+)
 def test_a_folder_that_is_no_dataset(folder, spoil, word):
     spoil(folder)
     with pytest.raises(InputError) as caught:
@@ -135,12 +138,15 @@ def test_a_folder_that_is_no_dataset(folder, spoil, word):
     assert word in str(caught.value) and "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("change, word", [
-    (lambda lenses: lenses["views"].pop(), "v05"),
-    (lambda lenses: lenses["views"][0].update(split="train"), "another split"),
-    (lambda lenses: lenses.update(disparity_range=[1.0, 0.5]), "disparity range"),
-    (lambda lenses: lenses["shape"].update(blades=2), "blades"),
-])
+@pytest.mark.parametrize(
+    "change, word",
+    [
+        (lambda lenses: lenses["views"].pop(), "v05"),
+        (lambda lenses: lenses["views"][0].update(split="train"), "another split"),
+        (lambda lenses: lenses.update(disparity_range=[1.0, 0.5]), "disparity range"),
+        (lambda lenses: lenses["shape"].update(blades=2), "blades"),
+    ],
+)
 def test_parts_that_do_not_fit_together(folder, change, word):
     lenses = json.loads((folder / "lens.json").read_text())
     change(lenses)

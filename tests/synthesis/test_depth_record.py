@@ -196,19 +196,24 @@ def test_the_manifest_follows_from_the_files_whatever_the_last_digits_in_memory(
             # Near a step between two levels the file itself would be another.
             confidence = np.where(to_8bit(confidence) == to_8bit(found.confidence), confidence, found.confidence)
             changed.append((confidence != found.confidence).mean())
-            statistics = {name: value * (1 + 1e-12 * (not float(value).is_integer()))
-                          for name, value in found.statistics.items()}
-            return replace(found, depth=elsewhere(found.depth, 4), confidence=elsewhere(confidence, 8),
-                           statistics=statistics)
+            statistics = {
+                name: value * (1 + 1e-12 * (not float(value).is_integer())) for name, value in found.statistics.items()
+            }
+            return replace(
+                found, depth=elsewhere(found.depth, 4), confidence=elsewhere(confidence, 8), statistics=statistics
+            )
 
         monkeypatch.setattr(source, "estimate", estimated, raising=False)
         return source
 
     def measured_otherwise(names, cameras, depth_of, points, disparity_range, progress=None):
-        turned = [replace(camera, world_to_camera=camera.world_to_camera * (1 + 1e-12 * random.uniform(-1, 1, (4, 4))))
-                  for camera in cameras]
-        return consistencies(names, turned, lambda index: elsewhere(depth_of(index), 4), points, disparity_range,
-                             progress)
+        turned = [
+            replace(camera, world_to_camera=camera.world_to_camera * (1 + 1e-12 * random.uniform(-1, 1, (4, 4))))
+            for camera in cameras
+        ]
+        return consistencies(
+            names, turned, lambda index: elsewhere(depth_of(index), 4), points, disparity_range, progress
+        )
 
     monkeypatch.setattr(depth, "open_source", rounded_otherwise)
     monkeypatch.setattr(depth_record, "consistencies", measured_otherwise)
@@ -226,8 +231,12 @@ def test_every_figure_of_the_manifest_can_be_computed_again_from_the_files(table
     out, dataset, record = table_top, Dataset.load(table_top), manifest(table_top)["depth"]
     points = dataset.points.seen_by(range(len(dataset.views)))
     agreement = depth_record.consistencies(
-        [view.name for view in dataset.views], [view.camera for view in dataset.views],
-        lambda index: dataset.depth(dataset.views[index]), points, dataset.disparity_range)
+        [view.name for view in dataset.views],
+        [view.camera for view in dataset.views],
+        lambda index: dataset.depth(dataset.views[index]),
+        points,
+        dataset.disparity_range,
+    )
     for view, agrees in zip(record["views"], agreement, strict=True):
         again = depth_record.record_of_files(out, view["view"], view["statistics"])
         again = again.model_copy(update={"consistency": depth_record._consistency_record(agrees)})
@@ -259,8 +268,11 @@ def test_a_network_from_the_command_line(write_scene, tmp_path, capsys):
     picture = np.tile(np.array(points, np.float32)[None, :, None], (96, 1, 3))
     for path in sorted((root / "images").iterdir()):
         write_grey_png(path, picture[..., 0])
-    network = write_network(tmp_path / "n.onnx", mean_of_channels,
-                            side='title = "brightness"\nlongest = 128\noutput = "disparity"\nalign = "none"\n')
+    network = write_network(
+        tmp_path / "n.onnx",
+        mean_of_channels,
+        side='title = "brightness"\nlongest = 128\noutput = "disparity"\nalign = "none"\n',
+    )
     out = tmp_path / "out"
     assert main(["make-dataset", str(root), "--depth", f"onnx:{network}", "--out", str(out)]) == DONE
     record = manifest(out)["depth"]
@@ -276,9 +288,15 @@ def test_a_network_from_the_command_line(write_scene, tmp_path, capsys):
     assert "another dataset" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("option", "word"), [
-    ("onnx", "onnx:FILE"), ("onnx:", "onnx:FILE"), ("onnx:nowhere.onnx", "nowhere.onnx"), ("sfm:x", "sfm"),
-])
+@pytest.mark.parametrize(
+    ("option", "word"),
+    [
+        ("onnx", "onnx:FILE"),
+        ("onnx:", "onnx:FILE"),
+        ("onnx:nowhere.onnx", "nowhere.onnx"),
+        ("sfm:x", "sfm"),
+    ],
+)
 def test_a_source_that_is_none(make, option, word):
     with pytest.raises(InputError, match=word):
         make(depth=option)

@@ -45,8 +45,11 @@ def recomputed_psnr(folder, record, lenses):
     disparity = np.where(z > 0, 1 / np.where(z > 0, z, 1), 0)
     radius = record["k_px"] * ((disparity - q_min) / (q_max - q_min) - record["focus"])
     again = load("scatter", "reference")(
-        torch.from_numpy(sharp ** lenses["gamma"]), torch.from_numpy(radius),
-        alpha=lenses["alpha"], energy=lenses["energy"], shape=ApertureShape(**lenses["shape"]),
+        torch.from_numpy(sharp ** lenses["gamma"]),
+        torch.from_numpy(radius),
+        alpha=lenses["alpha"],
+        energy=lenses["energy"],
+        shape=ApertureShape(**lenses["shape"]),
     ).numpy() ** (1 / lenses["gamma"])
     error = np.mean((again - read_image(folder / "images" / f"{record['name']}.png")) ** 2)
     return -10 * np.log10(error)
@@ -72,8 +75,12 @@ def test_the_folder_is_as_the_conventions_say(dataset_folder, contents):
 @pytest.mark.parametrize(
     "options",
     [
-        {}, {"energy": "algorithm1"}, {"normaliser": "view"}, {"gamma": 2.0, "alpha": 2.0},
-        {"shape": "5-gon", "shape_rotation": 20.0, "shape_curvature": 0.3}, {"shape_obstruction": 0.4},
+        {},
+        {"energy": "algorithm1"},
+        {"normaliser": "view"},
+        {"gamma": 2.0, "alpha": 2.0},
+        {"shape": "5-gon", "shape_rotation": 20.0, "shape_curvature": 0.3},
+        {"shape_obstruction": 0.4},
     ],
     ids=lambda options: " ".join(map(str, options.values())) or "defaults",
 )
@@ -183,8 +190,9 @@ def test_options_take_effect(make):
     lenses = lens_file(folder)
     assert {(record["aperture"], record["focus"], record["k_px"]) for record in lenses["views"]} == {(1, 0.5, 1.28)}
     assert [record["split"] for record in lenses["views"]] == ["test", "train"] * 3
-    linear, encoded = (read(folder / name) for read, name in (
-        (read_exr, "images_linear/v01.exr"), (read_image, "images/v01.png")))
+    linear, encoded = (
+        read(folder / name) for read, name in ((read_exr, "images_linear/v01.exr"), (read_image, "images/v01.png"))
+    )
     assert linear.shape == (48, 64, 3)
     assert np.abs(linear ** (1 / 2.2) - encoded).max() <= 0.5 * LEVEL_8BIT + FLOAT32_VALUE
     assert "--assign fixed" in json.loads((folder / "dataset.json").read_text())["command"]
@@ -241,8 +249,12 @@ def test_llff_scene_with_depth_from_a_reconstruction(real_data, monkeypatch, tmp
 
 @pytest.mark.parametrize(
     "options, word",
-    [({"scene": "nowhere"}, "nowhere"), ({"width": 1000}, "128"), ({"images": "photos"}, "photos"),
-     ({"layout": "llff"}, "poses_bounds.npy")],
+    [
+        ({"scene": "nowhere"}, "nowhere"),
+        ({"width": 1000}, "128"),
+        ({"images": "photos"}, "photos"),
+        ({"layout": "llff"}, "poses_bounds.npy"),
+    ],
 )
 def test_wrong_input(make, options, word):
     with pytest.raises(InputError) as caught:

@@ -65,7 +65,9 @@ def write_photographs(folder: Path, count: int, size: tuple[int, int]) -> None:
 @pytest.mark.parametrize(
     ("options", "width", "hold", "layout"),
     [
-        ({}, 504, 8, "llff"), ({"width": 300}, 300, 8, "llff"), ({"images": "images_4"}, None, 8, "llff"),
+        ({}, 504, 8, "llff"),
+        ({"width": 300}, 300, 8, "llff"),
+        ({"images": "images_4"}, None, 8, "llff"),
         ({"hold": 5}, 504, 5, "llff"),
     ],
 )

@@ -71,10 +71,12 @@ def edit(path: Path, change: Callable[[dict], object]) -> None:
 
 def recorded(folder: Path) -> None:
     """Bring the manifest up to date with the files, as a program would that makes such a dataset."""
+
     def change(manifest: dict) -> None:
         manifest["files"] = {
             path.relative_to(folder).as_posix(): {"sha256": sha256_file(path), "size": path.stat().st_size}
-            for path in sorted(folder.rglob("*")) if path.is_file() and path.name != "dataset.json"
+            for path in sorted(folder.rglob("*"))
+            if path.is_file() and path.name != "dataset.json"
         }
 
     edit(folder / "dataset.json", change)
@@ -83,19 +85,29 @@ def recorded(folder: Path) -> None:
 def test_what_is_known_is_there_and_nothing_else(made: Path, blurred: Path, contents: Callable) -> None:
     files = {name for name in contents(made) if not name.startswith("sparse/")}
     assert files == {
-        *(f"images/{name}.png" for name in TRAIN + TEST), *(f"all_in_focus/{name}.png" for name in TEST),
-        "dataset.json", "lens.json", "transforms.json", "poses_bounds.npy", "contact_sheet.png", "README.md",
+        *(f"images/{name}.png" for name in TRAIN + TEST),
+        *(f"all_in_focus/{name}.png" for name in TEST),
+        "dataset.json",
+        "lens.json",
+        "transforms.json",
+        "poses_bounds.npy",
+        "contact_sheet.png",
+        "README.md",
     }
     lenses = json.loads((made / "lens.json").read_text())
-    assert lenses == {"views": [
-        {"name": name, "split": "test" if name in TEST else "train", "lens": "unknown"} for name in sorted(TRAIN + TEST)
-    ]}
+    assert lenses == {
+        "views": [
+            {"name": name, "split": "test" if name in TEST else "train", "lens": "unknown"}
+            for name in sorted(TRAIN + TEST)
+        ]
+    }
     manifest = json.loads((made / "dataset.json").read_text())
     assert manifest["version"] == 2 and "depth" not in manifest
     assert not {"focus", "aperture", "gamma", "renderer", "assign"} & manifest["settings"].keys()
     for name in TRAIN + TEST:
-        np.testing.assert_array_equal(read_image(made / f"images/{name}.png"),
-                                      read_image(blurred / f"images/{name}.png"))
+        np.testing.assert_array_equal(
+            read_image(made / f"images/{name}.png"), read_image(blurred / f"images/{name}.png")
+        )
     text = (made / "README.md").read_text()
     assert "4 of them are shallow, by a lens that nobody knows, and 2 all in focus" in text
     assert "A sharp photograph of 4 of 6 views." in text and "Depth of 6 of 6 views." in text
@@ -106,7 +118,12 @@ def test_what_is_known_is_there_and_nothing_else(made: Path, blurred: Path, cont
 def test_the_reader_gives_none_for_what_nobody_knows(made: Path) -> None:
     dataset = Dataset.load(made)
     assert (dataset.assign, dataset.disparity_range, dataset.gamma, dataset.alpha, dataset.shape) == (
-        "unknown", None, None, None, None)
+        "unknown",
+        None,
+        None,
+        None,
+        None,
+    )
     assert not dataset.has_exact_depth and dataset.has_points
     for view in dataset.views:
         sharp = view.name in TEST
@@ -133,8 +150,10 @@ def test_a_method_sees_the_shallow_photographs(made: Path, blurred: Path) -> Non
 
 def test_what_the_cameras_wrote_down_goes_along(blurred: Path, tmp_path: Path) -> None:
     source = shutil.copytree(blurred, tmp_path / "seal")
-    (source / "exif.csv").write_text("name,f_number,focal_length_mm,exposure_s,iso\n"
-                                     "v01.png,6.3,55,0.01,400\nv02.png,6.3,55,0.02,400\nv00.png,14,55,0.1,\n")
+    (source / "exif.csv").write_text(
+        "name,f_number,focal_length_mm,exposure_s,iso\n"
+        "v01.png,6.3,55,0.01,400\nv02.png,6.3,55,0.02,400\nv00.png,14,55,0.1,\n"
+    )
     folder = make(source, tmp_path / "out")
     dataset = Dataset.load(folder)
     assert {view.name: view.exif.f_number for view in dataset.views if view.exif} == {"v00": 14, "v01": 6.3, "v02": 6.3}
@@ -152,7 +171,8 @@ def test_what_the_cameras_wrote_down_goes_along(blurred: Path, tmp_path: Path) -
 
 def test_without_exif_nothing_is_said_of_it(made: Path) -> None:
     assert not (made / "exif.json").exists() and "wrote down" not in (made / "README.md").read_text().replace(
-        "view.exif                                    # what the camera wrote down", "")
+        "view.exif                                    # what the camera wrote down", ""
+    )
 
 
 def test_other_programs_read_it(made: Path) -> None:
@@ -272,13 +292,18 @@ def test_it_is_made_again_from_its_manifest(
     assert f"the same bytes as {made}" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("options, word", [
-    (["--focus", "0.3"], "--focus: found 0.3 for seal, whose photographs are shallow already"),
-    (["--assign", "continuous", "--focus", "0.2,0.8"], "--assign: found continuous"),
-    (["--assign", "fixed", "--focus", "0.2", "--aperture", "1"], "--assign: found fixed"),
-    (["--renderer", "layered"], "--renderer: found layered"), (["--bits", "16"], "--bits: found 16"),
-    (["--depth", "sfm"], "--depth: found sfm"), (["--depth", "splat"], "no estimate"),
-])
+@pytest.mark.parametrize(
+    "options, word",
+    [
+        (["--focus", "0.3"], "--focus: found 0.3 for seal, whose photographs are shallow already"),
+        (["--assign", "continuous", "--focus", "0.2,0.8"], "--assign: found continuous"),
+        (["--assign", "fixed", "--focus", "0.2", "--aperture", "1"], "--assign: found fixed"),
+        (["--renderer", "layered"], "--renderer: found layered"),
+        (["--bits", "16"], "--bits: found 16"),
+        (["--depth", "sfm"], "--depth: found sfm"),
+        (["--depth", "splat"], "no estimate"),
+    ],
+)
 def test_how_to_blur_is_no_question(
     blurred: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], word: str
 ) -> None:
@@ -289,30 +314,48 @@ def test_how_to_blur_is_no_question(
     assert word in line and line.count("\n") == 1 and not out.exists()
 
 
-@pytest.mark.parametrize("change, problem", [
-    (lambda folder: (folder / "all_in_focus/v03.png").unlink(), "all_in_focus/v03.png: not listed"),
-    (lambda folder: shutil.copy(folder / "images/v01.png", folder / "all_in_focus/v03.png"),
-     "all_in_focus/v03.png: another picture than images/v03.png"),
-    (lambda folder: [shutil.copy(folder / "images/v01.png", folder / place / "v03.png")
-                     for place in ("images", "all_in_focus")],
-     "view v03, to test on: the same photograph as view v01, to train on"),
-    (lambda folder: edit(folder / "lens.json", lambda lenses: lenses.update(disparity_range=[0.1, 0.5])),
-     "a disparity range, and no depth"),
-    (lambda folder: edit(folder / "dataset.json", lambda content: content["source"]["images"][1].pop("photograph")),
-     "view v01: lens unknown, and in dataset.json no photograph as it was taken"),
-])
+@pytest.mark.parametrize(
+    "change, problem",
+    [
+        (lambda folder: (folder / "all_in_focus/v03.png").unlink(), "all_in_focus/v03.png: not listed"),
+        (
+            lambda folder: shutil.copy(folder / "images/v01.png", folder / "all_in_focus/v03.png"),
+            "all_in_focus/v03.png: another picture than images/v03.png",
+        ),
+        (
+            lambda folder: [
+                shutil.copy(folder / "images/v01.png", folder / place / "v03.png")
+                for place in ("images", "all_in_focus")
+            ],
+            "view v03, to test on: the same photograph as view v01, to train on",
+        ),
+        (
+            lambda folder: edit(folder / "lens.json", lambda lenses: lenses.update(disparity_range=[0.1, 0.5])),
+            "a disparity range, and no depth",
+        ),
+        (
+            lambda folder: edit(
+                folder / "dataset.json", lambda content: content["source"]["images"][1].pop("photograph")
+            ),
+            "view v01: lens unknown, and in dataset.json no photograph as it was taken",
+        ),
+    ],
+)
 def test_check_finds_what_cannot_be(folder: Path, change: Callable, problem: str) -> None:
     change(folder)
     recorded(folder)
     assert any(problem in line for line in check_dataset(folder)), check_dataset(folder)
 
 
-@pytest.mark.parametrize("file, change, word", [
-    ("dataset.json", lambda content: content.update(version=1), "view v00 of unknown lens in schema version 1"),
-    ("lens.json", lambda content: content["views"][0].update(aperture=0.5), "aperture"),
-    ("lens.json", lambda content: content["views"][0].update(lens="f/4"), "lens"),
-    ("lens.json", lambda content: content.update(disparity_range=[0.5, 0.1]), "disparity range"),
-])
+@pytest.mark.parametrize(
+    "file, change, word",
+    [
+        ("dataset.json", lambda content: content.update(version=1), "view v00 of unknown lens in schema version 1"),
+        ("lens.json", lambda content: content["views"][0].update(aperture=0.5), "aperture"),
+        ("lens.json", lambda content: content["views"][0].update(lens="f/4"), "lens"),
+        ("lens.json", lambda content: content.update(disparity_range=[0.5, 0.1]), "disparity range"),
+    ],
+)
 def test_the_reader_refuses_what_cannot_be(folder: Path, file: str, change: Callable, word: str) -> None:
     edit(folder / file, change)
     with pytest.raises(InputError, match=word) as caught:
@@ -326,10 +369,14 @@ def mixed(dataset_folder: Path, tmp_path: Path) -> Path:
     folder = shutil.copytree(dataset_folder, tmp_path / "mixed")
     for name in ("images_linear/v00.exr", "all_in_focus/v00.png"):
         (folder / name).unlink()
-    edit(folder / "lens.json", lambda lenses: lenses["views"].__setitem__(
-        0, {"name": "v00", "split": "test", "lens": "unknown"}))
-    edit(folder / "dataset.json", lambda manifest: (
-        manifest.update(version=2), manifest["source"]["images"][0].update(photograph="shallow")))
+    edit(
+        folder / "lens.json",
+        lambda lenses: lenses["views"].__setitem__(0, {"name": "v00", "split": "test", "lens": "unknown"}),
+    )
+    edit(
+        folder / "dataset.json",
+        lambda manifest: (manifest.update(version=2), manifest["source"]["images"][0].update(photograph="shallow")),
+    )
     recorded(folder)
     return folder
 

@@ -38,10 +38,15 @@ def file_size_limit(limit):
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-@pytest.mark.parametrize("limit, file", [
-    (20, ".work/state.json"), (17_000, "all_in_focus/v02.png"), (40_000, "images_linear/v00.exr"),
-    (50_000, "contact_sheet.png"),
-])
+@pytest.mark.parametrize(
+    "limit, file",
+    [
+        (20, ".work/state.json"),
+        (17_000, "all_in_focus/v02.png"),
+        (40_000, "images_linear/v00.exr"),
+        (50_000, "contact_sheet.png"),
+    ],
+)
 def test_a_write_that_fails_in_the_middle(scene, dataset_folder, tmp_path, contents, capsys, limit, file):
     out = tmp_path / "out"
     with file_size_limit(limit):
@@ -58,8 +63,9 @@ def test_a_model_that_fails_in_the_middle(scene, tmp_path):
     """Its library says nothing when a write fails."""
     loaded = load_scene(scene)
     with file_size_limit(1_000), pytest.raises(OSError, match="File too large"):
-        write_colmap(tmp_path, [view.name for view in loaded.views], [view.camera for view in loaded.views],
-                     loaded.points)
+        write_colmap(
+            tmp_path, [view.name for view in loaded.views], [view.camera for view in loaded.views], loaded.points
+        )
     assert not list((tmp_path / "sparse" / "0").iterdir())
 
 
@@ -80,8 +86,7 @@ def test_a_full_disk(scene, dataset_folder, tmp_path, contents, capsys, room):
         assert contents(disk / "out") == contents(dataset_folder)
         assert subprocess.run(["mount", "-o", "remount,ro", str(disk)], capture_output=True).returncode == 0
         status, said = command(capsys, scene, "--out", disk / "other")
-        assert (status, said) == (
-            1, f"dofbench: {disk / 'other'}: Read-only file system; what is finished stays")
+        assert (status, said) == (1, f"dofbench: {disk / 'other'}: Read-only file system; what is finished stays")
     finally:
         subprocess.run(["umount", "-l", str(disk)], capture_output=True)
 
@@ -109,18 +114,25 @@ def depth_of(value):
         depth = read_exr(file)
         depth[10:20, 10:20] = value
         write_exr(file, depth)
+
     return damage
 
 
-@pytest.mark.parametrize("file, damage, found", [
-    ("images/v04.png", cut, "no readable image"), ("images/v04.png", flip, "no readable image"),
-    ("images/v04.png", lambda file: file.write_bytes(b""), "no readable image"),
-    ("depth/v04.exr", cut, "no readable image"), ("depth/v04.exr", flip, "no readable image"),
-    ("depth/v04.exr", depth_of(np.nan), "NaN in 100 of 12288 pixels"),
-    ("depth/v04.exr", depth_of(-1), "negative values in 100 of 12288 pixels"),
-    ("depth/v04.exr", lambda file: write_exr(file, np.zeros((96, 128), np.float32)), "no pixel of known depth"),
-    ("sparse/0/points3D.bin", cut, "too few"), ("transforms.json", cut, "no JSON"),
-])
+@pytest.mark.parametrize(
+    "file, damage, found",
+    [
+        ("images/v04.png", cut, "no readable image"),
+        ("images/v04.png", flip, "no readable image"),
+        ("images/v04.png", lambda file: file.write_bytes(b""), "no readable image"),
+        ("depth/v04.exr", cut, "no readable image"),
+        ("depth/v04.exr", flip, "no readable image"),
+        ("depth/v04.exr", depth_of(np.nan), "NaN in 100 of 12288 pixels"),
+        ("depth/v04.exr", depth_of(-1), "negative values in 100 of 12288 pixels"),
+        ("depth/v04.exr", lambda file: write_exr(file, np.zeros((96, 128), np.float32)), "no pixel of known depth"),
+        ("sparse/0/points3D.bin", cut, "too few"),
+        ("transforms.json", cut, "no JSON"),
+    ],
+)
 def test_a_damaged_input_is_named_and_once_put_right_it_goes_on(
     write_scene, dataset_folder, tmp_path, contents, capsys, file, damage, found
 ):

@@ -80,10 +80,17 @@ def test_killed_and_started_again(scene, dataset_folder, tmp_path, contents):
     assert all(path.stat().st_mtime_ns == before for path, before in finished.items())
 
 
-@pytest.mark.parametrize("function, calls", [
-    ("encoded", 3), ("write_exr", 4), ("shallow_image", 1), ("write.geometry", 0), ("write.manifest", 0),
-    ("finish", 0),
-])
+@pytest.mark.parametrize(
+    "function, calls",
+    [
+        ("encoded", 3),
+        ("write_exr", 4),
+        ("shallow_image", 1),
+        ("write.geometry", 0),
+        ("write.manifest", 0),
+        ("finish", 0),
+    ],
+)
 def test_stopped_at_any_stage(scene, dataset_folder, tmp_path, contents, monkeypatch, function, calls):
     owner, name = (make.write, function[6:]) if function.startswith("write.") else (make, function)
     real, count = getattr(owner, name), 0

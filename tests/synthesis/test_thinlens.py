@@ -53,7 +53,9 @@ def test_photographs_say_what_they_are(dataset: Path) -> None:
     lenses = json.loads((dataset / "lens.json").read_text())
     assert lenses["renderer"] == "thinlens"
     assert {key: lenses["thinlens"][key] for key in ("recipe", "seed", "samples")} == {
-        "recipe": "corridor", "seed": 0, "samples": 128,
+        "recipe": "corridor",
+        "seed": 0,
+        "samples": 128,
     }
     for record in lenses["views"]:
         assert 0 < record["noise_rms_linear"] < 0.1 and record["noise_psnr_db"] > 30

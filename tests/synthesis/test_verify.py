@@ -62,10 +62,16 @@ def test_a_file_taken_out_of_the_manifest_too(folder):
     assert "images/v01.png: not listed in dataset.json" in check_dataset(folder)
 
 
-@pytest.mark.parametrize("values, word", [
-    ({"aperture": 0.9}, "k_px"), ({"focus": 0.45}, "focus_scene"), ({"k_px": 3.0}, "k_px"),
-    ({"max_coc_px": 0.1}, "max_coc_px"), ({"aperture_scene": 1.0}, "aperture_scene"),
-])
+@pytest.mark.parametrize(
+    "values, word",
+    [
+        ({"aperture": 0.9}, "k_px"),
+        ({"focus": 0.45}, "focus_scene"),
+        ({"k_px": 3.0}, "k_px"),
+        ({"max_coc_px": 0.1}, "max_coc_px"),
+        ({"aperture_scene": 1.0}, "aperture_scene"),
+    ],
+)
 def test_a_lens_value_that_does_not_fit(folder, values, word):
     change_lens(folder, 1, **values)
     problems = check_dataset(folder)

@@ -60,13 +60,26 @@ def rendered(tmp_path, small) -> Path:
         pinhole, photograph, signed = looked_at(5.0, focus)
         image = f"lens/a_{focus}.exr"
         write_exr(folder / image, photograph)
-        images.append({"view": "000", "image": image, "aperture": 0.5, "focus": focus, "aperture_scene": 10.0,
-                       "focus_scene": focus_scene, "samples": 256, "noise_rms_linear": 1e-3, "noise_psnr_db": 52.5})
+        images.append(
+            {
+                "view": "000",
+                "image": image,
+                "aperture": 0.5,
+                "focus": focus,
+                "aperture_scene": 10.0,
+                "focus_scene": focus_scene,
+                "samples": 256,
+                "noise_rms_linear": 1e-3,
+                "noise_psnr_db": 52.5,
+            }
+        )
     write_exr(folder / "images_linear" / "000.exr", pinhole)
     depth = np.where(signed > 0, 2.0, 0.0)
     write_exr(folder / "depth" / "000.exr", depth)
-    write_json(folder / "scene.json", {"schema": "dofbench-scene", "version": 1, "name": "walls", "seed": 0,
-                                       "render": {}, "lens_images": images})
+    write_json(
+        folder / "scene.json",
+        {"schema": "dofbench-scene", "version": 1, "name": "walls", "seed": 0, "render": {}, "lens_images": images},
+    )
     return folder
 
 
@@ -80,6 +93,9 @@ def lightfield(tmp_path, small) -> Path:
             image = planes.seen(WALLS, NEAR - FAR, 0.5, np.array([(-column, -row)], dtype=float))[0].sum(0)
             write_png(path / "views" / f"{row + 5:02d}_{column + 5:02d}.png", encode(np.clip(image, 0, 1)))
     np.save(path / "disparity.npy", -planes.seen(WALLS, NEAR - FAR, 0.5, np.zeros((1, 2)))[1])
-    (path / "grid.json").write_text(json.dumps({
-        "centre": "05_05", "disparity_px_per_view_step": {"horizontal": [FAR, NEAR], "vertical": [FAR, NEAR]}}))
+    (path / "grid.json").write_text(
+        json.dumps(
+            {"centre": "05_05", "disparity_px_per_view_step": {"horizontal": [FAR, NEAR], "vertical": [FAR, NEAR]}}
+        )
+    )
     return path

@@ -19,7 +19,8 @@ from dofbench.validation.detect import cases_in
 def test_a_scene_of_blb(blb):
     cases = cases_in(blb / "277")
     assert [(case.source, case.name, case.aperture, case.focus) for case in cases] == [
-        ("BLB", "277", blur, distance) for blur in (4.0, 8.0) for distance in (1.0, 4.0)]
+        ("BLB", "277", blur, distance) for blur in (4.0, 8.0) for distance in (1.0, 4.0)
+    ]
     truth = cases[2].make()  # blur 8, focused at 1: the discs are sharp, the wall is 8 (1/4 - 1) behind
     pinhole, photograph, signed = looked_at(6.0, 1.0)
     assert np.abs(truth.signed_radius - signed).max() < 1e-5 and truth.signed_radius.min() == pytest.approx(-6)
@@ -31,7 +32,9 @@ def test_a_scene_of_blb(blb):
 def test_a_rendered_scene(rendered):
     cases = cases_in(rendered)
     assert [(case.source, case.name, case.view, case.aperture, case.focus) for case in cases] == [
-        ("rendered", "walls", "000", 0.5, 1.0), ("rendered", "walls", "000", 0.5, 0.5)]
+        ("rendered", "walls", "000", 0.5, 1.0),
+        ("rendered", "walls", "000", 0.5, 0.5),
+    ]
     for case, focus in zip(cases, (1.0, 0.5), strict=True):
         truth, (pinhole, photograph, signed) = case.make(), looked_at(5.0, focus)
         # aperture_scene 10 px times units; disparities 1/2 and 0, so 5 px between them.
@@ -65,6 +68,7 @@ def _scene(change):
         scene = read_json(folder / "scene.json")
         change(scene)
         write_json(folder / "scene.json", scene)
+
     return damage
 
 
@@ -72,18 +76,21 @@ def _info(**values):
     return lambda folder: write_json(folder / "info.json", {**read_json(folder / "info.json"), **values})
 
 
-@pytest.mark.parametrize(("damage", "word"), [
-    (_scene(lambda scene: scene.pop("lens_images")), "no lens_images"),
-    (_scene(lambda scene: scene.update(lens_images=[])), "no photographs"),
-    (_scene(lambda scene: scene["lens_images"][0].pop("focus_scene")), "without 'focus_scene'"),
-    (_scene(lambda scene: scene.update(schema="another")), "no photographs"),
-    (lambda folder: (folder / "lens" / "a_1.0.exr").unlink(), "a_1.0.exr: found nothing"),
-    (lambda folder: (folder / "depth" / "000.exr").unlink(), "000.exr: found nothing"),
-    (lambda folder: write_exr(folder / "depth" / "000.exr", np.full((120, 160), np.nan)), "not finite"),
-    (lambda folder: write_exr(folder / "depth" / "000.exr", np.full((9, 12), 1.0)), r"\(9, 12\)"),
-    (lambda folder: (folder / "lens" / "a_1.0.exr").write_bytes(b"EXR"), "no readable image"),
-    (lambda folder: (folder / "scene.json").write_text("{"), "no JSON"),
-])
+@pytest.mark.parametrize(
+    ("damage", "word"),
+    [
+        (_scene(lambda scene: scene.pop("lens_images")), "no lens_images"),
+        (_scene(lambda scene: scene.update(lens_images=[])), "no photographs"),
+        (_scene(lambda scene: scene["lens_images"][0].pop("focus_scene")), "without 'focus_scene'"),
+        (_scene(lambda scene: scene.update(schema="another")), "no photographs"),
+        (lambda folder: (folder / "lens" / "a_1.0.exr").unlink(), "a_1.0.exr: found nothing"),
+        (lambda folder: (folder / "depth" / "000.exr").unlink(), "000.exr: found nothing"),
+        (lambda folder: write_exr(folder / "depth" / "000.exr", np.full((120, 160), np.nan)), "not finite"),
+        (lambda folder: write_exr(folder / "depth" / "000.exr", np.full((9, 12), 1.0)), r"\(9, 12\)"),
+        (lambda folder: (folder / "lens" / "a_1.0.exr").write_bytes(b"EXR"), "no readable image"),
+        (lambda folder: (folder / "scene.json").write_text("{"), "no JSON"),
+    ],
+)
 def test_a_rendered_scene_that_is_damaged(rendered, damage, word):
     damage(rendered)
     with pytest.raises(InputError, match=word) as caught:
@@ -91,16 +98,19 @@ def test_a_rendered_scene_that_is_damaged(rendered, damage, word):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(("damage", "word"), [
-    (_info(focus_distances=[]), "focus_distances"),
-    (_info(blur_parameters=[4.0, -1.0]), "blur_parameters"),
-    (_info(blur_parameters=[4.0]), "level 1, focus 0"),
-    (lambda folder: (folder / "image.exr").unlink(), "image.exr: found nothing"),
-    (lambda folder: [file.unlink() for file in folder.glob("bokeh_*.exr")], "no bokeh_KK_FF.exr"),
-    (lambda folder: write_exr(folder / "depth.exr", np.zeros((120, 160))), "isn't positive"),
-    (lambda folder: write_exr(folder / "bokeh_00_00.exr", np.zeros((9, 12, 3))), "12 x 9"),
-    (lambda folder: (folder / "info.json").unlink(), "no photographs"),
-])
+@pytest.mark.parametrize(
+    ("damage", "word"),
+    [
+        (_info(focus_distances=[]), "focus_distances"),
+        (_info(blur_parameters=[4.0, -1.0]), "blur_parameters"),
+        (_info(blur_parameters=[4.0]), "level 1, focus 0"),
+        (lambda folder: (folder / "image.exr").unlink(), "image.exr: found nothing"),
+        (lambda folder: [file.unlink() for file in folder.glob("bokeh_*.exr")], "no bokeh_KK_FF.exr"),
+        (lambda folder: write_exr(folder / "depth.exr", np.zeros((120, 160))), "isn't positive"),
+        (lambda folder: write_exr(folder / "bokeh_00_00.exr", np.zeros((9, 12, 3))), "12 x 9"),
+        (lambda folder: (folder / "info.json").unlink(), "no photographs"),
+    ],
+)
 def test_a_scene_of_blb_that_is_damaged(blb, damage, word):
     damage(blb / "277")
     with pytest.raises(InputError, match=word) as caught:

@@ -38,12 +38,15 @@ def test_another_view_is_another_truth(lightfield):
     assert not set(before) & {case.key for case in lightfield_cases(lightfield)}
 
 
-@pytest.mark.parametrize(("damage", "word"), [
-    (lambda path: (path / GRID).unlink(), "no grid.json"),
-    (lambda path: (path / GRID).write_text("{}"), "no centre"),
-    (lambda path: (path / "views" / "05_05.png").unlink(), "no view 05_05"),
-    (lambda path: (path / "views" / "03_04.png").unlink(), "gaps"),
-])
+@pytest.mark.parametrize(
+    ("damage", "word"),
+    [
+        (lambda path: (path / GRID).unlink(), "no grid.json"),
+        (lambda path: (path / GRID).write_text("{}"), "no centre"),
+        (lambda path: (path / "views" / "05_05.png").unlink(), "no view 05_05"),
+        (lambda path: (path / "views" / "03_04.png").unlink(), "gaps"),
+    ],
+)
 def test_a_folder_that_is_no_light_field(lightfield, damage, word):
     damage(lightfield)
     with pytest.raises(InputError, match=word) as caught:

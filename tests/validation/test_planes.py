@@ -52,8 +52,10 @@ def test_one_plane_out_of_focus_is_what_the_scatter_makes_of_it():
 
 def test_a_hexagonal_lens_is_what_the_hexagonal_scatter_makes_of_it():
     truth = photograph((Plane(8, 3.0, "all", 1.0, highlights=0.0005),), 8.0, 0.0, ApertureShape(6))
-    hexagon, disc = (psnr(RENDER[name](truth), truth.photograph, truth.border)
-                     for name in ("scatter", "scatter, other aperture of the same area"))
+    hexagon, disc = (
+        psnr(RENDER[name](truth), truth.photograph, truth.border)
+        for name in ("scatter", "scatter, other aperture of the same area")
+    )
     assert hexagon > 40 and hexagon > disc + 6
 
 
@@ -80,8 +82,14 @@ def test_a_view_agrees_with_one_put_together_by_another_library(name):
         cover = {
             "all": np.full(s.shape, 1.0),
             "lower half": py - 0.45 * HEIGHT + 0.5,
-            "discs": 0.5 + np.max([r - np.hypot(px - cx * WIDTH, py - cy * HEIGHT) for cx, cy, r in
-                                   ((0.28, 0.35, 42), (0.72, 0.55, 60), (0.45, 0.85, 30))], axis=0),
+            "discs": 0.5
+            + np.max(
+                [
+                    r - np.hypot(px - cx * WIDTH, py - cy * HEIGHT)
+                    for cx, cy, r in ((0.28, 0.35, 42), (0.72, 0.55, 60), (0.45, 0.85, 30))
+                ],
+                axis=0,
+            ),
         }[plane.stencil].clip(0, 1)[..., None]
         picture = planes._picture(plane).astype(np.float64)
         colour = np.stack([map_coordinates(picture[..., i], (py, px), order=1, mode="grid-wrap") for i in range(3)], -1)
@@ -102,8 +110,10 @@ def test_points_are_added_until_the_truth_is_good_enough():
 def test_a_highlight_is_spread_before_it_is_cut_off():
     truth = photograph(SCENES["highlights"], 8.0, 0.6)
     assert truth.sharp.max() > 2 and truth.photograph.max() <= 1
-    bright, cut = (psnr(RENDER[name](truth), truth.photograph, truth.border)
-                   for name in ("layered, 16", "layered, 16, 8-bit input"))
+    bright, cut = (
+        psnr(RENDER[name](truth), truth.photograph, truth.border)
+        for name in ("layered, 16", "layered, 16, 8-bit input")
+    )
     assert bright > cut + 6
 
 

@@ -66,17 +66,31 @@ def test_tables_of_everything(rendered, blb, lightfield, tmp_path, monkeypatch):
     found = rows(tmp_path / "out")
     assert {row["variant"] for row in found} == {variant.name for variant in VARIANTS}
     assert {row["source"] for row in found} == {
-        "planes", "planes, hexagonal aperture", "rendered", "BLB", "light field"}
+        "planes",
+        "planes, hexagonal aperture",
+        "rendered",
+        "BLB",
+        "light field",
+    }
     for source in ("planes", "rendered", "BLB", "light field"):
-        by_variant = {name: np.mean([float(row["psnr"]) for row in found if row["source"] == source
-                                     and row["region"] == "all" and row["variant"] == name])
-                      for name in ("no blur", "scatter", "scatter, 8-bit input")}
+        by_variant = {
+            name: np.mean(
+                [
+                    float(row["psnr"])
+                    for row in found
+                    if row["source"] == source and row["region"] == "all" and row["variant"] == name
+                ]
+            )
+            for name in ("no blur", "scatter", "scatter, 8-bit input")
+        }
         assert by_variant["scatter"] > by_variant["no blur"]
         if source in ("rendered", "BLB"):  # highlights 30 times as bright as white
             assert by_variant["scatter"] > by_variant["scatter, 8-bit input"] + 1
     # Only where there is a scene to look at through a lens.
     assert {row["source"] for row in found if row["variant"].startswith("thinlens")} == {
-        "planes", "planes, hexagonal aperture"}
+        "planes",
+        "planes, hexagonal aperture",
+    }
     assert {row["region"] for row in found} >= {"all", "blurred", "depth edge", "frame"}
     text = (tmp_path / "out" / "renderer.md").read_text()
     assert "43.30 dB / 0.9932" in text and "Unfinished" not in text and str(tmp_path) not in text
@@ -151,8 +165,17 @@ def test_half_a_file_of_scores_counts_as_none(rendered, tmp_path, counted):
 
 def test_killed_at_any_moment_it_goes_on(blb, tmp_path):
     """As a user calls it, ended by SIGKILL once something is kept, and called again."""
-    call = [sys.executable, "-m", "dofbench", "validate-renderer", str(blb / "277"), "--no-planes", "--no-pictures",
-            "--out", str(tmp_path / "out")]
+    call = [
+        sys.executable,
+        "-m",
+        "dofbench",
+        "validate-renderer",
+        str(blb / "277"),
+        "--no-planes",
+        "--no-pictures",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     process = subprocess.Popen(call, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
     until = time.monotonic() + 120
     while not list((tmp_path / "out" / FOLDER).glob("*.json")) and time.monotonic() < until:
@@ -167,8 +190,9 @@ def test_killed_at_any_moment_it_goes_on(blb, tmp_path):
 
 
 def test_a_wrong_folder_is_one_line_and_status_2(tmp_path):
-    done = subprocess.run([sys.executable, "-m", "dofbench", "validate-renderer", str(tmp_path)],
-                          capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "dofbench", "validate-renderer", str(tmp_path)], capture_output=True, text=True
+    )
     assert done.returncode == 2 and done.stderr.count("\n") == 1 and "scene.json" in done.stderr
 
 
@@ -194,9 +218,18 @@ print(*sorted(name for name in sys.modules if name.startswith("dofbench.")))
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     hashed = tuple(f"dofbench.{name.removesuffix('.py').replace('/', '.')}" for name in sources.SCORING)
     hashed += tuple(f"dofbench.kernels.{name}" for name in sources.KERNELS)
-    harmless = {"dofbench.errors", "dofbench.files", "dofbench.content", "dofbench.kernels", "dofbench.kernel_cache",
-                "dofbench.threads"}
+    harmless = {
+        "dofbench.errors",
+        "dofbench.files",
+        "dofbench.content",
+        "dofbench.kernels",
+        "dofbench.kernel_cache",
+        "dofbench.threads",
+    }
     harmless |= {f"dofbench.validation{name}" for name in ("", ".sources", ".truth", ".planes", ".planes_lens")}
-    left = [name for name in done.stdout.split() if name not in harmless
-            and not any(name == module or name.startswith(module + ".") for module in hashed)]
+    left = [
+        name
+        for name in done.stdout.split()
+        if name not in harmless and not any(name == module or name.startswith(module + ".") for module in hashed)
+    ]
     assert not left

@@ -16,8 +16,20 @@ def scene(tmp_path_factory):
     from dofbench.rendering.settings import MakeScene
 
     out = tmp_path_factory.mktemp("scene") / "tiles"
-    make_scene(MakeScene("tiles", out, views=2, width=64, height=48, samples=64, lens_views=1, lens_samples=512,
-                         focus="0.2", aperture="3.0"))
+    make_scene(
+        MakeScene(
+            "tiles",
+            out,
+            views=2,
+            width=64,
+            height=48,
+            samples=64,
+            lens_views=1,
+            lens_samples=512,
+            focus="0.2",
+            aperture="3.0",
+        )
+    )
     return out
 
 
@@ -28,8 +40,9 @@ def test_more_rays_come_closer_to_the_scenes_own_photograph(scene):
     (case,) = cases_in(scene)
     assert case.geometry
     truth = case.make()
-    few, many = (-10 * math.log10(np.mean((np.clip(truth.thin_lens(rays), 0, 1) - truth.photograph) ** 2))
-                 for rays in (8, 128))
+    few, many = (
+        -10 * math.log10(np.mean((np.clip(truth.thin_lens(rays), 0, 1) - truth.photograph) ** 2)) for rays in (8, 128)
+    )
     # Another lens or another view would stay where it is, far below.
     assert many > few + 6 and many > 30
     assert truth.own_error_db > many

@@ -37,9 +37,12 @@ def _branches(rng: np.random.Generator) -> Iterable[Prop]:
     twigs: list[Mesh] = []
     kinds: list[list[Mesh]] = [[], [], []]
     for root, tip in (
-        ((-1.25, 1.35, 0.30), (-0.10, 1.50, 0.92)), ((-1.2, 1.70, 1.65), (-0.15, 1.60, 1.05)),
-        ((1.3, 1.50, 1.55), (0.38, 1.40, 1.02)), ((1.2, 1.25, 0.25), (0.50, 1.30, 0.80)),
-        ((0.15, 1.80, 1.95), (0.02, 1.70, 1.22)), ((-1.3, 1.9, 0.9), (-0.45, 1.85, 0.72)),
+        ((-1.25, 1.35, 0.30), (-0.10, 1.50, 0.92)),
+        ((-1.2, 1.70, 1.65), (-0.15, 1.60, 1.05)),
+        ((1.3, 1.50, 1.55), (0.38, 1.40, 1.02)),
+        ((1.2, 1.25, 0.25), (0.50, 1.30, 0.80)),
+        ((0.15, 1.80, 1.95), (0.02, 1.70, 1.22)),
+        ((-1.3, 1.9, 0.9), (-0.45, 1.85, 0.72)),
     ):
         a, b = np.array(root), np.array(tip)
         bow = np.array([0.0, 0.0, 0.12])
@@ -53,10 +56,15 @@ def _branches(rng: np.random.Generator) -> Iterable[Prop]:
             normal = np.cross(along, rng.normal(size=3) + (0, 0, 0.01))
             kinds[int(rng.integers(3))].append(leaf(place, along, normal, rng.uniform(0.05, 0.085)))
     yield Prop(merged(twigs), (0.34, 0.24, 0.15))
-    for leaves, (dark, light) in zip(kinds, (
-        ((0.16, 0.38, 0.12), (0.56, 0.74, 0.30)), ((0.30, 0.42, 0.10), (0.80, 0.80, 0.36)),
-        ((0.50, 0.20, 0.10), (0.92, 0.56, 0.22)),
-    ), strict=True):
+    for leaves, (dark, light) in zip(
+        kinds,
+        (
+            ((0.16, 0.38, 0.12), (0.56, 0.74, 0.30)),
+            ((0.30, 0.42, 0.10), (0.80, 0.80, 0.36)),
+            ((0.50, 0.20, 0.10), (0.92, 0.56, 0.22)),
+        ),
+        strict=True,
+    ):
         yield Prop(merged(leaves), _veined(rng, dark, light))
 
 

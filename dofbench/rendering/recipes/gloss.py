@@ -33,7 +33,9 @@ def _softboxes(rng: np.random.Generator) -> np.ndarray:
     way = directions(256)
     studio = 0.10 + 0.18 * np.clip(way[..., 2], 0, 1)
     for centre, size, power in (
-        ((-0.8, -0.4, 0.6), 0.30, 1.8), ((0.9, 0.1, 0.5), 0.22, 1.5), ((0.1, 0.5, 0.9), 0.35, 1.2),
+        ((-0.8, -0.4, 0.6), 0.30, 1.8),
+        ((0.9, 0.1, 0.5), 0.22, 1.5),
+        ((0.1, 0.5, 0.9), 0.35, 1.2),
     ):
         facing = way @ (np.array(centre) / np.linalg.norm(centre))
         studio = studio + power / (1 + np.exp((np.arccos(np.clip(facing, -1, 1)) - size) / 0.02))
@@ -48,8 +50,16 @@ def _table(rng: np.random.Generator) -> Iterable[Prop]:
 
 
 def _balls(rng: np.random.Generator) -> Iterable[Prop]:
-    places = ((-0.62, 2.15, 0.15), (0.05, 2.05, 0.12), (0.58, 2.45, 0.17), (-0.25, 2.75, 0.20), (0.30, 3.15, 0.22),
-              (-0.85, 3.25, 0.26), (0.95, 3.6, 0.28), (-0.15, 3.95, 0.24))
+    places = (
+        (-0.62, 2.15, 0.15),
+        (0.05, 2.05, 0.12),
+        (0.58, 2.45, 0.17),
+        (-0.25, 2.75, 0.20),
+        (0.30, 3.15, 0.22),
+        (-0.85, 3.25, 0.26),
+        (0.95, 3.6, 0.28),
+        (-0.15, 3.95, 0.24),
+    )
     for index, (x, y, radius) in enumerate(places):
         if index % 3 == 1:
             tint = ((0.95, 0.93, 0.90), (0.98, 0.80, 0.45), (0.95, 0.62, 0.50))[index // 3]

@@ -107,8 +107,13 @@ def _beads(rng: np.random.Generator) -> Iterable[Prop]:
         hairs += [rod(a, b, 0.00028, 6) for a, b in zip(spine, spine[1:], strict=False)]
     yield Prop(merged(hairs), (0.72, 0.30, 0.16))
     blades = [
-        blade((x, y, 0.0), (rng.uniform(-0.012, 0.012), rng.uniform(-0.006, 0.01)), rng.uniform(0.03, 0.05), 0.0022,
-              rng.uniform(-0.4, 0.4))
+        blade(
+            (x, y, 0.0),
+            (rng.uniform(-0.012, 0.012), rng.uniform(-0.006, 0.01)),
+            rng.uniform(0.03, 0.05),
+            0.0022,
+            rng.uniform(-0.4, 0.4),
+        )
         for x, y in zip(rng.uniform(-0.05, 0.05, 9), rng.uniform(0.10, 0.24, 9), strict=True)
     ]
     yield Prop(merged(blades), textures.leaf(rng))

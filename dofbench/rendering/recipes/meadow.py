@@ -39,9 +39,16 @@ def _land(rng: np.random.Generator) -> Iterable[Prop]:
     edge = np.linspace(-1, 1, 141)
     grid = 220 * np.sign(edge) * edge**2
     yield Prop(ground(grid, grid + 4, _hill, 9.0), textures.finish(turf))
-    stones = [box(x, y, (w, 0.7 * w, 0.06), turn, -0.02) for x, y, w, turn in zip(
-        rng.uniform(-0.3, 0.3, 12), np.linspace(0.8, 12, 12), rng.uniform(0.35, 0.5, 12), rng.uniform(0, 90, 12),
-        strict=True)]
+    stones = [
+        box(x, y, (w, 0.7 * w, 0.06), turn, -0.02)
+        for x, y, w, turn in zip(
+            rng.uniform(-0.3, 0.3, 12),
+            np.linspace(0.8, 12, 12),
+            rng.uniform(0.35, 0.5, 12),
+            rng.uniform(0, 90, 12),
+            strict=True,
+        )
+    ]
     yield Prop(merged(stones), textures.marble(rng, 256, 256))
 
 
@@ -65,8 +72,10 @@ def _grass(rng: np.random.Generator) -> Iterable[Prop]:
         cores.append(box(head[0], head[1], (0.026, 0.026, 0.016), 0, head[2]))
     yield Prop(merged(blades), textures.leaf(rng))
     yield Prop(merged(stems), (0.30, 0.46, 0.20))
-    yield Prop(merged(petals), textures.mix((0.95, 0.93, 0.90), (0.86, 0.40, 0.60),
-                                            0.5 + 0.4 * textures.fractal(rng, 64, 64, 1.4)))
+    yield Prop(
+        merged(petals),
+        textures.mix((0.95, 0.93, 0.90), (0.86, 0.40, 0.60), 0.5 + 0.4 * textures.fractal(rng, 64, 64, 1.4)),
+    )
     yield Prop(merged(cores), (0.95, 0.75, 0.18))
 
 
@@ -76,8 +85,10 @@ def _sundial(rng: np.random.Generator) -> Iterable[Prop]:
     yield Prop(lid(0, 4, 0.75, 0.20), (0.7, 0.7, 0.66))
     yield Prop(Sphere((0, 4, 0.97), 0.22, 15), textures.quilt(rng, 512, 1024, 7))
     for x, y, turn in ((-0.62, 3.7, 20), (0.58, 4.3, -30), (0.45, 3.45, 10), (-0.4, 4.7, 50)):
-        yield Prop(box(x, y, (0.34, 0.34, 0.32), turn), textures.letter(rng, str(rng.choice(list("ABDEFKR"))),
-                                                                       textures.some(rng)))
+        yield Prop(
+            box(x, y, (0.34, 0.34, 0.32), turn),
+            textures.letter(rng, str(rng.choice(list("ABDEFKR"))), textures.some(rng)),
+        )
 
 
 def _trees(rng: np.random.Generator) -> Iterable[Prop]:

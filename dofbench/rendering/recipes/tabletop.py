@@ -94,8 +94,12 @@ def _middle(rng: np.random.Generator) -> Iterable[Prop]:
     yield Prop(Tube((1.28, 3.6, 0), (1.28, 3.6, 0.52), 0.2, 150), textures.label(rng, BRIGHT[2]))
     yield Prop(lid(1.28, 3.6, 0.52, 0.2), (0.72, 0.72, 0.70))
     for x, y, z, turn, glyph, colour in (
-        (-1.55, 3.35, 0.0, 12, "D", 0), (-1.22, 3.45, 0.0, -20, "O", 2), (-1.39, 3.40, 0.27, 5, "F", 3),
-        (0.85, 4.0, 0.0, 35, "R", 5), (1.85, 3.9, 0.0, -15, "M", 0), (-1.95, 3.85, 0.0, 40, "Q", 7),
+        (-1.55, 3.35, 0.0, 12, "D", 0),
+        (-1.22, 3.45, 0.0, -20, "O", 2),
+        (-1.39, 3.40, 0.27, 5, "F", 3),
+        (0.85, 4.0, 0.0, 35, "R", 5),
+        (1.85, 3.9, 0.0, -15, "M", 0),
+        (-1.95, 3.85, 0.0, 40, "Q", 7),
     ):
         yield Prop(box(x, y, (0.27, 0.27, 0.27), turn, z), textures.letter(rng, glyph, BRIGHT[colour]))
     yield Prop(box(0.62, 2.88, (0.10, 0.10, 0.10), 18), textures.quilt(rng, 160, 160, 2))
@@ -107,8 +111,9 @@ def _far(rng: np.random.Generator) -> Iterable[Prop]:
     while x < -0.75:
         thick, tall = rng.uniform(0.14, 0.26), rng.uniform(0.85, 1.35)
         colour = BRIGHT[int(rng.integers(len(BRIGHT)))]
-        yield Prop(box(x + thick / 2, 5.3, (thick - 0.012, 0.7, tall), rng.uniform(-1.5, 1.5)),
-                   textures.spine(rng, colour))
+        yield Prop(
+            box(x + thick / 2, 5.3, (thick - 0.012, 0.7, tall), rng.uniform(-1.5, 1.5)), textures.spine(rng, colour)
+        )
         x += thick
     yield Prop(Tube((0.05, 5.2, 0), (0.05, 5.2, 1.05), 0.3, 90), _pebbles(rng, 512, 896, 240))
     yield Prop(lid(0.05, 5.2, 1.05, 0.3), textures.marble(rng, 256, 256))

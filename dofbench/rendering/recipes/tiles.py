@@ -59,8 +59,13 @@ def _rows(rng: np.random.Generator) -> Iterable[Prop]:
         for x in (-1.35, 1.35):
             yield Prop(Tube((x, y, 0), (x, y, 3.2), 0.17, 90), np.tile(wrap, (6, 1, 1)))
     face = textures.quilt(rng, 256, 256, 3)
-    boxes = [box(x, y, (0.26, 0.26, 0.26), 0, z) for y in (3.2, 4.4, 5.6) for x in (-0.68, -0.34, 0.0, 0.34, 0.68)
-             for z in (0.0, 0.27) if z == 0 or abs(x) > 0.2]
+    boxes = [
+        box(x, y, (0.26, 0.26, 0.26), 0, z)
+        for y in (3.2, 4.4, 5.6)
+        for x in (-0.68, -0.34, 0.0, 0.34, 0.68)
+        for z in (0.0, 0.27)
+        if z == 0 or abs(x) > 0.2
+    ]
     yield Prop(merged(boxes), face)
     skin = textures.marble(rng)
     for x in (-0.75, -0.45, -0.15, 0.15, 0.45, 0.75):

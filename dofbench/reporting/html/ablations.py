@@ -27,8 +27,21 @@ from dofbench.reporting.paired import SIGNIFICANT
 from dofbench.reporting.summary import Cell, Line, best_texts, empty_columns
 
 _SUFFIX = "-summary.csv"
-_NEEDED = {"table", "row", "dataset", "seeds", "column", "mean", "sd", "status", "paper", "difference",
-           "difference_sd", "p", "pairs"}
+_NEEDED = {
+    "table",
+    "row",
+    "dataset",
+    "seeds",
+    "column",
+    "mean",
+    "sd",
+    "status",
+    "paper",
+    "difference",
+    "difference_sd",
+    "p",
+    "pairs",
+}
 _MEAN = "mean"  # the dataset of rows that average over all of them
 
 
@@ -90,8 +103,10 @@ def _parsed(file: Path, rows: list[dict[str, str]]) -> Ablation:
             differences.setdefault(row["row"], {})[row["column"]] = row
     gap = Cell(None, reason="the table has no such cell")
     blocks = {
-        dataset: [Line(name, "", seeds[name], {column: found.get(column, gap) for column in columns})
-                  for name, found in named.items()]
+        dataset: [
+            Line(name, "", seeds[name], {column: found.get(column, gap) for column in columns})
+            for name, found in named.items()
+        ]
         for dataset, named in cells.items()
     }
     table_id = file.name.removesuffix(_SUFFIX)
@@ -144,27 +159,37 @@ def _block(ablation: Ablation, dataset: str, notes: Notes) -> str:
     headings = [Th("row", words=True), *(Th(name, words=True) for name in switches), Th("seeds", words=True)]
     headings += [score_heading(COLUMNS[column], "measured here") for column in shown]
     headings += [score_heading(COLUMNS[column], "the paper's, on other data") for column in paper]
-    rows = [[text_cell(line.method), *(text_cell(ablation.switches[line.method][name]) for name in switches),
-             text_cell(line.seeds),
-             *(score_cell(line.cells[column], COLUMNS[column], best[column], notes) for column in shown),
-             *_theirs(ablation.paper.get(line.method, {}), paper, notes)] for line in lines]
+    rows = [
+        [
+            text_cell(line.method),
+            *(text_cell(ablation.switches[line.method][name]) for name in switches),
+            text_cell(line.seeds),
+            *(score_cell(line.cells[column], COLUMNS[column], best[column], notes) for column in shown),
+            *_theirs(ablation.paper.get(line.method, {}), paper, notes),
+        ]
+        for line in lines
+    ]
     return table(headings, rows, f"{ablation.title}: {over}") + not_shown(empty)
 
 
 def _theirs(printed: dict[str, float], columns: list[str], notes: Notes) -> Iterator[Td]:
     for column in columns:
-        yield (paper_number(printed[column], COLUMNS[column]) if column in printed
-               else gap_cell("the paper has no such figure of this row", notes))
+        yield (
+            paper_number(printed[column], COLUMNS[column])
+            if column in printed
+            else gap_cell("the paper has no such figure of this row", notes)
+        )
 
 
 def _differences(ablation: Ablation, notes: Notes) -> str:
-    columns = [column for column in ablation.columns
-               if any(column in found for found in ablation.differences.values())]
+    columns = [column for column in ablation.columns if any(column in found for found in ablation.differences.values())]
     if not columns:
         return ""
     headings = [Th("row", words=True), *(score_heading(COLUMNS[column]) for column in columns)]
-    rows = [[text_cell(row), *(_difference(found.get(column), COLUMNS[column], notes) for column in columns)]
-            for row, found in ablation.differences.items()]
+    rows = [
+        [text_cell(row), *(_difference(found.get(column), COLUMNS[column], notes) for column in columns)]
+        for row, found in ablation.differences.items()
+    ]
     caption = f"{ablation.title}: difference from the reference row, paired by dataset and seed"
     rule = f"Better or worse only where p &lt; {SIGNIFICANT:g}, adjusted for the rows of the column."
     return f'{table(headings, rows, caption)}<p class="left-out">{rule}</p>'

@@ -54,9 +54,18 @@ def _board(key: tuple[str, ...], name: str, members: list[Entry], names: dict[Va
     trained_on = "sharp originals" if sharp else "shallow photographs"
     if lenses is not None and not sharp:
         trained_on += f" of {lens_words(lenses).removeprefix('trained on ')}"
-    lines = {variant: variant_line(seeds, names, list(SCORES))
-             for variant, seeds in grouped(members, "variant").items()}
-    return Board(key, name, members[0].scene, f"{key[2]}, held-out focus" if held_out else key[2], sharp, held_out,
-                 trained_on, tuple(members), lines, do_nothing_line(members, list(SCORES)))
-
-
+    lines = {
+        variant: variant_line(seeds, names, list(SCORES)) for variant, seeds in grouped(members, "variant").items()
+    }
+    return Board(
+        key,
+        name,
+        members[0].scene,
+        f"{key[2]}, held-out focus" if held_out else key[2],
+        sharp,
+        held_out,
+        trained_on,
+        tuple(members),
+        lines,
+        do_nothing_line(members, list(SCORES)),
+    )

@@ -53,21 +53,48 @@ class _Over:
 
 
 LAYOUTS = (
-    Layout("synthetic", "Refocusing, and the lens that was learned", "Test views rendered through their own lens, "
-           "against the shallow photograph; and how far the learned aperture and focus are off.", False,
-           ("psnr", "ssim", "flip", "delta_a", "delta_f", "delta_r"), ("psnr", "ssim", "delta_a", "delta_f")),
-    Layout("main", "Sharp views from shallow photographs", "Trained on photographs with shallow depth of field, "
-           "rendered all in focus, against the sharp original.", False,
-           ("aif_psnr", "aif_ssim", "aif_flip"), ("aif_psnr", "aif_ssim")),
-    Layout("photographs", "Photographs of unknown lens", "Held-out photographs, predicted by a lens (or of a method "
-           "without one by a blur) and colours that were fitted on half of each, scored on the other half.", False,
-           ("photo_psnr", "photo_ssim", "photo_blur_psnr"), ("photo_psnr", "photo_ssim")),
-    Layout("across", "Photographs of another aperture", "Predicted by the learned aperture times the ratio of the "
-           "f-numbers, by the same unchanged, and without any.", False,
-           ("across_psnr", "across_ssim", "across_blurred_psnr", "unscaled_blurred_psnr", "in_focus_blurred_psnr"),
-           ("across_psnr", "across_blurred_psnr")),
-    Layout("all_in_focus", "All-in-focus inputs", "Trained on the sharp originals and rendered sharp.", True,
-           ("aif_psnr", "aif_ssim", "aif_flip"), ("aif_psnr", "aif_ssim")),
+    Layout(
+        "synthetic",
+        "Refocusing, and the lens that was learned",
+        "Test views rendered through their own lens, "
+        "against the shallow photograph; and how far the learned aperture and focus are off.",
+        False,
+        ("psnr", "ssim", "flip", "delta_a", "delta_f", "delta_r"),
+        ("psnr", "ssim", "delta_a", "delta_f"),
+    ),
+    Layout(
+        "main",
+        "Sharp views from shallow photographs",
+        "Trained on photographs with shallow depth of field, rendered all in focus, against the sharp original.",
+        False,
+        ("aif_psnr", "aif_ssim", "aif_flip"),
+        ("aif_psnr", "aif_ssim"),
+    ),
+    Layout(
+        "photographs",
+        "Photographs of unknown lens",
+        "Held-out photographs, predicted by a lens (or of a method "
+        "without one by a blur) and colours that were fitted on half of each, scored on the other half.",
+        False,
+        ("photo_psnr", "photo_ssim", "photo_blur_psnr"),
+        ("photo_psnr", "photo_ssim"),
+    ),
+    Layout(
+        "across",
+        "Photographs of another aperture",
+        "Predicted by the learned aperture times the ratio of the f-numbers, by the same unchanged, and without any.",
+        False,
+        ("across_psnr", "across_ssim", "across_blurred_psnr", "unscaled_blurred_psnr", "in_focus_blurred_psnr"),
+        ("across_psnr", "across_blurred_psnr"),
+    ),
+    Layout(
+        "all_in_focus",
+        "All-in-focus inputs",
+        "Trained on the sharp originals and rendered sharp.",
+        True,
+        ("aif_psnr", "aif_ssim", "aif_flip"),
+        ("aif_psnr", "aif_ssim"),
+    ),
 )
 
 
@@ -82,8 +109,12 @@ def layout_sections(boards: Sequence[Board], notes: Notes) -> list[str]:
 
 def _section(layout: Layout, kind: str, boards: list[Board], notes: Notes) -> list[str]:
     lines = _means(boards, layout.columns)
-    if not any(board.lines[variant].cells[column].value is not None or board.lines[variant].cells[column].failure
-               for board in boards for variant in board.lines for column in layout.columns):
+    if not any(
+        board.lines[variant].cells[column].value is not None or board.lines[variant].cells[column].failure
+        for board in boards
+        for variant in board.lines
+        for column in layout.columns
+    ):
         return []
     figures, caption = paper_figures().get(layout.id, NOTHING_PRINTED), f"{layout.title}: {_over(boards).words}"
     over = _over(boards)
@@ -94,8 +125,10 @@ def _section(layout: Layout, kind: str, boards: list[Board], notes: Notes) -> li
     html = [f"<h3>{escape(layout.title)} <small>{escape(kind)}</small></h3>", f"<p>{escape(layout.about)}</p>"]
     has_mean = any(line.cells[column].value is not None for line in lines.values() for column in layout.columns)
     if has_mean or len(boards) == 1:
-        html += [_mean_table(lines, nothing, layout.columns, over, theirs, figures, caption, notes),
-                 _paper_note(figures, where) if theirs else ""]
+        html += [
+            _mean_table(lines, nothing, layout.columns, over, theirs, figures, caption, notes),
+            _paper_note(figures, where) if theirs else "",
+        ]
     else:
         html += [f'<p class="left-out">No {escape(over.words)}: no row has a score on each of them.</p>']
     if len(boards) > 1:
@@ -138,8 +171,14 @@ def _nothing(boards: list[Board], columns: Sequence[str]) -> Line | None:
 
 
 def _mean_table(
-    means: dict[Variant, Line], nothing: Line | None, columns: Sequence[str], over: _Over,
-    theirs: dict[str, dict[str, float]], figures: Figures, caption: str, notes: Notes,
+    means: dict[Variant, Line],
+    nothing: Line | None,
+    columns: Sequence[str],
+    over: _Over,
+    theirs: dict[str, dict[str, float]],
+    figures: Figures,
+    caption: str,
+    notes: Notes,
 ) -> str:
     """Rows are methods; the paper's figures, of the methods that it has, come behind ours. They are of the methods as
     they are, so a row with options changed has none."""
@@ -147,9 +186,13 @@ def _mean_table(
     empty = empty_columns(lines, columns)
     shown = [column for column in columns if column not in empty]
     best = best_texts(lines, [column for column in shown if column in COLUMNS]) | dict.fromkeys(
-        column for column in shown if column not in COLUMNS)
-    headings = [Th("method", words=True), Th("preset", words=True),
-                Th("seeds" if over.single else "scenes", words=True)]
+        column for column in shown if column not in COLUMNS
+    )
+    headings = [
+        Th("method", words=True),
+        Th("preset", words=True),
+        Th("seeds" if over.single else "scenes", words=True),
+    ]
     headings += [score_heading(COLUMNS[column], f"measured here, {over.words}") for column in shown]
     paper = [column for column in figures.columns if any(column in row for row in theirs.values())]
     headings += [score_heading(COLUMNS[column], "the paper's, on other data") for column in paper]
@@ -159,18 +202,30 @@ def _mean_table(
     for line in [*_sorted(lines, shown), *([nothing] if nothing else [])]:
         printed = theirs.get(_card_name(line.method), {}) if line in as_it_is else {}
         silent = of_it if line in as_it_is or not line.competes else _CHANGED
-        rows.append([
-            text_cell(line.method), text_cell(line.preset), text_cell(line.seeds),
-            *(score_cell(line.cells[column], COLUMNS[column], best[column] if line.competes else None, notes)
-              for column in shown),
-            *(_paper_cell(printed, column, silent, notes) for column in paper),
-        ])
+        rows.append(
+            [
+                text_cell(line.method),
+                text_cell(line.preset),
+                text_cell(line.seeds),
+                *(
+                    score_cell(line.cells[column], COLUMNS[column], best[column] if line.competes else None, notes)
+                    for column in shown
+                ),
+                *(_paper_cell(printed, column, silent, notes) for column in paper),
+            ]
+        )
     here = {_card_name(line.method) for line in as_it_is}
     for method, printed in theirs.items():
         if method not in here:
-            rows.append([text_cell(method), text_cell("the paper's only"), text_cell(""),
-                         *(gap_cell("not run here", notes) for _ in shown),
-                         *(_paper_cell(printed, column, of_it, notes) for column in paper)])
+            rows.append(
+                [
+                    text_cell(method),
+                    text_cell("the paper's only"),
+                    text_cell(""),
+                    *(gap_cell("not run here", notes) for _ in shown),
+                    *(_paper_cell(printed, column, of_it, notes) for column in paper),
+                ]
+            )
     return table(headings, rows, caption, left=1) + not_shown(empty)
 
 
@@ -194,29 +249,56 @@ def _scene_table(layout: Layout, boards: list[Board], figures: Figures, notes: N
         absent = {board.name: empty_columns(list(board.lines.values()), shown) for board in boards}
         kept = [(board, column) for board in boards for column in shown if column not in absent[board.name]]
         headings += [score_heading(COLUMNS[column], board.name) for board, column in kept]
-        rows = [[text_cell(some[variant].method), text_cell(some[variant].preset),
-                 *(cell(board, variant, column) for board, column in kept)] for variant in variants]
-        missing = "".join(not_shown(columns, f"Not shown of {name}, as no row has it")
-                          for name, columns in absent.items())
+        rows = [
+            [
+                text_cell(some[variant].method),
+                text_cell(some[variant].preset),
+                *(cell(board, variant, column) for board, column in kept),
+            ]
+            for variant in variants
+        ]
+        missing = "".join(
+            not_shown(columns, f"Not shown of {name}, as no row has it") for name, columns in absent.items()
+        )
         return table(headings, rows, caption, left=1) + not_shown(empty) + missing
 
     theirs = {board.name: figures.of_scene(board.scene) for board in boards}
-    printed = list(dict.fromkeys((method, column) for found in theirs.values() for method, row in found.items()
-                                 for column in figures.columns if column in row and column in shown))
+    printed = list(
+        dict.fromkeys(
+            (method, column)
+            for found in theirs.values()
+            for method, row in found.items()
+            for column in figures.columns
+            if column in row and column in shown
+        )
+    )
     there = [(variant, column) for variant in variants for column in shown if _has(boards, variant, column)]
     headings = [Th("scene", words=True)]
     headings += [score_heading(COLUMNS[column], _name(some[variant])) for variant, column in there]
     headings += [score_heading(COLUMNS[column], f"the paper's {method}, on other data") for method, column in printed]
     silent = f"{figures.source} has no such figure of this scene"
-    rows = [[text_cell(board.name), *(cell(board, variant, column) for variant, column in there),
-             *(_paper_cell(theirs[board.name].get(method, {}), column, silent, notes) for method, column in printed)]
-            for board in boards]
-    left_out = {variant: {column: some[variant].cells[column].reason for column in shown
-                          if (variant, column) not in there} for variant in variants}
-    missing = "".join(not_shown(columns, f"Not shown of {_name(some[variant])}, as it has it nowhere")
-                      for variant, columns in left_out.items())
-    return table(headings, rows, caption, left=1) + not_shown(empty) + missing + (
-        _paper_note(figures, figures.data) if printed else "")
+    rows = [
+        [
+            text_cell(board.name),
+            *(cell(board, variant, column) for variant, column in there),
+            *(_paper_cell(theirs[board.name].get(method, {}), column, silent, notes) for method, column in printed),
+        ]
+        for board in boards
+    ]
+    left_out = {
+        variant: {column: some[variant].cells[column].reason for column in shown if (variant, column) not in there}
+        for variant in variants
+    }
+    missing = "".join(
+        not_shown(columns, f"Not shown of {_name(some[variant])}, as it has it nowhere")
+        for variant, columns in left_out.items()
+    )
+    return (
+        table(headings, rows, caption, left=1)
+        + not_shown(empty)
+        + missing
+        + (_paper_note(figures, figures.data) if printed else "")
+    )
 
 
 def _has(boards: list[Board], variant: Variant, column: str) -> bool:
@@ -237,11 +319,14 @@ def _time_sections(boards: Sequence[Board], notes: Notes) -> list[str]:
         lines = _means(members, COST)
         over = _over(members)
         sections += [
-            '<section class="layout">', f"<h3>Processing time and frames a second <small>{escape(kind)}</small></h3>",
+            '<section class="layout">',
+            f"<h3>Processing time and frames a second <small>{escape(kind)}</small></h3>",
             "<p>Training is wall time with the clock stopped while scoring. Peak memory is the whole process's.</p>",
-            _mean_table(lines, None, COST, over, figures.means, figures,
-                        f"Processing time, {kind}: {over.words}", notes),
-            _paper_note(figures, figures.data), "</section>",
+            _mean_table(
+                lines, None, COST, over, figures.means, figures, f"Processing time, {kind}: {over.words}", notes
+            ),
+            _paper_note(figures, figures.data),
+            "</section>",
         ]
     return sections
 

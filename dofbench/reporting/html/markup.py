@@ -23,8 +23,7 @@ class Notes:
         """What is shown, as a link to the footnote; the reason is on hover too."""
         reason = " ".join(reason.split())
         number = self._numbers.setdefault(reason, len(self._numbers) + 1)
-        return (f'<a class="why" href="#note-{number}" title="{escape(reason)}">{escape(shown)}'
-                f"<sup>{number}</sup></a>")
+        return f'<a class="why" href="#note-{number}" title="{escape(reason)}">{escape(shown)}<sup>{number}</sup></a>'
 
     def html(self) -> str:
         """The notes as a list; empty where there is none."""
@@ -78,8 +77,11 @@ def score_cell(cell: Cell, column: Column, best: str | None, notes: Notes) -> Td
     spread = "" if cell.spread is None else f'<span class="spread"> ± {escape(column.text(cell.spread))}</span>'
     html = f"{escape(text)}{spread}"
     if text == best:
-        return Td(f'<strong>{html}</strong><span class="hidden">, best</span>',
-                  None if math.isnan(cell.value) else cell.value, "number best")
+        return Td(
+            f'<strong>{html}</strong><span class="hidden">, best</span>',
+            None if math.isnan(cell.value) else cell.value,
+            "number best",
+        )
     return Td(html, None if math.isnan(cell.value) else cell.value, "number")
 
 
@@ -96,17 +98,27 @@ def table(headings: Sequence[Th], rows: Sequence[Sequence[Td]], caption: str, *,
     groups = _groups(headings)
     above = ""
     if any(group for group, _ in groups):
-        above = "<tr>" + "".join(
-            f'<th colspan="{count}" scope="colgroup" class="{"group" if group else "nothing"}">{escape(group)}</th>'
-            if group else f'<td colspan="{count}" class="nothing"></td>' for group, count in groups) + "</tr>"
+        above = (
+            "<tr>"
+            + "".join(
+                f'<th colspan="{count}" scope="colgroup" class="{"group" if group else "nothing"}">{escape(group)}</th>'
+                if group
+                else f'<td colspan="{count}" class="nothing"></td>'
+                for group, count in groups
+            )
+            + "</tr>"
+        )
     edges = _edges(groups)
     head = "".join(_heading(heading, index in edges) for index, heading in enumerate(headings))
     body = "".join(
         "<tr>" + "".join(_cell(cell, index < left, index in edges) for index, cell in enumerate(row)) + "</tr>"
-        for row in rows)
-    return (f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(caption)}">'
-            f'<table class="sortable"><caption>{escape(caption)}</caption><thead>{above}<tr>{head}</tr></thead>'
-            f"<tbody>{body}</tbody></table></div>")
+        for row in rows
+    )
+    return (
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(caption)}">'
+        f'<table class="sortable"><caption>{escape(caption)}</caption><thead>{above}<tr>{head}</tr></thead>'
+        f"<tbody>{body}</tbody></table></div>"
+    )
 
 
 def _groups(headings: Sequence[Th]) -> list[tuple[str, int]]:
@@ -133,8 +145,10 @@ def _heading(heading: Th, edge: bool) -> str:
     kind = " ".join(filter(None, ("words" if heading.words else "number", "edge" if edge else "")))
     note = f' title="{escape(heading.note)}"' if heading.note else ""
     first = "descending" if heading.down else "ascending"
-    return (f'<th scope="col" class="{kind}" data-first="{first}"{note}><button type="button">{escape(heading.text)}'
-            '<span class="arrow" aria-hidden="true"></span></button></th>')
+    return (
+        f'<th scope="col" class="{kind}" data-first="{first}"{note}><button type="button">{escape(heading.text)}'
+        '<span class="arrow" aria-hidden="true"></span></button></th>'
+    )
 
 
 def _cell(cell: Td, names: bool, edge: bool) -> str:

@@ -27,8 +27,12 @@ def headline(collection: Collection) -> str:
     """The page in one line."""
     entries = collection.entries
     methods, datasets = {entry.spec.method for entry in entries}, {entry.board[:2] for entry in entries}
-    parts = [_count(len(entries), "run"), _count(len(methods), "method"), _count(len(datasets), "dataset"),
-             f"{duration(_trained(entries))} of training"]
+    parts = [
+        _count(len(entries), "run"),
+        _count(len(methods), "method"),
+        _count(len(datasets), "dataset"),
+        f"{duration(_trained(entries))} of training",
+    ]
     days = sorted({entry.result.ended[:10] for entry in entries if entry.result})
     if days:
         parts.append(days[0] if days[0] == days[-1] else f"{days[0]} to {days[-1]}")
@@ -37,7 +41,7 @@ def headline(collection: Collection) -> str:
 
 def overview(collection: Collection, boards: Sequence[Board], notes: Notes) -> str:
     """Facts, and the best of every board."""
-    return f"{_best(boards, notes)}<dl class=\"facts\">{_facts(collection, boards)}</dl>"
+    return f'{_best(boards, notes)}<dl class="facts">{_facts(collection, boards)}</dl>'
 
 
 def _best(boards: Sequence[Board], notes: Notes) -> str:
@@ -57,15 +61,25 @@ def _best(boards: Sequence[Board], notes: Notes) -> str:
             rival = text_cell(f"{other.method} {other.preset}".strip())
             ahead = number_cell(found.ahead, f"+{column.text(found.ahead)} {column.unit}".strip())
         mark = {True: "sure", False: "unsure", None: "untested"}[found.told_apart]
-        rows.append([
-            *where, Td(f"<strong>{escape(best)}</strong>", best, "words"),
-            _with_unit(line.cells[found.column], column, notes), rival, ahead,
-            Td(f'<span class="{mark}">{escape(found.sure)}</span>', found.sure, "words long"),
-        ])
-    headings = [Th("dataset", words=True), Th("protocol", words=True), Th("best", words=True),
-                Th("PSNR", note="refocused, where any method can; else all in focus; else of photographs",
-                   down=True),
-                Th("ahead of", words=True), Th("by", down=True), Th("how sure", words=True)]
+        rows.append(
+            [
+                *where,
+                Td(f"<strong>{escape(best)}</strong>", best, "words"),
+                _with_unit(line.cells[found.column], column, notes),
+                rival,
+                ahead,
+                Td(f'<span class="{mark}">{escape(found.sure)}</span>', found.sure, "words long"),
+            ]
+        )
+    headings = [
+        Th("dataset", words=True),
+        Th("protocol", words=True),
+        Th("best", words=True),
+        Th("PSNR", note="refocused, where any method can; else all in focus; else of photographs", down=True),
+        Th("ahead of", words=True),
+        Th("by", down=True),
+        Th("how sure", words=True),
+    ]
     return table(headings, rows, "The best of each dataset, by PSNR")
 
 
@@ -80,15 +94,32 @@ def _facts(collection: Collection, boards: Sequence[Board]) -> str:
     failed = [entry for entry in entries if entry.status is not Status.OK]
     facts = [
         ("What was run", [_method_words(method, entries) for method in sorted({e.spec.method for e in entries})]),
-        ("On what", [f"{board.name} ({board.scene}): {_views(board)}; {board.kind}, trained on {board.trained_on}"
-                     for board in boards]),
+        (
+            "On what",
+            [
+                f"{board.name} ({board.scene}): {_views(board)}; {board.kind}, trained on {board.trained_on}"
+                for board in boards
+            ],
+        ),
         ("How long it took", [_time_words(entries)]),
         ("Seeds", [_seed_words(boards)]),
-        ("What failed", [f"{entry.spec.method} {entry.preset} on {entry.spec.dataset}, seed {entry.spec.seed}: "
-                         f"{entry.status}: {entry.message}" for entry in failed] or ["nothing"]),
-        ("Not counted", [*(f"{folder}: a run is at work there" for folder in collection.running),
-                         *(f"{folder}: a copy of another result" for folder in collection.doubles),
-                         *(f"unreadable: {problem}" for problem in collection.unreadable)]),
+        (
+            "What failed",
+            [
+                f"{entry.spec.method} {entry.preset} on {entry.spec.dataset}, seed {entry.spec.seed}: "
+                f"{entry.status}: {entry.message}"
+                for entry in failed
+            ]
+            or ["nothing"],
+        ),
+        (
+            "Not counted",
+            [
+                *(f"{folder}: a run is at work there" for folder in collection.running),
+                *(f"{folder}: a copy of another result" for folder in collection.doubles),
+                *(f"unreadable: {problem}" for problem in collection.unreadable),
+            ],
+        ),
         ("Machine", list(dict.fromkeys(machine_text(entry) for entry in entries if entry.result))),
         ("Code", list(dict.fromkeys(f"commit {commit_text(entry)}" for entry in entries if entry.result))),
     ]
@@ -115,12 +146,18 @@ def _views(board: Board) -> str:
 
 def _time_words(entries: Sequence[Entry]) -> str:
     whole = sum(stage.wall for entry in entries if entry.result for stage in entry.result.stages.values())
-    cpu = sum(entry.result.stages["train"].cpu for entry in entries
-              if entry.result and "train" in entry.result.stages)
-    cold = sum(entry.result.stages[stage].wall for entry in entries if entry.result
-               for stage in ("import", "warm up") if stage in entry.result.stages)
-    return (f"training {duration(_trained(entries))} wall, {duration(cpu)} CPU; cold start {duration(cold)}; "
-            f"everything with scoring {duration(whole)}")
+    cpu = sum(entry.result.stages["train"].cpu for entry in entries if entry.result and "train" in entry.result.stages)
+    cold = sum(
+        entry.result.stages[stage].wall
+        for entry in entries
+        if entry.result
+        for stage in ("import", "warm up")
+        if stage in entry.result.stages
+    )
+    return (
+        f"training {duration(_trained(entries))} wall, {duration(cpu)} CPU; cold start {duration(cold)}; "
+        f"everything with scoring {duration(whole)}"
+    )
 
 
 def _trained(entries: Sequence[Entry]) -> float:

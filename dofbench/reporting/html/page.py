@@ -56,15 +56,20 @@ def report_page(
         "css": _template("report.css"),
         "js": "\n".join(_template(name) for name in SCRIPTS),
         "navigation": "".join(f'<li><a href="#{one.id}">{escape(one.short)}</a></li>' for one in sections),
-        "sections": "\n".join(f'<section id="{one.id}"><h2>{escape(one.title)}</h2>{one.html}</section>'
-                              for one in sections),
+        "sections": "\n".join(
+            f'<section id="{one.id}"><h2>{escape(one.title)}</h2>{one.html}</section>' for one in sections
+        ),
         "data": _script_data({"plots": plot_data(plots), "pictures": shown.data}),
     }
     return _MARK.sub(lambda mark: parts[mark[1]], _template("report.html"))
 
 
 def _sections(
-    collection: Collection, boards: list[Board], plots: Sequence[Plot], ablations: list[Ablation], shown: Gallery,
+    collection: Collection,
+    boards: list[Board],
+    plots: Sequence[Plot],
+    ablations: list[Ablation],
+    shown: Gallery,
     notes: Notes,
 ) -> list[_Section]:
     return [
@@ -74,10 +79,16 @@ def _sections(
         _Section("pictures", "Pictures", "Truth, prediction, error", _pictures(shown)),
         _Section("ablations", "Ablations", "What each part is worth", ablation_sections(ablations, notes)),
         _Section("datasets", "Every score", "Every score, dataset by dataset", board_sections(boards, notes)),
-        _Section("runs", "Runs", "How it was made", (
-            f"<details open><summary>Command, code and machine of each run</summary>{run_table(collection, boards)}"
-            f"</details><details><summary>Where the time went</summary>{stage_table(collection, boards)}</details>"
-            f"<details><summary>What the columns say</summary>{column_notes()}</details>")),
+        _Section(
+            "runs",
+            "Runs",
+            "How it was made",
+            (
+                f"<details open><summary>Command, code and machine of each run</summary>{run_table(collection, boards)}"
+                f"</details><details><summary>Where the time went</summary>{stage_table(collection, boards)}</details>"
+                f"<details><summary>What the columns say</summary>{column_notes()}</details>"
+            ),
+        ),
     ]
 
 
@@ -105,8 +116,14 @@ def _pictures(shown: Gallery) -> str:
         return f"<p>{escape(shown.said)}</p>" if shown.said else ""
     selects = "".join(
         f'<label>{label} <select id="picture-{name}"></select></label>'
-        for name, label in (("board", "Dataset and protocol"), ("view", "Test view"), ("kind", "Rendered"),
-                            ("left", "Left of the slider"), ("right", "Right of it")))
+        for name, label in (
+            ("board", "Dataset and protocol"),
+            ("view", "Test view"),
+            ("kind", "Rendered"),
+            ("left", "Left of the slider"),
+            ("right", "Right of it"),
+        )
+    )
     return f"""
 <div class="controls">{selects}</div>
 <div class="card">

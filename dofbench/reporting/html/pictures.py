@@ -19,12 +19,15 @@ from dofbench.reporting.columns import COLUMNS
 from dofbench.reporting.html.boards import Board
 from dofbench.reporting.truth import find_dataset, prediction_file, true_picture
 
-BUDGET_MB = 12        # of pictures in one page, as base64
+BUDGET_MB = 12  # of pictures in one page, as base64
 SIDES = (720, 504, 360, 252)  # px of a picture's longer side: the first with which all of them fit
-QUALITY = 85          # of WebP
-TITLES: dict[Kind, str] = {"refocus": "through the view's own lens", "all_in_focus": "all in focus",
-                          "photograph": "through the lens fitted on the other half of its tiles",
-                          "across": "by the learned aperture scaled, in focus as fitted on the other half"}
+QUALITY = 85  # of WebP
+TITLES: dict[Kind, str] = {
+    "refocus": "through the view's own lens",
+    "all_in_focus": "all in focus",
+    "photograph": "through the lens fitted on the other half of its tiles",
+    "across": "by the learned aperture scaled, in focus as fitted on the other half",
+}
 NOT_THERE = "the picture isn't beside the result, or isn't the one that was scored"
 _SHOWN = ("psnr", "ssim", "flip")
 
@@ -93,12 +96,19 @@ def _said(packer: _Packer, count: int, every: int) -> str:
     if not packer.pictures:
         return ""
     size = f"WebP at quality {QUALITY}, " + (
-        f"{packer.shrunk} of {packer.pictures} shrunk to {packer.side} px on the longer side" if packer.shrunk
-        else "at their own size")
-    fewer = f"; only {count} of up to {every} test views of each dataset, so that the page stays small" \
-        if count < every else ""
-    return (f"{packer.pictures} pictures, {packer.bytes / 1e6:.1f} MB, {size}{fewer}. They are for looking; every "
-            "score is of the PNG files beside the results.")
+        f"{packer.shrunk} of {packer.pictures} shrunk to {packer.side} px on the longer side"
+        if packer.shrunk
+        else "at their own size"
+    )
+    fewer = (
+        f"; only {count} of up to {every} test views of each dataset, so that the page stays small"
+        if count < every
+        else ""
+    )
+    return (
+        f"{packer.pictures} pictures, {packer.bytes / 1e6:.1f} MB, {size}{fewer}. They are for looking; every "
+        "score is of the PNG files beside the results."
+    )
 
 
 def _board(board: Board, packer: _Packer, count: int) -> dict[str, Any] | None:
@@ -146,7 +156,9 @@ def _runs(shown: list[tuple[str, Entry]], kind: Kind, view: str, packer: _Packer
         picture = packer.file(prediction_file(entry, kind, view))
         missing = entry.left_out.get(f"{PREFIX[kind]}psnr", NOT_THERE)
         yield {
-            "name": name, "picture": picture, "reason": "" if picture else missing,
+            "name": name,
+            "picture": picture,
+            "reason": "" if picture else missing,
             "error": packer.file(prediction_file(entry, f"{kind}_error", view)),
             # Of the view, whatever the kind: once is enough, beside what is judged by it.
             "resolved": packer.file(prediction_file(entry, "resolved", view)) if kind != "refocus" else None,
@@ -157,8 +169,11 @@ def _runs(shown: list[tuple[str, Entry]], kind: Kind, view: str, packer: _Packer
 def _scores(entry: Entry, kind: Kind, view: str) -> list[list[str]]:
     """[label, value as shown] of one view."""
     scores = next((one.scores for one in entry.result.views if one.name == view), {}) if entry.result else {}
-    return [[COLUMNS[column].heading, COLUMNS[column].text(scores[column])]
-            for column in (PREFIX[kind] + metric for metric in _SHOWN) if column in scores]
+    return [
+        [COLUMNS[column].heading, COLUMNS[column].text(scores[column])]
+        for column in (PREFIX[kind] + metric for metric in _SHOWN)
+        if column in scores
+    ]
 
 
 def _lens(entry: Entry, view: str) -> str:

@@ -23,7 +23,8 @@ def plot_tables(plots: Sequence[Plot]) -> str:
     """For each plot its times to reach levels, and who holds the Pareto front; the script shows those of one plot."""
     return "".join(
         f'<div class="plot-tables" data-plot="{index}"><h4>{escape(title(plot))}</h4>{_reach(plot)}{_front(plot)}</div>'
-        for index, plot in enumerate(plots))
+        for index, plot in enumerate(plots)
+    )
 
 
 def title(plot: Plot) -> str:
@@ -33,17 +34,25 @@ def title(plot: Plot) -> str:
 
 def _one(plot: Plot) -> dict[str, Any]:
     return {
-        "board": f"{plot.dataset}, {plot.protocol}", "column": plot.column, "label": plot.score.label,
-        "heading": plot.score.heading, "unit": plot.score.unit, "digits": plot.score.digits,
-        "higher": plot.higher_is_better, "note": plot.score.note, "nothing": plot.nothing,
-        "levels": list(plot.levels), "series": [_series(series) for series in plot.series],
+        "board": f"{plot.dataset}, {plot.protocol}",
+        "column": plot.column,
+        "label": plot.score.label,
+        "heading": plot.score.heading,
+        "unit": plot.score.unit,
+        "digits": plot.score.digits,
+        "higher": plot.higher_is_better,
+        "note": plot.score.note,
+        "nothing": plot.nothing,
+        "levels": list(plot.levels),
+        "series": [_series(series) for series in plot.series],
         "front": [[_number(point.time), _number(point.score), point.series] for point in plot.front],
     }
 
 
 def _series(series: Series) -> dict[str, Any]:
     return {
-        "name": series.name, "failures": series.failures,
+        "name": series.name,
+        "failures": series.failures,
         "runs": [{"seed": run.seed, "points": _points(run.points), "dropped": run.dropped} for run in series.runs],
         "median": _points(series.median) if len(series.runs) > 1 else [],
     }
@@ -62,8 +71,13 @@ def _reach(plot: Plot) -> str:
     if not plot.levels:
         return "<p>No level to reach: no score moved while training.</p>"
     headings = [Th("method and preset", words=True), *(Th(level_text(plot.column, level)) for level in plot.levels)]
-    rows = [[text_cell(series.name), *(_reach_cell(reach_cell(series, level, higher_is_better=plot.higher_is_better))
-                                       for level in plot.levels)] for series in plot.series]
+    rows = [
+        [
+            text_cell(series.name),
+            *(_reach_cell(reach_cell(series, level, higher_is_better=plot.higher_is_better)) for level in plot.levels),
+        ]
+        for series in plot.series
+    ]
     return table(headings, rows, f"Training time to reach a score: {title(plot)}")
 
 
@@ -79,7 +93,13 @@ def _front(plot: Plot) -> str:
     rows = []
     for span in spans(plot.front):
         (start, low), (end, high) = span.first, span.last
-        rows.append([number_cell(start, seconds_text(start)), number_cell(end, seconds_text(end)),
-                     text_cell(plot.series[span.series].name),
-                     number_cell(low, plot.score.text(low)), number_cell(high, plot.score.text(high))])
+        rows.append(
+            [
+                number_cell(start, seconds_text(start)),
+                number_cell(end, seconds_text(end)),
+                text_cell(plot.series[span.series].name),
+                number_cell(low, plot.score.text(low)),
+                number_cell(high, plot.score.text(high)),
+            ]
+        )
     return table(headings, rows, f"Pareto front of {title(plot)}: who is best at which training time", left=0)

@@ -7,6 +7,14 @@ from dofbench.scenes.named.scene import Reading, ResolvedScene
 from dofbench.scenes.named.schema import LeftOut, NamedDataset, NamedScene, Recipe
 
 __all__ = [
-    "LeftOut", "NamedDataset", "NamedScene", "Reading", "Recipe", "ResolvedScene", "find_data_root", "named_datasets",
-    "resolve", "scenes_of",
+    "LeftOut",
+    "NamedDataset",
+    "NamedScene",
+    "Reading",
+    "Recipe",
+    "ResolvedScene",
+    "find_data_root",
+    "named_datasets",
+    "resolve",
+    "scenes_of",
 ]

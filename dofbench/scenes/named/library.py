@@ -53,9 +53,9 @@ def read_library(folder: Path) -> dict[str, NamedDataset]:
     return library
 
 
-def source_of(library: Mapping[str, NamedDataset], dataset: NamedDataset, scene: NamedScene) -> tuple[
-    NamedDataset, NamedScene
-]:
+def source_of(
+    library: Mapping[str, NamedDataset], dataset: NamedDataset, scene: NamedScene
+) -> tuple[NamedDataset, NamedScene]:
     """The dataset and scene whose files these are: themselves, or those that the scene is `of`."""
     if scene.of is None:
         return dataset, scene

@@ -67,11 +67,17 @@ def recognise(folder: Path) -> ResolvedScene:
             if scene.of is None and not dataset.built_in and _is(folder, dataset, scene):
                 untold = dataset.layout in UNMARKED
                 return ResolvedScene(
-                    label=name, name=name, root=folder, dataset=dataset.id,
+                    label=name,
+                    name=name,
+                    root=folder,
+                    dataset=dataset.id,
                     layout=str(dataset.layout) if untold else "auto",
                     hold=scene.hold or dataset.hold if untold else None,
-                    licence=dataset.licence, terms=dataset.terms or "", citation=dataset.citation,
-                    origin=dataset.origin, note=scene.note or "",
+                    licence=dataset.licence,
+                    terms=dataset.terms or "",
+                    citation=dataset.citation,
+                    origin=dataset.origin,
+                    note=scene.note or "",
                 )
     return ResolvedScene(label=name, name=name, root=folder)
 
@@ -87,7 +93,7 @@ def same_files(root: Path, sha256: Mapping[str, str]) -> str:
 def _is(folder: Path, dataset: NamedDataset, scene: NamedScene) -> bool:
     parts = folder.resolve().parts
     tails = [PurePosixPath(place).parts for place in dataset.candidates(scene)]
-    return any(parts[-len(tail):] == tail for tail in tails) and not same_files(folder, scene.sha256)
+    return any(parts[-len(tail) :] == tail for tail in tails) and not same_files(folder, scene.sha256)
 
 
 def _known(
@@ -108,13 +114,18 @@ def _known(
         hold=None if source.built_in else original.hold or source.hold,
         images=source.images,
         recipe=Recipe(
-            focus=dataset.recipe.focus, aperture=dataset.recipe.aperture,
+            focus=dataset.recipe.focus,
+            aperture=dataset.recipe.aperture,
             width=dataset.recipe.width or source.recipe.width,
         ),
-        views=original.views, size=original.size, sha256=original.sha256,
-        licence=source.licence, terms=source.terms or "",
+        views=original.views,
+        size=original.size,
+        sha256=original.sha256,
+        licence=source.licence,
+        terms=source.terms or "",
         citation=tuple(dict.fromkeys((*dataset.citation, *source.citation))),
-        origin=source.origin, note=scene.note or original.note or "",
+        origin=source.origin,
+        note=scene.note or original.note or "",
         missing="" if here else what_to_put(source, places, data_root),
     )
 
@@ -136,9 +147,16 @@ def _marked(dataset: NamedDataset, data_root: Path | None) -> list[Path]:
 def _found(dataset: NamedDataset, folder: Path) -> ResolvedScene:
     facts = {"licence": dataset.licence, "origin": dataset.origin, "citation": dataset.citation}
     return ResolvedScene(
-        label=f"{dataset.id}/{folder.name}", name=f"{dataset.id}-{folder.name}", root=folder, dataset=dataset.id,
-        layout=str(dataset.layout), images=dataset.images, hold=dataset.hold, recipe=dataset.recipe,
-        terms=dataset.terms or "", **(facts | (_rendered_facts(folder) or {})),
+        label=f"{dataset.id}/{folder.name}",
+        name=f"{dataset.id}-{folder.name}",
+        root=folder,
+        dataset=dataset.id,
+        layout=str(dataset.layout),
+        images=dataset.images,
+        hold=dataset.hold,
+        recipe=dataset.recipe,
+        terms=dataset.terms or "",
+        **(facts | (_rendered_facts(folder) or {})),
     )
 
 
@@ -150,6 +168,7 @@ def _rendered_facts(folder: Path) -> dict | None:
         return None
     citation = content.get("citation") or ()
     return {
-        "licence": str(content.get("licence") or NOT_STATED), "origin": str(content.get("origin") or ""),
+        "licence": str(content.get("licence") or NOT_STATED),
+        "origin": str(content.get("origin") or ""),
         "citation": (citation,) if isinstance(citation, str) else tuple(map(str, citation)),
     }

@@ -35,9 +35,7 @@ def _distinct(values: tuple[float, ...]) -> tuple[float, ...]:
 
 
 Folder = Annotated[str, AfterValidator(_inside)]
-Grid = Annotated[
-    tuple[Annotated[float, Field(ge=0, le=1)], ...], Field(min_length=1), AfterValidator(_distinct)
-]
+Grid = Annotated[tuple[Annotated[float, Field(ge=0, le=1)], ...], Field(min_length=1), AfterValidator(_distinct)]
 
 
 class _Record(BaseModel):

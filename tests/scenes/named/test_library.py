@@ -30,8 +30,17 @@ name = "one"
 
 def test_every_file_is_a_dataset_called_as_the_file() -> None:
     assert {read_dataset(path).id for path in FILES} == {path.stem for path in FILES} == set(LIBRARY)
-    assert {"tabletop", "llff", "tandt-db", "dof-gaussian", "deblur-nerf-real", "deblur-nerf-synthetic", "dof-nerf",
-            "blb", "rendered"} <= set(LIBRARY)
+    assert {
+        "tabletop",
+        "llff",
+        "tandt-db",
+        "dof-gaussian",
+        "deblur-nerf-real",
+        "deblur-nerf-synthetic",
+        "dof-nerf",
+        "blb",
+        "rendered",
+    } <= set(LIBRARY)
 
 
 @pytest.mark.parametrize("dataset", LIBRARY.values(), ids=list(LIBRARY))
@@ -45,7 +54,10 @@ def test_every_dataset_says_whose_it_is_and_how_to_read_it(dataset: NamedDataset
 def test_no_folder_belongs_to_two_scenes() -> None:
     """Else one folder would be found as two scenes."""
     places = [
-        place for dataset in LIBRARY.values() for scene in dataset.scenes if scene.of is None
+        place
+        for dataset in LIBRARY.values()
+        for scene in dataset.scenes
+        if scene.of is None
         for place in dataset.candidates(scene)
     ]
     assert len(set(places)) == len(places)
@@ -56,7 +68,8 @@ def test_the_papers_set() -> None:
     dataset = LIBRARY["dof-gaussian"]
     assert [scene.of for scene in dataset.scenes] == [
         *(f"llff/{name}" for name in ("fern", "flower", "fortress", "horns", "orchids", "room", "trex")),
-        "tandt-db/train", "tandt-db/truck",
+        "tandt-db/train",
+        "tandt-db/truck",
     ]
     assert (dataset.recipe.focus, dataset.recipe.aperture) == ((0.2, 0.5, 0.8), (0.5, 1.0))
     assert {left.scene for left in dataset.left_out} == {"llff/leaves", "tandt-db/drjohnson", "tandt-db/playroom"}
@@ -67,8 +80,18 @@ def test_the_papers_set() -> None:
 def test_held_out_views_of_the_real_defocus_scenes() -> None:
     """methods.md 6.3, from the configurations of Deblur-NeRF and BAGS."""
     held = {scene.name: scene.hold for scene in LIBRARY["deblur-nerf-real"].scenes}
-    assert held == {"cake": 9, "caps": 5, "cisco": 7, "coral": 10, "cupcake": 6, "cups": 8, "daisy": 8, "sausage": 6,
-                    "seal": 6, "tools": 7}
+    assert held == {
+        "cake": 9,
+        "caps": 5,
+        "cisco": 7,
+        "coral": 10,
+        "cupcake": 6,
+        "cups": 8,
+        "daisy": 8,
+        "sausage": 6,
+        "seal": 6,
+        "tools": 7,
+    }
     synthetic = LIBRARY["deblur-nerf-synthetic"]
     assert (synthetic.hold, len(synthetic.scenes)) == (8, 5)
 
@@ -93,13 +116,13 @@ def test_built_in_scenes_come_first() -> None:
         (GOOD.replace("{scene}", "../{scene}"), "leads out"),
         (GOOD.replace("{scene}", "/{scene}"), "leads out"),
         (GOOD.replace('folders = ["{scene}"]', ""), "one has no folders"),
-        (GOOD + 'views = 0', "scenes.0.views"),
-        (GOOD + 'hold = 1', "scenes.0.hold"),
+        (GOOD + "views = 0", "scenes.0.views"),
+        (GOOD + "hold = 1", "scenes.0.hold"),
         (GOOD + 'sha256 = { "poses_bounds.npy" = "12" }', "sha256"),
         (GOOD + '[[scenes]]\nname = "one"', "two scenes of one name"),
-        (GOOD + '[recipe]\nfocus = [0.2, 1.5]', "recipe.focus"),
-        (GOOD + '[recipe]\naperture = [0.5, 0.5]', "every value once"),
-        (GOOD + '[recipe]\nwidth = 0', "recipe.width"),
+        (GOOD + "[recipe]\nfocus = [0.2, 1.5]", "recipe.focus"),
+        (GOOD + "[recipe]\naperture = [0.5, 0.5]", "every value once"),
+        (GOOD + "[recipe]\nwidth = 0", "recipe.width"),
         (GOOD.replace("[[scenes]]", 'marker = "x"\n[[scenes]]'), "either scenes, or a marker"),
         (GOOD.partition("[[scenes]]")[0], "either scenes, or a marker"),
         (GOOD + '[[scenes]]\nname = "two"\nof = "small/one"\nviews = 3', "two is small/one"),

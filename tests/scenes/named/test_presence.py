@@ -65,14 +65,14 @@ def write_scene(photograph: Path, make_cameras: Callable, make_cloud: Callable) 
 
 
 ALL = [
-    (dataset, scene) for dataset in LIBRARY.values() if not dataset.built_in
+    (dataset, scene)
+    for dataset in LIBRARY.values()
+    if not dataset.built_in
     for scene in (dataset.scenes if dataset.marker is None else (NamedScene(name="some"),))
 ]
 
 
-@pytest.mark.parametrize(
-    ("dataset", "scene"), ALL, ids=[f"{dataset.id}/{scene.name}" for dataset, scene in ALL]
-)
+@pytest.mark.parametrize(("dataset", "scene"), ALL, ids=[f"{dataset.id}/{scene.name}" for dataset, scene in ALL])
 def test_every_named_scene_is_found_and_read(
     tmp_path: Path, write_scene: Callable[[Path, str, int], None], dataset: NamedDataset, scene: NamedScene
 ) -> None:
@@ -130,9 +130,7 @@ def test_somebody_elses_scene_json_is_not_ours(tmp_path: Path) -> None:
             resolve(text, tmp_path)
 
 
-def test_two_folders_of_one_name_are_one_scene(
-    tmp_path: Path, write_scene: Callable[[Path, str, int], None]
-) -> None:
+def test_two_folders_of_one_name_are_one_scene(tmp_path: Path, write_scene: Callable[[Path, str, int], None]) -> None:
     for place in LIBRARY["rendered"].folders[:2]:
         write_scene(tmp_path / place.replace("{scene}", "fence"), "nerfstudio", 9)
     (scene,) = resolve("rendered", tmp_path)
@@ -141,8 +139,11 @@ def test_two_folders_of_one_name_are_one_scene(
 
 @pytest.mark.parametrize("given", ["option", "variable"])
 def test_the_command_lists_what_is_here_and_what_to_put_where(
-    tmp_path: Path, write_scene: Callable[[Path, str, int], None], capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch, given: str,
+    tmp_path: Path,
+    write_scene: Callable[[Path, str, int], None],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    given: str,
 ) -> None:
     write_scene(tmp_path / "nerf_llff_data" / "orchids", "llff", 25)
     write_scene(tmp_path / "real_defocus_blur" / "defocussausage", "deblurnerf", COUNT)
@@ -184,5 +185,6 @@ def test_real_scenes_are_complete(real_data: Callable[[str], Path]) -> None:
     root = real_data("llff_fern").parent
     here = {found.scene.label: found for found in map(inspect, resolve("llff", root)) if found.state != "absent"}
     assert {label: (found.state, found.training, found.test) for label, found in here.items()} == {
-        "llff/fern": ("complete", 17, 3), "llff/flower": ("complete", 29, 5),
+        "llff/fern": ("complete", 17, 3),
+        "llff/flower": ("complete", 29, 5),
     }

@@ -21,6 +21,7 @@ Write = Callable[..., None]
 @pytest.fixture
 def shelf(tmp_path: Path, make_cameras: Callable, write_images: Write) -> Path:
     """A data root with two LLFF scenes under their different names, and one of Deblur-NeRF's."""
+
     def write(folder: Path, count: int, sizes: dict[str, tuple[int, int]]) -> None:
         for images, size in sizes.items():
             write_images(folder / images, ["000.png"], size)
@@ -130,9 +131,15 @@ def test_a_folder_wins_over_a_name(shelf: Path, monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("lff/fern", "llff/fern"), ("fern", "llff/fern"), ("llf", "llff"), ("dof-gausian", "dof-gaussian"),
-        ("llff/ferm", "llff/fern"), ("tabeltop", "tabletop"), ("nothing like it", "a scene folder, or one of tabletop"),
-        ("dof-gaussian/leaves", "dof-gaussian"), ("", "a scene folder, or one of"),
+        ("lff/fern", "llff/fern"),
+        ("fern", "llff/fern"),
+        ("llf", "llff"),
+        ("dof-gausian", "dof-gaussian"),
+        ("llff/ferm", "llff/fern"),
+        ("tabeltop", "tabletop"),
+        ("nothing like it", "a scene folder, or one of tabletop"),
+        ("dof-gaussian/leaves", "dof-gaussian"),
+        ("", "a scene folder, or one of"),
     ],
 )
 def test_unknown_names_are_answered_with_close_ones(shelf: Path, text: str, expected: str) -> None:
