@@ -20,17 +20,17 @@ from typing import Annotated, Any, Union
 import tyro
 
 from dofbench import __version__
-from dofbench.ablation.settings import Ablate
-from dofbench.errors import InputError, one_line
-from dofbench.harness.clock import loading
-from dofbench.motion.settings import Reconstruct
-from dofbench.rendering.settings import MakeScene
-from dofbench.reporting.settings import Report
-from dofbench.runs.settings import Runs
-from dofbench.stability.settings import Stability
-from dofbench.synthesis.settings import MakeDatasets
-from dofbench.threads import configure_threads
-from dofbench.validation.settings import ValidateRenderer
+from dofbench.compute.threads import configure_threads
+from dofbench.core.clock import loading
+from dofbench.core.errors import InputError, one_line
+from dofbench.procedural.scene_options import MakeScene
+from dofbench.reporting.report_options import Report
+from dofbench.running.ablation_options import Ablate
+from dofbench.running.run_options import Runs
+from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
+from dofbench.stability.stability_options import Stability
+from dofbench.synthesis.dataset_options import MakeDatasets
+from dofbench.validation.validation_options import ValidateRenderer
 
 DONE, FAILED, WRONG_CALL = 0, 1, 2
 
@@ -143,25 +143,28 @@ def execute(settings: Any) -> int:
 
             return DONE if make_datasets(settings) else FAILED
         case MakeScene():
-            from dofbench.rendering import make_scene
+            from dofbench.procedural import make_scene
 
             make_scene(settings)
             return DONE
         case Reconstruct():
-            from dofbench.motion import reconstruct
+            from dofbench.scenes.reconstruction import reconstruct
 
             return DONE if reconstruct(settings) else FAILED
         case Runs():
             with loading.running():
-                from dofbench.runs.matrix import run_all
+                from dofbench.commands.run_photographs import run_photographs
+                from dofbench.running.matrix import run_all
 
+            if settings.photographs is not None:
+                return DONE if run_photographs(settings, settings.photographs) else FAILED
             return DONE if run_all(settings) else FAILED
         case Ablate():
-            from dofbench.ablation import ablate
+            from dofbench.commands.ablate import make_tables
 
-            return DONE if ablate(settings) else FAILED
+            return DONE if make_tables(settings) else FAILED
         case Score():
-            from dofbench.harness.score import score
+            from dofbench.running.rescore import score
 
             return DONE if score(settings.results, settings.metrics, settings.data) else FAILED
         case Report():
@@ -169,7 +172,7 @@ def execute(settings: Any) -> int:
 
             return DONE if report(settings) else FAILED
         case Check():
-            from dofbench.harness.check import check
+            from dofbench.running.check import check
 
             return DONE if check(settings.path) else FAILED
         case Scenes():
@@ -177,12 +180,12 @@ def execute(settings: Any) -> int:
 
             return DONE if print_scenes(settings.folders, settings.data_root) else FAILED
         case ValidateRenderer():
-            from dofbench.validation.run import validate_renderer
+            from dofbench.validation.validate import validate_renderer
 
             validate_renderer(settings)
             return DONE
         case Stability():
-            from dofbench.stability.run import stability
+            from dofbench.stability.measure import stability
 
             return DONE if stability(settings) else FAILED
     raise AssertionError(f"no command for {type(settings).__name__}")

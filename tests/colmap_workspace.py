@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dofbench.cameras import Camera
+from dofbench.core.cameras import Camera
 from dofbench.scenes.export import write_colmap
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import hypothesis
 import pytest
 
-from dofbench.threads import configure_threads
+from dofbench.compute.threads import configure_threads
 
 configure_threads()  # before any test imports torch or numba
 

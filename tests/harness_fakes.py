@@ -13,31 +13,31 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from dofbench.cameras import Camera
-from dofbench.contracts import PointCloud, TrainingSet, TrainingView
-from dofbench.errors import InputError, one_line
-from dofbench.exif import Exif
-from dofbench.files import sha256_file
-from dofbench.harness import check as check_module
-from dofbench.harness import prepare as prepare_module
-from dofbench.harness import run as run_module
-from dofbench.harness import score as score_module
-from dofbench.harness.facts import Facts
-from dofbench.harness.run import RunEnd
-from dofbench.harness.settings import Run
-from dofbench.images import from_8bit, to_8bit
-from dofbench.lens import DisparityRange, Lens, PhysicalLens
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
+from dofbench.core.errors import InputError, one_line
+from dofbench.core.exif import Exif
+from dofbench.core.files import sha256_file
+from dofbench.core.images import from_8bit, to_8bit
+from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
+from dofbench.core.processes import Job, Outcome
 from dofbench.metrics import METRICS
-from dofbench.processes import Job, Outcome
-from dofbench.reporting import truth as truth_module
-from dofbench.runs import planned as planned_module
+from dofbench.reporting import truth_images as truth_module
+from dofbench.results.run_spec import Run
+from dofbench.running import check as check_module
+from dofbench.running import one_run as run_module
+from dofbench.running import planned_runs as planned_module
+from dofbench.running import prepare as prepare_module
+from dofbench.running import rescore as score_module
+from dofbench.running.facts import Facts
+from dofbench.running.one_run import RunEnd
 
 WIDTH, HEIGHT = 64, 48
 
 
 @dataclass(frozen=True, eq=False)
 class FakeView:
-    """As `dofbench.synthesis.dataset.DatasetView`."""
+    """As `dofbench.dataset.dataset.DatasetView`."""
 
     name: str
     split: str
@@ -51,7 +51,7 @@ class FakeView:
 
 
 class FakeDataset:
-    """As `dofbench.synthesis.dataset.Dataset`; its folder holds a dataset.json with these few choices.
+    """As `dofbench.dataset.dataset.Dataset`; its folder holds a dataset.json with these few choices.
 
     The image of a view is smooth noise; its shallow photograph is the sharp one, darkened by the aperture, which only
     this class knows where the view's lens is unknown.
@@ -216,9 +216,9 @@ import json
 import numpy as np
 from harness_fakes import sharp_image
 
-from dofbench.contracts import Decision, FitOutcome, Rendering
-from dofbench.errors import InputError, Status
-from dofbench.lens import PhysicalLens
+from dofbench.core.contracts import Decision, FitOutcome, Rendering
+from dofbench.core.errors import InputError, Status
+from dofbench.core.lens import PhysicalLens
 
 from .behaviour import misbehave
 
@@ -283,7 +283,7 @@ import math
 import time
 
 from dofbench import kernel_cache
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 
 
 def misbehave(options, step, loss):

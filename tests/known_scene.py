@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from dofbench.cameras import Camera
-from dofbench.contracts import Rendering
-from dofbench.defocus import defocus_numpy
-from dofbench.lens import PhysicalLens
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import Rendering
+from dofbench.core.lens import PhysicalLens
+from dofbench.optics.defocus import defocus_numpy
 
 WIDTH, HEIGHT = 96, 80
 CAMERA = Camera(WIDTH, HEIGHT, 90.0, 90.0, WIDTH / 2, HEIGHT / 2, np.eye(4))

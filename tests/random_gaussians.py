@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from tolerances import FLOAT32_DISTORTION, FLOAT32_GRADIENT, FLOAT32_VALUE
 
-from dofbench.cameras import Camera
+from dofbench.core.cameras import Camera
 from dofbench.gaussians.raster import ViewStatistics
 from dofbench.kernels import load
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from dofbench.cameras import Camera
-from dofbench.contracts import PointCloud, TrainingSet, TrainingView
-from dofbench.gaussians.options import TrainerOptions
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
+from dofbench.learning.options import TrainerOptions
 
 WIDTH, HEIGHT = 48, 36
 

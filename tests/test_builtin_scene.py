@@ -15,18 +15,18 @@ from tolerances import (
     POSE_ROUND_TRIP,
 )
 
-from dofbench.cameras import Camera
-from dofbench.content import content_folder
-from dofbench.files import sha256_file
-from dofbench.images import encode, read_exr, read_image, to_8bit
-from dofbench.rendering import ink
-from dofbench.rendering.paths import cameras
-from dofbench.rendering.recipes import recipe
-from dofbench.rendering.tracer import Tracer
-from dofbench.rendering.variant import choose_variant
+from dofbench.core.cameras import Camera
+from dofbench.core.content import content_folder
+from dofbench.core.files import sha256_file
+from dofbench.core.images import encode, read_exr, read_image, to_8bit
+from dofbench.procedural import ink
+from dofbench.procedural.camera_paths import cameras
+from dofbench.procedural.recipes import recipe
+from dofbench.procedural.tracer import Tracer
+from dofbench.procedural.variant import choose_variant
 from dofbench.scenes import load_scene
 from dofbench.scenes.named import named_datasets
-from dofbench.scenes.types import Scene
+from dofbench.scenes.scene import Scene
 
 DATASET = named_datasets()["tabletop"]
 (ENTRY,) = DATASET.scenes

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT64_VALUE
 
-from dofbench.cameras import Camera
+from dofbench.core.cameras import Camera
 
 
 def camera(seed: int = 0, width: int = 64, height: int = 48) -> Camera:

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from dofbench import __version__, cli
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 
 HEAVY = (
     "torch",

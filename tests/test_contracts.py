@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dofbench.contracts import Observer, PointCloud
+from dofbench.core.contracts import Observer, PointCloud
 
 VIEWS = 6
 

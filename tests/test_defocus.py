@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FINITE_DIFFERENCE, FLOAT32_GRADIENT, FLOAT32_VALUE, FLOAT64_VALUE, HALF_LIT
 
-from dofbench.defocus import TOE, decode, defocus, defocus_numpy, encode, signed_radius
-from dofbench.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
+from dofbench.core.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
+from dofbench.optics.defocus import TOE, decode, defocus, defocus_numpy, encode, signed_radius
 
 gammas = st.sampled_from([1.0, 2.0, 2.2, 4.0])
 

@@ -15,11 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE, HALF_WEIGHTS
 
-from dofbench.content import content_folder
-from dofbench.depth import open_source
+from dofbench.core.content import content_folder
 from dofbench.depth.network import Network, find_network
 from dofbench.scenes import load_scene
-from dofbench.scenes.types import Scene
+from dofbench.scenes.scene import Scene
+from dofbench.synthesis.depth_sources import open_source
 
 FOLDER = content_folder("datasets") / "depthnet"
 LARGEST = 3_000_000  # bytes

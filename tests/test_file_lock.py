@@ -9,12 +9,12 @@ import sys
 
 import pytest
 
-from dofbench import file_lock
-from dofbench.errors import InputError
-from dofbench.synthesis.work import only_writer
+from dofbench.core import file_lock
+from dofbench.core.errors import InputError
+from dofbench.core.file_lock import only_writer
 
 HOLD = (
-    "import sys\nfrom pathlib import Path\nfrom dofbench.synthesis.work import only_writer\n"
+    "import sys\nfrom pathlib import Path\nfrom dofbench.core.file_lock import only_writer\n"
     "with only_writer(Path(sys.argv[1])):\n    print('held', flush=True)\n    sys.stdin.read()\n"
 )
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dofbench.files import canonical_json, replacing, sha256_file, sha256_text, write_json, write_text
+from dofbench.core.files import canonical_json, replacing, sha256_file, sha256_text, write_json, write_text
 
 values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT32_VALUE, LEVEL_8BIT
 
-from dofbench.errors import InputError
-from dofbench.images import (
+from dofbench.core.errors import InputError
+from dofbench.core.images import (
     decode,
     encode,
     from_8bit,

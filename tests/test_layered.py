@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tolerances import FLOAT32_VALUE
 
-from dofbench.defocus import defocus_numpy
+from dofbench.core.lens import PhysicalLens
 from dofbench.kernels import load
-from dofbench.layered import layered_blur
-from dofbench.lens import PhysicalLens
+from dofbench.optics.defocus import defocus_numpy
+from dofbench.optics.layered import layered_blur
 
 MARGIN, HEIGHT, WIDTH = 16, 96, 112
 

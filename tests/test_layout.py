@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from dofbench import kernels
-from dofbench.content import FOLDERS, content_folder
+from dofbench.core.content import FOLDERS, content_folder
 
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT64_VALUE
 
-from dofbench.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
+from dofbench.core.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
 
 widths = st.integers(16, 4096)
 apertures = st.floats(0.0, 2.0)

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tolerances import FLOAT32_VALUE, MIXED_COLOUR, MIXED_SHARE
 
-from dofbench.mixed_pixels import mixed_pixels
+from dofbench.optics.mixed_pixels import mixed_pixels
 
 
 def step(cover: np.ndarray, near: np.ndarray, far: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,14 +10,14 @@ import pytest
 from tolerances import ROUGH_APERTURE
 
 from dofbench import cli
-from dofbench.content import content_folder
-from dofbench.defocus import defocus_numpy
-from dofbench.harness.result import read_result
-from dofbench.images import read_image, write_png
-from dofbench.lens import Lens
+from dofbench.core.content import content_folder
+from dofbench.core.images import read_image, write_png
+from dofbench.core.lens import Lens
+from dofbench.depth.disparity import scene_range
+from dofbench.optics.defocus import defocus_numpy
+from dofbench.results.result import read_result
 from dofbench.scenes import export, load_scene
 from dofbench.synthesis import Dataset
-from dofbench.synthesis.disparity import scene_range
 
 HOLD, STEPS, WIDTH = 8, 60, 64
 APERTURE, FOCUS = 3.0, (0.2, 0.5, 0.8)  # up to 3.8 px a unit of disparity, as photographs of a common width have

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from dofbench.errors import InputError
-from dofbench.processes import Job, run_jobs
+from dofbench.core.errors import InputError
+from dofbench.core.processes import Job, run_jobs
 
 
 class Log:

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from rich.console import Console
 from tolerances import FLOAT64_VALUE
 
-from dofbench.contracts import Budget
-from dofbench.harness.progress import TrainingProgress
-from dofbench.remaining import ESTIMATING, Remaining
-from dofbench.synthesis.progress import Terminal
+from dofbench.core.contracts import Budget
+from dofbench.core.progress import Terminal
+from dofbench.core.time_left import ESTIMATING, Remaining
+from dofbench.running.run_progress import TrainingProgress
 
 STEPS, STEP = 3000, 0.05
 COLD = 80.0  # seconds until the first step is done

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from tolerances import EIGHT_LANES, EXP2_FAST
 
-from dofbench.simd import (
+from dofbench.compute.simd import (
     abs8,
     any8,
     bits8,
@@ -100,7 +100,7 @@ def test_exp_at_its_ends():
 def test_cached_code_is_forgotten_when_a_module_beside_it_changes(tmp_path):
     constants = tmp_path / "constants.py"
     (tmp_path / "kernel.py").write_text(
-        "from numba import njit\nfrom dofbench.kernel_cache import cached\nimport constants\n"
+        "from numba import njit\nfrom dofbench.compute.kernel_cache import cached\nimport constants\n"
         "@cached\n@njit\ndef scaled(x):\n    return x * constants.FACTOR\n"
         "print(scaled(1.0), sum(scaled.stats.cache_hits.values()))\n"
     )

@@ -18,14 +18,14 @@ from tolerances import (
     SHIPPED_SURFACE,
 )
 
-from dofbench.content import content_folder
-from dofbench.defocus import defocus_numpy
-from dofbench.files import sha256_file
-from dofbench.images import encode, read_exr
-from dofbench.lens import DisparityRange, Lens, PhysicalLens
+from dofbench.core.content import content_folder
+from dofbench.core.files import sha256_file
+from dofbench.core.images import encode, read_exr
+from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
+from dofbench.depth.disparity import disparity_of, scene_range
+from dofbench.optics.defocus import defocus_numpy
 from dofbench.scenes import load_scene
 from dofbench.scenes.named import named_datasets
-from dofbench.synthesis.disparity import disparity_of, scene_range
 
 DATASET = named_datasets()["thinlens"]
 NAMES = [scene.name for scene in DATASET.scenes]

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from dofbench.content import FOLDERS
+from dofbench.core.content import FOLDERS
 
 pytestmark = pytest.mark.slow  # builds a wheel, then compiles every kernel anew: minutes
 
@@ -71,7 +71,7 @@ def test_wheel_holds_every_source_and_nothing_else(wheel: Path, repository: Path
 def test_content_is_found_in_the_installation(installation: Path, tmp_path: Path) -> None:
     script = (
         "import dofbench.kernels, dofbench.methods\n"
-        "from dofbench.content import FOLDERS, content_folder\n"
+        "from dofbench.core.content import FOLDERS, content_folder\n"
         "for name in FOLDERS: print(content_folder(name))\n"
         "for op in dofbench.kernels.OPS:\n"
         "    for backend in dofbench.kernels.BACKENDS: print(dofbench.kernels.load(op, backend).__module__)\n"

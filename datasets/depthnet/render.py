@@ -17,13 +17,13 @@ import numpy as np
 import rooms
 import tyro
 
-from dofbench.files import replacing
-from dofbench.images import encode, to_8bit
-from dofbench.rendering import paths
-from dofbench.rendering.recipes import recipe
-from dofbench.rendering.settings import NAMES
-from dofbench.rendering.tracer import Tracer
-from dofbench.rendering.variant import choose_variant
+from dofbench.core.files import replacing
+from dofbench.core.images import encode, to_8bit
+from dofbench.procedural import camera_paths
+from dofbench.procedural.recipes import recipe
+from dofbench.procedural.scene_options import NAMES
+from dofbench.procedural.tracer import Tracer
+from dofbench.procedural.variant import choose_variant
 
 WIDTH, HEIGHT = 256, 192
 RECIPES = 3  # every third room is one of make-scene's, of a seed that no shipped scene has
@@ -63,7 +63,7 @@ def main(settings: Settings) -> None:
             how, seed = recipe(NAMES[turn % len(NAMES)]), 1 + number
             stage = how.stage(seed)
             kind = "forward" if turn // len(NAMES) % 2 == 0 else "orbit"
-            cameras = paths.cameras(how.VIEWPOINTS, kind, settings.views, WIDTH, HEIGHT, seed)
+            cameras = camera_paths.cameras(how.VIEWPOINTS, kind, settings.views, WIDTH, HEIGHT, seed)
         else:
             if number // BANK_ROOMS != banked:
                 banked = number // BANK_ROOMS

@@ -10,10 +10,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dofbench.cameras import Camera
-from dofbench.rendering import shapes, textures
-from dofbench.rendering.paths import world_to_camera
-from dofbench.rendering.stage import Lamp, Prop, Sphere, Stage, Tube
+from dofbench.core.cameras import Camera
+from dofbench.procedural import shapes, textures
+from dofbench.procedural.camera_paths import world_to_camera
+from dofbench.procedural.stage import Lamp, Prop, Sphere, Stage, Tube
 
 NEAREST, FARTHEST = 0.7, 14.0  # distance of things from the camera, scene units; spread evenly in its logarithm
 

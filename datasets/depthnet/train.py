@@ -19,8 +19,8 @@ import torch
 import tyro
 from torch import Tensor
 
+from dofbench.core.files import replacing
 from dofbench.depth.depthnet import MEAN, STD, DepthNet
-from dofbench.files import replacing
 
 SIZES = ((128, 96), (192, 160))  # (width, height) trained at: small at first, since that is three times as fast
 SWITCH = 0.75  # share of the budget at which the size changes

@@ -12,8 +12,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from dofbench.core.errors import InputError
 from dofbench.depth.onnx_weights import convolutions
-from dofbench.errors import InputError
 
 CHANNELS = (24, 40, 72, 96, 112)  # at 1/2, 1/4, 1/8, 1/16 and 1/32 of the input's size
 MEAN, STD = (0.45, 0.45, 0.45), (0.25, 0.25, 0.25)

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from dofbench.core.errors import InputError
 from dofbench.depth import DepthEstimate, SourceId
-from dofbench.errors import InputError
 from dofbench.scenes.depth_files import read_depth
-from dofbench.scenes.types import Scene, SceneView
+from dofbench.scenes.scene import Scene, SceneView
 
 _SUFFIXES = (".exr", ".png", ".npy", ".bin", ".geometric.bin", ".photometric.bin")
 

@@ -11,10 +11,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
-from dofbench.content import content_folder
-from dofbench.errors import InputError
-from dofbench.files import sha256_file
-from dofbench.images import resize
+from dofbench.core.content import content_folder
+from dofbench.core.errors import InputError
+from dofbench.core.files import sha256_file
+from dofbench.core.images import resize
 
 Preset = Literal["depth-pro", "depth-anything-v2", "midas"]
 Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]

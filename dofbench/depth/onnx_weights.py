@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 
 _GRAPH, _NODE, _INITIALIZER = 7, 1, 5
 _INPUT, _OUTPUT, _OPERATION = 1, 2, 4

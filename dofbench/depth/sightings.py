@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dofbench.cameras import Camera
-from dofbench.contracts import PointCloud
-from dofbench.errors import InputError
-from dofbench.scenes.types import Scene
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud
+from dofbench.core.errors import InputError
+from dofbench.scenes.scene import Scene
 from dofbench.scenes.visibility import hidden
 
 # A reprojection error this many times the scene's median speaks of a wrong match.

@@ -6,7 +6,7 @@ from __future__ import annotations
 def __getattr__(name: str):
     # torch is loaded only when one of these is asked for.
     if name in ("Reconstruction", "reconstruct"):
-        from dofbench.gaussians import reconstruction
+        from dofbench.gaussians import scene_fit
 
-        return getattr(reconstruction, name)
+        return getattr(scene_fit, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

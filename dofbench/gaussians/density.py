@@ -9,7 +9,7 @@ from torch import Tensor
 
 from dofbench.gaussians.model import PARAMETERS, Gaussians
 from dofbench.gaussians.optimiser import GaussianOptimiser
-from dofbench.gaussians.options import TrainerOptions
+from dofbench.learning.options import TrainerOptions
 
 _SPLIT_SHRINK = 1.6  # 3DGS: two children, each 1 / 1.6 as large
 _RESET_OPACITY = 0.01

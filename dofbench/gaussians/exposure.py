@@ -13,16 +13,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.cameras import Camera
-from dofbench.contracts import Rendering
-from dofbench.defocus import defocus
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import Rendering
+from dofbench.core.lens import COC_FRACTION, ApertureShape, DisparityRange, PhysicalLens
 from dofbench.gaussians.lens_samples import cell_variance, depth_of, lens_points, points_of, seen_from, together
 from dofbench.gaussians.losses import step_function
 from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.raster import Raster, ViewStatistics
 from dofbench.gaussians.render import rasterise, surface_disparity
-from dofbench.lens import COC_FRACTION, ApertureShape, DisparityRange, PhysicalLens
+from dofbench.learning.options import TrainerOptions
+from dofbench.optics.defocus import defocus
 
 _MOST_RINGS = 3  # 37 points of the lens: a picture is rendered once, and training looks at many
 _CELL = 1.5  # px: radius of the cell that a point may stand for: within a cell nothing hides anything

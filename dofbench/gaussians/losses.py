@@ -7,11 +7,11 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from dofbench.cameras import Camera
-from dofbench.gaussians.options import TrainerOptions
+from dofbench.core.cameras import Camera
 from dofbench.gaussians.render import SURFACE_ALPHA
-from dofbench.gaussians.supervision import DepthSamples
 from dofbench.kernels import load
+from dofbench.learning.options import TrainerOptions
+from dofbench.learning.supervision import DepthSamples
 
 WHITE = 254.5 / 255  # what an image of eight bits can't tell from white
 

@@ -8,17 +8,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from dofbench.cameras import Camera
-from dofbench.contracts import Budget, FitOutcome, Observer, Rendering, TrainingSet
-from dofbench.errors import InputError
-from dofbench.gaussians.colours import read_colours, write_colours
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import Budget, FitOutcome, Observer, Rendering, TrainingSet
+from dofbench.core.errors import InputError
+from dofbench.core.lens import PhysicalLens
 from dofbench.gaussians.exposure import render_view
-from dofbench.gaussians.lens_file import read_lenses, write_lenses
 from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.splats import lower_degree, read_splats, write_splats
 from dofbench.gaussians.trainer import Trainer
-from dofbench.lens import PhysicalLens
+from dofbench.learning.lens_file import read_lenses, write_lenses
+from dofbench.learning.options import TrainerOptions
+from dofbench.learning.photograph_colours import read_colours, write_colours
 
 _MODEL, _LENSES, _COLOURS = "gaussians.ply", "lenses.json", "colours.json"
 

@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.cameras import Camera
-from dofbench.contracts import PointCloud
-from dofbench.errors import InputError
-from dofbench.files import replacing
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud
+from dofbench.core.errors import InputError
+from dofbench.core.files import replacing
 
 SH_C0 = 0.5 / math.sqrt(math.pi)  # value of the constant spherical harmonic
 INITIAL_OPACITY = 0.1  # 3DGS

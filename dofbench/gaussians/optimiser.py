@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.options import TrainerOptions
+from dofbench.learning.options import TrainerOptions
 
 _MOMENTS = ("exp_avg", "exp_avg_sq")
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from dofbench.cameras import Camera
+from dofbench.core.cameras import Camera
 from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.raster import Geometry, Raster, ViewStatistics
 from dofbench.kernels import load
+from dofbench.learning.options import TrainerOptions
 
 # Below this accumulated opacity a pixel has no surface whose depth means anything.
 SURFACE_ALPHA = 0.1

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from dofbench.errors import InputError
-from dofbench.files import replacing
+from dofbench.core.errors import InputError
+from dofbench.core.files import replacing
 from dofbench.gaussians.model import Gaussians
 from dofbench.scenes.ply import read_vertices
 

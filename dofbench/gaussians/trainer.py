@@ -14,31 +14,40 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.cameras import Camera
-from dofbench.contracts import Budget, Decision, FitOutcome, NonFinite, Observer, PointCloud, Rendering, TrainingSet
-from dofbench.errors import InputError, Status
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import (
+    Budget,
+    Decision,
+    FitOutcome,
+    NonFinite,
+    Observer,
+    PointCloud,
+    Rendering,
+    TrainingSet,
+)
+from dofbench.core.errors import InputError, Status
+from dofbench.core.lens import DisparityRange, PhysicalLens
 from dofbench.gaussians import losses
-from dofbench.gaussians.circles import foci_apart, widest_circle
-from dofbench.gaussians.colours import LearnedColours
+from dofbench.gaussians.blur_circles import foci_apart, widest_circle
 from dofbench.gaussians.density import DensityControl
 from dofbench.gaussians.exposure import Shot, render_view, rings_for, sampled, scattered, summed
-from dofbench.gaussians.held_back import HeldBackScores, held_back_scores
 from dofbench.gaussians.lens_samples import together
-from dofbench.gaussians.lens_ties import lens_ties
-from dofbench.gaussians.lenses import LearnedLenses
 from dofbench.gaussians.model import Gaussians, scene_extent
-from dofbench.gaussians.nonfinite import NonFiniteError, Place
 from dofbench.gaussians.optimiser import GaussianOptimiser
-from dofbench.gaussians.options import TrainerOptions
-from dofbench.gaussians.outliers import OutlierViews
 from dofbench.gaussians.raster import ViewStatistics
 from dofbench.gaussians.render import SURFACE_ALPHA, rasterise, surface_disparity
-from dofbench.gaussians.supervision import all_disparities
-from dofbench.gaussians.training_views import Photograph, all_photographs
 from dofbench.gaussians.trials import HELD_BACK, Trials
 from dofbench.gaussians.warmup import compile_kernels
-from dofbench.lens import DisparityRange, PhysicalLens
-from dofbench.priors import Prior, make_prior, with_surface_points
+from dofbench.learning.held_back import HeldBackScores, held_back_scores
+from dofbench.learning.lens_ties import lens_ties
+from dofbench.learning.lenses import LearnedLenses
+from dofbench.learning.nonfinite import NonFiniteError, Place
+from dofbench.learning.options import TrainerOptions
+from dofbench.learning.outliers import OutlierViews
+from dofbench.learning.photograph_colours import LearnedColours
+from dofbench.learning.priors import Prior, make_prior, with_surface_points
+from dofbench.learning.supervision import all_disparities
+from dofbench.learning.training_views import Photograph, all_photographs
 
 _RENDER_RANGE_QUANTILE = 0.95  # the released code's near end of the disparity range
 _FILTER_3D_EVERY = 100  # steps; Mip-Splatting's interval

@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dofbench.contracts import Decision
-from dofbench.gaussians.options import TrainerOptions
-from dofbench.remaining import Progress, silent
+from dofbench.core.contracts import Decision
+from dofbench.core.time_left import Progress, silent
+from dofbench.learning.options import TrainerOptions
 
 if TYPE_CHECKING:
     from dofbench.gaussians.trainer import Snapshot, Trainer

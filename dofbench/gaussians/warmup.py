@@ -14,15 +14,15 @@ from importlib import import_module
 
 import torch
 
-from dofbench.cameras import Camera
-from dofbench.defocus import defocus
+from dofbench.compute.kernel_cache import is_compiled
+from dofbench.core.cameras import Camera
 from dofbench.gaussians import losses
 from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.raster import Geometry, ViewStatistics
 from dofbench.gaussians.render import rasterise
 from dofbench.gaussians.trials import questions
-from dofbench.kernel_cache import is_compiled
+from dofbench.learning.options import TrainerOptions
+from dofbench.optics.defocus import defocus
 
 _PATIENCE = 300.0  # seconds for the other process; after that this one compiles for itself
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib import import_module
 
-from dofbench.content import content_folder
-from dofbench.errors import InputError
+from dofbench.core.content import content_folder
+from dofbench.core.errors import InputError
 
 __path__ = [str(content_folder("kernels"))]
 

@@ -1,5 +1,5 @@
 """The bridge to `methods/<id>/`."""
 
-from dofbench.content import method_folders
+from dofbench.core.content import method_folders
 
 __path__ = [str(folder) for folder in method_folders()]

@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.metrics.delta_e import delta_e
 from dofbench.metrics.flip import flip
 from dofbench.metrics.gmsd import gmsd

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from dofbench.lens import DisparityRange
+from dofbench.core.lens import DisparityRange
 
 EMPTY_IS_INFINITELY_FAR = 0.0  # disparity of a pixel where nothing was rendered
 

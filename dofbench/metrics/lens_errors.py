@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dofbench.lens import DisparityRange, Lens, PhysicalLens
+from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
 
 DO_NOTHING = Lens(aperture=0.5, focus=0.5)  # what a method says that learns nothing
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # importing this package must stay cheap: the command line does it for its help
     from dofbench.reporting.board import Written
-    from dofbench.reporting.settings import Report
+    from dofbench.reporting.report_options import Report
 
 __all__ = ["report"]
 

@@ -8,19 +8,18 @@ from pathlib import Path
 
 from rich.console import Console
 
-from dofbench.files import write_text
-from dofbench.reporting import tables
-from dofbench.reporting.collect import board_names, collect, grouped, variant_names
+from dofbench.core.files import write_text
+from dofbench.reporting import table_files
 from dofbench.reporting.comparison import write_strip
 from dofbench.reporting.curves import write_curves
 from dofbench.reporting.figures import file_name
-from dofbench.reporting.html.ablations import read_ablations
-from dofbench.reporting.html.page import report_page
+from dofbench.reporting.html.html_ablations import read_ablations
+from dofbench.reporting.html.html_page import report_page
 from dofbench.reporting.markdown import leaderboard_markdown
 from dofbench.reporting.pairwise import board_pairs, write_comparisons_csv
 from dofbench.reporting.plots import Plot, make_plots
 from dofbench.reporting.reach import RULE
-from dofbench.reporting.settings import Report
+from dofbench.reporting.report_options import Report
 from dofbench.reporting.times import write_times_csv
 from dofbench.reporting.timing import (
     FRONT_RULE,
@@ -30,6 +29,7 @@ from dofbench.reporting.timing import (
     write_front_csv,
     write_reach_csv,
 )
+from dofbench.results.collecting import board_names, collect, grouped, variant_names
 
 
 @dataclass(frozen=True)
@@ -84,9 +84,9 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
             "times.csv",
         )
     ]
-    tables.write_leaderboard_csv(files[0], entries)
-    tables.write_per_view_csv(files[1], entries)
-    tables.write_curves_csv(files[2], entries)
+    table_files.write_leaderboard_csv(files[0], entries)
+    table_files.write_per_view_csv(files[1], entries)
+    table_files.write_curves_csv(files[2], entries)
     write_reach_csv(files[4], plots)
     write_front_csv(files[5], plots)
     write_times_csv(files[6], entries)

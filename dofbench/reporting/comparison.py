@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from dofbench.errors import InputError, Status
-from dofbench.harness.error_maps import FULL_SCALE
-from dofbench.harness.evaluate import PREFIX, Kind
-from dofbench.images import read_image
-from dofbench.reporting.collect import Entry, grouped
-from dofbench.reporting.columns import COLUMNS
+from dofbench.core.errors import InputError, Status
+from dofbench.core.images import read_image
 from dofbench.reporting.figures import new_figure, save
-from dofbench.reporting.truth import find_dataset, prediction_file, true_picture
+from dofbench.reporting.truth_images import find_dataset, prediction_file, true_picture
+from dofbench.results.collecting import Entry, grouped
+from dofbench.results.columns import COLUMNS
+from dofbench.scoring.error_maps import FULL_SCALE
+from dofbench.scoring.evaluate import PREFIX, Kind
 
 _TITLES: dict[Kind, str] = {
     "refocus": "through the true lens",

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dofbench.errors import Status
-from dofbench.harness.protocol import LENS_COLUMNS
-from dofbench.reporting.collect import Entry
-from dofbench.reporting.columns import COLUMNS, COST, Column
+from dofbench.core.errors import Status
 from dofbench.reporting.paired import Difference, Group, grouped_difference, holm
+from dofbench.results.collecting import Entry
+from dofbench.results.columns import COLUMNS, COST, Column
+from dofbench.results.protocol import LENS_COLUMNS
 
 Side = Sequence[Entry]  # the seeds of one variant on one dataset
 

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dofbench.files import replacing
+from dofbench.core.files import replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

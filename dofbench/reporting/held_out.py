@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from dofbench.errors import Status
-from dofbench.harness.protocol import AIF_PREFIX, arithmetic_mean
-from dofbench.reporting.collect import Entry
+from dofbench.core.errors import Status
 from dofbench.reporting.footnotes import Footnotes
 from dofbench.reporting.line_table import Beside, line_table, plain
 from dofbench.reporting.summary import Line, spread_cell
+from dofbench.results.collecting import Entry
+from dofbench.results.protocol import AIF_PREFIX, arithmetic_mean
 
 COLUMNS_SHOWN = ("psnr", "ssim", "flip")  # that are scored all in focus too
 ASKED_HEADING = "Held-out focus, by what the test views ask for"

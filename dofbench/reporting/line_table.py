@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from dofbench.reporting.columns import COLUMNS, Column
 from dofbench.reporting.footnotes import Footnotes, table
 from dofbench.reporting.summary import Line, best_texts, empty_columns
+from dofbench.results.columns import COLUMNS, Column
 
 
 @dataclass(frozen=True)

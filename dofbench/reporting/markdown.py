@@ -5,13 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from dofbench.harness.methods import find_method, method_files
-from dofbench.harness.protocol import PROTOCOLS
-from dofbench.reporting.collect import Collection, Entry, added_columns, board_names, grouped, variant_names
-from dofbench.reporting.columns import COLUMNS, SCORES
 from dofbench.reporting.footnotes import Footnotes, table
 from dofbench.reporting.held_out import ASKED_HEADING, asked_table
-from dofbench.reporting.lenses import HELD_OUT, lens_words
 from dofbench.reporting.line_table import Beside, line_table, plain
 from dofbench.reporting.pairwise import HEADING as PAIRWISE
 from dofbench.reporting.pairwise import Seeds, board_pairs, explanation, pairwise_table, scene_pairs
@@ -23,6 +18,11 @@ from dofbench.reporting.summary import (
     sorted_lines,
     variant_line,
 )
+from dofbench.results.collecting import Collection, Entry, added_columns, board_names, grouped, variant_names
+from dofbench.results.columns import COLUMNS, SCORES
+from dofbench.results.lens_columns import HELD_OUT, lens_words
+from dofbench.results.protocol import PROTOCOLS
+from dofbench.running.method_cards import find_method, method_files
 
 _INTRODUCTION = """\
 Best in bold, which alone doesn't make it better: see the differences below each table. Where runs differ

@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from dofbench.harness.protocol import arithmetic_mean
-from dofbench.reporting.collect import Entry, grouped
-from dofbench.reporting.columns import ALL_IN_FOCUS, COLUMNS, DEPTH, LENS, PHOTOGRAPH, REFOCUS
 from dofbench.reporting.differences import Compared, adjusted, compare, difference_text, verdict
 from dofbench.reporting.footnotes import Footnotes, table
 from dofbench.reporting.line_table import plain
 from dofbench.reporting.paired import EXPLANATION
-from dofbench.reporting.tables import write_csv
+from dofbench.reporting.table_files import write_csv
+from dofbench.results.collecting import Entry, grouped
+from dofbench.results.columns import ALL_IN_FOCUS, COLUMNS, DEPTH, LENS, PHOTOGRAPH, REFOCUS
+from dofbench.results.protocol import arithmetic_mean
 
 Variant = tuple[str, ...]
 Seeds = dict[Variant, list[Entry]]  # of one dataset

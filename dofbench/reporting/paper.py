@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from dofbench.content import content_folder
+from dofbench.core.content import content_folder
 
 
 @dataclass(frozen=True)

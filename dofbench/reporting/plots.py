@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from dofbench.reporting.collect import Entry, grouped
-from dofbench.reporting.columns import COLUMNS, Column
 from dofbench.reporting.pareto import FrontPoint, front_of
 from dofbench.reporting.reach import levels
 from dofbench.reporting.series import Series, curve_columns, series_of
+from dofbench.results.collecting import Entry, grouped
+from dofbench.results.columns import COLUMNS, Column
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dofbench.errors import Status
-from dofbench.reporting.collect import Entry, grouped
-from dofbench.reporting.columns import COLUMNS
+from dofbench.core.errors import Status
+from dofbench.results.collecting import Entry, grouped
+from dofbench.results.columns import COLUMNS
 
 Point = tuple[float, float]  # (training seconds, score)
 

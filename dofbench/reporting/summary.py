@@ -7,10 +7,10 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dofbench.errors import Status
-from dofbench.harness.protocol import DEPTH_COLUMNS, PROTOCOLS, arithmetic_mean
-from dofbench.reporting.collect import Entry
-from dofbench.reporting.columns import ALL_IN_FOCUS, COLUMNS, EXIF, PHOTOGRAPH, REFOCUS, SCORES
+from dofbench.core.errors import Status
+from dofbench.results.collecting import Entry
+from dofbench.results.columns import ALL_IN_FOCUS, COLUMNS, EXIF, PHOTOGRAPH, REFOCUS, SCORES
+from dofbench.results.protocol import DEPTH_COLUMNS, PROTOCOLS, arithmetic_mean
 
 DO_NOTHING = "do nothing (Â = F̂ = 0.5)"
 

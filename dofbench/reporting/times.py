@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from dofbench.reporting.collect import Entry, board_names, variant_names
-from dofbench.reporting.tables import write_csv
+from dofbench.reporting.table_files import write_csv
+from dofbench.results.collecting import Entry, board_names, variant_names
 
 TIMES_COLUMNS = ("method", "preset", "dataset", "scene", "protocol", "seed", "within", "stage", "wall_s", "cpu_s")
 

@@ -10,7 +10,7 @@ from dofbench.reporting.line_table import plain
 from dofbench.reporting.pareto import spans
 from dofbench.reporting.plots import Plot
 from dofbench.reporting.reach import LEVEL_RULE, level_text, reach_cell, run_reached, seconds_text
-from dofbench.reporting.tables import write_csv
+from dofbench.reporting.table_files import write_csv
 
 TIME_RULE = "Training time is wall time with the clock stopped while scoring; compiling kernels isn't in it"
 FRONT_RULE = (

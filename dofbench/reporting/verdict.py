@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dofbench.reporting.collect import Entry
-from dofbench.reporting.columns import COLUMNS
 from dofbench.reporting.differences import compare, difference_text
 from dofbench.reporting.differences import verdict as difference_verdict
 from dofbench.reporting.summary import Line
+from dofbench.results.collecting import Entry
+from dofbench.results.columns import COLUMNS
 
 HEADLINES = ("psnr", "aif_psnr", "photo_psnr", "across_psnr")  # the first of these that any row has
 

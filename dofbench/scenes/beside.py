@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dofbench.contracts import PointCloud
+from dofbench.core.contracts import PointCloud
 from dofbench.scenes.colmap import Model
 from dofbench.scenes.poses import invert, rigid
 from dofbench.scenes.views import AnotherFrame

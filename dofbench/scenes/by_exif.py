@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from dofbench.errors import InputError
-from dofbench.scenes.types import Scene, Split
+from dofbench.core.errors import InputError
+from dofbench.scenes.scene import Scene, Split
 
 SAME_F_NUMBER = 0.01  # relative; f-numbers are written down with two or three digits, and stops are 12 % apart
 

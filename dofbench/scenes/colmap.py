@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from dofbench.contracts import PointCloud
-from dofbench.errors import InputError
+from dofbench.core.contracts import PointCloud
+from dofbench.core.errors import InputError
 from dofbench.scenes.colmap_files import check_binary, model_suffix
 from dofbench.scenes.folders import choose_folder, match_files
 from dofbench.scenes.poses import rigid
-from dofbench.scenes.types import Scene
+from dofbench.scenes.scene import Scene
 from dofbench.scenes.undistort import Intrinsics
 from dofbench.scenes.views import Frame, assemble, held_out
 

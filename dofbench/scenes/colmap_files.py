@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 
 _PARTS = ("cameras", "images", "points3D")
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.scenes import llff
 from dofbench.scenes.folders import choose_folder, marked_hold
-from dofbench.scenes.types import Scene
+from dofbench.scenes.scene import Scene
 
 
 def fits(root: Path) -> bool:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dofbench.errors import InputError
-from dofbench.images import read_exr, read_image
+from dofbench.core.errors import InputError
+from dofbench.core.images import read_exr, read_image
 
 _PNG_LEVELS = 65535
 

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.scenes import llff
 from dofbench.scenes.folders import choose_folder, image_files, image_folders, marked_hold
-from dofbench.scenes.types import Scene, Split
+from dofbench.scenes.scene import Scene, Split
 from dofbench.scenes.views import Frame, assemble, check_inside
 
 # The paper holds out a ninth of the views.

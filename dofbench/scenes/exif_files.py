@@ -7,8 +7,8 @@ import math
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
-from dofbench.errors import InputError
-from dofbench.exif import EXIF_FILE, Exif, read_exif
+from dofbench.core.errors import InputError
+from dofbench.core.exif import EXIF_FILE, Exif, read_exif
 
 CSV_FILE = "exif.csv"
 # A column of exif.csv, and what it is here.

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from dofbench.cameras import Camera
-from dofbench.contracts import PointCloud
-from dofbench.errors import InputError
-from dofbench.files import refused, replacing, write_json
-from dofbench.images import to_8bit
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud
+from dofbench.core.errors import InputError
+from dofbench.core.files import refused, replacing, write_json
+from dofbench.core.images import to_8bit
 from dofbench.scenes.colmap_files import check_binary
 from dofbench.scenes.poses import opencv_to_llff, opengl_to_opencv
-from dofbench.scenes.types import Split
+from dofbench.scenes.scene import Split
 
 _MODEL_FILES = ("cameras.bin", "images.bin", "points3D.bin")
 

@@ -7,8 +7,8 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path, PurePosixPath
 
-from dofbench.errors import InputError
-from dofbench.images import image_size
+from dofbench.core.errors import InputError
+from dofbench.core.images import image_size
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".exr")
 _HOLD = re.compile(r"hold ?= ?(\d+)")

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.scenes.loading import LAYOUTS, load_scene
 from dofbench.scenes.named import NamedDataset, find_data_root, named_datasets, scenes_of
 from dofbench.scenes.named.places import VARIABLE, what_to_put

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.scenes import colmap
 from dofbench.scenes.folders import contents, image_files
-from dofbench.scenes.types import Scene
+from dofbench.scenes.scene import Scene
 from dofbench.scenes.views import AnotherFrame
 
 # In the order of detection. transforms.json says most (a camera a view, distortion, depth, split);

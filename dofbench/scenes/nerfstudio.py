@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from dofbench.contracts import PointCloud
-from dofbench.errors import InputError
-from dofbench.images import image_size
+from dofbench.core.contracts import PointCloud
+from dofbench.core.errors import InputError
+from dofbench.core.images import image_size
 from dofbench.scenes.beside import points_beside
 from dofbench.scenes.colmap import find_model, read_model
 from dofbench.scenes.folders import IMAGE_SUFFIXES, choose_folder, image_folders, listed, match_files
 from dofbench.scenes.ply import read_ply
 from dofbench.scenes.poses import invert, opengl_to_opencv, rigid
-from dofbench.scenes.types import Scene, Split
+from dofbench.scenes.scene import Scene, Split
 from dofbench.scenes.undistort import Intrinsics
 from dofbench.scenes.views import Frame, assemble, check_inside, held_out
 

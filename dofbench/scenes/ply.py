@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dofbench.contracts import PointCloud
-from dofbench.errors import InputError
+from dofbench.core.contracts import PointCloud
+from dofbench.core.errors import InputError
 
 _TYPES = {
     "char": "i1",

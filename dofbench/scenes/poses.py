@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 
 # Text files keep five or six digits of a rotation. What is farther from a rotation than this is no rounding.
 _RIGID = 1e-4

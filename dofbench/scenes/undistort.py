@@ -12,8 +12,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from dofbench.cameras import Camera
-from dofbench.errors import InputError
+from dofbench.core.cameras import Camera
+from dofbench.core.errors import InputError
 
 _NEWTON_STEPS = 30
 # Largest error of an inverted distortion, normalised units; a millionth of a pixel at a focal length of 10 000.

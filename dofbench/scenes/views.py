@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from dofbench.contracts import PointCloud
-from dofbench.errors import InputError
-from dofbench.images import image_size, read_image, resize
+from dofbench.core.contracts import PointCloud
+from dofbench.core.errors import InputError
+from dofbench.core.images import image_size, read_image, resize
 from dofbench.scenes.depth_files import read_depth
 from dofbench.scenes.exif_files import exif_by_file
 from dofbench.scenes.folders import marked_hold, scene_name, view_names
-from dofbench.scenes.types import Scene, SceneView, Split
+from dofbench.scenes.scene import Scene, SceneView, Split
 from dofbench.scenes.undistort import Intrinsics, sample_depth, undistort_image, undistorted
 
 # Sizes rounded down a pyramid leave the aspect ratio off by a pixel: 1 % is more than that, and less than a crop.

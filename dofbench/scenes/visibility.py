@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dofbench.cameras import Camera
-from dofbench.contracts import PointCloud
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud
 
 _NEIGHBOURS = 12  # points around a point that may hide it
 _RADIUS_SHARE = 0.03  # how far away they may be, as a share of the image width

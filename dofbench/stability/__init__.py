@@ -8,7 +8,7 @@ __all__ = ["stability"]
 def __getattr__(name: str):
     # torch is loaded only when this is asked for.
     if name in __all__:
-        from dofbench.stability import run
+        from dofbench.stability import measure
 
-        return getattr(run, name)
+        return getattr(measure, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from dofbench.errors import InputError
-from dofbench.harness.methods import find_method
+from dofbench.core.errors import InputError
 from dofbench.kernels import OPS
-from dofbench.stability import training
+from dofbench.running.method_cards import find_method
 from dofbench.stability.case import Case
-from dofbench.stability.settings import GROUPS, Stability
+from dofbench.stability.stability_options import GROUPS, Stability
 
 
 def catalogue(method: str | None = None) -> tuple[Case, ...]:
     """Every case, by group; training of one method, or of all that are found. Raises InputError for an unknown one."""
     found: list[Case] = []
     for group in GROUPS:
-        found += training.cases(method) if group == "training" else import_module(f"dofbench.stability.{group}").CASES
+        module = import_module(f"dofbench.stability.{group}_cases")
+        found += module.cases(method) if group == "training" else module.CASES
     return tuple(found)
 
 

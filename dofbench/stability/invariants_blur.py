@@ -7,9 +7,9 @@ from functools import partial
 
 import numpy as np
 
-from dofbench.defocus import defocus_numpy
-from dofbench.layered import layered_blur
-from dofbench.lens import ApertureShape, PhysicalLens
+from dofbench.core.lens import ApertureShape, PhysicalLens
+from dofbench.optics.defocus import defocus_numpy
+from dofbench.optics.layered import layered_blur
 from dofbench.stability.case import (
     COMPILED,
     KERNELS,

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from dofbench.cameras import Camera
+from dofbench.core.cameras import Camera
 from dofbench.stability.case import (
     KERNELS,
     Case,

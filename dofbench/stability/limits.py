@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.stability.case import Case, Setting
 
 FILE = Path(__file__).with_name("limits.toml")

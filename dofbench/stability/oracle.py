@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dofbench.lens import ALPHA, AREA_EPSILON, ApertureShape
+from dofbench.core.lens import ALPHA, AREA_EPSILON, ApertureShape
 
 # Roundings that a result may hold beside those of its inputs: a handful of operations, each of half an eps or one.
 ROUNDINGS = 16.0

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from dofbench.cameras import Camera
+from dofbench.core.cameras import Camera
 
 HEIGHT, WIDTH = 16, 20  # pictures: a pixel's weights on all others are worked out in a few ways
 VIEW_HEIGHT, VIEW_WIDTH = 24, 32  # what a camera sees

@@ -14,11 +14,11 @@ from functools import cache, partial
 import numpy as np
 import torch
 
-from dofbench.cameras import Camera
-from dofbench.contracts import PointCloud, TrainingSet, TrainingView
-from dofbench.defocus import defocus
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
+from dofbench.core.lens import DisparityRange, Lens
 from dofbench.kernels import load
-from dofbench.lens import DisparityRange, Lens
+from dofbench.optics.defocus import defocus
 
 WIDTH, HEIGHT, VIEWS = 64, 48, 6
 NEAR, FAR = 2.0, 6.0

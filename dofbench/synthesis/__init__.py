@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from dofbench.synthesis.dataset import Dataset
-    from dofbench.synthesis.progress import Progress
-    from dofbench.synthesis.settings import MakeDataset, MakeDatasets
+    from dofbench.core.progress import Progress
+    from dofbench.dataset.dataset import Dataset
+    from dofbench.synthesis.dataset_options import MakeDataset, MakeDatasets
     from dofbench.synthesis.verify import check_dataset
 
 
@@ -21,8 +21,8 @@ def make_dataset(settings: MakeDataset, *, progress: Progress | None = None) -> 
     it on standard error, and the folder on standard output. Raises InputError for wrong input, or
     when the folder holds something else.
     """
-    from dofbench.synthesis.make import make
-    from dofbench.synthesis.progress import Terminal
+    from dofbench.core.progress import Terminal
+    from dofbench.synthesis.make_dataset import make
 
     return make(settings, Terminal() if progress is None else progress)
 
@@ -34,8 +34,8 @@ def make_datasets(settings: MakeDatasets) -> bool:
     InputError before anything is made when a scene is unknown, and for one dataset as `make_dataset`. With `like`
     it is False too when the dataset doesn't come out the same.
     """
-    from dofbench.synthesis.batch import make_all, planned
-    from dofbench.threads import available_cores
+    from dofbench.compute.threads import available_cores
+    from dofbench.synthesis.several_datasets import make_all, planned
 
     if settings.like is not None:
         return _make_again(settings)
@@ -50,8 +50,8 @@ def make_datasets(settings: MakeDatasets) -> bool:
 
 
 def _make_again(settings: MakeDatasets) -> bool:
-    from dofbench.synthesis.again import make_again
-    from dofbench.synthesis.progress import Terminal
+    from dofbench.core.progress import Terminal
+    from dofbench.synthesis.remake import make_again
 
     different = make_again(settings, Terminal())
     if different:
@@ -63,7 +63,7 @@ def _make_again(settings: MakeDatasets) -> bool:
 
 def builtin_folder() -> Path:
     """Where `make_dataset()` of the built-in scene goes: data/<name>, below the current folder."""
-    from dofbench.synthesis.make import BUILT_IN, default_folder
+    from dofbench.synthesis.make_dataset import BUILT_IN, default_folder
 
     return default_folder(BUILT_IN)
 
@@ -71,11 +71,11 @@ def builtin_folder() -> Path:
 def __getattr__(name: str) -> Any:
     # These bring pydantic, numpy and more: loaded only when asked for.
     if name == "Dataset":
-        from dofbench.synthesis.dataset import Dataset
+        from dofbench.dataset.dataset import Dataset
 
         return Dataset
     if name == "MakeDataset":
-        from dofbench.synthesis.settings import MakeDataset
+        from dofbench.synthesis.dataset_options import MakeDataset
 
         return MakeDataset
     if name == "check_dataset":

@@ -10,18 +10,19 @@ from pathlib import Path
 import numpy as np
 
 from dofbench import depth
-from dofbench.depth.consistency import AGREEMENT, Consistency, consistencies, views_off
-from dofbench.errors import InputError
-from dofbench.files import read_json, write_json
-from dofbench.images import read_exr, read_image, to_8bit, write_exr, write_grey_png
-from dofbench.lens import DisparityRange
-from dofbench.scenes.types import Scene, SceneView
-from dofbench.synthesis import write
-from dofbench.synthesis.dataset import Dataset
-from dofbench.synthesis.disparity import scene_range
-from dofbench.synthesis.progress import Progress
-from dofbench.synthesis.schema import ConsistencyRecord, DepthRecord, DepthViewRecord
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.core.errors import InputError
+from dofbench.core.files import read_json, write_json
+from dofbench.core.images import read_exr, read_image, to_8bit, write_exr, write_grey_png
+from dofbench.core.lens import DisparityRange
+from dofbench.core.progress import Progress
+from dofbench.dataset import layout
+from dofbench.dataset.dataset import Dataset
+from dofbench.dataset.schema import ConsistencyRecord, DepthRecord, DepthViewRecord
+from dofbench.depth.disparity import scene_range
+from dofbench.depth.multi_view import AGREEMENT, Consistency, consistencies, views_off
+from dofbench.scenes.scene import Scene, SceneView
+from dofbench.synthesis import depth_sources
+from dofbench.synthesis.dataset_options import MakeDataset
 from dofbench.synthesis.work import DEPTH_RECORD, WORK
 
 _VIEWS = "depth"  # folder in the work folder: what is known of each finished view
@@ -50,7 +51,7 @@ def make_depth(
             return record, _range(scene, out)
     steps = settings.depth_steps if source_id == "splat" else len(scene.views)
     opened = partial(
-        depth.open_source,
+        depth_sources.open_source,
         source_id,
         scene,
         steps=settings.depth_steps,
@@ -73,7 +74,7 @@ def make_depth(
         agreement = consistencies(
             [view.name for view in scene.views],
             [view.camera for view in scene.views],
-            lambda index: read_exr(write.depth_path(out, scene.views[index].name)),
+            lambda index: read_exr(layout.depth_path(out, scene.views[index].name)),
             scene.points,
             disparity_range,
             advance,
@@ -105,7 +106,7 @@ def check_depth(dataset: Dataset) -> list[str]:
         one = found[index]
         assert one is not None
         problems.append(
-            f"{write.relative(write.depth_path, names[index])}: disparity differs by {one.difference:.1%} "
+            f"{layout.relative(layout.depth_path, names[index])}: disparity differs by {one.difference:.1%} "
             f"(median; signed {one.bias:+.1%}) from the neighbouring views', and by more than {AGREEMENT:.0%} in "
             f"{1 - one.consistent:.0%} of the pixels; {usual[0]:.1%} and {usual[1]:.0%} are usual here"
         )
@@ -116,7 +117,7 @@ def _odd_confidence(dataset: Dataset, view: str) -> str | None:
     confidence, z = dataset.confidence(view), dataset.depth(view)
     if confidence is None:
         return None
-    name = write.relative(write.confidence_path, view)
+    name = layout.relative(layout.confidence_path, view)
     if confidence.shape != z.shape:
         return f"{name}: shape {confidence.shape}, expected {z.shape}, as the depth"
     if (confidence[z <= 0] > 0).any():
@@ -139,7 +140,7 @@ def _agreement(dataset: Dataset, measured: Sequence[int]) -> Sequence[Consistenc
 
 
 def _files_there(out: Path, view: SceneView) -> bool:
-    return write.depth_path(out, view.name).is_file() and write.confidence_path(out, view.name).is_file()
+    return layout.depth_path(out, view.name).is_file() and layout.confidence_path(out, view.name).is_file()
 
 
 def _one_view(source: depth.DepthSource, view: SceneView, out: Path) -> DepthViewRecord:
@@ -148,8 +149,8 @@ def _one_view(source: depth.DepthSource, view: SceneView, out: Path) -> DepthVie
     if noted.is_file() and _files_there(out, view):
         return DepthViewRecord.model_validate(read_json(noted))
     estimate = source.estimate(view)
-    write_exr(write.depth_path(out, view.name), estimate.depth)
-    write_grey_png(write.confidence_path(out, view.name), np.where(estimate.depth > 0, estimate.confidence, 0))
+    write_exr(layout.depth_path(out, view.name), estimate.depth)
+    write_grey_png(layout.confidence_path(out, view.name), np.where(estimate.depth > 0, estimate.confidence, 0))
     record = record_of_files(out, view.name, estimate.statistics)
     write_json(noted, record.model_dump(mode="json"))
     return record
@@ -160,8 +161,8 @@ def record_of_files(root: Path, view: str, statistics: Mapping[str, float]) -> D
 
     Whole numbers are summed, so that the same files give the same figures on every machine. statistics: the source's.
     """
-    known = read_exr(write.depth_path(root, view)) > 0
-    levels = to_8bit(read_image(write.confidence_path(root, view))[..., 0])[known]
+    known = read_exr(layout.depth_path(root, view)) > 0
+    levels = to_8bit(read_image(layout.confidence_path(root, view))[..., 0])[known]
     count = max(1, levels.size)
     return DepthViewRecord(
         view=view,
@@ -187,7 +188,7 @@ def _consistency_record(found: Consistency | None) -> ConsistencyRecord | None:
 
 def _range(scene: Scene, out: Path) -> DisparityRange:
     def maps() -> Iterator[np.ndarray]:
-        return (read_exr(write.depth_path(out, view.name)) for view in scene.views)
+        return (read_exr(layout.depth_path(out, view.name)) for view in scene.views)
 
     try:
         return scene_range(maps)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dofbench import __version__
-from dofbench.exif import Exif
-from dofbench.scenes.types import Scene
-from dofbench.synthesis.readme import DEPTH_TEXT, licence_text
-from dofbench.synthesis.schema import DepthRecord, SourceRecord
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.core.exif import Exif
+from dofbench.dataset.schema import DepthRecord, SourceRecord
+from dofbench.scenes.scene import Scene
+from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.synthesis.dataset_readme import DEPTH_TEXT, licence_text
 
 _TEXT = """\
 # {name}: photographs with shallow depth of field, lens unknown

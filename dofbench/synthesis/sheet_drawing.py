@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from dofbench.images import resize
+from dofbench.core.images import resize
 
 _THUMB = 320  # pixels, longest side of a picture
 _GAP, _MARGIN = 10, 18

@@ -5,10 +5,10 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from dofbench.files import replacing, sha256_file, write_json
-from dofbench.synthesis import write
-from dofbench.synthesis.schema import MANIFEST, SourceRecord, read_manifest
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.core.files import replacing, sha256_file, write_json
+from dofbench.dataset import layout
+from dofbench.dataset.schema import MANIFEST, SourceRecord, read_manifest
+from dofbench.synthesis.dataset_options import MakeDataset
 from dofbench.synthesis.work import DEPTH_RECORD, WORK
 
 # The options that sharp images and depth depend on.
@@ -24,10 +24,10 @@ def take_over(sibling: Path, out: Path, source: SourceRecord, settings: MakeData
     recipe = settings.recipe()
     if not same or any(manifest.settings.get(name) != recipe[name] for name in _COMMON):
         return
-    places = (write.sharp_path, write.depth_path, write.confidence_path)
+    places = (layout.sharp_path, layout.depth_path, layout.confidence_path)
     for image in source.images:
         for place in places:
-            file, path = write.relative(place, image.view), place(out, image.view)
+            file, path = layout.relative(place, image.view), place(out, image.view)
             record = manifest.files.get(file)
             if record is not None and not path.is_file() and sha256_file(sibling / file) == record.sha256:
                 with replacing(path) as temporary:

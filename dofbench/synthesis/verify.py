@@ -8,17 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from dofbench.errors import InputError
-from dofbench.files import sha256_file
-from dofbench.images import decode, encode, read_exr, read_image, to_8bit
-from dofbench.lens import LAYERS, Lens
-from dofbench.synthesis import write
-from dofbench.synthesis.dataset import Dataset
-from dofbench.synthesis.depth_record import check_depth
-from dofbench.synthesis.disparity import disparity_of
-from dofbench.synthesis.plan import PlannedView
-from dofbench.synthesis.render import Blur, shallow_image, view_record
-from dofbench.synthesis.schema import (
+from dofbench.core.errors import InputError
+from dofbench.core.files import sha256_file
+from dofbench.core.images import decode, encode, read_exr, read_image, to_8bit
+from dofbench.core.lens import LAYERS, Lens
+from dofbench.dataset import layout
+from dofbench.dataset.dataset import Dataset
+from dofbench.dataset.schema import (
     MANIFEST,
     LensFile,
     Manifest,
@@ -28,6 +24,11 @@ from dofbench.synthesis.schema import (
     read_lens_file,
     read_manifest,
 )
+from dofbench.depth.disparity import disparity_of
+from dofbench.synthesis import write
+from dofbench.synthesis.depth_record import check_depth
+from dofbench.synthesis.lens_plan import PlannedView
+from dofbench.synthesis.render_views import Blur, shallow_image, view_record
 
 RECOMPUTED_PSNR = 55.0  # dB; rounding to 8 bits alone leaves 58.9
 SCATTERED_PSNR = 18.0  # dB, the scatter of a photograph through a real lens, at depth edges and with highlights
@@ -130,7 +131,7 @@ def _check_lenses(folder: Path, lenses: LensFile | UnknownLensFile, manifest: Ma
     if lenses.normaliser != manifest.settings.get("normaliser"):
         problems.append(f"lens.json: normaliser {lenses.normaliser}, {manifest.settings.get('normaliser')} in settings")
     for record in lenses.known:
-        depth_path, image_path = write.depth_path(folder, record.name), write.shallow_path(folder, record.name)
+        depth_path, image_path = layout.depth_path(folder, record.name), layout.shallow_path(folder, record.name)
         if depth_path.is_file() and image_path.is_file():
             problems += _check_lens(record, lenses, read_exr(depth_path))
     problems += _check_split(lenses, manifest)
@@ -176,7 +177,7 @@ def _check_photographs(lenses: LensFile | UnknownLensFile, manifest: Manifest) -
             problems.append(
                 f"lens.json: view {view.name}: lens {'unknown' if unknown else 'known'}, and in {MANIFEST} {said}"
             )
-        images, sharp = (write.relative(place, view.name) for place in (write.shallow_path, write.sharp_path))
+        images, sharp = (layout.relative(place, view.name) for place in (layout.shallow_path, layout.sharp_path))
         if unknown and sharp in manifest.files and manifest.files[sharp] != manifest.files.get(images):
             problems.append(f"{sharp}: another picture than {images}")
     known_depth = any(record.startswith("depth/") for record in manifest.files)
@@ -192,8 +193,8 @@ def _check_split(lenses: LensFile | UnknownLensFile, manifest: Manifest) -> list
     """No photograph, by content, may be on both sides of the split."""
     digest = {}
     for record in lenses.views:
-        place = write.shallow_path if isinstance(record, UnknownLens) else write.sharp_path
-        if (name := write.relative(place, record.name)) in manifest.files:
+        place = layout.shallow_path if isinstance(record, UnknownLens) else layout.sharp_path
+        if (name := layout.relative(place, record.name)) in manifest.files:
             digest[record.name] = manifest.files[name].sha256
     training = {digest[view.name]: view.name for view in lenses.views if view.split == "train" and view.name in digest}
     return [
@@ -205,8 +206,8 @@ def _check_split(lenses: LensFile | UnknownLensFile, manifest: Manifest) -> list
 
 def _check_blur(folder: Path, lenses: LensFile) -> list[str]:
     record = max(lenses.known, key=lambda view: view.max_coc_px)
-    sharp, depth = read_image(write.sharp_path(folder, record.name)), read_exr(write.depth_path(folder, record.name))
-    shallow = read_image(write.shallow_path(folder, record.name))
+    sharp, depth = read_image(layout.sharp_path(folder, record.name)), read_exr(layout.depth_path(folder, record.name))
+    shallow = read_image(layout.shallow_path(folder, record.name))
     rows, columns = (_middle(size) for size in sharp.shape[:2])
     if lenses.thinlens is not None and record.aperture > 0:
         return _check_thin_lens(folder, record, lenses, rows, columns)
@@ -222,17 +223,17 @@ def _check_blur(folder: Path, lenses: LensFile) -> list[str]:
 
 def _check_thin_lens(folder: Path, record: ViewRecord, lenses: LensFile, rows: slice, columns: slice) -> list[str]:
     """Render the window again, with other random numbers; without mitsuba, blur it by the scatter, which is close."""
-    from dofbench.synthesis.optics import Optics, exposed
+    from dofbench.synthesis.photographing import Optics, exposed
 
     assert lenses.thinlens is not None
     file = f"images/{record.name}.png"
-    shallow = read_image(write.shallow_path(folder, record.name))[rows, columns]
+    shallow = read_image(layout.shallow_path(folder, record.name))[rows, columns]
     try:
         optics = Optics(lenses.thinlens.recipe, lenses.thinlens.seed, lenses.thinlens.samples)
     except InputError as missing:
         print(f"{folder}: compared with the scatter alone, loosely: {missing}", file=sys.stderr, flush=True)
-        sharp = read_image(write.sharp_path(folder, record.name))
-        depth = read_exr(write.depth_path(folder, record.name))
+        sharp = read_image(layout.sharp_path(folder, record.name))
+        depth = read_exr(layout.depth_path(folder, record.name))
         scattered = blurred_again(sharp, depth, record, lenses, rows, columns)
         nearer, farther = _psnr(np.clip(scattered, 0, 1), shallow), _psnr(sharp[rows, columns], shallow)
         if nearer < SCATTERED_PSNR or nearer < farther:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from dofbench.errors import InputError
-from dofbench.file_lock import LOCKS, taken
-from dofbench.files import canonical_json, read_json, sha256_file, sha256_text, write_json
-from dofbench.synthesis import write
-from dofbench.synthesis.schema import MANIFEST, Manifest, read_manifest
+from dofbench.core.errors import InputError
+from dofbench.core.files import canonical_json, read_json, sha256_file, sha256_text, write_json
+from dofbench.dataset import layout
+from dofbench.dataset.schema import MANIFEST, Manifest, read_manifest
 
 WORK = ".work"
 DEPTH_RECORD = "depth.json"
@@ -88,27 +85,6 @@ def finish(root: Path) -> None:
     shutil.rmtree(root / WORK)
 
 
-@contextmanager
-def only_writer(root: Path) -> Iterator[None]:
-    """Hold the folder against a second run on it. Raises InputError when another one has it.
-
-    The lock dies with the process. Where there are no file locks the folder is not guarded.
-    """
-    if root.exists() and not root.is_dir():
-        raise InputError(root, "a file", "a folder to write the dataset to")
-    root.mkdir(parents=True, exist_ok=True)
-    if not LOCKS:
-        yield
-        return
-    handle = os.open(root, os.O_RDONLY)
-    try:
-        if not taken(handle):
-            raise InputError(root, "another run that is writing it", "one run at a time")
-        yield
-    finally:
-        os.close(handle)
-
-
 def _begin(root: Path, identity: Identity) -> None:
     write_json(root / WORK / _STATE, {"rest": identity.rest, "images": dict(identity.images)})
 
@@ -117,7 +93,7 @@ def _drop_outdated(root: Path, identity: Identity, before: Mapping[str, str]) ->
     """Take out what came of images that are others now; of a depth made of images, the depth and the blur by it too."""
     changed = [view for view, digest in identity.images.items() if before.get(view) != digest]
     for view in changed:
-        write.sharp_path(root, view).unlink(missing_ok=True)
+        layout.sharp_path(root, view).unlink(missing_ok=True)
     if changed and not identity.own_depth:
         for path in (root / WORK).iterdir():
             if path.is_dir():
@@ -125,12 +101,12 @@ def _drop_outdated(root: Path, identity: Identity, before: Mapping[str, str]) ->
             elif path.name != _STATE:
                 path.unlink()
         for view in identity.images:
-            write.depth_path(root, view).unlink(missing_ok=True)
-            write.confidence_path(root, view).unlink(missing_ok=True)
+            layout.depth_path(root, view).unlink(missing_ok=True)
+            layout.confidence_path(root, view).unlink(missing_ok=True)
         changed = list(identity.images)
     for view in changed:
-        write.linear_path(root, view).unlink(missing_ok=True)
-        write.shallow_path(root, view).unlink(missing_ok=True)
+        layout.linear_path(root, view).unlink(missing_ok=True)
+        layout.shallow_path(root, view).unlink(missing_ok=True)
 
 
 def _holds_another(root: Path) -> InputError:

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
 from dofbench import __version__
-from dofbench.exif import EXIF_FILE, write_exif
-from dofbench.files import sha256_file, write_json, write_text
-from dofbench.images import read_exr, read_image, to_8bit, write_png
-from dofbench.lens import DisparityRange
-from dofbench.scenes import export
-from dofbench.scenes.types import Scene
-from dofbench.synthesis.readme import readme_text
-from dofbench.synthesis.render import Blur
-from dofbench.synthesis.schema import (
+from dofbench.core.exif import EXIF_FILE, write_exif
+from dofbench.core.files import sha256_file, write_json, write_text
+from dofbench.core.images import read_exr, read_image, to_8bit, write_png
+from dofbench.core.lens import DisparityRange
+from dofbench.dataset import layout
+from dofbench.dataset.schema import (
     ALL_KNOWN,
     LENS_FILE,
     MANIFEST,
@@ -36,50 +33,15 @@ from dofbench.synthesis.schema import (
     ViewRecord,
     as_json,
 )
-from dofbench.synthesis.settings import MakeDataset
-from dofbench.synthesis.sheet import (
-    PhotographRow,
-    SheetRow,
-    choose_photographs,
-    choose_rows,
-    contact_sheet,
-)
-from dofbench.synthesis.sheet import photographs_sheet as draw_photographs
+from dofbench.scenes import export
+from dofbench.scenes.scene import Scene
+from dofbench.synthesis.contact_sheet import PhotographRow, SheetRow, choose_photographs, choose_rows, contact_sheet
+from dofbench.synthesis.contact_sheet import photographs_sheet as draw_photographs
+from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.synthesis.dataset_readme import readme_text
+from dofbench.synthesis.render_views import Blur
 
 SHEET, README = "contact_sheet.png", "README.md"
-TRANSFORMS, POSES_BOUNDS, SPARSE = "transforms.json", "poses_bounds.npy", "sparse/0"
-_SHALLOW, _LINEAR, _SHARP, _DEPTH = "images/{}.png", "images_linear/{}.exr", "all_in_focus/{}.png", "depth/{}.exr"
-_CONFIDENCE = "confidence/{}.png"
-
-
-def shallow_path(root: Path, name: str) -> Path:
-    """The view's shallow photograph, encoded, 8 bit."""
-    return root / _SHALLOW.format(name)
-
-
-def linear_path(root: Path, name: str) -> Path:
-    """The view's shallow photograph before encoding."""
-    return root / _LINEAR.format(name)
-
-
-def sharp_path(root: Path, name: str) -> Path:
-    """The view's all-in-focus photograph, encoded, 8 bit."""
-    return root / _SHARP.format(name)
-
-
-def depth_path(root: Path, name: str) -> Path:
-    """The view's z-depth, float32, scene units."""
-    return root / _DEPTH.format(name)
-
-
-def confidence_path(root: Path, name: str) -> Path:
-    """The confidence of the view's depth, 8 bit: 0 unknown ... 255 certain."""
-    return root / _CONFIDENCE.format(name)
-
-
-def relative(place: Callable[[Path, str], Path], name: str) -> str:
-    """A view's file, by one of the functions above, relative to the dataset's folder."""
-    return place(Path(), name).as_posix()
 
 
 def lens_file(root: Path, blur: Blur, records: Sequence[ViewRecord]) -> None:
@@ -119,9 +81,9 @@ def sheet(root: Path, title: str, records: Sequence[ViewRecord], disparity_range
     rows = [
         SheetRow(
             record=record,
-            sharp=to_8bit(read_image(sharp_path(root, record.name))),
-            depth=read_exr(depth_path(root, record.name)),
-            shallow=to_8bit(read_image(shallow_path(root, record.name))),
+            sharp=to_8bit(read_image(layout.sharp_path(root, record.name))),
+            depth=read_exr(layout.depth_path(root, record.name)),
+            shallow=to_8bit(read_image(layout.shallow_path(root, record.name))),
         )
         for record in choose_rows(records)
     ]
@@ -137,9 +99,9 @@ def photographs_sheet(root: Path, scene: Scene, measured: Set[str], disparity_ra
             PhotographRow(
                 name=view.name,
                 split=view.split,
-                photograph=to_8bit(read_image(shallow_path(root, view.name))),
-                sharp=to_8bit(read_image(sharp_path(root, view.name))) if sharp else None,
-                depth=read_exr(depth_path(root, view.name)) if view.name in measured else None,
+                photograph=to_8bit(read_image(layout.shallow_path(root, view.name))),
+                sharp=to_8bit(read_image(layout.sharp_path(root, view.name))) if sharp else None,
+                depth=read_exr(layout.depth_path(root, view.name)) if view.name in measured else None,
             )
         )
     title = f"{scene.name}: {len(scene.views)} views, lens unknown"
@@ -169,20 +131,28 @@ def expected_files(root: Path, source: SourceRecord, depth: DepthRecord | None) 
     views = []
     for image in source.images:
         if image.photograph is None:
-            patterns = [_SHALLOW, _LINEAR, _SHARP, _DEPTH, *([_CONFIDENCE] if measured else [])]
+            patterns = [
+                layout.SHALLOW,
+                layout.LINEAR,
+                layout.SHARP,
+                layout.DEPTH,
+                *([layout.CONFIDENCE] if measured else []),
+            ]
         else:
             patterns = [
-                _SHALLOW,
-                *([_SHARP] if image.photograph == "all-in-focus" else []),
-                *([_DEPTH, _CONFIDENCE] if image.view in measured else []),
+                layout.SHALLOW,
+                *([layout.SHARP] if image.photograph == "all-in-focus" else []),
+                *([layout.DEPTH, layout.CONFIDENCE] if image.view in measured else []),
             ]
         views += [pattern.format(image.view) for pattern in patterns]
-    model = [path.relative_to(root).as_posix() for path in (root / SPARSE).iterdir()]
+    model = [path.relative_to(root).as_posix() for path in (root / layout.SPARSE).iterdir()]
     # Photographs without points have no bounds of depth, and then no such file.
-    unbounded = all(image.photograph is not None for image in source.images) and not (root / POSES_BOUNDS).is_file()
-    bounds = [] if unbounded else [POSES_BOUNDS]
+    unbounded = (
+        all(image.photograph is not None for image in source.images) and not (root / layout.POSES_BOUNDS).is_file()
+    )
+    bounds = [] if unbounded else [layout.POSES_BOUNDS]
     exif = [EXIF_FILE] if (root / EXIF_FILE).is_file() else []
-    return sorted([*views, *model, *bounds, *exif, LENS_FILE, TRANSFORMS, SHEET, README])
+    return sorted([*views, *model, *bounds, *exif, LENS_FILE, layout.TRANSFORMS, SHEET, README])
 
 
 def manifest(
@@ -224,15 +194,15 @@ def geometry(root: Path, scene: Scene, near_far: np.ndarray | None, measured: Se
     measured: the views that have depth, None for all. Returns what poses_bounds.npy can't hold.
     """
     cameras = [view.camera for view in scene.views]
-    files = [relative(shallow_path, view.name) for view in scene.views]
+    files = [layout.relative(layout.shallow_path, view.name) for view in scene.views]
     export.write_colmap(root, [Path(file).name for file in files], cameras, scene.points)
     export.write_transforms(
-        root / TRANSFORMS,
+        root / layout.TRANSFORMS,
         files,
         cameras,
         splits=[view.split for view in scene.views],
         depth_paths=[
-            relative(depth_path, view.name) if measured is None or view.name in measured else None
+            layout.relative(layout.depth_path, view.name) if measured is None or view.name in measured else None
             for view in scene.views
         ],
     )
@@ -240,4 +210,4 @@ def geometry(root: Path, scene: Scene, near_far: np.ndarray | None, measured: Se
         return []
     # Rows belong to the sorted *files*: "a-b.png" comes before "a.png", though "a" comes before "a-b".
     order = sorted(range(len(files)), key=files.__getitem__)
-    return export.write_poses_bounds(root / POSES_BOUNDS, [cameras[index] for index in order], near_far[order])
+    return export.write_poses_bounds(root / layout.POSES_BOUNDS, [cameras[index] for index in order], near_far[order])

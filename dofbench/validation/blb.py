@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from dofbench.errors import InputError
-from dofbench.files import read_json, sha256_file
-from dofbench.images import encode, image_size, read_exr, read_image
-from dofbench.lens import GAMMA
-from dofbench.validation.sources import truth_version
-from dofbench.validation.truth import Case, Truth
+from dofbench.core.errors import InputError
+from dofbench.core.files import read_json, sha256_file
+from dofbench.core.images import encode, image_size, read_exr, read_image
+from dofbench.core.lens import GAMMA
+from dofbench.validation.renderer_truth import Case, Truth
+from dofbench.validation.scoring_sources import truth_version
 
 INFO, IMAGE, DEPTH = "info.json", "image.exr", "depth.exr"
 _LISTS = ("blur_parameters", "focus_distances")

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.validation.blb import INFO, blb_cases, is_blb
 from dofbench.validation.lightfield import GRID, lightfield_cases
 from dofbench.validation.rendered import SCENE, is_rendered, rendered_cases
-from dofbench.validation.truth import Case
+from dofbench.validation.renderer_truth import Case
 
 _LAYOUTS: tuple[tuple[Callable[[Path], bool], Callable[[Path], list[Case]]], ...] = (
     (lambda folder: (folder / GRID).is_file(), lightfield_cases),

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from dofbench.lens import ApertureShape
+from dofbench.core.lens import ApertureShape
 
 # Steps of Roberts' R2 sequence: powers of the real root of x^3 = x + 1 (M. Roberts, The Unreasonable Effectiveness of
 # Quasirandom Sequences, 2018). Any stretch of it is even, so more points can follow those that were not enough.

@@ -18,12 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
-from dofbench.errors import InputError
-from dofbench.files import read_json, sha256_file
-from dofbench.images import decode, encode, read_image
-from dofbench.lens import GAMMA
-from dofbench.validation.sources import truth_version
-from dofbench.validation.truth import Case, Truth
+from dofbench.core.errors import InputError
+from dofbench.core.files import read_json, sha256_file
+from dofbench.core.images import decode, encode, read_image
+from dofbench.core.lens import GAMMA
+from dofbench.validation.renderer_truth import Case, Truth
+from dofbench.validation.scoring_sources import truth_version
 
 GRID = "grid.json"
 _SWEEP_STEP = 0.02  # pixels per view step between two planes of the sweep

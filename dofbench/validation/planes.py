@@ -15,12 +15,12 @@ from functools import cache, partial
 
 import numpy as np
 
-from dofbench.images import encode
-from dofbench.lens import GAMMA, ApertureShape
+from dofbench.core.images import encode
+from dofbench.core.lens import GAMMA, ApertureShape
 from dofbench.validation.lens_points import lens_points
 from dofbench.validation.planes_lens import ALL, BARS, DISCS, LOWER_HALF, add_views
-from dofbench.validation.sources import truth_version
-from dofbench.validation.truth import Case, Truth
+from dofbench.validation.renderer_truth import Case, Truth
+from dofbench.validation.scoring_sources import truth_version
 
 WIDTH, HEIGHT = 400, 300
 OWN_ERROR_DB = 50.0  # of a photograph, at least: twice as good as what is compared with it

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from dofbench.kernel_cache import cached
+from dofbench.compute.kernel_cache import cached
 
 ALL, LOWER_HALF, DISCS, BARS = range(4)
 # Shares of the width and the height, and radii in pixels; shares of the width, half widths in pixels, slants.

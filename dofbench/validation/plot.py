@@ -6,8 +6,8 @@ from pathlib import Path
 
 from dofbench.reporting.figures import look, new_figure, save
 from dofbench.validation.regions import REGIONS
-from dofbench.validation.score import Score
-from dofbench.validation.tables import mean_psnr, seconds
+from dofbench.validation.renderer_scores import Score
+from dofbench.validation.renderer_tables import mean_psnr, seconds
 from dofbench.validation.variants import VARIANTS
 
 _PLOTTED = tuple(region for region in REGIONS if region != "frame")

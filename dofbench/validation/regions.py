@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dofbench.depth_edges import near_depth_edges
+from dofbench.optics.depth_edges import near_depth_edges
 
 REGIONS = ("all", "in focus", "blurred", "depth edge", "frame")
 _SHARP = 0.5  # pixels of radius: below, no blur is seen

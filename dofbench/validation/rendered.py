@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from dofbench.errors import InputError
-from dofbench.files import read_json, sha256_file
-from dofbench.images import encode, image_size, read_exr, read_image
-from dofbench.lens import GAMMA, PhysicalLens
+from dofbench.core.errors import InputError
+from dofbench.core.files import read_json, sha256_file
+from dofbench.core.images import encode, image_size, read_exr, read_image
+from dofbench.core.lens import GAMMA, PhysicalLens
+from dofbench.validation.renderer_truth import Case, Truth
 from dofbench.validation.sampled import has_geometry, thin_lens
-from dofbench.validation.sources import truth_version
-from dofbench.validation.truth import Case, Truth
+from dofbench.validation.scoring_sources import truth_version
 
 SCENE, SCHEMA = "scene.json", "dofbench-scene"
 _NUMBERS = ("aperture", "focus", "aperture_scene", "focus_scene", "noise_psnr_db")

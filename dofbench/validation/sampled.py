@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from dofbench.cameras import Camera
-from dofbench.images import encode
-from dofbench.lens import PhysicalLens
+from dofbench.core.cameras import Camera
+from dofbench.core.images import encode
+from dofbench.core.lens import PhysicalLens
 
 
 def has_geometry(scene: dict[str, Any]) -> bool:
@@ -32,15 +32,15 @@ def thin_lens(folder: Path, scene: dict[str, Any], view: str, lens: PhysicalLens
 
 @cache
 def _choose_variant() -> None:
-    from dofbench.rendering.variant import choose_variant
+    from dofbench.procedural.variant import choose_variant
 
     choose_variant()
 
 
 @lru_cache(maxsize=1)
 def _tracer(recipe_name: str, seed: int):
-    from dofbench.rendering.recipes import recipe
-    from dofbench.rendering.tracer import Tracer
+    from dofbench.procedural.recipes import recipe
+    from dofbench.procedural.tracer import Tracer
 
     return Tracer(recipe(recipe_name).stage(seed))
 

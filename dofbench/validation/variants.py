@@ -8,11 +8,11 @@ from functools import partial
 
 import numpy as np
 
-from dofbench.defocus import defocus_by_radius
-from dofbench.images import from_8bit, to_8bit
-from dofbench.lens import ApertureShape
+from dofbench.core.images import from_8bit, to_8bit
+from dofbench.core.lens import ApertureShape
+from dofbench.optics.defocus import defocus_by_radius
 from dofbench.validation.lens_points import polygon_to_disc
-from dofbench.validation.truth import Case, Truth
+from dofbench.validation.renderer_truth import Case, Truth
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.cameras import Camera
+from dofbench.core.cameras import Camera
 from dofbench.gaussians.raster import GEOMETRIES, Geometry, Raster, ViewStatistics
 
 from . import cpu_layout as layout

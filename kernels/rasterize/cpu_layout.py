@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from dofbench.simd import LANES
+from dofbench.compute.simd import LANES
 
 # One vector wide: wider tiles waste lanes at the sides of small Gaussians. As many pixels as 16 x 16.
 TILE_WIDTH = LANES

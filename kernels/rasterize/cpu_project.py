@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.kernel_cache import cached
-from dofbench.simd import (
+from dofbench.compute.kernel_cache import cached
+from dofbench.compute.simd import (
     LANES,
     abs8,
     any8,

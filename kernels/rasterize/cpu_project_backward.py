@@ -5,8 +5,20 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.kernel_cache import cached
-from dofbench.simd import LANES, exp8, gather8, load8, mask8_of, prefetch, scatter8, select8, splat8, sqrt8, store8
+from dofbench.compute.kernel_cache import cached
+from dofbench.compute.simd import (
+    LANES,
+    exp8,
+    gather8,
+    load8,
+    mask8_of,
+    prefetch,
+    scatter8,
+    select8,
+    splat8,
+    sqrt8,
+    store8,
+)
 
 from . import cpu_layout as layout
 from .cpu_project import (

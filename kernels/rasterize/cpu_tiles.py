@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from dofbench.simd import LANES, gather8, lanes8, max8, scatter8, select8, splat8, sqrt8, store8
+from dofbench.compute.simd import LANES, gather8, lanes8, max8, scatter8, select8, splat8, sqrt8, store8
 
 from . import cpu_layout as layout
 

@@ -11,7 +11,7 @@ import math
 import torch
 from torch import Tensor
 
-from dofbench.cameras import Camera
+from dofbench.core.cameras import Camera
 from dofbench.gaussians.raster import Geometry, Raster, ViewStatistics
 
 MAX_ALPHA = 0.99

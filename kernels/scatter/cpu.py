@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.lens import ALPHA, ApertureShape, Energy
+from dofbench.core.lens import ALPHA, ApertureShape, Energy
 
 from . import cpu_direct, cpu_direct_backward, cpu_linear, cpu_linear_backward
 from .cpu_pack import COLOURS, RATIONAL, brightness, edges, geometry, pack_sources

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.kernel_cache import cached
-from dofbench.simd import load8, splat8, store8
+from dofbench.compute.kernel_cache import cached
+from dofbench.compute.simd import load8, splat8, store8
 
 from .cpu_edge import half_width, logistic2
 from .cpu_pack import BLOCK, COLOURS, EXPONENTIAL, PLANES, RATIONAL, SUMS, Edges, Geometry

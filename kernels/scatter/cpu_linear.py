@@ -27,9 +27,8 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from dofbench.kernel_cache import cached
-from dofbench.lens import AREA_EPSILON
-from dofbench.simd import (
+from dofbench.compute.kernel_cache import cached
+from dofbench.compute.simd import (
     abs8,
     exp2_fast8,
     floor8,
@@ -44,6 +43,7 @@ from dofbench.simd import (
     store8,
     store_whole8,
 )
+from dofbench.core.lens import AREA_EPSILON
 
 from .cpu_pack import COLOURS, Geometry
 from .double4 import add_product4, add_row4, load4, splat4, splat_at4, store4, store_double8

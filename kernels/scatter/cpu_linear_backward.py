@@ -15,9 +15,9 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from dofbench.kernel_cache import cached
-from dofbench.lens import AREA_EPSILON
-from dofbench.simd import any8, floor8, load8, max8, min8, select8, splat8, sqrt8, store8
+from dofbench.compute.kernel_cache import cached
+from dofbench.compute.simd import any8, floor8, load8, max8, min8, select8, splat8, sqrt8, store8
+from dofbench.core.lens import AREA_EPSILON
 
 from .cpu_edge import half_width, logistic2
 from .cpu_pack import COLOURS, Geometry

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from dofbench.kernel_cache import cached
-from dofbench.lens import AREA_EPSILON, ApertureShape
+from dofbench.compute.kernel_cache import cached
+from dofbench.core.lens import AREA_EPSILON, ApertureShape
 
 from .reference import STOP_OPACITY
 

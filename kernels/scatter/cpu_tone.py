@@ -7,8 +7,8 @@ import torch
 from numba import njit, prange
 from torch import Tensor
 
-from dofbench.kernel_cache import cached
-from dofbench.simd import exp2_fast8, load8, log2_8, max8, min8, select8, store8
+from dofbench.compute.kernel_cache import cached
+from dofbench.compute.simd import exp2_fast8, load8, log2_8, max8, min8, select8, store8
 
 _LANES = 8
 _CHUNK = 4096  # numbers of a task

@@ -27,7 +27,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.lens import ALPHA, AREA_EPSILON, ApertureShape, Energy
+from dofbench.core.lens import ALPHA, AREA_EPSILON, ApertureShape, Energy
 
 STOP_OPACITY = 0.999
 # exp(-48) = 1e-21: what is farther beyond the rim than 48 / (2 alpha) is lost even in float64.

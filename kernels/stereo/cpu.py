@@ -11,8 +11,8 @@ import torch
 from numba import njit, prange
 from torch import Tensor
 
-from dofbench.kernel_cache import cached
-from dofbench.simd import LANES
+from dofbench.compute.kernel_cache import cached
+from dofbench.compute.simd import LANES
 
 from .cpu_paths import COLUMNS, along_rows, down_columns
 from .cpu_returns import find_returns

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.kernel_cache import cached
-from dofbench.simd import LANES, abs8, bits8, lanes8, largest8, load8, min8, select8, splat8, store8
+from dofbench.compute.kernel_cache import cached
+from dofbench.compute.simd import LANES, abs8, bits8, lanes8, largest8, load8, min8, select8, splat8, store8
 
 from .reference import FAR
 

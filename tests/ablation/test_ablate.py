@@ -16,16 +16,16 @@ from report_pages import notes, table_rows
 from rich.console import Console
 from tolerances import CSV_DIGITS
 
-from dofbench.ablation.make import make_tables
-from dofbench.ablation.plan import make_plan
-from dofbench.ablation.settings import Ablate
-from dofbench.ablation.tables import read_tables, shipped_file
-from dofbench.content import content_folder
-from dofbench.errors import InputError, one_line
-from dofbench.harness.result import read_result
+from dofbench.commands.ablate import make_tables
+from dofbench.core.content import content_folder
+from dofbench.core.errors import InputError, one_line
 from dofbench.reporting.held_out import ASKED_HEADING
+from dofbench.results.result import read_result
+from dofbench.running.ablation_options import Ablate
+from dofbench.running.ablation_plan import make_plan
+from dofbench.running.ablation_tables import read_tables, shipped_file
 from dofbench.synthesis import make_dataset
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.synthesis.dataset_options import MakeDataset
 
 TABLES = """\
 method = "fake"

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from harness_fakes import write_method
 
-from dofbench.content import content_folder
+from dofbench.core.content import content_folder
 from dofbench.synthesis import make_dataset
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.synthesis.dataset_options import MakeDataset
 
 TABLES = """\
 method = "fake"

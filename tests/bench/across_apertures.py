@@ -15,14 +15,14 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from dofbench.errors import Status
-from dofbench.files import write_text
-from dofbench.harness.protocol import ACROSS_COLUMNS, EXIF_COLUMNS
+from dofbench.core.errors import Status
+from dofbench.core.files import write_text
 from dofbench.metrics.exif_errors import exif_errors
-from dofbench.reporting.collect import Entry, collect, grouped, variant_names
-from dofbench.reporting.columns import COLUMNS
 from dofbench.reporting.footnotes import Footnotes, table
-from dofbench.reporting.tables import write_csv
+from dofbench.reporting.table_files import write_csv
+from dofbench.results.collecting import Entry, collect, grouped, variant_names
+from dofbench.results.columns import COLUMNS
+from dofbench.results.protocol import ACROSS_COLUMNS, EXIF_COLUMNS
 
 FIELDS = (
     "method",

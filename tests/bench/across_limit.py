@@ -19,15 +19,15 @@ import numpy as np
 import torch
 import tyro
 
-from dofbench.contracts import Method
-from dofbench.defocus import defocus
-from dofbench.errors import InputError, Status
-from dofbench.harness.methods import find_method
-from dofbench.harness.photographs import BLURRED, blurred_thirds
-from dofbench.images import read_image
-from dofbench.reporting.collect import Entry, collect
-from dofbench.reporting.tables import write_csv
-from dofbench.synthesis.dataset import Dataset, DatasetView
+from dofbench.core.contracts import Method
+from dofbench.core.errors import InputError, Status
+from dofbench.core.images import read_image
+from dofbench.dataset.dataset import Dataset, DatasetView
+from dofbench.optics.defocus import defocus
+from dofbench.reporting.table_files import write_csv
+from dofbench.results.collecting import Entry, collect
+from dofbench.running.method_cards import find_method
+from dofbench.scoring.photograph_scores import BLURRED, blurred_thirds
 
 FIELDS = ("seed", "view", "blur_psnr", "without_psnr", "circle_px", "correlation", "gain", "most_gain")
 

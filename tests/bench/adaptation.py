@@ -17,17 +17,17 @@ import torch
 import tyro
 from unobserved import Unobserved
 
-from dofbench.cameras import Camera
-from dofbench.contracts import Budget
-from dofbench.errors import Status
+from dofbench.compute.threads import configure_threads
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import Budget
+from dofbench.core.errors import Status
+from dofbench.dataset.dataset import Dataset
 from dofbench.gaussians import losses
 from dofbench.gaussians.exposure import Shot, render_view
-from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.render import rasterise, surface_disparity
 from dofbench.gaussians.trainer import Trainer
-from dofbench.harness.methods import find_method
-from dofbench.synthesis.dataset import Dataset
-from dofbench.threads import configure_threads
+from dofbench.learning.options import TrainerOptions
+from dofbench.running.method_cards import find_method
 
 WEIGHTS = {
     "none": {"adaptation": "off"},

@@ -19,13 +19,13 @@ import numpy as np
 import tyro
 from colmap_workspace import back_projected, write_workspace
 
-from dofbench.gaussians.options import TrainerOptions
-from dofbench.harness.result import read_result
-from dofbench.harness.run import run
-from dofbench.harness.settings import Run
-from dofbench.lens import COC_FRACTION
-from dofbench.priors import make_prior
-from dofbench.synthesis.dataset import Dataset
+from dofbench.core.lens import COC_FRACTION
+from dofbench.dataset.dataset import Dataset
+from dofbench.learning.options import TrainerOptions
+from dofbench.learning.priors import make_prior
+from dofbench.results.result import read_result
+from dofbench.results.run_spec import Run
+from dofbench.running.one_run import run
 
 SCORES = ("psnr", "aif_psnr", "disparity_error", "depth_rel", "delta_a", "delta_f")
 

@@ -15,14 +15,15 @@ import numpy as np
 import tyro
 from scipy.stats import spearmanr
 
-from dofbench.content import content_folder
-from dofbench.depth import DepthEstimate, SourceId, open_source
-from dofbench.depth.consistency import consistencies, views_off
+from dofbench.core.content import content_folder
+from dofbench.core.lens import COC_FRACTION
+from dofbench.depth import DepthEstimate, SourceId
+from dofbench.depth.disparity import scene_range
+from dofbench.depth.multi_view import consistencies, views_off
 from dofbench.depth.network import find_network
-from dofbench.lens import COC_FRACTION
 from dofbench.scenes import load_scene
-from dofbench.scenes.types import Scene
-from dofbench.synthesis.disparity import scene_range
+from dofbench.scenes.scene import Scene
+from dofbench.synthesis.depth_sources import open_source
 
 THINNED = 7  # every so manieth pixel is ranked
 

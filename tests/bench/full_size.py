@@ -22,7 +22,7 @@ import sys
 import time
 from pathlib import Path
 
-from dofbench.threads import configure_threads
+from dofbench.compute.threads import configure_threads
 
 configure_threads()  # before torch and numba are imported
 
@@ -82,9 +82,9 @@ def peak_memory() -> float:
 
 def photograph(kind: str, renderer: str, width: int, height: int, radius: float) -> dict:
     """One photograph, in this process, whose memory this should be all of."""
-    from dofbench.lens import ApertureShape, DisparityRange, Lens
-    from dofbench.synthesis.render import Blur, shallow_image
-    from dofbench.synthesis.schema import ViewRecord
+    from dofbench.core.lens import ApertureShape, DisparityRange, Lens
+    from dofbench.dataset.schema import ViewRecord
+    from dofbench.synthesis.render_views import Blur, shallow_image
 
     low, high = DISPARITIES
     sharp = picture(height, width)
@@ -136,7 +136,7 @@ def exact(image: np.ndarray, radius: np.ndarray, rows: np.ndarray, columns: np.n
     """(N, 3) float64: the definition's sums at target pixels, over every source that can reach them."""
     from numba import njit, prange
 
-    from dofbench.lens import AREA_EPSILON
+    from dofbench.core.lens import AREA_EPSILON
 
     @njit(parallel=True)
     def sums(image, radius, rows, columns, reach):
@@ -167,8 +167,8 @@ def energy(kind: str, width: int, height: int, radius: float) -> dict:
     """Light of three highlights of 1e6, spread over their discs in float32, against float64 sums at their pixels."""
     import torch
 
+    from dofbench.core.lens import ALPHA
     from dofbench.kernels import load
-    from dofbench.lens import ALPHA
 
     rng = np.random.default_rng(2)
     image = rng.random((height, width, 3), dtype=np.float32)

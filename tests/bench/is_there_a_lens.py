@@ -22,17 +22,17 @@ import tyro
 from lens_cases import FAINT, Case, cases, load, make_datasets
 from lens_tables import write_table
 
-from dofbench.contracts import Budget, Decision
-from dofbench.errors import InputError
-from dofbench.gaussians.options import TrainerOptions
+from dofbench.compute.threads import configure_threads
+from dofbench.core.contracts import Budget, Decision
+from dofbench.core.errors import InputError
+from dofbench.dataset.dataset import Dataset
 from dofbench.gaussians.trainer import Trainer
 from dofbench.gaussians.trials import HELD_BACK
-from dofbench.harness.facts import facts_of
-from dofbench.harness.methods import find_method
+from dofbench.learning.options import TrainerOptions
 from dofbench.metrics.psnr import psnr
-from dofbench.reporting.tables import write_csv
-from dofbench.synthesis.dataset import Dataset
-from dofbench.threads import configure_threads
+from dofbench.reporting.table_files import write_csv
+from dofbench.running.facts import facts_of
+from dofbench.running.method_cards import find_method
 
 COLUMNS = (
     "case",

@@ -16,13 +16,13 @@ from pathlib import Path
 import tyro
 from rich.console import Console
 
-from dofbench.files import write_text
-from dofbench.harness.prepare import choose, prepare
-from dofbench.harness.result import Result, read_result
-from dofbench.harness.run import run
-from dofbench.harness.settings import Run
-from dofbench.reporting.tables import write_csv
-from dofbench.threads import configure_threads
+from dofbench.compute.threads import configure_threads
+from dofbench.core.files import write_text
+from dofbench.reporting.table_files import write_csv
+from dofbench.results.result import Result, read_result
+from dofbench.results.run_spec import Run
+from dofbench.running.one_run import run
+from dofbench.running.prepare import choose, prepare
 
 SCORES = ("train_s", "aif_psnr", "aif_ssim", "psnr")
 COLUMNS = ("dataset", "inputs", "left_out", "reason", "forced", "seed", *SCORES)

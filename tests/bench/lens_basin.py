@@ -21,23 +21,23 @@ import torch
 import tyro
 from unobserved import Unobserved
 
-from dofbench.content import content_folder
-from dofbench.contracts import Budget
-from dofbench.errors import Status
-from dofbench.files import replacing
+from dofbench.compute.threads import configure_threads
+from dofbench.core.content import content_folder
+from dofbench.core.contracts import Budget
+from dofbench.core.errors import Status
+from dofbench.core.files import replacing
+from dofbench.core.images import resize
+from dofbench.core.lens import DisparityRange, Lens
+from dofbench.dataset.dataset import Dataset
 from dofbench.gaussians import losses
 from dofbench.gaussians.exposure import Shot, scattered
-from dofbench.gaussians.lenses import LearnedLenses
-from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.trainer import Trainer
-from dofbench.harness.methods import find_method
-from dofbench.images import resize
-from dofbench.lens import DisparityRange, Lens
+from dofbench.learning.lenses import LearnedLenses
+from dofbench.learning.options import TrainerOptions
 from dofbench.metrics.lens_errors import lens_errors
 from dofbench.reporting.figures import new_figure, save
+from dofbench.running.method_cards import find_method
 from dofbench.scenes import load_scene
-from dofbench.synthesis.dataset import Dataset
-from dofbench.threads import configure_threads
 
 ACTIVATIONS = ("relu", "log", "ends")
 SHRUNK = 2  # the known scene's image is made smaller by this

@@ -14,14 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-from dofbench.content import content_folder
-from dofbench.contracts import TrainingSet
-from dofbench.rendering import make_scene
-from dofbench.rendering.settings import NAMES, MakeScene
-from dofbench.synthesis.dataset import Dataset, Inputs
-from dofbench.synthesis.make import make
-from dofbench.synthesis.progress import Silent
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.core.content import content_folder
+from dofbench.core.contracts import TrainingSet
+from dofbench.core.progress import Silent
+from dofbench.dataset.dataset import Dataset, Inputs
+from dofbench.procedural import make_scene
+from dofbench.procedural.scene_options import NAMES, MakeScene
+from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.synthesis.make_dataset import make
 
 FEW = 6  # photographs of the smallest subsets
 FAINT = 0.75  # px: with true circles below it, it doesn't matter what is decided

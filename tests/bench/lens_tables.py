@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from dofbench.files import write_text
-from dofbench.harness.plan import CLEAR_BLUR, NEEDLESS_BLUR
+from dofbench.core.files import write_text
+from dofbench.running.plan import CLEAR_BLUR, NEEDLESS_BLUR
 
 Row = dict[str, str]
 

@@ -22,17 +22,17 @@ import numpy as np
 import tyro
 from unobserved import Unobserved
 
-from dofbench.cameras import Camera
-from dofbench.contracts import Budget, Observer, TrainingSet
-from dofbench.files import write_text
-from dofbench.gaussians.options import TrainerOptions
+from dofbench.compute.threads import configure_threads
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import Budget, Observer, TrainingSet
+from dofbench.core.files import write_text
+from dofbench.dataset.dataset import Dataset
 from dofbench.gaussians.trainer import Trainer
-from dofbench.harness.methods import find_method
+from dofbench.learning.options import TrainerOptions
+from dofbench.learning.priors import Prior
 from dofbench.metrics.psnr import psnr
-from dofbench.priors import Prior
-from dofbench.reporting.tables import write_csv
-from dofbench.synthesis.dataset import Dataset
-from dofbench.threads import configure_threads
+from dofbench.reporting.table_files import write_csv
+from dofbench.running.method_cards import find_method
 
 SHARE = 0.1  # of the tiles is held back
 WRONG, DEGREES = 3, 3.0  # views whose pose is wrong, and by how much they are turned

@@ -21,20 +21,20 @@ import numpy as np
 import tyro
 from unobserved import Unobserved
 
-from dofbench.contracts import Budget, Method
-from dofbench.errors import Status
-from dofbench.files import write_text
-from dofbench.harness.methods import find_method
-from dofbench.harness.photographs import prediction_scores
-from dofbench.harness.protocol import arithmetic_mean
-from dofbench.images import from_8bit, to_8bit
+from dofbench.compute.threads import configure_threads
+from dofbench.core.contracts import Budget, Method
+from dofbench.core.errors import Status
+from dofbench.core.files import write_text
+from dofbench.core.images import from_8bit, to_8bit
+from dofbench.dataset.dataset import Dataset
 from dofbench.metrics import score_image
-from dofbench.photographs.predict import predict
-from dofbench.photographs.search import THOROUGH
 from dofbench.reporting.footnotes import table
-from dofbench.reporting.tables import write_csv
-from dofbench.synthesis.dataset import Dataset
-from dofbench.threads import configure_threads
+from dofbench.reporting.table_files import write_csv
+from dofbench.results.protocol import arithmetic_mean
+from dofbench.running.method_cards import find_method
+from dofbench.scoring.photograph_scores import prediction_scores
+from dofbench.scoring.photographs.predict import predict
+from dofbench.scoring.photographs.search import THOROUGH
 
 STEPS = 500
 # name -> (method, preset, options): what each is worth is for the scores to say.

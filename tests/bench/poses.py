@@ -22,18 +22,18 @@ from unittest import mock
 
 import numpy as np
 
-from dofbench.cameras import Camera
-from dofbench.files import replacing
-from dofbench.motion import features
-from dofbench.motion.run import run
-from dofbench.motion.settings import Reconstruct
+from dofbench.compute.threads import configure_threads
+from dofbench.core.cameras import Camera
+from dofbench.core.files import replacing
+from dofbench.core.progress import Silent
 from dofbench.scenes import load_scene
 from dofbench.scenes.colmap import find_model, read_model
-from dofbench.scenes.types import Scene
+from dofbench.scenes.reconstruction import features
+from dofbench.scenes.reconstruction.reconstruct import run
+from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
+from dofbench.scenes.scene import Scene
 from dofbench.synthesis import make_dataset
-from dofbench.synthesis.progress import Silent
-from dofbench.synthesis.settings import MakeDataset
-from dofbench.threads import configure_threads
+from dofbench.synthesis.dataset_options import MakeDataset
 
 COLUMNS = (
     "case",

@@ -18,7 +18,7 @@ import tempfile
 from pathlib import Path
 from time import perf_counter
 
-from dofbench.threads import configure_threads
+from dofbench.compute.threads import configure_threads
 
 configure_threads()
 
@@ -29,7 +29,7 @@ import torch  # noqa: E402
 from dofbench.kernels.rasterize import cpu  # noqa: E402
 from dofbench.kernels.rasterize import cpu_layout as layout  # noqa: E402
 
-from dofbench.cameras import Camera  # noqa: E402
+from dofbench.core.cameras import Camera  # noqa: E402
 
 RUNS = 15
 # Gaussians, width, height, standard deviation in pixels: about the intersections of 16 x 16 tiles in kernels.md.

@@ -13,16 +13,16 @@ import os
 import statistics
 import time
 
-from dofbench.threads import configure_threads
+from dofbench.compute.threads import configure_threads
 
 configure_threads()  # before torch and numba are imported
 
 import numpy as np  # noqa: E402
 import torch  # noqa: E402
 
-from dofbench.defocus import defocus  # noqa: E402
+from dofbench.core.lens import ALPHA, AREA_EPSILON  # noqa: E402
 from dofbench.kernels import load  # noqa: E402
-from dofbench.lens import ALPHA, AREA_EPSILON  # noqa: E402
+from dofbench.optics.defocus import defocus  # noqa: E402
 
 FORMS = ("direct", "linear")
 SAMPLES = 40

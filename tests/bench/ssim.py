@@ -9,7 +9,7 @@ import argparse
 import statistics
 import time
 
-from dofbench.threads import configure_threads
+from dofbench.compute.threads import configure_threads
 
 configure_threads()  # before torch and numba are imported
 

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from dofbench.lens import COC_FRACTION
-from dofbench.priors.stereo import stereo_depth
-from dofbench.synthesis.dataset import Dataset
+from dofbench.core.lens import COC_FRACTION
+from dofbench.dataset.dataset import Dataset
+from dofbench.learning.priors.stereo import stereo_depth
 
 EDGES = (0.0, 0.5, 1.5, 3.0, np.inf)  # px of radius
 

@@ -92,8 +92,8 @@ def _ask(worker: subprocess.Popen) -> dict:
 
 def _work(scene: Path, width: int, count: int) -> None:
     """Answer a line with the size of the task, and every further one with what a call took."""
-    from dofbench.contracts import TrainingSet, TrainingView
-    from dofbench.priors.stereo import stereo_depth
+    from dofbench.core.contracts import TrainingSet, TrainingView
+    from dofbench.learning.priors.stereo import stereo_depth
     from dofbench.scenes import load_scene
 
     loaded = load_scene(scene, width=width)

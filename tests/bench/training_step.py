@@ -15,9 +15,9 @@ import statistics
 import time
 from pathlib import Path
 
-from dofbench.contracts import Budget, TrainingSet, TrainingView
-from dofbench.gaussians.options import TrainerOptions
+from dofbench.core.contracts import Budget, TrainingSet, TrainingView
 from dofbench.gaussians.trainer import Trainer
+from dofbench.learning.options import TrainerOptions
 from dofbench.scenes import load_scene
 
 # The parts of a step that run in our kernels; the lens and loss stages are scatter and SSIM plus

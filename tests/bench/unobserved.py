@@ -6,7 +6,7 @@ import time
 
 
 class Unobserved:
-    """Implements `dofbench.contracts.Observer`; the clock begins when it is made."""
+    """Implements `dofbench.core.contracts.Observer`; the clock begins when it is made."""
 
     def __init__(self) -> None:
         self._start = time.perf_counter()

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-from dofbench.threads import configure_threads
+from dofbench.compute.threads import configure_threads
 
 configure_threads()  # before torch and numba are imported
 
@@ -27,20 +27,20 @@ from dofbench.kernels.scatter import cpu_pack  # noqa: E402
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter  # noqa: E402
 from scatter import surfaces, weights  # noqa: E402  - the benchmark beside this one
 
-from dofbench.content import content_folder  # noqa: E402
-from dofbench.contracts import PointCloud  # noqa: E402
-from dofbench.defocus import defocus_numpy  # noqa: E402
-from dofbench.files import write_text  # noqa: E402
+from dofbench.core.content import content_folder  # noqa: E402
+from dofbench.core.contracts import PointCloud  # noqa: E402
+from dofbench.core.files import write_text  # noqa: E402
+from dofbench.core.images import resize  # noqa: E402
+from dofbench.core.lens import DisparityRange, Lens  # noqa: E402
 from dofbench.gaussians.exposure import Shot, sampled  # noqa: E402
 from dofbench.gaussians.lens_samples import together  # noqa: E402
 from dofbench.gaussians.model import Gaussians  # noqa: E402
-from dofbench.gaussians.options import TrainerOptions  # noqa: E402
 from dofbench.gaussians.render import rasterise  # noqa: E402
-from dofbench.images import resize  # noqa: E402
 from dofbench.kernels import load  # noqa: E402
-from dofbench.lens import DisparityRange, Lens  # noqa: E402
+from dofbench.learning.options import TrainerOptions  # noqa: E402
+from dofbench.optics.defocus import defocus_numpy  # noqa: E402
 from dofbench.reporting.figures import look, new_figure, save  # noqa: E402
-from dofbench.reporting.tables import write_csv  # noqa: E402
+from dofbench.reporting.table_files import write_csv  # noqa: E402
 from dofbench.scenes import load_scene  # noqa: E402
 
 WIDTH, HEIGHT = 504, 378

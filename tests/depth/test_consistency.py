@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from tolerances import CONSISTENCY_BIAS, FLOAT32_SCALAR, FLOAT64_VALUE
 
-from dofbench.cameras import Camera
-from dofbench.contracts import PointCloud
-from dofbench.depth.consistency import Consistency, consistencies, neighbours, views_off
-from dofbench.lens import DisparityRange
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud
+from dofbench.core.lens import DisparityRange
+from dofbench.depth.multi_view import Consistency, consistencies, neighbours, views_off
 
 WIDTH, HEIGHT, NEAR, FAR = 120, 90, 2.0, 6.0
 RANGE = DisparityRange(1 / FAR, 1 / NEAR)

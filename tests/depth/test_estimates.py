@@ -16,14 +16,14 @@ from tolerances import (
     SFM_DISPARITY,
 )
 
-from dofbench.cameras import Camera
-from dofbench.content import content_folder
-from dofbench.contracts import PointCloud
-from dofbench.depth import open_source
+from dofbench.core.cameras import Camera
+from dofbench.core.content import content_folder
+from dofbench.core.contracts import PointCloud
+from dofbench.core.errors import InputError
 from dofbench.depth.sightings import scene_sightings
-from dofbench.errors import InputError
 from dofbench.scenes import load_scene
-from dofbench.scenes.types import Scene, SceneView
+from dofbench.scenes.scene import Scene, SceneView
+from dofbench.synthesis.depth_sources import open_source
 
 WIDTH, HEIGHT = 64, 48
 NEAR, FAR = 1.0, 4.0

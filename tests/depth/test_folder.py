@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from tolerances import FLOAT32_SCALAR
 
-from dofbench.cameras import Camera
-from dofbench.depth import open_source
+from dofbench.core.cameras import Camera
+from dofbench.core.errors import InputError
+from dofbench.core.images import write_exr
 from dofbench.depth.given import with_folder_depth
-from dofbench.errors import InputError
-from dofbench.images import write_exr
-from dofbench.scenes.types import Scene, SceneView
+from dofbench.scenes.scene import Scene, SceneView
+from dofbench.synthesis.depth_sources import open_source
 
 CAMERA = Camera(4, 3, 4.0, 4.0, 2.0, 1.5, np.eye(4))
 DEPTH = (1 + np.arange(12, dtype=np.float32).reshape(3, 4)) / 4

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from dofbench import gaussians
-from dofbench.cameras import Camera
-from dofbench.depth import open_source, resolve
-from dofbench.errors import InputError
-from dofbench.gaussians.reconstruction import Surface
-from dofbench.scenes.types import Scene, SceneView
+from dofbench.core.cameras import Camera
+from dofbench.core.errors import InputError
+from dofbench.depth import resolve
+from dofbench.gaussians.scene_fit import Surface
+from dofbench.scenes.scene import Scene, SceneView
+from dofbench.synthesis.depth_sources import open_source
 
 CAMERA = Camera(4, 3, 4.0, 4.0, 2.0, 1.5, np.eye(4))
 

@@ -8,12 +8,12 @@ import torch
 from small_scene import Recorder, options, training_set
 from tolerances import FLOAT32_VALUE, GAIN_LEARNED, RESPONSE_GRADIENT
 
-from dofbench.contracts import Budget
-from dofbench.errors import InputError
+from dofbench.core.contracts import Budget
+from dofbench.core.errors import InputError
 from dofbench.gaussians import losses
-from dofbench.gaussians.colours import LearnedColours, read_colours, write_colours
-from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.trainer import Trainer
+from dofbench.learning.options import TrainerOptions
+from dofbench.learning.photograph_colours import LearnedColours, read_colours, write_colours
 
 
 def _image(seed=0):
@@ -179,7 +179,7 @@ def test_one_level_below_white_isn_t_clipped():
 
 def test_light_above_white_is_kept_where_the_blur_spreads_it():
     """A lamp of three times white, blurred to below it, is found from what the blur spread."""
-    from dofbench.defocus import defocus
+    from dofbench.optics.defocus import defocus
 
     sharp = torch.full((33, 33, 3), 0.2)
     sharp[15:18, 15:18] = 1.6

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import torch
 
-from dofbench.cameras import Camera
-from dofbench.contracts import PointCloud
-from dofbench.errors import InputError
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud
+from dofbench.core.errors import InputError
 from dofbench.gaussians.density import DensityControl, rotate
 from dofbench.gaussians.model import PARAMETERS, Gaussians, scene_extent
 from dofbench.gaussians.optimiser import GaussianOptimiser
-from dofbench.gaussians.options import TrainerOptions
+from dofbench.learning.options import TrainerOptions
 
 
 def _setup(count=12, **overrides):

@@ -12,12 +12,12 @@ from small_scene import options as _options
 from small_scene import training_set as _training_set
 from tolerances import FLOAT32_SCALAR, PSNR_OF_FLOAT32
 
-from dofbench.contracts import Budget, TrainingSet
-from dofbench.errors import InputError
+from dofbench.core.contracts import Budget, TrainingSet
+from dofbench.core.errors import InputError
+from dofbench.core.images import resize
 from dofbench.gaussians import losses
-from dofbench.gaussians.held_back import TILE, held_back_mask, held_back_scores, held_back_tiles, shrunk, tile_scores
 from dofbench.gaussians.trainer import Trainer
-from dofbench.images import resize
+from dofbench.learning.held_back import TILE, held_back_mask, held_back_scores, held_back_tiles, shrunk, tile_scores
 from dofbench.metrics.psnr import psnr
 from dofbench.metrics.ssim import ssim
 

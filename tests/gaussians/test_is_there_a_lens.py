@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from small_scene import options, training_set
 
-from dofbench.errors import InputError
-from dofbench.lens import PhysicalLens
+from dofbench.core.errors import InputError
+from dofbench.core.lens import PhysicalLens
 
 
 @pytest.fixture(scope="module")

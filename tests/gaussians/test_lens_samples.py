@@ -7,15 +7,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT32_VALUE, FLOAT64_VALUE, LENS_GRADIENT, LENS_MOVED_CAMERA, LENS_SMEAR, SAMPLED_PLANE
 
-from dofbench.cameras import Camera
-from dofbench.contracts import PointCloud
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud
+from dofbench.core.lens import DisparityRange, Lens
 from dofbench.gaussians import exposure
 from dofbench.gaussians.exposure import Shot, render_view, rings_for, sampled, scattered, summed
 from dofbench.gaussians.lens_samples import cell_variance, lens_points, points_of, together
 from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.render import rasterise
-from dofbench.lens import DisparityRange, Lens
+from dofbench.learning.options import TrainerOptions
 
 WIDTH, HEIGHT = 96, 72
 BOUNDS = DisparityRange(0.1, 0.5)

@@ -7,12 +7,12 @@ import pytest
 from small_scene import training_set
 from tolerances import FLOAT32_VALUE, LENS_FLOOR, LENS_FOUND
 
-from dofbench.errors import InputError
-from dofbench.exif import Exif
-from dofbench.gaussians.lens_ties import lens_ties
-from dofbench.gaussians.lenses import LearnedLenses
-from dofbench.gaussians.options import TrainerOptions
-from dofbench.lens import DisparityRange, Lens
+from dofbench.core.errors import InputError
+from dofbench.core.exif import Exif
+from dofbench.core.lens import DisparityRange, Lens
+from dofbench.learning.lens_ties import lens_ties
+from dofbench.learning.lenses import LearnedLenses
+from dofbench.learning.options import TrainerOptions
 
 RANGE = DisparityRange(0.02, 0.06)
 

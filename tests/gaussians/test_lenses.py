@@ -3,9 +3,9 @@ import pytest
 import torch
 from tolerances import FLOAT32_VALUE, LENS_FOUND
 
-from dofbench.gaussians.lenses import LearnedLenses
-from dofbench.gaussians.options import TrainerOptions
-from dofbench.lens import DisparityRange, Lens
+from dofbench.core.lens import DisparityRange, Lens
+from dofbench.learning.lenses import LearnedLenses
+from dofbench.learning.options import TrainerOptions
 
 RANGE = DisparityRange(0.02, 0.06)
 

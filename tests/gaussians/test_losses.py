@@ -5,10 +5,10 @@ import pytest
 import torch
 from tolerances import FLOAT32_SCALAR, PLANE_NORMAL
 
-from dofbench.cameras import Camera
+from dofbench.core.cameras import Camera
 from dofbench.gaussians import losses
-from dofbench.gaussians.options import TrainerOptions
-from dofbench.gaussians.supervision import DepthSamples
+from dofbench.learning.options import TrainerOptions
+from dofbench.learning.supervision import DepthSamples
 
 CAMERA = Camera(24, 18, 20.0, 21.0, 12.5, 8.0, np.eye(4))
 

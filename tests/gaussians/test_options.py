@@ -1,8 +1,8 @@
 import pytest
 
-from dofbench.errors import InputError
-from dofbench.gaussians.options import TrainerOptions
-from dofbench.harness.methods import find_method
+from dofbench.core.errors import InputError
+from dofbench.learning.options import TrainerOptions
+from dofbench.running.method_cards import find_method
 
 
 def test_strings_become_the_options_type():

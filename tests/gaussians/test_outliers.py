@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_scene import Recorder, options, training_set
 
-from dofbench.contracts import Budget, TrainingSet
-from dofbench.gaussians.outliers import MOST, VISITS, OutlierViews
+from dofbench.core.contracts import Budget, TrainingSet
 from dofbench.gaussians.trainer import Trainer
+from dofbench.learning.outliers import MOST, VISITS, OutlierViews
 
 
 def _found(losses, visits=VISITS):

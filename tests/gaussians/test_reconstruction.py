@@ -7,9 +7,9 @@ import pytest
 import torch
 from tolerances import FLOAT32_GRADIENT
 
-from dofbench.cameras import Camera
+from dofbench.core.cameras import Camera
 from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.reconstruction import OPTIONS, Reconstruction
+from dofbench.gaussians.scene_fit import OPTIONS, Reconstruction
 
 CAMERA = Camera(16, 12, 12.0, 12.0, 8.0, 6.0, np.eye(4))
 

@@ -5,8 +5,8 @@ import torch
 from random_gaussians import scene, view
 
 from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.render import rasterise
+from dofbench.learning.options import TrainerOptions
 
 
 def test_other_means_are_taken_and_get_the_gradient():

@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from random_gaussians import scene, view
 from tolerances import FLOAT32_SCALAR, FLOAT32_VALUE, LEVEL_8BIT
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.options import TrainerOptions
 from dofbench.gaussians.render import rasterise
 from dofbench.gaussians.splats import lower_degree, read_splats, write_splats
+from dofbench.learning.options import TrainerOptions
 
 FIELDS = (
     ["x", "y", "z", "nx", "ny", "nz"]

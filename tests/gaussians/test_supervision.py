@@ -1,8 +1,8 @@
 import numpy as np
 
-from dofbench.cameras import Camera
-from dofbench.contracts import PointCloud
-from dofbench.gaussians.supervision import sparse_depth
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud
+from dofbench.learning.supervision import sparse_depth
 
 CAMERA = Camera(100, 80, 90.0, 90.0, 50.0, 40.0, np.eye(4))
 

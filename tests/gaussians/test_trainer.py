@@ -14,8 +14,8 @@ from small_scene import options as _options
 from small_scene import training_set as _training_set
 from tolerances import ROUGH_DEPTH
 
-from dofbench.contracts import Budget
-from dofbench.errors import Status
+from dofbench.core.contracts import Budget
+from dofbench.core.errors import Status
 from dofbench.gaussians import exposure
 from dofbench.gaussians import trainer as trainer_module
 from dofbench.gaussians.render import rasterise

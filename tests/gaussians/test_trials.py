@@ -7,13 +7,13 @@ import pytest
 import torch
 from small_scene import Recorder, options, training_set
 
-from dofbench.contracts import Budget
-from dofbench.errors import InputError, Status
-from dofbench.exif import Exif
-from dofbench.gaussians.held_back import HeldBackScores
-from dofbench.gaussians.options import TrainerOptions
+from dofbench.core.contracts import Budget
+from dofbench.core.errors import InputError, Status
+from dofbench.core.exif import Exif
 from dofbench.gaussians.trainer import Trainer
 from dofbench.gaussians.trials import Trials, questions
+from dofbench.learning.held_back import HeldBackScores
+from dofbench.learning.options import TrainerOptions
 
 OPEN = {
     "lens_trials": "lens",

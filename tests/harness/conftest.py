@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from harness_fakes import fake_run
 
-from dofbench.harness.run import RunEnd
+from dofbench.running.one_run import RunEnd
 
 
 @pytest.fixture

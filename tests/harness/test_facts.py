@@ -11,17 +11,17 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 from tolerances import DIFFERENCE_BLUR, EDGE_BLUR, GAIN_BY_MEDIANS, MEASURED_NOISE
 
-from dofbench.cameras import Camera
-from dofbench.content import content_folder
-from dofbench.contracts import PointCloud, TrainingSet, TrainingView
-from dofbench.defocus import defocus_numpy
-from dofbench.exif import Exif
-from dofbench.harness.colour_spread import colour_spread, light_spread, view_gains
-from dofbench.harness.facts import facts_of
-from dofbench.harness.plan import NEEDLESS_BLUR, NEEDLESS_COLOURS, NEEDLESS_DEPENDENCE
-from dofbench.harness.sharpness import blur_deviation, noise_deviation
-from dofbench.images import from_8bit, resize, to_8bit
-from dofbench.lens import DisparityRange, Lens
+from dofbench.core.cameras import Camera
+from dofbench.core.content import content_folder
+from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
+from dofbench.core.exif import Exif
+from dofbench.core.images import from_8bit, resize, to_8bit
+from dofbench.core.lens import DisparityRange, Lens
+from dofbench.optics.defocus import defocus_numpy
+from dofbench.running.colour_spread import colour_spread, light_spread, view_gains
+from dofbench.running.facts import facts_of
+from dofbench.running.plan import NEEDLESS_BLUR, NEEDLESS_COLOURS, NEEDLESS_DEPENDENCE
+from dofbench.running.sharpness import blur_deviation, noise_deviation
 from dofbench.scenes import load_scene
 
 SMALLER = 2  # the built-in scene is looked at at half its size: seconds instead of half a minute

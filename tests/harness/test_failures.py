@@ -16,11 +16,11 @@ from pathlib import Path
 import pytest
 from harness_fakes import text_console
 
-from dofbench.errors import InputError, Status
-from dofbench.harness import lock
-from dofbench.harness.evaluate import Evaluator
-from dofbench.harness.lock import is_running, locked, read_lock
-from dofbench.harness.result import read_result
+from dofbench.core.errors import InputError, Status
+from dofbench.results import run_lock
+from dofbench.results.result import read_result
+from dofbench.results.run_lock import is_running, locked, read_lock
+from dofbench.scoring.evaluate import Evaluator
 
 
 @pytest.mark.parametrize(
@@ -113,8 +113,8 @@ def test_two_processes_never_write_one_result(call) -> None:
 def test_a_killed_process_leaves_a_trace(call, tmp_path: Path) -> None:
     spec = read_result(call().folder).spec
     script = (
-        "import json, sys, time\nfrom pathlib import Path\nfrom dofbench.harness.lock import locked\n"
-        "from dofbench.harness.result import Spec\n"
+        "import json, sys, time\nfrom pathlib import Path\nfrom dofbench.results.run_lock import locked\n"
+        "from dofbench.results.result import Spec\n"
         "with locked(Path(sys.argv[1]), Spec(**json.loads(sys.argv[2])), 'waves', 'noon'):\n"
         "    print('ready', flush=True)\n    time.sleep(60)\n"
     )
@@ -170,7 +170,7 @@ def test_a_lock_is_only_one_on_the_file_that_has_the_name(call, tmp_path: Path) 
 
 
 def test_a_glance_at_a_lock_does_not_turn_a_run_away(call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lock, "_GLANCE", 5.0)  # on a busy machine an instant is long
+    monkeypatch.setattr(run_lock, "_GLANCE", 5.0)  # on a busy machine an instant is long
     spec = read_result(call().folder).spec
     folder = tmp_path / "glanced"
     folder.mkdir()

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dofbench.contracts import Budget
-from dofbench.errors import Status
-from dofbench.harness.clock import Stopwatch
-from dofbench.harness.observer import CURVE_FACTOR, CURVE_POINTS, TrainingObserver
+from dofbench.core.clock import Stopwatch
+from dofbench.core.contracts import Budget
+from dofbench.core.errors import Status
+from dofbench.running.observer import CURVE_FACTOR, CURVE_POINTS, TrainingObserver
 
 
 class ManualClock(Stopwatch):

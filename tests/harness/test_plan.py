@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 from harness_fakes import FakeDataset, write_dataset, write_method
 
-from dofbench.contracts import Budget, Decision
-from dofbench.errors import InputError
-from dofbench.files import canonical_json
-from dofbench.harness.facts import Facts
-from dofbench.harness.methods import find_method
-from dofbench.harness.plan import RunPlan, Stage, decided, make_plan, revised
-from dofbench.harness.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS, protocol_for
-from dofbench.reporting.lenses import lens_words
+from dofbench.core.contracts import Budget, Decision
+from dofbench.core.errors import InputError
+from dofbench.core.files import canonical_json
+from dofbench.results.lens_columns import lens_words
+from dofbench.results.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS, protocol_for
+from dofbench.running.facts import Facts
+from dofbench.running.method_cards import find_method
+from dofbench.running.plan import RunPlan, Stage, decided, make_plan, revised
 
 
 @pytest.fixture

@@ -9,10 +9,10 @@ import time
 import pytest
 from rich.console import Console
 
-from dofbench.contracts import Budget
-from dofbench.harness.clock import Stopwatch
-from dofbench.harness.observer import TrainingObserver
-from dofbench.harness.progress import PLAIN_EVERY, TrainingProgress
+from dofbench.core.clock import Stopwatch
+from dofbench.core.contracts import Budget
+from dofbench.running.observer import TrainingObserver
+from dofbench.running.run_progress import PLAIN_EVERY, TrainingProgress
 
 
 class Terminal:

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dofbench.harness import provenance
-from dofbench.harness.error_maps import FULL_SCALE, error_map
+from dofbench.results import provenance
+from dofbench.scoring.error_maps import FULL_SCALE, error_map
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from tolerances import FLOAT32_VALUE
 
-from dofbench.cameras import Camera
-from dofbench.contracts import Rendering
-from dofbench.harness.resolved import ResolvedCircles, resolved_map, resolved_share
-from dofbench.lens import PhysicalLens
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import Rendering
+from dofbench.core.lens import PhysicalLens
+from dofbench.scoring.resolved import ResolvedCircles, resolved_map, resolved_share
 
 NEAR, FAR, WIDTH, HEIGHT = 2.0, 4.0, 40, 30
 

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT64_VALUE
 
-from dofbench.errors import InputError, Status
-from dofbench.harness import result as module
-from dofbench.harness.protocol import arithmetic_mean
-from dofbench.harness.result import SCHEMA_VERSION, Result, Spec, read_result, write_result
+from dofbench.core.errors import InputError, Status
+from dofbench.results import result as module
+from dofbench.results.protocol import arithmetic_mean
+from dofbench.results.result import SCHEMA_VERSION, Result, Spec, read_result, write_result
 
 
 def make_spec(**changes) -> Spec:

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from harness_fakes import text_console, write_dataset
 
-from dofbench.harness.prepare import choose, data_folder, prepare
-from dofbench.harness.result import read_result
-from dofbench.harness.settings import Run
+from dofbench.results.result import read_result
+from dofbench.results.run_spec import Run
+from dofbench.running.prepare import choose, data_folder, prepare
 
 
 def test_a_finished_result_is_reused(call) -> None:

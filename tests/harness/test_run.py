@@ -13,15 +13,16 @@ import pytest
 from harness_fakes import FakeDataset, text_console, write_dataset
 from rich.console import Console
 
-from dofbench import kernel_cache, synthesis
-from dofbench.errors import InputError, Status
-from dofbench.files import sha256_file
-from dofbench.harness.check import check_result
-from dofbench.harness.clock import Stopwatch, loading
-from dofbench.harness.evaluate import Evaluator
-from dofbench.harness.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS
-from dofbench.harness.result import read_result
-from dofbench.images import read_image
+from dofbench import synthesis
+from dofbench.compute import kernel_cache
+from dofbench.core.clock import Stopwatch, loading
+from dofbench.core.errors import InputError, Status
+from dofbench.core.files import sha256_file
+from dofbench.core.images import read_image
+from dofbench.results.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS
+from dofbench.results.result import read_result
+from dofbench.running.check import check_result
+from dofbench.scoring.evaluate import Evaluator
 
 OPEN = PROTOCOLS["refocus-v2"]
 

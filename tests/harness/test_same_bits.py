@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from dofbench.content import content_folder
-from dofbench.harness.result import Result, read_result
+from dofbench.core.content import content_folder
+from dofbench.results.result import Result, read_result
 from dofbench.synthesis import make_dataset
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.synthesis.dataset_options import MakeDataset
 
 TIMED = {"train_s", "train_cpu_s", "cold_start_s", "render_fps", "peak_mb"}
 LIMIT = 600  # seconds, with kernels that must be compiled, on a busy machine

@@ -15,18 +15,18 @@ import pytest
 from harness_fakes import FakeDataset, fake_run, write_dataset
 from rich.console import Console
 
-from dofbench.errors import InputError
-from dofbench.files import sha256_file
-from dofbench.harness.added import read_added
-from dofbench.harness.lock import locked
-from dofbench.harness.protocol import DEPTH_COLUMNS
-from dofbench.harness.result import read_result
-from dofbench.harness.score import columns_known, score
-from dofbench.images import read_image, write_png
+from dofbench.core.errors import InputError
+from dofbench.core.files import sha256_file
+from dofbench.core.images import read_image, write_png
 from dofbench.metrics import METRICS, Metric
 from dofbench.reporting import board
 from dofbench.reporting.board import write_report
-from dofbench.reporting.settings import Report
+from dofbench.reporting.report_options import Report
+from dofbench.results.added_scores import read_added
+from dofbench.results.protocol import DEPTH_COLUMNS
+from dofbench.results.result import read_result
+from dofbench.results.run_lock import locked
+from dofbench.running.rescore import columns_known, score
 
 
 @pytest.fixture

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dofbench import cli
-from dofbench.contracts import Budget
-from dofbench.errors import InputError
-from dofbench.harness.settings import Run, format_budget, parse_budget, parse_overrides
+from dofbench.core.contracts import Budget
+from dofbench.core.errors import InputError
+from dofbench.results.run_spec import Run, format_budget, parse_budget, parse_overrides
 
 STEPS = st.integers(1, 10**6)
 SECONDS = st.integers(1, 99_999).map(lambda tenths: tenths / 10)

@@ -11,12 +11,12 @@ import pytest
 from harness_fakes import write_dataset
 from rich.console import Console
 
-from dofbench.errors import Status
-from dofbench.harness.check import check_result
-from dofbench.harness.result import read_result
-from dofbench.harness.run import RunEnd
+from dofbench.core.errors import Status
 from dofbench.reporting.board import write_report
-from dofbench.reporting.settings import Report
+from dofbench.reporting.report_options import Report
+from dofbench.results.result import read_result
+from dofbench.running.check import check_result
+from dofbench.running.one_run import RunEnd
 
 EVERY, TRAINED = [f"v{index}" for index in range(6)], [f"v{index}" for index in range(2, 6)]
 

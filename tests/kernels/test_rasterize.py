@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from random_gaussians import NAMES, assert_agree, assert_close, cpu, reference, render, scene, turned, view
 from tolerances import FINITE_DIFFERENCE, FLOAT32_GRADIENT, PLANE_DEPTH, TILING
 
-from dofbench.cameras import Camera
+from dofbench.core.cameras import Camera
 
 
 @pytest.mark.parametrize("geometry", ["none", "depth", "full", "distortion"])

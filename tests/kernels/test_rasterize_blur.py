@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from random_gaussians import assert_agree, assert_close, cpu, reference, render, scene, value_tolerance, view
 from tolerances import BLUR_INTEGRAL, BLUR_OF_NEEDLES, FINITE_DIFFERENCE, FLOAT32_GRADIENT, FLOAT32_VALUE
 
-from dofbench.cameras import Camera
+from dofbench.core.cameras import Camera
 from dofbench.gaussians.raster import GEOMETRIES
 
 

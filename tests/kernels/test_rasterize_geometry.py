@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from random_gaussians import assert_agree, assert_close, cpu, reference, render, scene, view
 from tolerances import DISTORTION, FLOAT32_GRADIENT, FLOAT32_VALUE, PUBLISHED_NORMAL, SURFACE_OF_DISCS
 
-from dofbench.cameras import Camera
+from dofbench.core.cameras import Camera
 from dofbench.gaussians.losses import normal_consistency
 
 FRONTAL = Camera(24, 20, 30.0, 30.0, 12.5, 10.5, np.eye(4))

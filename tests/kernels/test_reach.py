@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from random_gaussians import cpu, reference
 
-from dofbench.cameras import Camera
+from dofbench.core.cameras import Camera
 
 ALPHA, HEIGHT, WIDTH = 4.0, 40, 64
 CAMERA = Camera(96, 80, 100.0, 100.0, 48.0, 40.0, np.eye(4))

@@ -19,8 +19,8 @@ from tolerances import (
     SCATTER_ENERGY,
 )
 
+from dofbench.core.lens import ApertureShape
 from dofbench.kernels import load
-from dofbench.lens import ApertureShape
 
 DISC = ApertureShape()
 HEXAGON = ApertureShape(blades=6, rotation=0.3, curvature=0.2)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from tolerances import FLOAT32_VALUE
 
-from dofbench.cameras import Camera
-from dofbench.contracts import Budget, PointCloud, TrainingSet, TrainingView
-from dofbench.errors import InputError
-from dofbench.gaussians.lens_file import RENDERING
-from dofbench.gaussians.options import TrainerOptions
-from dofbench.harness.methods import find_method
-from dofbench.lens import PhysicalLens
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import Budget, PointCloud, TrainingSet, TrainingView
+from dofbench.core.errors import InputError
+from dofbench.core.lens import PhysicalLens
+from dofbench.learning.lens_file import RENDERING
+from dofbench.learning.options import TrainerOptions
+from dofbench.running.method_cards import find_method
 
 CAMERA = Camera(40, 30, 40.0, 40.0, 20.0, 15.0, np.eye(4))
 LENS = PhysicalLens(aperture=8.0, focus_disparity=0.2, width=40)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT32_VALUE, FLOAT64_VALUE
 
-from dofbench.lens import DisparityRange, Lens
+from dofbench.core.lens import DisparityRange, Lens
 from dofbench.metrics.depth_errors import disparity_error, relative_error
 
 RANGE = DisparityRange(0.1, 0.6)

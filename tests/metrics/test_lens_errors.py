@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT32_VALUE, FLOAT64_VALUE
 
-from dofbench.lens import DisparityRange, Lens, PhysicalLens
+from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
 from dofbench.metrics.lens_errors import do_nothing_errors, lens_errors
 
 RANGE = DisparityRange(0.1, 0.6)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tolerances import FLOAT32_VALUE, FLOAT64_VALUE
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.metrics import METRICS, Metric, metric, score_image
 
 IMAGE_METRICS = [entry for entry in METRICS.values() if entry.needs == "images"]

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from dofbench.content import content_folder
-from dofbench.motion.run import Outcome, run
-from dofbench.motion.settings import Reconstruct
+from dofbench.core.content import content_folder
+from dofbench.core.progress import Silent
 from dofbench.scenes import Scene, load_scene
-from dofbench.synthesis.progress import Silent
+from dofbench.scenes.reconstruction.reconstruct import Outcome, run
+from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
 
 NAMES = tuple(f"view_{index:03d}" for index in range(6, 12))
 

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from dofbench import cli
-from dofbench.errors import InputError
-from dofbench.exif import Exif
-from dofbench.motion.focal import focal_length, group_by_camera
-from dofbench.motion.pairs import choose, exhaustive, look_alikes, sequential, signatures
-from dofbench.motion.photographs import Photograph, Prepared, Upright, prepare, turned
-from dofbench.motion.video import sharpest_frames
+from dofbench.core.errors import InputError
+from dofbench.core.exif import Exif
+from dofbench.scenes.reconstruction.focal_length import focal_length, group_by_camera
+from dofbench.scenes.reconstruction.pairs import choose, exhaustive, look_alikes, sequential, signatures
+from dofbench.scenes.reconstruction.photograph_list import Photograph, Prepared, Upright, prepare, turned
+from dofbench.scenes.reconstruction.video import sharpest_frames
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

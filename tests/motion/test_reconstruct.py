@@ -18,13 +18,13 @@ import pytest
 from tolerances import MOTION_BASELINE, MOTION_FOCAL, MOTION_ROTATION_DEG, TRIANGULATED_DEPTH
 
 from dofbench import cli
-from dofbench.content import content_folder
-from dofbench.exif import Exif
-from dofbench.images import write_png
-from dofbench.motion.settings import Reconstruct
-from dofbench.motion.source import find_source
-from dofbench.motion.watch import wait
+from dofbench.core.content import content_folder
+from dofbench.core.exif import Exif
+from dofbench.core.images import write_png
 from dofbench.scenes import Scene, export, load_scene
+from dofbench.scenes.reconstruction.interruptible import wait
+from dofbench.scenes.reconstruction.photograph_source import find_source
+from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
 
 
 def result_files(folder: Path) -> dict[str, bytes]:

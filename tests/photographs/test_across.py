@@ -9,12 +9,12 @@ import pytest
 from known_scene import CAMERA, HEIGHT, TRUE, WIDTH, Known
 from tolerances import FITTED_FOCUS
 
-from dofbench.cameras import Camera
-from dofbench.contracts import PointCloud
-from dofbench.lens import PhysicalLens
-from dofbench.photographs.across import FOCUS_EFFORT, predict_across
-from dofbench.photographs.strata import sharpness_ratio, thirds
-from dofbench.photographs.tiles import Tiles, masked_psnr
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud
+from dofbench.core.lens import PhysicalLens
+from dofbench.scoring.photographs.across import FOCUS_EFFORT, predict_across
+from dofbench.scoring.photographs.image_tiles import Tiles, masked_psnr
+from dofbench.scoring.photographs.strata import sharpness_ratio, thirds
 
 LEARNED = {
     "a": PhysicalLens(13.0, 0.3, WIDTH),

@@ -9,13 +9,13 @@ import pytest
 from known_scene import CAMERA, TRUE, WIDTH, Known
 from tolerances import EVEN_BLUR, FITTED_APERTURE, FITTED_FOCUS, FITTED_SIGMA, FLOAT64_VALUE, ROUGH_APERTURE
 
-from dofbench.cameras import Camera
-from dofbench.contracts import Rendering
-from dofbench.harness.photographs import prediction_scores
-from dofbench.images import decode, encode
-from dofbench.lens import DisparityRange, PhysicalLens
-from dofbench.photographs.predict import predict
-from dofbench.photographs.search import QUICK, THOROUGH, Effort, Frame, lens_grid
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import Rendering
+from dofbench.core.images import decode, encode
+from dofbench.core.lens import DisparityRange, PhysicalLens
+from dofbench.scoring.photograph_scores import prediction_scores
+from dofbench.scoring.photographs.predict import predict
+from dofbench.scoring.photographs.search import QUICK, THOROUGH, Effort, Frame, lens_grid
 
 SMALL = Effort(apertures=5, focuses=4, coarse=12, fine=12, blur=True)
 PHOTOGRAPH = Known().render(CAMERA, TRUE).image

@@ -10,7 +10,7 @@ from tolerances import FLOAT64_VALUE
 
 from dofbench.metrics import score_image
 from dofbench.metrics.ssim import ssim_map
-from dofbench.photographs.tiles import Tiles, masked_psnr, shrink, tiled_ssim
+from dofbench.scoring.photographs.image_tiles import Tiles, masked_psnr, shrink, tiled_ssim
 
 
 @given(st.integers(16, 90), st.integers(16, 90))

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from dofbench.content import content_folder
-from dofbench.contracts import TrainingSet, TrainingView
-from dofbench.defocus import defocus_numpy
-from dofbench.images import resize
-from dofbench.lens import DisparityRange, Lens
+from dofbench.core.content import content_folder
+from dofbench.core.contracts import TrainingSet, TrainingView
+from dofbench.core.images import resize
+from dofbench.core.lens import DisparityRange, Lens
+from dofbench.optics.defocus import defocus_numpy
 from dofbench.scenes import load_scene
 
 WIDTH, HEIGHT, VIEWS = 160, 120, 6

@@ -11,12 +11,12 @@ import pytest
 from colmap_workspace import back_projected, write_fused, write_map, write_workspace
 from tolerances import FLOAT32_SCALAR
 
-from dofbench.cameras import Camera
-from dofbench.content import content_folder
-from dofbench.errors import InputError
-from dofbench.gaussians.options import TrainerOptions
-from dofbench.priors import make_prior
-from dofbench.priors.colmap import workspace_depth
+from dofbench.core.cameras import Camera
+from dofbench.core.content import content_folder
+from dofbench.core.errors import InputError
+from dofbench.learning.options import TrainerOptions
+from dofbench.learning.priors import make_prior
+from dofbench.learning.priors.patch_match import workspace_depth
 from dofbench.scenes import load_scene
 from dofbench.scenes.ply import read_ply
 

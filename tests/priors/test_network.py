@@ -11,14 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import BEST_SCALE, FLOAT32_GRADIENT, FLOAT32_VALUE
 
+from dofbench.core.errors import InputError
 from dofbench.depth.depthnet import MEAN, STD, load_folded
 from dofbench.depth.network import Network, find_network
-from dofbench.errors import InputError
-from dofbench.gaussians.supervision import DepthMap
-from dofbench.priors import network as networks
-from dofbench.priors.network import open_network, predicted_depth
-from dofbench.priors.stereo import stereo_depth
-from dofbench.priors.tuning import scale_invariant_loss, tune
+from dofbench.learning.priors import network_prior as networks
+from dofbench.learning.priors.network_prior import open_network, predicted_depth
+from dofbench.learning.priors.stereo import stereo_depth
+from dofbench.learning.priors.tuning import scale_invariant_loss, tune
+from dofbench.learning.supervision import DepthMap
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.*:DeprecationWarning")
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from tolerances import STEREO_OUTLIERS, STEREO_RESIZED, SWEEP_REACH
 
-from dofbench.cameras import Camera
-from dofbench.errors import InputError
-from dofbench.gaussians.supervision import sparse_depth
-from dofbench.images import resize
-from dofbench.priors.stereo import choose_sources, disparity_bounds, plane_map, stereo_depth
+from dofbench.core.cameras import Camera
+from dofbench.core.errors import InputError
+from dofbench.core.images import resize
+from dofbench.learning.priors.stereo import choose_sources, disparity_bounds, plane_map, stereo_depth
+from dofbench.learning.supervision import sparse_depth
 
 
 @pytest.fixture(scope="module")

@@ -17,11 +17,11 @@ import pytest
 from tolerances import FLOAT16_VALUE, FLOAT64_VALUE, LEVEL_8BIT
 
 from dofbench import cli
-from dofbench.files import sha256_file
-from dofbench.images import encode, read_exr
-from dofbench.lens import DisparityRange, Lens
+from dofbench.core.files import sha256_file
+from dofbench.core.images import encode, read_exr
+from dofbench.core.lens import DisparityRange, Lens
+from dofbench.depth.disparity import scene_range
 from dofbench.scenes import load_scene
-from dofbench.synthesis.disparity import scene_range
 
 SMALL = "--views 3 --width 40 --height 30 --samples 8 --lens-views 1 --lens-samples 8 --focus 0.2,0.8 --aperture 1"
 

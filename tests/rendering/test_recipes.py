@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from tolerances import FLOAT64_VALUE, POSE_ROUND_TRIP
 
-from dofbench.cameras import Camera
-from dofbench.errors import InputError
-from dofbench.rendering.paths import cameras
-from dofbench.rendering.recipes import recipe
-from dofbench.rendering.settings import NAMES
-from dofbench.rendering.shapes import box, ground, leaf, merged, rod
-from dofbench.rendering.sky import directions
-from dofbench.rendering.stage import Finish, Prop, Stage, Viewpoints
+from dofbench.core.cameras import Camera
+from dofbench.core.errors import InputError
+from dofbench.procedural.camera_paths import cameras
+from dofbench.procedural.recipes import recipe
+from dofbench.procedural.scene_options import NAMES
+from dofbench.procedural.shapes import box, ground, leaf, merged, rod
+from dofbench.procedural.sky import directions
+from dofbench.procedural.stage import Finish, Prop, Stage, Viewpoints
 
 POINTS = Viewpoints((0.0, 0.0, 1.0), (0.5, 4.0, 0.6), (0.3, 0.05, 0.2), aim=0.05, arc=90)
 

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import DOT_DEPTH, FLOAT32_VALUE, LENS_CENTRE_PX, LENS_RADIUS, NOISE_STATED
 
-from dofbench.cameras import Camera
-from dofbench.lens import PhysicalLens
-from dofbench.rendering.shapes import quad
-from dofbench.rendering.stage import Lamp, Prop, Sphere, Stage
-from dofbench.rendering.tracer import Tracer, sets_of
+from dofbench.core.cameras import Camera
+from dofbench.core.lens import PhysicalLens
+from dofbench.procedural.shapes import quad
+from dofbench.procedural.stage import Lamp, Prop, Sphere, Stage
+from dofbench.procedural.tracer import Tracer, sets_of
 
 WIDTH, HEIGHT, FOCAL = 56, 48, 60.0
 # Looks along the world's y, as the recipes' cameras do.

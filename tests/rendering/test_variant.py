@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from dofbench import cli
-from dofbench.errors import InputError
-from dofbench.rendering.variant import SCALAR, VECTORISED, choose_variant
+from dofbench.core.errors import InputError
+from dofbench.procedural.variant import SCALAR, VECTORISED, choose_variant
 
 
 @pytest.fixture

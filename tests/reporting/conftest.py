@@ -14,7 +14,7 @@ from rich.console import Console
 
 from dofbench.reporting import board
 from dofbench.reporting.board import Written, write_report
-from dofbench.reporting.settings import Report
+from dofbench.reporting.report_options import Report
 
 SUMMARY = """\
 table,row,dataset,seeds,column,mean,sd,status,paper,difference,difference_sd,p,pairs

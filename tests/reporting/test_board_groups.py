@@ -13,7 +13,7 @@ from harness_fakes import write_dataset
 from report_pages import notes, rows, table_rows
 from tolerances import CSV_DIGITS
 
-from dofbench.harness.result import read_result
+from dofbench.results.result import read_result
 
 
 def test_seeds_have_a_spread_and_a_failed_seed_is_not_left_out_of_a_mean(plain, call, made) -> None:

@@ -13,19 +13,19 @@ import pytest
 from harness_fakes import FakeDataset
 from tolerances import PRINTED_MEAN
 
-from dofbench.errors import InputError
-from dofbench.harness.result import Result, read_result
-from dofbench.reporting import truth
-from dofbench.reporting.collect import collect
+from dofbench.core.errors import InputError
+from dofbench.reporting import truth_images
 from dofbench.reporting.html import layouts
-from dofbench.reporting.html.ablations import ablation_sections, read_ablations
 from dofbench.reporting.html.boards import gather
+from dofbench.reporting.html.html_ablations import ablation_sections, read_ablations
+from dofbench.reporting.html.html_page import report_page
 from dofbench.reporting.html.markup import Notes, Td, Th, number_cell, table
 from dofbench.reporting.html.overview import duration
-from dofbench.reporting.html.page import report_page
 from dofbench.reporting.html.pictures import NOT_THERE, gallery
 from dofbench.reporting.paper import paper_figures
 from dofbench.reporting.reach import RULE
+from dofbench.results.collecting import collect
+from dofbench.results.result import Result, read_result
 
 QUICK = "quick, nothing left out"  # told apart from the run on sharp inputs, which leaves the lens out
 VOID = {"meta", "link", "img", "input", "br", "hr"}
@@ -340,7 +340,7 @@ def test_a_folder_without_ablations_is_an_error(tmp_path: Path) -> None:
 
 @pytest.fixture
 def boards(made_report, monkeypatch: pytest.MonkeyPatch) -> list:
-    monkeypatch.setattr(truth, "Dataset", FakeDataset)
+    monkeypatch.setattr(truth_images, "Dataset", FakeDataset)
     return gather(collect(made_report.results).entries)
 
 

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from scipy import stats
 from tolerances import FLIPPED_AT_RANDOM, FLOAT64_VALUE
 
-from dofbench.reporting.columns import COLUMNS
 from dofbench.reporting.differences import difference_text, verdict
 from dofbench.reporting.paired import Difference, grouped_difference, holm, paired_difference, sign_flip
+from dofbench.results.columns import COLUMNS
 
 FEW = st.lists(st.floats(-10, 10), min_size=1, max_size=9)
 

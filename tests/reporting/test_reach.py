@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import ROUNDED_LEVEL
 
-from dofbench.errors import InputError, Status
+from dofbench.core.errors import InputError, Status
 from dofbench.reporting.pareto import pareto_front, spans
 from dofbench.reporting.reach import (
     levels,

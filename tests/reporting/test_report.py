@@ -12,14 +12,14 @@ from harness_fakes import write_dataset
 from report_pages import notes, rows, table_rows
 from tolerances import CSV_DIGITS
 
-from dofbench.errors import InputError
-from dofbench.harness.check import check_result
-from dofbench.harness.lock import locked
-from dofbench.harness.result import Spec, read_result
+from dofbench.core.errors import InputError
 from dofbench.reporting import curves, reach, report
-from dofbench.reporting.columns import DEPTH
 from dofbench.reporting.held_out import ASKED_HEADING
-from dofbench.reporting.settings import Report
+from dofbench.reporting.report_options import Report
+from dofbench.results.columns import DEPTH
+from dofbench.results.result import Spec, read_result
+from dofbench.results.run_lock import locked
+from dofbench.running.check import check_result
 
 HEADER = (
     "method,preset,dataset,scene,protocol,seed,status,psnr,ssim,ms_ssim,flip,gmsd,delta_e,aif_psnr,aif_ssim,aif_flip,"

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from dofbench.errors import Status
+from dofbench.core.errors import Status
 from dofbench.reporting.summary import Cell, Line
 from dofbench.reporting.verdict import verdict
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 from harness_fakes import write_method
 
-from dofbench.content import content_folder
-from dofbench.harness.result import read_result
+from dofbench.core.content import content_folder
+from dofbench.results.result import read_result
 from dofbench.synthesis import make_dataset
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.synthesis.dataset_options import MakeDataset
 
 LIMIT = 240  # seconds, for a call on a busy machine
 

@@ -13,12 +13,12 @@ from harness_fakes import Here, fake_run, write_dataset
 from rich.console import Console
 
 from dofbench import cli, synthesis
-from dofbench.errors import InputError
-from dofbench.harness.lock import locked
-from dofbench.harness.result import read_result
-from dofbench.harness.settings import Run
-from dofbench.runs.matrix import run_all
-from dofbench.runs.settings import Runs
+from dofbench.core.errors import InputError
+from dofbench.results.result import read_result
+from dofbench.results.run_lock import locked
+from dofbench.results.run_spec import Run
+from dofbench.running.matrix import run_all
+from dofbench.running.run_options import Runs
 
 
 @pytest.fixture

@@ -15,11 +15,11 @@ import cv2
 import pytest
 
 from dofbench import cli
-from dofbench.content import content_folder
-from dofbench.errors import InputError
-from dofbench.harness.result import read_result
-from dofbench.runs.photographs import Own, find_own, outlook
-from dofbench.runs.settings import Runs
+from dofbench.core.content import content_folder
+from dofbench.core.errors import InputError
+from dofbench.results.result import read_result
+from dofbench.running.from_photographs import Own, find_own, outlook
+from dofbench.running.run_options import Runs
 from dofbench.scenes import load_scene
 from dofbench.scenes.export import write_transforms
 

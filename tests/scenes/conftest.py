@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dofbench.cameras import Camera
-from dofbench.contracts import PointCloud
-from dofbench.images import write_png
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud
+from dofbench.core.images import write_png
 
 SIZE = (48, 36)
 

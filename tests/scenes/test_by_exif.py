@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dofbench.content import content_folder
-from dofbench.contracts import PointCloud
-from dofbench.errors import InputError
-from dofbench.exif import Exif
+from dofbench.core.content import content_folder
+from dofbench.core.contracts import PointCloud
+from dofbench.core.errors import InputError
+from dofbench.core.exif import Exif
 from dofbench.scenes import load_scene
 from dofbench.scenes.by_exif import split_by_f_number
-from dofbench.scenes.types import Scene
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.scenes.scene import Scene
+from dofbench.synthesis.dataset_options import MakeDataset
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pycolmap
 import pytest
 from tolerances import POSE_ROUND_TRIP, UNDISTORTED_PIXEL
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.scenes import load_scene
 from dofbench.scenes.colmap import read_model
 from dofbench.scenes.export import write_colmap

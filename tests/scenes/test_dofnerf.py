@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from tolerances import FLOAT32_VALUE, LEVEL_8BIT, POSE_ROUND_TRIP
 
-from dofbench.errors import InputError
-from dofbench.images import write_png
+from dofbench.core.errors import InputError
+from dofbench.core.images import write_png
 from dofbench.scenes import load_scene
 from dofbench.scenes.export import write_colmap, write_poses_bounds
 

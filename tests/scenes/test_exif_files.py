@@ -9,8 +9,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from dofbench.errors import InputError
-from dofbench.exif import Exif, write_exif
+from dofbench.core.errors import InputError
+from dofbench.core.exif import Exif, write_exif
 from dofbench.scenes import export, load_scene
 from dofbench.scenes.exif_files import exif_by_file, exif_of_image, read_exif_csv
 

@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT64_VALUE, LEVEL_8BIT, POSE_ROUND_TRIP
 
-from dofbench.cameras import Camera
-from dofbench.images import write_exr, write_png
+from dofbench.core.cameras import Camera
+from dofbench.core.images import write_exr, write_png
 from dofbench.scenes import load_scene
 from dofbench.scenes.export import write_colmap, write_poses_bounds, write_transforms
 

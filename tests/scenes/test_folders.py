@@ -2,7 +2,7 @@
 
 import pytest
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.scenes.folders import choose_folder, image_files, listed, marked_hold, match_files, view_names
 
 

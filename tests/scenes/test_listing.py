@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dofbench import cli
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.scenes.listing import Listed, list_scenes
 
 

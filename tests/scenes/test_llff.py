@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tolerances import POSE_ROUND_TRIP
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.scenes import load_scene
 from dofbench.scenes.export import write_colmap, write_poses_bounds
 from dofbench.scenes.llff import read_bounds

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from tolerances import FLOAT32_VALUE
 
-from dofbench.errors import InputError
-from dofbench.images import read_image, resize, write_png
+from dofbench.core.errors import InputError
+from dofbench.core.images import read_image, resize, write_png
 from dofbench.scenes import Scene, load_scene
 from dofbench.scenes.export import write_colmap, write_poses_bounds, write_transforms
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from tolerances import FLOAT32_VALUE, FLOAT64_VALUE, LEVEL_8BIT, POSE_ROUND_TRIP
 
-from dofbench.errors import InputError
-from dofbench.images import write_exr
+from dofbench.core.errors import InputError
+from dofbench.core.images import write_exr
 from dofbench.scenes import load_scene
 from dofbench.scenes.export import write_colmap, write_transforms
 from dofbench.scenes.undistort import Intrinsics, undistorted
@@ -164,7 +164,7 @@ def test_depth_that_cannot_be_is_refused(folder, value, word):
 
 def test_depth_follows_the_undistorted_image(folder):
     """Image and depth are the same ramp: they stay the same ramp after undistortion."""
-    from dofbench.images import write_png
+    from dofbench.core.images import write_png
 
     ramp = np.tile(np.linspace(0.2, 0.8, 48, dtype=np.float32), (36, 1))
     write_png(folder / FILES[0], np.repeat(ramp[..., None], 3, axis=2))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.scenes.ply import read_ply
 
 HEADER = "ply\nformat {}\ncomment made up\nelement vertex 2\nproperty float x\nproperty float y\nproperty double z\n"

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT64_VALUE
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.scenes.poses import invert, llff_to_opencv, opencv_to_llff, opengl_to_opencv, rigid
 
 

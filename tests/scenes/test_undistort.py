@@ -16,7 +16,7 @@ from tolerances import (
     UNDISTORTED_PIXEL,
 )
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.scenes.undistort import (
     Intrinsics,
     distort,

@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 import torch
 
-from dofbench.contracts import Budget
-from dofbench.gaussians import nonfinite, trainer
+from dofbench.core.contracts import Budget
+from dofbench.gaussians import trainer
 from dofbench.gaussians.method import GaussianMethod
-from dofbench.harness.methods import find_method
 from dofbench.kernels import load
-from dofbench.stability import files, training_scene, trials
+from dofbench.learning import nonfinite
+from dofbench.running.method_cards import find_method
+from dofbench.stability import files_cases, short_trainings, training_scene
 from dofbench.stability.case import Setting
 from dofbench.stability.catalogue import catalogue
-from dofbench.stability.run import measured
+from dofbench.stability.measure import measured
 
 CPU = Setting("cpu", "float32")
 CASES = {case.id: case for case in catalogue()}
@@ -112,21 +113,21 @@ def test_swallowed_numbers_are_seen(broken):
 
 def test_a_leak_at_aperture_0_is_seen(monkeypatch):
     assert error_of("lens/aperture-0").met
-    defocus = import_module("dofbench.stability.lens").defocus
+    defocus = import_module("dofbench.stability.lens_cases").defocus
     monkeypatch.setattr(
-        "dofbench.stability.lens.defocus", lambda *args, **options: defocus(*args, **options) * (1 + 2.0**-23)
+        "dofbench.stability.lens_cases.defocus", lambda *args, **options: defocus(*args, **options) * (1 + 2.0**-23)
     )
     assert not error_of("lens/aperture-0").met
 
 
 def test_unknown_depth_taken_for_near_is_seen(monkeypatch):
     assert error_of("lens/depth-nan").met and error_of("lens/depth-0").met
-    blur = import_module("dofbench.stability.lens").defocus_numpy
+    blur = import_module("dofbench.stability.lens_cases").defocus_numpy
 
     def near(image, depth, lens, **options):
         return blur(image, np.where(np.isfinite(depth) & (depth > 0), depth, 0.5), lens, **options)
 
-    monkeypatch.setattr("dofbench.stability.lens.defocus_numpy", near)
+    monkeypatch.setattr("dofbench.stability.lens_cases.defocus_numpy", near)
     assert not error_of("lens/depth-nan").met and not error_of("lens/depth-0").met
 
 
@@ -186,22 +187,22 @@ def test_a_wrong_loss_and_wrong_scores_are_seen(broken):
 
 
 def test_files_that_change_what_they_keep_are_seen(monkeypatch):
-    read = files.read_image
-    monkeypatch.setattr(files, "read_image", lambda path: read(path) + np.float32(1 / 255))
+    read = files_cases.read_image
+    monkeypatch.setattr(files_cases, "read_image", lambda path: read(path) + np.float32(1 / 255))
     for name in ("files/png-8-bit-9x1", "files/alpha-8-bit", "files/one-channel"):
         assert not error_of(name, Setting("numpy", "float32")).met, name
 
 
 def test_a_half_float_that_overflows_is_seen(monkeypatch):
     assert error_of("files/exr-half", Setting("numpy", "float32")).met
-    monkeypatch.setattr("dofbench.images._LARGEST_HALF", np.inf)
+    monkeypatch.setattr("dofbench.core.images._LARGEST_HALF", np.inf)
     assert not error_of("files/exr-half", Setting("numpy", "float32")).met
 
 
 def test_a_dataset_that_is_not_what_it_says_is_seen(monkeypatch):
-    shallow = import_module("dofbench.synthesis.make").shallow_image
+    shallow = import_module("dofbench.synthesis.make_dataset").shallow_image
     monkeypatch.setattr(
-        "dofbench.synthesis.make.shallow_image", lambda *args: tuple(0.9 * part for part in shallow(*args))
+        "dofbench.synthesis.make_dataset.shallow_image", lambda *args: tuple(0.9 * part for part in shallow(*args))
     )
     assert not error_of("datasets/33x17", Setting("numpy", "float32")).met
 
@@ -214,16 +215,16 @@ def test_a_trainer_that_does_not_look_is_seen(monkeypatch):
 
 
 def test_an_absurd_lens_or_picture_with_status_ok_is_seen(monkeypatch):
-    monkeypatch.setattr(trials, "STEPS", 4)
+    monkeypatch.setattr(short_trainings, "STEPS", 4)
     entry = find_method("dofgaussian")
-    assert trials.run(entry, training_scene.scene(3)).wrong == ""
+    assert short_trainings.run(entry, training_scene.scene(3)).wrong == ""
     estimates = trainer.Trainer.lens_estimates
 
     def blown_up(self):
         return {name: type(lens)(1e9, lens.focus_disparity, lens.width) for name, lens in estimates(self).items()}
 
     monkeypatch.setattr(trainer.Trainer, "lens_estimates", blown_up)
-    assert trials.run(entry, training_scene.scene(3)).wrong != ""
+    assert short_trainings.run(entry, training_scene.scene(3)).wrong != ""
     monkeypatch.setattr(trainer.Trainer, "lens_estimates", estimates)
     render = GaussianMethod.render
 
@@ -232,7 +233,7 @@ def test_an_absurd_lens_or_picture_with_status_ok_is_seen(monkeypatch):
         return type(rendering)(rendering.image * 1e3, rendering.depth)
 
     monkeypatch.setattr(GaussianMethod, "render", white_hot)
-    assert "times white" in trials.run(entry, training_scene.scene(3)).wrong
+    assert "times white" in short_trainings.run(entry, training_scene.scene(3)).wrong
 
 
 def test_a_fit_without_a_status_is_seen(monkeypatch):
@@ -240,17 +241,17 @@ def test_a_fit_without_a_status_is_seen(monkeypatch):
         raise ZeroDivisionError("nothing left")
 
     monkeypatch.setattr(trainer.Trainer, "fit", fails)
-    end = trials.run(find_method("dofgaussian"), training_scene.scene(3))
+    end = short_trainings.run(find_method("dofgaussian"), training_scene.scene(3))
     assert end.status == "no status" and "ZeroDivisionError" in end.wrong
 
 
 def test_a_lens_that_is_not_learned_is_not_found(monkeypatch):
-    monkeypatch.setattr(trials, "STEPS", 4)
+    monkeypatch.setattr(short_trainings, "STEPS", 4)
     entry = find_method("dofgaussian")
-    method = entry.create(trials.options_of(entry), 0, "cpu")
-    method.fit(training_scene.scene(3), Budget(steps=4), trials.Watch())
-    assert not trials.lens_found(method, one_plane=False)
+    method = entry.create(short_trainings.options_of(entry), 0, "cpu")
+    method.fit(training_scene.scene(3), Budget(steps=4), short_trainings.Watch())
+    assert not short_trainings.lens_found(method, one_plane=False)
     unit, width = training_scene.true_range(), training_scene.WIDTH
     true = {f"v{k}": training_scene.true_lens(k).physical(unit, width) for k in range(3)}
     monkeypatch.setattr(trainer.Trainer, "lens_estimates", lambda self: true)
-    assert trials.lens_found(method, one_plane=False)
+    assert short_trainings.lens_found(method, one_plane=False)

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from dofbench.kernels import BACKENDS, OPS
-from dofbench.stability import settings
+from dofbench.stability import stability_options
 from dofbench.stability.catalogue import catalogue, chosen
 from dofbench.stability.limits import limit_of, read_limits
-from dofbench.stability.run import measured
-from dofbench.stability.settings import GROUPS, Stability
+from dofbench.stability.measure import measured
+from dofbench.stability.stability_options import GROUPS, Stability
 
 CASES = {case.id: case for case in catalogue()}
 CHEAP = (
@@ -95,7 +95,7 @@ def test_a_kernel_and_a_group_narrow_the_cases():
 
 def test_no_group_takes_from_another():
     """What a group found is kept while the others change, so nothing of a group may depend on another's module."""
-    folder = Path(settings.__file__).parent
+    folder = Path(stability_options.__file__).parent
     for group in GROUPS:
         for file in (folder / f"{group}.py", *folder.glob(f"{group}_*.py")):
             found = re.findall(r"from dofbench\.stability\.(\w+) import", file.read_text())

@@ -12,7 +12,7 @@ import pytest
 from dofbench.cli import main
 from dofbench.kernels import load
 from dofbench.stability.limits import Limit
-from dofbench.stability.run import measured
+from dofbench.stability.measure import measured
 
 HEADER = "case,group,backend,precision,error,bound,verdict,note"
 CALL = ["stability", "--kernel", "ssim", "--group", "invariants"]
@@ -64,7 +64,7 @@ def test_a_known_limit_is_in_the_table_with_its_reason_and_status_0(tmp_path):
 def test_a_known_limit_that_is_met_on_this_machine_fails_nothing_and_says_so(tmp_path, monkeypatch, capsys):
     """A machine may round better than the one on which the limit was found."""
     limit = Limit("invariants/ssim-symmetric", ("cpu float32",), "Rounded badly somewhere.")
-    monkeypatch.setattr(import_module("dofbench.stability.run"), "read_limits", lambda: (limit,))
+    monkeypatch.setattr(import_module("dofbench.stability.measure"), "read_limits", lambda: (limit,))
     assert main(["stability", "--case", "invariants/ssim-symmetric", "--out", str(tmp_path)]) == 0
     _, rows = table(tmp_path)
     assert [row["verdict"] for row in rows] == ["met", "met", "met here"] and "Rounded badly" in rows[-1]["note"]
@@ -74,7 +74,7 @@ def test_a_known_limit_that_is_met_on_this_machine_fails_nothing_and_says_so(tmp
 
 
 def test_an_interrupted_run_goes_on_from_what_is_measured(tmp_path, monkeypatch):
-    run, count = import_module("dofbench.stability.run"), []
+    run, count = import_module("dofbench.stability.measure"), []
 
     def counted(case, setting):
         count.append(case.id)

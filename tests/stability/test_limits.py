@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.stability.case import Case, Found, Setting
 from dofbench.stability.catalogue import catalogue
 from dofbench.stability.limits import Limit, limit_of, read_limits
-from dofbench.stability.run import judged, measured
-from dofbench.stability.tables import KNOWN, MET, MET_HERE, NOT_MET
+from dofbench.stability.measure import judged, measured
+from dofbench.stability.stability_table import KNOWN, MET, MET_HERE, NOT_MET
 
 HERE = Setting("cpu", "float32")
 CASES = {case.id: case for case in catalogue()}

@@ -6,7 +6,7 @@ import pytest
 from harness_fakes import write_method
 
 from dofbench.stability.catalogue import catalogue, chosen
-from dofbench.stability.settings import Stability
+from dofbench.stability.stability_options import Stability
 
 
 @pytest.fixture

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import torch
 
-from dofbench.cameras import Camera
-from dofbench.contracts import PointCloud
-from dofbench.images import write_exr, write_png
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud
+from dofbench.core.images import write_exr, write_png
+from dofbench.core.progress import Silent
 from dofbench.scenes import export
 from dofbench.synthesis import make_dataset
-from dofbench.synthesis.progress import Silent
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.synthesis.dataset_options import MakeDataset
 
 VIEWS, WIDTH, HEIGHT, NEAR, FAR = 6, 128, 96, 2.0, 7.0
 TEST_VIEWS, SEEN_BY = (0, 3), (0, 1, 2, 4)

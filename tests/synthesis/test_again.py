@@ -8,9 +8,9 @@ import shutil
 import pytest
 
 from dofbench import cli
+from dofbench.core.progress import Silent
 from dofbench.synthesis import make_dataset
-from dofbench.synthesis.progress import Silent
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.synthesis.dataset_options import MakeDataset
 
 
 @pytest.fixture(scope="module")

@@ -8,12 +8,13 @@ from pathlib import Path
 import pytest
 
 from dofbench import cli
-from dofbench.errors import InputError
-from dofbench.processes import Outcome
-from dofbench.synthesis import make, make_dataset
-from dofbench.synthesis.batch import planned
-from dofbench.synthesis.progress import Several, Silent
-from dofbench.synthesis.settings import MakeDataset, MakeDatasets
+from dofbench.core.errors import InputError
+from dofbench.core.processes import Outcome
+from dofbench.core.progress import Several, Silent
+from dofbench.synthesis import make_dataset
+from dofbench.synthesis import make_dataset as make
+from dofbench.synthesis.dataset_options import MakeDataset, MakeDatasets
+from dofbench.synthesis.several_datasets import planned
 
 
 def folders(datasets):
@@ -93,7 +94,7 @@ def test_a_sibling_lends_its_sharp_images_and_depth(scene, tmp_path, contents, m
 
 def test_progress_names_what_is_done_and_how_long_it_takes(capsys, monkeypatch):
     now = iter(range(0, 1000, 10))
-    monkeypatch.setattr("dofbench.synthesis.progress.time.monotonic", lambda: float(next(now)))
+    monkeypatch.setattr("dofbench.core.progress.time.monotonic", lambda: float(next(now)))
     several = Several(total=3, workers=2, interval=5)
     several.started("a")
     several.started("b")

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from tolerances import FLOAT64_VALUE
 
-from dofbench.contracts import PointCloud, TrainingSet, TrainingView
-from dofbench.errors import InputError
-from dofbench.files import sha256_file, write_json
-from dofbench.images import read_exr, read_image
-from dofbench.lens import Lens
+from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
+from dofbench.core.errors import InputError
+from dofbench.core.files import sha256_file, write_json
+from dofbench.core.images import read_exr, read_image
+from dofbench.core.lens import Lens
+from dofbench.core.progress import Silent
 from dofbench.scenes import load_scene
 from dofbench.synthesis import Dataset, builtin_folder, make_dataset
-from dofbench.synthesis.progress import Silent
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.synthesis.dataset_options import MakeDataset
 
 
 @pytest.fixture(scope="module")

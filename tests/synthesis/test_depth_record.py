@@ -12,15 +12,14 @@ import pytest
 from onnx_networks import mean_of_channels, write_network
 from tolerances import LEVEL_8BIT
 
-from dofbench import depth
 from dofbench.cli import DONE, FAILED, WRONG_CALL, main
-from dofbench.errors import InputError
-from dofbench.files import sha256_file, write_json
-from dofbench.images import read_exr, read_image, to_8bit, write_exr, write_grey_png
-from dofbench.synthesis import Dataset, check_dataset, depth_record, make_dataset
+from dofbench.core.errors import InputError
+from dofbench.core.files import sha256_file, write_json
+from dofbench.core.images import read_exr, read_image, to_8bit, write_exr, write_grey_png
+from dofbench.core.progress import Silent
+from dofbench.synthesis import Dataset, check_dataset, depth_record, depth_sources, make_dataset
+from dofbench.synthesis.dataset_options import MakeDataset
 from dofbench.synthesis.depth_record import check_depth
-from dofbench.synthesis.progress import Silent
-from dofbench.synthesis.settings import MakeDataset
 
 # The built-in scene has points in every view.
 TABLE_TOP = {"scene": "tabletop", "width": 64, "depth": "sfm", "aperture": "0"}
@@ -150,7 +149,7 @@ def test_a_lost_confidence_map_is_found_and_made_again(make):
 
 def test_a_run_that_ends_among_the_views_forgets_nothing(make, monkeypatch, contents, table_top):
     """The statistics of views that an earlier run finished come from that run."""
-    open_source, left = depth.open_source, [3]
+    open_source, left = depth_sources.open_source, [3]
 
     def dying(*arguments, **options):
         source = open_source(*arguments, **options)
@@ -165,7 +164,7 @@ def test_a_run_that_ends_among_the_views_forgets_nothing(make, monkeypatch, cont
         monkeypatch.setattr(source, "estimate", until_it_dies, raising=False)
         return source
 
-    monkeypatch.setattr(depth, "open_source", dying)
+    monkeypatch.setattr(depth_sources, "open_source", dying)
     with pytest.raises(KeyboardInterrupt):
         make(**TABLE_TOP)
     left[0] = 17  # as many as are missing
@@ -183,7 +182,7 @@ def elsewhere(array, places):
 def test_the_manifest_follows_from_the_files_whatever_the_last_digits_in_memory(make, monkeypatch, table_top):
     """Sums round differently by machine and by alignment: what comes of that may not reach the manifest."""
     random = np.random.default_rng(0)
-    open_source, consistencies, changed = depth.open_source, depth_record.consistencies, []
+    open_source, consistencies, changed = depth_sources.open_source, depth_record.consistencies, []
 
     def rounded_otherwise(*arguments, **options):
         source = open_source(*arguments, **options)
@@ -215,7 +214,7 @@ def test_the_manifest_follows_from_the_files_whatever_the_last_digits_in_memory(
             names, turned, lambda index: elsewhere(depth_of(index), 4), points, disparity_range, progress
         )
 
-    monkeypatch.setattr(depth, "open_source", rounded_otherwise)
+    monkeypatch.setattr(depth_sources, "open_source", rounded_otherwise)
     monkeypatch.setattr(depth_record, "consistencies", measured_otherwise)
     again = make(**TABLE_TOP)
     assert len(changed) == 20 and min(changed) > 0.5

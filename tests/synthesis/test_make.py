@@ -11,15 +11,14 @@ import pytest
 import torch
 from tolerances import FLOAT16_VALUE, FLOAT32_VALUE, FLOAT64_VALUE, LEVEL_8BIT, POSE_ROUND_TRIP, RECOMPUTED_PSNR
 
-from dofbench import depth
-from dofbench.errors import InputError
-from dofbench.images import read_exr, read_image, write_exr, write_png
+from dofbench.core.errors import InputError
+from dofbench.core.images import read_exr, read_image, write_exr, write_png
+from dofbench.core.lens import ApertureShape
+from dofbench.core.progress import Silent, Terminal
 from dofbench.kernels import load
-from dofbench.lens import ApertureShape
 from dofbench.scenes import load_scene
-from dofbench.synthesis import check_dataset, make_dataset
-from dofbench.synthesis.progress import Silent, Terminal
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.synthesis import check_dataset, depth_sources, make_dataset
+from dofbench.synthesis.dataset_options import MakeDataset
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 near = partial(pytest.approx, rel=FLOAT64_VALUE)
@@ -229,12 +228,12 @@ def test_llff_scene_with_depth_from_a_reconstruction(real_data, monkeypatch, tmp
 
         def estimate(self, view):
             plane = np.full((view.camera.height, view.camera.width), 40.0, np.float32)
-            return depth.DepthEstimate(plane, np.ones_like(plane))
+            return DepthEstimate(plane, np.ones_like(plane))
 
         def provenance(self):
             return {"from": "a plane"}
 
-    monkeypatch.setattr(depth, "open_source", lambda source, scene, **_: Plane())
+    monkeypatch.setattr(depth_sources, "open_source", lambda source, scene, **_: Plane())
     folder = make_dataset(MakeDataset(scene=str(real_data("llff_fern")), width=126, out=tmp_path), progress=Silent())
     assert check_dataset(folder) == []
     lenses = lens_file(folder)

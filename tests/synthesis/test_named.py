@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from dofbench import cli
-from dofbench.cameras import Camera
-from dofbench.errors import InputError
-from dofbench.images import write_png
+from dofbench.core.cameras import Camera
+from dofbench.core.errors import InputError
+from dofbench.core.images import write_png
+from dofbench.core.progress import Silent
 from dofbench.scenes.export import write_poses_bounds
 from dofbench.synthesis import check_dataset, make_dataset
-from dofbench.synthesis.batch import planned
-from dofbench.synthesis.make import find_scene, read_scene
-from dofbench.synthesis.progress import Silent
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.synthesis.make_dataset import find_scene, read_scene
+from dofbench.synthesis.several_datasets import planned
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 

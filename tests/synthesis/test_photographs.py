@@ -12,14 +12,14 @@ import pytest
 from scipy.ndimage import uniform_filter
 
 from dofbench import cli
-from dofbench.errors import InputError
-from dofbench.files import sha256_file, write_json
-from dofbench.harness.truth import NO_EXACT_DEPTH, missing_truth
-from dofbench.images import read_image, write_png
+from dofbench.core.errors import InputError
+from dofbench.core.files import sha256_file, write_json
+from dofbench.core.images import read_image, write_png
+from dofbench.core.progress import Silent
 from dofbench.scenes import export, load_scene
-from dofbench.synthesis import Dataset, check_dataset, make_dataset, photographs
-from dofbench.synthesis.progress import Silent
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.scoring.ground_truth import NO_EXACT_DEPTH, missing_truth
+from dofbench.synthesis import Dataset, check_dataset, make_dataset, real_photographs
+from dofbench.synthesis.dataset_options import MakeDataset
 
 TRAIN, TEST = ("v01", "v02", "v04", "v05"), ("v00", "v03")
 
@@ -270,7 +270,7 @@ def test_stopped_in_the_middle_it_goes_on(
 
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
-        patch.setattr(photographs, "write_png", stopping)
+        patch.setattr(real_photographs, "write_png", stopping)
         with pytest.raises(Stop):
             make(blurred, out)
     times = {path: path.stat().st_mtime_ns for path in written}
@@ -280,7 +280,7 @@ def test_stopped_in_the_middle_it_goes_on(
     (out / "images" / "v01.png").unlink()  # a finished one that has lost a file since
     make(blurred, out)
     assert contents(out) == contents(made)
-    monkeypatch.setattr(photographs, "write_png", None)  # complete: nothing is written
+    monkeypatch.setattr(real_photographs, "write_png", None)  # complete: nothing is written
     make(blurred, out)
 
 

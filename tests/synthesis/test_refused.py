@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from dofbench import cli
-from dofbench.images import read_exr, write_exr
+from dofbench.core.images import read_exr, write_exr
 from dofbench.scenes import load_scene
 from dofbench.scenes.export import write_colmap
 from dofbench.synthesis import check_dataset

@@ -10,17 +10,18 @@ import time
 
 import pytest
 
-from dofbench.errors import InputError
-from dofbench.synthesis import check_dataset, make, make_dataset
-from dofbench.synthesis.progress import Silent
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.core.errors import InputError
+from dofbench.core.progress import Silent
+from dofbench.synthesis import check_dataset, make_dataset
+from dofbench.synthesis import make_dataset as make
+from dofbench.synthesis.dataset_options import MakeDataset
 
 SLOW = """
 import sys, time
 from pathlib import Path
 from dofbench.synthesis import make, make_dataset
-from dofbench.synthesis.progress import Silent
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.core.progress import Silent
+from dofbench.synthesis.dataset_options import MakeDataset
 blur = make.shallow_image
 def slow(*arguments):
     time.sleep(0.3)

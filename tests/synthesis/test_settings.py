@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from tolerances import FLOAT64_VALUE
 
-from dofbench.errors import InputError
-from dofbench.synthesis.settings import MakeDataset, MakeDatasets
+from dofbench.core.errors import InputError
+from dofbench.synthesis.dataset_options import MakeDataset, MakeDatasets
 
 
 def test_lists_are_numbers_in_the_order_given():

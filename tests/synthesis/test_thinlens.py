@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from tolerances import FLOAT32_VALUE, LEVEL_8BIT, SCATTER_OF_A_LENS
 
-from dofbench.errors import InputError
-from dofbench.files import sha256_file, write_json
-from dofbench.images import encode, read_exr, read_image, write_png
-from dofbench.rendering import make_scene
-from dofbench.rendering.settings import MakeScene
+from dofbench.core.errors import InputError
+from dofbench.core.files import sha256_file, write_json
+from dofbench.core.images import encode, read_exr, read_image, write_png
+from dofbench.core.progress import Silent
+from dofbench.procedural import make_scene
+from dofbench.procedural.scene_options import MakeScene
 from dofbench.synthesis import check_dataset, make_dataset
-from dofbench.synthesis.progress import Silent
-from dofbench.synthesis.settings import MakeDataset
+from dofbench.synthesis.dataset_options import MakeDataset
 
 pytest.importorskip("mitsuba", reason="mitsuba is not installed (extra: render)")
 

@@ -8,9 +8,9 @@ import shutil
 import numpy as np
 import pytest
 
-from dofbench.errors import InputError
-from dofbench.files import sha256_file, write_json
-from dofbench.images import read_image, write_png
+from dofbench.core.errors import InputError
+from dofbench.core.files import sha256_file, write_json
+from dofbench.core.images import read_image, write_png
 from dofbench.synthesis import check_dataset
 
 

@@ -10,9 +10,9 @@ import pytest
 from tolerances import FLOAT32_VALUE
 from truth_fakes import looked_at
 
-from dofbench.errors import InputError
-from dofbench.files import read_json, write_json
-from dofbench.images import encode, write_exr
+from dofbench.core.errors import InputError
+from dofbench.core.files import read_json, write_json
+from dofbench.core.images import encode, write_exr
 from dofbench.validation.detect import cases_in
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tolerances import SWEPT_DISPARITY
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.validation.lightfield import GRID, lightfield_cases, read_lightfield, sweep
 
 

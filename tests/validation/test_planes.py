@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
 from tolerances import FLOAT32_VALUE, LENS_COVERED, POLYGON_AREA
 
-from dofbench.images import encode
-from dofbench.lens import ApertureShape
+from dofbench.core.images import encode
+from dofbench.core.lens import ApertureShape
 from dofbench.validation import planes
 from dofbench.validation.lens_points import lens_points, polygon_to_disc
 from dofbench.validation.planes import HEIGHT, SCENES, WIDTH, Plane, photograph, seen

@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from dofbench.errors import InputError
-from dofbench.images import write_exr
-from dofbench.validation import planes, run, sources, store
-from dofbench.validation.score import score
-from dofbench.validation.settings import ValidateRenderer
-from dofbench.validation.store import FOLDER
+from dofbench.core.errors import InputError
+from dofbench.core.images import write_exr
+from dofbench.validation import kept_scores, planes, scoring_sources
+from dofbench.validation import validate as run
+from dofbench.validation.kept_scores import FOLDER
+from dofbench.validation.renderer_scores import score
+from dofbench.validation.validation_options import ValidateRenderer
 from dofbench.validation.variants import VARIANTS, Variant
 
 
@@ -121,7 +122,7 @@ def test_what_changed_is_scored_again_and_the_rest_kept(rendered, tmp_path, coun
     validate(rendered, out=tmp_path)
     assert {name for _, _, name in counted} == {"copy"}
     counted.clear()
-    monkeypatch.setattr(store, "scoring_version", lambda: "f" * 64)
+    monkeypatch.setattr(kept_scores, "scoring_version", lambda: "f" * 64)
     validate(rendered, out=tmp_path)
     assert {name for _, _, name in counted} >= {"scatter", "copy"}
     assert all(file.name.startswith("ffff") for file in (tmp_path / FOLDER).iterdir())
@@ -207,7 +208,7 @@ def test_all_code_that_scores_depend_on_is_in_its_version(repository):
 import sys
 from dofbench.validation import planes
 planes.WIDTH, planes.HEIGHT, planes.POINTS = 60, 50, (4, 4)
-from dofbench.validation.score import score
+from dofbench.validation.renderer_scores import score
 from dofbench.validation.variants import VARIANTS, Variant
 case = next(planes.plane_cases((2.0,), (0.5,)))
 truth = case.make()
@@ -216,15 +217,15 @@ for variant in VARIANTS:
 print(*sorted(name for name in sys.modules if name.startswith("dofbench.")))
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    hashed = tuple(f"dofbench.{name.removesuffix('.py').replace('/', '.')}" for name in sources.SCORING)
-    hashed += tuple(f"dofbench.kernels.{name}" for name in sources.KERNELS)
+    hashed = tuple(f"dofbench.{name.removesuffix('.py').replace('/', '.')}" for name in scoring_sources.SCORING)
+    hashed += tuple(f"dofbench.kernels.{name}" for name in scoring_sources.KERNELS)
     harmless = {
-        "dofbench.errors",
-        "dofbench.files",
-        "dofbench.content",
+        "dofbench.core.errors",
+        "dofbench.core.files",
+        "dofbench.core.content",
         "dofbench.kernels",
-        "dofbench.kernel_cache",
-        "dofbench.threads",
+        "dofbench.compute.kernel_cache",
+        "dofbench.compute.threads",
     }
     harmless |= {f"dofbench.validation{name}" for name in ("", ".sources", ".truth", ".planes", ".planes_lens")}
     left = [

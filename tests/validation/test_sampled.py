@@ -12,8 +12,8 @@ pytest.importorskip("mitsuba", reason="needs mitsuba, the extra [render]")
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    from dofbench.rendering import make_scene
-    from dofbench.rendering.settings import MakeScene
+    from dofbench.procedural import make_scene
+    from dofbench.procedural.scene_options import MakeScene
 
     out = tmp_path_factory.mktemp("scene") / "tiles"
     make_scene(

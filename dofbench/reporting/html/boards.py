@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dofbench.harness.protocol import PROTOCOLS
-from dofbench.reporting.collect import Entry, board_names, grouped, variant_names
-from dofbench.reporting.columns import SCORES
-from dofbench.reporting.lenses import HELD_OUT, lens_words
 from dofbench.reporting.summary import Line, do_nothing_line, variant_line
+from dofbench.results.collecting import Entry, board_names, grouped, variant_names
+from dofbench.results.columns import SCORES
+from dofbench.results.lens_columns import HELD_OUT, lens_words
+from dofbench.results.protocol import PROTOCOLS
 
 Variant = tuple[str, ...]
 

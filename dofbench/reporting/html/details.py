@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from dofbench.harness.result import Result
-from dofbench.reporting.collect import Collection, grouped
-from dofbench.reporting.columns import COLUMNS, SCORES
 from dofbench.reporting.held_out import ASKED_HEADING, COLUMNS_SHOWN, asked_lines
 from dofbench.reporting.html.boards import Board
 from dofbench.reporting.html.layouts import not_shown
 from dofbench.reporting.html.markup import Notes, Td, Th, score_cell, score_heading, table, text_cell
 from dofbench.reporting.markdown import commit_text, machine_text
 from dofbench.reporting.summary import Line, best_texts, empty_columns, sorted_lines
+from dofbench.results.collecting import Collection, grouped
+from dofbench.results.columns import COLUMNS, SCORES
+from dofbench.results.result import Result
 
 _ABOUT_STAGES = "Wall seconds of the harness's stages, and of the method's own within training"
 

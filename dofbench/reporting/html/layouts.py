@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
-from dofbench.harness.methods import find_method, method_files
-from dofbench.reporting.columns import COLUMNS, COST, Column
 from dofbench.reporting.html.boards import Board, Variant, by_kind
 from dofbench.reporting.html.markup import (
     Notes,
@@ -23,6 +21,8 @@ from dofbench.reporting.html.markup import (
 )
 from dofbench.reporting.paper import NOTHING_PRINTED, Figures, paper_figures
 from dofbench.reporting.summary import Line, best_texts, empty_columns, scene_mean
+from dofbench.results.columns import COLUMNS, COST, Column
+from dofbench.running.method_cards import find_method, method_files
 
 _PAPER_DIGITS = 3  # of a printed SSIM
 _CHANGED = "the paper's figures are of the method as it is, not with these options"

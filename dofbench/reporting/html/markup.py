@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
-from dofbench.reporting.columns import Column
 from dofbench.reporting.summary import Cell
+from dofbench.results.columns import Column
 
 GAP = "–"
 

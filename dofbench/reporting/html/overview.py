@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from dofbench.errors import Status
-from dofbench.harness.methods import find_method, method_files
-from dofbench.reporting.collect import Collection, Entry, grouped
-from dofbench.reporting.columns import COLUMNS
+from dofbench.core.errors import Status
 from dofbench.reporting.html.boards import Board
 from dofbench.reporting.html.markup import Notes, Td, Th, number_cell, score_cell, table, text_cell
 from dofbench.reporting.markdown import commit_text, machine_text
 from dofbench.reporting.verdict import verdict
+from dofbench.results.collecting import Collection, Entry, grouped
+from dofbench.results.columns import COLUMNS
+from dofbench.running.method_cards import find_method, method_files
 
 
 def duration(seconds: float) -> str:

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from dofbench.errors import InputError, Status
-from dofbench.harness.error_maps import FULL_SCALE
-from dofbench.harness.evaluate import PREFIX, Kind
-from dofbench.images import read_image, resize, to_8bit
-from dofbench.reporting.collect import Entry, grouped
-from dofbench.reporting.columns import COLUMNS
+from dofbench.core.errors import InputError, Status
+from dofbench.core.images import read_image, resize, to_8bit
 from dofbench.reporting.html.boards import Board
-from dofbench.reporting.truth import find_dataset, prediction_file, true_picture
+from dofbench.reporting.truth_images import find_dataset, prediction_file, true_picture
+from dofbench.results.collecting import Entry, grouped
+from dofbench.results.columns import COLUMNS
+from dofbench.scoring.error_maps import FULL_SCALE
+from dofbench.scoring.evaluate import PREFIX, Kind
 
 BUDGET_MB = 12  # of pictures in one page, as base64
 SIDES = (720, 504, 360, 252)  # px of a picture's longer side: the first with which all of them fit

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from dofbench.content import content_folder
-from dofbench.errors import InputError
+from dofbench.core.content import content_folder
+from dofbench.core.errors import InputError
 from dofbench.scenes.named.schema import NamedDataset, NamedScene
 
 

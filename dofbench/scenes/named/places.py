@@ -6,14 +6,14 @@ import os
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
-from dofbench.content import content_folder
-from dofbench.errors import InputError
-from dofbench.files import read_json, sha256_file
+from dofbench.core.content import content_folder
+from dofbench.core.errors import InputError
+from dofbench.core.files import read_json, sha256_file
 from dofbench.scenes.colmap import scene_folder
 from dofbench.scenes.folders import scene_name
 from dofbench.scenes.loading import UNMARKED
 from dofbench.scenes.named.library import named_datasets, source_of
-from dofbench.scenes.named.scene import ResolvedScene
+from dofbench.scenes.named.named_scene import ResolvedScene
 from dofbench.scenes.named.schema import NOT_STATED, SCENE, NamedDataset, NamedScene, Recipe
 
 VARIABLE = "DOFBENCH_DATA"

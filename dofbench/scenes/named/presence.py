@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.scenes.folders import marked_hold
+from dofbench.scenes.named.named_scene import ResolvedScene
 from dofbench.scenes.named.places import same_files
-from dofbench.scenes.named.scene import ResolvedScene
 
 # "here": readable, and nothing is known that could be compared.
 State = Literal["complete", "here", "incomplete", "different", "unreadable", "absent"]

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from dofbench.content import content_folder
-from dofbench.errors import InputError
+from dofbench.core.content import content_folder
+from dofbench.core.errors import InputError
 from dofbench.scenes import LAYOUTS
 from dofbench.scenes.named import NamedDataset, named_datasets
 from dofbench.scenes.named.library import read_dataset, read_library, source_of

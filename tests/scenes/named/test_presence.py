@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dofbench import cli
-from dofbench.errors import InputError
+from dofbench.core.errors import InputError
 from dofbench.scenes.export import write_colmap, write_poses_bounds, write_transforms
 from dofbench.scenes.named import NamedDataset, named_datasets, resolve
 from dofbench.scenes.named.library import source_of

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dofbench.content import content_folder
-from dofbench.errors import InputError
+from dofbench.core.content import content_folder
+from dofbench.core.errors import InputError
 from dofbench.scenes.export import write_poses_bounds
 from dofbench.scenes.named import find_data_root, named_datasets, resolve
 

@@ -1,0 +1,1 @@
+"""What one command composes of several packages."""

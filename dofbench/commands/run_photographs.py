@@ -1,0 +1,39 @@
+"""`dofbench run --photographs`: everything from photographs to a page."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+
+from dofbench.core.processes import run_jobs
+from dofbench.dataset.dataset import Dataset
+from dofbench.reporting import report
+from dofbench.reporting.report_options import Report
+from dofbench.running.from_photographs import check_runs, dataset_of_photographs, find_own, outlook
+from dofbench.running.jobs import RunJobs
+from dofbench.running.matrix import run_all, say
+from dofbench.running.run_options import Runs
+
+
+def run_photographs(settings: Runs, source: Path, console: Console | None = None, run_jobs: RunJobs = run_jobs) -> bool:
+    """Reconstruct the photographs in `source`, make a dataset of them, train on it and write a report.
+
+    False when a part of it failed. Raises InputError when the call is wrong, before anything runs.
+    """
+    console = console or Console()
+    cells = settings.cells()
+    check_runs(cells)
+    own = find_own(source, settings.out)
+    for line in outlook(own, cells, settings.width):
+        say(console, line)
+    if settings.dry_run:
+        return True
+    data = dataset_of_photographs(own, settings.width, console)
+    if data is None:
+        return False
+    done = run_all(replace(settings, photographs=None, width=None, data=str(data)), console, run_jobs)
+    # OUT may hold results of other datasets too; the page is about these photographs alone.
+    page = report(Report(results=settings.out / Dataset.load(data).name, out=own.place / "report"))
+    return done and bool(page)

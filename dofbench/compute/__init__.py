@@ -1,0 +1,1 @@
+"""Threads, compiled code and its cache: what the kernels need of the machine."""

@@ -1,0 +1,178 @@
+"""What a method sees, what it gives back, and what the harness tells it. Read this to add a method."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from dofbench.core.cameras import Camera
+from dofbench.core.errors import Status
+from dofbench.core.exif import Exif
+from dofbench.core.lens import PhysicalLens
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """Sparse points of structure from motion.
+
+    xyz: (P, 3) float64, scene units. rgb: (P, 3) float32, encoded, [0, 1]. error: (P,) float32,
+    reprojection error in pixels, NaN where unknown. views: per point, the indices of the views
+    that saw it (sorted as the scene's views are), or None where tracks are unknown.
+    """
+
+    xyz: np.ndarray
+    rgb: np.ndarray
+    error: np.ndarray
+    views: tuple[np.ndarray, ...] | None = None
+
+    def __len__(self) -> int:
+        return len(self.xyz)
+
+    def seen_from(self, view: int) -> np.ndarray:
+        """(P,) bool: the points that view number `view` saw. Raises ValueError where tracks are unknown."""
+        if self.views is None:
+            raise ValueError("points: expected tracks, found none")
+        seen = np.zeros(len(self), dtype=bool)
+        seen[self._sightings[1][self._sightings[0] == view]] = True
+        return seen
+
+    @cached_property
+    def _sightings(self) -> tuple[np.ndarray, np.ndarray]:
+        """(view, point) of every sighting."""
+        lengths = [len(track) for track in self.views]
+        views = np.concatenate([np.asarray(track, np.int64) for track in self.views] or [np.empty(0, np.int64)])
+        return views, np.repeat(np.arange(len(lengths)), lengths)
+
+    def seen_by(self, views: Sequence[int]) -> PointCloud:
+        """The points that at least one of these views saw, with tracks that index into `views`.
+
+        Where tracks are unknown: all points, as they are.
+        """
+        if self.views is None:
+            return self
+        place = np.full(max((int(track.max()) for track in self.views if len(track)), default=-1) + 1, -1)
+        for position, view in enumerate(views):
+            if view < len(place):
+                place[view] = position
+        tracks = [place[track] for track in self.views]
+        tracks = [np.sort(track[track >= 0]) for track in tracks]
+        kept = np.array([len(track) > 0 for track in tracks], dtype=bool)
+        return PointCloud(
+            self.xyz[kept], self.rgb[kept], self.error[kept], tuple(track for track in tracks if len(track))
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingView:
+    """One training photograph: image (H, W, 3) float32, encoded, [0, 1]. exif: what its camera wrote down, if any."""
+
+    name: str
+    camera: Camera
+    image: np.ndarray
+    exif: Exif | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingSet:
+    """All that a method may see: never the true lens, the true depth or a test view.
+
+    points.views, where known, index into `views`.
+    """
+
+    views: tuple[TrainingView, ...]
+    points: PointCloud | None
+
+
+@dataclass(frozen=True)
+class Budget:
+    """When to stop: after so many steps or seconds of training, whichever comes first."""
+
+    steps: int | None = None
+    seconds: float | None = None
+
+
+@dataclass(frozen=True)
+class NonFinite:
+    """A NaN or infinity, at the step where it appeared first."""
+
+    step: int
+    view: str
+    stage: str
+    detail: str
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What training decided for itself, and the plan left open. stage: what the plan calls it. runs: whether it goes
+    on. reason: why, with figures. figures: the same by name, unrounded (`gaussians/trials.py` says which)."""
+
+    stage: str
+    runs: bool
+    reason: str
+    figures: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class FitOutcome:
+    """How training ended. stages: wall seconds by part of the step, for the time table. decisions: how training revised
+    the plan."""
+
+    status: Status
+    steps: int
+    message: str = ""
+    nonfinite: tuple[NonFinite, ...] = ()
+    stages: dict[str, float] = field(default_factory=dict)
+    left_out: dict[str, str] = field(default_factory=dict)
+    decisions: tuple[Decision, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Rendering:
+    """image: (H, W, 3) float32, encoded. depth: (H, W) float32, scene units, 0 where empty."""
+
+    image: np.ndarray
+    depth: np.ndarray
+
+
+class Observer(Protocol):
+    """The harness's side of training: it owns the clock and stops it while it evaluates."""
+
+    def seconds(self) -> float:
+        """Training seconds so far, evaluation excluded."""
+
+    def after_step(self, step: int, loss: float) -> bool:
+        """Call after every step (1-based). Evaluates when one is due. False means: stop now."""
+
+    def stage(self, name: str, done: int, total: int) -> None:
+        """Call where something takes long before the first step, or between steps: `done` of its `total` units are
+        finished.
+
+        0 says that it begins. Nobody has to wait for longer than a unit without a sign.
+        """
+
+
+class Method(Protocol):
+    """What `methods/<id>/` must offer under the class name given in its method.toml."""
+
+    def fit(self, training_set: TrainingSet, budget: Budget, observer: Observer) -> FitOutcome:
+        """Train; may be interrupted by the observer at any step and must stay renderable."""
+
+    def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
+        """Render at the camera; lens None means all in focus. Raises ValueError if it can't refocus."""
+
+    def lens_estimates(self) -> dict[str, PhysicalLens] | None:
+        """The learned lens of every training view by name, or None for a method without a lens."""
+
+    def describe(self) -> dict[str, float]:
+        """Numbers about the model for the result; at least `gaussians` where that has a meaning."""
+
+    def save(self, folder: Path) -> None:
+        """Write the trained model into `folder`."""
+
+    def load(self, folder: Path) -> None:
+        """Read what `save` wrote."""

@@ -1,0 +1,93 @@
+"""Writing so that a crash never leaves half a file, and checksums."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from dofbench.core.errors import InputError
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield a temporary name beside `path`; rename it to `path` when the block succeeds.
+
+    The temporary name keeps the suffix, because image writers choose the format by it.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
+    os.close(handle)
+    # mkstemp makes the file private to its owner; a dataset is meant to be shared.
+    umask = os.umask(0)
+    os.umask(umask)
+    os.chmod(name, 0o666 & ~umask)
+    temporary = Path(name)
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    except OSError as error:
+        # A failed write names no file, and the temporary one means nothing to the user.
+        if error.errno is not None and error.filename in (None, name):
+            error.filename = str(path)
+        raise
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def refused(path: Path, temporary: Path, message: str) -> OSError:
+    """Why a library could not write `path`, as the system says it and the library doesn't.
+
+    temporary: the file that it was writing. A full disk, a quota or a file that has become read-only refuses a few
+    plain bytes too, with its error number; otherwise it is an input/output error with the library's message.
+    """
+    try:
+        with open(temporary, "ab") as stream:
+            stream.write(bytes(1 << 20))
+    except OSError as error:
+        return OSError(error.errno, error.strerror, str(path))
+    return OSError(errno.EIO, f"cannot be written ({message})", str(path))
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write `text` as UTF-8, atomically."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def canonical_json(value: Any) -> str:
+    """JSON with sorted keys and no spaces: equal values give equal text, so it can be hashed."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write indented JSON, atomically. Non-finite numbers are kept as NaN, Infinity, -Infinity."""
+    write_text(path, json.dumps(value, indent=2, ensure_ascii=False) + "\n")
+
+
+def sha256_text(text: str) -> str:
+    """Hexadecimal sha256 of the UTF-8 text."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def sha256_file(path: Path) -> str:
+    """Hexadecimal sha256 of a file's bytes."""
+    with open(path, "rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def read_json(path: Path) -> Any:
+    """Read a JSON file; raises InputError when it is absent or isn't JSON."""
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(path, error.strerror or "no readable file", "a JSON file") from None
+    except ValueError as error:
+        raise InputError(path, f"no JSON ({error})", "a JSON file") from None

@@ -1,0 +1,212 @@
+"""Reading, writing, resizing and the display encoding of images.
+
+In memory an image is float32 (H, W, 3), RGB; encoded images are in [0, 1].
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from dofbench.core.errors import InputError
+from dofbench.core.files import refused, replacing
+from dofbench.core.lens import GAMMA
+
+_LARGEST_HALF = 65504.0
+_NO_DATE = "1970:01:01 00:00:00"
+
+
+def decode(encoded: np.ndarray, gamma: float = GAMMA) -> np.ndarray:
+    """Encoded to linear light: `encoded ** gamma`, the paper's pure power."""
+    return np.power(encoded, gamma)
+
+
+def encode(linear: np.ndarray, gamma: float = GAMMA) -> np.ndarray:
+    """Linear light to encoded: `linear ** (1 / gamma)`."""
+    return np.power(linear, 1.0 / gamma)
+
+
+def to_8bit(image: np.ndarray) -> np.ndarray:
+    """Round an encoded image to the 256 levels that a PNG keeps; uint8, values outside [0, 1] saturate.
+
+    Raises FloatingPointError for NaN, which is no level.
+    """
+    _check_numbers(image)
+    return np.floor(np.clip(image, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
+
+
+def from_8bit(image: np.ndarray) -> np.ndarray:
+    """uint8 to float32 in [0, 1]."""
+    return image.astype(np.float32) / np.float32(255.0)
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """(width, height) of an image file, read from its header alone."""
+    import OpenImageIO as oiio
+
+    opened = oiio.ImageInput.open(str(path))
+    if opened is None:
+        raise InputError(path, f"no readable image ({_reason(oiio.geterror())})", "an image file")
+    spec = opened.spec()
+    opened.close()
+    return spec.width, spec.height
+
+
+def read_image(path: Path) -> np.ndarray:
+    """Read an image as float32 (H, W, 3). Integer formats are scaled to [0, 1]; floats are kept.
+
+    A single channel is repeated; an alpha channel is composited over black, which is what it
+    stands for in the layouts read here. Raises InputError when the file can't be read.
+    """
+    import OpenImageIO as oiio
+
+    _check_whole_jpeg(path)
+    buffer = oiio.ImageBuf(str(path))
+    pixels = buffer.get_pixels(oiio.FLOAT) if not buffer.has_error else None
+    if pixels is None or buffer.has_error:
+        raise InputError(path, f"no readable image ({_reason(buffer.geterror())})", "an image file")
+    pixels = np.asarray(pixels, dtype=np.float32)
+    if pixels.ndim == 2:
+        pixels = pixels[..., None]
+    channels = pixels.shape[2]
+    if channels in (2, 4):
+        # OpenImageIO hands back colours already multiplied by alpha.
+        pixels = pixels[..., : channels - 1]
+    if pixels.shape[2] == 1:
+        pixels = np.repeat(pixels, 3, axis=2)
+    if pixels.shape[2] != 3:
+        raise InputError(path, f"{channels} channels", "1 to 4 channels")
+    return np.ascontiguousarray(pixels)
+
+
+def to_16bit(image: np.ndarray) -> np.ndarray:
+    """Round an encoded image to the 65536 levels of a 16-bit PNG; uint16, values outside [0, 1] saturate.
+
+    Raises FloatingPointError for NaN, which is no level.
+    """
+    _check_numbers(image)
+    return np.floor(np.clip(image.astype(np.float64), 0.0, 1.0) * 65535.0 + 0.5).astype(np.uint16)
+
+
+def _check_numbers(image: np.ndarray) -> None:
+    # Cast to an integer, NaN is black on one machine and white on another, and nobody is told.
+    if np.isnan(image).any():
+        found = f"NaN in {np.isnan(image).sum()} of {image.size} values"
+        raise FloatingPointError(f"image: expected numbers, found {found}")
+
+
+def write_png(path: Path, image: np.ndarray, *, bits: int = 8) -> None:
+    """Write an encoded image (float, or uint8 for 8 bits) as PNG, atomically; the same pixels give the same bytes."""
+    if bits == 16:
+        _write(path, to_16bit(image), "uint16", {"png:compressionLevel": 6})
+        return
+    pixels = image if image.dtype == np.uint8 else to_8bit(image)
+    _write(path, pixels, "uint8", {"png:compressionLevel": 6})
+
+
+def write_grey_png(path: Path, values: np.ndarray) -> None:
+    """Write (H, W) values in [0, 1] as PNG of one channel, 8 bit, atomically; the same values give the same bytes."""
+    _write(path, to_8bit(values)[..., None], "uint8", {"png:compressionLevel": 6})
+
+
+def write_exr(path: Path, values: np.ndarray, *, half: bool = False) -> None:
+    """Write (H, W) or (H, W, 3) float values as EXR (zip), atomically. (H, W) becomes channel Z.
+
+    half: 11 bits a number; finite values beyond 65504, the largest of these, saturate.
+    """
+    names = ["Z"] if values.ndim == 2 else ["R", "G", "B"]
+    pixels = (values[..., None] if values.ndim == 2 else values).astype(np.float32)
+    if half:
+        pixels = np.where(np.isfinite(pixels), np.clip(pixels, -_LARGEST_HALF, _LARGEST_HALF), pixels)
+    _write(path, pixels, "half" if half else "float", {"compression": "zip"}, names)
+
+
+def read_exr(path: Path) -> np.ndarray:
+    """Read an EXR as float32: (H, W) for one channel, else (H, W, C)."""
+    import OpenImageIO as oiio
+
+    buffer = oiio.ImageBuf(str(path))
+    pixels = buffer.get_pixels(oiio.FLOAT) if not buffer.has_error else None
+    if pixels is None or buffer.has_error:
+        raise InputError(path, f"no readable image ({_reason(buffer.geterror())})", "an EXR file")
+    pixels = np.asarray(pixels, dtype=np.float32)
+    return np.ascontiguousarray(pixels[..., 0] if pixels.ndim == 3 and pixels.shape[2] == 1 else pixels)
+
+
+def resize(image: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Resize (H, W[, C]) by area averaging when shrinking, bicubic when enlarging.
+
+    What comes out stays between the least and the greatest value of each channel: an encoded image in [0, 1], and
+    linear light in its own range. NaN spreads no further than its samples.
+    """
+    import cv2
+
+    if image.shape[:2] == (height, width):
+        return image
+    shrinking = width <= image.shape[1] and height <= image.shape[0]
+    method = cv2.INTER_AREA if shrinking else cv2.INTER_CUBIC
+    resized = cv2.resize(image, (width, height), interpolation=method)
+    # A float32 average of whites can be 1.0000001, and a bicubic overshoots at an edge. fmin and fmax pass over NaN.
+    least, greatest = np.fmin.reduce(image, axis=(0, 1)), np.fmax.reduce(image, axis=(0, 1))
+    return np.clip(resized.reshape(height, width, *image.shape[2:]), least, greatest)
+
+
+def _reason(message: str) -> str:
+    """The first line of a library's message, which may repeat itself over several."""
+    lines = message.strip().splitlines()
+    return lines[0] if lines else "unknown format"
+
+
+def _check_whole_jpeg(path: Path) -> None:
+    """Raise InputError for a JPEG cut short: libjpeg fills what is missing with grey and says nothing."""
+    if path.suffix.lower() not in (".jpg", ".jpeg") or not path.is_file():
+        return
+    content = path.read_bytes()
+    at = 2
+    # Segments up to the start of the scan; a thumbnail inside one of them has an end mark of its own.
+    while content[at : at + 1] == b"\xff" and content[at + 1 : at + 2] != b"\xda":
+        fill = content[at + 1 : at + 2] == b"\xff"
+        at += 1 if fill else 2 + int.from_bytes(content[at + 2 : at + 4], "big")
+    if content.startswith(b"\xff\xd8") and content.find(b"\xff\xd9", at) < 0:
+        raise InputError(path, f"a JPEG cut short after {len(content)} bytes", "an image file")
+
+
+def _write(path: Path, pixels: np.ndarray, kind: str, attributes: dict, names: list[str] | None = None) -> None:
+    import OpenImageIO as oiio
+
+    height, width, channels = pixels.shape
+    spec = oiio.ImageSpec(width, height, channels, kind)
+    if names:
+        spec.channelnames = tuple(names)
+    for key, value in attributes.items():
+        spec.attribute(key, value)
+    if path.suffix.lower() == ".exr":
+        # The writer puts in the time of day (capDate) where the image has none, so that two
+        # identical runs would differ in their bytes.
+        spec.attribute("DateTime", _NO_DATE)
+    with replacing(path) as temporary:
+        output = oiio.ImageOutput.create(str(temporary))
+        written = (
+            output is not None
+            and output.open(str(temporary), spec)
+            and output.write_image(np.ascontiguousarray(pixels))
+            and output.close()
+        )
+        # On a full disk both the PNG and the EXR writer report success.
+        if not (written and _reads_back(temporary)):
+            message = output.geterror() if output is not None else oiio.geterror()
+            raise refused(path, temporary, _reason(message))
+
+
+def _reads_back(path: Path) -> bool:
+    """Whether all of an image file can be decoded; it takes a small part of the time that writing took."""
+    import OpenImageIO as oiio
+
+    # Not by ImageBuf, whose cache would keep the pixels.
+    opened = oiio.ImageInput.open(str(path))
+    if opened is None:
+        return False
+    pixels = opened.read_image(opened.spec().format)
+    opened.close()
+    return pixels is not None and not opened.has_error

@@ -1,0 +1,1 @@
+"""A dataset's folder: its files, its schema, and the reader. Knows nothing of how a dataset is made."""

@@ -1,0 +1,233 @@
+"""Reading a dataset: for methods only what they may see, for the harness everything."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
+from dofbench.core.errors import InputError
+from dofbench.core.exif import Exif, read_exif
+from dofbench.core.files import sha256_file
+from dofbench.core.images import read_exr, read_image
+from dofbench.core.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
+from dofbench.dataset import layout
+from dofbench.dataset.dealing import Dealt
+from dofbench.dataset.schema import (
+    MANIFEST,
+    LensFile,
+    Manifest,
+    UnknownLensFile,
+    ViewRecord,
+    read_lens_file,
+    read_manifest,
+)
+from dofbench.scenes import load_scene
+from dofbench.scenes.scene import Split
+
+Inputs = Literal["shallow", "all-in-focus"]
+
+
+@dataclass(frozen=True, eq=False)
+class DatasetView:
+    """One view with its true lens, in the units of the scene's disparity range and in scene units.
+
+    max_coc_px: largest CoC radius among its pixels. The three are None where nobody knows the lens: then the view is a
+    photograph as it was taken. has_all_in_focus, has_depth: whether the dataset has these of the view. exif: what its
+    camera wrote down, if it did.
+    """
+
+    name: str
+    split: Split
+    camera: Camera
+    lens: Lens | None
+    physical_lens: PhysicalLens | None
+    max_coc_px: float | None
+    has_all_in_focus: bool = True
+    has_depth: bool = True
+    exif: Exif | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """A dataset folder, as `make_dataset` writes it. Images and depth are read when asked for."""
+
+    folder: Path
+    manifest: Manifest
+    lenses: LensFile | UnknownLensFile
+    views: tuple[DatasetView, ...]
+    points: PointCloud | None
+    checksum: str
+
+    @staticmethod
+    def load(folder: Path) -> Dataset:
+        """Open a dataset; reads its manifest, lenses, cameras and points, and no image.
+
+        Raises InputError, one line, when the folder is no dataset, is unfinished, is of another
+        schema version, or its parts don't fit together.
+        """
+        folder = Path(folder)
+        manifest, lenses = read_manifest(folder), read_lens_file(folder)
+        scene = load_scene(folder, layout="nerfstudio")
+        views = {view.name: view for view in scene.views}
+        records = {record.name: record for record in lenses.views}
+        if views.keys() != records.keys():
+            different = sorted(views.keys() ^ records.keys())
+            raise InputError(
+                folder,
+                f"views in only one of {layout.TRANSFORMS} and lens.json: {', '.join(different)}",
+                "the same views in both",
+            )
+        moved = [name for name, view in sorted(views.items()) if view.split != records[name].split]
+        if moved:
+            raise InputError(
+                folder,
+                f"another split in {layout.TRANSFORMS} than in lens.json for {', '.join(moved)}",
+                "the same split in both",
+            )
+        disparity_range = lenses.range()
+        exif, found = read_exif(folder), []
+        for name, record in sorted(records.items()):
+            camera, known = views[name].camera, isinstance(record, ViewRecord)
+            found.append(
+                DatasetView(
+                    name=name,
+                    split=record.split,
+                    camera=camera,
+                    lens=record.lens if known else None,
+                    physical_lens=record.lens.physical(disparity_range, camera.width) if known else None,
+                    max_coc_px=record.max_coc_px if known else None,
+                    has_all_in_focus=layout.relative(layout.sharp_path, name) in manifest.files,
+                    has_depth=layout.relative(layout.depth_path, name) in manifest.files,
+                    exif=exif.get(name),
+                )
+            )
+        return Dataset(folder, manifest, lenses, tuple(found), scene.points, sha256_file(folder / MANIFEST))
+
+    @property
+    def name(self) -> str:
+        """The dataset's name, which is its scene's; `checksum` tells apart datasets of one scene."""
+        return self.manifest.name
+
+    @property
+    def scene(self) -> str:
+        """Name of the scene that it was made from."""
+        return self.manifest.source.scene
+
+    @property
+    def assign(self) -> Dealt:
+        """How its lenses were dealt over the views; unknown where no view's lens is known."""
+        return self.manifest.settings.get("assign", "per-view") if self.lenses.known else "unknown"
+
+    @property
+    def has_exact_depth(self) -> bool:
+        """Whether all test views have depth, and that is the scene's own exact maps, and no estimate."""
+        given = self.manifest.depth is not None and self.manifest.depth.source == "given"
+        return given and all(view.has_depth for view in self.test_views())
+
+    @property
+    def disparity_range(self) -> DisparityRange | None:
+        """What the views' aperture and focus refer to; None where neither a lens nor any depth is known."""
+        return self.lenses.range()
+
+    @property
+    def gamma(self) -> float | None:
+        """Exponent of the display encoding; None where no lens is known."""
+        return self.lenses.gamma if isinstance(self.lenses, LensFile) else None
+
+    @property
+    def alpha(self) -> float | None:
+        """Hardness of the blur disc's edge, per pixel; None where no lens is known."""
+        return self.lenses.alpha if isinstance(self.lenses, LensFile) else None
+
+    @property
+    def shape(self) -> ApertureShape | None:
+        """Shape of the aperture; None where no lens is known."""
+        return self.lenses.shape.shape() if isinstance(self.lenses, LensFile) else None
+
+    @property
+    def has_points(self) -> bool:
+        """Whether there are sparse points."""
+        return self.points is not None and len(self.points) > 0
+
+    def view(self, name: str) -> DatasetView:
+        """The view of that name. Raises InputError when there is none."""
+        for view in self.views:
+            if view.name == name:
+                return view
+        raise InputError(self.folder, f"no view {name!r}", f"one of {len(self.views)}, {self.views[0].name} first")
+
+    def training_views(self) -> tuple[DatasetView, ...]:
+        """The views to train on, by name."""
+        return tuple(view for view in self.views if view.split == "train")
+
+    def test_views(self) -> tuple[DatasetView, ...]:
+        """The views held back, by name."""
+        return tuple(view for view in self.views if view.split == "test")
+
+    def lens(self, view: DatasetView | str) -> Lens | None:
+        """The view's true lens, in the units of `disparity_range`; None where nobody knows it."""
+        return self._view(view).lens
+
+    def image(self, view: DatasetView | str) -> np.ndarray:
+        """The shallow photograph: (H, W, 3) float32, encoded, [0, 1], at 8-bit levels.
+
+        Of a view whose lens nobody knows: its photograph as it was taken, which of a test view may be a sharp one.
+        """
+        return read_image(layout.shallow_path(self.folder, _name(view)))
+
+    def linear(self, view: DatasetView | str) -> np.ndarray | None:
+        """The shallow photograph before encoding: (H, W, 3) float32, linear; None of a view whose lens nobody knows."""
+        return read_exr(layout.linear_path(self.folder, _name(view))) if self.lens(view) is not None else None
+
+    def all_in_focus(self, view: DatasetView | str) -> np.ndarray | None:
+        """The sharp original: (H, W, 3) float32, encoded, [0, 1], at 8-bit levels; None where there is none."""
+        known = self._view(view).has_all_in_focus
+        return read_image(layout.sharp_path(self.folder, _name(view))) if known else None
+
+    def require_intact(self, view: DatasetView | str, part: Literal["image", "all_in_focus"]) -> None:
+        """Raise InputError when that picture of a view is missing or isn't what the manifest says."""
+        path = (layout.shallow_path if part == "image" else layout.sharp_path)(self.folder, _name(view))
+        record = self.manifest.files.get(path.relative_to(self.folder).as_posix())
+        if record is None or not path.is_file():
+            raise InputError(path, "no such file of the dataset", "a picture that the manifest lists")
+        if sha256_file(path) != record.sha256:
+            raise InputError(path, "a changed file", f"sha256 {record.sha256[:16]}, as the manifest says")
+
+    def depth(self, view: DatasetView | str) -> np.ndarray | None:
+        """True z-depth: (H, W) float32, scene units, 0 where unknown; None where there is none."""
+        return read_exr(layout.depth_path(self.folder, _name(view))) if self._view(view).has_depth else None
+
+    def confidence(self, view: DatasetView | str) -> np.ndarray | None:
+        """Confidence of the depth: (H, W) float32, 0 unknown ... 1 certain; None in datasets older than that map."""
+        path = layout.confidence_path(self.folder, _name(view))
+        return read_image(path)[..., 0] if path.is_file() else None
+
+    def training_set(self, inputs: Inputs = "shallow") -> TrainingSet:
+        """All that a method may see: training photographs, cameras, points; no lens, no depth, no test view.
+
+        inputs: the shallow photographs, or the sharp originals (a protocol of its own). Points that
+        only test views saw are left out; tracks name training views alone. Raises InputError where a training view has
+        no sharp original.
+        """
+        if inputs not in ("shallow", "all-in-focus"):
+            raise InputError("inputs", repr(inputs), "shallow or all-in-focus")
+        blurred = [view.name for view in self.training_views() if not view.has_all_in_focus]
+        if inputs == "all-in-focus" and blurred:
+            found = f"no all-in-focus photograph of {len(blurred)} training views ({blurred[0]} first)"
+            raise InputError(self.folder, found, "one of each for --inputs all-in-focus")
+        read = self.image if inputs == "shallow" else self.all_in_focus
+        views = tuple(TrainingView(view.name, view.camera, read(view), view.exif) for view in self.training_views())
+        training = [index for index, view in enumerate(self.views) if view.split == "train"]
+        return TrainingSet(views, None if self.points is None else self.points.seen_by(training))
+
+    def _view(self, view: DatasetView | str) -> DatasetView:
+        return self.view(view) if isinstance(view, str) else view
+
+
+def _name(view: DatasetView | str) -> str:
+    return view if isinstance(view, str) else view.name

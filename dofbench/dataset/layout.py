@@ -1,0 +1,40 @@
+"""What stands where in a dataset folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+TRANSFORMS, POSES_BOUNDS, SPARSE = "transforms.json", "poses_bounds.npy", "sparse/0"
+SHALLOW, LINEAR, SHARP, DEPTH = "images/{}.png", "images_linear/{}.exr", "all_in_focus/{}.png", "depth/{}.exr"
+CONFIDENCE = "confidence/{}.png"
+
+
+def shallow_path(root: Path, name: str) -> Path:
+    """The view's shallow photograph, encoded, 8 bit."""
+    return root / SHALLOW.format(name)
+
+
+def linear_path(root: Path, name: str) -> Path:
+    """The view's shallow photograph before encoding."""
+    return root / LINEAR.format(name)
+
+
+def sharp_path(root: Path, name: str) -> Path:
+    """The view's all-in-focus photograph, encoded, 8 bit."""
+    return root / SHARP.format(name)
+
+
+def depth_path(root: Path, name: str) -> Path:
+    """The view's z-depth, float32, scene units."""
+    return root / DEPTH.format(name)
+
+
+def confidence_path(root: Path, name: str) -> Path:
+    """The confidence of the view's depth, 8 bit: 0 unknown ... 255 certain."""
+    return root / CONFIDENCE.format(name)
+
+
+def relative(place: Callable[[Path, str], Path], name: str) -> str:
+    """A view's file, by one of the functions above, relative to the dataset's folder."""
+    return place(Path(), name).as_posix()

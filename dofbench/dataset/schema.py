@@ -1,0 +1,334 @@
+"""What dataset.json and lens.json hold, checked on the way in and out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, PositiveInt, Tag, ValidationError
+
+from dofbench.core.errors import InputError
+from dofbench.core.files import read_json
+from dofbench.core.lens import ApertureShape, DisparityRange, Energy, Lens, PhysicalLens, SceneRenderer
+from dofbench.dataset.sensor import Sensor
+from dofbench.scenes.scene import Photograph, Split
+
+SCHEMA = "dofbench-dataset"
+# 1: every view has its lens, its depth and its sharp image. 2: some of that may be unknown, and is then said to be.
+# Written is the lowest that can hold the dataset, so that older programs go on reading what they can.
+ALL_KNOWN, SOME_UNKNOWN = 1, 2
+VERSIONS = (ALL_KNOWN, SOME_UNKNOWN)
+MANIFEST = "dataset.json"
+LENS_FILE = "lens.json"
+
+Checksum = Field(pattern=r"^[0-9a-f]{64}$")
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ShapeRecord(_Record):
+    """The aperture's shape, as `ApertureShape`: rotation in radians."""
+
+    blades: int
+    rotation: FiniteFloat
+    curvature: FiniteFloat
+    obstruction: FiniteFloat
+
+    def shape(self) -> ApertureShape:
+        """The value type. Raises ValueError for an impossible shape."""
+        return ApertureShape(self.blades, self.rotation, self.curvature, self.obstruction)
+
+
+class DealtRecord(_Record):
+    """Only with a per-view normaliser: the lens as it was dealt, and the range that it refers to."""
+
+    disparity_range: tuple[FiniteFloat, FiniteFloat]
+    aperture: FiniteFloat
+    focus: FiniteFloat
+
+
+class ViewRecord(_Record):
+    """One view's lens. aperture and focus always refer to the scene's disparity range.
+
+    k_px: CoC radius in pixels per unit of normalised disparity. aperture_scene: pixels * scene unit.
+    focus_scene: scene units. max_coc_px: largest CoC radius among the
+    view's pixels; unknown depth counts as infinitely far, as it does for the blur. noise_rms_linear,
+    noise_psnr_db: of a photograph by the renderer "thinlens", as in a rendered scene's scene.json.
+    """
+
+    name: str
+    split: Split
+    aperture: FiniteFloat = Field(ge=0)
+    focus: FiniteFloat
+    k_px: FiniteFloat = Field(ge=0)
+    aperture_scene: FiniteFloat = Field(ge=0)
+    focus_scene: FiniteFloat = Field(gt=0)
+    max_coc_px: FiniteFloat = Field(ge=0)
+    dealt: DealtRecord | None = None
+    noise_rms_linear: FiniteFloat | None = Field(default=None, ge=0)
+    noise_psnr_db: FiniteFloat | None = None
+
+    @property
+    def lens(self) -> Lens:
+        """The view's lens in the units of the scene's disparity range."""
+        return Lens(aperture=self.aperture, focus=self.focus)
+
+    def physical(self, width: int) -> PhysicalLens:
+        """The view's lens in scene units, for its image `width` pixels wide."""
+        return PhysicalLens(aperture=self.aperture_scene, focus_disparity=1.0 / self.focus_scene, width=width)
+
+
+class UnknownLens(_Record):
+    """A view whose lens nobody knows: its image is a photograph, as it was taken."""
+
+    name: str
+    split: Split
+    lens: Literal["unknown"]
+
+
+# No names of fields: where something is wrong with a view, they are left out of what is said of it.
+_KNOWN, _UNKNOWN = "(known)", "(unknown)"
+
+
+def _which(view: Any) -> str:
+    return _UNKNOWN if isinstance(view, UnknownLens) or (isinstance(view, dict) and "lens" in view) else _KNOWN
+
+
+AnyView = Annotated[Annotated[ViewRecord, Tag(_KNOWN)] | Annotated[UnknownLens, Tag(_UNKNOWN)], Discriminator(_which)]
+
+
+class SensorRecord(_Record):
+    """The noise on the photographs, as `Sensor`, and the bits per channel of the encoded ones."""
+
+    photons: FiniteFloat = Field(default=0.0, ge=0)
+    read_noise: FiniteFloat = Field(default=0.0, ge=0)
+    seed: int = 0
+    bits: Literal[8, 16] = 8
+
+    def sensor(self) -> Sensor:
+        """The value type."""
+        return Sensor(self.photons, self.read_noise, self.seed)
+
+
+class ThinLensRecord(_Record):
+    """What the photographs of the renderer "thinlens" are of: make-scene's recipe and seed; samples a pixel."""
+
+    recipe: str
+    seed: int
+    samples: PositiveInt
+    mitsuba: str
+    variant: str
+
+
+class LensFile(_Record):
+    """lens.json: all that is needed to blur the all-in-focus images again.
+
+    disparity_range: 1 / scene unit. layers: of the renderer "layered", thinlens: of "thinlens", else absent.
+    """
+
+    disparity_range: tuple[FiniteFloat, FiniteFloat]
+    normaliser: Literal["scene", "view"]
+    gamma: FiniteFloat = Field(gt=0)
+    alpha: FiniteFloat = Field(gt=0)
+    energy: Energy
+    shape: ShapeRecord
+    renderer: SceneRenderer
+    layers: int | None = Field(default=None, ge=1)
+    thinlens: ThinLensRecord | None = None
+    sensor: SensorRecord = SensorRecord()
+    views: tuple[AnyView, ...]
+
+    def range(self) -> DisparityRange:
+        """The scene's disparity range. Raises ValueError when it is empty."""
+        return DisparityRange(*self.disparity_range)
+
+    @property
+    def known(self) -> tuple[ViewRecord, ...]:
+        """The views whose lens is known: all of them, but for test views that are photographs."""
+        return tuple(view for view in self.views if isinstance(view, ViewRecord))
+
+
+class UnknownLensFile(_Record):
+    """lens.json where no view's lens is known. disparity_range: of the views that have depth; absent without any."""
+
+    disparity_range: tuple[FiniteFloat, FiniteFloat] | None = None
+    views: tuple[UnknownLens, ...]
+
+    def range(self) -> DisparityRange | None:
+        """The scene's disparity range, if depth tells it. Raises ValueError when it is empty."""
+        return None if self.disparity_range is None else DisparityRange(*self.disparity_range)
+
+    @property
+    def known(self) -> tuple[ViewRecord, ...]:
+        """No view."""
+        return ()
+
+
+class SourceImage(_Record):
+    """The file that a view came from, by content.
+
+    photograph: of a view that is that photograph, as it was taken, by a lens that nobody knows. Absent of a view that
+    was blurred from an all-in-focus image.
+    """
+
+    view: str
+    sha256: str = Checksum
+    photograph: Photograph | None = None
+
+
+class SourceRecord(_Record):
+    """The scene that the dataset was made from. geometry: sha256 of its cameras, split and points.
+
+    licence: of its images, as their source states it; terms: more about that. citation: a reference each.
+    origin: where the images are from.
+    """
+
+    scene: str
+    layout: str
+    images: tuple[SourceImage, ...]
+    geometry: str = Checksum
+    licence: str = "not stated"
+    terms: str = ""
+    citation: tuple[str, ...] = ()
+    origin: str = ""
+
+
+class ConsistencyRecord(_Record):
+    """How far a view's depth agrees with its neighbours', as `dofbench.depth.multi_view.Consistency`, to six
+    decimals."""
+
+    neighbours: tuple[str, ...]
+    compared: FiniteFloat
+    consistent: FiniteFloat
+    difference: FiniteFloat
+    bias: FiniteFloat
+    coc_px: FiniteFloat
+
+
+class DepthViewRecord(_Record):
+    """One view's depth. known: share of its pixels. confidence: mean over those, and the share of them above 1/2.
+
+    These three are by the 8-bit map in confidence/. statistics: the source's own numbers, whose meaning the provenance
+    gives, to six digits. consistency: absent where no other view sees enough of the same.
+    """
+
+    view: str
+    known: FiniteFloat = Field(ge=0, le=1)
+    confidence: FiniteFloat = Field(ge=0, le=1)
+    confident: FiniteFloat = Field(ge=0, le=1)
+    statistics: dict[str, FiniteFloat] = {}
+    consistency: ConsistencyRecord | None = None
+
+
+class DepthRecord(_Record):
+    """Where the depth came from, and how it was made.
+
+    confidence: what the maps in confidence/ mean. views: in name order. Both are absent from datasets
+    made before there were such maps.
+    """
+
+    source: Literal["given", "folder", "splat", "sfm", "onnx"]
+    provenance: dict
+    confidence: str | None = None
+    views: tuple[DepthViewRecord, ...] = ()
+
+
+class FileRecord(_Record):
+    """A file of the dataset by content: size in bytes."""
+
+    sha256: str = Checksum
+    size: int = Field(ge=0)
+
+
+class Manifest(_Record):
+    """dataset.json: written last, so that a folder with a manifest is complete.
+
+    identity: sha256 of everything that decides the content (settings, source, lens plan, version). depth: absent where
+    no view has any.
+    """
+
+    schema_name: Literal["dofbench-dataset"] = Field(alias="schema")
+    version: PositiveInt
+    name: str
+    dofbench: str
+    command: str
+    identity: str = Checksum
+    seed: int
+    settings: dict
+    source: SourceRecord
+    depth: DepthRecord | None = None
+    files: dict[str, FileRecord]
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Read dataset.json of a dataset folder.
+
+    Raises InputError, one line, when the folder is no dataset, is unfinished, is of another schema
+    version, or the manifest is damaged.
+    """
+    path = folder / MANIFEST
+    if not path.is_file():
+        if not folder.is_dir():
+            raise InputError(folder, "no such folder", "a dataset folder")
+        if (folder / ".work").is_dir():
+            raise InputError(folder, f"an unfinished dataset (no {MANIFEST})", "a finished one: run make-dataset again")
+        raise InputError(folder, f"no {MANIFEST}", "a dataset folder, as make-dataset writes it")
+    raw = read_json(path)
+    if not isinstance(raw, dict) or raw.get("schema") != SCHEMA:
+        raise InputError(path, "another kind of JSON", f'a manifest with "schema": "{SCHEMA}"')
+    if raw.get("version") not in VERSIONS:
+        raise InputError(path, f"schema version {raw.get('version')}", f"version {' or '.join(map(str, VERSIONS))}")
+    manifest = _validate(path, raw, Manifest)
+    photographs = [image.view for image in manifest.source.images if image.photograph is not None]
+    if manifest.version == ALL_KNOWN and (photographs or manifest.depth is None):
+        found = f"view {photographs[0]} of unknown lens" if photographs else "no depth"
+        raise InputError(path, f"{found} in schema version {ALL_KNOWN}", f"version {SOME_UNKNOWN}")
+    return manifest
+
+
+def read_lens_file(folder: Path) -> LensFile | UnknownLensFile:
+    """Read lens.json of a dataset folder. Raises InputError, one line, when it is missing or damaged."""
+    path = folder / LENS_FILE
+    if not path.is_file():
+        raise InputError(path, "no such file", "the lens of every view")
+    raw = read_json(path)
+    views = raw.get("views") if isinstance(raw, dict) else None
+    if isinstance(views, list) and views and all(_which(view) == _UNKNOWN for view in views):
+        photographs = _validate(path, raw, UnknownLensFile)
+        try:
+            photographs.range()
+        except ValueError as error:
+            raise InputError(path, str(error), "a possible disparity range") from None
+        return photographs
+    lenses = _validate(path, raw, LensFile)
+    if (lenses.renderer == "thinlens") is (lenses.thinlens is None):
+        raise InputError(path, f"renderer {lenses.renderer} and thinlens {lenses.thinlens}", "both, or neither")
+    try:
+        lenses.range()
+        lenses.shape.shape()
+    except ValueError as error:
+        raise InputError(path, str(error), "a possible lens") from None
+    return lenses
+
+
+def as_json(record: BaseModel) -> dict:
+    """The record as plain data for `write_json`, with the names that the files use and without absent parts."""
+    return record.model_dump(mode="json", by_alias=True, exclude_none=True)
+
+
+def _validate(path: Path, raw: object, model: type[Model]) -> Model:
+    try:
+        return model.model_validate(raw)
+    except ValidationError as error:
+        problems = "; ".join(
+            f"{'.'.join(str(part) for part in problem['loc'] if part not in (_KNOWN, _UNKNOWN)) or 'file'}: "
+            f"{problem['msg']}"
+            for problem in error.errors()
+        )
+        expected = f"a {path.name} of schema version {' or '.join(map(str, VERSIONS))}"
+        raise InputError(path, problems, expected) from None

@@ -1,4 +1,0 @@
-"""Running a method on a dataset under a protocol, and the result that it leaves.
-
-Nothing is imported here: the command line reads `dofbench.harness.settings` alone.
-"""

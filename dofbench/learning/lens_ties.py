@@ -1,0 +1,73 @@
+"""Which photographs share what of a lens.
+
+A lens of focal length f at f-number N has an opening f / N wide, and its circles of confusion in pixels grow with the
+focal length in pixels. So photographs of one sitting may share their aperture (pixels x scene unit), up to a factor
+that the camera wrote down, while each has a focus of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from dofbench.core.contracts import TrainingView
+from dofbench.core.errors import InputError
+
+LensPer = Literal["view", "aperture", "group", "exif", "scene"]
+
+
+@dataclass(frozen=True)
+class Ties:
+    """aperture, focus: per view, the number of the aperture and of the focus that it shares with others.
+
+    opening: per view, the factor on its shared aperture, so that what is shared means the same in all views.
+    """
+
+    aperture: tuple[int, ...]
+    focus: tuple[int, ...]
+    opening: tuple[float, ...]
+
+    @property
+    def tied(self) -> bool:
+        """Whether some views share an aperture but not their focus."""
+        return max(self.aperture) != max(self.focus)
+
+    @staticmethod
+    def untied(count: int) -> Ties:
+        """A lens for each of so many views."""
+        every = tuple(range(count))
+        return Ties(every, every, (1.0,) * count)
+
+
+def lens_ties(views: Sequence[TrainingView], per: LensPer) -> Ties:
+    """What the views share.
+
+    "view": nothing. "scene": all. "aperture": one aperture, as wide in all photographs, and a focus each. "group": an
+    aperture for each f-number. "exif": one aperture times f-number. Raises InputError where the last two meet a
+    photograph without f-number.
+    """
+    count = len(views)
+    each, one = tuple(range(count)), (0,) * count
+    if per == "view":
+        return Ties.untied(count)
+    if per == "scene":
+        return Ties(one, one, (1.0,) * count)
+    numbers = [None if view.exif is None else view.exif.f_number for view in views]
+    if per != "aperture" and None in numbers:
+        name = views[numbers.index(None)].name
+        raise InputError(
+            "option lens_per",
+            f"{per}, and view {name} without an f-number",
+            "EXIF with the f-number of every photograph, or lens_per=aperture",
+        )
+    # Circles are learned in units of the image's width.
+    widths = np.array([view.camera.fx / view.camera.width for view in views])
+    if per == "exif":
+        lengths = [1.0 if view.exif.focal_length is None else view.exif.focal_length for view in views]
+        widths = widths * np.array(lengths) / np.array(numbers)
+    known = sorted(set(numbers)) if per == "group" else []
+    shared = tuple(known.index(number) for number in numbers) if per == "group" else one
+    return Ties(shared, each, tuple(float(width) for width in widths / np.median(widths)))

@@ -1,0 +1,153 @@
+"""The learnable lens of every training view (DoF-Gaussian, section 4.1)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dofbench.core.lens import COC_FRACTION, DisparityRange, PhysicalLens
+from dofbench.learning.lens_ties import Ties
+from dofbench.learning.options import TrainerOptions
+
+_FLOOR = 1e-5  # least aperture; the released code adds it after the relu
+_BETAS = (0.9, 0.999)
+_EPSILON = 1e-15
+
+
+class LearnedLenses:
+    """A lens per view, or lenses that views share in part (`lens_ties.py`), in the method's own normalised disparity d.
+
+    Whatever is learned, it means the signed circle of confusion `slope * d + offset`, in units of 2 % of the width:
+    with aperture A and focus F, slope = A and offset = -A F. Parameterisations (`lens_activation`):
+
+    "relu" (released): A and F are learned, both through a relu. "log": log A and F are, so A can't end at zero, where
+    no gradient would be left, and F may lie beyond the range. "ends": the signed circles at d = 0 and at d = 1, whose
+    pull on the image is alike in strength whatever A is, where F has none left when A is small; where views share an
+    aperture, that aperture and each view's circle at d = 1/2, which is the same in other coordinates.
+
+    The method's range comes from what it may see (its sparse points, or each rendered view); the
+    estimate leaves it in scene units, so nothing has to be fitted to compare it with the truth.
+    """
+
+    def __init__(self, count: int, disparity_range: DisparityRange, options: TrainerOptions, ties: Ties | None = None):
+        self._options = options
+        self.ranges = [disparity_range] * count
+        self._ties = Ties.untied(count) if ties is None else ties
+        self._numbers = (self._ties.aperture, self._ties.focus)
+        self._raw = [
+            torch.full((max(numbers) + 1,), value) for numbers, value in zip(self._numbers, self._start(), strict=True)
+        ]
+        self._first = [torch.zeros_like(raw) for raw in self._raw]
+        self._second = [torch.zeros_like(raw) for raw in self._raw]
+        self._visits = [torch.zeros_like(raw) for raw in self._raw]
+        self._steps = 0
+        self._leaf: Tensor | None = None
+
+    def _start(self) -> tuple[float, float]:
+        return self._raw_of(self._options.lens_init_aperture, self._options.lens_init_focus)
+
+    def _raw_of(self, aperture: float, focus: float, opening: float = 1.0) -> tuple[float, float]:
+        """What is learned of a lens: the shared aperture, and the focus of a view with that opening."""
+        match self._options.lens_activation:
+            case "relu":
+                return aperture, focus
+            case "log":
+                return math.log(aperture), focus
+        if self._ties.tied:
+            return aperture, aperture * opening * (0.5 - focus)
+        return -aperture * focus, aperture * (1 - focus)
+
+    def _of(self, view: int) -> Tensor:
+        return torch.stack([raw[numbers[view]] for raw, numbers in zip(self._raw, self._numbers, strict=True)])
+
+    def _coefficients(self, view: int, raw: Tensor) -> tuple[Tensor, Tensor]:
+        opening = self._ties.opening[view]
+        match self._options.lens_activation:
+            case "relu":
+                aperture, focus = torch.relu(raw[0]) + _FLOOR, torch.relu(raw[1]) + _FLOOR
+            case "log":
+                aperture, focus = torch.exp(raw[0]), raw[1]
+            case _ if self._ties.tied:
+                slope = raw[0] * opening
+                return slope, raw[1] - 0.5 * slope
+            case _:
+                return raw[1] - raw[0], raw[0]
+        aperture = aperture * opening
+        return aperture, -aperture * focus
+
+    def forward(self, view: int) -> tuple[Tensor, Tensor]:
+        """Differentiable (slope, offset) of view number `view`; remembers the leaf for `step`."""
+        self._leaf = self._of(view).requires_grad_()
+        return self._coefficients(view, self._leaf)
+
+    def aperture_and_focus(self, view: int) -> tuple[float, float]:
+        """A >= 1e-5 and F of view number `view`. Blur doesn't depend on the sign of the slope."""
+        slope, offset = (float(value) for value in self._coefficients(view, self._of(view)))
+        if abs(slope) < _FLOOR:
+            slope = math.copysign(_FLOOR, slope)
+        return abs(slope), -offset / slope
+
+    def gradient(self) -> Tensor | None:
+        """(2,) gradient by the raw parameters of the view of the last `forward`."""
+        return None if self._leaf is None else self._leaf.grad
+
+    def step(self, view: int, progress: float) -> None:
+        """One Adam step on view number `view`; with `lens_update="dense"` every view's moments decay too."""
+        assert self._leaf is not None and self._leaf.grad is not None
+        options, gradient = self._options, self._leaf.grad
+        rate = options.lens_lr * (options.lens_lr_final / options.lens_lr) ** progress * options.cooldown(progress)
+        self._steps += 1
+        beta1, beta2 = _BETAS
+        for part, numbers in enumerate(self._numbers):
+            index = numbers[view]
+            self._visits[part][index] += 1
+            if options.lens_update == "view":
+                rows, visits = slice(index, index + 1), float(self._visits[part][index])
+            else:
+                rows, visits = slice(None), float(self._steps)
+            first, second, raw = self._first[part][rows], self._second[part][rows], self._raw[part][rows]
+            full = torch.zeros_like(first)
+            full[0 if options.lens_update == "view" else index] = gradient[part]
+            first.copy_(beta1 * first + (1 - beta1) * full)
+            second.copy_(beta2 * second + (1 - beta2) * full * full)
+            raw.sub_(rate * ((first / (1 - beta1**visits)) / (torch.sqrt(second / (1 - beta2**visits)) + _EPSILON)))
+        self._leaf = None
+
+    def estimate(self, view: int, width: int) -> PhysicalLens:
+        """The learned lens of view number `view` in scene units, for an image `width` pixels wide."""
+        aperture, focus = self.aperture_and_focus(view)
+        extent = self.ranges[view].extent
+        return PhysicalLens(
+            aperture=COC_FRACTION * width * aperture / extent,
+            focus_disparity=self.ranges[view].q_min + focus * extent,
+            width=width,
+        )
+
+    def shared(self, ties: Ties) -> LearnedLenses:
+        """The same lenses, as far as the ties allow it: what is shared is the median over its views."""
+        pairs = np.array([self.aperture_and_focus(view) for view in range(len(self.ranges))])
+        apertures, foci = pairs[:, 0] / np.array(ties.opening), pairs[:, 1]
+        lenses = LearnedLenses(len(self.ranges), self.ranges[0], self._options, ties)
+        lenses.ranges = list(self.ranges)
+        for view in range(len(self.ranges)):
+            number, place = ties.aperture[view], ties.focus[view]
+            aperture = float(np.median(apertures[np.array(ties.aperture) == number]))
+            focus = float(np.median(foci[np.array(ties.focus) == place]))
+            first, second = lenses._raw_of(aperture, focus, ties.opening[view])
+            lenses._raw[0][number], lenses._raw[1][place] = first, second
+        return lenses
+
+    def spoil(self, value: float) -> None:
+        """Set everything that is learned to `value`: the start of a case that must end with a typed status."""
+        for raw in self._raw:
+            raw.fill_(value)
+
+    def state(self) -> dict[str, np.ndarray]:
+        """(V, 2) raw parameters of all views, and (V, 2) their disparity ranges."""
+        return {
+            "raw": torch.stack([self._of(view) for view in range(len(self.ranges))]).numpy(),
+            "ranges": np.array([[r.q_min, r.q_max] for r in self.ranges]),
+        }

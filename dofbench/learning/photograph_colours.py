@@ -1,0 +1,111 @@
+"""Exposure and white balance of every training photograph, learned beside the scene.
+
+A photograph is the rendering through its lens, c, under a colour of its own. Encoded values are linear light to a
+power, so more exposure and another white balance, a factor a channel in linear light, are a factor a channel of encoded
+values too: "gain", exp(g) c. "affine" is (1 + D) c + e, which also knows a camera's mixing of channels, a veil of stray
+light and, roughly, another tone curve.
+
+The Gaussians' colours times any colour, and every photograph's divided by it, make the same photographs. This gauge is
+fixed after every step: the mean of g, or of D and e, over the photographs is zero. So the scene has the photographs'
+mean colour, which a new view is rendered with, and where all photographs are alike nothing is changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dofbench.core.errors import InputError
+from dofbench.core.files import read_json, write_json
+from dofbench.learning.options import TrainerOptions
+from dofbench.learning.row_adam import RowAdam
+
+_COLUMNS = {"off": 0, "gain": 3, "affine": 12}
+SCHEMA, VERSION = "dofbench.colours", 1
+CONVENTION = "photograph = matrix[:, :3] @ rendering through the lens + matrix[:, 3], encoded colours in [0, 1]"
+
+
+class LearnedColours:
+    """A colour a photograph, `colour_per_view` "gain" or "affine", from identity; with "off" nothing is learned."""
+
+    def __init__(self, count: int, options: TrainerOptions):
+        self._options = options
+        self._kind = options.colour_per_view
+        self._table = RowAdam(count, _COLUMNS[self._kind])
+
+    @property
+    def learned(self) -> bool:
+        """Whether photographs have colours of their own."""
+        return self._kind != "off"
+
+    def forward(self, view: int, image: Tensor) -> Tensor:
+        """The image (H, W, 3) as photograph number `view` shows it; differentiable by it and by the colour."""
+        return self._applied(self._table.leaf(view), image)
+
+    def gradient(self) -> Tensor | None:
+        """Gradient by the raw parameters of the view of the last `forward`; None where nothing is learned."""
+        return self._table.gradient
+
+    def step(self, view: int, progress: float) -> None:
+        """One Adam step on a view's colour, then the gauge."""
+        options = self._options
+        rate = options.colour_lr * options.colour_lr_fall**progress * options.cooldown(progress)
+        self._table.step(view, rate)
+        self._table.values -= self._table.values.mean(dim=0)
+
+    @torch.no_grad()
+    def apply(self, view: int, image: Tensor) -> Tensor:
+        """As `forward`, without gradient."""
+        return self._applied(self._table.values[view], image)
+
+    def matrix(self, view: int) -> np.ndarray:
+        """(3, 4) float32 of a photograph's colour: [M | e] of M c + e."""
+        raw = self._table.values[view].numpy()
+        match self._kind:
+            case "off":
+                return np.eye(3, 4, dtype=np.float32)
+            case "gain":
+                return np.diag(np.exp(raw)) @ np.eye(3, 4, dtype=np.float32)
+        return np.eye(3, 4, dtype=np.float32) + raw.reshape(3, 4)
+
+    def _applied(self, raw: Tensor, image: Tensor) -> Tensor:
+        match self._kind:
+            case "off":
+                return image
+            case "gain":
+                return image * raw.exp()
+        change = raw.view(3, 4)
+        return image + image @ change[:, :3].T + change[:, 3]
+
+
+def write_colours(path: Path, colours: Mapping[str, np.ndarray]) -> None:
+    """Write every photograph's colour, (3, 4), by name."""
+    write_json(
+        path,
+        {
+            "schema_name": SCHEMA,
+            "version": VERSION,
+            "convention": CONVENTION,
+            "views": {name: matrix.astype(float).tolist() for name, matrix in colours.items()},
+        },
+    )
+
+
+def read_colours(path: Path) -> dict[str, np.ndarray]:
+    """What `write_colours` wrote: name -> (3, 4) float32. Raises InputError if it is damaged or of another version."""
+    data = read_json(path)
+    expected = f"colours of version {VERSION} beside a .ply: a 3 x 4 matrix a view"
+    if not isinstance(data, dict) or (data.get("schema_name"), data.get("version")) != (SCHEMA, VERSION):
+        raise InputError(path, "another schema or version", expected)
+    try:
+        found = {str(name): np.array(matrix, dtype=np.float32) for name, matrix in data["views"].items()}
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise InputError(path, str(error), expected) from None
+    for name, matrix in found.items():
+        if matrix.shape != (3, 4) or not np.isfinite(matrix).all():
+            raise InputError(path, f"views.{name}: shape {matrix.shape} or a value that isn't finite", expected)
+    return found

@@ -1,0 +1,145 @@
+"""Depth priors of a scene, from what a method may see (DoF-Gaussian, section 4.2).
+
+`make_prior` gives what Eq. 9 is supervised by: the sparse points, our stereo (`stereo.py`), a depth network as it is
+(`network.py`) or tuned to the scene (`tuning.py`), or a dense workspace of COLMAP's (`colmap.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud, TrainingSet
+from dofbench.core.errors import InputError
+from dofbench.learning.options import TrainerOptions
+from dofbench.learning.priors.prior_progress import Progress, silent
+from dofbench.learning.supervision import DepthMap, DepthSamples, sparse_depth
+
+
+class Prior(Protocol):
+    """Depth to supervise by."""
+
+    def samples(self, index: int, camera: Camera) -> DepthSamples:
+        """What is known of training view `index`, in the pixels of its camera at any size."""
+
+
+@dataclass(frozen=True, eq=False)
+class SparsePrior:
+    """The sparse points alone."""
+
+    points: PointCloud
+
+    def samples(self, index: int, camera: Camera) -> DepthSamples:
+        """The points that the view sees."""
+        return sparse_depth(self.points, camera, index)
+
+
+@dataclass(frozen=True, eq=False)
+class DensePrior:
+    """One depth map a training view."""
+
+    maps: Sequence[DepthMap]
+
+    def samples(self, index: int, camera: Camera) -> DepthSamples:
+        """The map's known pixels, nearest at the camera's size."""
+        return self.maps[index].samples(camera)
+
+
+def make_prior(
+    training_set: TrainingSet, options: TrainerOptions, *, seed: int, steps: int, progress: Progress = silent
+) -> Prior:
+    """The prior that the options ask for. steps: of the training; tuning a network takes no more of its own.
+
+    progress: told of every view, and of every step of tuning.
+
+    Raises InputError for a file that is missing or wrong, and FloatingPointError when tuning diverges.
+    """
+    _check_files(options)
+    points = training_set.points
+    if options.depth_prior == "sparse":
+        if points is None:
+            raise InputError("option depth_prior", "sparse for a training set without points", "stereo needs them too")
+        return SparsePrior(points)
+    # Each is loaded where it is wanted: a network needs what stereo doesn't.
+    if options.depth_prior == "colmap":
+        from dofbench.learning.priors.patch_match import workspace_depth
+
+        return DensePrior(workspace_depth(Path(options.depth_prior_workspace), training_set, progress=progress))
+    from dofbench.learning.priors.stereo import stereo_depth
+
+    if options.depth_prior == "stereo":
+        # A point was matched in several views at a corner of the image: it is the better of the two.
+        maps = stereo_depth(training_set, coarser=options.depth_prior_coarser, progress=progress)
+        return DensePrior(
+            [
+                found.with_samples(sparse_depth(points, view.camera, index))
+                for index, (found, view) in enumerate(zip(maps, training_set.views, strict=True))
+            ]
+        )
+    from dofbench.learning.priors.network_prior import open_network, predicted_depth
+
+    network = open_network(options.depth_prior_file, training_set)
+    if options.depth_prior == "network":
+        return DensePrior(predicted_depth(network, training_set, None, progress=progress))
+    from dofbench.learning.priors.tuning import tune
+
+    if options.depth_prior_workspace:
+        from dofbench.learning.priors.patch_match import workspace_depth
+
+        known = workspace_depth(Path(options.depth_prior_workspace), training_set, progress=progress)
+    else:
+        known = stereo_depth(training_set, coarser=options.depth_prior_coarser, progress=progress)
+    tune(
+        network,
+        training_set,
+        known,
+        steps=min(options.depth_prior_steps, steps),
+        loss=options.depth_prior_loss,
+        seed=seed,
+        progress=progress,
+    )
+    return DensePrior(predicted_depth(network, training_set, known, progress=progress))
+
+
+def with_surface_points(training_set: TrainingSet, prior: Prior, count: int, seed: int) -> PointCloud:
+    """The sparse points, and about `count` of the prior's: as many from each view, drawn by weight, in its colours.
+
+    Raises InputError for the sparse prior, whose points are there already.
+    """
+    points = training_set.points
+    if isinstance(prior, SparsePrior) or points is None:
+        raise InputError("option start_points", f"{count} with depth_prior sparse", "0, or a prior with surfaces")
+    random = np.random.default_rng(seed)
+    xyz, rgb = [points.xyz], [points.rgb]
+    for index, view in enumerate(training_set.views):
+        camera, samples = view.camera, prior.samples(index, view.camera)
+        depth = samples.depth.numpy().astype(np.float64)
+        weight = np.ones(len(depth)) if samples.weight is None else samples.weight.numpy().astype(np.float64)
+        wanted = min(len(depth), -(-count // len(training_set.views)))
+        chosen = np.zeros(0, np.int64)
+        if wanted:
+            chosen = np.sort(random.choice(len(depth), wanted, replace=False, p=weight / weight.sum()))
+        rows, columns, z = samples.rows.numpy()[chosen], samples.columns.numpy()[chosen], depth[chosen]
+        local = np.stack(
+            [(columns + 0.5 - camera.cx) / camera.fx * z, (rows + 0.5 - camera.cy) / camera.fy * z, z, np.ones_like(z)],
+            axis=1,
+        )
+        xyz.append((local @ camera.camera_to_world.T)[:, :3])
+        rgb.append(view.image[rows, columns])
+    every, colours = np.concatenate(xyz), np.concatenate(rgb).astype(np.float32)
+    return PointCloud(every, colours, np.full(len(every), np.nan, np.float32))
+
+
+def _check_files(options: TrainerOptions) -> None:
+    """Raise InputError for a file that the prior needs and hasn't, or has and doesn't read."""
+    prior = options.depth_prior
+    if prior == "colmap" and not options.depth_prior_workspace:
+        raise InputError("option depth_prior_workspace", "none", "COLMAP's dense folder, as depth_prior is colmap")
+    for name, readers in (("depth_prior_workspace", ("colmap", "tuned")), ("depth_prior_file", ("network", "tuned"))):
+        if getattr(options, name) and prior not in readers:
+            raise InputError(f"option {name}", getattr(options, name), f"none, as depth_prior {prior} doesn't read it")

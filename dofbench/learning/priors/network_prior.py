@@ -1,0 +1,168 @@
+"""Depth by a monocular network: the one that is shipped, or one by file, as it is or tuned (`tuning.py`).
+
+A network by file is TorchScript: input (B, 3, H, W) float32 RGB in [0, 1], H and W multiples of 32; output
+(B, 1, H, W), the logarithm of z-depth up to one constant a view. To be tuned, its parameters must require gradients.
+It runs in evaluation mode: statistics of batch normalisation stay as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from dofbench.core.contracts import TrainingSet
+from dofbench.core.errors import InputError
+from dofbench.core.images import resize
+from dofbench.depth.align import fit
+from dofbench.depth.depthnet import MEAN, MULTIPLE, STD, load_folded
+from dofbench.depth.network import find_network, sampled
+from dofbench.learning.priors.prior_progress import Progress, silent
+from dofbench.learning.supervision import DepthMap, sparse_depth
+
+SHIPPED = "depthnet"
+LONGEST = 256  # px, the longer side of what goes in
+THREADS = 1  # of torch: the bits of a convolution's gradient depend on their number
+_FLOOR = 1e-3  # least disparity, as a share of the scene's median
+
+
+class LogDepth(nn.Module):
+    """A network of relative disparity as one of log depth: -log of the positive part of scale * output + shift.
+
+    unit: disparity, 1 / scene unit, that a value of 1 means. scale and shift are tuned with the rest.
+    """
+
+    def __init__(self, network: nn.Module, scale: float, shift: float, unit: float):
+        super().__init__()
+        self.network, self.unit = network, unit
+        self.scale, self.shift = (nn.Parameter(torch.tensor(value)) for value in (scale, shift))
+        self.register_buffer("mean", torch.tensor(MEAN).view(1, 3, 1, 1))
+        self.register_buffer("std", torch.tensor(STD).view(1, 3, 1, 1))
+
+    def forward(self, image: Tensor) -> Tensor:
+        """(B, 3, H, W) in [0, 1] to (B, 1, H, W)."""
+        disparity = self.scale * self.network((image - self.mean) / self.std) + self.shift
+        # All but the disparity itself above a tenth of the unit, positive below.
+        return -torch.log((functional.softplus(disparity, beta=20) + _FLOOR) * self.unit)
+
+
+def open_network(name: str, training_set: TrainingSet) -> nn.Module:
+    """A network of log depth: a TorchScript file, or for "" the shipped one, brought to the scene's disparities.
+
+    Raises InputError for a file that is no such network.
+    """
+    if name:
+        return _scripted(Path(name))
+    network = load_folded(find_network(SHIPPED)).eval()
+    unit, scale, shift = _scene_scale(network, training_set)
+    return LogDepth(network, scale, shift, unit).eval()
+
+
+def input_size(width: int, height: int) -> tuple[int, int]:
+    """(width, height) that a photograph is stretched to: at most LONGEST, multiples of what the network wants."""
+    share = min(1.0, LONGEST / max(width, height))
+    return tuple(max(MULTIPLE, round(side * share / MULTIPLE) * MULTIPLE) for side in (width, height))
+
+
+def network_input(image: np.ndarray) -> Tensor:
+    """(3, h, w) of a photograph (H, W, 3)."""
+    width, height = input_size(image.shape[1], image.shape[0])
+    small = np.clip(resize(image, width, height), 0, 1)
+    return torch.from_numpy(np.ascontiguousarray(small.transpose(2, 0, 1), dtype=np.float32))
+
+
+@contextmanager
+def fixed_threads() -> Iterator[None]:
+    """A number of torch's threads that is the same on every machine."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(THREADS)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def predicted_depth(
+    network: nn.Module, training_set: TrainingSet, known: Sequence[DepthMap] | None, *, progress: Progress = silent
+) -> list[DepthMap]:
+    """A map of every pixel of every view, each times the median ratio of what is known of the view to it.
+
+    known: semi-dense depth a view; None for the sparse points alone. A view of which nothing is known
+    keeps the network's own scale. Raises FloatingPointError for depth that isn't finite.
+    """
+    maps = []
+    for index, view in enumerate(training_set.views):
+        progress("depth prior: network", index, len(training_set.views))
+        with fixed_threads(), torch.no_grad():
+            output = run(network, network_input(view.image)[None], view.name)
+            size = view.camera.height, view.camera.width
+            depth = torch.exp(functional.interpolate(output, size, mode="bilinear", align_corners=False))[0, 0].numpy()
+        if not (np.isfinite(depth).all() and (depth > 0).all()):
+            raise FloatingPointError(f"view {view.name}: the network's depth isn't finite")
+        samples = known[index].samples(view.camera) if known is not None else None
+        if (samples is None or not len(samples.depth)) and training_set.points is not None:
+            samples = sparse_depth(training_set.points, view.camera, index)
+        if samples is not None and len(samples.depth):
+            ratio = samples.depth.numpy() / depth[samples.rows.numpy(), samples.columns.numpy()]
+            depth = depth * np.float32(np.median(ratio))
+        maps.append(DepthMap(depth.astype(np.float32), np.ones(size, np.float32)))
+    progress("depth prior: network", len(maps), len(maps))
+    return maps
+
+
+def run(network: nn.Module, images: Tensor, name: str) -> Tensor:
+    """The network's output (B, 1, H, W) for (B, 3, H, W). Raises InputError for anything of another shape."""
+    try:
+        output = network(images)
+    except RuntimeError as error:
+        reason = (str(error).strip().splitlines() or ["failed"])[-1]
+        raise InputError(
+            "option depth_prior_file", f"a network that fails on view {name} ({reason})", "one that takes (B, 3, H, W)"
+        ) from None
+    if not isinstance(output, Tensor) or output.shape != (len(images), 1, *images.shape[2:]):
+        found = tuple(output.shape) if isinstance(output, Tensor) else type(output).__name__
+        raise InputError(
+            "option depth_prior_file", f"output {found} for input {tuple(images.shape)}", "log depth (B, 1, H, W)"
+        )
+    return output
+
+
+def _scripted(file: Path) -> nn.Module:
+    if not file.is_file():
+        raise InputError(file, "no such file", "a TorchScript network")
+    try:
+        return torch.jit.load(str(file), map_location="cpu").eval()
+    except (RuntimeError, ValueError) as error:
+        reason = (str(error).strip().splitlines() or ["unreadable"])[0]
+        raise InputError(file, f"no readable network ({reason[:120]})", "a TorchScript network") from None
+
+
+def _scene_scale(network: nn.Module, training_set: TrainingSet) -> tuple[float, float, float]:
+    """(unit, scale, shift): how the network's disparity becomes the scene's, by all views' sparse points at once.
+
+    A robust fit; where the network doesn't follow the points, their mean and spread alone.
+    """
+    if training_set.points is None:
+        raise InputError("option depth_prior", "network for a training set without points", "sparse points")
+    outputs, disparities = [], []
+    for index, view in enumerate(training_set.views):
+        samples = sparse_depth(training_set.points, view.camera, index)
+        image = network_input(view.image)
+        with fixed_threads(), torch.no_grad():
+            normalised = (image[None] - torch.tensor(MEAN).view(1, 3, 1, 1)) / torch.tensor(STD).view(1, 3, 1, 1)
+            output = network(normalised)[0, 0].numpy()
+        at = np.stack([samples.columns.numpy() + 0.5, samples.rows.numpy() + 0.5], axis=1)
+        outputs.append(sampled(output, at, view.camera.width, view.camera.height))
+        disparities.append(1 / samples.depth.numpy().astype(np.float64))
+    output, disparity = np.concatenate(outputs), np.concatenate(disparities)
+    unit = float(np.median(disparity))
+    found = fit(output, disparity / unit, np.ones(len(output)), "disparity", "scale-shift")
+    if found is not None:
+        return unit, found.scale, found.shift
+    scale = float(np.std(disparity / unit)) / max(float(np.std(output)), 1e-9)
+    return unit, scale, 1.0 - scale * float(np.median(output))

@@ -1,0 +1,72 @@
+"""Depth of every view to supervise by (section 4.2): from the structure-from-motion points, or from a map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud
+from dofbench.scenes.visibility import visible
+
+
+@dataclass(frozen=True, eq=False)
+class DepthSamples:
+    """rows, columns: (M,) int64 pixels; depth: (M,) float32 z in scene units. weight: (M,), or None: all alike."""
+
+    rows: Tensor
+    columns: Tensor
+    depth: Tensor
+    weight: Tensor | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class DepthMap:
+    """Depth of one view at its size: z (H, W) float32 in scene units, 0 unknown, and its weight (H, W), 0 ... 1."""
+
+    depth: np.ndarray
+    weight: np.ndarray
+
+    def with_samples(self, samples: DepthSamples) -> DepthMap:
+        """The same map with other depths, of full weight, in those pixels."""
+        depth, weight = self.depth.copy(), self.weight.copy()
+        at = samples.rows.numpy(), samples.columns.numpy()
+        depth[at], weight[at] = samples.depth.numpy(), 1.0
+        return DepthMap(depth, weight)
+
+    def samples(self, camera: Camera) -> DepthSamples:
+        """What is known at the pixels of the same view at the camera's size.
+
+        The nearest pixel's: a mean of depths, or of depths and zeros, is no surface's depth.
+        """
+        height, width = self.depth.shape
+        rows = ((np.arange(camera.height) + 0.5) * height / camera.height).astype(np.int64)
+        columns = ((np.arange(camera.width) + 0.5) * width / camera.width).astype(np.int64)
+        depth, weight = (values[rows[:, None], columns] for values in (self.depth, self.weight))
+        known = np.nonzero((depth > 0) & (weight > 0))
+        return DepthSamples(
+            rows=torch.from_numpy(known[0]),
+            columns=torch.from_numpy(known[1]),
+            depth=torch.from_numpy(depth[known].astype(np.float32)),
+            weight=torch.from_numpy(weight[known].astype(np.float32)),
+        )
+
+
+def sparse_depth(points: PointCloud, camera: Camera, view: int) -> DepthSamples:
+    """The points that view number `view` sees (`scenes/visibility.py`), projected to pixels."""
+    seen = visible(points, camera, view)
+    pixels = seen.xy.astype(np.int64)
+    return DepthSamples(
+        rows=torch.from_numpy(pixels[:, 1].copy()),
+        columns=torch.from_numpy(pixels[:, 0].copy()),
+        depth=torch.from_numpy(seen.depth.astype(np.float32)),
+    )
+
+
+def all_disparities(points: PointCloud, cameras: list[Camera]) -> np.ndarray:
+    """Disparities, 1 / scene unit, of all points over all views that see them."""
+    found = [1.0 / sparse_depth(points, camera, index).depth.numpy() for index, camera in enumerate(cameras)]
+    return np.concatenate(found)

@@ -1,0 +1,57 @@
+"""Training photographs as the training loop wants them: at each size that it trains at, with what supervises them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import TrainingView
+from dofbench.core.images import resize
+from dofbench.learning.held_back import held_back_mask
+from dofbench.learning.options import TrainerOptions
+from dofbench.learning.priors import Prior
+from dofbench.learning.supervision import DepthSamples
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """One training view at one size: (H, W, 3) encoded image, the depth known of it, and (H, W) bool of the pixels that
+    no colour loss looks at; None for no such."""
+
+    index: int
+    name: str
+    camera: Camera
+    image: Tensor
+    known: DepthSamples | None
+    held_back: Tensor | None
+
+
+def all_photographs(
+    views: Sequence[TrainingView], options: TrainerOptions, prior: Prior | None, held_back: float, seed: int
+) -> dict[int, list[Photograph]]:
+    """All training views at each size that they are trained at, by the factor that they are shrunk by.
+
+    held_back: the share of every photograph's tiles that no colour loss looks at.
+    """
+    supervisor = prior if options.depth_weight > 0 else None
+    factors = {1, options.coarse_factor if options.coarse_until > 0 else 1}
+    return {
+        factor: [_photograph(view, index, factor, supervisor, held_back, seed) for index, view in enumerate(views)]
+        for factor in factors
+    }
+
+
+def _photograph(
+    view: TrainingView, index: int, factor: int, prior: Prior | None, held_back: float, seed: int
+) -> Photograph:
+    width, height = view.camera.width // factor, view.camera.height // factor
+    camera = view.camera if factor == 1 else view.camera.resized(width, height)
+    image = torch.from_numpy(np.ascontiguousarray(resize(view.image, width, height)))
+    known = None if prior is None else prior.samples(index, camera)
+    mask = held_back_mask(view.camera.height, view.camera.width, (height, width), held_back, seed, index)
+    return Photograph(index, view.name, camera, image, known, mask)

@@ -1,0 +1,1 @@
+"""Blur of whole images by a known lens: encode and decode, scatter, layers, and where depth jumps."""

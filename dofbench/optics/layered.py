@@ -1,0 +1,139 @@
+"""Lens blur that knows what hides what: depth layers, each scattered by itself, composited back to front.
+
+The plain scatter adds up every pixel's light wherever it lands, so a blurred background shines through a focused
+foreground and nothing is known behind a blurred one. Here, within a circle of confusion of every depth edge, pixels are
+cut into layers by their signed radius. A layer goes on behind the nearer ones where its own pixels are the nearest
+visible ones, with their radius and a smooth continuation of its colours, so that something is there where a blurred
+foreground becomes transparent. A pixel on an outline belongs to two layers in part (`mixed_pixels.py`). The light and
+the opacity of a layer are scattered alike and laid over what is behind (the "over" of Porter and Duff, 1984). Away from
+depth edges nothing is hidden, and the result is the plain scatter's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dofbench.core.lens import LAYERS
+from dofbench.optics.depth_edges import near_depth_edges
+from dofbench.optics.mixed_pixels import MixedPixels, mixed_pixels
+
+_SEAM = 2  # pixels around the depth edges' reach over which the two results pass into each other
+
+
+def layered_blur(
+    linear: Tensor, signed_radius: Tensor, scatter: Callable[[Tensor, Tensor], Tensor], *, layers: int = LAYERS
+) -> Tensor:
+    """Blur `linear`, (H, W, 3) linear light, by `signed_radius`, (H, W) pixels, positive nearer; (H, W, 3).
+
+    scatter: blurs an (H, W, C) image by an (H, W) radius, normalised so that a constant stays one. layers: into which
+    the range of radii is cut evenly. No gradient. Raises ValueError for less than one layer, and what `scatter` does
+    for a radius that isn't finite.
+    """
+    if layers < 1:
+        raise ValueError(f"layers: expected at least 1, found {layers}")
+    plain = scatter(linear, signed_radius)  # raises for a radius that isn't finite
+    radius = signed_radius.numpy()
+    edges = near_depth_edges(radius) if layers > 1 else np.zeros(radius.shape, dtype=bool)
+    if not edges.any():
+        return plain
+    share = torch.from_numpy(_softened(edges).astype(linear.numpy().dtype))[..., None]
+    return share * _composited(linear.numpy(), radius, scatter, layers) + (1 - share) * plain
+
+
+def _composited(
+    linear: np.ndarray, radius: np.ndarray, scatter: Callable[[Tensor, Tensor], Tensor], layers: int
+) -> Tensor:
+    least, most = float(radius.min()), float(radius.max())
+
+    def layer_of(some: np.ndarray) -> np.ndarray:
+        return np.clip((some - least) / (most - least) * layers, 0, layers - 1).astype(np.int32)
+
+    mixed = mixed_pixels(linear, radius)
+    near_layer, far_layer = layer_of(mixed.near_radius), layer_of(mixed.far_radius)
+    mixed, near_layer = mixed.where(near_layer != far_layer), near_layer[near_layer != far_layer]
+    # A mixed pixel is its far surface, and has the near one before it in part.
+    linear, radius = linear.copy(), radius.copy()
+    linear[mixed.rows, mixed.columns], radius[mixed.rows, mixed.columns] = mixed.far, mixed.far_radius
+    label = layer_of(radius)
+    behind = torch.zeros(linear.shape, dtype=torch.from_numpy(linear).dtype)
+    for index in np.union1d(label, near_layer):
+        light, own = _layer(linear, radius, label, index, mixed.where(near_layer == index))
+        over = scatter(torch.from_numpy(light), torch.from_numpy(own))
+        behind = over[..., :3] + (1 - over[..., 3:]) * behind
+    return behind
+
+
+def _layer(
+    linear: np.ndarray, radius: np.ndarray, label: np.ndarray, index: int, before: MixedPixels
+) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W, 4) light and opacity of one layer, and the (H, W) radius by which they are scattered."""
+    seen = label <= index
+    nearest = _nearest(seen)
+    member = label.reshape(-1)[nearest] == index
+    colour = np.where(seen[..., None], linear, _continued(linear, label == index)) if not seen.all() else linear
+    light = np.concatenate([colour, np.ones_like(colour[..., :1])], axis=2) * member[..., None]
+    own = radius.reshape(-1)[nearest]
+    light[before.rows, before.columns, :3] = before.near * before.share[:, None]
+    light[before.rows, before.columns, 3] = before.share
+    own[before.rows, before.columns] = before.near_radius
+    member[before.rows, before.columns] = True
+    if not member.all():
+        # Where the layer isn't, empty space is spread as wide as the layer beside it: opacity is then the
+        # share of the circle of confusion that the layer covers.
+        own = own.reshape(-1)[_nearest(member)]
+    return light.astype(linear.dtype, copy=False), np.ascontiguousarray(own)
+
+
+def _continued(image: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """The image with what isn't known filled in smoothly: means over ever larger squares of what is.
+
+    A pyramid, down and up again (Gortler, Grzeszczuk, Szeliski, Cohen, The Lumigraph, 1996: pull and push).
+    """
+    import cv2
+
+    if known.all() or not known.any():
+        return image
+    height, width = known.shape
+    half = ((width + 1) // 2, (height + 1) // 2)
+    padding = ((0, height % 2), (0, width % 2))
+    weight = known.astype(np.float32)
+    coarse_weight = cv2.resize(np.pad(weight, padding), half, interpolation=cv2.INTER_AREA)
+    coarse = (
+        cv2.resize(
+            np.pad((image * weight[..., None]).astype(np.float32), (*padding, (0, 0))),
+            half,
+            interpolation=cv2.INTER_AREA,
+        )
+        / np.maximum(coarse_weight, 1e-6)[..., None]
+    )
+    filled = _continued(coarse, coarse_weight > 0)
+    fine = cv2.resize(filled, (2 * half[0], 2 * half[1]), interpolation=cv2.INTER_LINEAR)
+    return np.where(known[..., None], image, fine[:height, :width])
+
+
+def _softened(mask: np.ndarray) -> np.ndarray:
+    """(H, W) share, 0 ... 1: one on the mask, and falling to zero within a few pixels around it."""
+    import cv2
+
+    distance = cv2.distanceTransform(np.logical_not(mask).astype(np.uint8), cv2.DIST_L2, 5)
+    return np.clip(1 - distance / (_SEAM + 1), 0, 1)
+
+
+def _nearest(chosen: np.ndarray) -> np.ndarray:
+    """(H, W) flat index of the chosen pixel that is nearest to each pixel; itself where it is chosen."""
+    import cv2
+
+    places = np.flatnonzero(chosen)
+    if places.size == chosen.size:
+        return places.reshape(chosen.shape)
+    _, labels = cv2.distanceTransformWithLabels(
+        np.logical_not(chosen).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    # OpenCV numbers the chosen pixels in an order of its own.
+    of_label = np.zeros(labels.max() + 1, dtype=np.int64)
+    of_label[labels.reshape(-1)[places]] = places
+    return of_label[labels]

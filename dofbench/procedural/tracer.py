@@ -1,0 +1,180 @@
+"""Photographs of a stage by mitsuba: through a pinhole, or through a real thin lens; and exact depth."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dofbench.core.cameras import Camera
+from dofbench.core.images import encode
+from dofbench.core.lens import PhysicalLens
+from dofbench.procedural.stage import Stage
+from dofbench.procedural.surfaces import load_stage
+
+# Samples of one call, a pixel: jittered on a grid of 8 x 8 over the pixel and, each by itself, over the lens and the
+# lights. More at once would gain little, need more memory, and keep a signal waiting.
+_GRID = 8
+_SQUARE = 1e-3  # relative difference of the focal lengths that is let pass: a fifth of a pixel at an image's edge
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """linear: (H, W, 3) float32, linear light, not clipped. samples: rays a pixel.
+
+    noise_rms: standard deviation of `linear`, over all pixels and channels, from two independent halves of the samples.
+    noise_psnr: the same between the image, encoded and clipped, and what infinitely many samples would
+    give, in dB; inf where the halves are equal.
+    """
+
+    linear: np.ndarray
+    samples: int
+    noise_rms: float
+    noise_psnr: float
+
+    @property
+    def noise(self) -> dict[str, float]:
+        """The two numbers as records have them; an infinite one as 200 dB.
+
+        Rounded: where a ray meets the edge that two triangles share, the tracer takes either, not always the same one,
+        so that a few pixels of an image differ in the last bit of float32 from one run to the next.
+        """
+        return {
+            "noise_rms_linear": float(f"{self.noise_rms:.3g}"),
+            "noise_psnr_db": round(min(self.noise_psnr, 200.0), 2),
+        }
+
+
+def sets_of(samples: int) -> tuple[int, int]:
+    """(number of sets, samples of a set): jittered sets that together have at least `samples`, in two equal halves."""
+    side = max(1, min(_GRID, math.isqrt(samples // 2)))
+    return 2 * math.ceil(samples / (2 * side * side)), side * side
+
+
+class Tracer:
+    """Renders one stage. A variant must have been chosen (`choose_variant`).
+
+    Lighting is direct: lamps and sky, with shadows; what bounces from prop to prop is left out.
+    """
+
+    def __init__(self, stage: Stage):
+        import mitsuba as mi
+
+        self._scene = load_stage(stage)
+        # Beside an aimed ray, one where the surface reflects most, for gloss and the wide sky. It would hit
+        # props that shine, by rare and bright chance, so there they light nothing.
+        shining = any(prop.finish == "lamp" for prop in stage.props)
+        self._integrator = mi.load_dict({"type": "direct", "emitter_samples": 1, "bsdf_samples": int(not shining)})
+
+    def photograph(
+        self,
+        camera: Camera,
+        samples: int,
+        key: str,
+        lens: PhysicalLens | None = None,
+        *,
+        window: tuple[slice, slice] | None = None,
+        tick: Callable[[], None] = lambda: None,
+    ) -> Photograph:
+        """What the camera sees; each pixel is the mean over its square.
+
+        samples: rays a pixel, rounded up to whole sets (`sets_of`). key: text that fixes the random numbers. lens: None
+        or of aperture 0 is a pinhole. window: (rows, columns) of the image to render alone, with other random
+        numbers than the whole has. tick: called after each set. Raises ValueError for a lens focused at infinity or
+        beyond, and for a camera with pixels that aren't square or its principal point off the middle.
+        """
+        import mitsuba as mi
+
+        rows, columns = window or (slice(0, camera.height), slice(0, camera.width))
+        count, size = sets_of(samples)
+        sensor = mi.load_dict(self._sensor(camera, size, lens, rows, columns))
+        halves = np.zeros((2, rows.stop - rows.start, columns.stop - columns.start, 3))
+        for index in range(count):
+            digest = hashlib.sha256(f"{key}/{index}".encode()).digest()
+            # Not mi.render, which turns a signal's exception into another.
+            image = self._integrator.render(self._scene, sensor, seed=int.from_bytes(digest[:4], "little"), spp=size)
+            halves[index % 2] += np.array(image, dtype=np.float64)
+            tick()
+        halves /= count / 2
+        # The standard deviation of the mean of two is half of that of their difference.
+        noise = float(np.sqrt(np.mean((halves[0] - halves[1]) ** 2))) / 2
+        shown = [encode(np.clip(half, 0, 1)) for half in halves]
+        squared = float(np.mean((shown[0] - shown[1]) ** 2)) / 4
+        return Photograph(
+            halves.mean(axis=0).astype(np.float32),
+            count * size,
+            noise,
+            math.inf if squared == 0 else -10 * math.log10(squared),
+        )
+
+    def depth(self, camera: Camera) -> np.ndarray:
+        """z-depth (H, W) float32 of the first surface behind each pixel's centre, scene units; 0 where there is none.
+
+        The renderer's own depth output is the ray's length averaged over the pixel, which is neither.
+        """
+        import mitsuba as mi
+
+        x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
+        local = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], axis=-1)
+        local = local.reshape(-1, 3)
+        length = np.linalg.norm(local, axis=1)
+        world = (local / length[:, None]) @ camera.world_to_camera[:3, :3]
+        centre = camera.centre
+        if str(mi.variant()).startswith("scalar"):
+            origin = [float(v) for v in centre]
+            hits = [self._scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(way.tolist()))) for way in world]
+            t = np.array([float(hit.t) for hit in hits])
+        else:
+            ray = mi.Ray3f(mi.Point3f(*[float(v) for v in centre]), mi.Vector3f(world.T.astype(np.float32)))
+            t = np.array(self._scene.ray_intersect(ray).t, dtype=np.float64)
+        z = np.where(np.isfinite(t), t / length, 0.0)
+        return z.reshape(camera.height, camera.width).astype(np.float32)
+
+    def _sensor(
+        self, camera: Camera, samples: int, lens: PhysicalLens | None, rows: slice, columns: slice
+    ) -> dict[str, Any]:
+        import mitsuba as mi
+
+        if not math.isclose(camera.fx, camera.fy, rel_tol=_SQUARE) or (camera.cx, camera.cy) != (
+            camera.width / 2,
+            camera.height / 2,
+        ):
+            raise ValueError("camera: expected square pixels and the principal point in the middle")
+        # Mitsuba's camera looks along +z with x to the left and y up: OpenCV's with x and y turned round.
+        to_world = camera.camera_to_world @ np.diag([-1.0, -1.0, 1.0, 1.0])
+        sensor = {
+            "type": "perspective",
+            "fov_axis": "x",
+            "fov": math.degrees(2 * math.atan(camera.width / (2 * camera.fx))),
+            "near_clip": 1e-3,
+            "far_clip": 1e6,
+            "to_world": mi.ScalarTransform4f(to_world),
+            "film": {
+                "type": "hdrfilm",
+                "width": camera.width,
+                "height": camera.height,
+                "crop_offset_x": columns.start,
+                "crop_offset_y": rows.start,
+                "crop_width": columns.stop - columns.start,
+                "crop_height": rows.stop - rows.start,
+                "pixel_format": "rgb",
+                "component_format": "float32",
+                "rfilter": {"type": "box"},
+            },
+            "sampler": {"type": "multijitter", "sample_count": samples},
+        }
+        if lens is None or lens.aperture == 0:
+            return sensor
+        if not lens.focus_disparity > 0:
+            raise ValueError(f"focus: expected a plane in front of the lens, found disparity {lens.focus_disparity}")
+        # A point at depth z and a lens point u off the axis are seen fx u (1 / focus - 1 / z) pixels from
+        # where the pinhole sees it: the radius is fx times the lens's, times that difference.
+        return sensor | {
+            "type": "thinlens",
+            "aperture_radius": lens.aperture * (camera.width / lens.width) / camera.fx,
+            "focus_distance": 1 / lens.focus_disparity,
+        }

@@ -1,0 +1,1 @@
+"""Declared tables of switches, run over datasets and seeds, beside the published figures."""

@@ -1,0 +1,88 @@
+"""What the runs of a table came to: cells with mean and spread."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from dataclasses import dataclass
+
+from dofbench.reporting.summary import Cell, Line, scene_mean, seed_cell
+from dofbench.results.collecting import Entry
+from dofbench.results.protocol import arithmetic_mean
+from dofbench.running.ablation_plan import TablePlan
+from dofbench.running.ended_runs import Ended
+
+NOT_RUN = Cell(None, failure="not run yet", reason="the same command goes on with it")
+
+
+@dataclass(frozen=True)
+class Filled:
+    """A table's runs as far as they have ended.
+
+    seeds: those of which every cell has ended; the first, if none has. entries: (row, dataset, seed) -> how it ended.
+    """
+
+    plan: TablePlan
+    seeds: tuple[int, ...]
+    entries: dict[tuple[str, str, int], Entry]
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Labels of the rows."""
+        return tuple(row.label for row in self.plan.table.rows)
+
+    @property
+    def datasets(self) -> tuple[str, ...]:
+        """Labels of the datasets."""
+        return tuple(source.label for source in self.plan.sources)
+
+    def cell(self, row: str, dataset: str, column: str) -> Cell:
+        """Mean and sample standard deviation over the seeds."""
+        found = [self.entries.get((row, dataset, seed)) for seed in self.seeds]
+        ended = [entry for entry in found if entry is not None]
+        return seed_cell(ended, column) if len(ended) == len(found) else NOT_RUN
+
+    def lines(self, dataset: str) -> list[Line]:
+        """The rows on one dataset."""
+        columns = self.plan.table.columns
+        return [self._line(row, {column: self.cell(row, dataset, column) for column in columns}) for row in self.rows]
+
+    def mean_lines(self) -> list[Line]:
+        """The rows as means over the datasets; the spread is that of this mean over the seeds."""
+        columns = self.plan.table.columns
+        return [self._line(row, {column: self.mean_cell(row, column) for column in columns}) for row in self.rows]
+
+    def mean_cell(self, row: str, column: str) -> Cell:
+        """Only over a complete set of datasets and seeds."""
+        lines = {dataset: self._line(row, {column: self.cell(row, dataset, column)}) for dataset in self.datasets}
+        mean = scene_mean(lines, list(self.datasets), column)
+        values = [[self.value(row, dataset, seed, column) for dataset in self.datasets] for seed in self.seeds]
+        means = [arithmetic_mean(one) for one in values if None not in one]  # type: ignore[arg-type]
+        if mean.value is None or len(means) < 2 or not all(map(math.isfinite, means)):
+            return mean
+        return Cell(mean.value, statistics.stdev(means))
+
+    def value(self, row: str, dataset: str, seed: int, column: str) -> float | None:
+        """One run's score; None where there is none."""
+        entry = self.entries.get((row, dataset, seed))
+        return entry.scores.get(column) if entry is not None and not self._failed(entry) else None
+
+    def runs(self, row: str, dataset: str) -> list[Entry]:
+        """The row's runs on a dataset; empty unless every seed has ended."""
+        found = [self.entries.get((row, dataset, seed)) for seed in self.seeds]
+        return [entry for entry in found if entry is not None] if None not in found else []
+
+    def _line(self, row: str, cells: dict[str, Cell]) -> Line:
+        return Line(row, "", ", ".join(map(str, self.seeds)), cells)
+
+    @staticmethod
+    def _failed(entry: Entry) -> bool:
+        return entry.status != "ok"
+
+
+def fill(plan: TablePlan, ended: Ended) -> Filled:
+    """What has ended of a table's runs."""
+    entries = {place: entry for place, run in plan.runs.items() if (entry := ended.find(run)) is not None}
+    seeds = sorted({seed for _, _, seed in plan.runs})
+    whole = [seed for seed in seeds if all(place in entries for place in plan.runs if place[2] == seed)]
+    return Filled(plan, tuple(whole or seeds[:1]), entries)

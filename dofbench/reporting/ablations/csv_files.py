@@ -1,0 +1,93 @@
+"""The CSV files of a table: every run's scores, and their means, spreads and differences."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from dofbench.reporting.ablations.cells import NOT_RUN, Filled
+from dofbench.reporting.ablations.row_differences import differences
+from dofbench.reporting.differences import verdict
+from dofbench.reporting.summary import Cell
+from dofbench.reporting.table_files import write_csv
+from dofbench.results.columns import COLUMNS
+
+CELLS = ("table", "row", "dataset", "seed", "column", "value", "status")
+SUMMARY = (
+    "table",
+    "row",
+    "dataset",
+    "seeds",
+    "column",
+    "mean",
+    "sd",
+    "status",
+    "paper",
+    "difference",
+    "difference_sd",
+    "p",
+    "pairs",
+    "difference_low",
+    "difference_high",
+    "verdict",
+)
+MEAN = "mean"  # stands for the dataset in the rows that average over all of them
+
+
+def write_cells(path: Path, filled: Filled) -> None:
+    """One row a run and score. value is empty where there is none: status says how the run ended, or "not run"."""
+    rows = []
+    for row, dataset, seed in filled.plan.runs:
+        entry = filled.entries.get((row, dataset, seed))
+        for column in filled.plan.table.columns:
+            rows.append(
+                {
+                    "table": filled.plan.table.id,
+                    "row": row,
+                    "dataset": dataset,
+                    "seed": seed,
+                    "column": column,
+                    "value": filled.value(row, dataset, seed, column),
+                    "status": "not run" if entry is None else str(entry.status),
+                }
+            )
+    write_csv(path, CELLS, rows)
+
+
+def write_summary(path: Path, filled: Filled) -> None:
+    """One row a cell of the page. paper: the paper's mean, on its own data. The difference is from the reference row,
+    over the views of all datasets (for a cost, the seeds), with p and interval as on the page."""
+    declared = filled.plan.table
+    paper = {row.label: row.paper for row in declared.rows}
+    rows = []
+    for column in declared.columns:
+        found = differences(filled, column) if declared.reference is not None else {}
+        for row in filled.rows:
+            for dataset in filled.datasets:
+                rows.append(_row(filled, row, dataset, column, filled.cell(row, dataset, column)))
+            mean = _row(filled, row, MEAN, column, filled.mean_cell(row, column)) | {"paper": paper[row].get(column)}
+            if row in found and (difference := found[row].difference) is not None:
+                mean |= {
+                    "difference": difference.mean,
+                    "difference_sd": difference.spread,
+                    "p": difference.p,
+                    "pairs": difference.pairs,
+                    "difference_low": difference.low,
+                    "difference_high": difference.high,
+                    "verdict": verdict(difference, COLUMNS[column]),
+                }
+            rows.append(mean)
+    write_csv(path, SUMMARY, rows)
+
+
+def _row(filled: Filled, row: str, dataset: str, column: str, cell: Cell) -> dict[str, object]:
+    status = "ok" if cell.value is not None else "not run" if cell is NOT_RUN else cell.failure or "no such score"
+    return {
+        "table": filled.plan.table.id,
+        "row": row,
+        "dataset": dataset,
+        "column": column,
+        "seeds": " ".join(map(str, filled.seeds)),
+        "mean": cell.value,
+        "sd": cell.spread,
+        "status": status,
+    }

@@ -1,0 +1,53 @@
+"""The pictures that a run was scored against and made: only those that are still what the result says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from dofbench.core.errors import InputError
+from dofbench.core.files import sha256_file
+from dofbench.dataset.dataset import Dataset, DatasetView
+from dofbench.results.collecting import Entry
+from dofbench.scoring.evaluate import Kind
+
+
+def find_dataset(entries: Iterable[Entry]) -> tuple[Dataset | None, str]:
+    """(the dataset that these runs of one board were scored on, "") or (None, why it isn't to be had)."""
+    reason = "no run says where its dataset is"
+    for entry in entries:
+        if entry.result is None:
+            continue
+        folder = Path(entry.result.data)
+        if not (folder / "dataset.json").is_file():
+            reason = f"the dataset {entry.spec.dataset} isn't where its results say"
+            continue
+        try:
+            dataset = Dataset.load(folder)
+        except InputError as error:
+            reason = f"the dataset can't be read: {error}"
+            continue
+        if dataset.checksum == entry.spec.dataset_checksum:
+            return dataset, ""
+        reason = f"the dataset {entry.spec.dataset} is another one by now: its checksum isn't that of the results"
+    return None, reason
+
+
+def true_picture(dataset: Dataset, kind: Kind, view: DatasetView) -> np.ndarray:
+    """What a prediction of this kind was compared with, (H, W, 3), encoded. Raises InputError when the file isn't what
+    the manifest says."""
+    dataset.require_intact(view, "all_in_focus" if kind == "all_in_focus" else "image")
+    return dataset.all_in_focus(view) if kind == "all_in_focus" else dataset.image(view)
+
+
+def prediction_file(entry: Entry, folder: str, view: str) -> Path | None:
+    """The PNG of a prediction or of its error map, by folder below predictions/; None where it isn't there, or not with
+    the checksum that the result has."""
+    if entry.result is None:
+        return None
+    relative = f"predictions/{folder}/{view}.png"
+    path = entry.folder / relative
+    known = entry.result.predictions.get(relative)
+    return path if known is not None and path.is_file() and sha256_file(path) == known else None

@@ -1,0 +1,67 @@
+"""Scores that were computed after a run was over, kept beside its result.json, which never changes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from dofbench.core.errors import InputError
+from dofbench.core.files import sha256_file, write_json
+from dofbench.results.result import RESULT_FILE, Git, Stored
+
+ADDED_FILE = "added.json"
+ADDED_VERSION = 1
+
+
+class AddedScore(Stored):
+    """One column. value: mean of `views`, test view -> value. of: what it was computed from, the kept "predictions" or
+    a rendering of the kept "model". note: the metric's choices. code: `provenance.code_version` of the code that
+    computed it. scored: when."""
+
+    value: float
+    views: dict[str, float]
+    of: str
+    note: str
+    code: str
+    git: Git | None
+    scored: str
+
+
+class Added(Stored):
+    """key: the result's. result_sha256: of the result.json that these belong to. scores: by column. left_out: column ->
+    why it couldn't be had."""
+
+    schema_version: int
+    key: str
+    result_sha256: str
+    scores: dict[str, AddedScore]
+    left_out: dict[str, str]
+
+
+def write_added(folder: Path, added: Added) -> None:
+    """Write `folder`/added.json, atomically."""
+    write_json(folder / ADDED_FILE, added.model_dump(mode="python"))
+
+
+def read_added(folder: Path) -> Added | None:
+    """What was added to the result in `folder`; None where nothing was.
+
+    Raises InputError for a file that is damaged, or that belongs to another result.json than the one beside it.
+    """
+    file = folder / ADDED_FILE
+    if not file.is_file():
+        return None
+    try:
+        added = Added.model_validate(json.loads(file.read_text(encoding="utf-8")))
+    except ValidationError as error:
+        problems = [f"{'.'.join(map(str, e['loc'])) or 'the whole'}: {e['msg']}" for e in error.errors()]
+        raise InputError(file, "; ".join(problems), f"added scores of version {ADDED_VERSION}") from None
+    except (OSError, ValueError) as error:
+        raise InputError(file, f"nothing readable ({error})", "JSON") from None
+    if added.schema_version != ADDED_VERSION:
+        raise InputError(file, f"schema_version {added.schema_version}", f"{ADDED_VERSION}")
+    if added.result_sha256 != sha256_file(folder / RESULT_FILE):
+        raise InputError(file, f"scores of another {RESULT_FILE} than the one beside it", "dofbench score made again")
+    return added

@@ -1,0 +1,192 @@
+"""Finding results, and saying which of them belong together."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dofbench.core.errors import InputError, Status
+from dofbench.core.files import canonical_json
+from dofbench.results.added_scores import Added, read_added
+from dofbench.results.columns import COLUMNS, SCORES
+from dofbench.results.result import RESULT_FILE, Result, Spec, read_result
+from dofbench.results.run_lock import LOCK_FILE, is_running, read_lock
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One run. result: None when the process died before it could write one. added: scores of later (`dofbench score`),
+    None where there are none."""
+
+    folder: Path
+    spec: Spec
+    scene: str
+    status: Status
+    message: str
+    result: Result | None
+    added: Added | None = None
+
+    @property
+    def scores(self) -> dict[str, float]:
+        """Column -> value of what was measured, then or later."""
+        later = {column: score.value for column, score in self.added.scores.items()} if self.added else {}
+        return {**later, **self.result.scores} if self.result else {}
+
+    @property
+    def left_out(self) -> dict[str, str]:
+        """Column -> why it wasn't measured."""
+        return {**(self.added.left_out if self.added else {}), **self.result.left_out} if self.result else {}
+
+    @property
+    def views(self) -> dict[str, dict[str, float]]:
+        """Test view -> column -> value, measured then or later."""
+        later = self.added.scores.items() if self.added else ()
+        return {
+            view.name: {
+                **{column: score.views[view.name] for column, score in later if view.name in score.views},
+                **view.scores,
+            }
+            for view in (self.result.views if self.result else ())
+        }
+
+    @property
+    def preset(self) -> str:
+        """The preset, with the options that the user changed: without them a number says nothing."""
+        return " ".join([self.spec.preset, *(f"{key}={_text(value)}" for key, value in self.spec.overrides.items())])
+
+    @property
+    def lenses(self) -> dict[str, Any] | None:
+        """How the dataset deals its lenses, as `dofbench.running.plan.dealt_lenses`; None where the result is of
+        before that was stored."""
+        return self.result.plan.get("lenses") if self.result else None
+
+    @property
+    def board(self) -> tuple[str, str, str]:
+        """(dataset, its checksum, protocol): only runs that share all three may share a table."""
+        return self.spec.dataset, self.spec.dataset_checksum, self.spec.protocol
+
+    @property
+    def variant(self) -> tuple[str, ...]:
+        """What runs must share to be called seeds of one another."""
+        spec = self.spec
+        # The options too: --force-all changes them, and nothing else.
+        chosen = canonical_json(spec.overrides), canonical_json(spec.options)
+        return spec.method, spec.preset, *chosen, spec.budget, spec.device, spec.code
+
+
+@dataclass(frozen=True)
+class Collection:
+    """entries: sorted. unreadable: one line for each result that can't be read. running: folders at
+    work right now, which are no result yet. doubles: copies of a run that is counted already."""
+
+    entries: tuple[Entry, ...]
+    unreadable: tuple[str, ...]
+    running: tuple[Path, ...]
+    doubles: tuple[Path, ...]
+
+
+def collect(folder: Path) -> Collection:
+    """Every result below `folder`. Raises InputError when there is none."""
+    if not folder.is_dir():
+        raise InputError(folder, "no such folder", "a folder of results, as `dofbench run` writes it")
+    entries: list[Entry] = []
+    unreadable: list[str] = []
+    running: list[Path] = []
+    doubles: list[Path] = []
+    keys: set[str] = set()
+    for file in sorted(folder.rglob(RESULT_FILE)):
+        try:
+            result = read_result(file)
+        except InputError as error:
+            unreadable.append(str(error))
+            continue
+        if result.key in keys:  # counted twice, a run would be a second seed without any spread
+            doubles.append(file.parent)
+            continue
+        keys.add(result.key)
+        try:
+            entries.append(entry_of(file.parent, result))
+        except InputError as error:  # what was added can't be read; what was there before can
+            unreadable.append(str(error))
+            entries.append(Entry(file.parent, result.spec, result.scene, result.status, result.message, result))
+    for file in sorted(folder.rglob(LOCK_FILE)):
+        if is_running(file.parent):
+            running.append(file.parent)
+        elif not (file.parent / RESULT_FILE).is_file():
+            try:
+                entries.append(dead_entry(file.parent))
+            except InputError as error:
+                unreadable.append(str(error))
+    if not entries and not unreadable:
+        raise InputError(folder, f"no {RESULT_FILE} in it or below", "results of `dofbench run`")
+    entries.sort(key=lambda entry: (*entry.board, *entry.variant, entry.spec.seed, entry.spec.key))
+    return Collection(tuple(entries), tuple(unreadable), tuple(running), tuple(doubles))
+
+
+def entry_of(folder: Path, result: Result) -> Entry:
+    """The run that left this result in `folder`. Raises InputError when what was added to it can't be read."""
+    return Entry(folder, result.spec, result.scene, result.status, result.message, result, read_added(folder))
+
+
+def dead_entry(folder: Path) -> Entry:
+    """The run that died in `folder` before it could write a result. Raises InputError for a damaged lock."""
+    spec, scene, started = read_lock(folder)
+    message = f"started {started}, and the process died without a word (killed, or out of memory)"
+    return Entry(folder, spec, scene, Status.CRASHED, message, None)
+
+
+def added_columns(entries: Sequence[Entry]) -> tuple[str, ...]:
+    """Columns that no run measures by itself and that were added to any of these (`dofbench score`)."""
+    found = dict.fromkeys(column for entry in entries if entry.added for column in entry.added.scores)
+    return tuple(column for column in COLUMNS if column in found and column not in SCORES)
+
+
+def grouped(entries: tuple[Entry, ...] | list[Entry], attribute: str) -> dict[tuple[str, ...], list[Entry]]:
+    """Entries by their `board` or `variant`, in their order."""
+    groups: dict[tuple[str, ...], list[Entry]] = {}
+    for entry in entries:
+        groups.setdefault(getattr(entry, attribute), []).append(entry)
+    return groups
+
+
+def board_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], str]:
+    """A name for each board's dataset: its own, with the checksum where one name means two datasets."""
+    boards = list(grouped(entries, "board"))
+    checksums: dict[str, set[str]] = {}
+    for dataset, checksum, _ in boards:
+        checksums.setdefault(dataset, set()).add(checksum)
+    return {board: board[0] if len(checksums[board[0]]) == 1 else f"{board[0]}@{board[1][:8]}" for board in boards}
+
+
+def variant_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], tuple[str, str]]:
+    """(method, preset) to show for each variant, with what was left out, budget, device or code added to the preset
+    where two variants would otherwise look alike."""
+    first = {variant: found[0] for variant, found in grouped(entries, "variant").items()}
+    names = {variant: (entry.spec.method, entry.preset) for variant, entry in first.items()}
+    details_of: tuple[Callable[[Entry], str], ...] = (
+        _left_out_stages,
+        lambda entry: entry.spec.budget,
+        lambda entry: entry.spec.device,
+        lambda entry: f"code {entry.spec.code[-64:][:8]}",
+    )
+    for detail in details_of:
+        alike: dict[tuple[str, str], list[tuple[str, ...]]] = {}
+        for variant, name in names.items():
+            alike.setdefault(name, []).append(variant)
+        for (method, preset), variants in alike.items():
+            details = {variant: detail(first[variant]) for variant in variants}
+            if len(set(details.values())) > 1:
+                names |= {variant: (method, f"{preset}, {details[variant]}") for variant in variants}
+    return names
+
+
+def _left_out_stages(entry: Entry) -> str:
+    stages = entry.result.plan["stages"] if entry.result else []
+    return ", ".join(f"{stage['name']} left out" for stage in stages if not stage["runs"]) or "nothing left out"
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)

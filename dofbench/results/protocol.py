@@ -1,0 +1,137 @@
+"""Named, versioned sets of choices under which results may stand side by side in one table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from dofbench.core.errors import InputError
+from dofbench.results.run_spec import Inputs
+
+AIF_PREFIX, PHOTO_PREFIX, ACROSS_PREFIX = "aif_", "photo_", "across_"
+LENS_COLUMNS = ("delta_a", "delta_f", "delta_r")
+DEPTH_COLUMNS = ("disparity_error", "depth_rel")
+PHOTOGRAPH_COLUMNS = ("photo_psnr", "photo_ssim", "photo_blur_psnr")
+# By the learned aperture scaled, the same unscaled, and all in focus; over all scored pixels, and over the thirds in
+# which the training photographs are most and least blurred.
+ACROSS_COLUMNS = (
+    "across_psnr",
+    "across_ssim",
+    "across_blurred_psnr",
+    "across_clear_psnr",
+    "unscaled_psnr",
+    "unscaled_blurred_psnr",
+    "in_focus_psnr",
+    "in_focus_blurred_psnr",
+)
+EXIF_COLUMNS = ("exif_spread", "exif_ratio")
+# Scores of photographs that compare a lens with less: none for a method without one.
+OF_LENSES = ("photo_blur_psnr", "unscaled_psnr", "unscaled_blurred_psnr")
+BY_BLUR = "photographs are predicted by one Gaussian blur in place of a lens"
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """How a result is scored. Any change of a choice is a new version, hence a new id.
+
+    id: name and version. inputs: what the method trains on. split: who says which views are test
+    views. levels: predictions are rounded to so many levels before scoring, as a PNG keeps them.
+    refocus: metrics of predictions rendered with the test view's true lens, against its shallow
+    photograph. all_in_focus: metrics of predictions rendered without a lens, against the sharp
+    original; their columns carry `aif_`. lens: errors of the learned lens, over the training
+    views, in the units of the dataset's disparity range. depth: errors of the depth rendered at the test views,
+    where the dataset's own is exact. photograph: scores of test views that are photographs of unknown lens: what isn't
+    known is fitted on half of each and the other half is scored (`dofbench.scoring.photographs`). mean: how images
+    make one number.
+    """
+
+    id: str
+    inputs: Inputs
+    split: str
+    levels: int
+    refocus: tuple[str, ...]
+    all_in_focus: tuple[str, ...]
+    lens: tuple[str, ...]
+    mean: str
+    depth: tuple[str, ...] = ()
+    photograph: tuple[str, ...] = ()
+
+    @property
+    def refocus_columns(self) -> tuple[str, ...]:
+        """Column ids of the refocus metrics."""
+        return self.refocus
+
+    @property
+    def all_in_focus_columns(self) -> tuple[str, ...]:
+        """Column ids of the all-in-focus metrics."""
+        return tuple(AIF_PREFIX + metric for metric in self.all_in_focus)
+
+    def as_data(self) -> dict[str, Any]:
+        """Plain data, for the result."""
+        return asdict(self)
+
+
+_SHARED = dict(
+    split="the dataset's test views",
+    levels=256,
+    refocus=("psnr", "ssim", "ms_ssim", "flip", "gmsd", "delta_e"),
+    all_in_focus=("psnr", "ssim", "flip"),
+    mean="arithmetic mean of the per-image values",
+)
+PHOTOGRAPHS = Protocol(
+    id="photographs-v1",
+    inputs="shallow",
+    lens=LENS_COLUMNS,
+    depth=DEPTH_COLUMNS,
+    photograph=PHOTOGRAPH_COLUMNS,
+    **{**_SHARED, "refocus": (), "all_in_focus": ()},
+)
+
+# Sharp photographs carry no lens to be learned, so there is none to be compared.
+PROTOCOLS: dict[str, Protocol] = {
+    protocol.id: protocol
+    for protocol in (
+        Protocol(id="refocus-v1", inputs="shallow", lens=LENS_COLUMNS, **_SHARED),
+        Protocol(id="sharp-inputs-v1", inputs="all-in-focus", lens=(), **_SHARED),
+        # With errors of the rendered depth.
+        Protocol(id="refocus-v2", inputs="shallow", lens=LENS_COLUMNS, depth=DEPTH_COLUMNS, **_SHARED),
+        Protocol(id="sharp-inputs-v2", inputs="all-in-focus", lens=(), depth=DEPTH_COLUMNS, **_SHARED),
+        PHOTOGRAPHS,
+        replace(PHOTOGRAPHS, id="across-apertures-v1", photograph=ACROSS_COLUMNS),
+    )
+}
+
+
+def arithmetic_mean(values: Sequence[float]) -> float:
+    """How values make one number. A NaN stays one, and so do infinities of both signs: none is left out.
+
+    Raises ValueError for no value at all.
+    """
+    if not values:
+        raise ValueError("mean: expected at least one value, found none")
+    try:
+        return math.fsum(values) / len(values)
+    except OverflowError:  # the sum alone is beyond float64
+        return math.fsum(value / len(values) for value in values)
+    except ValueError:  # infinities of both signs
+        return math.nan
+
+
+def protocol_for(inputs: Inputs, *, photographs: tuple[str, ...] = ()) -> Protocol:
+    """The newest protocol for what a method trains on. Raises InputError for unknown inputs.
+
+    photographs: where test views are photographs of unknown lens, and there is no sharp one of any, the columns that
+    they are scored by: `PHOTOGRAPH_COLUMNS`, or `ACROSS_COLUMNS` where they are of another aperture than the training
+    views.
+    """
+    found = [
+        protocol
+        for protocol in PROTOCOLS.values()
+        if protocol.inputs == inputs and protocol.photograph == (photographs if inputs == "shallow" else ())
+    ]
+    if not found:
+        known = dict.fromkeys(repr(protocol.inputs) for protocol in PROTOCOLS.values())
+        raise InputError("inputs", repr(inputs), " or ".join(known))
+    return found[-1]

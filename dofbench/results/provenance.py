@@ -1,0 +1,126 @@
+"""Where a result comes from: code, commit, machine, packages; and how much memory it took."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import os
+import platform
+import re
+import resource
+import subprocess
+from pathlib import Path
+
+import dofbench
+from dofbench.core.content import content_folder
+
+_PACKAGE = Path(dofbench.__file__).resolve().parent
+# What only shows results or calls the rest can't change one: editing it must not outdate every result.
+_NEVER_SCORES = ("cli.py", "commands", "reporting", "stability", "_content")
+_NEVER_SCORES_OF_A_METHOD = ("ablations.toml",)  # tables of runs; what a row sets is part of the run's own key
+
+
+def code_version(method_folder: Path) -> str:
+    """`<package version>+<sha256>` over every source file that can change a score.
+
+    Those are dofbench (without ablation, reporting, runs, stability and the command line), the kernels and the
+    method's own folder (without its tables of ablations); names count relative to each, so the place of the
+    checkout doesn't matter.
+    """
+    digest = hashlib.sha256()
+    for label, root in (("dofbench", _PACKAGE), ("kernels", content_folder("kernels")), ("method", method_folder)):
+        for file in sorted(root.rglob("*")):
+            relative = file.relative_to(root)
+            if file.suffix not in (".py", ".toml") or not file.is_file():
+                continue
+            if label == "dofbench" and relative.parts[0] in _NEVER_SCORES:
+                continue
+            if label == "method" and relative.parts[0] in _NEVER_SCORES_OF_A_METHOD:
+                continue
+            digest.update(f"{label}/{relative.as_posix()}\0".encode())
+            digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return f"{dofbench.__version__}+{digest.hexdigest()}"
+
+
+def git_state() -> dict[str, str | bool] | None:
+    """{"commit": …, "dirty": …} of the checkout that this package runs from; None when it's none."""
+    root = _PACKAGE.parent
+    if not (root / ".git").exists():
+        return None
+
+    def git(*words: str) -> str:
+        done = subprocess.run(["git", "-C", str(root), *words], capture_output=True, text=True, check=True)
+        return done.stdout.strip()
+
+    try:
+        return {"commit": git("rev-parse", "HEAD"), "dirty": bool(git("status", "--porcelain"))}
+    except (OSError, subprocess.CalledProcessError):  # git isn't installed, or the repository has no commit yet
+        return None
+
+
+def machine(device: str) -> dict[str, str | int | float]:
+    """Processor, cores, threads that the kernels may use, memory (GiB), operating system, Python, and the accelerator
+    if one is used."""
+    pages, page_size = os.sysconf("SC_PHYS_PAGES"), os.sysconf("SC_PAGE_SIZE")
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    described: dict[str, str | int | float] = {
+        "cpu": _cpu_model(),
+        "cores": cores,
+        "threads": _threads(cores),
+        "memory_gib": round(pages * page_size / 2**30, 1),
+        "os": platform.platform(),
+        "python": platform.python_version(),
+        "device": device,
+    }
+    if device.startswith("cuda"):
+        import torch
+
+        described["accelerator"] = torch.cuda.get_device_name(device)
+    return described
+
+
+def _threads(cores: int) -> int:
+    told = os.environ.get("NUMBA_NUM_THREADS") or os.environ.get("OMP_NUM_THREADS", "").split(",")[0]
+    return int(told) if told.isdigit() else cores
+
+
+def package_versions() -> dict[str, str]:
+    """Versions of dofbench and of what it declares to need, as installed."""
+    versions = {"dofbench": dofbench.__version__}
+    for requirement in importlib.metadata.requires("dofbench") or []:
+        name = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:  # an optional extra that isn't installed
+            continue
+    return dict(sorted(versions.items()))
+
+
+def reset_peak_memory() -> None:
+    """Forget the process's peak, where the system allows it (Linux), so that a second run in the
+    same process doesn't report the first one's."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+    except OSError:  # not Linux, or not permitted: the peak is then the whole process's
+        pass
+
+
+def peak_memory_mb() -> float:
+    """Peak resident memory of the process, MB (10^6 bytes)."""
+    try:
+        found = re.search(r"^VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text(), re.MULTILINE)
+    except OSError:
+        found = None
+    if found:
+        return int(found[1]) * 1024 / 1e6
+    # ru_maxrss is in KiB, except on macOS, where it is in bytes.
+    unit = 1 if platform.system() == "Darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+
+
+def _cpu_model() -> str:
+    try:
+        found = re.search(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
+    except OSError:
+        found = None
+    return found[1] if found else platform.processor() or platform.machine()

@@ -1,0 +1,273 @@
+"""The schema of result.json: what was run, what came out, and where it came from.
+
+Non-finite numbers are kept (as NaN, Infinity, -Infinity): a score that is NaN must be seen.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from dofbench.core.errors import InputError, Status
+from dofbench.core.files import canonical_json, sha256_text, write_json
+
+SCHEMA_VERSION = 3
+RESULT_FILE = "result.json"
+
+# Version -> function that turns a result of that version into one of the next: the plain JSON data
+# goes in and out. Whoever raises SCHEMA_VERSION adds the step here, so that old results stay readable.
+MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
+
+
+def _from_1(data: dict[str, Any]) -> dict[str, Any]:
+    """Version 2 has CPU seconds and cold start as scores, CPU seconds along the curve, the model's checksums, and how
+    many kernels were compiled. The stages held CPU seconds before; what nobody measured is left out, with the reason.
+    """
+    training = data["stages"].get("train")
+    scores = data["scores"] | ({"train_cpu_s": training["cpu"]} if training else {})
+    left_out = data["left_out"] | {"cold_start_s": "a result of schema version 1, when nobody measured it"}
+    curve = [point | {"train_cpu_s": None} for point in data["curve"]]
+    return data | {"scores": scores, "left_out": left_out, "curve": curve, "model": {}, "kernels_compiled": None}
+
+
+MIGRATIONS[1] = _from_1
+
+
+def _from_2(data: dict[str, Any]) -> dict[str, Any]:
+    """Version 3 has what was fitted to predict photographs of unknown lens, and learned apertures beside the f-number:
+    scores that no run had before."""
+    return data | {"fits": [], "apertures": []}
+
+
+MIGRATIONS[2] = _from_2
+
+
+class Stored(BaseModel):
+    """A part of a file: every key is known, nothing changes, NaN and infinities are numbers."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True, protected_namespaces=())
+
+
+class Spec(Stored):
+    """Everything that decides a result, and nothing else; its hash is the cache key.
+
+    options: the preset's with the plan's and the user's changes; overrides: the user's alone.
+    budget: as `--budget` takes it. dataset: its name. dataset_checksum: sha256 over its files.
+    code: `<version>+<sha256>` of the sources (`provenance.code_version`).
+    """
+
+    method: str
+    preset: str
+    overrides: dict[str, Any]
+    options: dict[str, Any]
+    budget: str
+    dataset: str
+    dataset_checksum: str
+    protocol: str
+    seed: int
+    device: str
+    code: str
+
+    @property
+    def key(self) -> str:
+        """sha256 of the spec as canonical JSON."""
+        return sha256_text(canonical_json(self.model_dump(mode="json")))
+
+    @property
+    def folder(self) -> Path:
+        """Where the result of this spec stands, relative to the folder of results."""
+        return Path(self.dataset) / f"{self.method}-{self.preset}-seed{self.seed}-{self.key[:8]}"
+
+
+class StageTime(Stored):
+    """Seconds that one stage took: wall, and CPU over all threads."""
+
+    wall: float
+    cpu: float
+
+
+class CurvePoint(Stored):
+    """Scores (column -> value) at one moment of training.
+
+    train_s, train_cpu_s: training seconds, wall and CPU, evaluation excluded; the second is None in results of before
+    schema version 2. loss: mean of the training loss since the point
+    before; None if no step was taken since.
+    """
+
+    train_s: float
+    train_cpu_s: float | None
+    steps: int
+    loss: float | None
+    scores: dict[str, float]
+
+
+class ViewScores(Stored):
+    """Scores (column -> value) of one test view."""
+
+    name: str
+    scores: dict[str, float]
+
+
+class ViewLens(Stored):
+    """True and estimated lens of one training view, in the dataset's units, and their errors."""
+
+    name: str
+    aperture: float
+    focus: float
+    aperture_estimated: float
+    focus_estimated: float
+    delta_a: float
+    delta_f: float
+    delta_r: float
+
+
+class HalfFitted(Stored):
+    """What was fitted on one half of a photograph (0 or 1) to predict the other. aperture: pixels * scene unit at the
+    photograph's width; focus_disparity: 1 / scene unit; both None of a method without a lens. sigma: px, of the one
+    Gaussian blur in its place, or to compare with, None where there is none. renders: how many renderings it took.
+    error: mean squared error on the half that was fitted on, encoded."""
+
+    fitted_on: int
+    aperture: float | None
+    focus_disparity: float | None
+    sigma: float | None
+    renders: int
+    error: float
+
+
+class ViewFit(Stored):
+    """Of one test view that is a photograph of unknown lens. seconds: wall, of the fit, no part of the training."""
+
+    name: str
+    seconds: float
+    halves: list[HalfFitted]
+
+
+class ViewAperture(Stored):
+    """Learned aperture of one training view, pixels * scene unit, and the f-number that its camera wrote down."""
+
+    name: str
+    aperture: float
+    f_number: float
+
+
+class Event(Stored):
+    """A NaN or infinity: the step and the place where it appeared."""
+
+    step: int
+    view: str
+    stage: str
+    detail: str
+
+
+class Git(Stored):
+    """Commit of the checkout, and whether it had changes that no commit holds."""
+
+    commit: str
+    dirty: bool
+
+
+class Result(Stored):
+    """One run.
+
+    scores: the leaderboard's columns that were measured, column -> value. left_out: the columns
+    that were not, column -> reason. left_out_stages: parts of the method that were switched off or
+    not needed, with the reason. do_nothing: errors of a predictor that always says A = F = 0.5.
+    stages: the harness's stages; method_stages: the method's own, wall seconds within "train".
+    kernels_compiled: during the run, 0 where all lay on disk; None where nobody counted (before schema version 2).
+    predictions, model: file, relative to the result's folder -> sha256; model is empty before version 2. data: the
+    dataset's folder, as it was given. plan, protocol: as plain data. fits, apertures: empty before
+    version 3. git is None outside a checkout.
+    """
+
+    schema_version: int
+    key: str
+    spec: Spec
+    protocol: dict[str, Any]
+    plan: dict[str, Any]
+    status: Status
+    message: str
+    traceback: str
+    scene: str
+    data: str
+    command: str
+    started: str
+    ended: str
+    scores: dict[str, float]
+    left_out: dict[str, str]
+    left_out_stages: dict[str, str]
+    do_nothing: dict[str, float]
+    views: list[ViewScores]
+    lens: list[ViewLens]
+    fits: list[ViewFit]
+    apertures: list[ViewAperture]
+    curve: list[CurvePoint]
+    stages: dict[str, StageTime]
+    method_stages: dict[str, float]
+    description: dict[str, float]
+    kernels_compiled: int | None
+    nonfinite: list[Event]
+    predictions: dict[str, str]
+    model: dict[str, str]
+    git: Git | None
+    machine: dict[str, str | int | float]
+    packages: dict[str, str]
+
+    @property
+    def finished(self) -> bool:
+        """Whether the outcome belongs to the spec, so that running again would only repeat it. A
+        crash, or too little memory or time, may be the machine's."""
+        return self.status in (Status.OK, Status.DIVERGED)
+
+
+def write_result(folder: Path, result: Result) -> None:
+    """Write `folder`/result.json, atomically."""
+    write_json(folder / RESULT_FILE, result.model_dump(mode="python"))
+
+
+def read_result(path: Path) -> Result:
+    """Read a result.json (or the one in a folder), bringing an older schema up to date.
+
+    Raises InputError when the file is missing, no JSON, of a newer schema or incomplete.
+    """
+    path = Path(path)
+    path = path / RESULT_FILE if path.is_dir() else path
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(path, "no such file", "a result that `dofbench run` wrote") from None
+    except (OSError, ValueError) as error:
+        raise InputError(path, f"nothing readable ({error})", "JSON") from None
+    try:
+        return Result.model_validate(migrate(data, path))
+    except ValidationError as error:
+        problems = [f"{'.'.join(map(str, e['loc'])) or 'the whole'}: {e['msg']}" for e in error.errors()]
+        raise InputError(path, "; ".join(problems), f"a result of schema version {SCHEMA_VERSION}") from None
+
+
+def migrate(data: Any, path: Path) -> dict[str, Any]:
+    """Apply `MIGRATIONS` until the data are of `SCHEMA_VERSION`. Raises InputError if that can't be."""
+    version = data.get("schema_version") if isinstance(data, dict) else None
+    expected = f"schema_version 1 ... {SCHEMA_VERSION}"
+    if not isinstance(version, int):
+        raise InputError(path, "no schema_version", expected)
+    if version > SCHEMA_VERSION:
+        raise InputError(path, f"schema_version {version}, written by a newer dofbench", expected)
+    while version < SCHEMA_VERSION:
+        if version not in MIGRATIONS:
+            raise InputError(path, f"schema_version {version}", expected)
+        try:
+            data = MIGRATIONS[version](data)
+        except (KeyError, TypeError, AttributeError) as error:
+            raise InputError(
+                path,
+                f"schema_version {version}, and in it {type(error).__name__}: {error}",
+                "what a result of that version holds",
+            ) from None
+        version += 1
+        data["schema_version"] = version
+    return data

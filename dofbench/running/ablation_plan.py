@@ -1,0 +1,131 @@
+"""Which runs the tables need: plain data, decided before anything runs."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dofbench.core.errors import InputError
+from dofbench.core.files import canonical_json, sha256_text
+from dofbench.dataset.dataset import Dealt
+from dofbench.results.lens_columns import lens_words
+from dofbench.results.run_spec import Run, parse_overrides
+from dofbench.running.ablation_options import Ablate
+from dofbench.running.ablation_tables import Declaration, Row, Table, chosen_tables
+from dofbench.running.plan import dealt_lenses
+from dofbench.running.planned_runs import PlannedRun, different_datasets, plan_run
+
+
+@dataclass(frozen=True)
+class Source:
+    """A dataset of the call. label: its name, with the folder's where two have one name. lenses: what its views were
+    made with, in words."""
+
+    folder: Path
+    label: str
+    scene: str
+    assign: Dealt
+    lenses: str
+
+
+@dataclass(frozen=True)
+class TablePlan:
+    """A table with its datasets. runs: (row's label, dataset's label, seed) -> the run; equal runs are one object."""
+
+    table: Table
+    sources: tuple[Source, ...]
+    runs: dict[tuple[str, str, int], PlannedRun]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """tables: what will be written. runs: every run once, all of seed 0 first. skipped: tables without a dataset."""
+
+    tables: tuple[TablePlan, ...]
+    runs: tuple[PlannedRun, ...]
+    skipped: tuple[str, ...]
+
+
+def make_plan(settings: Ablate, declaration: Declaration) -> Plan:
+    """Decide every run of the call.
+
+    Raises InputError for a table, an option, a preset or a dataset that doesn't fit, before anything runs.
+    """
+    sources = _sources(settings.folders)
+    shared = parse_overrides(settings.set)
+    runs: dict[str, PlannedRun] = {}
+    plans: list[TablePlan] = []
+    skipped: list[str] = []
+    for table in chosen_tables(declaration, settings.ids):
+        own = tuple(source for source in sources if source.assign in table.assign)
+        if not own:
+            wanted = f"made with --assign {' or '.join(one for one in table.assign if one != 'unknown')}"
+            if table.id in settings.ids:
+                raise InputError(f"table {table.id}", "no dataset for it in --data", f"one that was {wanted}")
+            skipped.append(f"table {table.id} is left out: it wants a dataset {wanted}")
+            continue
+        cells: dict[tuple[str, str, int], PlannedRun] = {}
+        for row in table.rows:
+            for source in own:
+                first = _run(settings, declaration, table, row, source, shared)
+                for seed in range(settings.seeds):
+                    run = first.with_seed(seed)
+                    cells[row.label, source.label, seed] = runs.setdefault(_what_runs(run), run)
+        plans.append(TablePlan(table, own, cells))
+    ordered = sorted(runs.values(), key=lambda run: run.spec.seed)  # stable: tables and rows keep their order
+    return Plan(tuple(plans), tuple(ordered), tuple(skipped))
+
+
+def _run(
+    settings: Ablate,
+    declaration: Declaration,
+    table: Table,
+    row: Row,
+    source: Source,
+    shared: dict[str, Any],
+) -> PlannedRun:
+    """The run of seed 0."""
+    run = Run(
+        method=row.method or declaration.method,
+        data=source.folder,
+        preset=row.preset or settings.preset,
+        set=tuple(f"{key}={_toml(value)}" for key, value in {**shared, **row.set}.items()),
+        budget=settings.budget,
+        device=settings.device,
+        out=settings.results,
+        inputs=table.inputs,
+        force_all=row.force_all,
+    )
+    try:
+        return plan_run(run)
+    except InputError as error:
+        raise InputError(f"table {table.id}, row {row.label}: {error.subject}", error.found, error.expected) from None
+
+
+def _what_runs(run: PlannedRun) -> str:
+    """Equal for two runs that do the same, even if one says an option that the other has anyway."""
+    rest = run.spec.model_dump(mode="json", exclude={"overrides", "preset", "options"})
+    return sha256_text(canonical_json({**rest, "options": run.options}))
+
+
+def _toml(value: Any) -> str:
+    """The shortest text that `--set` reads back as `value`."""
+    if isinstance(value, str) and parse_overrides((f"x={value}",)) == {"x": value}:
+        return value
+    return json.dumps(value)
+
+
+def _sources(folders: tuple[Path, ...]) -> tuple[Source, ...]:
+    """Raises InputError for a folder that is no dataset, or given twice."""
+    datasets = different_datasets(folders)
+    names = Counter(dataset.name for dataset in datasets)
+    found = []
+    for folder, dataset in zip(folders, datasets, strict=True):
+        alone = names[dataset.name] == 1
+        label = dataset.name if alone else f"{dataset.name} ({folder})"
+        lenses = lens_words(dealt_lenses(dataset))
+        found.append(Source(folder, label, dataset.scene, dataset.assign, lenses))
+    return tuple(found)

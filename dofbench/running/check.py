@@ -1,0 +1,152 @@
+"""Is a result what it says it is? Schema, key, checksums, and a score computed again from the pictures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+from rich.console import Console
+
+from dofbench.core.errors import InputError, Status
+from dofbench.core.files import sha256_file
+from dofbench.core.images import read_image
+from dofbench.dataset.dataset import Dataset
+from dofbench.metrics import score_image
+from dofbench.results.added_scores import ADDED_FILE, read_added
+from dofbench.results.result import RESULT_FILE, Result, read_result
+from dofbench.results.run_lock import LOCK_FILE, is_running
+from dofbench.running.one_run import TRAINED_FILE
+from dofbench.scoring.evaluate import PREFIX, WHOLE
+from dofbench.scoring.photograph_scores import picture_scores
+from dofbench.scoring.result_consistency import added_inconsistencies, inconsistencies
+
+# The pictures hold exactly what was scored (8 bits), so only the order of summation may differ.
+PSNR_AGREEMENT = 1e-4  # dB
+
+
+def check(path: Path, console: Console | None = None) -> bool:
+    """Check a dataset, a result, or every result below a folder; print what is wrong. True when nothing is.
+
+    Below a folder also: runs that died, and results that are there twice. Raises InputError when there is neither a
+    dataset nor a result at `path`.
+    """
+    console = console or Console()
+    if not path.exists():
+        raise InputError(path, "no such file or folder", "a dataset, a result or a folder of results")
+    folder = path if path.is_dir() else path.parent
+
+    def say(line: str) -> None:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+    if (folder / "dataset.json").is_file():
+        from dofbench.synthesis.verify import check_dataset
+
+        problems = {folder: check_dataset(folder)}
+    else:
+        found = {file.parent for name in (RESULT_FILE, LOCK_FILE) for file in folder.rglob(name)}
+        if not found:
+            raise InputError(path, f"neither dataset.json nor {RESULT_FILE}", "a dataset or a folder of results")
+        problems = _check_results(sorted(found), say)
+    for subject, lines in problems.items():
+        for line in lines or ["good"]:
+            say(f"{subject}: {line}")
+    return not any(problems.values())
+
+
+def check_result(folder: Path) -> list[str]:
+    """What is wrong with the result in `folder`, one line each; an empty list when nothing is.
+
+    Where the dataset is at the place that the result names, and is the same one, PSNR is computed
+    again from the saved pictures; where it isn't, that is not a fault of the result, and only the
+    other checks are made.
+    """
+    try:
+        result = read_result(folder)
+    except InputError as error:
+        return [str(error)]
+    problems = [*inconsistencies(result), *_place(folder, result), *_pictures(folder, result), *_added(folder, result)]
+    return problems or _scores_again(folder, result)
+
+
+def _check_results(folders: list[Path], say) -> dict[Path, list[str]]:
+    problems: dict[Path, list[str]] = {}
+    keys: dict[str, Path] = {}
+    for folder in folders:
+        if is_running(folder):
+            say(f"{folder}: a run is at work there, not checked")
+        elif not (folder / RESULT_FILE).is_file():
+            problems[folder] = ["a run died here and left no result; its command goes on with it"]
+        else:
+            problems[folder] = check_result(folder)
+            if not problems[folder]:
+                key = read_result(folder).key
+                if (first := keys.setdefault(key, folder)) != folder:
+                    problems[folder].append(f"the same run as in {first}: counted twice it would be a second seed")
+    return problems
+
+
+def _place(folder: Path, result: Result) -> Iterator[str]:
+    if folder.resolve().name != result.spec.folder.name:
+        yield f"the folder of this run would be {result.spec.folder.name}: it is found by its name"
+    if (folder / TRAINED_FILE).is_file():
+        yield f"{TRAINED_FILE}: left by a run that died while it scored; its command goes on with it"
+    for file in sorted(folder.rglob(".*")):
+        if file.is_file():
+            yield f"{file.relative_to(folder)}: half a file, left by a process that died"
+
+
+def _pictures(folder: Path, result: Result) -> Iterator[str]:
+    for name, checksum in {**result.predictions, **result.model}.items():
+        file = folder / name
+        if not file.resolve().is_relative_to(folder.resolve()):
+            yield f"{name}: outside of the result's folder"
+        elif not file.is_file():
+            yield f"{name}: missing"
+        elif sha256_file(file) != checksum:
+            yield f"{name}: not the file that was scored (its sha256 is another one)"
+    for view in result.views if result.status is Status.OK else ():
+        for kind, prefix in PREFIX.items():
+            name = f"predictions/{kind}/{view.name}.png"
+            if f"{prefix}psnr" in view.scores and name not in result.predictions:
+                yield f"view {view.name}: scores of {kind}, and no picture of it in the result"
+
+
+def _added(folder: Path, result: Result) -> Iterator[str]:
+    try:
+        added = read_added(folder)
+    except InputError as error:
+        yield str(error)
+        return
+    if added is not None:
+        yield from (f"{ADDED_FILE}: {problem}" for problem in added_inconsistencies(added, result))
+
+
+def _scores_again(folder: Path, result: Result) -> list[str]:
+    data = Path(result.data)
+    if not (data / "dataset.json").is_file():
+        return []
+    dataset = Dataset.load(data)
+    if dataset.checksum != result.spec.dataset_checksum:
+        return []
+    problems = []
+    test = {view.name: view for view in dataset.views if view.split == "test"}
+    for scored in result.views:
+        if scored.name not in test:
+            problems.append(f"view {scored.name}: not a test view of {data}")
+            continue
+        for kind, prefix in PREFIX.items():
+            column, file = f"{prefix}psnr", folder / "predictions" / kind / f"{scored.name}.png"
+            stored = scored.scores.get(column)
+            if stored is None or math.isnan(stored):
+                continue
+            truth = (dataset.all_in_focus if kind == "all_in_focus" else dataset.image)(test[scored.name])
+            picture = read_image(file)
+            again = (
+                score_image(picture, truth, ["psnr"])["psnr"]
+                if kind in WHOLE
+                else picture_scores(picture, truth, prefix)[column]
+            )
+            if again != stored and not abs(again - stored) <= PSNR_AGREEMENT:
+                problems.append(f"view {scored.name}: {column} is {stored:.4f}, computed again {again:.4f}")
+    return problems

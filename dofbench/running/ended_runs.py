@@ -1,0 +1,60 @@
+"""What planned runs came to so far, by what lies in their folders."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from dofbench.core.errors import InputError
+from dofbench.results.collecting import Entry, dead_entry, entry_of
+from dofbench.results.result import RESULT_FILE, read_result
+from dofbench.results.run_lock import LOCK_FILE, is_running
+from dofbench.running.planned_runs import PlannedRun
+
+
+class Ended:
+    """The runs that have ended, each read once."""
+
+    def __init__(self) -> None:
+        self._entries: dict[str, Entry] = {}
+
+    def find(self, run: PlannedRun) -> Entry | None:
+        """How the run ended; None when it hasn't been made, or is at work."""
+        key = run.spec.key
+        if key not in self._entries and (entry := _read(run.folder, key)) is not None:
+            self._entries[key] = entry
+        return self._entries.get(key)
+
+    def forget(self, run: PlannedRun) -> None:
+        """Read it anew next time."""
+        self._entries.pop(run.spec.key, None)
+
+    def finished(self, run: PlannedRun) -> bool:
+        """Whether making the run again would only repeat it."""
+        entry = self.find(run)
+        return entry is not None and entry.result is not None and entry.result.finished
+
+    def words(self, run: PlannedRun) -> str:
+        """One or a few words: finished, and if so how; at work; or to be run, and why again."""
+        entry = self.find(run)
+        if entry is not None and self.finished(run):
+            return "finished" if entry.status == "ok" else f"finished, {entry.status}"
+        if is_running(run.folder):
+            return "at work in another process"
+        return "to be run" if entry is None else f"to be run again, {entry.status}"
+
+
+def _read(folder: Path, key: str) -> Entry | None:
+    """None also for a result that can't be read: the run is then made again, and writes it anew."""
+    if (folder / RESULT_FILE).is_file():
+        try:
+            result = read_result(folder)
+        except InputError:
+            return None
+        return entry_of(folder, result) if result.key == key else None
+    if (folder / LOCK_FILE).is_file() and not is_running(folder):
+        try:
+            entry = dead_entry(folder)
+        except InputError:  # killed between opening the lock and writing into it
+            return None
+        return entry if entry.spec.key == key else None
+    return None

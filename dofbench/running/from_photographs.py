@@ -1,0 +1,186 @@
+"""`dofbench run --photographs`: from a folder of photographs, or a video, to results, a page and a .ply in one command.
+
+The stages are those of the commands of their own, `reconstruct`, `make-dataset`, `run` and `report`, with their
+folders below OUT/photographs: what is finished isn't done again, and each can be looked at or replaced.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from rich.console import Console
+
+from dofbench.core.errors import InputError
+from dofbench.dataset.schema import MANIFEST
+from dofbench.results.run_spec import Run
+from dofbench.running.prepare import choose
+from dofbench.scenes import load_scene
+from dofbench.scenes.loading import detect
+from dofbench.scenes.reconstruction.kept_steps import RECORD
+from dofbench.scenes.reconstruction.pairs import LOOK_ALIKES
+from dofbench.scenes.reconstruction.pairs import choose as choose_matching
+from dofbench.scenes.reconstruction.photograph_source import find_source
+from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
+from dofbench.synthesis.dataset_options import MakeDataset
+
+WIDTH = 504  # px: what two cores train on in minutes, and the size at which LLFF's scores are published
+HOLD = 8  # every so many-th photograph is held back, to be predicted and scored
+
+# Seconds on two cores of a shared machine (docs/own-photographs.md): another one may take half, or twice.
+_PHOTOGRAPH, _MEGAPIXEL = 0.5, 2.5  # features, mapping and undistortion of a photograph, and of its pixels
+_PAIR = 0.03  # two photographs compared
+_FRAME_MEGAPIXEL = 0.015  # a frame of a video, decoded and looked at
+_DATASET_MEGAPIXEL = 0.3  # a photograph of the dataset, made smaller
+_STEP, _STEP_PIXEL = 0.03, 4.5e-7  # a training step, and a pixel of it
+_PRIOR_PIXEL = 4e-6  # a pixel of a training view
+_FIT_PIXEL, _CURVE_PIXEL = 3e-5, 2.5e-4  # a pixel of a held-back view, scored at the end, and along the training
+_ON_CURVE = 4  # held-back views that are scored along the training, at most
+_COMPILING = "the first run on a machine compiles kernels besides, about a minute"
+
+
+@dataclass(frozen=True)
+class Own:
+    """A user's photographs. kind: what they come as; a "scene" has poses and points already. views: how many, of a
+    video at most. size: the first one's (width, height). items: that have to be looked at to get the views."""
+
+    source: Path
+    place: Path
+    kind: Literal["photographs", "video", "poses", "scene"]
+    views: int
+    size: tuple[int, int]
+    items: int = 0
+
+    @property
+    def scene(self) -> Path:
+        """Where the scene is, or will be; scenes are called after their folders."""
+        return self.source if self.kind == "scene" else self.place / self.place.name
+
+    def dataset(self, width: int | None) -> Path:
+        """Where the dataset is, or will be."""
+        return self.place / f"{self.place.name}-{min(width or WIDTH, self.size[0])}"
+
+    def reconstruction(self) -> Reconstruct:
+        """The settings of the reconstruction."""
+        return Reconstruct(source=self.source, out=self.scene)
+
+
+def find_own(source: Path, out: Path) -> Own:
+    """What there is in `source`; what is made of it goes below `out`.
+
+    Raises InputError for a source that isn't there, isn't readable, or has too few photographs.
+    """
+    if not source.exists():
+        raise InputError("--photographs", f"no such folder or file: {source}", "a folder of photographs, or a video")
+    resolved = source.resolve()
+    # A folder's name may have a dot in it; "trip.2025" and "trip.2026" are two.
+    name = resolved.name if source.is_dir() else resolved.stem
+    place = out / "photographs" / (name or "photographs")
+    if source.is_dir() and detect(source) is not None:
+        scene = load_scene(source)
+        if scene.points is not None and len(scene.points) > 0:
+            camera = scene.views[0].camera
+            return Own(source, place, "scene", len(scene.views), (camera.width, camera.height))
+    found = find_source(Reconstruct(source=source, out=place / place.name))
+    return Own(source, place, found.kind, found.views, found.size, found.count)
+
+
+def check_runs(runs: Sequence[Run]) -> None:
+    """Raise InputError for methods, presets or options that the runs can't have: before minutes are spent on poses."""
+    for run in runs:
+        if run.inputs != "shallow":
+            raise InputError(
+                "--inputs",
+                f"{run.inputs} with --photographs",
+                "the photographs as they are; where all are sharp, --set lens=false leaves out the lens",
+            )
+        choices = choose(_on_data(run))
+        choices.entry.create({**choices.options, **choices.overrides}, run.seed, choices.device)
+
+
+def dataset_of_photographs(own: Own, width: int | None, console: Console) -> Path | None:
+    """The dataset of the photographs, made where it isn't there; None where no scene came of them.
+
+    A folder that is a scene with poses and points already is taken as it is. Raises InputError for wrong input.
+    """
+    from dofbench.scenes.reconstruction import reconstruct
+    from dofbench.synthesis import make_dataset
+
+    if own.kind != "scene":
+        _say(console, f"{_WHAT[own.kind]} of {own.source}: {own.scene}")
+        if not reconstruct(own.reconstruction()):
+            return None
+    views = load_scene(own.scene).views
+    wide = min(width or WIDTH, min(view.camera.width for view in views))
+    data = own.dataset(wide)
+    _say(console, f"dataset of {len(views)} photographs, {wide} px wide, every {HOLD}th held back: {data}")
+    make_dataset(MakeDataset(scene=str(own.scene), photographs="shallow", width=wide, hold=HOLD, out=data))
+    return data
+
+
+def outlook(own: Own, runs: Sequence[Run], width: int | None) -> list[str]:
+    """What will be done with the photographs, and about how long each part takes."""
+    lines, total = [], 0.0
+    what = f"{_WHAT[own.kind]} of {'at most ' if own.kind == 'video' else ''}{own.views} photographs"
+    if own.kind == "scene":
+        lines.append(f"{what}: those of the scene {own.source}")
+    elif (own.scene / RECORD).is_file():
+        lines.append(f"{what}: there already, {own.scene}")
+    else:
+        total += (seconds := _motion_seconds(own))
+        lines.append(f"{what}: about {_minutes(seconds)}")
+    megapixels = own.size[0] * own.size[1] / 1e6
+    wide = min(width or WIDTH, own.size[0])
+    pixels = wide**2 * own.size[1] / own.size[0]
+    finished = (own.dataset(width) / MANIFEST).is_file()
+    if not finished:
+        total += (seconds := own.views * megapixels * _DATASET_MEGAPIXEL)
+        lines.append(f"dataset, {wide} px wide: about {_minutes(seconds)}")
+    held = -(-own.views // HOLD)
+    scoring = pixels * (held * _FIT_PIXEL + min(held, _ON_CURVE) * _CURVE_PIXEL)
+    for run in runs:
+        seconds = _training_seconds(run, pixels) + own.views * pixels * _PRIOR_PIXEL + scoring
+        total += seconds
+        known = ", unless it is finished already" if finished else ""
+        lines.append(f"{run.method}, seed {run.seed}: about {_minutes(seconds)}{known}")
+    return [*lines, f"together about {_minutes(total)} on two cores, half or twice that elsewhere; {_COMPILING}"]
+
+
+def _motion_seconds(own: Own) -> float:
+    largest = Reconstruct(source=own.source, out=own.scene).size
+    raw = own.size[0] * own.size[1] / 1e6
+    megapixels = raw * min(1.0, largest / max(own.size)) ** 2
+    matching = choose_matching("auto", own.views, own.kind == "video")
+    pairs = own.views * ((own.views - 1) / 2 if matching == "exhaustive" else LOOK_ALIKES)
+    return own.views * (_PHOTOGRAPH + megapixels * _MEGAPIXEL) + pairs * _PAIR + own.items * raw * _FRAME_MEGAPIXEL
+
+
+def _training_seconds(run: Run, pixels: float) -> float:
+    choices = choose(_on_data(run))
+    steps = choices.budget.steps or {**choices.options, **choices.overrides}.get("steps", 0)
+    seconds = float(steps) * (_STEP + pixels * _STEP_PIXEL)
+    return seconds if choices.budget.seconds is None else min(seconds or math.inf, choices.budget.seconds)
+
+
+def _on_data(run: Run) -> Run:
+    """The run as one on data of the user's own, whose preset is the default one."""
+    return replace(run, data=run.out)
+
+
+_WHAT = {
+    "photographs": "camera poses and points",
+    "video": "frames, camera poses and points",
+    "poses": "points, the poses being known,",
+    "scene": "poses and points",
+}
+
+
+def _minutes(seconds: float) -> str:
+    return f"{max(1, seconds):.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
+
+
+def _say(console: Console, line: str) -> None:
+    console.print(line, highlight=False, markup=False, soft_wrap=True)

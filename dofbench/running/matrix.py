@@ -1,0 +1,93 @@
+"""`dofbench run`: one run here, or a matrix of runs in processes of their own."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+from rich.console import Console
+
+from dofbench.core.errors import InputError
+from dofbench.core.processes import run_jobs
+from dofbench.results.run_spec import Run
+from dofbench.running.batch import Batch
+from dofbench.running.jobs import RunJobs
+from dofbench.running.one_run import run as run_one
+from dofbench.running.planned_runs import PlannedRun, different_datasets, plan_run
+from dofbench.running.prepare import builtin_dataset
+from dofbench.running.run_options import Runs
+
+
+def run_all(settings: Runs, console: Console | None = None, run_jobs: RunJobs = run_jobs) -> bool:
+    """Make the run that the settings name, or every run of their matrix that isn't finished.
+
+    A run of a matrix is the run that its own command would make, in the same folder. False when one failed. Raises
+    InputError when the call is wrong, before anything runs.
+    """
+    console = console or Console()
+    cells = settings.cells()
+    if len(cells) == 1:
+        return bool(run_one(cells[0], console))
+    if settings.data is None and not builtin_dataset(settings.dry_run, console):
+        return True
+    runs = plan_matrix(cells)
+    batch = Batch(runs, settings.out, settings.jobs, rerun=settings.rerun)
+    for line in _plan_lines(settings, batch):
+        say(console, line)
+    if settings.dry_run:
+        return True
+    batch.make(run_jobs=run_jobs)
+    failures = batch.failures()
+    for line in failures:
+        say(console, line)
+    folders = dict.fromkeys(run.folder.parent for run in runs)
+    say(
+        console,
+        f"{len(runs) - len(failures)} of {len(runs)} runs are done and ok; "
+        f"results {', '.join(map(str, folders))}; tables: dofbench report {settings.out}",
+    )
+    return not failures
+
+
+def plan_matrix(cells: tuple[Run, ...]) -> tuple[PlannedRun, ...]:
+    """Decide every run. Raises InputError, which names the run, for what doesn't fit together."""
+    different_datasets([folder for folder in dict.fromkeys(cell.data for cell in cells) if folder is not None])
+    first: dict[tuple[str, Path | None, str | None, str | None], PlannedRun] = {}
+    runs = []
+    for cell in cells:
+        kind = cell.method, cell.data, cell.preset, cell.budget
+        if kind not in first:
+            try:
+                first[kind] = plan_run(cell)
+            except InputError as error:
+                where = f"{cell.method} on {cell.data or 'the built-in dataset'}: {error.subject}"
+                raise InputError(where, error.found, error.expected) from None
+        runs.append(first[kind].with_seed(cell.seed))
+    for name, times in Counter(run.name for run in runs).items():
+        if times > 1:
+            raise InputError("the matrix", f"the run {name} {times} times", "every run once")
+    return tuple(runs)
+
+
+def _plan_lines(settings: Runs, batch: Batch) -> list[str]:
+    """What would be done and left out, kind by kind, and every run with what is known of it."""
+    lines = []
+    for planned in batch.runs:
+        if planned.settings.seed == settings.seed:
+            seeds = range(settings.seed, settings.seed + settings.seeds)
+            head, *rest = planned.plan.lines()
+            more = f"; seeds {', '.join(map(str, seeds))}" if settings.seeds > 1 else ""
+            lines += [head + more, *(f"  {line}" for line in rest)]
+    for planned in batch.runs:
+        words = batch.ended.words(planned)
+        if planned.name in batch.seconds:
+            seconds = batch.seconds[planned.name]
+            words = "to be run again" if words.startswith("finished") else words
+            words += ", time unknown" if seconds is None else f", about {seconds:.0f} s"
+        lines.append(f"{words}: {planned.settings.command()}")
+    return [*lines, *batch.outlook()]
+
+
+def say(console: Console, line: str) -> None:
+    """Print a line as it is, without markup."""
+    console.print(line, highlight=False, markup=False, soft_wrap=True)

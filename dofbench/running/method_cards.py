@@ -1,0 +1,215 @@
+"""Finding, describing and loading methods: a folder with a method.toml and modules."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.machinery
+import importlib.util
+import sys
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from dofbench.core.content import method_folders
+from dofbench.core.contracts import Budget, Method
+from dofbench.core.errors import InputError
+from dofbench.results.run_spec import parse_budget
+
+_PARTS = ("fit", "render", "lens_estimates", "describe", "save", "load")
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Capabilities(_Strict):
+    """What a method can do. refocus: renders with a given lens. learns_lens: estimates the lens of
+    every training view. needs_points: can't start without sparse points."""
+
+    refocus: bool
+    learns_lens: bool
+    needs_points: bool
+
+
+Device = Literal["cpu", "cuda"]
+
+
+class Claims(_Strict):
+    """Figures that the authors published, on their own data; never mixed with measured ones.
+
+    source: where they stand. rows: what they were measured on -> metric id -> value.
+    """
+
+    source: str
+    rows: dict[str, dict[str, float]]
+
+
+class Card(_Strict):
+    """A method.toml.
+
+    `class`: "module:ClassName", the module inside the method's folder. devices: what it runs on.
+    presets: name -> options that replace the method's defaults, plus `budget` (as in `--budget`),
+    which is the harness's; a preset without it trains for its option `steps`. A preset that `extends` another
+    one replaces some of its options.
+    builtin_preset: the preset of a run without a dataset, which shows the whole on the built-in one;
+    without it, default_preset.
+    leave_out: stage of the plan (`STAGES`) -> options that switch that stage off, set by the plan when a dataset
+    doesn't need it. A user who sets the first of them has decided; the others only go with it.
+    """
+
+    name: str
+    summary: str
+    paper: str
+    class_: str = Field(alias="class", pattern=r"^[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*$")
+    default_preset: str
+    builtin_preset: str | None = None
+    capabilities: Capabilities
+    devices: tuple[Device, ...] = ("cpu",)
+    presets: dict[str, dict[str, Any]]
+    leave_out: dict[str, dict[str, Any]] = {}
+    claims: Claims | None = None
+
+    @field_validator("leave_out")
+    @classmethod
+    def _known_stages(cls, value: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        for stage in value:
+            if stage not in STAGES:
+                raise ValueError(f"unknown stage {stage!r}, expected one of {', '.join(STAGES)}")
+        return value
+
+
+STAGES = ("lens", "lens_per_view", "aperture_per_view", "sparse_depth", "normals", "harmonics", "colours")
+
+
+@dataclass(frozen=True)
+class MethodEntry:
+    """A method that was found: its id (the folder's name), its folder and its card."""
+
+    id: str
+    folder: Path
+    card: Card
+
+    def preset(self, name: str | None, *, builtin: bool = False) -> tuple[str, dict[str, Any], Budget | None]:
+        """(name, options, budget) of a preset; None takes the default one, or with `builtin` the one for the built-in
+        dataset. Raises InputError.
+        """
+        if name is None:
+            name = (self.card.builtin_preset if builtin else None) or self.card.default_preset
+        if name not in self.card.presets:
+            raise InputError(f"preset of {self.id}", repr(name), f"one of {', '.join(self.card.presets)}")
+        options = dict(self.card.presets[name])
+        if (base := options.pop("extends", None)) is not None:
+            options = {**self.card.presets[base], **options}
+        text = options.pop("budget", None)
+        return name, options, None if text is None else parse_budget(str(text))
+
+    def create(self, options: dict[str, Any], seed: int, device: str) -> Method:
+        """Import the method's class and call it as `Class(options, seed, device)`.
+
+        The class raises InputError for an option that it doesn't know. Raises InputError when the
+        module has no such class or the class lacks a part of the contract.
+        """
+        module_name, class_name = self.card.class_.split(":")
+        module = importlib.import_module(f"{_package(self.id, self.folder)}.{module_name}")
+        kind = getattr(module, class_name, None)
+        if kind is None:
+            raise InputError(
+                self.folder / "method.toml",
+                f"class = {self.card.class_!r}, which isn't there",
+                f"a class of {module.__file__}",
+            )
+        missing = [part for part in _PARTS if not callable(getattr(kind, part, None))]
+        if missing:
+            raise InputError(
+                f"{module.__file__}:{class_name}",
+                f"no {', '.join(missing)}",
+                f"the methods {', '.join(_PARTS)} (dofbench.core.contracts.Method)",
+            )
+        return kind(options, seed, device)
+
+
+def method_files() -> dict[str, Path]:
+    """The method.toml of every method in the searched folders, by id, sorted; none is read.
+
+    Raises InputError for an id that is in two folders.
+    """
+    found: dict[str, Path] = {}
+    for root in method_folders():
+        for file in sorted(root.glob("*/method.toml")):
+            file = file.resolve()
+            earlier = found.setdefault(file.parent.name, file)
+            if earlier != file:
+                raise InputError(
+                    f"method {file.parent.name}", f"{earlier.parent} and {file.parent}", "one folder of that name"
+                )
+    return dict(sorted(found.items()))
+
+
+def available_methods() -> dict[str, MethodEntry]:
+    """Every method by id, sorted. Raises InputError for the first unreadable method.toml."""
+    return {method_id: _entry(file) for method_id, file in method_files().items()}
+
+
+def find_method(method_id: str) -> MethodEntry:
+    """The method with this id; no other's method.toml is read. Raises InputError that lists what there is."""
+    files = method_files()
+    if method_id not in files:
+        raise InputError("method", repr(method_id), f"one of {', '.join(files) or 'none: no method is installed'}")
+    return _entry(files[method_id])
+
+
+def _entry(file: Path) -> MethodEntry:
+    return MethodEntry(id=file.parent.name, folder=file.parent, card=_read_card(file))
+
+
+def _read_card(file: Path) -> Card:
+    if not file.parent.name.isidentifier():
+        raise InputError(file.parent, "a folder name that is no Python identifier", "letters, digits and _")
+    try:
+        card = Card.model_validate(tomllib.loads(file.read_text(encoding="utf-8")))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(file, f"no TOML ({error})", "a TOML file") from None
+    except ValidationError as error:
+        found = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        raise InputError(file, found, "the keys that dofbench.running.method_cards.Card describes") from None
+    for key, value in (("default_preset", card.default_preset), ("builtin_preset", card.builtin_preset)):
+        if value is not None and value not in card.presets:
+            raise InputError(file, f"{key} = {value!r}", f"one of {', '.join(card.presets)}")
+    bases = [name for name, options in card.presets.items() if "extends" not in options]
+    for name, options in card.presets.items():
+        if options.get("extends", bases[0] if bases else None) not in bases:
+            raise InputError(
+                file,
+                f"presets.{name}: extends = {options.get('extends')!r}",
+                f"one of {', '.join(bases)}, which extend nothing",
+            )
+    return card
+
+
+def _package(method_id: str, folder: Path) -> str:
+    """Make `dofbench.methods.<id>` the package in `folder`, so that its relative imports work."""
+    name = f"dofbench.methods.{method_id}"
+    parent = importlib.import_module("dofbench.methods")
+    loaded = sys.modules.get(name)
+    if loaded is not None and [Path(entry).resolve() for entry in loaded.__path__] == [folder]:
+        return name
+    # Another folder of the same id was loaded before (DOFBENCH_METHODS changed): forget all of it.
+    for other in [module for module in sys.modules if module == name or module.startswith(name + ".")]:
+        del sys.modules[other]
+    importlib.invalidate_caches()
+    initial = folder / "__init__.py"
+    if initial.is_file():
+        spec = importlib.util.spec_from_file_location(name, initial, submodule_search_locations=[str(folder)])
+    else:
+        spec = importlib.machinery.ModuleSpec(name, None, is_package=True)
+        spec.submodule_search_locations = [str(folder)]
+    assert spec is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    setattr(parent, method_id, module)
+    if spec.loader is not None:
+        spec.loader.exec_module(module)
+    return name

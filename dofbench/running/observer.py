@@ -1,0 +1,140 @@
+"""The harness's side of training: budget, curve, and the first NaN."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Protocol
+
+from dofbench.core.clock import Stopwatch
+from dofbench.core.contracts import Budget, NonFinite
+from dofbench.core.errors import Status
+from dofbench.results.result import CurvePoint
+
+CURVE_FACTOR = 1.6  # ratio of two neighbouring evaluation times
+CURVE_POINTS = 14  # thresholds below the whole budget: the first is at 1.6^-14, 0.14 % of it
+
+Evaluate = Callable[[], dict[str, float]]
+
+
+class Report(Protocol):
+    """Who shows a training to the user."""
+
+    def __call__(self, step: int, loss: float, seconds: float) -> None:
+        """Told after each step; seconds of training so far, without evaluation."""
+
+    def stage(self, name: str, done: int, total: int) -> None:
+        """Told of what takes long before the first step or between two, as `Observer.stage` is."""
+
+
+def share_spent(budget: Budget, step: int, seconds: float) -> float:
+    """How much of the budget is gone, 0 ... 1 (and beyond): the larger of steps' and seconds' shares."""
+    shares = []
+    if budget.steps is not None:
+        shares.append(step / budget.steps)
+    if budget.seconds is not None:
+        shares.append(seconds / budget.seconds)
+    if not shares:
+        raise ValueError("budget: expected steps or seconds, found neither")
+    return max(shares)
+
+
+class TrainingObserver:
+    """Implements `dofbench.core.contracts.Observer`.
+
+    After the first step, and whenever the share of the budget that is spent passes one of the
+    thresholds `CURVE_FACTOR ** -k`, it stops the clock and evaluates: the same points on a log axis
+    whether the budget is in steps or in seconds. A non-finite loss ends the training as diverged.
+
+    evaluate: scores of the method as it is now, by column. report: told of each step,
+    and of what comes before the first.
+    """
+
+    def __init__(self, budget: Budget, clock: Stopwatch, evaluating: Stopwatch, evaluate: Evaluate, report: Report):
+        self._budget, self._clock, self._evaluating = budget, clock, evaluating
+        self._evaluate, self._report = evaluate, report
+        self._thresholds = [CURVE_FACTOR**-k for k in range(CURVE_POINTS, 0, -1)]
+        self._losses: list[float] = []
+        self._stopped = False
+        self.first_step_seconds: float | None = None
+        self.steps = 0
+        self.curve: list[CurvePoint] = []
+        self.nonfinite: list[NonFinite] = []
+
+    def seconds(self) -> float:
+        """Training seconds so far, evaluation excluded."""
+        return self._clock.wall
+
+    def after_step(self, step: int, loss: float) -> bool:
+        """See `Observer.after_step`. Raises RuntimeError when the method goes on after it was told to stop."""
+        if self._stopped:
+            raise RuntimeError(f"the method took step {step} after it was told to stop")
+        seconds = self.seconds()
+        if self.first_step_seconds is None:
+            self.first_step_seconds = seconds
+        self.steps = step
+        loss = float(loss)
+        if not math.isfinite(loss):
+            self.nonfinite.append(NonFinite(step=step, view="", stage="loss", detail=f"loss is {loss}"))
+            self._stopped = True
+            return False
+        self._losses.append(loss)
+        spent = share_spent(self._budget, step, seconds)
+        due = not self.curve
+        while self._thresholds and spent >= self._thresholds[0]:
+            del self._thresholds[0]
+            due = True
+        self._stopped = spent >= 1
+        if due and not self._stopped:  # at the end `finish` evaluates
+            self._add_point(step)
+        with self._clock.paused():
+            self._report(step, loss, seconds)
+        return not self._stopped
+
+    def stage(self, name: str, done: int, total: int) -> None:
+        """See `Observer.stage`."""
+        with self._clock.paused():
+            self._report.stage(name, done, total)
+
+    def finish(self, steps: int) -> None:
+        """Evaluate once more, at the end of a training that went well."""
+        if not self.curve or self.curve[-1].steps != steps:
+            self._add_point(steps)
+
+    def failure(self) -> tuple[Status, str] | None:
+        """The typed failure that the observer itself saw, with its message."""
+        if self.nonfinite:
+            event = self.nonfinite[0]
+            return Status.DIVERGED, f"{event.detail} at step {event.step}"
+        limit = self._budget.seconds
+        if limit is not None and (self.first_step_seconds is None or self.first_step_seconds > limit):
+            took = self.seconds() if self.first_step_seconds is None else self.first_step_seconds
+            return Status.OUT_OF_TIME, f"the first step wasn't done after {took:.1f} s, the budget is {limit:g} s"
+        return None
+
+    def _add_point(self, step: int) -> None:
+        seconds = self.seconds()
+        with self._clock.paused(), self._evaluating.running():
+            scores = self._evaluate()
+        loss = math.fsum(self._losses) / len(self._losses) if self._losses else None
+        self._losses.clear()
+        self.curve.append(
+            CurvePoint(train_s=seconds, train_cpu_s=self._clock.cpu, steps=step, loss=loss, scores=scores)
+        )
+
+
+class OneStep:
+    """An observer that ends a training after its first step and looks at nothing."""
+
+    def seconds(self) -> float:
+        """No clock runs."""
+        return 0.0
+
+    def after_step(self, step: int, loss: float) -> bool:
+        """Stop. Raises RuntimeError when the method goes on all the same."""
+        if step > 1:
+            raise RuntimeError(f"the method took step {step} after it was told to stop")
+        return False
+
+    def stage(self, name: str, done: int, total: int) -> None:
+        """Nobody looks."""

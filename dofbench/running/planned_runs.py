@@ -1,0 +1,63 @@
+"""A run that is to be made: all that is decided before it begins."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from dofbench.core.errors import InputError
+from dofbench.dataset.dataset import Dataset
+from dofbench.results.result import Spec
+from dofbench.results.run_spec import Run
+from dofbench.running.plan import RunPlan
+from dofbench.running.prepare import choose, data_folder, prepare
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """settings: what says the same run alone, as `dofbench run` takes it. folder: where its result goes. options: all
+    that the method runs with, its defaults too, where it says so (as its `options`, a dataclass); else those of the
+    spec."""
+
+    settings: Run
+    spec: Spec
+    plan: RunPlan
+    folder: Path
+    options: dict[str, Any]
+
+    @property
+    def name(self) -> str:
+        """Dataset, method, preset, seed and key, for a line of progress."""
+        return str(self.spec.folder)
+
+    def with_seed(self, seed: int) -> PlannedRun:
+        """The same run with another seed; nothing else depends on it."""
+        spec = self.spec.model_copy(update={"seed": seed})
+        return replace(
+            self,
+            settings=replace(self.settings, seed=seed),
+            spec=spec,
+            plan=replace(self.plan, seed=seed),
+            folder=self.settings.out / spec.folder,
+        )
+
+
+def plan_run(settings: Run) -> PlannedRun:
+    """Decide a run; its dataset must be there. Raises InputError when the call is wrong."""
+    prepared = prepare(settings, choose(settings), data_folder(settings))
+    options = getattr(prepared.method, "options", None)
+    known = asdict(options) if is_dataclass(options) and not isinstance(options, type) else prepared.spec.options
+    return PlannedRun(settings, prepared.spec, prepared.plan, prepared.folder, known)
+
+
+def different_datasets(folders: Sequence[Path]) -> list[Dataset]:
+    """The datasets in these folders. Raises InputError for a folder that is none, or one dataset given twice."""
+    datasets = [Dataset.load(folder) for folder in folders]
+    for checksum, times in Counter(dataset.checksum for dataset in datasets).items():
+        if times > 1:
+            double = next(folder for folder, one in zip(folders, datasets, strict=True) if one.checksum == checksum)
+            raise InputError("--data", f"{double} {times} times", "every dataset once")
+    return datasets

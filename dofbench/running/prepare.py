@@ -1,0 +1,167 @@
+"""A run decided, and nothing of it done yet: what --dry-run prints, and what its result is kept by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from dofbench.core.contracts import Budget, Method
+from dofbench.core.errors import InputError
+from dofbench.dataset.dataset import Dataset
+from dofbench.results import provenance
+from dofbench.results.protocol import Protocol, protocol_for
+from dofbench.results.result import RESULT_FILE, Result, Spec, read_result
+from dofbench.results.run_spec import Inputs, Run, parse_budget, parse_overrides
+from dofbench.running.facts import Facts, facts_of
+from dofbench.running.method_cards import MethodEntry, find_method
+from dofbench.running.plan import RunPlan, make_plan
+from dofbench.scoring.ground_truth import photograph_columns
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What the call alone decides, whatever the dataset."""
+
+    entry: MethodEntry
+    preset: str
+    options: dict[str, Any]
+    overrides: dict[str, Any]
+    budget: Budget
+    device: str
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A run to be made. data: the dataset's folder as it was given. method: created, not trained. folder: where its
+    result goes."""
+
+    settings: Run
+    choices: Choices
+    dataset: Dataset
+    data: Path
+    protocol: Protocol
+    plan: RunPlan
+    spec: Spec
+    method: Method
+    folder: Path
+
+    def finished(self) -> Result | None:
+        """The result of the same run, if it is there and running again would only repeat it."""
+        if not (self.folder / RESULT_FILE).is_file():
+            return None
+        earlier = read_result(self.folder)
+        return earlier if earlier.key == self.spec.key and earlier.finished else None
+
+
+def choose(settings: Run) -> Choices:
+    """Method, preset, budget and device. Raises InputError when the call is wrong."""
+    entry = find_method(settings.method)
+    preset, options, budget = entry.preset(settings.preset, builtin=settings.data is None)
+    overrides = parse_overrides(settings.set)
+    budget = _budget(settings, budget, {**options, **overrides}, f"preset {preset} of {entry.id}")
+    return Choices(entry, preset, options, overrides, budget, _device(settings.device, entry))
+
+
+def prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
+    """Decide the rest from the dataset in `data`. Raises InputError when that is none, or the method doesn't know
+    an option."""
+    dataset = Dataset.load(data)
+    entry = choices.entry
+    protocol = protocol_for(settings.inputs, photographs=photograph_columns(dataset))
+    facts = _facts(data.resolve(), dataset.checksum, settings.inputs)
+    plan = make_plan(
+        entry,
+        choices.preset,
+        choices.options,
+        choices.overrides,
+        choices.budget,
+        dataset,
+        facts,
+        protocol,
+        seed=settings.seed,
+        device=choices.device,
+        force_all=settings.force_all,
+    )
+    spec = Spec(
+        method=entry.id,
+        preset=choices.preset,
+        overrides=choices.overrides,
+        options=plan.options,
+        budget=plan.budget,
+        dataset=dataset.name,
+        dataset_checksum=dataset.checksum,
+        protocol=protocol.id,
+        seed=settings.seed,
+        device=choices.device,
+        code=provenance.code_version(entry.folder),
+    )
+    method = entry.create(dict(plan.options), settings.seed, choices.device)  # raises for an unknown option
+    return Prepared(settings, choices, dataset, data, protocol, plan, spec, method, settings.out / spec.folder)
+
+
+def data_folder(settings: Run) -> Path:
+    """Where the run's dataset is; the built-in one's place where the call names none."""
+    from dofbench.synthesis import builtin_folder
+
+    return builtin_folder() if settings.data is None else settings.data
+
+
+@lru_cache(maxsize=64)
+def _facts(folder: Path, checksum: str, inputs: Inputs) -> Facts:
+    """Facts of a dataset, which many runs in one call may share. checksum: so that it is the same one still."""
+    dataset = Dataset.load(folder)
+    one_lens = None if dataset.assign == "unknown" else dataset.assign == "fixed"
+    return facts_of(dataset.training_set(inputs), one_lens=one_lens)
+
+
+def builtin_dataset(dry_run: bool, console: Console) -> bool:
+    """See that the built-in dataset is there, making it if it isn't; false when a dry run would have to make it."""
+    from dofbench.synthesis import builtin_folder, make_dataset
+    from dofbench.synthesis.dataset_options import MakeDataset
+
+    def say(line: str) -> None:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+    folder = builtin_folder()
+    if (folder / "dataset.json").is_file():
+        return True
+    if dry_run:
+        say(f"would first make the built-in dataset in {folder}; the plan depends on it")
+        return False
+    say(f"making the built-in dataset in {folder}")
+    make_dataset(MakeDataset(out=folder))
+    return True
+
+
+def _budget(settings: Run, preset: Budget | None, options: dict, subject: str) -> Budget:
+    """The call's budget, else the preset's, else the preset's option `steps`."""
+    if settings.budget is not None:
+        return parse_budget(settings.budget)
+    if preset is not None:
+        return preset
+    steps = options.get("steps")
+    if not isinstance(steps, int):
+        raise InputError(subject, "neither budget nor steps", "one of them, or --budget on the command line")
+    return parse_budget(f"{steps}it")
+
+
+def _device(wanted: str, entry: MethodEntry) -> str:
+    devices = entry.card.devices
+    if wanted == "auto":
+        wanted = "cuda" if "cuda" in devices and _has_cuda() else "cpu"
+    kind = wanted.split(":")[0]
+    if kind not in devices:
+        raise InputError("--device", repr(wanted), f"auto or what {entry.id} runs on: {', '.join(devices)}")
+    if kind == "cuda" and not _has_cuda():
+        raise InputError("--device", f"{wanted!r}, and no CUDA device here", "cpu or auto")
+    return wanted
+
+
+def _has_cuda() -> bool:
+    import torch
+
+    return torch.cuda.is_available()

@@ -1,0 +1,174 @@
+"""From matches to camera poses and points, incrementally or globally; and points alone where the poses are known."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dofbench.scenes.reconstruction.interruptible import wait
+from dofbench.scenes.reconstruction.photograph_list import LEAST, Prepared
+from dofbench.scenes.reconstruction.reconstruct_options import Mapping
+
+# The second attempt's demands, for photographs with few features in common: half of COLMAP's own, and smaller angles.
+_LENIENT = {"init_min_num_inliers": 40, "init_min_tri_angle": 6.0, "abs_pose_min_num_inliers": 15}
+# The first attempt is as good as it gets with so many of the photographs.
+_ENOUGH = 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class Mapped:
+    """What mapping found. model: a pycolmap.Reconstruction with the most photographs. others: photographs of each
+    further part that hangs together in itself, by file name. attempt: whose demands it met."""
+
+    model: Any
+    others: tuple[tuple[str, ...], ...]
+    attempt: str
+
+
+def map_photographs(
+    database: Path,
+    folder: Path,
+    work: Path,
+    count: int,
+    *,
+    mapping: Mapping,
+    seed: int,
+    advance: Callable[[int], None],
+    sign: Callable[[], None],
+) -> Mapped | None:
+    """Poses of the photographs that hang together, `count` at most; None where no three of them do.
+
+    One thread and one seed: the same database gives the same bits. advance: called with the photographs placed so far.
+    sign: called often while nobody knows how far it is.
+    """
+    if mapping == "global":
+        return _largest(wait(lambda: _global(database, folder, work, seed), sign), "COLMAP's own")
+    best: Mapped | None = None
+    for attempt, demands in (("COLMAP's own", {}), ("lenient", _LENIENT)):
+        placed = _Placed(advance, count)
+        found = _largest(
+            wait(
+                lambda demands=demands, placed=placed: _incremental(database, folder, work, seed, demands, placed),
+                placed.look,
+            ),
+            attempt,
+        )
+        if found is not None and (best is None or found.model.num_reg_images() > best.model.num_reg_images()):
+            best = found
+        if best is not None and best.model.num_reg_images() >= _ENOUGH * count:
+            break
+    return best
+
+
+class _Placed:
+    """Counts photographs as COLMAP's thread places them; the main thread shows it."""
+
+    def __init__(self, advance: Callable[[int], None], most: int):
+        self._advance, self._most, self._count = advance, most, 0
+
+    def begin(self) -> None:
+        """A model begins with two photographs."""
+        self._count = 2
+
+    def one_more(self) -> None:
+        """The next photograph was placed."""
+        self._count += 1
+
+    def look(self) -> None:
+        """Show it."""
+        self._advance(min(self._count, self._most))
+
+
+def _incremental(
+    database: Path, folder: Path, work: Path, seed: int, demands: dict[str, float], placed: _Placed
+) -> dict[int, Any]:
+    import pycolmap
+
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads, options.random_seed, options.min_model_size = 1, seed, LEAST
+    options.mapper.num_threads = 1
+    options.mapper.random_seed = options.triangulation.random_seed = seed
+    for name, value in demands.items():
+        setattr(options.mapper, name, value)
+    pycolmap.set_random_seed(seed)
+    return pycolmap.incremental_mapping(
+        database,
+        folder,
+        _emptied(work),
+        options=options,
+        initial_image_pair_callback=placed.begin,
+        next_image_callback=placed.one_more,
+    )
+
+
+def _global(database: Path, folder: Path, work: Path, seed: int) -> dict[int, Any]:
+    import pycolmap
+
+    options = pycolmap.GlobalPipelineOptions()
+    options.num_threads, options.random_seed, options.min_model_size = 1, seed, LEAST
+    for part in (
+        options.mapper,
+        options.mapper.rotation_averaging,
+        options.mapper.global_positioning,
+        options.mapper.retriangulation,
+    ):
+        part.random_seed = seed
+    options.mapper.num_threads = 1
+    options.mapper.global_positioning.use_gpu = False
+    options.mapper.bundle_adjustment.ceres.use_gpu = False
+    pycolmap.set_random_seed(seed)
+    return pycolmap.global_mapping(database, folder, _emptied(work), options=options)
+
+
+def _largest(models: dict[int, Any], attempt: str) -> Mapped | None:
+    """The model with the most photographs, then points; None where it has fewer than three."""
+    order = sorted(models.values(), key=lambda model: (model.num_reg_images(), model.num_points3D()), reverse=True)
+    if not order or order[0].num_reg_images() < LEAST or not order[0].num_points3D():
+        return None
+    registered = {order[0].images[key].name for key in order[0].reg_image_ids()}
+    others = []
+    for model in order[1:]:
+        names = tuple(sorted({model.images[key].name for key in model.reg_image_ids()} - registered))
+        if len(names) >= LEAST:
+            others.append(names)
+    return Mapped(order[0], tuple(others), attempt)
+
+
+def triangulate(
+    database: Path, folder: Path, work: Path, photographs: Sequence[Prepared], seed: int, sign: Callable[[], None]
+) -> Any:
+    """Points (a pycolmap.Reconstruction) of photographs whose poses are known and held fixed.
+
+    Tracks that cameras see under a smaller angle than 1.5 degrees, or miss by 4 pixels, are left out, as COLMAP does.
+    sign: called often meanwhile.
+    """
+    import pycolmap
+
+    with pycolmap.Database.open(database) as opened:
+        images = {image.name: image for image in opened.read_all_images()}
+        cameras = {camera.camera_id: camera for camera in opened.read_all_cameras()}
+    posed = pycolmap.Reconstruction()
+    for photograph in photographs:
+        image = images[photograph.file_name]
+        camera = photograph.camera
+        assert camera is not None
+        if image.camera_id not in posed.cameras:
+            posed.add_camera_with_trivial_rig(cameras[image.camera_id])
+        posed.add_image_with_trivial_frame(
+            pycolmap.Image(photograph.file_name, camera_id=image.camera_id, image_id=image.image_id),
+            pycolmap.Rigid3d(camera.world_to_camera[:3]),
+        )
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads, options.random_seed = 1, seed
+    options.triangulation.random_seed = seed
+    return wait(lambda: pycolmap.triangulate_points(posed, database, folder, _emptied(work), options=options), sign)
+
+
+def _emptied(work: Path) -> Path:
+    folder = work / "models"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    return folder

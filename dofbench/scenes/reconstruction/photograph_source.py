@@ -1,0 +1,102 @@
+"""What a reconstruction starts from: a folder of photographs, a video, or a scene whose poses are known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from dofbench.core.errors import InputError
+from dofbench.scenes.folders import image_folders
+from dofbench.scenes.loading import detect, load_scene
+from dofbench.scenes.reconstruction import video
+from dofbench.scenes.reconstruction.photograph_list import LEAST, Photograph, digests, find_photographs, upright_size
+from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
+from dofbench.scenes.views import DEFAULT_HOLD
+
+Kind = Literal["photographs", "video", "poses"]
+_EXPECTED = "a folder of photographs, a video, or a scene with poses"
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """What there is. views: photographs that it gives, of a video at most. size: the first one's (width, height),
+    upright. digests: gives the sha256 of every file, by name. photographs: given a folder for frames, and told of
+    progress, the photographs. count: of the items that progress counts; 0 where nothing needs doing. holds_split:
+    whether the views' split is another than every eighth view's."""
+
+    kind: Kind
+    name: str
+    views: int
+    size: tuple[int, int]
+    digests: Callable[[], dict[str, str]]
+    photographs: Callable[[Path, Callable[[int], None]], list[Photograph]]
+    count: int = 0
+    holds_split: bool = False
+
+
+def find_source(settings: Reconstruct) -> Source:
+    """What the settings name. Raises InputError for a source that isn't there, isn't readable or has too little."""
+    path = settings.source
+    above = next(place for place in (settings.out, *settings.out.absolute().parents) if place.exists())
+    if not above.is_dir():
+        raise InputError("--out", str(settings.out), f"a folder; {above} is a file")
+    if not path.exists():
+        raise InputError(path, "no such file or folder", _EXPECTED)
+    if path.is_dir():
+        if path.resolve() in (settings.out.resolve(), *settings.out.resolve().parents):
+            raise InputError("--out", str(settings.out), f"a folder outside of {path}, which holds the photographs")
+        if settings.poses == "keep" and detect(path) is not None:
+            return _posed(settings)
+        photographs = find_photographs(path, settings.images)
+        return Source(
+            "photographs",
+            path.resolve().name,
+            len(photographs),
+            upright_size(photographs[0].source),
+            lambda: digests(photographs),
+            lambda folder, advance: photographs,
+        )
+    if not video.is_video(path):
+        raise InputError(path, "a file that is no video", f"{_EXPECTED} ({', '.join(video.VIDEO_SUFFIXES)})")
+    count, size = video.announced(path), video.frame_size(path)
+    return Source(
+        "video",
+        path.stem,
+        min(count or settings.frames, settings.frames),
+        size,
+        lambda: video.digest(path),
+        lambda folder, advance: video.sharpest_frames(path, folder, settings.frames, advance),
+        count=count,
+    )
+
+
+def _posed(settings: Reconstruct) -> Source:
+    """A scene as its reader gives it, upright or not: the poses are those of the files as they lie."""
+    path, images = settings.source, settings.images
+    layout = detect(path)
+    folders = image_folders(path)
+    if images is None and layout in ("llff", "colmap") and folders:
+        images = folders[min(folders)].name
+    try:
+        scene = load_scene(path, images=images)
+    except InputError as error:
+        anew = f"{error.expected}; or --poses ignore, to find poses anew"
+        raise InputError(error.subject, error.found, anew) from None
+    if len(scene.views) < LEAST:
+        raise InputError(path, f"{len(scene.views)} views", f"at least {LEAST}")
+    photographs = [
+        Photograph(view.name, view.source, view.image, view.exif, view.camera, view.split) for view in scene.views
+    ]
+    first = scene.views[0].camera
+    usual = {view.name: view.split for view in scene.with_hold(DEFAULT_HOLD).views}
+    return Source(
+        "poses",
+        scene.name,
+        len(photographs),
+        (first.width, first.height),
+        lambda: digests(photographs),
+        lambda folder, advance: photographs,
+        holds_split=any(view.split != usual[view.name] for view in scene.views),
+    )

@@ -1,0 +1,87 @@
+"""The options of `reconstruct`: what a user types, and what it means once checked."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+
+from dofbench.core.errors import InputError
+
+Matching = Literal["auto", "exhaustive", "sequential", "retrieval"]
+Mapping = Literal["incremental", "global"]
+CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
+
+
+@dataclass(frozen=True)
+class Reconstruct:
+    """Find the camera poses and sparse points of photographs or a video: the result is a scene for make-dataset.
+
+    Where the source has poses already but no points, the poses are kept and the points triangulated.
+    """
+
+    source: Annotated[Path, tyro.conf.Positional]
+    """A folder of photographs, a video file, or a scene with poses."""
+
+    out: Path
+    """Folder to write the scene to: images without distortion, a COLMAP model, exif.json, reconstruct.json."""
+
+    poses: Literal["keep", "ignore"] = "keep"
+    """Poses that the source has: keep them and triangulate points, or find them anew."""
+
+    images: str | None = None
+    """Folder of photographs within the source; without it, the one with the largest photographs."""
+
+    size: int = 1600
+    """Longer side that photographs are shrunk to, pixels; smaller ones stay as they are."""
+
+    frames: int = 60
+    """Frames to take from a video: the sharpest of each of so many windows of equal length."""
+
+    matching: Matching = "auto"
+    """Which photographs are compared: all pairs, neighbours in order (and look-alikes), or look-alikes; auto goes by
+    their number."""
+
+    mapping: Mapping = "incremental"
+    """Poses one photograph after the other, or all at once (GLOMAP)."""
+
+    cameras: Literal["auto", "shared", "each"] = "auto"
+    """One camera for the photographs of equal size, body and focal length; for all of equal size; or one for each."""
+
+    camera_model: CameraModel = "SIMPLE_RADIAL"
+    """COLMAP's model of a camera with its distortion."""
+
+    sensor_width: float | None = None
+    """Longer side of the sensor, mm (36 for full frame): where EXIF has no 35 mm equivalent, it makes mm to pixels."""
+
+    features: int = 8192
+    """Features of a photograph, at most; the coarsest ones are kept."""
+
+    seed: int = 0
+    """Seed of the random choices in matching and mapping."""
+
+    def __post_init__(self) -> None:
+        for option, value, lowest in (
+            ("--size", self.size, 64),
+            ("--frames", self.frames, 3),
+            ("--features", self.features, 100),
+            ("--seed", self.seed, 0),
+        ):
+            if value < lowest:
+                raise InputError(option, str(value), f"at least {lowest}")
+        if self.sensor_width is not None and not 1 <= self.sensor_width <= 200:
+            raise InputError("--sensor-width", f"{self.sensor_width:g}", "millimetres, from 1 to 200")
+
+    def recipe(self) -> dict[str, Any]:
+        """All that decides the result, as plain data: the options but for where things are."""
+        return {name: value for name, value in asdict(self).items() if name not in ("source", "out")}
+
+    def command(self) -> str:
+        """The command line of these settings."""
+        defaults = {name: field.default for name, field in self.__dataclass_fields__.items()}
+        options = [
+            f"--{name.replace('_', '-')} {value}" for name, value in self.recipe().items() if value != defaults[name]
+        ]
+        return " ".join(["dofbench reconstruct", str(self.source), "--out", str(self.out), *options])

@@ -1,0 +1,102 @@
+"""A scene as every reader gives it: views with lazy images, points, a split."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
+from dofbench.core.errors import InputError
+from dofbench.core.exif import Exif
+
+Split = Literal["train", "test"]
+# What a view's image is: all in focus, or taken by a lens with shallow depth of field that nobody knows.
+Photograph = Literal["all-in-focus", "shallow"]
+
+
+@dataclass(frozen=True, eq=False)
+class SceneView:
+    """One view. `image()` reads it: (H, W, 3) float32, encoded, undistorted, at the camera's size.
+
+    `depth()` gives exact z-depth (H, W) float32, scene units, 0 where unknown; None when the
+    scene has none. `source` is the file behind the image, for messages and provenance. photograph: what the image is.
+    exif: what the camera wrote down, if it did.
+    """
+
+    name: str
+    camera: Camera
+    image: Callable[[], np.ndarray]
+    source: Path
+    split: Split = "train"
+    depth: Callable[[], np.ndarray] | None = None
+    photograph: Photograph = "all-in-focus"
+    exif: Exif | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Views with poses. `views` are sorted by name; names carry no suffix.
+
+    points.views, where known, index into `views`. layout: the reader's id.
+    """
+
+    name: str
+    root: Path
+    layout: str
+    views: tuple[SceneView, ...]
+    points: PointCloud | None
+
+    @property
+    def photographs(self) -> Photograph:
+        """All in focus in nearly every layout; or shallow: photographs to train on as they are, of which those of the
+        test views may be sharp ones, to score all-in-focus renders with."""
+        return "shallow" if any(view.photograph == "shallow" for view in self.views) else "all-in-focus"
+
+    def taken_as(self, train: Photograph, test: Photograph) -> Scene:
+        """The scene with it said what the photographs of its training and of its test views are."""
+        photograph = {"train": train, "test": test}
+        return replace(self, views=tuple(replace(view, photograph=photograph[view.split]) for view in self.views))
+
+    def with_hold(self, hold: int) -> Scene:
+        """Views 0, hold, 2 hold, ... in name order become test views, the others training views.
+
+        Raises InputError unless hold is at least 2 and leaves a view to train on.
+        """
+        if hold < 2 or len(self.views) < 2:
+            found = f"hold {hold} for {len(self.views)} view{'s' if len(self.views) != 1 else ''}"
+            raise InputError(self.root, found, "hold of at least 2 and two views or more: one to train, one to test")
+        views = tuple(
+            replace(view, split="test" if index % hold == 0 else "train") for index, view in enumerate(self.views)
+        )
+        return replace(self, views=views)
+
+    def require_points(self, need: str) -> PointCloud:
+        """The sparse points. Raises InputError, with the command that finds some, where there are none.
+
+        need: what asks for them, for the message.
+        """
+        if self.points is None or len(self.points) == 0:
+            cure = f"points for {need}: dofbench reconstruct {self.root} --out SCENE keeps the poses and finds them"
+            raise InputError(self.root, "no sparse points", cure)
+        return self.points
+
+    def training_set(self) -> TrainingSet:
+        """What a method may see: the training views, read now, and the points that they saw.
+
+        Raises InputError for an image that can't be read.
+        """
+        training = [index for index, view in enumerate(self.views) if view.split == "train"]
+        views = [self.views[index] for index in training]
+        return TrainingSet(
+            tuple(TrainingView(view.name, view.camera, view.image(), view.exif) for view in views),
+            None if self.points is None else self.points.seen_by(training),
+        )
+
+    def test_views(self) -> tuple[SceneView, ...]:
+        """The views held back, sorted by name."""
+        return tuple(view for view in self.views if view.split == "test")

@@ -1,0 +1,339 @@
+"""Scoring a method on a dataset's test views: quickly along the curve, fully at the end."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from dofbench.core.contracts import Method, NonFinite, Rendering
+from dofbench.core.files import sha256_file
+from dofbench.core.images import from_8bit, to_8bit, write_png
+from dofbench.core.lens import DisparityRange, Lens
+from dofbench.dataset.dataset import Dataset, DatasetView
+from dofbench.metrics import score_image
+from dofbench.metrics.depth_errors import disparity_error, relative_error
+from dofbench.metrics.lens_errors import do_nothing_errors, lens_errors
+from dofbench.results.protocol import (
+    ACROSS_COLUMNS,
+    ACROSS_PREFIX,
+    AIF_PREFIX,
+    BY_BLUR,
+    DEPTH_COLUMNS,
+    EXIF_COLUMNS,
+    LENS_COLUMNS,
+    OF_LENSES,
+    PHOTO_PREFIX,
+    Protocol,
+    arithmetic_mean,
+)
+from dofbench.results.result import ViewAperture, ViewFit, ViewLens, ViewScores
+from dofbench.scoring.error_maps import error_map
+from dofbench.scoring.exif_scores import exif_scores, learned_apertures
+from dofbench.scoring.ground_truth import missing_truth
+from dofbench.scoring.photograph_scores import NO_STRATA, Scored, scored_photographs
+from dofbench.scoring.resolved import RESOLVED_COLUMN, ResolvedCircles, photographs_of, resolved_map, resolved_share
+
+CURVE_METRICS = ("psnr", "ssim")  # cheap enough to be taken a dozen times during training
+SPEED_VIEWS = 8  # test views that are rendered to measure the speed
+SPEED_REPEATS = 3  # renderings of each of them
+
+Kind = Literal["refocus", "all_in_focus", "photograph", "across"]
+PREFIX: dict[Kind, str] = {
+    "refocus": "",
+    "all_in_focus": AIF_PREFIX,
+    "photograph": PHOTO_PREFIX,
+    "across": ACROSS_PREFIX,
+}
+# Of which every pixel is scored, by any metric; of a photograph of unknown lens only some are.
+WHOLE: tuple[Kind, ...] = ("refocus", "all_in_focus")
+
+
+@dataclass(eq=False)
+class Evaluation:
+    """What the final scoring found: means by column, per-view values, what was fitted, files by name with sha256."""
+
+    scores: dict[str, float] = field(default_factory=dict)
+    views: list[ViewScores] = field(default_factory=list)
+    lens: list[ViewLens] = field(default_factory=list)
+    fits: list[ViewFit] = field(default_factory=list)
+    apertures: list[ViewAperture] = field(default_factory=list)
+    predictions: dict[str, str] = field(default_factory=dict)
+    nonfinite: list[NonFinite] = field(default_factory=list)
+    left_out: dict[str, str] = field(default_factory=dict)
+
+
+class Evaluator:
+    """Scores `method`, which may still be training, on the dataset's test views.
+
+    columns: scores that the plan asks for. left_out: those that the plan leaves out, with the reason.
+    """
+
+    def __init__(
+        self,
+        method: Method,
+        dataset: Dataset,
+        protocol: Protocol,
+        *,
+        columns: Sequence[str],
+        left_out: Mapping[str, str],
+    ):
+        self._method, self._dataset, self._protocol = method, dataset, protocol
+        self._columns, self._left_out = columns, left_out
+        self._test = [view for view in dataset.views if view.split == "test"]
+        self._train = [view for view in dataset.views if view.split == "train"]
+        self._truth: dict[tuple[Kind, str], np.ndarray] = {}
+        self._refused: str | None = None
+
+    def quick(self) -> dict[str, float]:
+        """Mean PSNR and SSIM of the kinds that are scored, and the lens errors, by column; of photographs of unknown
+        lens the means of a few, by a shorter search."""
+        scores: dict[str, float] = {}
+        for kind in self._possible_kinds():
+            metrics = [metric for metric in CURVE_METRICS if metric in self._metrics(kind)]
+            rows = [self._score(self._predict(kind, view), kind, view, metrics) for view in self._test]
+            scores |= _means(rows)
+        if self._photographs():
+            prefix = PREFIX[self._photograph_kind()]
+            rows = [scored.scores for scored in self._scored_photographs(quick=True)]
+            scores |= {
+                column: value
+                for column, value in _means(rows).items()
+                if column in [prefix + metric for metric in CURVE_METRICS]
+            }
+        errors, _ = self._lens_errors(with_radius=False)
+        return scores | errors
+
+    def final(self, folder: Path) -> Evaluation:
+        """Score everything that the plan names; write predictions and error maps to `folder`/predictions."""
+        found = Evaluation()
+        rows: dict[str, dict[str, float]] = {view.name: {} for view in self._test}
+        kinds = self._possible_kinds()
+        if self._refused is not None:
+            reason = f"the method refused to refocus: {self._refused}"
+            found.left_out |= dict.fromkeys(self._protocol.refocus_columns, reason)
+        for kind in kinds:
+            for view in self._test:
+                image = self._predict(kind, view)
+                bad = int(image.size - np.count_nonzero(np.isfinite(image)))
+                if bad:
+                    detail = f"{bad} of {image.size} values of the prediction"
+                    found.nonfinite.append(NonFinite(step=0, view=view.name, stage=f"render {kind}", detail=detail))
+                    rows[view.name] |= {PREFIX[kind] + metric: math.nan for metric in self._metrics(kind)}
+                    continue
+                rows[view.name] |= self._score(image, kind, view, self._metrics(kind))
+                self._write(folder, kind, view, image, found)
+        if self._photographs():
+            self._score_photographs(folder, rows, found)
+        if any(column in self._columns for column in DEPTH_COLUMNS):
+            for view in self._test:
+                rows[view.name] |= self._depth_errors(view, found)
+        self._resolved(folder, rows, found)
+        found.views = [ViewScores(name=name, scores=scores) for name, scores in rows.items()]
+        found.scores = _means(list(rows.values()))
+        self._score_by_exif(found)
+        errors, found.lens = self._lens_errors(with_radius=True)
+        found.scores |= errors
+        if not errors and any(column in self._columns for column in LENS_COLUMNS):
+            found.left_out |= dict.fromkeys(LENS_COLUMNS, "the method gave no lens estimates")
+        return found
+
+    def _resolved(self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation) -> None:
+        """How much of each test view the training photographs resolve, as a score and as a map."""
+        lenses = self._method.lens_estimates() if self._test else None
+        if lenses is None:
+            found.left_out[RESOLVED_COLUMN] = "no test views" if not self._test else "the method has no learned lenses"
+            return
+        photographs = photographs_of({view.name: view.camera for view in self._train}, lenses)
+        circles = ResolvedCircles(self._method, photographs)
+        for view in self._test:
+            smallest = circles.smallest(view.camera)
+            rows[view.name][RESOLVED_COLUMN] = resolved_share(smallest)
+            relative = f"predictions/resolved/{view.name}.png"
+            write_png(folder / relative, resolved_map(smallest))
+            found.predictions[relative] = sha256_file(folder / relative)
+
+    def _score_by_exif(self, found: Evaluation) -> None:
+        if not any(column in self._columns for column in EXIF_COLUMNS):
+            return
+        estimated = self._method.lens_estimates()
+        if estimated is None:
+            found.left_out |= dict.fromkeys(EXIF_COLUMNS, "the method gave no lens estimates")
+            return
+        found.apertures = learned_apertures(self._dataset, estimated)
+        scores, reasons = exif_scores(found.apertures)
+        found.scores |= scores
+        found.left_out |= reasons
+
+    def do_nothing(self) -> dict[str, float]:
+        """Lens errors of a predictor that always says A = F = 0.5, by column; none if the protocol has none, or the
+        true lenses aren't known."""
+        if not self._protocol.lens or missing_truth(self._dataset).lens:
+            return {}
+        errors = do_nothing_errors(self._true_lenses(), self._dataset.disparity_range, self._width(), self._depths())
+        return {"delta_a": errors.delta_a, "delta_f": errors.delta_f, "delta_r": errors.delta_r}
+
+    def frames_per_second(self) -> float | None:
+        """1 / median time of rendering a test view without a lens, at the test view's size.
+
+        Each of the first `SPEED_VIEWS` test views is rendered `SPEED_REPEATS` times, after one
+        rendering that isn't counted. None without test views.
+        """
+        cameras = [view.camera for view in self._test[:SPEED_VIEWS]]
+        if not cameras:
+            return None
+        self._method.render(cameras[0], None)
+        seconds = []
+        for camera in cameras * SPEED_REPEATS:
+            start = time.perf_counter()
+            self._method.render(camera, None)
+            seconds.append(time.perf_counter() - start)
+        return 1.0 / max(statistics.median(seconds), time.get_clock_info("perf_counter").resolution)
+
+    def _possible_kinds(self) -> list[Kind]:
+        """The kinds to be scored. A method without a lens, by its options or because training left it out, says so by
+        ValueError (`Method.render`): then its refocus scores are left out, with its words as the reason."""
+        kinds: list[Kind] = [kind for kind in WHOLE if self._metrics(kind) and self._test]
+        if "refocus" in kinds and self._refused is None:
+            try:
+                self._method.render(self._test[0].camera, self._test[0].physical_lens)
+            except ValueError as error:
+                self._refused = str(error)
+        return [kind for kind in kinds if kind != "refocus" or self._refused is None]
+
+    def _photographs(self) -> bool:
+        return bool(self._test) and any(column in self._columns for column in self._protocol.photograph)
+
+    def _photograph_kind(self) -> Kind:
+        return "across" if self._protocol.photograph == ACROSS_COLUMNS else "photograph"
+
+    def _scored_photographs(self, quick: bool) -> Iterator[Scored]:
+        no_lens = next((reason for column in OF_LENSES if (reason := self._left_out.get(column))), "")
+        return scored_photographs(self._method, self._dataset, self._protocol.photograph, no_lens=no_lens, quick=quick)
+
+    def _score_photographs(self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation) -> None:
+        """Predict the test views that are photographs of unknown lens, and score them."""
+        kind, refused = self._photograph_kind(), ""
+        for scored in self._scored_photographs(quick=False):
+            view, prediction = scored.view, scored.prediction
+            rows[view.name] |= scored.scores
+            found.fits.append(scored.fit)
+            refused = refused or prediction.refused
+            if prediction.bad:
+                detail = f"{prediction.bad} of {scored.photograph.size} values of the prediction"
+                found.nonfinite.append(NonFinite(step=0, view=view.name, stage="render photograph", detail=detail))
+            else:
+                self._write(folder, kind, view, prediction.picture, found)
+        planned = [column for column in self._protocol.photograph if column in self._columns]
+        for column in planned:
+            if any(column not in scores for scores in rows.values()):
+                found.left_out[column] = f"{BY_BLUR}: {refused}" if refused and column in OF_LENSES else NO_STRATA
+                for scores in rows.values():
+                    scores.pop(column, None)
+
+    def _metrics(self, kind: Kind) -> list[str]:
+        metrics = self._protocol.refocus if kind == "refocus" else self._protocol.all_in_focus
+        return [metric for metric in metrics if PREFIX[kind] + metric in self._columns]
+
+    def _depth_errors(self, view: DatasetView, found: Evaluation) -> dict[str, float]:
+        depth, truth = np.asarray(self._rendered("all_in_focus", view).depth), self._dataset.depth(view)
+        if depth.shape != truth.shape:
+            raise ValueError(f"render: expected depth of shape {truth.shape}, found {depth.shape}")
+        bad = int(depth.size - np.count_nonzero(np.isfinite(depth)))
+        if bad:
+            detail = f"{bad} of {depth.size} values of the depth"
+            found.nonfinite.append(NonFinite(step=0, view=view.name, stage="render depth", detail=detail))
+            return dict.fromkeys(DEPTH_COLUMNS, math.nan)
+        return depth_scores(depth, truth, self._dataset.disparity_range)
+
+    def _rendered(self, kind: Kind, view: DatasetView) -> Rendering:
+        return self._method.render(view.camera, view.physical_lens if kind == "refocus" else None)
+
+    def _predict(self, kind: Kind, view: DatasetView) -> np.ndarray:
+        """Rendering rounded to 8 bits, (H, W, 3) float32; as it is where it isn't finite."""
+        image = np.asarray(self._rendered(kind, view).image)
+        expected = (view.camera.height, view.camera.width, 3)
+        if image.shape != expected:
+            raise ValueError(f"render: expected an image of shape {expected}, found {image.shape}")
+        return from_8bit(to_8bit(image)) if np.isfinite(image).all() else image
+
+    def _score(self, image: np.ndarray, kind: Kind, view: DatasetView, metrics: list[str]) -> dict[str, float]:
+        if not np.isfinite(image).all():
+            return {PREFIX[kind] + metric: math.nan for metric in metrics}
+        scores = score_image(image, self._true_image(kind, view), metrics)
+        return {PREFIX[kind] + metric: float(scores[metric]) for metric in metrics}
+
+    def _true_image(self, kind: Kind, view: DatasetView) -> np.ndarray:
+        key = kind, view.name
+        if key not in self._truth:
+            read = self._dataset.all_in_focus if kind == "all_in_focus" else self._dataset.image
+            self._truth[key] = read(view)
+        return self._truth[key]
+
+    def _write(self, folder: Path, kind: Kind, view: DatasetView, image: np.ndarray, found: Evaluation) -> None:
+        picture = error_map(image, self._true_image(kind, view))
+        for name, pixels in ((kind, image), (f"{kind}_error", picture)):
+            relative = f"predictions/{name}/{view.name}.png"
+            write_png(folder / relative, pixels)
+            found.predictions[relative] = sha256_file(folder / relative)
+
+    def _lens_errors(self, with_radius: bool) -> tuple[dict[str, float], list[ViewLens]]:
+        """(means by column, per view). with_radius: delta_r too, which needs every training view's depth."""
+        if not any(column in self._columns for column in LENS_COLUMNS):
+            return {}, []
+        estimated = self._method.lens_estimates()
+        if estimated is None:
+            return {}, []
+        true, disparity_range = self._true_lenses(), self._dataset.disparity_range
+        if not with_radius:
+            found = [Lens.from_physical(estimated[name], disparity_range) for name in true]
+            pairs = list(zip(true.values(), found, strict=True))
+            return {
+                "delta_a": math.fsum(abs(t.aperture - e.aperture) for t, e in pairs) / len(pairs),
+                "delta_f": math.fsum(abs(t.focus - e.focus) for t, e in pairs) / len(pairs),
+            }, []
+        errors = lens_errors(true, estimated, disparity_range, self._width(), self._depths())
+        views = []
+        for name, lens in true.items():
+            guess = Lens.from_physical(estimated[name], disparity_range)
+            delta_a, delta_f, delta_r = errors.per_view[name]
+            views.append(
+                ViewLens(
+                    name=name,
+                    aperture=lens.aperture,
+                    focus=lens.focus,
+                    aperture_estimated=guess.aperture,
+                    focus_estimated=guess.focus,
+                    delta_a=delta_a,
+                    delta_f=delta_f,
+                    delta_r=delta_r,
+                )
+            )
+        return {"delta_a": errors.delta_a, "delta_f": errors.delta_f, "delta_r": errors.delta_r}, views
+
+    def _true_lenses(self) -> dict[str, Lens]:
+        return {view.name: view.lens for view in self._train}
+
+    def _width(self) -> int:
+        return self._train[0].camera.width
+
+    def _depths(self) -> dict[str, np.ndarray]:
+        return {view.name: self._dataset.depth(view) for view in self._train}
+
+
+def depth_scores(depth: np.ndarray, truth: np.ndarray, disparity_range: DisparityRange) -> dict[str, float]:
+    """`DEPTH_COLUMNS` of a rendered depth map; both (H, W), scene units, 0 where empty or unknown."""
+    errors = disparity_error(depth, truth, disparity_range), relative_error(depth, truth)
+    return dict(zip(DEPTH_COLUMNS, errors, strict=True))
+
+
+def _means(rows: list[dict[str, float]]) -> dict[str, float]:
+    """Mean of each column over the views. A NaN stays in it: a view that failed isn't left out."""
+    columns = list(rows[0]) if rows else []
+    return {column: arithmetic_mean([row[column] for row in rows]) for column in columns}

@@ -1,0 +1,65 @@
+"""Learned apertures against EXIF: what of a dataset can be compared, and the comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from dofbench.core.lens import PhysicalLens
+from dofbench.dataset.dataset import Dataset
+from dofbench.metrics.exif_errors import exif_errors
+from dofbench.results.protocol import EXIF_COLUMNS
+from dofbench.results.result import ViewAperture
+
+
+def asked_by_exif(dataset: Dataset, inputs: str) -> bool:
+    """Whether EXIF is a truth here at all: the method trains on photographs whose lens nobody knows."""
+    train = [view for view in dataset.views if view.split == "train"]
+    return inputs == "shallow" and bool(train) and all(view.lens is None for view in train)
+
+
+def missing_exif(dataset: Dataset) -> str:
+    """Why learned apertures can't be compared with EXIF, one line; "" where they can."""
+    known = [
+        view.exif
+        for view in dataset.views
+        if view.split == "train" and view.exif is not None and view.exif.f_number is not None
+    ]
+    if not known:
+        return "no training photograph has an f-number in its EXIF"
+    for name, values in (
+        ("focal length", {exif.focal_length for exif in known}),
+        ("camera", {exif.camera for exif in known}),
+        ("lens", {exif.lens for exif in known}),
+    ):
+        if len(values - {None}) > 1:
+            return f"more than one {name} took the training photographs"
+    return ""
+
+
+def learned_apertures(dataset: Dataset, estimated: Mapping[str, PhysicalLens]) -> list[ViewAperture]:
+    """Of the training views whose f-number is known; apertures at the width of the first of them."""
+    views = [
+        view
+        for view in dataset.views
+        if view.split == "train" and view.name in estimated and view.exif is not None and view.exif.f_number is not None
+    ]
+    width = views[0].camera.width if views else 0
+    return [
+        ViewAperture(
+            name=view.name,
+            f_number=view.exif.f_number,
+            aperture=estimated[view.name].aperture * width / estimated[view.name].width,
+        )
+        for view in views
+    ]
+
+
+def exif_scores(apertures: Iterable[ViewAperture]) -> tuple[dict[str, float], dict[str, str]]:
+    """(scores, reasons where there is none), by column of `EXIF_COLUMNS`."""
+    found = exif_errors([(view.aperture, view.f_number) for view in apertures])
+    values = dict(zip(EXIF_COLUMNS, (found.spread, found.ratio), strict=True))
+    reasons = dict(zip(EXIF_COLUMNS, (found.no_spread, found.no_ratio), strict=True))
+    return (
+        {column: value for column, value in values.items() if value is not None},
+        {column: reasons[column] for column, value in values.items() if value is None},
+    )

@@ -1,0 +1,156 @@
+"""The scores of held-out photographs of unknown lens, by column, and what was fitted to get them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dofbench.core.contracts import Method
+from dofbench.dataset.dataset import Dataset, DatasetView
+from dofbench.results.protocol import ACROSS_COLUMNS, ACROSS_PREFIX, PHOTO_PREFIX
+from dofbench.results.result import HalfFitted, ViewFit
+from dofbench.scoring.ground_truth import training_f_number
+from dofbench.scoring.photographs.across import FOCUS_EFFORT, QUICK_FOCUS_EFFORT, predict_across
+from dofbench.scoring.photographs.image_tiles import Tiles, masked_psnr, tiled_ssim
+from dofbench.scoring.photographs.predict import Prediction, predict
+from dofbench.scoring.photographs.search import QUICK, THOROUGH
+from dofbench.scoring.photographs.strata import sharpness_ratio, thirds
+
+CURVE_VIEWS = 4  # test views that are predicted during training, evenly over all: a search takes seconds
+BLURRED, CLEAR = 0, 2  # of the thirds of a view
+NO_STRATA = "too few sparse points lie in photographs of both apertures to tell where these are blurred"
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """One test view. prediction: its picture, or why there is none. scores: by column; of columns that can't be had,
+    none."""
+
+    view: DatasetView
+    photograph: np.ndarray
+    prediction: Prediction
+    scores: dict[str, float]
+
+    @property
+    def fit(self) -> ViewFit:
+        """What was fitted, for the result."""
+        return ViewFit(
+            name=self.view.name,
+            seconds=self.prediction.seconds,
+            halves=[
+                HalfFitted(
+                    fitted_on=half.fitted_on,
+                    aperture=None if half.lens is None else half.lens.aperture,
+                    focus_disparity=None if half.lens is None else half.lens.focus_disparity,
+                    sigma=half.sigma,
+                    renders=sum(half.renders),
+                    error=half.cost,
+                )
+                for half in self.prediction.halves
+            ],
+        )
+
+
+def scored_photographs(
+    method: Method,
+    dataset: Dataset,
+    columns: Sequence[str],
+    *,
+    no_lens: str,
+    quick: bool,
+) -> Iterator[Scored]:
+    """The test views, predicted and scored. columns: the protocol's. no_lens: why the method has no lens, if that is
+    known. quick: a shorter search, of a few views only."""
+    test = [view for view in dataset.views if view.split == "test"]
+    views = test[:: max(1, math.ceil(len(test) / CURVE_VIEWS))] if quick else test
+    if tuple(columns) == ACROSS_COLUMNS:
+        yield from _across(method, dataset, views, no_lens, quick)
+        return
+    learned = method.lens_estimates()
+    for view in views:
+        photograph = dataset.image(view)
+        found = predict(method, view.camera, photograph, learned, QUICK if quick else THOROUGH, no_lens=no_lens)
+        yield Scored(view, photograph, found, prediction_scores(found, photograph))
+
+
+def picture_scores(picture: np.ndarray, photograph: np.ndarray, prefix: str = PHOTO_PREFIX) -> dict[str, float]:
+    """PSNR and SSIM of an assembled picture, (H, W, 3), encoded, at 8-bit levels."""
+    tiles = Tiles.of(*photograph.shape[:2])
+    return {
+        f"{prefix}psnr": masked_psnr(picture, photograph, tiles.inside),
+        f"{prefix}ssim": tiled_ssim(picture, photograph, tiles),
+    }
+
+
+def prediction_scores(found: Prediction, photograph: np.ndarray) -> dict[str, float]:
+    """`PHOTOGRAPH_COLUMNS` of one view, the last one only where the method has a lens; NaN where a rendering wasn't
+    finite."""
+    if found.picture is None:
+        columns = ("photo_psnr", "photo_ssim", *(() if found.refused else ("photo_blur_psnr",)))
+        return dict.fromkeys(columns, math.nan)
+    scores = picture_scores(found.picture, photograph)
+    if not found.refused and found.blurred is not None:
+        scores["photo_blur_psnr"] = masked_psnr(found.blurred, photograph, found.tiles.inside)
+    return scores
+
+
+def _across(
+    method: Method,
+    dataset: Dataset,
+    views: Sequence[DatasetView],
+    no_lens: str,
+    quick: bool,
+) -> Iterator[Scored]:
+    learned, trained = method.lens_estimates(), training_f_number(dataset)
+    strata = {} if quick else blurred_thirds(dataset)
+    for view in views:
+        photograph = dataset.image(view)
+        found = predict_across(
+            method,
+            view.camera,
+            photograph,
+            learned,
+            trained / view.exif.f_number,
+            QUICK_FOCUS_EFFORT if quick else FOCUS_EFFORT,
+            no_lens=no_lens,
+            unscaled=not quick,
+        )
+        inside, third = found.scaled.tiles.inside, strata.get(view.name)
+        pictures = {ACROSS_PREFIX: found.scaled.picture, "in_focus_": found.in_focus}
+        if found.unscaled is not None or not (found.scaled.refused or quick):
+            pictures["unscaled_"] = found.unscaled.picture if found.unscaled is not None else None
+        masks = {"psnr": inside}
+        if third is not None:
+            masks |= {"blurred_psnr": third == BLURRED, "clear_psnr": third == CLEAR}
+        scores = {
+            prefix + name: math.nan if picture is None else masked_psnr(picture, photograph, mask)
+            for prefix, picture in pictures.items()
+            for name, mask in masks.items()
+            if prefix + name in ACROSS_COLUMNS
+        }
+        scores["across_ssim"] = (
+            math.nan
+            if found.scaled.picture is None
+            else tiled_ssim(found.scaled.picture, photograph, found.scaled.tiles)
+        )
+        yield Scored(view, photograph, found.scaled, scores)
+
+
+def blurred_thirds(dataset: Dataset) -> dict[str, np.ndarray]:
+    """By test view, its thirds by how blurred the training photographs are there; empty unless every one has them."""
+    if dataset.points is None:
+        return {}
+    shots = {
+        split: [(view.camera, dataset.image(view)) for view in dataset.views if view.split == split]
+        for split in ("train", "test")
+    }
+    ratio = sharpness_ratio(dataset.points, shots["train"], shots["test"])
+    test = [view for view in dataset.views if view.split == "test"]
+    found = {
+        view.name: thirds(dataset.points, ratio, view.camera, Tiles.of(view.camera.height, view.camera.width).inside)
+        for view in test
+    }
+    return {} if any(third is None for third in found.values()) else found

@@ -1,0 +1,263 @@
+"""A held-out photograph as a method predicts it, with as little told about it as two numbers and its colours."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+
+import numpy as np
+
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import Method
+from dofbench.core.images import decode, encode, from_8bit, to_8bit
+from dofbench.core.lens import DisparityRange, PhysicalLens
+from dofbench.scoring.photographs.colour_fit import colour_map, recoloured
+from dofbench.scoring.photographs.image_tiles import Tiles, shrink
+from dofbench.scoring.photographs.search import LEAST_STEP, Effort, Found, Frame, best_sigma, lens_grid, simplex
+
+HALVES = (0, 1)
+REDUCED = 256  # px, about the width at which the search begins
+LARGEST_SIGMA = 0.04  # of the width: a Gaussian as wide as a disc twice as large
+_RANGE = 2.0, 98.0  # percentiles of the disparities of a view that the search spans
+
+
+@dataclass(frozen=True, eq=False)
+class HalfFit:
+    """What was fitted on one half, to predict the other. lens: None of a method without one. sigma: px, of the one
+    Gaussian blur of the rendering without a lens, None where it wasn't asked for. renders: made at the reduced and at
+    the full size for this half, its grid's among them. cost: mean squared error on the half that was fitted on."""
+
+    fitted_on: int
+    lens: PhysicalLens | None
+    sigma: float | None
+    renders: tuple[int, int]
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """picture, blurred: (H, W, 3) float32 at 8-bit levels, by the lens and by one Gaussian blur (the same where the
+    method has no lens, None where it wasn't asked for): every tile as predicted by the fit on the other
+    half. refused: why there is no lens, "" where there is one. bad: values of a rendering that weren't finite, and then
+    there is no picture. seconds: wall."""
+
+    picture: np.ndarray | None
+    blurred: np.ndarray | None
+    halves: tuple[HalfFit, ...]
+    tiles: Tiles
+    refused: str
+    bad: int
+    seconds: float
+
+    @staticmethod
+    def by_blur(image: np.ndarray, photograph: np.ndarray, tiles: Tiles, refused: str, start: float) -> Prediction:
+        """Of a rendering without a lens, by the Gaussian blur that helps it most."""
+        gaussian = _fit_sigmas(image, photograph, tiles)
+        blurred = assembled([found for _, found in gaussian], photograph, tiles)
+        halves = tuple(
+            HalfFit(half, None, sigma, (0, 1), _cost(found, photograph, tiles.fitted(half)))
+            for half, (sigma, found) in zip(HALVES, gaussian, strict=True)
+        )
+        return Prediction(blurred, blurred, halves, tiles, refused, 0, time.perf_counter() - start)
+
+
+def sharp_rendering(method: Method, camera: Camera) -> tuple[np.ndarray, np.ndarray, int]:
+    """Without a lens: (image (H, W, 3), depth (H, W) in scene units, how many values of the image aren't finite).
+
+    Raises ValueError for an image of another size than the camera's.
+    """
+    sharp = method.render(camera, None)
+    image = checked_image(sharp.image, camera)
+    return image, np.asarray(sharp.depth), int(image.size - np.count_nonzero(np.isfinite(image)))
+
+
+def predict(
+    method: Method,
+    camera: Camera,
+    photograph: np.ndarray,
+    learned: Mapping[str, PhysicalLens] | None,
+    effort: Effort,
+    *,
+    no_lens: str = "",
+) -> Prediction:
+    """Fit what isn't known on each half of the photograph, and predict the other half.
+
+    photograph: (H, W, 3) float32, encoded. learned: the lenses of the training views, for the search to begin with.
+    no_lens: why the method has no lens, where that is known; one that raises ValueError for a lens has none either. It
+    is given the best Gaussian blur in its place. Raises ValueError when the method renders an image of another size.
+    """
+    start = time.perf_counter()
+    tiles = Tiles.of(camera.height, camera.width)
+    image, depth, bad = sharp_rendering(method, camera)
+    if bad:
+        return Prediction(None, None, (), tiles, no_lens, bad, time.perf_counter() - start)
+    frame = frame_of(depth, camera, learned)
+    refused = no_lens or (
+        "neither depth nor learned lenses to begin with" if frame is None else refusal(method, camera, frame)
+    )
+    if frame is None or refused:
+        return Prediction.by_blur(image, photograph, tiles, refused, start)
+    starts = [frame.ends(lens) for lens in lens_grid(frame, median_lens(learned), effort)]
+    search = LensSearch(method, camera, photograph, tiles, starts, frame.lens, _steps)
+    found = search.prediction(effort, start)
+    if not effort.blur or found.bad:
+        return found
+    blur = Prediction.by_blur(image, photograph, tiles, refused, start)
+    halves = tuple(replace(half, sigma=other.sigma) for half, other in zip(found.halves, blur.halves, strict=True))
+    return replace(found, blurred=blur.picture, halves=halves, seconds=blur.seconds)
+
+
+def _steps(at: np.ndarray) -> tuple[float, float]:
+    largest = float(np.abs(at).max())
+    return max(LEAST_STEP, 0.25 * largest), max(LEAST_STEP, 0.1 * largest)
+
+
+class LensSearch:
+    """The search of one view: the grid is rendered once for both halves, each half's simplex goes on from its best.
+
+    starts: the grid, of numbers from which `lens` makes a lens. steps: of the simplex from there, at the reduced and at
+    the full size.
+    """
+
+    def __init__(
+        self,
+        method: Method,
+        camera: Camera,
+        photograph: np.ndarray,
+        tiles: Tiles,
+        starts: list[np.ndarray],
+        lens: Callable[[np.ndarray], PhysicalLens],
+        steps: Callable[[np.ndarray], tuple[float, float]],
+    ):
+        self._method, self._camera, self._photograph, self._tiles = method, camera, photograph, tiles
+        self._lens, self._steps = lens, steps
+        factor = max(1, round(camera.width / REDUCED))
+        self._factor, self._small = factor, _reduced(camera, factor)
+        self._grid = [(at, self._render(self._small, lens(at))) for at in starts]
+
+    def prediction(self, effort: Effort, start: float) -> Prediction:
+        """The fits of both halves, and what they predict. start: when the work began, by `time.perf_counter`."""
+        found = [self._half(half, effort) for half in HALVES]
+        bad = max(int(one.image.size - np.count_nonzero(np.isfinite(one.image))) for one, _ in found)
+        halves = tuple(
+            HalfFit(half, self._lens(one.at), None, renders, one.cost)
+            for half, (one, renders) in zip(HALVES, found, strict=True)
+        )
+        picture = None if bad else assembled([one.image for one, _ in found], self._photograph, self._tiles)
+        return Prediction(picture, None, halves, self._tiles, "", bad, time.perf_counter() - start)
+
+    def _half(self, half: int, effort: Effort) -> tuple[Found, tuple[int, int]]:
+        """(best, renders at the reduced and the full size) of the fit on that half."""
+        small = partial(
+            _cost, photograph=shrink(self._photograph, self._factor), mask=self._tiles.shrunk(self._factor, half)
+        )
+        at, _ = min(self._grid, key=lambda pair: small(pair[1]))
+        coarse = simplex(
+            lambda at: self._render(self._small, self._lens(at)), small, at, effort.coarse, self._steps(at)[0]
+        )
+        full = partial(_cost, photograph=self._photograph, mask=self._tiles.fitted(half))
+        fine = simplex(
+            lambda at: self._render(self._camera, self._lens(at)),
+            full,
+            coarse.at,
+            effort.fine,
+            self._steps(coarse.at)[1],
+        )
+        return fine, (len(self._grid) + coarse.renders, fine.renders)
+
+    def _render(self, camera: Camera, lens: PhysicalLens) -> np.ndarray:
+        # The reduced camera may lack a remainder of pixels at its edge: its circles shrink by the whole factor.
+        width = camera.width * (self._factor if camera is self._small else 1)
+        return checked_image(self._method.render(camera, replace(lens, width=width)).image, camera)
+
+
+def _fit_sigmas(image: np.ndarray, photograph: np.ndarray, tiles: Tiles) -> list[tuple[float, np.ndarray]]:
+    """For each half (sigma, image blurred by it in linear light): the Gaussian of least cost there."""
+    from scipy.ndimage import gaussian_filter
+
+    linear = decode(np.clip(image, 0.0, 1.0))
+
+    @lru_cache(maxsize=16)  # the grid is the same for both halves
+    def blurred(sigma: float) -> np.ndarray:
+        return image if sigma == 0 else encode(gaussian_filter(linear, (sigma, sigma, 0), mode="nearest", truncate=3))
+
+    return [
+        best_sigma(
+            blurred, partial(_cost, photograph=photograph, mask=tiles.fitted(half)), LARGEST_SIGMA * image.shape[1]
+        )
+        for half in HALVES
+    ]
+
+
+def _cost(image: np.ndarray, photograph: np.ndarray, mask: np.ndarray) -> float:
+    """Mean squared error on the masked pixels, colours fitted on them; infinite where a value isn't finite."""
+    prediction, truth = image[mask], photograph[mask]
+    if not np.isfinite(prediction).all():
+        return float("inf")
+    return float(np.mean(np.square(recoloured(prediction, colour_map(prediction, truth)) - truth, dtype=np.float64)))
+
+
+def assembled(images: list[np.ndarray], photograph: np.ndarray, tiles: Tiles) -> np.ndarray:
+    """(H, W, 3) at 8-bit levels: the tiles of each half by the image that was fitted on the other, colours as there."""
+    picture = np.zeros_like(photograph, dtype=np.float32)
+    for half, image in zip(HALVES, images, strict=True):
+        own, other = tiles.fitted(half), tiles.fitted(1 - half)
+        picture[other] = recoloured(image[other], colour_map(image[own], photograph[own]))
+    return from_8bit(to_8bit(picture))
+
+
+def frame_of(depth: np.ndarray, camera: Camera, learned: Mapping[str, PhysicalLens] | None) -> Frame | None:
+    """What lenses of a view refer to: the disparities of its depth (H, W), else of the learned foci; or None."""
+    known = depth[np.isfinite(depth) & (depth > 0)]
+    disparities = (
+        1.0 / known.astype(np.float64)
+        if known.size
+        else np.array([lens.focus_disparity for lens in (learned or {}).values()])
+    )
+    if not np.any(disparities > 0):
+        return None
+    return Frame(DisparityRange.of_disparity(disparities, *_RANGE), camera.width)
+
+
+def refusal(method: Method, camera: Camera, frame: Frame) -> str:
+    """Why the method can't render through a lens, by its own words, or ""."""
+    small = _reduced(camera, max(1, round(camera.width / REDUCED)))
+    try:
+        method.render(small, PhysicalLens(0.0, frame.disparities.q_min, small.width))
+    except ValueError as error:
+        return str(error) or "the method raised ValueError for a lens"
+    return ""
+
+
+def median_lens(learned: Mapping[str, PhysicalLens] | None) -> PhysicalLens | None:
+    """Median aperture and median focus of learned lenses; None without any."""
+    if not learned:
+        return None
+    width = next(iter(learned.values())).width
+    apertures = [lens.aperture * width / lens.width for lens in learned.values()]
+    focuses = [lens.focus_disparity for lens in learned.values()]
+    return PhysicalLens(float(np.median(apertures)), float(np.median(focuses)), width)
+
+
+def _reduced(camera: Camera, factor: int) -> Camera:
+    """The camera whose pixels are cells of factor x factor pixels; what is left over is cut off."""
+    return replace(
+        camera,
+        width=camera.width // factor,
+        height=camera.height // factor,
+        fx=camera.fx / factor,
+        fy=camera.fy / factor,
+        cx=camera.cx / factor,
+        cy=camera.cy / factor,
+    )
+
+
+def checked_image(image: np.ndarray, camera: Camera) -> np.ndarray:
+    """A rendered image, if it has the camera's size; ValueError if not."""
+    found = np.asarray(image)
+    expected = (camera.height, camera.width, 3)
+    if found.shape != expected:
+        raise ValueError(f"render: expected an image of shape {expected}, found {found.shape}")
+    return found

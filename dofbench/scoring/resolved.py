@@ -1,0 +1,80 @@
+"""How much of a picture the training photographs resolve, so that nobody takes an invention for a measurement.
+
+What no photograph saw through a small circle of confusion, many sharp scenes explain alike; an all-in-focus rendering
+shows one of them. So for every pixel of a view the smallest circle is looked for with which any training photograph
+saw its surface, by the method's own depth and its own learned lenses.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import Method
+from dofbench.core.lens import PhysicalLens
+
+RESOLVED_COLUMN = "resolved"
+RESOLVED = 1.0  # px, radius: a circle up to this wide hides no detail that its photograph's pixels could show
+SAME_SURFACE = 0.03  # relative difference of z up to which two views see one surface
+FULL_SCALE = 10.0  # px, radius of the circle with the darkest colour, and larger ones
+COLOURS = "viridis"
+
+
+class ResolvedCircles:
+    """The training photographs' circles of confusion, to be looked up from any camera.
+
+    photographs: each one's camera and learned lens.
+    """
+
+    def __init__(self, method: Method, photographs: Sequence[tuple[Camera, PhysicalLens]]):
+        self._method = method
+        self._seen = [(camera, lens, np.asarray(method.render(camera, None).depth)) for camera, lens in photographs]
+
+    def smallest(self, camera: Camera) -> np.ndarray:
+        """(H, W) px of the photographs: radius of the smallest circle with which any of them saw the pixel's surface;
+        infinite where none saw it, NaN where the method renders no surface."""
+        depth = np.asarray(self._method.render(camera, None).depth, np.float64)
+        there = np.isfinite(depth) & (depth > 0)
+        z = np.where(there, depth, 1.0)
+        x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
+        y = (np.arange(camera.height) + 0.5 - camera.cy) / camera.fy
+        local = np.stack([x * z, y[:, None] * z, z, np.ones_like(z)], axis=-1)
+        world = (local.reshape(-1, 4) @ camera.camera_to_world.T)[:, :3]
+        smallest = np.full(len(world), math.inf)
+        for other, lens, surface in self._seen:
+            xy, distance = other.project(world)
+            with np.errstate(invalid="ignore"):
+                inside = (distance > 0) & (xy >= 0).all(axis=1) & (xy[:, 0] < other.width) & (xy[:, 1] < other.height)
+            column, row = np.where(inside[:, None], xy, 0).astype(np.int64).T
+            with np.errstate(divide="ignore", invalid="ignore"):
+                same = inside & (np.abs(surface[row, column] / distance - 1) < SAME_SURFACE)
+                circle = np.abs(lens.signed_radius(1 / distance, other.width))
+            smallest = np.where(same, np.minimum(smallest, circle), smallest)
+        return np.where(there, smallest.reshape(depth.shape), np.nan)
+
+
+def resolved_share(circles: np.ndarray) -> float:
+    """Per cent of the pixels with a surface that some photograph saw through a circle of at most `RESOLVED`; NaN
+    without any surface. circles: as `ResolvedCircles.smallest`."""
+    there = ~np.isnan(circles)
+    return 100 * float((circles[there] <= RESOLVED).mean()) if there.any() else math.nan
+
+
+def resolved_map(circles: np.ndarray) -> np.ndarray:
+    """uint8 (H, W, 3): light where the photographs resolve, dark where they don't, black where there is nothing."""
+    from matplotlib import colormaps
+
+    shade = 1 - np.clip(np.nan_to_num(circles, nan=FULL_SCALE, posinf=FULL_SCALE) / FULL_SCALE, 0, 1)
+    picture = colormaps[COLOURS](shade, bytes=True)[..., :3].copy()
+    picture[np.isnan(circles)] = 0
+    return picture
+
+
+def photographs_of(
+    cameras: Mapping[str, Camera], lenses: Mapping[str, PhysicalLens]
+) -> list[tuple[Camera, PhysicalLens]]:
+    """Each training view's camera and learned lens, by name."""
+    return [(camera, lenses[name]) for name, camera in cameras.items() if name in lenses]

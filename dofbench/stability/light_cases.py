@@ -1,0 +1,364 @@
+"""Light at its ends: black, white, one highlight, numbers that aren't any, and the display encoding near zero."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from dofbench.core.images import to_8bit, to_16bit
+from dofbench.optics.defocus import TOE, decode, defocus, encode, fast_decode, fast_encode
+from dofbench.stability.case import (
+    KERNELS,
+    NUMPY,
+    SINGLE_ON_CPU,
+    Case,
+    Found,
+    Setting,
+    differing,
+    not_finite,
+    off,
+    off_each,
+    refuses,
+    values,
+)
+from dofbench.stability.comparisons import EXACT, NAMED
+from dofbench.stability.oracle import ROUNDINGS, dense_scatter
+from dofbench.stability.samples import HEIGHT, WIDTH, picture, radii
+
+GAMMAS = (1.0, 2.2, 4.0)
+POWER = 3e-6  # the compiled powers' stated relative error (kernels/scatter/cpu_tone.py)
+
+
+def _blurred(setting: Setting, image: np.ndarray, gamma: float = 2.2) -> np.ndarray:
+    return values(defocus(setting.tensor(image), setting.tensor(radii(0.5)), gamma=gamma, backend=setting.backend))
+
+
+def _black(setting: Setting) -> Found:
+    return Found(float(np.count_nonzero(_blurred(setting, np.zeros((HEIGHT, WIDTH, 3))))), 0.0)
+
+
+def _black_gradient(setting: Setting, gamma: float) -> Found:
+    image = picture()
+    image[5:12, 6:20] = 0
+    light, radius = setting.tensor(image, gradient=True), setting.tensor(radii(0.5), gradient=True)
+    blurred = defocus(light, radius, gamma=gamma, backend=setting.backend)
+    blurred.sum().backward()
+    largest = float(np.abs(values(light.grad)).max())
+    return Found(not_finite(light.grad, radius.grad), 0.0, f"largest {largest:.3g}")
+
+
+def _white(setting: Setting) -> Found:
+    return Found(
+        off(_blurred(setting, np.ones((HEIGHT, WIDTH, 3))), np.ones((HEIGHT, WIDTH, 3))),
+        (2 * ROUNDINGS + HEIGHT * WIDTH / 2) * setting.eps + 2 * POWER * (setting.backend == "cpu"),
+    )
+
+
+def _highlight(setting: Setting, form: str, brightness: float = 1e6) -> Found:
+    image, radius = picture(), radii(0.5, 25.0 if form == "linear" else 10.0)
+    image[8, 13] = brightness
+    found = setting.kernel("scatter")(setting.tensor(image), setting.tensor(radius), form=form)
+    exact = dense_scatter(image, radius, kind=np.float64)
+    # Beside so bright a pixel its weight's own rounding counts: its logarithm is 2 alpha (R - l), up to 2 alpha times
+    # the radius and as far as the edge is followed, of which float32 keeps all but half an eps.
+    argument = 2 * 4.0 * (2 * float(np.abs(radius).max()) + 4)
+    return Found(
+        off_each(found, exact),
+        (argument + ROUNDINGS + radius.size / 2) * setting.eps + np.exp(-12.0) / 4,
+        f"each pixel as a share of itself; brightest {float(exact.max()):.3g}",
+    )
+
+
+def _scaled(setting: Setting, factor: float) -> Found:
+    scatter, radius = setting.kernel("scatter"), setting.tensor(radii(0.5))
+    image = picture()
+    plain = values(scatter(setting.tensor(image), radius))
+    light = values(scatter(setting.tensor(image * np.float32(factor)), radius)) / factor
+    return Found(off(light, plain), (ROUNDINGS + radius.numel() / 2) * setting.eps)
+
+
+def _not_a_number(setting: Setting, value: float) -> Found:
+    image = picture()
+    image[8, 13, 1] = value
+    found = values(setting.kernel("scatter")(setting.tensor(image), setting.tensor(radii(0.5))))
+    silent = float(np.isfinite(found[8, 13, 1]))
+    others = float(np.count_nonzero(~np.isfinite(found[..., (0, 2)])))
+    return Found(silent + others, 0.0, f"{np.count_nonzero(~np.isfinite(found))} of {found.size} not finite")
+
+
+# ---- display encoding ----
+
+
+def _tones() -> np.ndarray:
+    toe = TOE * np.array([1e-20, 1e-3, 0.5, 1 - 1e-6, 1.0, 1 + 1e-6, 2.0])
+    return np.concatenate([[0.0, 1.0, 1.5, 30.0, 1e4], toe, np.linspace(0, 1, 256)]).astype(np.float32)
+
+
+def _pair(setting: Setting):
+    """(decode, encode), as the backend has them."""
+    if setting.backend == "reference":
+        return decode, encode
+    return partial(fast_decode, backend=setting.backend), partial(fast_encode, backend=setting.backend)
+
+
+def _expected_decode(tones: np.ndarray, gamma: float) -> np.ndarray:
+    exact = tones.astype(np.longdouble)
+    toe = np.longdouble(TOE)
+    return np.where(
+        exact >= toe, np.maximum(exact, toe) ** np.longdouble(gamma), exact * toe ** np.longdouble(gamma - 1)
+    )
+
+
+def _power_bound(setting: Setting, exponent: float, largest: float = 1e4) -> float:
+    # x^e = 2^(e log2 x): the product is as large as e log2 x, and its rounding is the result's relative error.
+    stated = POWER if setting.backend == "cpu" else 0.0
+    return (4 + exponent * abs(np.log2(TOE)) + exponent * np.log2(largest)) * setting.eps + stated
+
+
+def _decoded(setting: Setting, gamma: float) -> Found:
+    tones = _tones()
+    found = _pair(setting)[0](setting.tensor(tones), gamma)
+    return Found(off_each(found, _expected_decode(tones, gamma)), _power_bound(setting, gamma))
+
+
+def _round_trip(setting: Setting, gamma: float) -> Found:
+    to_light, to_display = _pair(setting)
+    tones = setting.tensor(_tones())
+    back = to_display(to_light(tones, gamma), gamma)
+    # What decoding is off by counts 1 / gamma in encoding.
+    bound = _power_bound(setting, gamma) / gamma + _power_bound(setting, 1 / gamma, 1e4**gamma)
+    return Found(off_each(back, tones), bound)
+
+
+def _slope_at_zero(setting: Setting, gamma: float) -> Found:
+    near = TOE**gamma * np.array([0.0, 1e-30, 0.5, 1 - 1e-5, 1 + 1e-5])
+    light = setting.tensor(near, gradient=True)
+    _pair(setting)[1](light, gamma).sum().backward()
+    slope = values(light.grad)
+    steepest = TOE ** (1 - gamma)
+    # Below the toe the line's slope; above, 1 / gamma of it.
+    expected = np.where(near < TOE**gamma, steepest, steepest / gamma)
+    return Found(
+        off_each(slope, expected), _power_bound(setting, gamma) + 2e-5, f"slope {float(slope.max()):.4g}, finite"
+    )
+
+
+def _continuous_toe(setting: Setting, gamma: float) -> Found:
+    step = 64 * setting.eps
+    to_light, to_display = _pair(setting)
+    ends = setting.tensor(TOE * np.array([1 - step, 1 + step]))
+    light = to_light(ends, gamma)
+    display = to_display(light, gamma)
+    jumps = [abs(float(pair[1] - pair[0])) / float(pair[0]) for pair in (light.detach(), display.detach())]
+    return Found(max(jumps), 2 * step * max(gamma, 1.0) + 2 * _power_bound(setting, gamma))
+
+
+def _negative(setting: Setting) -> Found:
+    below = setting.tensor(np.array([-1e-30, -TOE, -0.5]))
+    to_light, to_display = _pair(setting)
+    return Found(off_each(to_display(to_light(below, 2.2), 2.2), below), 8 * setting.eps)
+
+
+def _half_lit(setting: Setting, gamma: float) -> Found:
+    # Half of every disc's light is black, half white: gamma 1 means grey 0.5, others 0.5^(1 / gamma).
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    checks = np.repeat(((x + y) % 2)[..., None], 3, axis=2).astype(np.float32)
+    radius = setting.tensor(np.full((HEIGHT, WIDTH), 1e4, np.float32))
+    found = defocus(setting.tensor(checks), radius, gamma=gamma, backend=setting.backend)
+    return Found(
+        off(found, np.full(checks.shape, 0.5 ** (1 / gamma))),
+        (ROUNDINGS + HEIGHT * WIDTH / 2) * setting.eps + POWER * (setting.backend == "cpu"),
+    )
+
+
+# ---- levels ----
+
+
+def _levels(setting: Setting) -> Found:
+    ends = np.array([[-1.0, 0.0, 1.0, 2.0, -np.inf, np.inf, 1e30]], np.float32)
+    wrong = differing(to_8bit(ends), np.array([[0, 0, 255, 255, 0, 255, 255]]))
+    wrong += differing(to_16bit(ends), np.array([[0, 0, 65535, 65535, 0, 65535, 65535]]))
+    steps = np.arange(256) / 255
+    fine = np.arange(65536) / 65535
+    wrong += differing(to_8bit(steps.astype(np.float32)), np.arange(256))
+    wrong += differing(to_16bit(fine.astype(np.float32)), np.arange(65536))
+    return Found(wrong, 0.0)
+
+
+def _nan_level(setting: Setting, bits: int) -> Found:
+    image = picture()
+    image[3, 4, 1] = np.nan
+    return refuses(FloatingPointError, lambda: (to_8bit if bits == 8 else to_16bit)(image), "NaN")
+
+
+def _cases() -> tuple[Case, ...]:
+    light = partial(Case, "light")
+    relative = "half an eps of each number between, of which the largest is a weight's logarithm, and exp(-12) / 4"
+    power = "eps times e log2 x, the number whose power is taken; compiled, 3e-6, which the kernel states"
+    return (
+        light("black", "defocus", "black stays black", EXACT, SINGLE_ON_CPU, _black),
+        *(
+            light(
+                f"black-gradient-gamma-{gamma:g}",
+                "defocus",
+                "black pixels leave the gradient finite",
+                "0: every number",
+                SINGLE_ON_CPU,
+                partial(_black_gradient, gamma=gamma),
+            )
+            for gamma in GAMMAS
+        ),
+        light(
+            "white",
+            "defocus",
+            "white stays white",
+            "32 roundings and one a pixel; compiled powers 6e-6",
+            SINGLE_ON_CPU,
+            _white,
+        ),
+        light(
+            "highlight-1e6",
+            "scatter",
+            "one pixel 10^6 times as bright: every pixel is right to its own digits",
+            relative,
+            KERNELS,
+            partial(_highlight, form="auto"),
+        ),
+        light(
+            "highlight-1e6-linear",
+            "scatter",
+            "the same in the linear form",
+            relative,
+            SINGLE_ON_CPU[-1:],
+            partial(_highlight, form="linear"),
+        ),
+        light(
+            "highlight-1e12",
+            "scatter",
+            "one pixel 10^12 times as bright: every pixel is right to its own digits",
+            relative,
+            KERNELS,
+            partial(_highlight, form="auto", brightness=1e12),
+        ),
+        light(
+            "highlight-1e30",
+            "scatter",
+            "one pixel 10^30 times as bright: every pixel is right to its own digits",
+            relative,
+            KERNELS,
+            partial(_highlight, form="auto", brightness=1e30),
+        ),
+        light(
+            "dim-2^-100",
+            "scatter",
+            "light of 2^-100 is blurred as any other",
+            "16 roundings and one a pixel",
+            KERNELS,
+            partial(_scaled, factor=2.0**-100),
+        ),
+        light(
+            "bright-2^100",
+            "scatter",
+            "light of 2^100 is blurred as any other",
+            "16 roundings and one a pixel",
+            KERNELS,
+            partial(_scaled, factor=2.0**100),
+        ),
+        *(
+            light(
+                f"{name}-in-the-image",
+                "scatter",
+                f"{value} in one channel comes out there, and in no other channel",
+                "0: neither swallowed nor spread",
+                KERNELS,
+                partial(_not_a_number, value=value),
+            )
+            for name, value in (("nan", np.nan), ("inf", np.inf))
+        ),
+        *(
+            light(
+                f"decode-gamma-{gamma:g}",
+                "defocus",
+                "decoding is the power, and its toe a line through 0",
+                power,
+                KERNELS,
+                partial(_decoded, gamma=gamma),
+            )
+            for gamma in GAMMAS
+        ),
+        *(
+            light(
+                f"round-trip-gamma-{gamma:g}",
+                "defocus",
+                "decoding and encoding give every tone back",
+                power,
+                KERNELS,
+                partial(_round_trip, gamma=gamma),
+            )
+            for gamma in GAMMAS
+        ),
+        *(
+            light(
+                f"slope-at-0-gamma-{gamma:g}",
+                "defocus",
+                "encoding's infinite slope at 0 is the toe's",
+                power + "; 2e-5 for where on the curve the slope is taken",
+                KERNELS,
+                partial(_slope_at_zero, gamma=gamma),
+            )
+            for gamma in GAMMAS
+        ),
+        *(
+            light(
+                f"toe-gamma-{gamma:g}",
+                "defocus",
+                "no jump where the toe begins",
+                power,
+                KERNELS,
+                partial(_continuous_toe, gamma=gamma),
+            )
+            for gamma in GAMMAS
+        ),
+        light(
+            "negative",
+            "defocus",
+            "light below 0 passes through decoding and encoding",
+            "8 roundings",
+            KERNELS,
+            _negative,
+        ),
+        *(
+            light(
+                f"mean-gamma-{gamma:g}",
+                "defocus",
+                "black and white in equal parts blur to half the light",
+                "16 roundings and one a pixel; compiled powers 3e-6",
+                SINGLE_ON_CPU,
+                partial(_half_lit, gamma=gamma),
+            )
+            for gamma in GAMMAS
+        ),
+        light(
+            "levels",
+            "images",
+            "levels saturate, and those of 8 and 16 bits come back as they were",
+            EXACT,
+            NUMPY,
+            _levels,
+        ),
+        *(
+            light(
+                f"nan-{bits}-bit",
+                "images",
+                "NaN is no level: refused by name",
+                NAMED,
+                NUMPY,
+                partial(_nan_level, bits=bits),
+            )
+            for bits in (8, 16)
+        ),
+    )
+
+
+CASES = _cases()

@@ -1,0 +1,158 @@
+"""Short trainings, and what a method says afterwards that can't be."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from dofbench.core.contracts import Budget, FitOutcome, Method, TrainingSet
+from dofbench.core.errors import Status
+from dofbench.core.lens import Lens
+from dofbench.gaussians.method import GaussianMethod
+from dofbench.learning.options import TrainerOptions
+from dofbench.running.method_cards import MethodEntry
+from dofbench.stability.training_scene import FAR, VIEWS, WIDTH, true_lens, true_range
+
+STEPS = 240
+FOUND = 0.5  # of the error in circles of confusion that A = F = 0.5 has, the harness's predictor that learns nothing
+ABSURD_LIGHT, ABSURD_DEPTH = 10.0, 1e3 * FAR
+# What the schedule of thousands of steps becomes in a hundred, and no depth prior that takes longer than that.
+SHORT = {
+    "steps": STEPS,
+    "depth_prior": "sparse",
+    "start_points": 0,
+    "sh_degree": 1,
+    "densify_every": 25,
+    "max_gaussians": 800,
+    "coarse_until": 0.0,
+    "reset_every": 0.0,
+    "scale_lr": 2e-2,
+}
+SHORT_LENS = {"lens_lr": 0.2, "lens_lr_final": 0.025, "lens_init_aperture": 2.0}
+
+
+class Watch:
+    """An observer that keeps every loss, and may do something to the training after a step."""
+
+    def __init__(self, meddle: Callable[[int], None] | None = None):
+        self.losses: list[float] = []
+        self._meddle, self._start = meddle, time.perf_counter()
+
+    def seconds(self) -> float:
+        """Since the start."""
+        return time.perf_counter() - self._start
+
+    def after_step(self, step: int, loss: float) -> bool:
+        """Go on, always."""
+        self.losses.append(loss)
+        if self._meddle is not None:
+            self._meddle(step)
+        return True
+
+    def stage(self, name: str, done: int, total: int) -> None:
+        """Nothing is shown of it."""
+
+
+@dataclass(frozen=True)
+class End:
+    """How a run ended. wrong: what it said that can't be, if its status is ok, or that it has none."""
+
+    status: str
+    wrong: str = ""
+    found: bool = False
+    losses: tuple[float, ...] = field(default=(), repr=False)
+
+    @property
+    def better(self) -> bool:
+        """Whether the loss fell to three quarters of where it began, an epoch's mean each."""
+        epoch = min(VIEWS, max(1, len(self.losses) // 4))
+        return bool(self.losses) and np.mean(self.losses[-epoch:]) < 0.75 * np.mean(self.losses[:epoch])
+
+
+def options_of(entry: MethodEntry, **changes: Any) -> dict[str, Any]:
+    """The method's default preset, cut short, with changes; a method of another trainer's as it is."""
+    _, options, _ = entry.preset(None)
+    made = entry.create({}, 0, "cpu")
+    if not isinstance(made, GaussianMethod):
+        return options
+    short = {**SHORT, **(SHORT_LENS if entry.card.capabilities.learns_lens else {})}
+    return {key: value for key, value in {**options, **short, **changes}.items() if key not in made.FORCED}
+
+
+def faster(entry: MethodEntry, names: tuple[str, ...], factor: float) -> dict[str, Any]:
+    """The named learning rates, times a factor."""
+    usual = {**vars(TrainerOptions()), **options_of(entry)}
+    return {name: usual[name] * factor for name in names}
+
+
+def run(
+    entry: MethodEntry, training_set: TrainingSet, seed: int = 0, *, one_plane: bool = False, **changes: Any
+) -> End:
+    """Train for `STEPS` steps and look at everything that the method says afterwards."""
+    method = entry.create(options_of(entry, **changes), seed, "cpu")
+    watch = Watch()
+    try:
+        outcome = method.fit(training_set, Budget(steps=STEPS), watch)
+    except Exception as error:  # what `run` of the harness would have to make a status of by itself
+        return End(
+            "no status", f"{type(error).__name__}: {' '.join(str(error).split())}"[:100], losses=tuple(watch.losses)
+        )
+    if outcome.status is not Status.OK:
+        return End(outcome.status, _unexplained(outcome), losses=tuple(watch.losses))
+    try:
+        with np.errstate(all="ignore"):
+            wrong = _absurd(method, training_set, watch.losses)
+    except Exception as error:
+        wrong = f"after training: {type(error).__name__}: {' '.join(str(error).split())}"[:100]
+    return End("ok", wrong, not wrong and lens_found(method, one_plane), tuple(watch.losses))
+
+
+def _unexplained(outcome: FitOutcome) -> str:
+    if outcome.status is Status.DIVERGED and not any(event.step == outcome.steps for event in outcome.nonfinite):
+        return "diverged, without saying at which step"
+    return ""
+
+
+def _absurd(method: Method, training_set: TrainingSet, losses: list[float]) -> str:
+    if not np.isfinite(losses).all():
+        return "a loss that isn't finite"
+    lenses = method.lens_estimates()
+    for view in training_set.views:
+        lens = None if lenses is None else lenses[view.name]
+        for shown in [None] if lens is None else [None, lens]:
+            if lens is not None and not (math.isfinite(lens.aperture) and math.isfinite(lens.focus_disparity)):
+                return f"lens of {view.name}: {lens.aperture:.3g}, {lens.focus_disparity:.3g}"
+            rendering = method.render(view.camera, shown)
+            if not np.isfinite(rendering.image).all() or float(np.abs(rendering.image).mean()) > ABSURD_LIGHT:
+                return f"render of {view.name}: light of {float(np.abs(rendering.image).mean()):.3g} times white"
+            if (
+                not np.isfinite(rendering.depth).all()
+                or rendering.depth.min() < 0
+                or rendering.depth.max() > ABSURD_DEPTH
+            ):
+                return f"depth of {view.name}: {rendering.depth.min():.3g} to {rendering.depth.max():.3g}"
+        if lens is not None:
+            least = min(abs(float(lens.signed_radius(q, WIDTH))) for q in (true_range().q_min, true_range().q_max))
+            if least > WIDTH:
+                return f"lens of {view.name}: nothing blurred by less than {least:.3g} pixels"
+    return ""
+
+
+def lens_found(method: Method, one_plane: bool) -> bool:
+    """Whether the learned lenses blur as the true ones do, to half the error of one that learns nothing."""
+    lenses = method.lens_estimates()
+    if lenses is None:
+        return False
+    disparities = np.linspace(true_range().q_min, true_range().q_max, 5)
+    nothing = np.abs(Lens(0.5, 0.5).physical(true_range(), WIDTH).signed_radius(disparities, WIDTH))
+    errors, unlearned = [], []
+    for index, lens in enumerate(lenses.values()):
+        true = np.abs(true_lens(index, one_plane).physical(true_range(), WIDTH).signed_radius(disparities, WIDTH))
+        errors.append(np.abs(np.abs(lens.signed_radius(disparities, WIDTH)) - true).mean())
+        unlearned.append(np.abs(nothing - true).mean())
+    return float(np.mean(errors)) < FOUND * float(np.mean(unlearned))

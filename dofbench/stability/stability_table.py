@@ -1,0 +1,105 @@
+"""What was found as CSV and Markdown."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+from dofbench.reporting.line_table import plain
+from dofbench.stability.stability_options import GROUPS
+
+# A known limit may differ by machine, as rounding decides what is close to its bound: where it is met, that is said.
+MET, NOT_MET, KNOWN, MET_HERE = "met", "not met", "known limit", "met here"
+FIELDS = ("case", "group", "backend", "precision", "error", "bound", "verdict", "note")
+
+
+@dataclass(frozen=True)
+class Row:
+    """A case in one setting, as the tables have it. note: what was found, or why the bound isn't met, or isn't met
+    elsewhere."""
+
+    case: str
+    group: str
+    backend: str
+    precision: str
+    error: float
+    bound: float
+    verdict: str
+    note: str
+
+
+@dataclass(frozen=True)
+class Explained:
+    """What the Markdown says of a case: what must hold, and where its bound comes from."""
+
+    holds: str
+    bound: str
+
+
+def csv_text(rows: Sequence[Row]) -> str:
+    """One line a case and setting, under `FIELDS`."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, FIELDS, lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        writer.writerow({**asdict(row), "error": f"{row.error:.6g}", "bound": f"{row.bound:.6g}"})
+    return text.getvalue()
+
+
+def markdown(rows: Sequence[Row], explained: dict[str, Explained], heading: Sequence[str]) -> str:
+    """The tables by group, what must hold beside every case, and first what isn't met. heading: of what was run."""
+    counts = Counter(row.verdict for row in rows)
+    cases = len({(row.group, row.case) for row in rows})
+    lines = [
+        "# Numerical stability",
+        "",
+        *heading,
+        "",
+        f"{cases} cases, {len(rows)} rows: "
+        + ", ".join(f"{counts[verdict]} {verdict}" for verdict in (MET, KNOWN, MET_HERE, NOT_MET) if counts[verdict])
+        + ".",
+        "",
+    ]
+    for verdict, title in (
+        (NOT_MET, "Not met"),
+        (KNOWN, "Known limits"),
+        (MET_HERE, "Known limits whose bound is met here, on this machine"),
+    ):
+        some = [row for row in rows if row.verdict == verdict]
+        if some:
+            lines += [f"## {title}", "", "| case | backend | error | bound | why |", "| --- | --- | --- | --- | --- |"]
+            lines += [
+                f"| {row.group}/{row.case} | {row.backend} {row.precision} | {row.error:.3g} | {row.bound:.3g} | "
+                f"{plain(row.note)} |"
+                for row in some
+            ] + [""]
+    for group in GROUPS:
+        some = [row for row in rows if row.group == group]
+        if not some:
+            continue
+        lines += [
+            f"## {GROUPS[group]}",
+            "",
+            "| case | what must hold | bound | backend | error | bound | verdict | found |",
+            "| --- | --- | --- | --- | --- | --- | --- | --- |",
+        ]
+        before = ""
+        for row in some:
+            about = explained[f"{row.group}/{row.case}"]
+            told = [row.case, about.holds, about.bound] if row.case != before else ["", "", ""]
+            found = "" if row.verdict in (KNOWN, MET_HERE) else row.note
+            cells = [
+                *told,
+                f"{row.backend} {row.precision}",
+                f"{row.error:.3g}",
+                f"{row.bound:.3g}",
+                row.verdict,
+                found,
+            ]
+            lines.append("| " + " | ".join(map(plain, cells)) + " |")
+            before = row.case
+        lines.append("")
+    return "\n".join(lines)

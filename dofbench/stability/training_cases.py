@@ -1,0 +1,301 @@
+"""Training on scenes and with options that are too hard for it: what converges, what is found out, what goes wrong."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+import torch
+
+from dofbench.core.contracts import Budget, TrainingSet
+from dofbench.core.errors import Status
+from dofbench.gaussians.method import GaussianMethod
+from dofbench.gaussians.trainer import Trainer
+from dofbench.running.method_cards import MethodEntry, find_method, method_files
+from dofbench.stability.case import COMPILED, Case, Found, Setting
+from dofbench.stability.short_trainings import SHORT, STEPS, End, Watch, faster, options_of, run
+from dofbench.stability.training_scene import VIEWS, black, noise, nothing_but_noise, scene, spoiled, wrong_pose
+
+RATES = ("means_lr", "means_lr_final", "sh_dc_lr", "sh_rest_lr", "opacity_lr", "scale_lr", "rotation_lr")
+LENS_RATES = ("lens_lr", "lens_lr_final")
+SANE = "no run ends as ok with a number that isn't finite or can't be, and none without a status"
+SANE_BOUND = "0 runs: light within 10 times white, depth finite, a circle of confusion no wider than the image"
+SEEDS = (0, 1)
+START_APERTURES, START_FOCI = (0.5, 2.0, 6.0), (-0.5, 0.25, 0.75, 1.5)
+
+
+def _summary(ends: list[End], with_lens: bool) -> str:
+    statuses = ", ".join(f"{count} {status}" for status, count in sorted(Counter(end.status for end in ends).items()))
+    parts = [f"{statuses} of {len(ends)}", f"loss fell in {sum(end.better for end in ends)}"]
+    if with_lens:
+        parts.append(f"lens found in {sum(end.found for end in ends)}")
+    wrong = [end.wrong for end in ends if end.wrong]
+    return "; ".join(parts + ([f"{len(wrong)} wrong: {wrong[0]}"] if wrong else []))
+
+
+def _measured(entry: MethodEntry, ends: list[End]) -> Found:
+    return Found(float(sum(bool(end.wrong) for end in ends)), 0.0, _summary(ends, entry.card.capabilities.learns_lens))
+
+
+def _hard(setting: Setting, method: str, make: Callable[[], TrainingSet], one_plane: bool = False) -> Found:
+    entry = find_method(method)
+    return _measured(entry, [run(entry, make(), seed, one_plane=one_plane) for seed in SEEDS])
+
+
+def _fast(setting: Setting, method: str, names: tuple[str, ...], factor: float) -> Found:
+    entry = find_method(method)
+    return _measured(entry, [run(entry, scene(), seed, **faster(entry, names, factor)) for seed in SEEDS])
+
+
+@cache
+def _from_grid(method: str) -> dict[tuple[float, float], End]:
+    entry = find_method(method)
+    return {
+        (aperture, focus): run(entry, scene(), lens_init_aperture=aperture, lens_init_focus=focus)
+        for aperture in START_APERTURES
+        for focus in START_FOCI
+    }
+
+
+def _starts(setting: Setting, method: str) -> Found:
+    return _measured(find_method(method), list(_from_grid(method).values()))
+
+
+def _starts_found(setting: Setting, method: str) -> Found:
+    grid = _from_grid(method)
+    lost = [f"A {aperture:g} F {focus:g}" for (aperture, focus), end in grid.items() if not end.found]
+    return Found(
+        len(lost) / len(grid),
+        0.0,
+        f"{len(grid) - len(lost)} of {len(grid)} starts end at the lens" + (f"; not {', '.join(lost)}" if lost else ""),
+    )
+
+
+def _usual(setting: Setting, method: str) -> Found:
+    entry = find_method(method)
+    ends = [run(entry, scene(), seed) for seed in SEEDS]
+    learns = entry.card.capabilities.learns_lens
+    good = sum(end.better and (end.found or not learns) for end in ends)
+    return Found(1 - good / len(ends), 0.0, _summary(ends, learns))
+
+
+def _planted(setting: Setting, method: str, what: str, value: float) -> Found:
+    """A number that isn't finite, put into the training after step 7: step 8 must say so, and where."""
+    entry = find_method(method)
+    made = entry.create(options_of(entry), 0, "cpu")
+    assert isinstance(made, GaussianMethod)
+    trainer = Trainer(scene(), made.options, 0)
+
+    def plant(step: int) -> None:
+        if step != 7:
+            return
+        if what == "lens":
+            trainer.lenses.spoil(value)
+        else:
+            with torch.no_grad():
+                trainer.gaussians.parameters[what].view(len(trainer.gaussians), -1)[11, 0] = value
+
+    try:
+        outcome = trainer.fit(Budget(steps=20), Watch(plant))
+    except Exception as error:
+        return Found(1.0, 0.0, f"no status: {type(error).__name__}: {error}"[:120])
+    event = outcome.nonfinite[0] if outcome.nonfinite else None
+    right = (
+        outcome.status is Status.DIVERGED
+        and event is not None
+        and (outcome.steps, event.step) == (8, 8)
+        and event.view in {view.name for view in scene().views}
+    )
+    return Found(0.0 if right else 1.0, 0.0, f"{outcome.status}: {outcome.message}"[:120])
+
+
+def _vanished(setting: Setting, method: str, what: str) -> Found:
+    """Gaussians that all fade, or all get behind the cameras: the step that finds none left must say so."""
+    entry = find_method(method)
+    made = entry.create(options_of(entry), 0, "cpu")
+    assert isinstance(made, GaussianMethod)
+    trainer = Trainer(scene(), made.options, 0)
+
+    def vanish(step: int) -> None:
+        with torch.no_grad():
+            if step == 7 and what == "faded":
+                trainer.gaussians.parameters["opacity_logits"][:] = -20.0
+            elif step == 7:
+                trainer.gaussians.parameters["means"][:, 2] = -5.0
+
+    try:
+        outcome = trainer.fit(Budget(steps=STEPS), Watch(vanish))
+    except Exception as error:
+        return Found(1.0, 0.0, f"no status: {type(error).__name__}: {error}"[:120])
+    event = outcome.nonfinite[0] if outcome.nonfinite else None
+    # The first look that density control takes, every so many steps.
+    right = outcome.status is Status.DIVERGED and event is not None and event.step == outcome.steps
+    right = right and outcome.steps % SHORT["densify_every"] == 0
+    return Found(0.0 if right else 1.0, 0.0, f"{outcome.status}: {outcome.message}"[:120])
+
+
+def _bad_photograph(setting: Setting, method: str, value: float) -> Found:
+    """A photograph with a number that isn't finite: the first step that looks at it must say so."""
+
+    def spoil(image: np.ndarray) -> np.ndarray:
+        image = image.copy()
+        image[20, 30, 1] = value
+        return image
+
+    entry = find_method(method)
+    outcome = entry.create(options_of(entry), 0, "cpu").fit(spoiled(scene(), 3, spoil), Budget(steps=STEPS), Watch())
+    event = outcome.nonfinite[0] if outcome.nonfinite else None
+    right = (
+        outcome.status is Status.DIVERGED
+        and event is not None
+        and event.view == "v3"
+        and event.step == outcome.steps <= VIEWS
+    )
+    return Found(0.0 if right else 1.0, 0.0, f"{outcome.status}: {outcome.message}"[:120])
+
+
+def cases_of(method: str) -> tuple[Case, ...]:
+    """The cases of one method. Those that set options are there only for methods of this project's trainer."""
+    entry = find_method(method)
+    learns, ours = entry.card.capabilities.learns_lens, isinstance(entry.create({}, 0, "cpu"), GaussianMethod)
+
+    def trained(name: str, holds: str, bound: str, measure: Callable[..., Found], **arguments: Any) -> Case:
+        return Case(
+            "training", f"{method}-{name}", method, holds, bound, COMPILED, partial(measure, method=method, **arguments)
+        )
+
+    makers: Mapping[str, tuple[str, Callable[[], TrainingSet]]] = {
+        "3-views": ("three views", partial(scene, 3)),
+        "textureless": ("a scene of one colour, background and all", partial(scene, textureless=True)),
+        "noise": ("noise of 0.2", partial(noise, 0.2)),
+        "only-noise": ("photographs of nothing but noise", nothing_but_noise),
+        "wrong-pose": ("one camera turned by 11 degrees", wrong_pose),
+        "one-black": ("one black photograph", partial(black, 3)),
+        "all-black": ("black photographs", partial(black, None)),
+    }
+    found = [trained(name, f"{what}: {SANE}", SANE_BOUND, _hard, make=make) for name, (what, make) in makers.items()]
+    found += [
+        trained(
+            f"photograph-{name}",
+            f"{name} in a photograph: diverged at the first step that looks at it, by name",
+            "0: the right step and view",
+            _bad_photograph,
+            value=value,
+        )
+        for name, value in (("nan", np.nan), ("inf", np.inf))
+    ]
+    if ours:
+        found.insert(
+            0,
+            trained(
+                "usual",
+                "the scene as it is, the preset cut short: the loss falls, the lens is found",
+                "0: the share that doesn't",
+                _usual,
+            ),
+        )
+        found += [
+            trained(
+                f"rates-x{factor:g}",
+                f"all learning rates of the scene times {factor:g}: {SANE}",
+                SANE_BOUND,
+                _fast,
+                names=RATES,
+                factor=factor,
+            )
+            for factor in (10.0, 100.0, 1e4)
+        ]
+        planted = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
+        found += [
+            trained(
+                f"planted-nan-{what}",
+                f"NaN in {what} after step 7 is found at step 8",
+                "0: the right step",
+                _planted,
+                what=what,
+                value=np.nan,
+            )
+            for what in planted
+        ]
+        found += [
+            trained(
+                "planted-inf-means",
+                "infinity in means after step 7 is found at step 8",
+                "0: the right step",
+                _planted,
+                what="means",
+                value=np.inf,
+            )
+        ]
+    if ours:
+        found += [
+            trained(
+                f"vanished-{what}",
+                f"Gaussians that all {how} end as diverged, at the step that finds out",
+                "0: the right step",
+                _vanished,
+                what=what,
+            )
+            for what, how in (("faded", "fade"), ("behind", "get behind the cameras"))
+        ]
+    if ours and learns:
+        found += [
+            trained(
+                "one-plane",
+                f"all photographs focused on one plane: {SANE}",
+                SANE_BOUND,
+                _hard,
+                make=partial(scene, one_plane=True),
+                one_plane=True,
+            ),
+            *(
+                trained(
+                    f"lens-rates-x{factor:g}",
+                    f"the lens's learning rate times {factor:g}: {SANE}",
+                    SANE_BOUND,
+                    _fast,
+                    names=LENS_RATES,
+                    factor=factor,
+                )
+                for factor in (10.0, 100.0)
+            ),
+            *(
+                trained(
+                    f"all-rates-x{factor:g}",
+                    f"all learning rates times {factor:g}: {SANE}",
+                    SANE_BOUND,
+                    _fast,
+                    names=RATES + LENS_RATES,
+                    factor=factor,
+                )
+                for factor in (10.0, 100.0)
+            ),
+            trained("bad-starts", f"A from 0.5 to 6, F from -0.5 to 1.5 at the start: {SANE}", SANE_BOUND, _starts),
+            trained(
+                "bad-starts-found",
+                "and from each of them the lens is found: half the error of one that learns nothing",
+                "0: the share that doesn't",
+                _starts_found,
+            ),
+            *(
+                trained(
+                    f"planted-{name}-lens",
+                    f"{name} in the lens after step 7 is found at step 8",
+                    "0: the right step",
+                    _planted,
+                    what="lens",
+                    value=value,
+                )
+                for name, value in (("nan", np.nan), ("inf", np.inf))
+            ),
+        ]
+    return tuple(found)
+
+
+def cases(method: str | None = None) -> tuple[Case, ...]:
+    """The cases of one method, or of all that are found. Raises InputError for an unknown one."""
+    chosen = [method] if method is not None else list(method_files())
+    return tuple(case for one in chosen for case in cases_of(one))

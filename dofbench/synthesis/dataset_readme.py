@@ -1,0 +1,206 @@
+"""The README that goes into a dataset: what it is, how it was made, how to read it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dofbench import __version__
+from dofbench.dataset.schema import DepthRecord, SourceRecord, ThinLensRecord, ViewRecord
+from dofbench.scenes.named.schema import NOT_STATED
+from dofbench.scenes.scene import Scene
+from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.synthesis.lens_plan import Values
+
+# What people call the file that says where a scene is from and under which terms.
+_NOTES = (
+    "CITATION.cff",
+    "LICENCE",
+    "LICENCE.md",
+    "LICENCE.txt",
+    "LICENSE",
+    "LICENSE.md",
+    "LICENSE.txt",
+    "README.md",
+    "README.txt",
+    "SOURCE.md",
+)
+
+DEPTH_TEXT = {
+    "given": "the scene's own depth maps",
+    "folder": "depth maps of another program",
+    "splat": "a Gaussian reconstruction of all all-in-focus views (settings in dataset.json)",
+    "sfm": "sparse points, completed along the edges of the image",
+    "onnx": "a monocular depth network (named in dataset.json), aligned to sparse points",
+}
+
+_TEXT = """\
+# {name}: shallow depth of field with a known lens
+
+![A few views: original, depth, circle of confusion, shallow photograph](contact_sheet.png)
+
+{count} views ({train} to train on, {test} to test on), {size}. Every image in `images/` is a photograph of an
+all-in-focus scene, blurred as a lens of known aperture and focus would. `lens.json` holds that lens, so what a
+method learns from the images can be compared with the truth.
+
+Made by dofbench {version}:
+
+    {command}
+
+Running it again on the same scene gives the same bytes{but}:
+`dofbench make-dataset SCENE --like dataset.json --out DIR` does so and compares them. `dofbench check` compares every
+file with its checksum in `dataset.json`, and blurs a part of a view again.
+
+## Files
+
+| file | what it is |
+| --- | --- |
+| `images/VIEW.png` | shallow depth of field, encoded, {bits} bit: what a method trains on |
+| `images_linear/VIEW.exr` | the same in linear light, before encoding and rounding, {linear} |
+| `all_in_focus/VIEW.png` | the original at this size, encoded, 8 bit: the truth for all-in-focus renders |
+| `depth/VIEW.exr` | z-depth in scene units, float32, 0 where unknown; from {depth} |
+| `confidence/VIEW.png` | how far to trust that, 8 bit: 0 unknown, 255 certain; what it is: `depth` in `dataset.json` |
+| `lens.json` | aperture and focus of every view, and what they refer to |
+| `transforms.json` | cameras, split and depth in nerfstudio's layout (OpenGL axes) |
+| `poses_bounds.npy` | the same cameras in LLFF's layout |
+| `sparse/0/` | the same cameras and the sparse points as a COLMAP model |
+| `contact_sheet.png` | a few views: original, depth, CoC radius, shallow image |
+| `dataset.json` | source, settings, sha256 and size of every other file |
+
+## Lens
+
+With `[q_min, q_max] = disparity_range` of `lens.json` and a pixel's depth z:
+
+    d = (1 / z - q_min) / (q_max - q_min)        normalised disparity, 0 far ... 1 near, not clipped
+    R = k_px |d - focus|                         radius of its circle of confusion, pixels
+    k_px = 0.02 * image width * aperture
+
+The same in scene units: `R = aperture_scene |1 / focus_scene - 1 / z|`. Blurring is done in linear light,
+`linear = encoded ** {gamma:g}`: each pixel i of colour c is spread over its neighbours j at distance l with the weight
+
+    w_ij = (1/2 + 1/2 tanh({alpha:g} (R_i - l))){area}
+
+and a target's colour is `sum_i w_ij c_i / sum_i w_ij`{shape}.{layered}
+A view with aperture 0 is the original, untouched.
+{again}
+Where the depth is unknown, 1 / z counts as 0: infinitely far.{sensor}
+{normaliser}
+The lenses were {dealt}; the largest radius is {largest:.1f} pixels.
+
+## Reading it
+
+    from dofbench.synthesis import Dataset
+    dataset = Dataset.load("{name}")
+    training_set = dataset.training_set()        # shallow images, cameras, points; nothing of the lens or depth
+    view = dataset.test_views()[0]
+    dataset.image(view), dataset.all_in_focus(view), dataset.depth(view), view.lens
+
+Depth and 8-bit images open in any image library that knows EXR and PNG; `transforms.json` and `sparse/0` open in
+nerfstudio, gsplat, COLMAP and their like. Views in `test_filenames` of `transforms.json` are not for training.
+{lost}
+## Source
+
+The all-in-focus images are those of the scene "{scene}" ({layout} layout){origin}; their sha256 are in `dataset.json`.
+
+{licence}
+"""
+
+_LAYERED = """ This is done
+in {layers} layers of equal range of the signed radius, laid over each other from far to near, each going on behind the
+nearer ones (`dofbench/optics/layered.py`)."""
+
+_AGAIN = (
+    "Who computes this from `all_in_focus`, `depth` and `lens.json` gets `images` to within the rounding to {} bits."
+)
+
+_THINLENS = """\
+
+These photographs, however, were not computed from an image and its depth, which the formula above only comes near: they
+were rendered through a real thin lens of the same radius R, by mitsuba {mitsuba} ({variant}), {samples} rays a pixel,
+from the geometry of make-scene's recipe `{recipe}`, seed {seed}. `lens.json` has the noise of every view."""
+
+_PER_VIEW = """
+The lens of every view was dealt in the view's own units (minimum and 95th percentile of its disparity; `dealt` in
+`lens.json`), and is given in the scene's units as everywhere, so `aperture` and `focus` differ from view to view.
+"""
+
+
+def readme_text(
+    scene: Scene,
+    settings: MakeDataset,
+    source: SourceRecord,
+    depth: DepthRecord,
+    records: Sequence[ViewRecord],
+    lost: Sequence[str],
+    thinlens: ThinLensRecord | None = None,
+) -> str:
+    """The text, without anything of the machine or the time. lost: what a layout can't hold of the cameras."""
+    sizes = sorted({(view.camera.width, view.camera.height) for view in scene.views})
+    shape = settings.aperture_shape
+    return _TEXT.format(
+        name=scene.name,
+        scene=scene.name,
+        layout=scene.layout,
+        version=__version__,
+        command=settings.command(settings.scene or scene.name),
+        count=len(records),
+        train=sum(record.split == "train" for record in records),
+        test=sum(record.split == "test" for record in records),
+        size=" and ".join(f"{width}x{height}" for width, height in sizes) + " pixels",
+        linear="half" if settings.linear == "exr-half" else "float",
+        depth=DEPTH_TEXT[depth.source],
+        gamma=settings.gamma,
+        alpha=settings.alpha,
+        area=" / (R_i^2 + 0.2)" if settings.energy == "area" else "",
+        shape="" if shape.is_disc else "; R_i is scaled by direction to the aperture's `shape`",
+        layered=_LAYERED.format(layers=settings.layers) if settings.renderer == "layered" else "",
+        again=_AGAIN.format(settings.bits) if thinlens is None else _THINLENS.format(**thinlens.model_dump()),
+        normaliser=_PER_VIEW if settings.normaliser == "view" else "",
+        largest=max(record.max_coc_px for record in records),
+        dealt=_dealt_text(settings),
+        bits=settings.bits,
+        sensor=_sensor_text(settings),
+        lost="".join(f"\nCareful: {note}.\n" for note in lost),
+        but=" but for a rare last bit of the ray tracer's" if settings.renderer == "thinlens" else "",
+        origin=f", from {source.origin}" if source.origin else "",
+        licence=licence_text(scene, source),
+    )
+
+
+def licence_text(scene: Scene, source: SourceRecord) -> str:
+    """Under which terms the images are, where more about it stands, and whom to cite."""
+    lines = [f"Licence of the images: {source.licence}{f' ({source.terms})' if source.terms else ''}."]
+    notes = [f"`{name}`" for name in _NOTES if (scene.root / name).is_file()]
+    if notes:
+        lines.append(f"The scene's own words on terms and authors: {' and '.join(notes)} of its folder.")
+    elif source.licence == NOT_STATED:
+        lines.append("Find out their terms before you share them.")
+    if source.citation:
+        lines += ["Please cite:", "", *(f"- {reference}" for reference in source.citation)]
+    else:
+        lines.append("Please cite their authors.")
+    return "\n".join(lines)
+
+
+def _dealt_text(settings: MakeDataset) -> str:
+    if settings.assign == "continuous":
+        ends = (f"{min(values):g} to {max(values):g}" for values in (settings.focus_values, settings.aperture_values))
+        return "drawn from focus {} and aperture {}".format(*ends)
+    text = f"dealt from {_values_text(settings.values)}"
+    if settings.held_out_values is None:
+        return text
+    return f"{text} for the views to train on, from {_values_text(settings.held_out_values)} for those to test on"
+
+
+def _values_text(values: Values) -> str:
+    focus, aperture = (", ".join(f"{value:g}" for value in numbers) for numbers in (values.focus, values.aperture))
+    return f"focus {focus} and aperture {aperture}"
+
+
+def _sensor_text(settings: MakeDataset) -> str:
+    if not settings.sensor.is_noisy:
+        return ""
+    shot = f"x / {settings.photons:g} + " if settings.photons > 0 else ""
+    return (
+        f"\nNoise of the variance {shot}{settings.read_noise:g} ** 2 at a linear signal x is on `images` and "
+        "`images_linear` (`sensor` in\n`lens.json`; `dofbench.dataset.sensor` makes it again)."
+    )

@@ -1,0 +1,241 @@
+"""The run of make-dataset: read the scene, then stage after stage, each keeping what is already there."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from dofbench import __version__, depth
+from dofbench.core.cameras import Camera
+from dofbench.core.errors import InputError
+from dofbench.core.file_lock import only_writer
+from dofbench.core.files import canonical_json, read_json, sha256_text, write_json
+from dofbench.core.images import read_exr, read_image, to_8bit, write_exr, write_png
+from dofbench.core.lens import DisparityRange
+from dofbench.core.progress import Progress
+from dofbench.dataset import layout
+from dofbench.dataset.schema import SourceRecord, ViewRecord
+from dofbench.depth.given import with_folder_depth
+from dofbench.depth.network import find_network, network_digest
+from dofbench.scenes.by_exif import split_by_f_number
+from dofbench.scenes.folders import listed
+from dofbench.scenes.named import Reading, ResolvedScene, find_data_root, resolve
+from dofbench.scenes.scene import Scene, Split
+from dofbench.synthesis import write
+from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.synthesis.depth_record import make_depth
+from dofbench.synthesis.lens_plan import Plan, deal_plan, draw_plan
+from dofbench.synthesis.photographing import Optics, exposed
+from dofbench.synthesis.real_photographs import make_of_photographs
+from dofbench.synthesis.render_views import Blur, shallow_image, view_record
+from dofbench.synthesis.scene_source import NEAR_FAR, check_source, encoded, source_record
+from dofbench.synthesis.sibling import take_over
+from dofbench.synthesis.work import WORK, Identity, finish, prepare
+
+BUILT_IN = "tabletop"
+
+
+def find_scene(settings: MakeDataset) -> ResolvedScene:
+    """The scene that the settings ask for; without one, the built-in scene.
+
+    Raises InputError when there is none, or when the dataset named has several and one must be chosen.
+    """
+    text = BUILT_IN if settings.scene is None else settings.scene
+    scenes = [scene for scene in resolve(text, find_data_root(settings.data_root)) if not scene.missing]
+    if len(scenes) > 1:
+        raise InputError(text, f"{len(scenes)} scenes", f"one of {listed(scene.label for scene in scenes)}")
+    return scenes[0]
+
+
+def read_scene(found: ResolvedScene, settings: MakeDataset) -> tuple[Scene, MakeDataset]:
+    """Read the scene, and say in the settings what was taken from what is known of it; there it goes by its label."""
+    asked = Reading(width=settings.width, images=settings.images, layout=settings.layout, hold=settings.hold)
+    scene = found.load(**asked)
+    if settings.train_f_number is not None and settings.test_f_number is not None:
+        if settings.photographs == "auto" and scene.photographs != "shallow":
+            raise InputError(
+                "--train-f-number",
+                f"{scene.name}, whose photographs are all in focus, for all one knows",
+                "--photographs shallow too, where a lens took them as they are",
+            )
+        scene = split_by_f_number(
+            scene, settings.train_f_number, settings.test_f_number, test_points=settings.test_points
+        )
+    if settings.photographs != "auto":
+        scene = scene.taken_as(train="shallow", test="shallow" if settings.photographs == "shallow" else "all-in-focus")
+    return scene, replace(settings, scene=found.label, **found.reading(**asked))
+
+
+def default_folder(scene_name: str) -> Path:
+    """Where the dataset of a scene goes when the user doesn't say."""
+    return Path("data") / scene_name
+
+
+def make(
+    settings: MakeDataset, progress: Progress, *, sibling: Path | None = None, expected: SourceRecord | None = None
+) -> Path:
+    """Make the dataset, or finish it, or find that it is complete; returns its folder. See `make_dataset`.
+
+    sibling: a dataset of the same scene with another lens: if it is complete, its sharp images and depth are used.
+    expected: the scene that it must be; InputError for any other. Photographs that are shallow already are taken as
+    they are.
+    """
+    found = find_scene(settings)
+    scene, settings = read_scene(found, settings)
+    if scene.photographs == "shallow":
+        return make_of_photographs(found, scene, settings, progress, expected=expected)
+    kind, place = settings.depth_source
+    network = find_network(str(place)) if kind == "onnx" else None
+    if kind == "folder" and place is not None:
+        scene = with_folder_depth(scene, place, settings.depth_unit)
+    plan = _assigned([(view.name, view.split) for view in scene.views], settings)
+    source_id = depth.resolve(kind, scene)
+    if source_id in ("splat", "sfm"):
+        scene.require_points(f"--depth {source_id}")
+    optics = Optics.of_scene(found.root, settings.lens_samples) if settings.renderer == "thinlens" else None
+    source = source_record(scene, found, with_depth=source_id in ("given", "folder"))
+    if expected is not None:
+        check_source(source, expected, scene.root)
+    identity = Identity(
+        rest=sha256_text(
+            canonical_json(
+                {
+                    "settings": settings.recipe(),
+                    "depth": source_id,
+                    "plan": plan.hash,
+                    "dofbench": __version__,
+                    **({} if network is None else {"network": network_digest(network)}),
+                    **({} if optics is None else {"thinlens": optics.record.model_dump()}),
+                    "source": source.model_dump(mode="json", include={"scene", "layout", "geometry"}),
+                }
+            )
+        ),
+        images={image.view: image.sha256 for image in source.images},
+        own_depth=source_id in ("given", "folder"),
+    )
+    out = settings.out or default_folder(scene.name)
+    with only_writer(out):
+        if prepare(out, identity) == "complete":
+            progress.finished(out, "up to date")
+            return out
+        if sibling is not None:
+            take_over(sibling, out, source, settings)
+        _all_in_focus(scene, out, progress)
+        depth_record, disparity_range = make_depth(scene, source_id, network, settings, out, progress)
+        blur = Blur(
+            disparity_range=disparity_range,
+            per_view=settings.normaliser == "view",
+            gamma=settings.gamma,
+            alpha=settings.alpha,
+            shape=settings.aperture_shape,
+            energy=settings.energy,
+            renderer=settings.renderer,
+            layers=settings.layers,
+            sensor=settings.sensor,
+            bits=settings.bits,
+            thinlens=None if optics is None else optics.record,
+        )
+        if optics is not None and optics.remark:
+            print(optics.remark, file=sys.stderr, flush=True)
+        shoot = partial(_shoot, out=out, blur=blur, half=settings.linear == "exr-half", optics=optics)
+        records = _shallow(plan, scene, out, blur, shoot, progress)
+        notes = write.geometry(out, scene, _near_far(scene, out, blur.disparity_range))
+        write.lens_file(out, blur, records)
+        write.sheet(out, f"{scene.name}: {len(records)} views with a known lens", records, blur.disparity_range)
+        write.readme(out, scene, settings, source, depth_record, records, notes, blur.thinlens)
+        write.manifest(
+            out,
+            name=scene.name,
+            settings=settings,
+            recipe=settings.recipe(),
+            source=source,
+            depth=depth_record,
+            identity=identity.digest,
+        )
+        finish(out)
+    progress.finished(out, f"{len(records)} views")
+    return out
+
+
+def _assigned(views: list[tuple[str, Split]], settings: MakeDataset) -> Plan:
+    if settings.assign == "continuous":
+        return draw_plan(views, settings.values, seed=settings.seed)
+    return deal_plan(views, settings.values, seed=settings.seed, held_out=settings.held_out_values)
+
+
+def _all_in_focus(scene: Scene, out: Path, progress: Progress) -> None:
+    with progress.stage("all-in-focus", len(scene.views)) as advance:
+        for index, view in enumerate(scene.views):
+            path = layout.sharp_path(out, view.name)
+            if not path.is_file():
+                write_png(path, encoded(view))
+            advance(index + 1)
+
+
+def _near_far(scene: Scene, out: Path, disparity_range: DisparityRange) -> np.ndarray:
+    """(N, 2) depth bounds of every view, scene units; the scene's where a view has no known pixel."""
+    bounds = []
+    for view in scene.views:
+        depth_map = read_exr(layout.depth_path(out, view.name))
+        known = depth_map[depth_map > 0]
+        bounds.append(
+            np.percentile(known, NEAR_FAR) if known.size else (1 / disparity_range.q_max, 1 / disparity_range.q_min)
+        )
+    return np.array(bounds)
+
+
+def _shallow(
+    plan: Plan,
+    scene: Scene,
+    out: Path,
+    blur: Blur,
+    shoot: Callable[[ViewRecord, Camera, np.ndarray], ViewRecord],
+    progress: Progress,
+) -> list[ViewRecord]:
+    records = []
+    camera_of = {view.name: view.camera for view in scene.views}
+    with progress.stage("blur", len(plan.views)) as advance:
+        for index, planned in enumerate(plan.views):
+            depth_map = read_exr(layout.depth_path(out, planned.name))
+            try:
+                record = view_record(planned, depth_map, blur)
+            except ValueError:
+                raise InputError(
+                    f"view {planned.name}", "no pixel of known depth", "some, for a normaliser of its own"
+                ) from None
+            records.append(shoot(record, camera_of[planned.name], depth_map))
+            advance(index + 1)
+    return records
+
+
+def _shoot(
+    record: ViewRecord,
+    camera: Camera,
+    depth_map: np.ndarray,
+    *,
+    out: Path,
+    blur: Blur,
+    half: bool,
+    optics: Optics | None,
+) -> ViewRecord:
+    """Write a view's photograph unless it is there; returns its record, with the noise of one through a real lens."""
+    linear_path, path = layout.linear_path(out, record.name), layout.shallow_path(out, record.name)
+    # The noise can't be told from the files.
+    noise_path = out / WORK / "noise" / f"{record.name}.json"
+    seen = optics is not None and record.aperture > 0
+    if not (linear_path.is_file() and path.is_file() and (noise_path.is_file() or not seen)):
+        if optics is None or not seen:
+            sharp = to_8bit(read_image(layout.sharp_path(out, record.name)))
+            encoded, linear = shallow_image(sharp, depth_map, record, blur)
+        else:
+            shot = optics.photograph(camera, record)
+            encoded, linear = exposed(shot.linear, record.name, blur.sensor, blur.gamma)
+            write_json(noise_path, shot.noise)
+        write_exr(linear_path, linear, half=half)
+        write_png(path, encoded, bits=blur.bits)
+    return record.model_copy(update=read_json(noise_path)) if seen else record

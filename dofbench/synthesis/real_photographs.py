@@ -1,0 +1,150 @@
+"""A dataset of photographs that are shallow already, by a lens that nobody knows: taken as they are.
+
+It has the layout of any other. What isn't known is left out, and lens.json and the manifest say so: no view's lens, a
+sharp image only where the scene has a sharp photograph, depth only where the scene has it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dofbench import __version__
+from dofbench.core.file_lock import only_writer
+from dofbench.core.files import canonical_json, sha256_text, write_text
+from dofbench.core.images import read_exr, write_png
+from dofbench.core.lens import DisparityRange
+from dofbench.core.progress import Progress
+from dofbench.dataset import layout
+from dofbench.dataset.schema import DepthRecord, SourceRecord
+from dofbench.depth.given import require_depth, with_folder_depth
+from dofbench.scenes.named import ResolvedScene
+from dofbench.scenes.scene import Scene
+from dofbench.scenes.visibility import visible
+from dofbench.synthesis import write
+from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.synthesis.depth_record import make_depth
+from dofbench.synthesis.photographs_readme import photographs_readme
+from dofbench.synthesis.scene_source import NEAR_FAR, check_source, encoded, source_record
+from dofbench.synthesis.work import Identity, finish, prepare
+
+
+def make_of_photographs(
+    found: ResolvedScene,
+    scene: Scene,
+    settings: MakeDataset,
+    progress: Progress,
+    *,
+    expected: SourceRecord | None = None,
+) -> Path:
+    """Make the dataset, or finish it, or find that it is complete; returns its folder.
+
+    expected: the scene that it must be. Raises InputError for an option that says how to blur, and as `make` does.
+    """
+    settings.check_unblurred(scene.name)
+    scene = _with_depth(scene, settings)
+    source = source_record(scene, found, with_depth=True)
+    if expected is not None:
+        check_source(source, expected, scene.root)
+    recipe = settings.photograph_recipe()
+    identity = Identity(
+        rest=sha256_text(
+            canonical_json(
+                {
+                    "settings": recipe,
+                    "photographs": {view.name: view.photograph for view in scene.views},
+                    "dofbench": __version__,
+                    "source": source.model_dump(mode="json", include={"scene", "layout", "geometry"}),
+                    **({"exif": exif} if (exif := _exif_data(scene)) else {}),
+                }
+            )
+        ),
+        images={image.view: image.sha256 for image in source.images},
+        own_depth=True,
+    )
+    out = settings.out or Path("data") / scene.name
+    with only_writer(out):
+        if prepare(out, identity) == "complete":
+            progress.finished(out, "up to date")
+            return out
+        _photographs(scene, out, progress)
+        depth, disparity_range = _depth(scene, settings, out, progress)
+        measured = {record.view for record in depth.views} if depth is not None else set()
+        notes = write.geometry(out, scene, _near_far(scene, out, measured), measured)
+        write.unknown_lens_file(out, scene, disparity_range)
+        write.exif_file(out, scene)
+        write.photographs_sheet(out, scene, measured, disparity_range)
+        bounded = (out / layout.POSES_BOUNDS).is_file()
+        write_text(out / write.README, photographs_readme(scene, settings, source, depth, notes, bounded=bounded))
+        write.manifest(
+            out,
+            name=scene.name,
+            settings=settings,
+            recipe=recipe,
+            source=source,
+            depth=depth,
+            identity=identity.digest,
+        )
+        finish(out)
+    progress.finished(out, f"{len(scene.views)} views of unknown lens")
+    return out
+
+
+def _with_depth(scene: Scene, settings: MakeDataset) -> Scene:
+    kind, place = settings.depth_source
+    if kind == "folder" and place is not None:
+        return with_folder_depth(scene, place, settings.depth_unit)
+    if kind == "given":
+        require_depth(scene)
+    return scene
+
+
+def _exif_data(scene: Scene) -> dict[str, dict]:
+    return {view.name: view.exif.as_data() for view in scene.views if view.exif is not None}
+
+
+def _photographs(scene: Scene, out: Path, progress: Progress) -> None:
+    with progress.stage("photographs", len(scene.views)) as advance:
+        for index, view in enumerate(scene.views):
+            places = [layout.shallow_path, *([layout.sharp_path] if view.photograph == "all-in-focus" else [])]
+            missing = [path for place in places if not (path := place(out, view.name)).is_file()]
+            if missing:
+                image = encoded(view)
+                for path in missing:
+                    write_png(path, image)
+            advance(index + 1)
+
+
+def _depth(
+    scene: Scene, settings: MakeDataset, out: Path, progress: Progress
+) -> tuple[DepthRecord | None, DisparityRange | None]:
+    """Depth of the views that have it, and the range of their disparity; (None, None) without any."""
+    indices = [index for index, view in enumerate(scene.views) if view.depth is not None]
+    if not indices:
+        return None, None
+    points = None if scene.points is None else scene.points.seen_by(indices)
+    measured = replace(scene, views=tuple(scene.views[index] for index in indices), points=points)
+    source = "folder" if settings.depth_source[0] == "folder" else "given"
+    return make_depth(measured, source, None, settings, out, progress)
+
+
+def _near_far(scene: Scene, out: Path, measured: set[str]) -> np.ndarray | None:
+    """(N, 2) depth bounds of every view, scene units: of its depth, else of the points that it sees, else of all the
+    views'. None where neither is known of any view: bounds that nobody measured would be made up."""
+    bounds = np.full((len(scene.views), 2), np.nan)
+    for index, view in enumerate(scene.views):
+        known = np.empty(0)
+        if view.name in measured:
+            depth_map = read_exr(layout.depth_path(out, view.name))
+            known = depth_map[depth_map > 0]
+        if not known.size and scene.points is not None and len(scene.points):
+            known = visible(scene.points, view.camera, index).depth
+        if known.size:
+            bounds[index] = np.percentile(known, NEAR_FAR)
+    told = np.isfinite(bounds[:, 0])
+    if not told.any():
+        return None
+    bounds[~told] = bounds[told, 0].min(), bounds[told, 1].max()
+    return bounds

@@ -1,0 +1,60 @@
+"""A dataset made again from the manifest of one, and compared with it byte for byte."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import fields
+from typing import Any
+
+from dofbench import __version__
+from dofbench.core.errors import InputError
+from dofbench.core.progress import Progress
+from dofbench.dataset.schema import MANIFEST, Manifest, read_manifest
+from dofbench.synthesis.dataset_options import DatasetOptions, MakeDataset, MakeDatasets
+from dofbench.synthesis.make_dataset import make
+
+# What a manifest doesn't hold, since it is of the machine: where things are.
+_PLACES = {"data_root", "out"}
+
+
+def make_again(settings: MakeDatasets, progress: Progress) -> list[str]:
+    """Make the dataset that the manifest `settings.like` describes; the names of the files that came out different.
+
+    Raises InputError when the scene isn't the one that the manifest is of, and for options that the manifest sets.
+    """
+    assert settings.like is not None
+    like = settings.like if settings.like.is_dir() else settings.like.parent
+    manifest = read_manifest(like)
+    one = _settings(settings, manifest)
+    if one.out is not None and one.out.resolve() == like.resolve():
+        raise InputError("--out", f"{one.out}, the dataset that is to be made again", "another folder")
+    if manifest.dofbench != __version__:
+        raise InputError(
+            like / MANIFEST, f"a dataset made by dofbench {manifest.dofbench}", f"one made by {__version__}"
+        )
+    out = make(one, progress, expected=manifest.source)
+    again = read_manifest(out).files
+    return sorted(name for name in again.keys() | manifest.files.keys() if again.get(name) != manifest.files.get(name))
+
+
+def _settings(settings: MakeDatasets, manifest: Manifest) -> MakeDataset:
+    options: dict[str, Any] = {}
+    for field in fields(DatasetOptions):
+        given = getattr(settings, field.name)
+        if field.name in _PLACES:
+            options[field.name] = given
+            continue
+        stored = manifest.settings.get(field.name, field.default)
+        kind, _, place = str(stored).partition(":")
+        if field.name == "depth" and place:
+            if not given.startswith(f"{kind}:"):
+                raise InputError("--depth", repr(given), f"{kind}:PATH, where the depth of {manifest.name} came from")
+            options["depth"] = given
+            continue
+        if given != field.default:
+            raise InputError("--like", f"--{field.name.replace('_', '-')} too", "no option that the manifest sets")
+        options[field.name] = ",".join(map(repr, stored)) if isinstance(stored, list) else stored
+    if len(settings.scenes) > 1:
+        raise InputError("--like", f"{len(settings.scenes)} scenes", "the one that the manifest is of")
+    scene = settings.scenes[0] if settings.scenes else shlex.split(manifest.command)[2]
+    return MakeDataset(**options, scene=scene)

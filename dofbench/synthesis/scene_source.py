@@ -1,0 +1,81 @@
+"""The scene that a dataset is made of: what it is by content, and its images as the dataset keeps them."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+
+from dofbench.core.errors import InputError
+from dofbench.core.files import canonical_json, sha256_file
+from dofbench.core.images import to_8bit
+from dofbench.dataset.schema import SourceImage, SourceRecord
+from dofbench.scenes.named import ResolvedScene
+from dofbench.scenes.scene import Scene, SceneView
+
+NEAR_FAR = (0.1, 99.9)  # percentiles of depth that LLFF calls near and far
+
+
+def source_record(scene: Scene, found: ResolvedScene, with_depth: bool) -> SourceRecord:
+    """The scene by content. with_depth: its depth maps belong to it."""
+    digest = hashlib.sha256()
+    for view in scene.views:
+        camera = view.camera
+        digest.update(
+            canonical_json(
+                {
+                    "name": view.name,
+                    "split": view.split,
+                    "size": [camera.width, camera.height],
+                    "intrinsics": [camera.fx, camera.fy, camera.cx, camera.cy],
+                    "world_to_camera": camera.world_to_camera.tolist(),
+                }
+            ).encode()
+        )
+        if with_depth and view.depth is not None:
+            digest.update(np.ascontiguousarray(view.depth(), dtype=np.float32).tobytes())
+    if scene.points is not None:
+        for array in (scene.points.xyz, scene.points.rgb, scene.points.error, *(scene.points.views or ())):
+            digest.update(np.ascontiguousarray(array).tobytes() + b"|")
+    return SourceRecord(
+        scene=scene.name,
+        layout=scene.layout,
+        geometry=digest.hexdigest(),
+        images=tuple(
+            SourceImage(
+                view=view.name,
+                sha256=sha256_file(view.source),
+                photograph=view.photograph if scene.photographs == "shallow" else None,
+            )
+            for view in scene.views
+        ),
+        licence=found.licence,
+        terms=found.terms,
+        citation=found.citation,
+        origin=found.origin,
+    )
+
+
+def encoded(view: SceneView) -> np.ndarray:
+    """The view's image in 8 bits. Raises InputError when it isn't encoded, in [0, 1], of its camera's size."""
+    image = view.image()
+    size = (view.camera.height, view.camera.width, 3)
+    if image.shape != size:
+        raise InputError(view.source, f"an image of shape {image.shape}", f"{size}, as its camera")
+    if not np.isfinite(image).all() or image.min() < 0 or image.max() > 1:
+        raise InputError(view.source, f"values from {image.min():g} to {image.max():g}", "an encoded image in [0, 1]")
+    return to_8bit(image)
+
+
+def check_source(source: SourceRecord, expected: SourceRecord, root: Path) -> None:
+    """Raise InputError unless the scene is the one that a manifest is of."""
+    before = {image.view: image.sha256 for image in expected.images}
+    now = {image.view: image.sha256 for image in source.images}
+    if before.keys() != now.keys():
+        raise InputError(root, f"{len(now)} views", f"the {len(before)} of the manifest, by name")
+    for view, digest in now.items():
+        if before[view] != digest:
+            raise InputError(root, f"another image of view {view}", "the image whose sha256 is in the manifest")
+    if source.geometry != expected.geometry:
+        raise InputError(root, "other cameras, split, depth or points", "those of the manifest")
