@@ -143,14 +143,14 @@ def execute(settings: Any) -> int:
 
             return DONE if make_datasets(settings) else FAILED
         case MakeScene():
-            from dofbench.procedural import make_scene
+            from dofbench.procedural import scene_builder
 
-            make_scene(settings)
+            scene_builder(settings)
             return DONE
         case Reconstruct():
-            from dofbench.scenes.reconstruction import reconstruct
+            from dofbench.scenes.reconstruction import reconstructing
 
-            return DONE if reconstruct(settings) else FAILED
+            return DONE if reconstructing(settings) else FAILED
         case Runs():
             with loading.running():
                 from dofbench.commands.run_photographs import run_photographs

@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from tolerances import FLOAT32_DISTORTION, FLOAT32_GRADIENT, FLOAT32_VALUE
 
+from dofbench.compute.raster import ViewStatistics
 from dofbench.core.cameras import Camera
-from dofbench.gaussians.raster import ViewStatistics
 from dofbench.kernels import load
 
 cpu, reference = load("rasterize", "cpu"), load("rasterize", "reference")

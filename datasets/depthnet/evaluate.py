@@ -19,12 +19,12 @@ import tyro
 from dofbench.core.content import content_folder
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
-from dofbench.depth import open_source
 from dofbench.depth.align import fit
 from dofbench.depth.network import Network, find_network, sampled
 from dofbench.depth.sightings import scene_sightings
 from dofbench.scenes import load_scene
 from dofbench.scenes.scene import Scene
+from dofbench.synthesis.depth_sources import open_source
 
 HELD_OUT = 5  # every fifth point
 ALIGNING = 300  # pixels of a held-out room that the network is aligned to, as sparse points would be

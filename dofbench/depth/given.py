@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from dofbench.core.errors import InputError
-from dofbench.depth import DepthEstimate, SourceId
+from dofbench.depth.estimate import DepthEstimate
+from dofbench.depth.source import SourceId
 from dofbench.scenes.depth_files import read_depth
 from dofbench.scenes.scene import Scene, SceneView
 

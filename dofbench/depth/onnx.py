@@ -12,12 +12,12 @@ import numpy as np
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import replacing
-from dofbench.depth import SourceId
 from dofbench.depth.align import ENOUGH, UNALIGNED, Alignment, fit, middle
 from dofbench.depth.estimate import DepthEstimate, clipped, trust
 from dofbench.depth.network import Network, network_digest, sampled, side_file
 from dofbench.depth.sfm import spread_around
 from dofbench.depth.sightings import CLIPPED, SceneSightings, Sightings, scene_sightings
+from dofbench.depth.source import SourceId
 from dofbench.scenes.scene import Scene, SceneView
 
 # What a view is worth that was aligned by the others' points, and one that nothing was compared with.

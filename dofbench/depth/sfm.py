@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 
 from dofbench.core.errors import InputError
-from dofbench.depth import SourceId
 from dofbench.depth.completion import complete
 from dofbench.depth.estimate import DepthEstimate, clipped, trust
 from dofbench.depth.sightings import CLIPPED, Sightings, scene_sightings
+from dofbench.depth.source import SourceId
 from dofbench.scenes.scene import Scene, SceneView
 
 _REACH = 0.05  # share of the image width at which a point's word counts half, and over which points are compared

@@ -13,13 +13,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.compute.raster import Raster, ViewStatistics
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Rendering
 from dofbench.core.lens import COC_FRACTION, ApertureShape, DisparityRange, PhysicalLens
 from dofbench.gaussians.lens_samples import cell_variance, depth_of, lens_points, points_of, seen_from, together
 from dofbench.gaussians.losses import step_function
 from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.raster import Raster, ViewStatistics
 from dofbench.gaussians.render import rasterise, surface_disparity
 from dofbench.learning.options import TrainerOptions
 from dofbench.optics.defocus import defocus

@@ -5,9 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from dofbench.compute.raster import Geometry, Raster, ViewStatistics
 from dofbench.core.cameras import Camera
 from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.raster import Geometry, Raster, ViewStatistics
 from dofbench.kernels import load
 from dofbench.learning.options import TrainerOptions
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from dofbench import gaussians
-from dofbench.depth import DepthEstimate, SourceId
-from dofbench.depth.estimate import trust
+from dofbench.depth.estimate import DepthEstimate, trust
+from dofbench.depth.source import SourceId
 from dofbench.scenes.scene import Scene, SceneView
 
 

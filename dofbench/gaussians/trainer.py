@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.compute.raster import ViewStatistics
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import (
     Budget,
@@ -34,7 +35,6 @@ from dofbench.gaussians.exposure import Shot, render_view, rings_for, sampled, s
 from dofbench.gaussians.lens_samples import together
 from dofbench.gaussians.model import Gaussians, scene_extent
 from dofbench.gaussians.optimiser import GaussianOptimiser
-from dofbench.gaussians.raster import ViewStatistics
 from dofbench.gaussians.render import SURFACE_ALPHA, rasterise, surface_disparity
 from dofbench.gaussians.trials import HELD_BACK, Trials
 from dofbench.gaussians.warmup import compile_kernels

@@ -15,10 +15,10 @@ from importlib import import_module
 import torch
 
 from dofbench.compute.kernel_cache import is_compiled
+from dofbench.compute.raster import Geometry, ViewStatistics
 from dofbench.core.cameras import Camera
 from dofbench.gaussians import losses
 from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.raster import Geometry, ViewStatistics
 from dofbench.gaussians.render import rasterise
 from dofbench.gaussians.trials import questions
 from dofbench.learning.options import TrainerOptions

@@ -18,7 +18,7 @@ def make_scene(settings: MakeScene, *, progress: Progress | None = None) -> list
     or when a folder holds something else.
     """
     from dofbench.core.progress import Terminal
-    from dofbench.procedural.make_scene import make
+    from dofbench.procedural.scene_builder import make
 
     return make(settings, Terminal() if progress is None else progress)
 

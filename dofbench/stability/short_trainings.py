@@ -13,7 +13,7 @@ import numpy as np
 from dofbench.core.contracts import Budget, FitOutcome, Method, TrainingSet
 from dofbench.core.errors import Status
 from dofbench.core.lens import Lens
-from dofbench.gaussians.method import GaussianMethod
+from dofbench.gaussians.gaussian_method import GaussianMethod
 from dofbench.learning.options import TrainerOptions
 from dofbench.running.method_cards import MethodEntry
 from dofbench.stability.training_scene import FAR, VIEWS, WIDTH, true_lens, true_range

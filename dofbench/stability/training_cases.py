@@ -12,7 +12,7 @@ import torch
 
 from dofbench.core.contracts import Budget, TrainingSet
 from dofbench.core.errors import Status
-from dofbench.gaussians.method import GaussianMethod
+from dofbench.gaussians.gaussian_method import GaussianMethod
 from dofbench.gaussians.trainer import Trainer
 from dofbench.running.method_cards import MethodEntry, find_method, method_files
 from dofbench.stability.case import COMPILED, Case, Found, Setting

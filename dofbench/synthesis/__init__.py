@@ -22,7 +22,7 @@ def make_dataset(settings: MakeDataset, *, progress: Progress | None = None) -> 
     when the folder holds something else.
     """
     from dofbench.core.progress import Terminal
-    from dofbench.synthesis.make_dataset import make
+    from dofbench.synthesis.builder import make
 
     return make(settings, Terminal() if progress is None else progress)
 
@@ -63,7 +63,7 @@ def _make_again(settings: MakeDatasets) -> bool:
 
 def builtin_folder() -> Path:
     """Where `make_dataset()` of the built-in scene goes: data/<name>, below the current folder."""
-    from dofbench.synthesis.make_dataset import BUILT_IN, default_folder
+    from dofbench.synthesis.builder import BUILT_IN, default_folder
 
     return default_folder(BUILT_IN)
 

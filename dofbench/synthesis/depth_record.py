@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from dofbench import depth
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, write_json
 from dofbench.core.images import read_exr, read_image, to_8bit, write_exr, write_grey_png
@@ -20,6 +19,7 @@ from dofbench.dataset.dataset import Dataset
 from dofbench.dataset.schema import ConsistencyRecord, DepthRecord, DepthViewRecord
 from dofbench.depth.disparity import scene_range
 from dofbench.depth.multi_view import AGREEMENT, Consistency, consistencies, views_off
+from dofbench.depth.source import DepthSource, SourceId
 from dofbench.scenes.scene import Scene, SceneView
 from dofbench.synthesis import depth_sources
 from dofbench.synthesis.dataset_options import MakeDataset
@@ -34,7 +34,7 @@ _PREPARATION = {"splat": "reconstruction", "onnx": "network"}
 
 def make_depth(
     scene: Scene,
-    source_id: depth.SourceId,
+    source_id: SourceId,
     network: Path | None,
     settings: MakeDataset,
     out: Path,
@@ -143,7 +143,7 @@ def _files_there(out: Path, view: SceneView) -> bool:
     return layout.depth_path(out, view.name).is_file() and layout.confidence_path(out, view.name).is_file()
 
 
-def _one_view(source: depth.DepthSource, view: SceneView, out: Path) -> DepthViewRecord:
+def _one_view(source: DepthSource, view: SceneView, out: Path) -> DepthViewRecord:
     """Estimate a view's depth and write it, or take what an earlier run left: its record is written last."""
     noted = out / WORK / _VIEWS / f"{view.name}.json"
     if noted.is_file() and _files_there(out, view):

@@ -1,12 +1,27 @@
-"""Opening a depth source by its name."""
+"""Choosing a depth source for a scene, and opening it by its name."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
-from dofbench.depth import DepthSource, SourceId
+from dofbench.depth.source import DepthSource, SourceId
 from dofbench.scenes.scene import Scene
+
+
+def source_for(choice: Literal["auto"] | SourceId, scene: Scene) -> SourceId:
+    """The source that `choice` means for the scene: "auto" is the given depth if every view has it, else splat.
+
+    Raises InputError for "given" when a view has no depth.
+    """
+    if choice == "given":
+        from dofbench.depth.given import require_depth
+
+        require_depth(scene)
+    if choice != "auto":
+        return choice
+    return "given" if all(view.depth is not None for view in scene.views) else "splat"
 
 
 def open_source(

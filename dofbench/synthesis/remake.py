@@ -10,8 +10,8 @@ from dofbench import __version__
 from dofbench.core.errors import InputError
 from dofbench.core.progress import Progress
 from dofbench.dataset.schema import MANIFEST, Manifest, read_manifest
+from dofbench.synthesis.builder import make
 from dofbench.synthesis.dataset_options import DatasetOptions, MakeDataset, MakeDatasets
-from dofbench.synthesis.make_dataset import make
 
 # What a manifest doesn't hold, since it is of the machine: where things are.
 _PLACES = {"data_root", "out"}

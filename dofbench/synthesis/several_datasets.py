@@ -12,8 +12,8 @@ from dofbench.core.errors import InputError
 from dofbench.core.processes import Job, Outcome, Report, run_jobs
 from dofbench.core.progress import Advance, Several
 from dofbench.scenes.named import ResolvedScene, find_data_root, resolve
+from dofbench.synthesis.builder import BUILT_IN, default_folder, make
 from dofbench.synthesis.dataset_options import MakeDataset, MakeDatasets
-from dofbench.synthesis.make_dataset import BUILT_IN, default_folder, make
 
 
 def planned(settings: MakeDatasets) -> tuple[list[MakeDataset], list[ResolvedScene]]:

@@ -15,8 +15,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.compute.raster import GEOMETRIES, Geometry, Raster, ViewStatistics
 from dofbench.core.cameras import Camera
-from dofbench.gaussians.raster import GEOMETRIES, Geometry, Raster, ViewStatistics
 
 from . import cpu_layout as layout
 from .cpu_bin import depth_order, fill_tiles

@@ -11,8 +11,8 @@ import math
 import torch
 from torch import Tensor
 
+from dofbench.compute.raster import Geometry, Raster, ViewStatistics
 from dofbench.core.cameras import Camera
-from dofbench.gaussians.raster import Geometry, Raster, ViewStatistics
 
 MAX_ALPHA = 0.99
 MIN_ALPHA = 1 / 255

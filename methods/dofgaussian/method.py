@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dofbench.gaussians.method import GaussianMethod
+from dofbench.gaussians.gaussian_method import GaussianMethod
 
 
 class DoFGaussian(GaussianMethod):

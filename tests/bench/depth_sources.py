@@ -17,10 +17,11 @@ from scipy.stats import spearmanr
 
 from dofbench.core.content import content_folder
 from dofbench.core.lens import COC_FRACTION
-from dofbench.depth import DepthEstimate, SourceId
 from dofbench.depth.disparity import scene_range
+from dofbench.depth.estimate import DepthEstimate
 from dofbench.depth.multi_view import consistencies, views_off
 from dofbench.depth.network import find_network
+from dofbench.depth.source import SourceId
 from dofbench.scenes import load_scene
 from dofbench.scenes.scene import Scene
 from dofbench.synthesis.depth_sources import open_source

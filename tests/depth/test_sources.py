@@ -10,10 +10,9 @@ import pytest
 from dofbench import gaussians
 from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
-from dofbench.depth import resolve
 from dofbench.gaussians.scene_fit import Surface
 from dofbench.scenes.scene import Scene, SceneView
-from dofbench.synthesis.depth_sources import open_source
+from dofbench.synthesis.depth_sources import open_source, source_for
 
 CAMERA = Camera(4, 3, 4.0, 4.0, 2.0, 1.5, np.eye(4))
 
@@ -37,12 +36,12 @@ PLANE = np.full((3, 4), 2.0, np.float32)
 
 
 def test_auto_takes_given_depth_only_where_every_view_has_it():
-    assert resolve("auto", scene(PLANE, PLANE)) == "given"
-    assert resolve("auto", scene(PLANE, None)) == "splat"
-    assert resolve("splat", scene(PLANE)) == "splat"
-    assert resolve("given", scene(PLANE)) == "given"
+    assert source_for("auto", scene(PLANE, PLANE)) == "given"
+    assert source_for("auto", scene(PLANE, None)) == "splat"
+    assert source_for("splat", scene(PLANE)) == "splat"
+    assert source_for("given", scene(PLANE)) == "given"
     with pytest.raises(InputError, match=r"no depth for 1 of 2 views \(v1 first\)"):
-        resolve("given", scene(PLANE, None))
+        source_for("given", scene(PLANE, None))
 
 
 def test_given_depth_is_passed_on(tmp_path):

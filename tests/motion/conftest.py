@@ -11,8 +11,8 @@ import pytest
 from dofbench.core.content import content_folder
 from dofbench.core.progress import Silent
 from dofbench.scenes import Scene, load_scene
-from dofbench.scenes.reconstruction.reconstruct import Outcome, run
 from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
+from dofbench.scenes.reconstruction.reconstructing import Outcome, run
 
 NAMES = tuple(f"view_{index:03d}" for index in range(6, 12))
 

@@ -11,7 +11,7 @@ import torch
 
 from dofbench.core.contracts import Budget
 from dofbench.gaussians import trainer
-from dofbench.gaussians.method import GaussianMethod
+from dofbench.gaussians.gaussian_method import GaussianMethod
 from dofbench.kernels import load
 from dofbench.learning import nonfinite
 from dofbench.running.method_cards import find_method
@@ -200,9 +200,9 @@ def test_a_half_float_that_overflows_is_seen(monkeypatch):
 
 
 def test_a_dataset_that_is_not_what_it_says_is_seen(monkeypatch):
-    shallow = import_module("dofbench.synthesis.make_dataset").shallow_image
+    shallow = import_module("dofbench.synthesis.builder").shallow_image
     monkeypatch.setattr(
-        "dofbench.synthesis.make_dataset.shallow_image", lambda *args: tuple(0.9 * part for part in shallow(*args))
+        "dofbench.synthesis.builder.shallow_image", lambda *args: tuple(0.9 * part for part in shallow(*args))
     )
     assert not error_of("datasets/33x17", Setting("numpy", "float32")).met
 

@@ -21,7 +21,7 @@ def reconstruct(settings: Reconstruct, *, progress: Progress | None = None) -> b
     input, or when the folder holds something else.
     """
     from dofbench.core.progress import Terminal
-    from dofbench.scenes.reconstruction.reconstruct import run
+    from dofbench.scenes.reconstruction.reconstructing import run
 
     outcome = run(settings, Terminal() if progress is None else progress)
     for line in outcome.remarks:

@@ -45,7 +45,7 @@ class Outcome:
 
 
 def run(settings: Reconstruct, progress: Progress, say: Callable[[str], None] | None = None) -> Outcome:
-    """Make the scene, or finish it, or find that it is complete; see `dofbench.scenes.reconstruction.reconstruct`.
+    """Make the scene, or finish it, or find that it is complete; see `dofbench.scenes.reconstruction.reconstructing`.
 
     say: told that a stage of unknown length goes on; None prints it on standard error.
     """

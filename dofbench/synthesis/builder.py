@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dofbench import __version__, depth
+from dofbench import __version__
 from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
 from dofbench.core.file_lock import only_writer
@@ -29,6 +29,7 @@ from dofbench.scenes.scene import Scene, Split
 from dofbench.synthesis import write
 from dofbench.synthesis.dataset_options import MakeDataset
 from dofbench.synthesis.depth_record import make_depth
+from dofbench.synthesis.depth_sources import source_for
 from dofbench.synthesis.lens_plan import Plan, deal_plan, draw_plan
 from dofbench.synthesis.photographing import Optics, exposed
 from dofbench.synthesis.real_photographs import make_of_photographs
@@ -94,7 +95,7 @@ def make(
     if kind == "folder" and place is not None:
         scene = with_folder_depth(scene, place, settings.depth_unit)
     plan = _assigned([(view.name, view.split) for view in scene.views], settings)
-    source_id = depth.resolve(kind, scene)
+    source_id = source_for(kind, scene)
     if source_id in ("splat", "sfm"):
         scene.require_points(f"--depth {source_id}")
     optics = Optics.of_scene(found.root, settings.lens_samples) if settings.renderer == "thinlens" else None

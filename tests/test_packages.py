@@ -1,0 +1,169 @@
+"""The declared order of packages: imports run down only, in no circle, and a module has one idea and one name."""
+
+from __future__ import annotations
+
+import ast
+import tomllib
+from collections import defaultdict
+from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+ORDER: list[str] = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["dofbench"]["packages"]
+CONTENT = ("kernels", "methods")  # folders behind a bridge of the same name
+# Two modules may have one name where the name is the idea: the same part of different things.
+SAME_NAMES = {"cpu", "reference", "schema", "method"}
+
+
+def modules(root: Path) -> dict[str, Path]:
+    """Dotted name below `dofbench` -> file, content folders included, a package by its own name."""
+    found = {}
+    for folder in (root / "dofbench", *(root / name for name in CONTENT)):
+        for file in folder.rglob("*.py"):
+            parts = file.relative_to(root).with_suffix("").parts
+            parts = parts[1:] if parts[0] == "dofbench" else parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" and len(parts) > 1 else parts)] = file
+    return found
+
+
+def arrows(known: dict[str, Path], *, checked_only: bool = False) -> Iterator[tuple[str, str]]:
+    """(module, module that it imports), imports inside functions included.
+
+    checked_only: without those that a type checker alone sees.
+    """
+    for name, file in known.items():
+        tree = ast.parse(file.read_text())
+        unseen = {
+            id(inner)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+            for inner in ast.walk(node)
+        }
+        package = name.split(".") if file.name == "__init__.py" else name.split(".")[:-1]
+        for node in ast.walk(tree):
+            if checked_only and id(node) in unseen:
+                continue
+            if isinstance(node, ast.ImportFrom):
+                if node.level:
+                    start = package[: len(package) - node.level + 1]
+                elif (node.module or "").split(".")[0] == "dofbench":
+                    start = []
+                else:
+                    continue
+                rest = (node.module or "").split(".") if node.module else []
+                base = [*start, *(rest if node.level else rest[1:])]
+                for alias in node.names:
+                    whole = ".".join([*base, alias.name])
+                    target = whole if whole in known else ".".join(base)
+                    if target != name:
+                        yield name, target
+            elif isinstance(node, ast.Import):
+                for alias in node.names:
+                    if alias.name.startswith("dofbench."):
+                        yield name, alias.name.removeprefix("dofbench.")
+
+
+def package_of(module: str) -> str:
+    """The package in the order that a module belongs to; "" for `dofbench` itself."""
+    first = module.split(".")[0]
+    return "" if first in ("__init__", "__main__") else first
+
+
+def upward(root: Path, order: list[str]) -> list[str]:
+    """Each arrow that runs up or between packages that aren't declared, with what to do about it."""
+    wrong = []
+    known = modules(root)
+    for name, target in sorted(set(arrows(known))):
+        here, there = package_of(name), package_of(target)
+        if not here or not there or here == there:
+            continue
+        if missing := [package for package in (here, there) if package not in order]:
+            wrong.append(f"{missing[0]} isn't declared: give it a place in [tool.dofbench] packages of pyproject.toml")
+        elif order.index(there) > order.index(here):
+            wrong.append(
+                f"{name} imports {target}, but {here} comes before {there}: move what {name} needs down to {here} or "
+                f"below, move {name} up to {there} or above, or hand it over as an argument"
+            )
+    return wrong
+
+
+def circle(root: Path) -> str:
+    """The modules of a circle of imports, or "" where there is none."""
+    below: dict[str, set[str]] = defaultdict(set)
+    known = modules(root)
+    for name, target in arrows(known, checked_only=True):
+        if target in known:
+            below[name].add(target)
+    try:
+        tuple(TopologicalSorter(below).static_order())
+    except CycleError as found:
+        return " -> ".join(found.args[1])
+    return ""
+
+
+def test_arrows_run_down_only() -> None:
+    assert upward(ROOT, ORDER) == []
+
+
+def test_no_circle_of_modules() -> None:
+    assert circle(ROOT) == ""
+
+
+def test_every_declared_package_is_there_and_nothing_lies_loose_on_top() -> None:
+    on_top = {path.stem for path in (ROOT / "dofbench").iterdir() if not path.name.startswith("_")}
+    assert on_top == set(ORDER)
+    assert {path.name for path in (ROOT / "dofbench").glob("*.py")} == {"__init__.py", "__main__.py", "cli.py"}
+
+
+def test_no_two_modules_of_one_name() -> None:
+    """A module is known by its last name alone, as a traceback, an editor's tab and a search show it."""
+    places = defaultdict(list)
+    for name, file in modules(ROOT).items():
+        if file.name != "__init__.py":
+            places[name.split(".")[-1]].append(name)
+    doubled = {last: names for last, names in places.items() if len(names) > 1 and last not in SAME_NAMES}
+    assert doubled == {}, "give each a name that says what it holds"
+
+
+@pytest.fixture
+def tree(tmp_path: Path):
+    """A function that writes a small tree of two packages, low and high; each given a module's text."""
+
+    def write(low: str, high: str = "") -> Path:
+        for name, text in (("low", low), ("high", high)):
+            folder = tmp_path / "dofbench" / name
+            folder.mkdir(parents=True)
+            (folder / "__init__.py").touch()
+            (folder / f"in_{name}.py").write_text(text)
+        return tmp_path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "from dofbench.high import in_high",
+        "from dofbench.high.in_high import x",
+        "import dofbench.high.in_high",
+        "from dofbench import high",
+        "def later():\n    from dofbench.high.in_high import x",
+        "if TYPE_CHECKING:\n    from dofbench.high.in_high import x",
+    ],
+)
+def test_an_arrow_that_runs_up_is_seen_and_told_what_to_move(tree, text: str) -> None:
+    (said,) = upward(tree(text), ["low", "high"])
+    assert said.startswith("low.in_low imports high") and "move" in said
+
+
+def test_an_undeclared_package_is_seen(tree) -> None:
+    (said,) = upward(tree("", "from dofbench.low import in_low"), ["low"])
+    assert "high isn't declared" in said
+
+
+def test_a_circle_is_seen(tree) -> None:
+    found = circle(tree("from dofbench.high import in_high", "def f():\n    from dofbench.low import in_low"))
+    assert "low.in_low" in found and "high.in_high" in found
