@@ -143,14 +143,14 @@ def execute(settings: Any) -> int:
 
             return DONE if make_datasets(settings) else FAILED
         case MakeScene():
-            from dofbench.procedural import scene_builder
+            from dofbench.procedural import make_scene
 
-            scene_builder(settings)
+            make_scene(settings)
             return DONE
         case Reconstruct():
-            from dofbench.scenes.reconstruction import reconstructing
+            from dofbench.scenes.reconstruction import reconstruct
 
-            return DONE if reconstructing(settings) else FAILED
+            return DONE if reconstruct(settings) else FAILED
         case Runs():
             with loading.running():
                 from dofbench.commands.run_photographs import run_photographs

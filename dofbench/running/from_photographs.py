@@ -106,18 +106,18 @@ def dataset_of_photographs(own: Own, width: int | None, console: Console) -> Pat
 
     A folder that is a scene with poses and points already is taken as it is. Raises InputError for wrong input.
     """
-    from dofbench.scenes.reconstruction import reconstructing
-    from dofbench.synthesis import builder
+    from dofbench.scenes.reconstruction import reconstruct
+    from dofbench.synthesis import make_dataset
 
     if own.kind != "scene":
         _say(console, f"{_WHAT[own.kind]} of {own.source}: {own.scene}")
-        if not reconstructing(own.reconstruction()):
+        if not reconstruct(own.reconstruction()):
             return None
     views = load_scene(own.scene).views
     wide = min(width or WIDTH, min(view.camera.width for view in views))
     data = own.dataset(wide)
     _say(console, f"dataset of {len(views)} photographs, {wide} px wide, every {HOLD}th held back: {data}")
-    builder(MakeDataset(scene=str(own.scene), photographs="shallow", width=wide, hold=HOLD, out=data))
+    make_dataset(MakeDataset(scene=str(own.scene), photographs="shallow", width=wide, hold=HOLD, out=data))
     return data
 
 

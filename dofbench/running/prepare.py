@@ -120,7 +120,7 @@ def _facts(folder: Path, checksum: str, inputs: Inputs) -> Facts:
 
 def builtin_dataset(dry_run: bool, console: Console) -> bool:
     """See that the built-in dataset is there, making it if it isn't; false when a dry run would have to make it."""
-    from dofbench.synthesis import builder, builtin_folder
+    from dofbench.synthesis import builtin_folder, make_dataset
     from dofbench.synthesis.dataset_options import MakeDataset
 
     def say(line: str) -> None:
@@ -133,7 +133,7 @@ def builtin_dataset(dry_run: bool, console: Console) -> bool:
         say(f"would first make the built-in dataset in {folder}; the plan depends on it")
         return False
     say(f"making the built-in dataset in {folder}")
-    builder(MakeDataset(out=folder))
+    make_dataset(MakeDataset(out=folder))
     return True
 
 

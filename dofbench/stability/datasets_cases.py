@@ -47,10 +47,10 @@ def _write_scene(
 
 def _make(scene: Path, out: Path, **options) -> Path:
     from dofbench.core.progress import Silent
-    from dofbench.synthesis import builder
+    from dofbench.synthesis import make_dataset
     from dofbench.synthesis.dataset_options import MakeDataset
 
-    return builder(MakeDataset(scene=str(scene), out=out, hold=2, **options), progress=Silent())
+    return make_dataset(MakeDataset(scene=str(scene), out=out, hold=2, **options), progress=Silent())
 
 
 def _dataset(folder: Path, size: tuple[int, int], depth: Callable | None = None, **options) -> Found:

@@ -24,7 +24,7 @@ from dofbench.results.result import read_result
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_plan import make_plan
 from dofbench.running.ablation_tables import read_tables, shipped_file
-from dofbench.synthesis import builder
+from dofbench.synthesis import make_dataset
 from dofbench.synthesis.dataset_options import MakeDataset
 
 TABLES = """\
@@ -420,7 +420,7 @@ def test_the_shipped_tables_hold_the_paper_s_figures() -> None:
 def test_an_option_that_a_preset_has_anyway_makes_no_other_run(tmp_path: Path) -> None:
     """With the real method, whose options are known in full."""
     data = tmp_path / "data"
-    builder(MakeDataset(scene=str(content_folder("datasets") / "thinlens" / "foliage"), width=96, out=data))
+    make_dataset(MakeDataset(scene=str(content_folder("datasets") / "thinlens" / "foliage"), width=96, out=data))
     settings = Ablate(data=str(data), table="table4,table5,adaptation", seeds=1)
     plan = make_plan(settings, read_tables(shipped_file()))
     runs = {(one.table.id, row): run for one in plan.tables for (row, _, _), run in one.runs.items()}

@@ -12,7 +12,7 @@ import pytest
 from harness_fakes import write_method
 
 from dofbench.core.content import content_folder
-from dofbench.synthesis import builder
+from dofbench.synthesis import make_dataset
 from dofbench.synthesis.dataset_options import MakeDataset
 
 TABLES = """\
@@ -41,7 +41,7 @@ LIMIT = 120  # seconds, for a run to begin at all on a busy machine
 @pytest.fixture
 def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """`dofbench ablate` on a small dataset, with a method that costs nothing, two runs at a time."""
-    builder(
+    make_dataset(
         MakeDataset(scene=str(content_folder("datasets") / "thinlens" / "foliage"), width=64, out=tmp_path / "data")
     )
     methods = write_method(tmp_path / "methods")

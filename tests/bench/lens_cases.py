@@ -18,7 +18,7 @@ from dofbench.core.content import content_folder
 from dofbench.core.contracts import TrainingSet
 from dofbench.core.progress import Silent
 from dofbench.dataset.dataset import Dataset, Inputs
-from dofbench.procedural import scene_builder
+from dofbench.procedural import make_scene
 from dofbench.procedural.scene_options import NAMES, MakeScene
 from dofbench.synthesis.builder import make
 from dofbench.synthesis.dataset_options import MakeDataset
@@ -174,7 +174,7 @@ def make_datasets(data: Path, work: Path, say: Callable[[str], None], only: str 
         if not wanted or f"rendered_{name}" in wanted:
             scene = work / "scenes" / name
             if not scene.is_dir():
-                scene_builder(MakeScene(name, out=scene, views=12, width=192, height=144, samples=64, lens_views=0))
+                make_scene(MakeScene(name, out=scene, views=12, width=192, height=144, samples=64, lens_views=0))
             _through_lenses(scene, work / f"rendered_{name}", SMALL, say)
     for name in THINLENS:
         if not wanted or f"thinlens_{name}" in wanted:

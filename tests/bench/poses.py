@@ -32,7 +32,7 @@ from dofbench.scenes.reconstruction import features
 from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
 from dofbench.scenes.reconstruction.reconstructing import run
 from dofbench.scenes.scene import Scene
-from dofbench.synthesis import builder
+from dofbench.synthesis import make_dataset
 from dofbench.synthesis.dataset_options import MakeDataset
 
 COLUMNS = (
@@ -154,7 +154,7 @@ def cases(
                 yield f"{name}/sharp", data / name, truth, sharp, {"images": "images_8", "size": width}
             for aperture in filter(lambda aperture, name=name: wanted(f"{name}/shallow-{aperture}"), ("0.5", "1.0")):
                 made = work / f"{name}-{aperture}"
-                builder(
+                make_dataset(
                     MakeDataset(
                         scene=str(data / name),
                         out=made,

@@ -11,7 +11,7 @@ import pytest
 
 from dofbench.core.content import content_folder
 from dofbench.results.result import Result, read_result
-from dofbench.synthesis import builder
+from dofbench.synthesis import make_dataset
 from dofbench.synthesis.dataset_options import MakeDataset
 
 TIMED = {"train_s", "train_cpu_s", "cold_start_s", "render_fps", "peak_mb"}
@@ -60,7 +60,7 @@ def timeless(result: Result) -> list:
 
 @pytest.mark.slow
 def test_one_and_two_threads_give_the_same_bits(tmp_path: Path) -> None:
-    builder(
+    make_dataset(
         MakeDataset(scene=str(content_folder("datasets") / "thinlens" / "foliage"), width=96, out=tmp_path / "data")
     )
     one, two = (trained(tmp_path, threads) for threads in (1, 2))

@@ -13,7 +13,7 @@ from harness_fakes import write_method
 
 from dofbench.core.content import content_folder
 from dofbench.results.result import read_result
-from dofbench.synthesis import builder
+from dofbench.synthesis import make_dataset
 from dofbench.synthesis.dataset_options import MakeDataset
 
 LIMIT = 240  # seconds, for a call on a busy machine
@@ -65,7 +65,7 @@ class Watched(Fake):
 @pytest.fixture
 def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """`dofbench run` with three seeds on a small dataset, with a method that costs nothing, two runs at a time."""
-    builder(
+    make_dataset(
         MakeDataset(scene=str(content_folder("datasets") / "thinlens" / "foliage"), width=48, out=tmp_path / "data")
     )
     methods = write_method(tmp_path / "methods")

@@ -14,7 +14,7 @@ from dofbench.core.contracts import PointCloud
 from dofbench.core.images import write_exr, write_png
 from dofbench.core.progress import Silent
 from dofbench.scenes import export
-from dofbench.synthesis import builder
+from dofbench.synthesis import make_dataset
 from dofbench.synthesis.dataset_options import MakeDataset
 
 VIEWS, WIDTH, HEIGHT, NEAR, FAR = 6, 128, 96, 2.0, 7.0
@@ -102,7 +102,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory, write_scene: Callable[..., P
 def dataset_folder(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A dataset of the scene, all settings at their defaults. Nobody writes to it."""
     out = tmp_path_factory.mktemp("datasets") / "planes"
-    return builder(MakeDataset(scene=str(scene), out=out), progress=Silent())
+    return make_dataset(MakeDataset(scene=str(scene), out=out), progress=Silent())
 
 
 @pytest.fixture(scope="session")

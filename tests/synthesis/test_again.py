@@ -9,14 +9,14 @@ import pytest
 
 from dofbench import cli
 from dofbench.core.progress import Silent
-from dofbench.synthesis import builder
+from dofbench.synthesis import make_dataset
 from dofbench.synthesis.dataset_options import MakeDataset
 
 
 @pytest.fixture(scope="module")
 def odd(scene, tmp_path_factory):
     """A dataset with as many options as possible."""
-    return builder(
+    return make_dataset(
         MakeDataset(
             scene=str(scene),
             out=tmp_path_factory.mktemp("odd") / "odd",

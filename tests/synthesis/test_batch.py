@@ -11,8 +11,8 @@ from dofbench import cli
 from dofbench.core.errors import InputError
 from dofbench.core.processes import Outcome
 from dofbench.core.progress import Several, Silent
-from dofbench.synthesis import builder
 from dofbench.synthesis import builder as make
+from dofbench.synthesis import make_dataset
 from dofbench.synthesis.dataset_options import MakeDataset, MakeDatasets
 from dofbench.synthesis.several_datasets import planned
 
@@ -78,9 +78,9 @@ def test_a_sibling_lends_its_sharp_images_and_depth(scene, tmp_path, contents, m
     def settings(focus, name, **options):
         return MakeDataset(scene=str(scene), assign="fixed", focus=focus, aperture="1", out=tmp_path / name, **options)
 
-    first = builder(settings("0.2", "first"), progress=Silent())
-    alone = builder(settings("0.8", "alone"), progress=Silent())
-    another = builder(settings("0.8", "narrow", width=64), progress=Silent())
+    first = make_dataset(settings("0.2", "first"), progress=Silent())
+    alone = make_dataset(settings("0.8", "alone"), progress=Silent())
+    another = make_dataset(settings("0.8", "narrow", width=64), progress=Silent())
     with monkeypatch.context() as patch:
         patch.setattr(make, "encoded", None)
         lent = make.make(settings("0.8", "lent"), Silent(), sibling=first)

@@ -17,7 +17,7 @@ from dofbench.core.images import read_exr, read_image
 from dofbench.core.lens import Lens
 from dofbench.core.progress import Silent
 from dofbench.scenes import load_scene
-from dofbench.synthesis import Dataset, builder, builtin_folder
+from dofbench.synthesis import Dataset, builtin_folder, make_dataset
 from dofbench.synthesis.dataset_options import MakeDataset
 
 
@@ -75,7 +75,7 @@ def test_sharp_training_photographs_are_a_protocol_of_their_own(dataset, dataset
 
 def test_a_scene_without_points(write_scene, tmp_path):
     root = write_scene(tmp_path / "bare", points=False)
-    dataset = Dataset.load(builder(MakeDataset(scene=str(root), out=tmp_path / "out"), progress=Silent()))
+    dataset = Dataset.load(make_dataset(MakeDataset(scene=str(root), out=tmp_path / "out"), progress=Silent()))
     assert not dataset.has_points and len(dataset.training_set().views) == 4
 
 

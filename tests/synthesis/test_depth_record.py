@@ -17,7 +17,7 @@ from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file, write_json
 from dofbench.core.images import read_exr, read_image, to_8bit, write_exr, write_grey_png
 from dofbench.core.progress import Silent
-from dofbench.synthesis import Dataset, builder, check_dataset, depth_record, depth_sources
+from dofbench.synthesis import Dataset, check_dataset, depth_record, depth_sources, make_dataset
 from dofbench.synthesis.dataset_options import MakeDataset
 from dofbench.synthesis.depth_record import check_depth
 
@@ -35,7 +35,7 @@ def make(scene, tmp_path):
     """`make(**options)`: a dataset of the tiny scene in tmp_path/out."""
 
     def run(**options):
-        return builder(MakeDataset(**{"scene": str(scene), "out": tmp_path / "out", **options}), progress=Silent())
+        return make_dataset(MakeDataset(**{"scene": str(scene), "out": tmp_path / "out", **options}), progress=Silent())
 
     return run
 
@@ -43,7 +43,7 @@ def make(scene, tmp_path):
 @pytest.fixture(scope="module")
 def table_top(tmp_path_factory):
     """A dataset of the built-in scene. Nobody writes to it."""
-    return builder(MakeDataset(**TABLE_TOP, out=tmp_path_factory.mktemp("table") / "top"), progress=Silent())
+    return make_dataset(MakeDataset(**TABLE_TOP, out=tmp_path_factory.mktemp("table") / "top"), progress=Silent())
 
 
 @pytest.fixture
@@ -77,7 +77,7 @@ def test_unknown_depth_has_no_confidence(write_scene, tmp_path):
     z = read_exr(root / "depth/v01.exr")
     z[30:40, 20:50] = 0
     write_exr(root / "depth/v01.exr", z)
-    out = builder(MakeDataset(scene=str(root), out=tmp_path / "out"), progress=Silent())
+    out = make_dataset(MakeDataset(scene=str(root), out=tmp_path / "out"), progress=Silent())
     confidence = Dataset.load(out).confidence("v01")
     assert np.array_equal(confidence == 0, z == 0)
     assert manifest(out)["depth"]["views"][1]["known"] == pytest.approx(1 - 300 / z.size)
@@ -110,7 +110,7 @@ def test_a_dataset_made_of_such_depth_is_flagged_by_the_command(write_scene, tmp
     root = write_scene(tmp_path / "odd")
     path = root / "depth/v04.exr"
     write_exr(path, read_exr(path) * np.float32(1.2))
-    out = builder(MakeDataset(scene=str(root), out=tmp_path / "out"), progress=Silent())
+    out = make_dataset(MakeDataset(scene=str(root), out=tmp_path / "out"), progress=Silent())
     assert main(["check", str(out)]) == FAILED
     told = capsys.readouterr().out.splitlines()
     assert len(told) == 1 and "depth/v04.exr: disparity differs by 18" in told[0]
@@ -124,7 +124,7 @@ def test_check_flags_swapped_views(write_scene, tmp_path):
     one, other = read_exr(first), read_exr(last)
     write_exr(first, np.fliplr(other))
     write_exr(last, np.fliplr(one))
-    out = builder(MakeDataset(scene=str(root), out=tmp_path / "out"), progress=Silent())
+    out = make_dataset(MakeDataset(scene=str(root), out=tmp_path / "out"), progress=Silent())
     assert [problem.split(":")[0] for problem in check_dataset(out)] == ["depth/v00.exr", "depth/v05.exr"]
 
 

@@ -18,7 +18,7 @@ from dofbench.core.progress import Silent, Terminal
 from dofbench.depth.estimate import DepthEstimate
 from dofbench.kernels import load
 from dofbench.scenes import load_scene
-from dofbench.synthesis import builder, check_dataset, depth_sources
+from dofbench.synthesis import check_dataset, depth_sources, make_dataset
 from dofbench.synthesis.dataset_options import MakeDataset
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
@@ -32,7 +32,7 @@ def make(scene, tmp_path):
 
     def run(**options):
         out = tmp_path / f"out{len(list(tmp_path.iterdir()))}"
-        return builder(MakeDataset(**{"scene": str(scene), "out": out, **options}), progress=Silent())
+        return make_dataset(MakeDataset(**{"scene": str(scene), "out": out, **options}), progress=Silent())
 
     return run
 
@@ -203,7 +203,7 @@ def test_unknown_depth_blurs_as_infinitely_far(write_scene, tmp_path):
     z = read_exr(root / "depth/v01.exr")
     z[30:40, 20:50] = 0
     write_exr(root / "depth/v01.exr", z)
-    folder = builder(MakeDataset(scene=str(root), out=tmp_path / "out", aperture="1"), progress=Silent())
+    folder = make_dataset(MakeDataset(scene=str(root), out=tmp_path / "out", aperture="1"), progress=Silent())
     lenses = lens_file(folder)
     record = lenses["views"][1]
     assert (read_exr(folder / "depth/v01.exr") == 0).sum() == 300
@@ -235,7 +235,7 @@ def test_llff_scene_with_depth_from_a_reconstruction(real_data, monkeypatch, tmp
             return {"from": "a plane"}
 
     monkeypatch.setattr(depth_sources, "open_source", lambda source, scene, **_: Plane())
-    folder = builder(MakeDataset(scene=str(real_data("llff_fern")), width=126, out=tmp_path), progress=Silent())
+    folder = make_dataset(MakeDataset(scene=str(real_data("llff_fern")), width=126, out=tmp_path), progress=Silent())
     assert check_dataset(folder) == []
     lenses = lens_file(folder)
     assert [record["split"] for record in lenses["views"]].count("test") == 3
@@ -265,7 +265,7 @@ def test_wrong_input(make, options, word):
 def test_given_depth_must_be_there(write_scene, tmp_path):
     root = write_scene(tmp_path / "flat", depth=False)
     with pytest.raises(InputError, match="no depth for 6 of 6 views"):
-        builder(MakeDataset(scene=str(root), depth="given", out=tmp_path / "out"), progress=Silent())
+        make_dataset(MakeDataset(scene=str(root), depth="given", out=tmp_path / "out"), progress=Silent())
     assert not (tmp_path / "out").exists()
 
 
@@ -273,7 +273,7 @@ def test_depth_must_be_known_somewhere(write_scene, tmp_path):
     root = write_scene(tmp_path / "blank")
     write_exr(root / "depth/v01.exr", np.zeros((96, 128), np.float32))
     with pytest.raises(InputError, match=r"v01\.exr: found no pixel of known depth"):
-        builder(MakeDataset(scene=str(root), out=tmp_path / "out"), progress=Silent())
+        make_dataset(MakeDataset(scene=str(root), out=tmp_path / "out"), progress=Silent())
 
 
 def test_an_image_must_be_encoded(write_scene, tmp_path):
@@ -284,7 +284,7 @@ def test_an_image_must_be_encoded(write_scene, tmp_path):
     text = (root / "transforms.json").read_text()
     (root / "transforms.json").write_text(text.replace("images/v02.png", "images/v02.exr"))
     with pytest.raises(InputError, match="encoded image"):
-        builder(MakeDataset(scene=str(root), out=tmp_path / "out"), progress=Silent())
+        make_dataset(MakeDataset(scene=str(root), out=tmp_path / "out"), progress=Silent())
 
 
 def test_the_folder_must_be_a_datasets(scene, tmp_path):
@@ -293,7 +293,7 @@ def test_the_folder_must_be_a_datasets(scene, tmp_path):
     (tmp_path / "file").write_text("")
     for name in ("full", "file"):
         with pytest.raises(InputError, match=name):
-            builder(MakeDataset(scene=str(scene), out=tmp_path / name), progress=Silent())
+            make_dataset(MakeDataset(scene=str(scene), out=tmp_path / name), progress=Silent())
     assert [path.name for path in (tmp_path / "full").iterdir()] == ["holiday.png"]
 
 

@@ -17,7 +17,7 @@ from dofbench.core.errors import InputError
 from dofbench.core.images import write_png
 from dofbench.core.progress import Silent
 from dofbench.scenes.export import write_poses_bounds
-from dofbench.synthesis import builder, check_dataset
+from dofbench.synthesis import check_dataset, make_dataset
 from dofbench.synthesis.builder import find_scene, read_scene
 from dofbench.synthesis.dataset_options import MakeDataset
 from dofbench.synthesis.several_datasets import planned
@@ -38,7 +38,7 @@ def test_a_named_scene_becomes_a_dataset_that_its_own_command_makes_again(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     settings = MakeDataset(scene="rendered/planes", data_root=shelf, width=64)
-    folder = builder(settings, progress=Silent())
+    folder = make_dataset(settings, progress=Silent())
     assert folder == Path("data/rendered-planes") and check_dataset(folder) == []
     manifest = json.loads((folder / "dataset.json").read_text())
     assert manifest["command"] == "dofbench make-dataset rendered/planes --width 64 --layout nerfstudio"
@@ -46,7 +46,7 @@ def test_a_named_scene_becomes_a_dataset_that_its_own_command_makes_again(
     assert manifest["name"] == "rendered-planes"
     again = cli.parse(shlex.split(manifest["command"])[1:])
     (again,), _ = planned(replace(again, data_root=shelf, out=tmp_path / "again"))
-    again = builder(again, progress=Silent())
+    again = make_dataset(again, progress=Silent())
     assert contents(again) == contents(folder)
 
 

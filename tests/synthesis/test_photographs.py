@@ -18,7 +18,7 @@ from dofbench.core.images import read_image, write_png
 from dofbench.core.progress import Silent
 from dofbench.scenes import export, load_scene
 from dofbench.scoring.ground_truth import NO_EXACT_DEPTH, missing_truth
-from dofbench.synthesis import Dataset, builder, check_dataset, real_photographs
+from dofbench.synthesis import Dataset, check_dataset, make_dataset, real_photographs
 from dofbench.synthesis.dataset_options import MakeDataset
 
 TRAIN, TEST = ("v01", "v02", "v04", "v05"), ("v00", "v03")
@@ -49,7 +49,7 @@ def blurred(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def make(root: Path, out: Path, layout: str = "deblurnerf", **options) -> Path:
-    return builder(MakeDataset(scene=str(root), out=out, layout=layout, **options), progress=Silent())
+    return make_dataset(MakeDataset(scene=str(root), out=out, layout=layout, **options), progress=Silent())
 
 
 @pytest.fixture(scope="session")
@@ -186,7 +186,7 @@ def test_other_programs_read_it(made: Path) -> None:
 def test_a_scene_of_a_named_dataset(scene: Path, tmp_path: Path) -> None:
     write_blurred(tmp_path / "real_defocus_blur" / "defocusseal", scene)
     settings = MakeDataset(scene="deblur-nerf-real/seal", data_root=tmp_path, out=tmp_path / "out")
-    dataset = Dataset.load(builder(settings, progress=Silent()))
+    dataset = Dataset.load(make_dataset(settings, progress=Silent()))
     assert [view.name for view in dataset.test_views()] == ["v00"], "every sixth, as the dataset says"
     assert dataset.manifest.command == "dofbench make-dataset deblur-nerf-real/seal --hold 6 --layout deblurnerf"
     assert dataset.manifest.source.citation and "Deblur-NeRF" in (dataset.folder / "README.md").read_text()

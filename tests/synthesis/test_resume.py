@@ -12,8 +12,8 @@ import pytest
 
 from dofbench.core.errors import InputError
 from dofbench.core.progress import Silent
-from dofbench.synthesis import builder, check_dataset
 from dofbench.synthesis import builder as make
+from dofbench.synthesis import check_dataset, make_dataset
 from dofbench.synthesis.dataset_options import MakeDataset
 
 SLOW = """
@@ -46,7 +46,7 @@ class Messages(Silent):
 
 
 def run(scene, out, progress=None, **options):
-    return builder(MakeDataset(scene=str(scene), out=out, **options), progress=progress or Silent())
+    return make_dataset(MakeDataset(scene=str(scene), out=out, **options), progress=progress or Silent())
 
 
 def test_two_folders_two_times_the_same_bytes(scene, dataset_folder, tmp_path, contents):

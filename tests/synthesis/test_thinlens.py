@@ -16,9 +16,9 @@ from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file, write_json
 from dofbench.core.images import encode, read_exr, read_image, write_png
 from dofbench.core.progress import Silent
-from dofbench.procedural import scene_builder
+from dofbench.procedural import make_scene
 from dofbench.procedural.scene_options import MakeScene
-from dofbench.synthesis import builder, check_dataset
+from dofbench.synthesis import check_dataset, make_dataset
 from dofbench.synthesis.dataset_options import MakeDataset
 
 pytest.importorskip("mitsuba", reason="mitsuba is not installed (extra: render)")
@@ -29,13 +29,13 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small scene of make-scene's, without photographs through lenses."""
     out = tmp_path_factory.mktemp("rendered") / "corridor"
     settings = MakeScene("corridor", out=out, views=3, width=96, height=72, samples=128, lens_views=0)
-    return scene_builder(settings, progress=Silent())[0]
+    return make_scene(settings, progress=Silent())[0]
 
 
 def made(scene: Path, out: Path, **options) -> Path:
     """A dataset of the scene, one lens with the near end in focus unless told."""
     asked = {"focus": "1", "aperture": "1", "renderer": "thinlens", "lens_samples": 128, **options}
-    return builder(MakeDataset(scene=str(scene), out=out, **asked), progress=Silent())
+    return make_dataset(MakeDataset(scene=str(scene), out=out, **asked), progress=Silent())
 
 
 @pytest.fixture(scope="module")

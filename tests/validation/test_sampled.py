@@ -12,11 +12,11 @@ pytest.importorskip("mitsuba", reason="needs mitsuba, the extra [render]")
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    from dofbench.procedural import scene_builder
+    from dofbench.procedural import make_scene
     from dofbench.procedural.scene_options import MakeScene
 
     out = tmp_path_factory.mktemp("scene") / "tiles"
-    scene_builder(
+    make_scene(
         MakeScene(
             "tiles",
             out,
