@@ -282,7 +282,7 @@ BEHAVIOUR_CODE = '''\
 import math
 import time
 
-from dofbench import kernel_cache
+from dofbench.compute import kernel_cache
 from dofbench.core.errors import InputError
 
 

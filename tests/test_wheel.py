@@ -23,8 +23,13 @@ def wheel(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheel, built from a copy of the sources, so that the checkout gets no build folder."""
     folder = tmp_path_factory.mktemp("wheel")
     source = folder / "source"
-    unwanted = shutil.ignore_patterns(".git", ".venv", "__pycache__", ".*_cache", ".hypothesis", "data", "results")
-    shutil.copytree(repository, source, ignore=unwanted)
+    unwanted = shutil.ignore_patterns(".git", ".venv", "__pycache__", ".*_cache", ".hypothesis")
+
+    def ignored(place: str, names: list[str]) -> set[str]:
+        outputs = {"data", "results"} if Path(place) == repository else set()
+        return {*unwanted(place, names), *outputs}
+
+    shutil.copytree(repository, source, ignore=ignored)
     command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", str(folder), str(source)]
     subprocess.run(command, check=True, cwd=folder)
     (built,) = folder.glob("dofbench-*.whl")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
+from collections.abc import Callable
 from pathlib import Path
 
 from numba.core.caching import FunctionCache
 
-_SHARED = Path(__file__).with_name("simd.py")
+from dofbench.core.import_closure import Sources, closure_digest, own_sources
+
 _compiled = 0
 
 
@@ -31,19 +32,24 @@ def cached(dispatcher):
     """Keep an `njit` function's machine code on disk; a decorator to put above `njit`.
 
     Numba's own `cache=True` looks at the function's file only, and goes on using old code after a change in a module
-    that the function calls into or takes constants from. Here the code is also forgotten when any module beside
-    it, or `simd.py`, changes. Where nothing can be written, the function is compiled in every process.
+    that the function calls into or takes constants from. Here the code is forgotten when anything changes that the
+    function's source reaches. Where nothing can be written, the function is compiled in every process.
     """
-    here = Path(dispatcher.py_func.__code__.co_filename).parent
-    digest = hashlib.sha256()
-    for source in sorted({*here.glob("*.py"), _SHARED}):
-        digest.update(source.read_bytes())
     try:
-        dispatcher._cache = _SourceCache(dispatcher.py_func, digest.hexdigest())
+        dispatcher._cache = _SourceCache(dispatcher.py_func, _sources_of(dispatcher.py_func))
     except RuntimeError:
         # Numba's way to say that it found no writable folder.
         pass
     return dispatcher
+
+
+def _sources_of(function: Callable[..., object]) -> str:
+    """A digest of all that the function's source reaches; of one outside this project, modules beside it included."""
+    if own_sources().file(function.__module__):
+        return closure_digest([function])
+    file = Path(function.__code__.co_filename)
+    beside = Sources({**own_sources().roots, "": file.parent})
+    return closure_digest([f"{file.stem}:{function.__qualname__}"], beside)
 
 
 def compiled() -> int:

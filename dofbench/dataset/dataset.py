@@ -26,7 +26,7 @@ from dofbench.dataset.schema import (
     read_lens_file,
     read_manifest,
 )
-from dofbench.scenes import load_scene
+from dofbench.scenes import nerfstudio
 from dofbench.scenes.scene import Split
 
 Inputs = Literal["shallow", "all-in-focus"]
@@ -72,7 +72,7 @@ class Dataset:
         """
         folder = Path(folder)
         manifest, lenses = read_manifest(folder), read_lens_file(folder)
-        scene = load_scene(folder, layout="nerfstudio")
+        scene = nerfstudio.read(folder, width=None, images=None, hold=None)
         views = {view.name: view for view in scene.views}
         records = {record.name: record for record in lenses.views}
         if views.keys() != records.keys():

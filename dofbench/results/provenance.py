@@ -2,44 +2,38 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib.metadata
 import os
 import platform
 import re
 import resource
 import subprocess
+import tomllib
 from pathlib import Path
 
 import dofbench
-from dofbench.core.content import content_folder
+from dofbench.core.files import canonical_json
+from dofbench.core.import_closure import Sources, closure_digest, own_sources
 
 _PACKAGE = Path(dofbench.__file__).resolve().parent
-# What only shows results or calls the rest can't change one: editing it must not outdate every result.
-_NEVER_SCORES = ("cli.py", "commands", "reporting", "stability", "_content")
-_NEVER_SCORES_OF_A_METHOD = ("ablations.toml",)  # tables of runs; what a row sets is part of the run's own key
+_METHOD = "method"  # the name under which a method's own folder is read
+# What turns a dataset and options into a model and its scores. What decides the options isn't among it: they are part
+# of a run's key themselves.
+_MAKES_SCORES = ("dofbench.running.one_run:_Execution", "dofbench.scoring.evaluate:Evaluator")
+_STEERS = ("class", "capabilities")  # entries of a card that do; its presets and stages decide options alone
 
 
 def code_version(method_folder: Path) -> str:
-    """`<package version>+<sha256>` over every source file that can change a score.
+    """`<package version>+<sha256>` over all code that can change a score.
 
-    Those are dofbench (without ablation, reporting, runs, stability and the command line), the kernels and the
-    method's own folder (without its tables of ablations); names count relative to each, so the place of the
-    checkout doesn't matter.
+    That is what training and scoring reach in dofbench and its kernels (`dofbench.core.import_closure`), all code in
+    the method's own folder, and which class its card names. So comments, documentation, reports, what an error says
+    and the place of files don't matter.
     """
-    digest = hashlib.sha256()
-    for label, root in (("dofbench", _PACKAGE), ("kernels", content_folder("kernels")), ("method", method_folder)):
-        for file in sorted(root.rglob("*")):
-            relative = file.relative_to(root)
-            if file.suffix not in (".py", ".toml") or not file.is_file():
-                continue
-            if label == "dofbench" and relative.parts[0] in _NEVER_SCORES:
-                continue
-            if label == "method" and relative.parts[0] in _NEVER_SCORES_OF_A_METHOD:
-                continue
-            digest.update(f"{label}/{relative.as_posix()}\0".encode())
-            digest.update(hashlib.sha256(file.read_bytes()).digest())
-    return f"{dofbench.__version__}+{digest.hexdigest()}"
+    sources = Sources({**own_sources().roots, _METHOD: method_folder})
+    card = tomllib.loads((method_folder / "method.toml").read_text(encoding="utf-8"))
+    steering = canonical_json({key: card.get(key) for key in _STEERS})
+    return f"{dofbench.__version__}+{closure_digest([*_MAKES_SCORES, f'{_METHOD}.'], sources, [steering.encode()])}"
 
 
 def git_state() -> dict[str, str | bool] | None:

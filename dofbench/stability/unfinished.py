@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from dataclasses import asdict
 from pathlib import Path
 
-import dofbench
-from dofbench.core.content import content_folder, method_folders
+from dofbench.core.content import method_folders
+from dofbench.core.import_closure import Sources, closure_digest, own_sources
 from dofbench.stability.case import Found
 from dofbench.stability.stability_options import GROUPS
 
 FILE = ".unfinished.jsonl"
-# What arranges and judges, and measures nothing.
-_NEVER_MEASURES = (
-    "catalogue.py",
-    "limits.py",
-    "limits.toml",
-    "measure.py",
-    "stability_options.py",
-    "unfinished.py",
-    "stability_table.py",
-)
 
 
 class Unfinished:
@@ -61,13 +50,9 @@ class Unfinished:
 
 
 def code_of(group: str) -> str:
-    """A hash of every source that can change what a group's cases find: all but the other groups' modules."""
-    others = {f"{other}_cases.py" for other in GROUPS if other != group}
-    digest, package = hashlib.sha256(), Path(dofbench.__file__).resolve().parent
-    for root in (package, content_folder("kernels"), *method_folders()):
-        for file in sorted(root.rglob("*")):
-            aside = file.parent == package / "stability" and file.name in {*_NEVER_MEASURES, *others}
-            if file.suffix in (".py", ".toml") and file.is_file() and not aside:
-                digest.update(f"{file.relative_to(root).as_posix()}\0".encode())
-                digest.update(hashlib.sha256(file.read_bytes()).digest())
-    return digest.hexdigest()
+    """A digest of all code that can change what a group's cases find: what they reach, and the methods there are."""
+    own = own_sources().roots
+    folders = [card.parent for root in method_folders() for card in sorted(root.glob("*/method.toml"))]
+    methods = {f"method{index}": folder for index, folder in enumerate(folders)}
+    entries = [f"dofbench.stability.{group}_cases", *(f"{name}." for name in methods)]
+    return closure_digest(entries, Sources({**own, **methods}), [(one / "method.toml").read_bytes() for one in folders])

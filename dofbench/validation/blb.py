@@ -18,9 +18,9 @@ import numpy as np
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, sha256_file
 from dofbench.core.images import encode, image_size, read_exr, read_image
+from dofbench.core.import_closure import closure_digest
 from dofbench.core.lens import GAMMA
 from dofbench.validation.renderer_truth import Case, Truth
-from dofbench.validation.scoring_sources import truth_version
 
 INFO, IMAGE, DEPTH = "info.json", "image.exr", "depth.exr"
 _LISTS = ("blur_parameters", "focus_distances")
@@ -51,7 +51,7 @@ def blb_cases(folder: Path) -> list[Case]:
             raise InputError(folder / INFO, f"{key} = {values!r}", "a list of positive numbers")
     sharp = {name: sha256_file(_there(folder / name)) for name in (IMAGE, DEPTH)}
     width, height = image_size(folder / IMAGE)
-    code, cases = truth_version("validation/blb.py"), []
+    code, cases = closure_digest([_photograph]), []
     for file in sorted(folder.glob("bokeh_*.exr")):
         match = re.fullmatch(r"bokeh_(\d+)_(\d+)", file.stem)
         if match is None:

@@ -11,9 +11,9 @@ from dataclasses import asdict
 from pathlib import Path
 
 from dofbench.core.files import sha256_text, write_json
-from dofbench.validation.renderer_scores import Score
+from dofbench.core.import_closure import closure_digest
+from dofbench.validation.renderer_scores import Score, score
 from dofbench.validation.renderer_truth import Case
-from dofbench.validation.scoring_sources import scoring_version
 
 FOLDER = ".scores"
 
@@ -22,7 +22,7 @@ class Store:
     """The scores in a folder, by photograph and variant."""
 
     def __init__(self, out: Path):
-        self._folder, self._code = out / FOLDER, scoring_version()
+        self._folder, self._code = out / FOLDER, closure_digest([score, "dofbench.validation.variants:VARIANTS"])
         for file in self._folder.glob("*.json"):
             if not file.name.startswith(self._code[:16]):
                 file.unlink()

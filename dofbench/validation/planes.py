@@ -16,11 +16,11 @@ from functools import cache, partial
 import numpy as np
 
 from dofbench.core.images import encode
+from dofbench.core.import_closure import closure_digest
 from dofbench.core.lens import GAMMA, ApertureShape
 from dofbench.validation.lens_points import lens_points
 from dofbench.validation.planes_lens import ALL, BARS, DISCS, LOWER_HALF, add_views
 from dofbench.validation.renderer_truth import Case, Truth
-from dofbench.validation.scoring_sources import truth_version
 
 WIDTH, HEIGHT = 400, 300
 OWN_ERROR_DB = 50.0  # of a photograph, at least: twice as good as what is compared with it
@@ -84,7 +84,7 @@ def plane_cases(radii: Iterable[float], focuses: Iterable[float]) -> Iterator[Ca
 
 
 def _case(source: str, name: str, scene: Scene, radius: float, focus: float, shape: ApertureShape) -> Case:
-    code = truth_version("validation/planes.py", "validation/planes_lens.py")
+    code = closure_digest([photograph])
     content = [code, [asdict(plane) for plane in scene], asdict(shape), WIDTH, HEIGHT, OWN_ERROR_DB, POINTS]
     return Case(
         source,

@@ -12,10 +12,10 @@ import numpy as np
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, sha256_file
 from dofbench.core.images import encode, image_size, read_exr, read_image
+from dofbench.core.import_closure import closure_digest
 from dofbench.core.lens import GAMMA, PhysicalLens
 from dofbench.validation.renderer_truth import Case, Truth
 from dofbench.validation.sampled import has_geometry, thin_lens
-from dofbench.validation.scoring_sources import truth_version
 
 SCENE, SCHEMA = "scene.json", "dofbench-scene"
 _NUMBERS = ("aperture", "focus", "aperture_scene", "focus_scene", "noise_psnr_db")
@@ -39,7 +39,7 @@ def rendered_cases(folder: Path) -> list[Case]:
     if not isinstance(images, list):
         raise InputError(folder / SCENE, "no lens_images", "a list of images through a thin lens")
     # What thinlens makes of it depends on the code that rendered it.
-    code = truth_version("validation/rendered.py", "validation/sampled.py", *["rendering"] * has_geometry(scene))
+    code = closure_digest([_photograph, *[thin_lens] * has_geometry(scene)])
     cases = []
     for index, lens in enumerate(images):
         try:

@@ -1,0 +1,222 @@
+"""What outdates what is kept: exactly a change of what it used."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dofbench.core import import_closure
+from dofbench.core.content import content_folder
+from dofbench.core.import_closure import Sources, closure, closure_digest, own_sources
+from dofbench.results import provenance
+from dofbench.stability import unfinished
+from dofbench.stability.stability_options import GROUPS
+
+ENTRY = "dofbench.low.entry:wanted"
+RENDERER_SCORES = ["dofbench.validation.renderer_scores:score", "dofbench.validation.variants:VARIANTS"]
+
+
+@pytest.fixture
+def tree(tmp_path: Path):
+    """A function that writes modules (path below dofbench/ -> text) and gives the digest of what ENTRY reaches."""
+
+    def digest(files: dict[str, str]) -> str:
+        shutil.rmtree(tmp_path / "dofbench", ignore_errors=True)
+        for name, text in {"__init__.py": "", "low/__init__.py": "", "low/entry.py": "", **files}.items():
+            file = tmp_path / "dofbench" / name
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text)
+        import_closure._read.cache_clear()  # files of one size may follow each other within one tick of the clock
+        return closure_digest([ENTRY], Sources({"dofbench": tmp_path / "dofbench"}))
+
+    return digest
+
+
+USES = [
+    "from dofbench.low.constants import FACTOR\ndef wanted(): return FACTOR",
+    "from dofbench.low.constants import FACTOR as f\ndef wanted(): return f",
+    "from dofbench.low import constants\ndef wanted(): return constants.FACTOR",
+    "from dofbench.low import constants as c\ndef wanted(): return c.FACTOR",
+    "import dofbench.low.constants\ndef wanted(): return dofbench.low.constants.FACTOR",
+    "from .constants import FACTOR\ndef wanted(): return FACTOR",
+    "from . import constants\ndef wanted(): return constants.FACTOR",
+    "def wanted():\n    from dofbench.low.constants import FACTOR\n    return FACTOR",
+    "def wanted(name): return import_module(f'dofbench.low.{name}')",
+    "def wanted(): return import_module('dofbench.low.constants')",
+    "from dofbench.low import constants\ndef wanted(): return vars(constants)",
+    "from dofbench.low.constants import FACTOR\nhalf = FACTOR / 2\ndef one(): return half\ndef wanted(): return one()",
+    "from dofbench.low.constants import FACTOR\nclass A:\n    x: int = FACTOR\ndef wanted(a: A): return a.x",
+    "from dofbench.low.constants import FACTOR\n@register\ndef other(): return FACTOR\ndef wanted(): return 1",
+    "from dofbench.low.constants import FACTOR\nnp.seterr(FACTOR)\ndef wanted(): return 1",
+]
+
+
+@pytest.mark.parametrize("use", USES)
+def test_a_constant_in_another_module_is_reached(tree, use: str) -> None:
+    before = tree({"low/entry.py": use, "low/constants.py": "FACTOR = 2"})
+    assert tree({"low/entry.py": use, "low/constants.py": "FACTOR = 3"}) != before
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        "# a comment\nFACTOR = 2\n",
+        '"""Words."""\nFACTOR = 2\n',
+        "FACTOR = 2\nUNUSED = 3\n",
+        "FACTOR = 2\ndef unused(): return 5\n",
+        "from __future__ import annotations\n\nFACTOR = 2\n",
+        "FACTOR = 2\n__all__ = ['FACTOR']\n",
+    ],
+)
+def test_what_stands_beside_is_not(tree, other: str) -> None:
+    before = tree({"low/entry.py": USES[0], "low/constants.py": "FACTOR = 2"})
+    assert tree({"low/entry.py": USES[0], "low/constants.py": other}) == before
+
+
+def test_words_of_an_error_and_docstrings_may_change(tree) -> None:
+    code = 'def wanted(x):\n    """{}"""\n    if x > {}:\n        raise ValueError("{}")\n    return x\n'
+    before = tree({"low/entry.py": code.format("Words.", 1, "too large")})
+    assert tree({"low/entry.py": code.format("Others.", 1, "larger than 1")}) == before
+    assert tree({"low/entry.py": code.format("Words.", 2, "too large")}) != before
+
+
+def test_a_file_may_have_another_name_and_place(tree) -> None:
+    before = tree({"low/entry.py": USES[2], "low/constants.py": "FACTOR = 2"})
+    moved = (
+        USES[2]
+        .replace("dofbench.low import constants", "dofbench.high import numbers")
+        .replace("constants.", "numbers.")
+    )
+    assert tree({"low/entry.py": moved, "high/numbers.py": "FACTOR = 2"}) == before
+
+
+def test_two_names_that_change_places_are_seen(tree) -> None:
+    """The same definitions are reached, but the arithmetic is another."""
+    code = "from dofbench.low.a import {} as p\nfrom dofbench.low.a import {} as q\ndef wanted(x): return p(x) - q(x)"
+    twice = {"low/a.py": "def f(x): return x\ndef g(x): return 2 * x"}
+    before = tree({"low/entry.py": code.format("f", "g"), **twice})
+    assert tree({"low/entry.py": code.format("g", "f"), **twice}) != before
+
+
+def test_a_name_that_is_not_there_is_said() -> None:
+    with pytest.raises(LookupError, match="dofbench.core.lens:nothing"):
+        closure_digest(["dofbench.core.lens:nothing"])
+
+
+# ---- the real tree ----
+
+
+@pytest.fixture(scope="module")
+def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The package and the content beside it, to be edited."""
+    root = tmp_path_factory.mktemp("tree")
+    left_out = shutil.ignore_patterns("__pycache__", "_content")
+    shutil.copytree(own_sources().roots["dofbench"], root / "dofbench", ignore=left_out)
+    for name in ("kernels", "methods"):
+        shutil.copytree(content_folder(name), root / name, ignore=left_out)
+    return root
+
+
+@pytest.fixture
+def versions(copied: Path, monkeypatch: pytest.MonkeyPatch):
+    """A function that gives the code version of everything that is kept: a result, each stability group, a kernel."""
+    sources = {"dofbench": copied / "dofbench", "dofbench.kernels": copied / "kernels"}
+
+    def now() -> dict[str, str]:
+        fresh = Sources(sources)
+        monkeypatch.setattr(provenance, "own_sources", lambda: fresh)
+        monkeypatch.setattr(unfinished, "own_sources", lambda: fresh)
+        monkeypatch.setattr(unfinished, "method_folders", lambda: [copied / "methods"])
+        return {
+            "result": provenance.code_version(copied / "methods" / "dofgaussian"),
+            **{group: unfinished.code_of(group) for group in GROUPS},
+            "renderer": closure_digest(RENDERER_SCORES, fresh),
+            "scatter": closure_digest(["dofbench.kernels.scatter.cpu_linear:_spread"], fresh),
+        }
+
+    return now
+
+
+def edited(file: Path, old: str, new: str):
+    """Change the first `old` in a file for the time of a `with`."""
+
+    class Edit:
+        def __enter__(self) -> None:
+            self.text = file.read_text()
+            assert old in self.text, f"{old!r} isn't in {file.name} any more: choose another line to change"
+            file.write_text(self.text.replace(old, new, 1))
+
+        def __exit__(self, *_: object) -> None:
+            file.write_text(self.text)
+
+    return Edit()
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("dofbench/synthesis/dataset_readme.py", "#", "##"),
+        ("dofbench/reporting/markdown.py", "|", "||"),
+        ("dofbench/cli.py", "Help on one command", "Help"),
+        ("methods/dofgaussian/ablations.toml", "[", "# a remark\n["),
+        ("dofbench/optics/defocus.py", '"""', '"""In other words: '),
+    ],
+)
+def test_what_scores_nothing_outdates_nothing(copied, versions, name: str, old: str, new: str) -> None:
+    before = versions()
+    with edited(copied / name, old, new):
+        assert versions() == before
+
+
+def changed_by(copied, versions, name: str, old: str, new: str) -> set[str]:
+    before = versions()
+    with edited(copied / name, old, new):
+        after = versions()
+    return {what for what in before if after[what] != before[what]}
+
+
+def test_arithmetic_outdates_what_used_it(copied, versions) -> None:
+    toe = changed_by(copied, versions, "dofbench/optics/defocus.py", "TOE = 0.5", "TOE = 0.6")
+    assert {"result", "light", "training", "renderer"} <= toe and "scatter" not in toe
+    area = changed_by(copied, versions, "dofbench/core/lens.py", "AREA_EPSILON = ", "AREA_EPSILON = 1 + ")
+    assert {"result", "scatter", "renderer"} <= area
+    metric = changed_by(copied, versions, "dofbench/metrics/psnr.py", "10", "11")
+    assert "result" in metric and "scatter" not in metric
+    density = changed_by(copied, versions, "dofbench/gaussians/density.py", "0", "1")
+    assert {"result", "training"} <= density and not {"scatter", "renderer", "light"} & density
+    case = changed_by(copied, versions, "dofbench/stability/files_cases.py", "1", "2")
+    assert case == {"files"}
+
+
+def test_a_kernel_is_compiled_again_after_a_constant_in_another_package_changed(copied, tmp_path) -> None:
+    program = (
+        "import torch\nfrom dofbench.kernels import load\nfrom dofbench.compute import kernel_cache\n"
+        "load('scatter')(torch.rand(9, 9, 3), torch.full((9, 9), 2.0), alpha=5.0)\nprint(kernel_cache.compiled())"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(copied), "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONSAFEPATH": "1"}
+
+    def compiled() -> int:
+        done = subprocess.run(
+            [sys.executable, "-c", program], env=environment, capture_output=True, text=True, cwd=tmp_path
+        )
+        assert done.returncode == 0, done.stderr
+        return int(done.stdout)
+
+    first = compiled()
+    assert first > 0
+    assert compiled() == 0
+    with edited(copied / "dofbench/core/lens.py", "AREA_EPSILON = ", "AREA_EPSILON = 2 * "):
+        assert compiled() > 0
+
+
+def test_reaching_is_not_reaching_everything() -> None:
+    """A result doesn't depend on how datasets are made, reported or drawn from recipes."""
+    reached = {module.split(".")[1] for module, name in closure(provenance._MAKES_SCORES) if name and "." in module}
+    assert not reached & {"synthesis", "procedural", "reporting", "validation", "stability", "commands", "cli"}
+    assert {"gaussians"} & reached == set()  # methods are reached by the method's own folder
+    assert {"scoring", "metrics", "dataset", "core"} <= reached
