@@ -49,7 +49,7 @@ def _sources_of(function: Callable[..., object]) -> str:
         return closure_digest([function])
     file = Path(function.__code__.co_filename)
     beside = Sources({**own_sources().roots, "": file.parent})
-    return closure_digest([f"{file.stem}:{function.__qualname__}"], beside)
+    return closure_digest([f"{file.stem}:{function.__qualname__.partition('.')[0]}"], beside)
 
 
 def compiled() -> int:

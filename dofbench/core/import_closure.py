@@ -128,7 +128,7 @@ def closure(
     walk = _Walk(sources or own_sources())
     for entry in entries:
         if not isinstance(entry, str):
-            entry = f"{entry.__module__}:{entry.__qualname__}"
+            entry = f"{entry.__module__}:{entry.__qualname__.partition('.')[0]}"  # of an inner one, the outer one
         module, _, name = entry.partition(":")
         places = list(walk.whole(module.rstrip("."), below=module.endswith("."))) if not name else [(module, name)]
         if not places or (name and not walk.defined((module, name))):

@@ -288,7 +288,7 @@ def test_code_that_changes_meanwhile_is_named(ablate, tmp_path: Path, monkeypatc
 
     def changing(self, jobs, **more):
         file = tmp_path / "methods" / "fake" / "behaviour.py"
-        file.write_text(file.read_text() + "\n# changed\n")
+        file.write_text(file.read_text() + "\nCHANGED = 1\n")
         return original(self, jobs, **more)
 
     monkeypatch.setattr(Here, "__call__", changing)

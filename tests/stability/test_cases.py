@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
-from pathlib import Path
 
 import pytest
 
 from dofbench.kernels import BACKENDS, OPS
-from dofbench.stability import stability_options
 from dofbench.stability.catalogue import catalogue, chosen
 from dofbench.stability.limits import limit_of, read_limits
 from dofbench.stability.measure import measured
@@ -91,16 +88,6 @@ def test_a_kernel_and_a_group_narrow_the_cases():
     left = chosen(Stability(kernel="ssim", group=("invariants", "images")))
     assert {case.subject for case in left} == {"ssim"}
     assert {case.group for case in left} == {"invariants", "images"}
-
-
-def test_no_group_takes_from_another():
-    """What a group found is kept while the others change, so nothing of a group may depend on another's module."""
-    folder = Path(stability_options.__file__).parent
-    for group in GROUPS:
-        for file in (folder / f"{group}.py", *folder.glob(f"{group}_*.py")):
-            found = re.findall(r"from dofbench\.stability\.(\w+) import", file.read_text())
-            assert not GROUPS.keys() & set(found), file.name
-            assert found or file.stem != group, f"{group} has no cases of its own"
 
 
 def test_a_method_narrows_to_its_training():
