@@ -36,7 +36,7 @@ def test_other_data_or_code_is_another_result(call, tmp_path: Path) -> None:
     write_dataset(tmp_path / "data", seed=2)
     second = call()
     code = tmp_path / "methods" / "fake" / "behaviour.py"
-    code.write_text(code.read_text() + "\n# changed\n")
+    code.write_text(code.read_text() + "\nCHANGED = 1\n")
     third = call()
     assert not second.reused and not third.reused
     assert len({first.folder, second.folder, third.folder}) == 3

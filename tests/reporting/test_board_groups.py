@@ -77,7 +77,7 @@ def test_what_looks_alike_is_told_apart(plain, call, made, tmp_path: Path) -> No
     call()
     call(budget="9it")
     code = tmp_path / "methods" / "fake" / "behaviour.py"
-    code.write_text(code.read_text() + "\n# changed\n")
+    code.write_text(code.read_text() + "\nCHANGED = 1\n")
     call()
     _, out, _ = made()
     presets = [row["preset"] for row in table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v2")][:3]

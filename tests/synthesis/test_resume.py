@@ -19,7 +19,7 @@ from dofbench.synthesis.dataset_options import MakeDataset
 SLOW = """
 import sys, time
 from pathlib import Path
-from dofbench.synthesis import make, make_dataset
+from dofbench.synthesis import builder as make, make_dataset
 from dofbench.core.progress import Silent
 from dofbench.synthesis.dataset_options import MakeDataset
 blur = make.shallow_image
