@@ -63,16 +63,16 @@ class Sources:
             yield package
         for prefix, folder in self._roots:
             if package == prefix or package.startswith(prefix + "."):
-                top = folder.joinpath(*package[len(prefix) + 1 :].split("."))
+                top, name = folder.joinpath(*package[len(prefix) + 1 :].split(".")), package
             elif prefix.startswith(package + "."):
-                top, package = folder, prefix
+                top, name = folder, prefix
             else:
                 continue
             for file in sorted(top.rglob("*.py")):
                 parts = file.relative_to(top).with_suffix("").parts
                 parts = parts[:-1] if parts[-1] == "__init__" else parts
-                if parts and "__pycache__" not in parts:
-                    yield ".".join([package, *parts])
+                if parts:
+                    yield ".".join([name, *parts])
 
     def matching(self, pattern: str) -> list[str]:
         """The modules whose name fits; `*` in the pattern stands for one part of a name."""
