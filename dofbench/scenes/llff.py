@@ -57,11 +57,6 @@ def posed_frames(root: Path, folder: Path, files: Sequence[Path]) -> list[Frame]
     return [_frame(row, path, path.relative_to(folder).as_posix(), file) for row, path in zip(rows, files, strict=True)]
 
 
-def read_bounds(root: Path) -> np.ndarray:
-    """(N, 2) near and far depth, scene units, of the images in sorted order, from poses_bounds.npy."""
-    return _rows(root / _FILE)[:, 15:]
-
-
 def _rows(file: Path) -> np.ndarray:
     if not file.is_file():
         raise InputError(file, "no such file", "an LLFF pose file")

@@ -7,7 +7,6 @@ from tolerances import POSE_ROUND_TRIP
 from dofbench.core.errors import InputError
 from dofbench.scenes import load_scene
 from dofbench.scenes.export import write_colmap, write_poses_bounds
-from dofbench.scenes.llff import read_bounds
 
 
 @pytest.fixture
@@ -73,10 +72,6 @@ def test_points_from_another_frame_are_refused(folder, make_cameras, make_cloud)
     write_colmap(folder, [f"image{index}.png" for index in range(5)], cameras, turned)
     with pytest.raises(InputError, match=r"sparse/0: found 0% of the points inside"):
         load_scene(folder)
-
-
-def test_bounds(folder):
-    assert read_bounds(folder).tolist() == [[1.0, 9.0]] * 5
 
 
 def test_another_number_of_images(folder):

@@ -35,16 +35,6 @@ class Effort:
     fine: int
     blur: bool = False
 
-    @property
-    def most_coarse(self) -> int:
-        """The most renderings at the reduced size for both halves."""
-        return (self.apertures + 1) * (self.focuses + 1) + 1 + 2 * self.coarse
-
-    @property
-    def most_fine(self) -> int:
-        """The most renderings at the full size for both halves."""
-        return 2 * self.fine
-
 
 THOROUGH = Effort(apertures=5, focuses=5, coarse=12, fine=10, blur=True)
 QUICK = Effort(apertures=3, focuses=3, coarse=8, fine=1)
