@@ -44,8 +44,9 @@ class PointCloud:
     @cached_property
     def _sightings(self) -> tuple[np.ndarray, np.ndarray]:
         """(view, point) of every sighting."""
-        lengths = [len(track) for track in self.views]
-        views = np.concatenate([np.asarray(track, np.int64) for track in self.views] or [np.empty(0, np.int64)])
+        tracks = self.views or ()
+        lengths = [len(track) for track in tracks]
+        views = np.concatenate([np.asarray(track, np.int64) for track in tracks] or [np.empty(0, np.int64)])
         return views, np.repeat(np.arange(len(lengths)), lengths)
 
     def seen_by(self, views: Sequence[int]) -> PointCloud:

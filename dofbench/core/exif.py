@@ -63,7 +63,8 @@ class Exif:
         if unknown:
             raise ValueError(f"{unknown[0]}: expected one of {', '.join(kinds)}")
         try:
-            return Exif(**{name: kinds[name](value) for name, value in data.items()})
+            known: dict[str, Any] = {name: kinds[name](value) for name, value in data.items()}
+            return Exif(**known)
         except TypeError as error:
             raise ValueError(str(error)) from None
 

@@ -71,7 +71,8 @@ def run_jobs(jobs: Sequence[Job], *, workers: int, watcher: Watcher) -> list[Out
     each has OMP_NUM_THREADS / workers of them. When this process ends, however, they are killed: whatever
     they write must be atomic.
     """
-    waiting, running, outcomes = list(jobs), {}, {}
+    waiting, outcomes = list(jobs), {}
+    running: dict[str, tuple[BaseProcess, Connection]] = {}
     threads = max(1, int(os.environ.get("OMP_NUM_THREADS", "1").split(",")[0]) // workers)
     try:
         while waiting or running:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 # Decorators that leave nothing behind but the function: all others may register it somewhere.
@@ -133,11 +133,18 @@ def _collect(node: ast.AST, references: set[Reference], loads: set[str], local: 
             return
     if isinstance(node, ast.Call) and _path(node.func)[-1:] == ("import_module",) and node.args:
         _load(node.args[0], loads)
+    body = _body(node)
     inside = local | _local(node) if isinstance(node, _FUNCTIONS) else local
-    body = {id(one) for one in ([node.body] if isinstance(node, ast.Lambda) else node.body)} if inside != local else ()
     for child in ast.iter_child_nodes(node):
         # Decorators, defaults and annotations are evaluated outside.
-        _collect(child, references, loads, inside if id(child) in body else local)
+        _collect(child, references, loads, inside if any(child is one for one in body) else local)
+
+
+def _body(node: ast.AST) -> Sequence[ast.AST]:
+    """What a function runs; nothing for any other node."""
+    if isinstance(node, ast.Lambda):
+        return [node.body]
+    return node.body if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) else ()
 
 
 def _load(name: ast.expr, loads: set[str]) -> None:
@@ -162,7 +169,7 @@ def _local(function: ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda) -> set
             for child in ast.iter_child_nodes(node):
                 look(child)
 
-    for one in [function.body] if isinstance(function, ast.Lambda) else function.body:
+    for one in _body(function):
         look(one)
     return names - shared
 

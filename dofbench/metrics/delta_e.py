@@ -20,5 +20,5 @@ def delta_e(prediction: np.ndarray, truth: np.ndarray) -> float:
     """
     import colour
 
-    labs = [colour.XYZ_to_Lab(colour.sRGB_to_XYZ(image)) for image in checked(prediction, truth)]
-    return float(np.mean(colour.difference.delta_E_CIE2000(*labs)))
+    one, other = (colour.XYZ_to_Lab(colour.sRGB_to_XYZ(image)) for image in checked(prediction, truth))
+    return float(np.mean(colour.difference.delta_E_CIE2000(one, other)))

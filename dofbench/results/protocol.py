@@ -73,7 +73,7 @@ class Protocol:
         return asdict(self)
 
 
-_SHARED = dict(
+_SHARED: dict[str, Any] = dict(
     split="the dataset's test views",
     levels=256,
     refocus=("psnr", "ssim", "ms_ssim", "flip", "gmsd", "delta_e"),

@@ -6,6 +6,7 @@ import csv
 import math
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from dofbench.core.errors import InputError
 from dofbench.core.exif import EXIF_FILE, Exif, read_exif
@@ -69,12 +70,11 @@ def exif_of_image(file: Path) -> Exif:
     tags = {attribute.name: attribute.value for attribute in opened.spec().extra_attribs}
     opened.close()
     values = {name: next((tags[tag] for tag in names if tag in tags), None) for name, names in _TAGS.items()}
+    known: dict[str, Any] = {
+        name: _text(value) if name in _TEXTS else _positive(value) for name, value in values.items() if name != "time"
+    }
     return Exif(
-        **{
-            name: _text(value) if name in _TEXTS else _positive(value)
-            for name, value in values.items()
-            if name != "time"
-        },
+        **known,
         time=_time(values["time"]),
         camera=_camera(_text(tags.get("Make")), _text(tags.get("Model"))),
     )

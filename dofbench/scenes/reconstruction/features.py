@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -83,11 +84,7 @@ def extract(
     options.sift.max_num_features = most
     for start in range(0, len(photographs), threads):
         names = [photograph.file_name for photograph in photographs[start : start + threads]]
-        wait(
-            lambda names=names: pycolmap.extract_features(
-                database, folder, image_names=names, extraction_options=options
-            )
-        )
+        wait(partial(pycolmap.extract_features, database, folder, image_names=names, extraction_options=options))
         advance(min(len(photographs), start + threads))
     return counts(database, photographs)
 

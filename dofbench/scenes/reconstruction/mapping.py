@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -50,10 +51,7 @@ def map_photographs(
     for attempt, demands in (("COLMAP's own", {}), ("lenient", _LENIENT)):
         placed = _Placed(advance, count)
         found = _largest(
-            wait(
-                lambda demands=demands, placed=placed: _incremental(database, folder, work, seed, demands, placed),
-                placed.look,
-            ),
+            wait(partial(_incremental, database, folder, work, seed, demands, placed), placed.look),
             attempt,
         )
         if found is not None and (best is None or found.model.num_reg_images() > best.model.num_reg_images()):

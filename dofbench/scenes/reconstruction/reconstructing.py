@@ -126,7 +126,7 @@ def _stages(
     others = [] if found is None else found["others"]
     views = view_reports(photographs, features, agreed, model, others)
     lines = tuple(remarks(views, source.kind == "video"))
-    if model is None:
+    if model is None or found is None:
         nothing = (
             f"{settings.out}: no scene: no {LEAST} of the {len(photographs)} photographs hang together; what is "
             "finished stays, and the same command goes on from it"
