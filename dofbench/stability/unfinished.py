@@ -50,9 +50,10 @@ class Unfinished:
 
 
 def code_of(group: str) -> str:
-    """A digest of all code that can change what a group's cases find: what they reach, and the methods there are."""
-    own = own_sources().roots
-    folders = [card.parent for root in method_folders() for card in sorted(root.glob("*/method.toml"))]
+    """A digest of all code that can change what a group's cases find: what they reach, and in training the methods."""
+    found = (card.parent for root in method_folders() for card in sorted(root.glob("*/method.toml")))
+    folders = list(found) if group == "training" else []
     methods = {f"method{index}": folder for index, folder in enumerate(folders)}
     entries = [f"dofbench.stability.{group}_cases", *(f"{name}." for name in methods)]
-    return closure_digest(entries, Sources({**own, **methods}), [(one / "method.toml").read_bytes() for one in folders])
+    cards = [(folder / "method.toml").read_bytes() for folder in folders]
+    return closure_digest(entries, Sources({**own_sources().roots, **methods}), cards)
