@@ -83,7 +83,7 @@ class StageTimes:
         return {name: {"wall": watch.wall, "cpu": watch.cpu} for name, watch in self._stages.items()}
 
 
-loading = Stopwatch()  # importing this program's own heavy modules, and theirs; the first run in a process takes it
+loading = Stopwatch()  # time spent on importing heavy modules; the first run of a process reports it
 
 
 def _cpu_seconds() -> float:

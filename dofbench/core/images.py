@@ -90,7 +90,7 @@ def to_16bit(image: np.ndarray) -> np.ndarray:
 
 
 def _check_numbers(image: np.ndarray) -> None:
-    # Cast to an integer, NaN is black on one machine and white on another, and nobody is told.
+    # Casting NaN to an integer gives black on one machine and white on another, without an error.
     if np.isnan(image).any():
         found = f"NaN in {np.isnan(image).sum()} of {image.size} values"
         raise FloatingPointError(f"image: expected numbers, found {found}")
@@ -182,8 +182,8 @@ def _write(path: Path, pixels: np.ndarray, kind: str, attributes: dict, names: l
     for key, value in attributes.items():
         spec.attribute(key, value)
     if path.suffix.lower() == ".exr":
-        # The writer puts in the time of day (capDate) where the image has none, so that two
-        # identical runs would differ in their bytes.
+        # Where the image has no capDate the writer adds the time of day, and two identical runs would differ in
+        # their bytes.
         spec.attribute("DateTime", _NO_DATE)
     with replacing(path) as temporary:
         output = oiio.ImageOutput.create(str(temporary))

@@ -21,7 +21,7 @@ from pathlib import Path
 from dofbench.core.content import content_folder
 from dofbench.core.source_symbols import ModuleSymbols, Symbol, read_symbols
 
-# A reference is told apart by what it leads to, so many steps deep.
+# Two references of one name are told apart by the code that they lead to, up to this many references away.
 _DEPTH = 3
 Entry = str | Callable[..., object]
 Place = tuple[str, str]  # a module and a name in it; the name "" stands for what runs when the module is imported

@@ -17,7 +17,7 @@ COC_FRACTION = 0.02  # CoC radius at A = 1, per unit of normalised disparity, as
 GAMMA = 2.2  # the paper's colour-space note (supplement)
 ALPHA = 4.0  # smoothness of the confusion function, paper section 5
 AREA_EPSILON = 0.2  # of the area term 1 / (R^2 + 0.2) in the public renderers
-LAYERS = 8  # of the layered renderer, unless told: more come no closer (reports/renderer)
+LAYERS = 8  # default of the layered renderer; more layers are no more accurate (reports/renderer)
 
 
 @dataclass(frozen=True)
@@ -143,6 +143,6 @@ class ApertureShape:
 
 
 Energy = Literal["area", "algorithm1"]
-# From an image and its depth; and, beside these, from the geometry of a scene.
+# Renderers that need an image and its depth; and one that needs the scene's geometry as well.
 Renderer = Literal["scatter", "layered"]
 SceneRenderer = Literal["scatter", "layered", "thinlens"]

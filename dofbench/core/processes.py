@@ -106,7 +106,7 @@ def _start(job: Job, threads: int) -> tuple[BaseProcess, Connection]:
     process = context.Process(target=_work, args=(pickle.dumps(job.work), theirs), name=job.name)
     with _environment(dict.fromkeys(_THREADS, str(threads))):
         process.start()
-    # The process has its own copy: with ours closed, its end is the pipe's.
+    # The child has its own copy. Once ours is closed, the pipe ends when the child does.
     theirs.close()
     return process, ours
 
@@ -145,7 +145,7 @@ def _work(pickled: bytes, pipe: Connection) -> None:
         sys.stdout.flush()
         sys.stderr.flush()
     finally:
-        # Without the interpreter's clean-up, as `cli.console`.
+        # Ends without the interpreter's clean-up, for the reason that `cli.console` gives.
         os._exit(0)
 
 

@@ -18,7 +18,7 @@ ENOUGH = 12  # points that a view needs for a scale and shift of its own
 TRIALS = 256  # pairs of points that are tried for the start
 _ROUNDS = 30
 _MAD = 1.4826  # standard deviation of a normal distribution by its median absolute deviation
-_OUTLIER = 2.5  # of these a residual may be and still be called an inlier
+_OUTLIER = 2.5  # standard deviations up to which a residual counts as an inlier
 
 Output = Literal["disparity", "depth"]
 Freedom = Literal["scale-shift", "scale", "none"]

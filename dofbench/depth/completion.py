@@ -25,7 +25,7 @@ _EDGE = 50.0  # per unit of colour distance, CIELAB / 100
 _LEAK = 1e-3  # affinity across the strongest edge: every pixel stays connected
 _SMOOTH = 0.1  # weight of smoothness against an exact sighting's 1
 _BREAK = 0.01  # step between neighbours, share of the range, at which the L1 part begins
-_OUTLIER = 0.03  # residual of a sighting, share of the range, that begins to be doubted
+_OUTLIER = 0.03  # residual of a sighting, share of the range, from which its weight falls
 _COARSEST = 240  # pixels, width that is solved directly at most
 _FINEST = 1280  # pixels, width that is solved at most; above, the result is enlarged
 _COARSE_ROUNDS, _FINE_STEPS = 3, 60
@@ -111,7 +111,7 @@ class _System:
         smooth = self._difference.T @ sparse.diags_array(_SMOOTH * self._affinity * broken)
         matrix, right = data @ self.at_sightings + smooth @ self._difference, data @ self._data
         if steps is None:
-            # A grain of the old surface, so that the system has one solution though every sighting be doubted.
+            # A small weight on the previous surface keeps the system solvable when all sightings are rejected.
             grain = 1e-9 * _SMOOTH
             matrix = (matrix + grain * sparse.eye_array(flat.size)).tocsc()
             factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})

@@ -57,7 +57,7 @@ class DepthNet(nn.Module):
                 for index in range(len(c) - 1)
             ]
         )
-        # What the whole picture is about, told to every place in it.
+        # Global context: the mean over all positions is added to each position.
         self.context = nn.Sequential(nn.Conv2d(c[4], c[4], 1), nn.ReLU(inplace=True))
         self.up = nn.ModuleList(
             [

@@ -27,7 +27,8 @@ AGREEMENT = 0.05  # relative difference of disparity up to which two views agree
 _BORDER = 1e-6
 _NOISE = 9  # decimals beyond which distances and differences are equal
 _LEAST = 0.02  # share of the pixels that must be comparable for a pair to say anything
-# A view is off when its difference is beyond doubt, or it, or the share that disagrees, is clearly beyond its peers'.
+# A view is called inconsistent when its difference is large in itself, or when its difference or its share of
+# disagreeing pixels is far above those of the other views.
 WORST, PEERS = 0.2, 4.0
 UNREMARKABLE, UNREMARKABLE_SHARE = 0.02, 0.1
 
@@ -100,7 +101,7 @@ def neighbours(cameras: Sequence[Camera], points: PointCloud | None) -> list[lis
     centres = np.stack([camera.centre for camera in cameras])
     ways = np.stack([camera.world_to_camera[2, :3] for camera in cameras])
     away = np.linalg.norm(centres[:, None] - centres[None], axis=2)
-    # Rounded, so that of two cameras equally far, as in a row of them, the first is nearer, and not the one by noise.
+    # Rounded, so that of two equally distant cameras the first is taken, not the one that rounding noise favours.
     away = np.round(away / (away.max() or 1.0) + (1 - ways @ ways.T), _NOISE)
     shared = np.zeros((count, count))
     if points is not None and points.views is not None and len(points):
@@ -146,7 +147,7 @@ def _compare(camera: Camera, depth: np.ndarray, other: Camera, other_depth: np.n
     _, row, column, expected = _look_up(other, other_depth, world)
     there = other_depth[row, column].astype(np.float64)
     mine, theirs = 1 / expected, 1 / there
-    # Something nearer in the neighbour: where does this view have it?
+    # The neighbour shows something nearer there: find where this view shows it.
     nearer = theirs > mine * (1 + AGREEMENT)
     hidden = np.zeros(len(mine), dtype=bool)
     back, back_row, back_column, back_z = _look_up(
@@ -188,7 +189,7 @@ def _summary(
 ) -> Consistency | None:
     if not said:
         return None
-    # Differences of nothing but noise are equal, and then the first neighbour's counts.
+    # Differences below the rounding noise count as equal, and then the first neighbour's is taken.
     ordered = sorted((pair for _, pair in said), key=lambda pair: round(pair.difference, _NOISE))
     typical = ordered[(len(ordered) - 1) // 2]
     return Consistency(

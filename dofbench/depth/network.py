@@ -147,16 +147,16 @@ class Network:
 
     def __init__(self, file: Path):
         """Raises InputError for a file, or a side file, that can't be used."""
-        # The first of its kind here that is heavy; nobody else needs it.
+        # Imported here because onnxruntime takes long to load and only this function needs it.
         import onnxruntime
 
         self.file, self.description = file, read_description(file)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = int(os.environ.get("OMP_NUM_THREADS", "0").split(",")[0] or 0)
-        options.log_severity_level = 4  # what goes wrong is raised, and said in one line below
+        options.log_severity_level = 4  # fatal only: errors are raised as exceptions, and reported in one line below
         try:
             self._session = onnxruntime.InferenceSession(str(file), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # its many exceptions share no base but this
+        except Exception as error:  # onnxruntime's exceptions have no other common base class
             raise InputError(file, f"no readable network ({_first_line(error)})", "an ONNX network") from None
         inputs = self._session.get_inputs()
         if (

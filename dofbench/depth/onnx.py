@@ -20,7 +20,7 @@ from dofbench.depth.sightings import CLIPPED, SceneSightings, Sightings, scene_s
 from dofbench.depth.source import SourceId
 from dofbench.scenes.scene import Scene, SceneView
 
-# What a view is worth that was aligned by the others' points, and one that nothing was compared with.
+# Confidence of a view that was aligned by other views' points, and of one that nothing could be compared with.
 _SHARED, _UNCOMPARED = 0.5, 0.5
 # Without points: disparities below this share of the view's median are raised to it, and those above its inverse cut.
 _OWN_FLOOR = 1e-3
@@ -143,7 +143,7 @@ def _aligned(pairs: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]], networ
     everything = [np.concatenate(parts) for parts in zip(*pairs.values(), strict=True)]
     shared = fit(everything[0], everything[1], everything[2], meaning, free)
     if shared is None and 2 * len(aligned) >= len(own):
-        # A network whose scale wanders from view to view, so that all together follow no line.
+        # The network's scale differs so much between views that no common line fits all of them.
         shared = middle(aligned)
     if shared is None:
         raise InputError(

@@ -103,7 +103,7 @@ def _tensor(content: int | bytes) -> tuple[str, np.ndarray]:
         elif number == _RAW and isinstance(value, bytes):
             raw = value
     if kind not in _TYPES or len(raw) != math.prod(shape) * _TYPES[kind].itemsize:
-        return name, np.empty(0, np.float32)  # of another kind: no convolution's
+        return name, np.empty(0, np.float32)  # another kind of tensor, which no convolution has as weights
     return name, np.frombuffer(raw, _TYPES[kind]).reshape(shape)
 
 

@@ -14,7 +14,7 @@ from dofbench.depth.sightings import CLIPPED, Sightings, scene_sightings
 from dofbench.depth.source import SourceId
 from dofbench.scenes.scene import Scene, SceneView
 
-_REACH = 0.05  # share of the image width at which a point's word counts half, and over which points are compared
+_REACH = 0.05  # share of the image width at which a point's weight is halved, and over which points are compared
 
 
 class SfmDepth:
@@ -81,7 +81,7 @@ def spread_around(sightings: Sightings, values: np.ndarray, size: tuple[int, int
     count: np.ndarray = np.zeros((rows, columns))
     np.add.at(total, (y, x), values**2)
     np.add.at(count, (y, x), 1.0)
-    # A thousandth of a point everywhere carries the mean of all to where there is none.
+    # The mean of all points, with a thousandth of one point's weight, fills places that no point reaches.
     everywhere = 1e-3 / (columns * rows)
     sigma = _REACH * columns
     total = cv2.GaussianBlur(total, (0, 0), sigma) + everywhere * float(np.mean(values**2))

@@ -53,7 +53,7 @@ def exif_errors(estimates: Sequence[Estimate]) -> ExifErrors:
     if min(medians.values()) <= 0:
         no_spread = "the median aperture is zero"
     elif any(_robust(products) <= TIED for products in groups.values()):
-        # Half of them at the start, where training never moved them, would be a spread of zero too.
+        # If half of the apertures are still at their start, the median deviation would be zero as well.
         no_spread = "of an f-number all photographs have one aperture, or half of them: they weren't learned one by one"
     else:
         count = sum(map(len, groups.values()))

@@ -15,7 +15,7 @@ import numpy as np
 
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
 
-DO_NOTHING = Lens(aperture=0.5, focus=0.5)  # what a method says that learns nothing
+DO_NOTHING = Lens(aperture=0.5, focus=0.5)  # the estimate of a method that learns nothing
 
 
 class ViewLensErrors(NamedTuple):

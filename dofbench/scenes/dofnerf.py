@@ -46,7 +46,7 @@ def read(root: Path, *, width: int | None, images: str | None, hold: int | None)
     for index, split in enumerate(splits):
         shallow = _BACKGROUND if index % 2 else _FOREGROUND
         frame = posed[_SHARP if split == "test" else shallow][index]
-        # Views are called as their sharp photographs, whichever of the three they are.
+        # Every view has the name of its sharp photograph, whichever of its three photographs is read.
         frames.append(replace(frame, name=posed[_SHARP][index].name, split=split))
     return _scene(root, folder / _SHARP, stacks[_SHARP], frames, width).taken_as(train="shallow", test="all-in-focus")
 

@@ -111,7 +111,7 @@ def _detect(root: Path) -> str:
     layout = detect(root)
     if layout is not None:
         return layout
-    # Beside a model that isn't whole it is the model that wants mending.
+    # Beside an incomplete COLMAP model the error is about the model, not about missing poses.
     if not (root / "sparse").is_dir() and (photographs := image_files(root)):
         expected = f"a scene with camera poses: dofbench reconstruct {root} --out SCENE finds them"
         raise InputError(root, f"{len(photographs)} photographs without poses", expected)

@@ -20,7 +20,7 @@ from dofbench.scenes.undistort import Intrinsics, sample_depth, undistort_image,
 # Sizes rounded down a pyramid leave the aspect ratio off by a pixel: 1 % is more than that, and less than a crop.
 _ASPECT = 0.01
 DEFAULT_HOLD = 8
-# Points are matched to poses by eye of the lens: a wrong frame leaves next to none inside.
+# Poses in another frame than the points leave next to no point inside the images.
 _INSIDE = 0.5
 
 

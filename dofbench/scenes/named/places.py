@@ -137,7 +137,7 @@ def _marked(dataset: NamedDataset, data_root: Path | None) -> list[Path]:
     found: dict[str, Path] = {}
     for place in dataset.folders:
         for folder in sorted(data_root.glob(place.replace(SCENE, "*"))):
-            # What is ours says so: nobody else's scene gets our licence.
+            # Only a folder that names make-scene as its source is reported under this project's licence.
             ours = dataset.made_by is None or _rendered_facts(folder) is not None
             if (folder / dataset.marker).exists() and ours:
                 found.setdefault(folder.name, folder)

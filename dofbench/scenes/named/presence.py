@@ -10,7 +10,7 @@ from dofbench.scenes.folders import marked_hold
 from dofbench.scenes.named.named_scene import ResolvedScene
 from dofbench.scenes.named.places import same_files
 
-# "here": readable, and nothing is known that could be compared.
+# "here": readable, and there is no published checksum to compare with.
 State = Literal["complete", "here", "incomplete", "different", "unreadable", "absent"]
 
 

@@ -16,9 +16,9 @@ from dofbench.scenes.reconstruction.interruptible import Wait
 from dofbench.scenes.reconstruction.photograph_list import Prepared
 
 FIRST_OCTAVE = -1
-# The coarsest octave has at least so many pixels on the shorter side: below, a feature is the picture.
+# Fewest pixels on the shorter side of the coarsest octave: below that a feature covers the whole picture.
 _COARSEST = 16
-# Scale, pixels, from which a feature is called coarse: a circle of confusion of that radius leaves it.
+# Scale in pixels from which a feature is called coarse: it survives a circle of confusion of that radius.
 COARSE = 4.0
 
 

@@ -15,7 +15,7 @@ from dofbench.scenes.reconstruction.reconstruct_options import Mapping
 
 # The second attempt's demands, for photographs with few features in common: half of COLMAP's own, and smaller angles.
 _LENIENT = {"init_min_num_inliers": 40, "init_min_tri_angle": 6.0, "abs_pose_min_num_inliers": 15}
-# The first attempt is as good as it gets with so many of the photographs.
+# With this share of the photographs placed there is no second attempt.
 _ENOUGH = 0.95
 
 

@@ -12,9 +12,10 @@ Pair = tuple[int, int]
 
 # Up to here all pairs are compared: 3 160 of them.
 EXHAUSTIVE = 80
-# Partners of a photograph that look most alike; with neighbours in order, of each only so many for closing loops.
+# How many of the most similar photographs each one is compared with; and in a sequence, where neighbours are
+# compared anyway, how many more to close loops.
 LOOK_ALIKES, LOOPS = 20, 4
-# Neighbours in order: so many, and a few farther on.
+# In a sequence: how many neighbours each photograph is compared with, and which farther ones.
 _OVERLAP, _FARTHER = 10, (16, 32, 64)
 
 _WORDS, _SAMPLE, _ROUNDS = 64, 40_000, 12

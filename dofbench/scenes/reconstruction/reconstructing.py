@@ -54,7 +54,7 @@ def run(settings: Reconstruct, progress: Progress, say: Callable[[str], None] | 
     if settings.mapping == "global" and not hasattr(pycolmap, "global_mapping"):
         found = f"global, which pycolmap {pycolmap.__version__} doesn't have"
         raise InputError("--mapping", found, "incremental, or a newer pycolmap")
-    # Its log names neither photographs nor stages, and goes on over the progress.
+    # COLMAP's log names neither photographs nor stages, and overwrites the progress display.
     pycolmap.logging.minloglevel = 3
     source = find_source(settings)
     digests = source.digests()

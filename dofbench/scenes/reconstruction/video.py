@@ -16,7 +16,7 @@ from dofbench.core.images import write_png
 from dofbench.scenes.reconstruction.photograph_list import LEAST, Photograph, Upright, sharpness
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv", ".3gp")
-# Sharpness is told at this width: less is blur that nobody sees, more is the noise of the sensor.
+# Sharpness is measured at this width: a smaller one hides blur, a larger one measures the sensor's noise.
 _LOOK = 480
 _DONE = "frames.json"
 
@@ -106,7 +106,7 @@ def _frames(path: Path) -> Iterator[np.ndarray]:
 def _opened(path: Path) -> Iterator[Any]:
     import cv2
 
-    # Of a damaged file the decoder prints lines that name no cause; our own line says what counts.
+    # For a damaged file the decoder prints lines without a cause; the error raised below replaces them.
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     level = cv2.utils.logging.setLogLevel(0)
     video = cv2.VideoCapture(str(path))
