@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from numba.core.caching import FunctionCache
@@ -35,11 +36,8 @@ def cached(dispatcher):
     that the function calls into or takes constants from. Here the code is forgotten when anything changes that the
     function's source reaches. Where nothing can be written, the function is compiled in every process.
     """
-    try:
+    with suppress(RuntimeError):  # numba's way to say that it found no writable folder
         dispatcher._cache = _SourceCache(dispatcher.py_func, _sources_of(dispatcher.py_func))
-    except RuntimeError:
-        # Numba's way to say that it found no writable folder.
-        pass
     return dispatcher
 
 

@@ -28,11 +28,11 @@ def replacing(path: Path) -> Iterator[Path]:
     # mkstemp makes the file private to its owner; a dataset is meant to be shared.
     umask = os.umask(0)
     os.umask(umask)
-    os.chmod(name, 0o666 & ~umask)
     temporary = Path(name)
+    temporary.chmod(0o666 & ~umask)
     try:
         yield temporary
-        os.replace(temporary, path)
+        temporary.replace(path)
     except OSError as error:
         # A failed write names no file, and the temporary one means nothing to the user.
         if error.errno is not None and error.filename in (None, name):
@@ -49,7 +49,7 @@ def refused(path: Path, temporary: Path, message: str) -> OSError:
     plain bytes too, with its error number; otherwise it is an input/output error with the library's message.
     """
     try:
-        with open(temporary, "ab") as stream:
+        with temporary.open("ab") as stream:
             stream.write(bytes(1 << 20))
     except OSError as error:
         return OSError(error.errno, error.strerror, str(path))
@@ -79,7 +79,7 @@ def sha256_text(text: str) -> str:
 
 def sha256_file(path: Path) -> str:
     """Hexadecimal sha256 of a file's bytes."""
-    with open(path, "rb") as stream:
+    with Path(path).open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 

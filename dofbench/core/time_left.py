@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import statistics
 from collections import deque
@@ -47,12 +48,12 @@ class Remaining:
     def seconds(self) -> float | None:
         """Seconds left as of the last unit told; None as long as nobody can know."""
         told = list(self._told)
-        done = sum(after[0] - before[0] for before, after in zip(told, told[1:], strict=False))
+        done = sum(after[0] - before[0] for before, after in itertools.pairwise(told))
         if done < self._needed:
             return None
         paces = [
             ((after[1] - before[1]) / (after[0] - before[0]), after[0] - before[0])
-            for before, after in zip(told, told[1:], strict=False)
+            for before, after in itertools.pairwise(told)
         ]
         slowest = _PAUSE * statistics.median(pace for pace, _ in paces)
         usual = [(pace, units) for pace, units in paces if pace <= slowest or slowest == 0]

@@ -162,8 +162,7 @@ class Network:
         if (
             len(inputs) != 1
             or len(inputs[0].shape) != 4
-            or inputs[0].shape[1] not in (3, None)
-            and not isinstance(inputs[0].shape[1], str)
+            or (inputs[0].shape[1] not in (3, None) and not isinstance(inputs[0].shape[1], str))
         ):
             found = ", ".join(f"{entry.name} {entry.shape}" for entry in inputs)
             raise InputError(file, f"inputs {found}", "one input (1, 3, height, width)")

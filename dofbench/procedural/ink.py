@@ -7,6 +7,8 @@ one-pixel edge, and what falls outside the image is left out.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 Colour = tuple[float, float, float]
@@ -114,7 +116,7 @@ def text(
                 (x + pen / 2 + (6 * index + int(line[i])) * step, y + pen / 2 + int(line[i + 1]) * rise)
                 for i in range(0, len(line), 2)
             ]
-            for start, end in zip(corners, corners[1:], strict=False):
+            for start, end in itertools.pairwise(corners):
                 stroke(image, start, end, pen, colour)
 
 

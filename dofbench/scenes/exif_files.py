@@ -88,7 +88,7 @@ def read_exif_csv(file: Path) -> dict[str, Exif]:
     for a value that can't be.
     """
     try:
-        with open(file, encoding="utf-8-sig", newline="") as stream:
+        with file.open(encoding="utf-8-sig", newline="") as stream:
             reader = csv.DictReader(stream)
             names, lines = reader.fieldnames or [], list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:

@@ -84,7 +84,7 @@ def write_poses_bounds(path: Path, cameras: Sequence[Camera], near_far: np.ndarr
         size = (camera.height, camera.width, 0.5 * (camera.fx + camera.fy))
         row[:15] = np.column_stack([opencv_to_llff(camera.camera_to_world), size]).ravel()
         row[15:] = bounds
-    with replacing(path) as temporary, open(temporary, "wb") as stream:
+    with replacing(path) as temporary, temporary.open("wb") as stream:
         np.save(stream, rows)
     stretch = max((abs(camera.fx / camera.fy - 1) for camera in cameras), default=0.0)
     offset = max((max(abs(c.cx - c.width / 2), abs(c.cy - c.height / 2)) for c in cameras), default=0.0)

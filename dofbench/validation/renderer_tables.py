@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import math
 import os
 from collections.abc import Iterable
@@ -136,9 +137,7 @@ def _noise(source: str, rows: list[Score]) -> str:
 def _by_radius(rows: list[Score]) -> list[str]:
     edges = np.percentile([row.radius for row in rows], [0, 100 / 3, 200 / 3, 100])
     # The last one closed: the largest radius belongs to it.
-    spans = [
-        (low, high if high < edges[-1] else math.inf) for low, high in zip(edges, edges[1:], strict=False) if low < high
-    ]
+    spans = [(low, high if high < edges[-1] else math.inf) for low, high in itertools.pairwise(edges) if low < high]
     spans = spans or [(edges[0], math.inf)]
     names = [f"{low:.1f} to {min(high, edges[-1]):.1f}" for low, high in spans]
     return _table(

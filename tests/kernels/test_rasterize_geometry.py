@@ -1,5 +1,6 @@
 """Distortion, depth and normals of surfaces whose geometry is known exactly."""
 
+import itertools
 import math
 
 import numpy as np
@@ -33,7 +34,7 @@ def test_distortion_is_the_sum_over_pairs():
     raster = cpu(**facing(depths), camera=FRONTAL, geometry="distortion")
     # The weights from renderings of fewer of them: what each adds to alpha.
     covered = [cpu(**facing(depths[:k]), camera=FRONTAL).alpha[10, 12] if k else torch.zeros(()) for k in range(5)]
-    weights = [float(b - a) for a, b in zip(covered, covered[1:], strict=False)]
+    weights = [float(b - a) for a, b in itertools.pairwise(covered)]
     expected = sum(weights[i] * weights[j] * (1 / depths[i] - 1 / depths[j]) ** 2 for i in range(4) for j in range(i))
     assert abs(float(raster.distortion[10, 12]) / expected - 1) < FLOAT32_GRADIENT
 
@@ -74,7 +75,7 @@ def test_the_gradient_of_distortion_alone():
 
 def test_without_distortion_the_other_outputs_are_the_same_bits():
     gaussians = scene(80, 5)
-    a, da, _ = render(cpu, gaussians, torch.float32, camera=view(), geometry="distortion")
+    a, _da, _ = render(cpu, gaussians, torch.float32, camera=view(), geometry="distortion")
     b, _, _ = render(cpu, gaussians, torch.float32, camera=view(), geometry="full")
     assert all(torch.equal(x, y) for x, y in zip(a[:5], b[:5], strict=True)) and b.distortion is None
     assert_agree(gaussians, camera=view(), geometry="full")

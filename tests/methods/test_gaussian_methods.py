@@ -93,7 +93,7 @@ def test_what_is_loaded_and_saved_again_says_the_same(training_set, tmp_path):
 
 @pytest.mark.parametrize("model", ["scatter", "samples"])
 def test_every_option_that_rendering_looks_at_is_kept_in_the_file(training_set, model):
-    entry, method = _trained("dofgaussian", training_set)
+    _entry, method = _trained("dofgaussian", training_set)
     looked_at = set()
 
     class Watched(TrainerOptions):

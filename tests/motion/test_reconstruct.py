@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import shutil
@@ -39,7 +40,7 @@ def result_files(folder: Path) -> dict[str, bytes]:
 def relative(scene: Scene, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
     """Rotations and distances from each view to the next: what no choice of frame or unit changes, but for a factor."""
     poses = [next(view.camera.world_to_camera for view in scene.views if view.name == name) for name in names]
-    steps = [second @ np.linalg.inv(first) for first, second in zip(poses, poses[1:], strict=False)]
+    steps = [second @ np.linalg.inv(first) for first, second in itertools.pairwise(poses)]
     return np.stack([step[:3, :3] for step in steps]), np.array([np.linalg.norm(step[:3, 3]) for step in steps])
 
 

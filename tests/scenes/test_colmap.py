@@ -1,6 +1,5 @@
 """COLMAP models: text and binary, camera models, sub-folders, damage."""
 
-import os
 import shutil
 import struct
 from dataclasses import replace
@@ -229,7 +228,7 @@ def test_missing_image_and_missing_model(scene_folder, model):
     (scene_folder / "images" / "b.png").unlink()
     with pytest.raises(InputError, match=r"images: found no image for b.png"):
         load_scene(scene_folder)
-    os.remove(model / "images.bin")
+    (model / "images.bin").unlink()
     with pytest.raises(InputError, match="no COLMAP model"):
         load_scene(scene_folder, layout="colmap")
     with pytest.raises(InputError, match="no COLMAP model"):
@@ -267,7 +266,7 @@ def test_a_scene_is_called_after_the_folder_that_a_person_named(
     assert (found.name, found.label, found.load().name) == ("chess", "chess", "chess")
     assert found.root.resolve() == root.resolve(), "what stands beside the images is looked for there"
     monkeypatch.chdir(root / place)
-    assert load_scene(Path(".")).name == "chess"
+    assert load_scene(Path()).name == "chess"
 
 
 def test_a_number_that_a_person_gave_is_a_name(scene_folder, tmp_path_factory):

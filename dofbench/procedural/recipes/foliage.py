@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 
 import numpy as np
@@ -47,7 +48,7 @@ def _branches(rng: np.random.Generator) -> Iterable[Prop]:
         a, b = np.array(root), np.array(tip)
         bow = np.array([0.0, 0.0, 0.12])
         spine = [a + t * (b - a) + 4 * t * (1 - t) * bow for t in np.linspace(0, 1, 9)]
-        twigs += [rod(p, q, 0.010 * (1 - 0.08 * i)) for i, (p, q) in enumerate(zip(spine, spine[1:], strict=False))]
+        twigs += [rod(p, q, 0.010 * (1 - 0.08 * i)) for i, (p, q) in enumerate(itertools.pairwise(spine))]
         for _ in range(34):
             t = rng.uniform(0.12, 1.0)
             place = a + t * (b - a) + 4 * t * (1 - t) * bow

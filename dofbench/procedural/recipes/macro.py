@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 
 import numpy as np
@@ -104,7 +105,7 @@ def _beads(rng: np.random.Generator) -> Iterable[Prop]:
         start = np.array([rng.uniform(-0.04, 0.04), rng.uniform(0.09, 0.12), 0.0])
         bend = np.array([rng.uniform(-0.02, 0.02), rng.uniform(-0.01, 0.03), 0.0])
         spine = [start + t * bend + (0, 0, 0.07 * t * (1 - 0.55 * t)) for t in np.linspace(0, 1, 10)]
-        hairs += [rod(a, b, 0.00028, 6) for a, b in zip(spine, spine[1:], strict=False)]
+        hairs += [rod(a, b, 0.00028, 6) for a, b in itertools.pairwise(spine)]
     yield Prop(merged(hairs), (0.72, 0.30, 0.16))
     blades = [
         blade(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 
 import numpy as np
@@ -53,9 +54,7 @@ def _strings(rng: np.random.Generator) -> Iterable[Prop]:
         z = height - sag * (1 - (x / half) ** 2) + rng.uniform(-0.03, 0.03, count)
         depth = y + rng.uniform(-0.12, 0.12, count) * y / 3
         places = np.column_stack([x, depth, z])
-        cables += [
-            rod(a + (0, 0, 0.02 * y), b + (0, 0, 0.02 * y), 0.002 * y) for a, b in zip(places, places[1:], strict=False)
-        ]
+        cables += [rod(a + (0, 0, 0.02 * y), b + (0, 0, 0.02 * y), 0.002 * y) for a, b in itertools.pairwise(places)]
         for place in places:
             colour = _WARM if rng.random() < 0.6 else _CHOICE[int(rng.integers(len(_CHOICE)))]
             power = float(np.exp(rng.uniform(np.log(3), np.log(60))))
