@@ -47,12 +47,9 @@ class Sources:
 
     def _find(self, module: str) -> Path | None:
         for prefix, folder in self._roots:
-            if module == prefix or module.startswith(prefix + "."):
-                base = folder.joinpath(*module[len(prefix) + 1 :].split("."))
-                for file in (
-                    base.with_suffix(".py") if base != folder else folder / "__init__.py",
-                    base / "__init__.py",
-                ):
+            if not prefix or module == prefix or module.startswith(prefix + "."):
+                base = folder.joinpath(*module[len(prefix) :].strip(".").split("."))
+                for file in (base / "__init__.py", *([base.with_suffix(".py")] if base != folder else [])):
                     if file.is_file():
                         return file
         return None
