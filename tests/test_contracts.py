@@ -43,7 +43,7 @@ def test_without_tracks_all_points_stay() -> None:
 
 def test_the_benches_observer_is_one() -> None:
     """Benches aren't run by the tests: one that lacks a method of the protocol would be noticed much later."""
-    place = Path(__file__).parent / "bench" / "unobserved.py"
+    place = Path(__file__).resolve().parents[1] / "benchmarks" / "unobserved.py"
     spec = importlib.util.spec_from_file_location("unobserved", place)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -1,4 +1,4 @@
-"""The bookkeeping of tests/bench/is_there_a_lens.py: what is measured, kept and counted."""
+"""The bookkeeping of benchmarks/is_there_a_lens.py: what is measured, kept and counted."""
 
 import importlib
 from itertools import count
@@ -17,7 +17,7 @@ from dofbench.core.lens import PhysicalLens
 def bench():
     """The script and its two modules, which lie beside it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(Path(__file__).resolve().parents[1] / "bench"))
+        patch.syspath_prepend(str(Path(__file__).resolve().parents[2] / "benchmarks"))
         yield {name: importlib.import_module(name) for name in ("is_there_a_lens", "lens_cases", "lens_tables")}
 
 

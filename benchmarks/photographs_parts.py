@@ -1,6 +1,6 @@
 """What each part of a photograph's model is worth on pixels held back from training: parts.csv and parts-table.md.
 
-    python tests/bench/photographs_parts.py DATASET... --variants base,gain,affine --out reports/photographs
+    python benchmarks/photographs_parts.py DATASET... --variants base,gain,affine --out reports/photographs
 
 One row a dataset, variant and seed; a row that is in parts.csv isn't measured again. PSNR and SSIM are over the
 held-back tiles of the training photographs, made again with their learned lens and colour; where the dataset knows the

@@ -1,6 +1,6 @@
 """How far each depth source is from the truth, where that is known: a table for reports/notes/depth.md.
 
-    python tests/bench/depth_sources.py --work DIR [--scenes DIR ...] [--sources sfm,onnx,splat]
+    python benchmarks/depth_sources.py --work DIR [--scenes DIR ...] [--sources sfm,onnx,splat]
 
 Truth is the scene's own exact depth. A reconstruction is kept in the work folder, so that a second run doesn't train.
 """

@@ -1,6 +1,6 @@
 """How often the decision whether there is a lens, and whether photographs share it, is wrong.
 
-    python tests/bench/is_there_a_lens.py --work DIR --scenes SCENES --out reports/lens [--seconds 3600]
+    python benchmarks/is_there_a_lens.py --work DIR --scenes SCENES --out reports/lens [--seconds 3600]
 
 Makes the datasets of `lens_cases.py` in DIR, small ones, and trains on each case until preset cpu's trials
 (`dofbench/gaussians/trials.py`) have decided: one row of is-there-a-lens.csv a case and length of training, written as

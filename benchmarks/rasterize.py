@@ -1,6 +1,6 @@
 """The rasteriser's time by stage, and its blending against a plain C++ program on the same Gaussians.
 
-    python tests/bench/rasterize.py
+    python benchmarks/rasterize.py
 
 Needs g++ for the comparison (rasterize_peer.cpp). Every figure is the median of interleaved runs, in milliseconds;
 on a machine that does other things too, only the ratios mean anything.

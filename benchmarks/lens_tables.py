@@ -63,7 +63,7 @@ def rate(count: int, of: int) -> str:
 
 def write_table(path: Path, rows: Sequence[Row], costs: Sequence[Row]) -> None:
     """Error rates, mistakes one by one, and what they cost."""
-    lines = ["By `tests/bench/is_there_a_lens.py`. Shares with their 95 % interval."]
+    lines = ["By `benchmarks/is_there_a_lens.py`. Shares with their 95 % interval."]
     for steps in sorted({row["steps"] for row in rows}, key=int):
         lines += ["", *_of_length(steps, [row for row in rows if row["steps"] == steps])]
     if costs:

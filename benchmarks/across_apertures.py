@@ -4,7 +4,7 @@ across-apertures.csv and across-apertures.md, of finished runs.
     dofbench make-dataset SCENES/shallow_blowtorch --photographs shallow --layout colmap --width 530 \\
         --train-f-number 6.3 --test-f-number 14 --out data/across
     dofbench run --method dofgaussian,mipsplatting --data data/across --budget 1500it --seeds 3 --out results
-    python tests/bench/across_apertures.py --results results --out reports/photographs
+    python benchmarks/across_apertures.py --results results --out reports/photographs
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def markdown(boards: dict[Key, dict[str, list[Entry]]]) -> str:
     lines = [
         "# One aperture predicted from another, and apertures against EXIF",
         "",
-        "Written by `tests/bench/across_apertures.py`, whose head has the commands. Mean ± standard deviation "
+        "Written by `benchmarks/across_apertures.py`, whose head has the commands. Mean ± standard deviation "
         "over seeds.",
         "",
     ]

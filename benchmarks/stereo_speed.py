@@ -1,6 +1,6 @@
 """Time and memory of the stereo prior on a scene's photographs, beside another checkout's: a table for priors.md.
 
-    python tests/bench/stereo_speed.py SCENES/shallow_blowtorch --width 504 --views 54 [--old CHECKOUT --repeats 3]
+    python benchmarks/stereo_speed.py SCENES/shallow_blowtorch --width 504 --views 54 [--old CHECKOUT --repeats 3]
 
 One process a checkout, with the same photographs; the two take turns, after a call on three views that compiles.
 """
@@ -41,7 +41,7 @@ class Settings:
 
 def main(settings: Settings) -> None:
     """Print the table."""
-    checkouts = {"this": HERE.parents[2], **({"other": settings.old} if settings.old else {})}
+    checkouts = {"this": HERE.parents[1], **({"other": settings.old} if settings.old else {})}
     workers = {name: _start(folder, settings) for name, folder in checkouts.items()}
     sizes = {name: _ask(worker) for name, worker in workers.items()}
     found = {name: [] for name in workers}

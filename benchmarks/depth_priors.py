@@ -1,6 +1,6 @@
 """How far each depth prior is from the truth, and what it is worth in training: tables for reports/notes/priors.md.
 
-    PYTHONPATH=tests python tests/bench/depth_priors.py DATASET ... [--train-steps 1500 --seeds 0,1,2 --out DIR]
+    PYTHONPATH=tests python benchmarks/depth_priors.py DATASET ... [--train-steps 1500 --seeds 0,1,2 --out DIR]
 
 DATASET is a folder that make-dataset made of a scene with exact depth. The row `colmap` reads a workspace in COLMAP's
 format that is written from that exact depth, so it says what perfect depth would be worth, not how good COLMAP is. With

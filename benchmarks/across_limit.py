@@ -1,6 +1,6 @@
 """How much could a lens win at all in predicting one aperture from another? across-limit.csv, of finished runs.
 
-    python tests/bench/across_limit.py --data data/across --results results --out reports/photographs
+    python benchmarks/across_limit.py --data data/across --results results --out reports/photographs
 
 Each sharper test photograph is blurred by the lens that was learned of its nearest training view, on the learned depth.
 What that changes is the error that the training photographs' blur, painted on the scene, makes by itself; a perfect

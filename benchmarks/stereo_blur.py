@@ -1,6 +1,6 @@
 """What the stereo prior finds by how blurred a surface is in every photograph: a table for reports/notes/priors.md.
 
-    python tests/bench/stereo_blur.py DATASET ... [--coarser 0,1,2]
+    python benchmarks/stereo_blur.py DATASET ... [--coarser 0,1,2]
 
 DATASET is a folder that make-dataset made of a scene with depth. A pixel's blur is the radius of its circle of
 confusion through that one of the training views' lenses that shows its depth sharpest.

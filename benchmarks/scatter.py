@@ -1,6 +1,6 @@
 """Error and time of the scatter's two forms by the largest radius, and where the linear one overtakes.
 
-    python tests/bench/scatter.py [--width 504] [--height 378] [--repeats 9] [--radii 4,8,16,32,64,128]
+    python benchmarks/scatter.py [--width 504] [--height 378] [--repeats 9] [--radii 4,8,16,32,64,128]
 
 Errors are the largest over random pixels, relative to the array's largest magnitude, against float64 sums over
 the whole image: of sources for values, of targets for gradients.

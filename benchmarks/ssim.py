@@ -1,6 +1,6 @@
 """Time of SSIM and of the whole colour loss, value and gradient, in every backend.
 
-python tests/bench/ssim.py [--width 504] [--height 378] [--repeats 50]
+python benchmarks/ssim.py [--width 504] [--height 378] [--repeats 50]
 """
 
 from __future__ import annotations

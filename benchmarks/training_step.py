@@ -1,6 +1,6 @@
 """Time of a whole training step, and how much of it is kernels.
 
-    python tests/bench/training_step.py SCENE [--width 504] [--steps 60]
+    python benchmarks/training_step.py SCENE [--width 504] [--steps 60]
 
 SCENE is an all-in-focus scene with sparse points. Its photographs are trained on directly (what
 the pixels show doesn't change the cost), from the sparse points, with the lens on: everything

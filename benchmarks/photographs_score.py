@@ -1,6 +1,6 @@
 """Does `photographs-v1` rank methods as the truth does? runs.csv, ranks.csv and ranks.md, where the truth is known.
 
-    python tests/bench/photographs_score.py --data DATASET ... --out reports/photographs-score
+    python benchmarks/photographs_score.py --data DATASET ... --out reports/photographs-score
 
 Methods, presets and options of varying quality (`VARIANTS`) are trained for a few steps on each dataset, and scored
 twice: by the truth (test views through their true lens, and all in focus), and by photographs-v1 as if nobody knew it.
@@ -161,7 +161,7 @@ def markdown(rows: list[dict[str, str]], ranks: list[dict[str, object]]) -> str:
     lines = [
         "# photographs-v1 beside the truth",
         "",
-        "By `tests/bench/photographs_score.py`.",
+        "By `benchmarks/photographs_score.py`.",
         "",
         "## Rank correlation",
         "",

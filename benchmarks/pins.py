@@ -1,7 +1,7 @@
 """What a rebuild must not change, pinned: bytes of datasets, bits of trainings, scores, tables of stored results.
 
-    python tests/bench/pins.py make PINS --code CHECKOUT [--scenes SCENES]     # some five minutes
-    python tests/bench/pins.py compare PINS --code CHECKOUT [--scenes SCENES]
+    python benchmarks/pins.py make PINS --code CHECKOUT [--scenes SCENES]     # some five minutes
+    python benchmarks/pins.py compare PINS --code CHECKOUT [--scenes SCENES]
 
 `make` calls the command line of one checkout and keeps in the folder PINS what it gave; `compare` calls that of another
 and prints what differs, and ends with status 1 if anything does. Both on one machine: bits aren't promised across two.

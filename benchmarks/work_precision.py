@@ -1,6 +1,6 @@
 """Error against time of renderers and kernels over their knobs: work-precision.csv, .md and .png.
 
-    python tests/bench/work_precision.py --out reports/work-precision
+    python benchmarks/work_precision.py --out reports/work-precision
 
 Everything is measured in one run on one thread pool, the variants of a panel in turns, medians of several. Panels:
 scatter by the width of its soft band, both forms, against float64 sums over the whole image; photographs by their

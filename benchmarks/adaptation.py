@@ -1,6 +1,6 @@
 """Which weight of defocus-to-focus adaptation does what the paper's text promises: emphasis on what is in focus.
 
-    python tests/bench/adaptation.py DATASET [--steps 1500] [--seeds 3]
+    python benchmarks/adaptation.py DATASET [--steps 1500] [--seeds 3]
 
 Trains with each weight of the loss and prints a table: the share of the loss' weight that falls on pixels which the
 photograph shows in focus (true circle of confusion below a pixel), and how well the all-in-focus rendering of the

@@ -1,6 +1,6 @@
 """From which starts each way of learning a lens converges to the true one: basin.csv, basin.md and basin.png.
 
-    python tests/bench/lens_basin.py --out reports/lens
+    python benchmarks/lens_basin.py --out reports/lens
 
 With the scene known (`known`): sharp image and exact depth of the built-in scene's first view are given, only the
 lens is learned, from a grid of starts and for several true lenses, against the photograph blurred by the same

@@ -1,6 +1,6 @@
 """What leaving out saves, and what it costs: leaving-out.md and leaving-out.csv.
 
-    python tests/bench/leaving_out.py DATASET... --out reports/leaving-out [--seeds 3] [--budget 1000it]
+    python benchmarks/leaving_out.py DATASET... --out reports/leaving-out [--seeds 3] [--budget 1000it]
 
 Every dataset is looked at twice, by its shallow photographs and by its sharp ones. Where the plan leaves something out
 that no row above has, the method is trained as planned and with --force-all, from the same seeds; where it leaves

@@ -1,6 +1,6 @@
 """How good are poses from shallow photographs? `dofbench reconstruct` against cameras that are known.
 
-    python tests/bench/poses.py --data SCENES --rendered RENDERED --out reports/poses/poses.csv
+    python benchmarks/poses.py --data SCENES --rendered RENDERED --out reports/poses/poses.csv
 
 Cases are named SET/PHOTOGRAPHS. Of the two real shallow sets the reference is the model that came with them, from the
 same photographs: it says how far two reconstructions differ, not how far either is off. Of fern and flower it is

@@ -1,0 +1,46 @@
+"""The scripts in benchmarks/ are run by hand; here that each can be, and that the README there says how."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).resolve().parents[1] / "benchmarks"
+SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py"))
+CALLS = re.findall(r"`[^`]*python benchmarks/(\w+)\.py([^`]*)`", (FOLDER / "README.md").read_text())
+
+
+@pytest.fixture
+def beside(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scripts import what lies beside them; depth_priors also a helper of the tests."""
+    monkeypatch.syspath_prepend(str(FOLDER))
+    monkeypatch.setattr(sys, "argv", ["nothing"])
+    for name in SCRIPTS:  # not one that an earlier test imported with something replaced
+        monkeypatch.delitem(sys.modules, name, raising=False)
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_every_import_of_a_script_is_there(beside: None, script: str) -> None:
+    """A script that nobody has run since a module was renamed would be noticed months later."""
+    assert importlib.import_module(script).__doc__
+
+
+def test_the_readme_names_every_script() -> None:
+    text = (FOLDER / "README.md").read_text()
+    named = set(re.findall(r"`(\w+)\.py`", text))
+    assert named == set(SCRIPTS)
+    assert {script for script, _ in CALLS} == {
+        name for name in SCRIPTS if re.search(r"^if __name__ ==", (FOLDER / f"{name}.py").read_text(), re.MULTILINE)
+    }
+
+
+@pytest.mark.parametrize(("script", "options"), CALLS)
+def test_options_in_the_readme_are_the_scripts(script: str, options: str) -> None:
+    source = (FOLDER / f"{script}.py").read_text()
+    for option in re.findall(r"--([a-z-]+)", options):
+        field = rf"^    {option.replace('-', '_')}: |add_argument\(\"--{option}\""
+        assert re.search(field, source, re.MULTILINE), f"{script}.py has no --{option}"
