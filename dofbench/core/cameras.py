@@ -13,7 +13,7 @@ class Camera:
 
     width, height: image size, pixels. fx, fy, cx, cy: pixels; pixel (row 0, column 0) has its
     centre at image coordinate (0.5, 0.5). world_to_camera: (4, 4) float64, rigid; camera axes are
-    OpenCV's (x right, y down, z forward).
+    OpenCV's (x right, y down, z forward). Raises ValueError for a matrix of another shape.
     """
 
     width: int

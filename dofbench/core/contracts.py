@@ -120,8 +120,9 @@ class Decision:
 
 @dataclass(frozen=True)
 class FitOutcome:
-    """How training ended. stages: wall seconds by part of the step, for the time table. decisions: how training revised
-    the plan."""
+    """How training ended: its status, with a message where that isn't `ok`, after so many steps. nonfinite: where a NaN
+    or an infinity appeared. stages: wall seconds by part of the step, for the time table. left_out: parts of the method
+    that were switched off by themselves, each with its reason. decisions: how training revised the plan."""
 
     status: Status
     steps: int

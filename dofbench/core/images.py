@@ -97,7 +97,10 @@ def _check_numbers(image: np.ndarray) -> None:
 
 
 def write_png(path: Path, image: np.ndarray, *, bits: int = 8) -> None:
-    """Write an encoded image (float, or uint8 for 8 bits) as PNG, atomically; the same pixels give the same bytes."""
+    """Write an encoded image (H, W, 3) as PNG, atomically; the same pixels give the same bytes.
+
+    image: floats in [0, 1], or uint8 for 8 bits. Raises FloatingPointError for NaN.
+    """
     if bits == 16:
         _write(path, to_16bit(image), "uint16", {"png:compressionLevel": 6})
         return

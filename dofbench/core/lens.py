@@ -22,7 +22,10 @@ LAYERS = 8  # default of the layered renderer; more layers are no more accurate 
 
 @dataclass(frozen=True)
 class DisparityRange:
-    """The disparities (1 / scene unit) that are called 0 (far) and 1 (near)."""
+    """The disparities that are called 0 (far, q_min) and 1 (near, q_max), 1 / scene unit.
+
+    Raises ValueError unless both are finite and q_min < q_max.
+    """
 
     q_min: float
     q_max: float
@@ -38,7 +41,10 @@ class DisparityRange:
 
     @staticmethod
     def of_disparity(disparity: np.ndarray, low: float = 1.0, high: float = 99.0) -> DisparityRange:
-        """Percentiles `low` and `high` of all finite positive disparities given."""
+        """From percentile `low` to percentile `high` of all finite positive values of `disparity`.
+
+        disparity: any shape, such as (H, W), 1 / scene unit. Raises ValueError where none of it is positive.
+        """
         known = disparity[np.isfinite(disparity) & (disparity > 0)]
         if known.size == 0:
             raise ValueError("disparity range: expected at least one positive disparity, found none")
@@ -109,6 +115,7 @@ class ApertureShape:
     blades: 0 for a disc, else at least 3. rotation: radians, direction of the first corner,
     from +x (right) towards +y (down). curvature: 0 straight edges ... 1 a disc.
     obstruction: radius of a central stop as a share of the aperture's radius, 0 ... <1.
+    Raises ValueError for a value outside these.
     """
 
     blades: int = 0

@@ -34,7 +34,7 @@ Inputs = Literal["shallow", "all-in-focus"]
 
 @dataclass(frozen=True, eq=False)
 class DatasetView:
-    """One view with its true lens, in the units of the scene's disparity range and in scene units.
+    """One view with its true lens: `lens` in the units of the scene's disparity range, `physical_lens` in scene units.
 
     max_coc_px: largest CoC radius among its pixels. The three are None where nobody knows the lens: then the view is a
     photograph as it was taken. has_all_in_focus, has_depth: whether the dataset has these of the view. exif: what its
@@ -54,7 +54,11 @@ class DatasetView:
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """A dataset folder, as `make_dataset` writes it. Images and depth are read when asked for."""
+    """A dataset folder, as `make_dataset` writes it. Images and depth are read when asked for.
+
+    views: sorted by name, with their true lenses where these are known. points: sparse points, None without.
+    checksum: sha256 of the manifest, which has those of all other files.
+    """
 
     folder: Path
     manifest: Manifest

@@ -39,7 +39,8 @@ TRAINED_FILE = "trained.json"
 
 @dataclass(frozen=True)
 class RunEnd:
-    """How a call of `run` ended. status: None for a dry run. True when nothing failed."""
+    """How a call of `run` ended. folder: where its result is. status: None for a dry run. reused: whether a finished
+    result of the same key was there already. True when nothing failed."""
 
     folder: Path
     status: Status | None
