@@ -31,8 +31,8 @@ ImageMetric = Callable[[np.ndarray, np.ndarray], float]
 class Metric:
     """A column of a table.
 
-    unit: empty for a plain number. higher_is_better: which way is better. best, worst: the ends of the range. needs: "images", a
-    prediction and its truth, for `function`; "lens", true and learned lenses, for
+    unit: empty for a plain number. higher_is_better: which way is better. best, worst: the ends of the range.
+    needs: "images", a prediction and its truth, for `function`; "lens", true and learned lenses, for
     `lens_errors.lens_errors`, and "depth", rendered and exact depth, for `depth_errors`, and "exif", learned
     lenses and what the camera wrote down, for `exif_errors`, where `function` is None. note: the choices behind the
     number, for the foot of a table.
