@@ -1,0 +1,28 @@
+"""Read a dataset: what a method may see, and the truth beside it. Made by 01_make_dataset.py.
+
+python examples/02_read_dataset.py
+"""
+
+from pathlib import Path
+
+import dofbench
+
+
+def main(folder: Path = Path("data/example")) -> None:
+    """folder: a dataset with a known lens."""
+    dataset = dofbench.Dataset.load(folder)
+
+    seen = dataset.training_set()  # shallow photographs, cameras and points: no lens, no depth, no test view
+    camera = seen.views[0].camera
+    print(f"{len(seen.views)} photographs of {camera.width}x{camera.height} pixels and {len(seen.points)} points")
+
+    for view in dataset.test_views():  # what only who scores may look at
+        sharp, depth = dataset.all_in_focus(view), dataset.depth(view)  # (H, W, 3) encoded; (H, W) scene units
+        nearest = depth[depth > 0].min()
+        print(f"{view.name}: aperture {view.lens.aperture:g}, focus {view.lens.focus:g}", end=", ")
+        print(f"in focus at {view.physical_lens.focus_depth:.2f}, nearest at {nearest:.2f} scene units", end=", ")
+        print(f"circles up to {view.max_coc_px:.1f} px, mean of the sharp image {sharp.mean():.2f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,26 @@
+"""Compare finished runs: a line for each, and a report of them all. Results by 04_train_and_score.py.
+
+python examples/05_read_results.py
+"""
+
+from pathlib import Path
+
+import dofbench
+
+
+def main(results: Path = Path("results"), out: Path = Path("reports/example")) -> None:
+    """results: a folder of results. out: where the report goes."""
+    for file in sorted(results.rglob("result.json")):
+        result = dofbench.read_result(file)
+        spec = result.spec
+        scores = ", ".join(
+            f"{column} {result.scores[column]:.2f}" for column in ("psnr", "aif_psnr") if column in result.scores
+        )
+        print(f"{spec.dataset}, {spec.method} {spec.preset}, seed {spec.seed}: {result.status}, {scores}")
+
+    written = dofbench.report(dofbench.Report(results=results, out=out))  # tables, curves, and one page of everything
+    print(f"{len(written.files)} files, {out / 'report.html'} first")
+
+
+if __name__ == "__main__":
+    main()
