@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import shutil
@@ -10,6 +11,7 @@ import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -152,18 +154,19 @@ def test_tables_say_what_there_is() -> None:
     assert all(f"`{one}`" in text for one in named - {"tabletop"})
 
 
-def test_the_picture_of_the_packages_is_up_to_date(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def draw_packages(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The script that draws the packages."""
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
-    import draw_packages
+    return importlib.import_module("draw_packages")
 
+
+def test_the_picture_of_the_packages_is_up_to_date(draw_packages: ModuleType) -> None:
     made = draw_packages.svg(draw_packages.packages(ROOT))
     assert (ROOT / "docs" / "packages.svg").read_text() == made, "python docs/draw_packages.py draws it anew"
 
 
-def test_the_picture_leaves_out_what_a_path_implies(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(ROOT / "docs"))
-    import draw_packages
-
+def test_the_picture_leaves_out_what_a_path_implies(draw_packages: ModuleType) -> None:
     below = {"low": set(), "middle": {"low"}, "high": {"low", "middle"}}
     assert draw_packages.reduced(below) == {"low": set(), "middle": {"low"}, "high": {"middle"}}
     assert draw_packages.levels(below) == [["low"], ["middle"], ["high"]]

@@ -1,4 +1,4 @@
-"""The rules that keep the tree as architecture says: content folders, the bridge, docstrings, declared packages."""
+"""What keeps the tree as docs/architecture.md says: content folders, the bridge, docstrings, declared packages."""
 
 from __future__ import annotations
 

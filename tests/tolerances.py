@@ -37,7 +37,8 @@ SAME_POSE = 1e-8
 PUBLISHED_DELTA_E = 6e-5
 # sRGB's matrix and white point are standardised to four digits; programs differ in the next.
 DELTA_E_BY_FORMULA = 2e-3
-# PSNR (dB) of 8-bit images against the float64 blur: conventions.md, "A dataset folder". Rounding alone leaves 58.9.
+# PSNR (dB) of 8-bit images against the float64 blur (docs/conventions.md, "A dataset folder"). Rounding alone leaves
+# 58.9.
 RECOMPUTED_PSNR = 55.0
 # The built-in scene. A triangulated point's z against the depth map, relative, median: 0.6 % was measured, as a
 # keypoint is good to 0.2 pixels and the baseline is a sixth of the distance.
@@ -51,7 +52,7 @@ BUILT_IN_WARPED_IMAGE = 0.024
 BUILT_IN_SILHOUETTE = 5e-3
 # A render with few samples against the shipped image, dB; as the same scene with another shadow or texture wouldn't be.
 BUILT_IN_RENDER_PSNR = 36.0
-# Sums of scatter weights are published with two decimals (methods.md, 1.4).
+# Sums of scatter weights are published with two decimals (docs/published-methods.md, "Scatter").
 SCATTER_ENERGY = 6e-3
 # Gradient by the radius where it is all but zero (a pixel alone, radii beyond the image): float32 noise of terms of
 # order 1 that cancel, as a share of the incoming gradient.

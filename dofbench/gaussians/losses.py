@@ -130,7 +130,7 @@ def normal_consistency(
 
 
 def distortion_loss(distortion: Tensor, alpha: Tensor, image: Tensor, near: float, far: float) -> Tensor:
-    """The released code's distortion loss (methods.md 1.6; after 2DGS): pulls a ray's Gaussians together in depth.
+    """The released code's distortion loss (docs/published-methods.md, "Losses"): pulls a ray's Gaussians together.
 
     The mean over the pixels of distortion / alpha^2, of depth mapped to [0, 1] by m = (f z - f n) / ((f - n) z), times
     exp(-g); g is the largest absolute difference of the photograph's colour, mean over its channels, to the four

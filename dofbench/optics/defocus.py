@@ -42,7 +42,7 @@ def signed_radius(disparity: Tensor, aperture_px: Tensor | float, focus_disparit
     """Signed CoC radius `aperture_px * (disparity - focus_disparity)`, (H, W) pixels; positive is nearer than focus.
 
     disparity and focus_disparity in one unit, normalised or 1 / scene unit, and aperture_px in pixels per
-    such unit (conventions.md, "Lens"). Gradient reaches every tensor among them.
+    such unit (docs/conventions.md, "Lens"). Gradient reaches every tensor among them.
     """
     return aperture_px * (disparity - focus_disparity)
 

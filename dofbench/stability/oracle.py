@@ -28,7 +28,7 @@ def dense_scatter(
     """Every pixel's weight on every pixel, in long double: (H, W, C). For small images: takes (H W)^2 numbers.
 
     image: (H, W, C). radius: (H, W), pixels, signed. w = S(R rho - l) / (R^2 + 0.2), S(t) = 1/2 + 1/2 tanh(alpha t)
-    (conventions.md, "Lens").
+    (docs/conventions.md, "Lens").
     """
     weight, _ = _weights(radius, alpha, shape, area, kind)
     light = weight @ image.reshape(radius.size, -1).astype(kind)

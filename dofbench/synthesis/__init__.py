@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def make_dataset(settings: MakeDataset, *, progress: Progress | None = None) -> Path:
     """Make the dataset that `settings` describes and return its folder.
 
-    The folder is as conventions.md describes. A run that was killed goes on where it stopped; a
+    The folder is as docs/datasets.md, "A dataset folder", lists it. A run that was killed goes on where it stopped; a
     complete dataset of the same settings, scene and version is left as it is. progress: None shows
     it on standard error, and the folder on standard output. Raises InputError for wrong input, or
     when the folder holds something else.

@@ -138,7 +138,7 @@ def rasterize(
     filtered = covariance + filter_2d * torch.eye(2, **to)
     determinant, filtered_determinant = torch.linalg.det(covariance), torch.linalg.det(filtered)
 
-    # Opacity: logistic, Mip-Splatting's 3D filter, then its 2D filter (methods.md 8.1).
+    # Opacity: logistic, Mip-Splatting's 3D filter, then its 2D filter (docs/published-methods.md, "Mip-Splatting").
     shrink = torch.where(bare_scales == scales, torch.ones_like(scales), bare_scales / scales)
     opacity = torch.sigmoid(opacity_logits[index]) * shrink.prod(1)
     drawn = determinant > MIN_DETERMINANT
@@ -172,7 +172,8 @@ def rasterize(
     directions = torch.nn.functional.normalize(means[index] - centre, dim=1, eps=0.0)
     colors = (0.5 + (spherical_harmonics(directions)[:, :terms, None] * coefficients).sum(1)).clamp(min=0)
 
-    # RaDe-GS (methods.md 8.2): the plane of largest density, as ray length affine in the pixel.
+    # RaDe-GS: the plane of largest density, as ray length affine in the pixel
+    # (docs/published-methods.md, "Depth and normals of a Gaussian").
     ray = torch.stack([u_bounded, v_bounded, torch.ones_like(z)], 1)
     shape = scales.amin(1, keepdim=True) / scales
     inverse = axes @ ((shape**2)[:, :, None] * axes.mT)

@@ -6,7 +6,7 @@ the weight
     w_ij = S(R_i rho - l) / (R_i^2 + 0.2),    S(t) = 1/2 + 1/2 tanh(alpha t),
 
 where rho is the aperture's radius factor in the direction from i to j, 1 for a disc and at l = 0
-(DoF-Gaussian, Eq. 6, with the area term of the public renderers; conventions.md, "Lens").
+(DoF-Gaussian, Eq. 6, with the area term of the public renderers; docs/conventions.md, "Blur").
 The result is `sum_i w_ij c_i / sum_i w_ij`: order-independent, without occlusion.
 
 A central stop of relative radius o takes the light out of the middle:

@@ -96,7 +96,7 @@ def weight_sum(scatter, radius: float, **options) -> float:
 )
 @pytest.mark.parametrize("form", ["reference", "direct", "linear"])
 def test_energy_of_a_source(radius, expected, form):
-    """The published kernel's sums: methods.md, 1.4."""
+    """The published kernel's sums: docs/published-methods.md, "Scatter"."""
     options = {} if form == "reference" else {"form": form}
     found = weight_sum(reference if form == "reference" else cpu, radius, **options)
     assert found == pytest.approx(expected, abs=SCATTER_ENERGY)

@@ -78,7 +78,7 @@ def test_the_papers_set() -> None:
 
 
 def test_held_out_views_of_the_real_defocus_scenes() -> None:
-    """methods.md 6.3, from the configurations of Deblur-NeRF and BAGS."""
+    """docs/published-methods.md, "Data sets": from the configurations of Deblur-NeRF and BAGS."""
     held = {scene.name: scene.hold for scene in LIBRARY["deblur-nerf-real"].scenes}
     assert held == {
         "cake": 9,
