@@ -220,7 +220,7 @@ def _write(block: Block, place: Path, code: Path) -> None:
     """Make the file, or the change of a file, that a marked block is: in the copy of the program, or beside it."""
     kind, _, rest = block.mark.partition(": ")
     file, _, line = rest.partition(" after: ")
-    target = (code if file.startswith("dofbench/") else place) / file
+    target = (code if file.startswith(("dofbench/", "kernels/")) else place) / file
     if kind == "file":
         assert not target.exists()
         target.parent.mkdir(parents=True, exist_ok=True)
