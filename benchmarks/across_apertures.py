@@ -18,8 +18,9 @@ import tyro
 from dofbench.core.errors import Status
 from dofbench.core.files import write_text
 from dofbench.metrics.exif_errors import exif_errors
-from dofbench.reporting.footnotes import Footnotes, table
-from dofbench.reporting.table_files import write_csv
+from dofbench.reporting.csv_writer import write_csv
+from dofbench.reporting.footnotes import Footnotes
+from dofbench.reporting.markdown_writer import markdown_table
 from dofbench.results.collecting import Entry, collect, grouped, variant_names
 from dofbench.results.columns import COLUMNS
 from dofbench.results.protocol import ACROSS_COLUMNS, EXIF_COLUMNS
@@ -86,7 +87,7 @@ def markdown(boards: dict[Key, dict[str, list[Entry]]]) -> str:
             cells = [
                 _spread(seeds, column)
                 if column in seeds[0].scores
-                else f"–{notes.mark(seeds[0].left_out.get(column, f'{protocol} has no such score'))}"
+                else f"–[^{notes.number(seeds[0].left_out.get(column, f'{protocol} has no such score'))}]"
                 for column in (*ACROSS_COLUMNS, *EXIF_COLUMNS)
             ]
             rows.append([name, protocol, seeds[0].spec.budget, str(len(seeds)), *cells])
@@ -118,8 +119,8 @@ def markdown(boards: dict[Key, dict[str, list[Entry]]]) -> str:
                     )
                 )
     headings = [COLUMNS[column].heading for column in (*ACROSS_COLUMNS, *EXIF_COLUMNS)]
-    lines += table(["method", "protocol", "budget", "seeds", *headings], rows, left=3)
-    return "\n".join([*lines, *aims, "", *notes.lines()]) + "\n"
+    lines += markdown_table(["method", "protocol", "budget", "seeds", *headings], rows, left=3)
+    return "\n".join([*lines, *aims, "", *(f"[^{number}]: {reason}" for number, reason in notes.reasons())]) + "\n"
 
 
 def _mean(seeds: list[Entry], column: str) -> float:

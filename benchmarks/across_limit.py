@@ -24,7 +24,7 @@ from dofbench.core.errors import InputError, Status
 from dofbench.core.images import read_image
 from dofbench.dataset.dataset import Dataset, DatasetView
 from dofbench.optics.defocus import defocus
-from dofbench.reporting.table_files import write_csv
+from dofbench.reporting.csv_writer import write_csv
 from dofbench.results.collecting import Entry, collect
 from dofbench.running.method_cards import find_method
 from dofbench.scoring.photograph_scores import BLURRED, blurred_thirds

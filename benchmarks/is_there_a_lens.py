@@ -30,7 +30,7 @@ from dofbench.gaussians.trainer import Trainer
 from dofbench.gaussians.trials import HELD_BACK
 from dofbench.learning.options import TrainerOptions
 from dofbench.metrics.psnr import psnr
-from dofbench.reporting.table_files import write_csv
+from dofbench.reporting.csv_writer import write_csv
 from dofbench.running.facts import facts_of
 from dofbench.running.method_cards import find_method
 

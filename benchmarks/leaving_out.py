@@ -18,7 +18,7 @@ from rich.console import Console
 
 from dofbench.compute.threads import configure_threads
 from dofbench.core.files import write_text
-from dofbench.reporting.table_files import write_csv
+from dofbench.reporting.csv_writer import write_csv
 from dofbench.results.result import Result, read_result
 from dofbench.results.run_spec import Run
 from dofbench.running.one_run import run

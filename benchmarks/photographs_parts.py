@@ -31,7 +31,7 @@ from dofbench.gaussians.trainer import Trainer
 from dofbench.learning.options import TrainerOptions
 from dofbench.learning.priors import Prior
 from dofbench.metrics.psnr import psnr
-from dofbench.reporting.table_files import write_csv
+from dofbench.reporting.csv_writer import write_csv
 from dofbench.running.method_cards import find_method
 
 SHARE = 0.1  # of the tiles is held back

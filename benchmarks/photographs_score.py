@@ -28,8 +28,8 @@ from dofbench.core.files import write_text
 from dofbench.core.images import from_8bit, to_8bit
 from dofbench.dataset.dataset import Dataset
 from dofbench.metrics import score_image
-from dofbench.reporting.footnotes import table
-from dofbench.reporting.table_files import write_csv
+from dofbench.reporting.csv_writer import write_csv
+from dofbench.reporting.markdown_writer import markdown_table
 from dofbench.results.protocol import arithmetic_mean
 from dofbench.running.method_cards import find_method
 from dofbench.scoring.photograph_scores import prediction_scores
@@ -166,7 +166,7 @@ def markdown(rows: list[dict[str, str]], ranks: list[dict[str, object]]) -> str:
         "## Rank correlation",
         "",
     ]
-    lines += table(
+    lines += markdown_table(
         ["dataset", "truth", "score", "over", "variants", "Spearman", "95 %", "Kendall", "95 %"],
         [
             [
@@ -183,7 +183,7 @@ def markdown(rows: list[dict[str, str]], ranks: list[dict[str, object]]) -> str:
     for dataset in dict.fromkeys(row["dataset"] for row in rows):
         own = sorted((row for row in rows if row["dataset"] == dataset), key=lambda row: -float(row["photo_psnr"]))
         lines += ["", f"## {dataset}", "", f"{own[0]['views']} test views.", ""]
-        lines += table(
+        lines += markdown_table(
             ["variant", *SCORES, "training, s", "fit, s"],
             [
                 [

@@ -39,8 +39,8 @@ from dofbench.gaussians.render import rasterise  # noqa: E402
 from dofbench.kernels import load  # noqa: E402
 from dofbench.learning.options import TrainerOptions  # noqa: E402
 from dofbench.optics.defocus import defocus_numpy  # noqa: E402
+from dofbench.reporting.csv_writer import write_csv  # noqa: E402
 from dofbench.reporting.figures import look, new_figure, save  # noqa: E402
-from dofbench.reporting.table_files import write_csv  # noqa: E402
 from dofbench.scenes import load_scene  # noqa: E402
 
 WIDTH, HEIGHT = 504, 378

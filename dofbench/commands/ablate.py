@@ -8,9 +8,12 @@ from rich.console import Console
 
 from dofbench.core.files import write_text
 from dofbench.core.processes import run_jobs
-from dofbench.reporting.ablations.ablation_page import table_page
-from dofbench.reporting.ablations.cells import fill
-from dofbench.reporting.ablations.csv_files import write_cells, write_summary
+from dofbench.reporting.ablations.ablation_document import ablation_document
+from dofbench.reporting.ablations.ablation_records import cell_records, summary_records
+from dofbench.reporting.ablations.document_files import write_document
+from dofbench.reporting.ablations.filled_table import fill
+from dofbench.reporting.csv_writer import write_records
+from dofbench.reporting.markdown_writer import markdown_page
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_plan import Plan, make_plan
 from dofbench.running.ablation_tables import read_tables, shipped_file
@@ -20,7 +23,8 @@ from dofbench.running.jobs import RunJobs
 
 
 def make_tables(settings: Ablate, console: Console | None = None, run_jobs: RunJobs = run_jobs) -> bool:
-    """Make every run that isn't finished, and write `<out>/<table>.md`, `.csv` and `-summary.csv` for each table.
+    """Make every run that isn't finished, and write `<out>/<table>.md`, `.json`, `.csv` and `-summary.csv` for each
+    table: the page, the page as data for `dofbench report --ablation`, every run's scores, and their means.
 
     The tables are written anew after every run, so that what there is can be read while the rest is at work.
     False when a run failed. Raises InputError when the call is wrong, before anything runs.
@@ -56,11 +60,11 @@ def _write(settings: Ablate, plan: Plan, ended: Ended) -> list[Path]:
     files = []
     for table_plan in plan.tables:
         filled = fill(table_plan, ended)
-        page, cells, summary = (settings.out / f"{table_plan.table.id}{end}" for end in (".md", ".csv", "-summary.csv"))
-        write_text(page, table_page(filled, settings))
-        write_cells(cells, filled)
-        write_summary(summary, filled)
-        files += [page, cells, summary]
+        document = ablation_document(filled, settings)
+        page = settings.out / f"{document.id}.md"
+        write_text(page, markdown_page(document))
+        files += [page, write_document(settings.out, document)]
+        files += [write_records(settings.out, made(filled)) for made in (cell_records, summary_records)]
     return files
 
 

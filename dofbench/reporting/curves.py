@@ -16,9 +16,9 @@ _LEGEND_WIDTH = 95  # characters
 _LEGEND_LINE = 0.16  # inches
 
 
-def write_curves(folder: Path, plots: Iterable[Plot]) -> dict[tuple[str, ...], dict[str, list[Path]]]:
-    """Draw the plots of the scores in `PLOTTED`. Returns board -> score -> [svg, png]."""
-    written: dict[tuple[str, ...], dict[str, list[Path]]] = {}
+def write_curves(folder: Path, plots: Iterable[Plot]) -> dict[tuple[tuple[str, ...], str], list[Path]]:
+    """Draw the plots of the scores in `PLOTTED`. Returns (board, score) -> [svg, png]."""
+    written = {}
     for plot in plots:
         if plot.column not in PLOTTED:
             continue
@@ -27,7 +27,7 @@ def write_curves(folder: Path, plots: Iterable[Plot]) -> dict[tuple[str, ...], d
         paths = [folder / f"{stem}{suffix}" for suffix in (".svg", ".png")]
         for path in paths:
             save(figure, path)
-        written.setdefault(plot.board, {})[plot.column] = paths
+        written[plot.board, plot.column] = paths
     return written
 
 

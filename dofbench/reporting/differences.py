@@ -1,4 +1,4 @@
-"""Differences between runs, column by column: which values are paired, and how a difference reads."""
+"""Differences between runs, column by column: which values are paired, and what may be said of the difference."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from dofbench.core.errors import Status
 from dofbench.reporting.paired import Difference, Group, grouped_difference, holm
 from dofbench.results.collecting import Entry
-from dofbench.results.columns import COLUMNS, COST, Column
+from dofbench.results.columns import COLUMNS, COST
 from dofbench.results.protocol import LENS_COLUMNS
 
 Side = Sequence[Entry]  # the seeds of one variant on one dataset
@@ -18,10 +18,21 @@ Side = Sequence[Entry]  # the seeds of one variant on one dataset
 
 @dataclass(frozen=True)
 class Compared:
-    """difference: None where there is none, for the `reason`."""
+    """Two sides in one column. difference: None where there is none, for the `reason`."""
 
+    column: str
     difference: Difference | None
     reason: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """better or worse, of a cost more or less; "" where nothing can be said. No other rule says better anywhere."""
+        if self.difference is None or not self.difference.telling:
+            return ""
+        up, known = self.difference.mean > 0, COLUMNS[self.column]
+        if known.higher_is_better is None:
+            return "more" if up else "less"
+        return "better" if up is known.higher_is_better else "worse"
 
 
 def compare(groups: Sequence[tuple[Side, Side]], column: str) -> Compared:
@@ -34,49 +45,21 @@ def compare(groups: Sequence[tuple[Side, Side]], column: str) -> Compared:
     for one, other in groups:
         found = _by_seed(one, other, column) if column in COST else _by_view(one, other, column)
         if isinstance(found, str):
-            return Compared(None, found)
+            return Compared(column, None, found)
         pairs.append(found)
     difference = grouped_difference(pairs)
     if column in COST:  # there the seeds are what is paired
         difference = replace(difference, seeds=min(len(one) for one, _ in groups))
-    return Compared(difference)
+    return Compared(column, difference)
 
 
 def adjusted(compared: Sequence[Compared]) -> list[Compared]:
     """The same with p adjusted for their number."""
     p = holm([one.difference.p if one.difference else None for one in compared])
     return [
-        one if one.difference is None else Compared(replace(one.difference, p=value))
+        one if one.difference is None else replace(one, difference=replace(one.difference, p=value))
         for one, value in zip(compared, p, strict=True)
     ]
-
-
-def difference_text(difference: Difference, column: Column) -> str:
-    """As "+0.31 [+0.12, +0.50], p = 0.003, better"; the word only where test and interval bear it."""
-    text = number = _signed(difference.mean, column)
-    if difference.low is not None and difference.high is not None:
-        text += f" [{_signed(difference.low, column)}, {_signed(difference.high, column)}]"
-    if difference.p is None:
-        return text
-    text += ", p < 0.001" if difference.p < 0.001 else f", p = {difference.p:.3f}"
-    word = verdict(difference, column)
-    if not word or float(number) == 0:  # what can't be seen in the table is no better
-        return text
-    shown = f"**{word}**" if word in ("better", "worse") else word
-    return f"{text}, {shown}" + (" (one seed)" if difference.seeds < 2 else "")
-
-
-def verdict(difference: Difference, column: Column) -> str:
-    """better, worse, more, less, or "" where nothing can be said."""
-    if not difference.telling:
-        return ""
-    if column.higher_is_better is None:
-        return "more" if difference.mean > 0 else "less"
-    return "better" if (difference.mean > 0) is column.higher_is_better else "worse"
-
-
-def _signed(value: float, column: Column) -> str:
-    return f"{value:+.{column.digits}f}"
 
 
 def _by_view(one: Side, other: Side, column: str) -> Group | str:

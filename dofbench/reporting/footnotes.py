@@ -1,4 +1,4 @@
-"""Footnotes of a Markdown page: each reason once, numbered in the order of appearance."""
+"""Footnotes of a page: each reason once, numbered in the order of appearance."""
 
 from __future__ import annotations
 
@@ -9,17 +9,15 @@ class Footnotes:
     def __init__(self) -> None:
         self._numbers: dict[str, int] = {}
 
-    def mark(self, reason: str) -> str:
-        """The mark to set behind a cell; the same reason gives the same number."""
-        reason = " ".join(reason.split()).replace("|", "\\|")
-        return f"[^{self._numbers.setdefault(reason, len(self._numbers) + 1)}]"
+    def number(self, reason: str) -> int:
+        """The number to set behind a cell; the same reason has the same number."""
+        return self._numbers.setdefault(one_line(reason), len(self._numbers) + 1)
 
-    def lines(self) -> list[str]:
-        """The notes, to be put at the end of the page."""
-        return [f"[^{number}]: {reason}" for reason, number in self._numbers.items()]
+    def reasons(self) -> tuple[tuple[int, str], ...]:
+        """(number, reason) of every note, to be put at the end of the page."""
+        return tuple((number, reason) for reason, number in self._numbers.items())
 
 
-def table(heading: list[str], rows: list[list[str]], left: int) -> list[str]:
-    """A Markdown table; the first `left` columns are aligned left, the others right."""
-    rule = [":---" if index < left else "---:" for index in range(len(heading))]
-    return ["| " + " | ".join(cells) + " |" for cells in (heading, rule, *rows)]
+def one_line(text: str) -> str:
+    """Without line breaks, which no cell and no note can hold."""
+    return " ".join(text.split())

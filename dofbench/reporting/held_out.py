@@ -5,32 +5,32 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from dofbench.core.errors import Status
-from dofbench.reporting.footnotes import Footnotes
-from dofbench.reporting.line_table import Beside, line_table, plain
-from dofbench.reporting.summary import Line, spread_cell
+from dofbench.reporting import table_cells
+from dofbench.reporting.score_table import Beside, score_table
+from dofbench.reporting.summary import Line, mean_and_spread
+from dofbench.reporting.view import Section
 from dofbench.results.collecting import Entry
 from dofbench.results.protocol import AIF_PREFIX, arithmetic_mean
 
 COLUMNS_SHOWN = ("psnr", "ssim", "flip")  # that are scored all in focus too
 ASKED_HEADING = "Held-out focus, by what the test views ask for"
 ALL_IN_FOCUS = "A 0, all in focus"
+_BESIDE = Beside(
+    table_cells.word_headings("method", "asked for"),
+    lambda line: [table_cells.words(f"{line.method} {line.preset}".strip()), table_cells.words(line.seeds)],
+)
 
 
-def asked_table(groups: Iterable[tuple[str, str, list[Entry]]], notes: Footnotes) -> list[str]:
+def asked_section(groups: Iterable[tuple[str, str, list[Entry]]], dataset: str) -> Section | None:
     """Scores by the lens that the test views ask for, and all in focus. groups: (method, preset, its seeds).
 
-    A group with a run that failed is left out: the table of all scores has it.
+    A group with a run that failed is left out: the table of all scores has it. None where no group is left.
     """
-    lines = asked_lines(groups)
+    lines = [line for method, preset, seeds in groups for line in _lines(method, preset, seeds)]
     if not lines:
-        return []
-    names = Beside(["method", "asked for"], lambda line: [plain(f"{line.method} {line.preset}".strip()), line.seeds])
-    return line_table(lines, COLUMNS_SHOWN, notes, before=names)
-
-
-def asked_lines(groups: Iterable[tuple[str, str, list[Entry]]]) -> list[Line]:
-    """As rows: `Line.seeds` says what was asked for."""
-    return [line for method, preset, seeds in groups for line in _lines(method, preset, seeds)]
+        return None
+    table = score_table(lines, COLUMNS_SHOWN, f"{ASKED_HEADING}: {dataset}", before=_BESIDE)
+    return Section(ASKED_HEADING, (table,))
 
 
 def _lines(method: str, preset: str, seeds: list[Entry]) -> list[Line]:
@@ -58,7 +58,7 @@ def _lines(method: str, preset: str, seeds: list[Entry]) -> list[Line]:
                 if known
                 else []
             )
-            cells[column] = spread_cell(values, results[0].left_out.get(prefix + column, "no such score"))
+            cells[column] = mean_and_spread(values, results[0].left_out.get(prefix + column, "no such score"))
         if any(cell.value is not None for cell in cells.values()):
             count = f"{len(views)} view{'s' if len(views) > 1 else ''}"
             lines.append(Line(method, preset, f"{name} ({count})", cells, competes=False))

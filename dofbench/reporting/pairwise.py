@@ -6,13 +6,12 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
-from dofbench.reporting.differences import Compared, adjusted, compare, difference_text, verdict
-from dofbench.reporting.footnotes import Footnotes, table
-from dofbench.reporting.line_table import plain
+from dofbench.reporting import table_cells
+from dofbench.reporting.differences import Compared, adjusted, compare
 from dofbench.reporting.paired import EXPLANATION
-from dofbench.reporting.table_files import write_csv
+from dofbench.reporting.records import Records
+from dofbench.reporting.view import Heading, Paragraph, Section, Table
 from dofbench.results.collecting import Entry, grouped
 from dofbench.results.columns import ALL_IN_FOCUS, COLUMNS, DEPTH, LENS, PHOTOGRAPH, REFOCUS
 from dofbench.results.protocol import arithmetic_mean
@@ -37,6 +36,7 @@ COMPARED = (
 )
 EVERY_PAIR = 8  # variants of which every pair is compared; of more, each with the first, or a page would be all pairs
 HEADING = "Compared view by view"
+TESTED = "How differences are tested"
 FILE_COLUMNS = (
     "dataset",
     "protocol",
@@ -104,46 +104,43 @@ def _ranked(datasets: Sequence[Seeds]) -> list[Variant]:
     return sorted({variant for seeds in datasets for variant in seeds}, key=place)
 
 
-def pairwise_table(pairs: Sequence[Pair], names: dict[Variant, tuple[str, str]], notes: Footnotes) -> list[str]:
-    """Markdown; empty where there is no pair, or no score that two have."""
+def pairwise_section(pairs: Sequence[Pair], names: dict[Variant, tuple[str, str]], caption: str) -> Section | None:
+    """The pairs as a table; None where there is no pair, or no score that two have. caption: of which boards."""
     columns = [column for column in COMPARED if any(pair.compared[column].difference for pair in pairs)]
     if not columns:
-        return []
-    rows = []
-    for pair in pairs:
-        cells = []
-        for column in columns:
-            found = pair.compared[column]
-            cells.append(
-                f"–{notes.mark(found.reason)}"
-                if found.difference is None
-                else difference_text(found.difference, COLUMNS[column])
-            )
-        rows.append([*(plain(" ".join(names[side])) for side in (pair.one, pair.other)), *cells])
+        return None
     counts = {
         column: {found.difference.pairs for pair in pairs if (found := pair.compared[column]).difference}
         for column in columns
     }
-    words = dict.fromkeys(
+    views = dict.fromkeys(
         f"{' or '.join(map(str, sorted(found)))} {'training' if column in LENS else 'test'} "
         f"view{'' if found == {1} else 's'}"
         for column, found in counts.items()
     )
-    heading = ["", "minus", *(COLUMNS[column].heading for column in columns)]
-    return [f"Over {' and '.join(words)}; see *How differences are tested*.", "", *table(heading, rows, left=2)]
+    rows = tuple(
+        (
+            *(table_cells.words(" ".join(names[side])) for side in (pair.one, pair.other)),
+            *(table_cells.difference(pair.compared[column]) for column in columns),
+        )
+        for pair in pairs
+    )
+    headings = (
+        Heading("", words=True),
+        Heading("minus", words=True),
+        *(table_cells.score_heading(COLUMNS[column]) for column in columns),
+    )
+    said = Paragraph(f"Over {' and '.join(views)}; see *{TESTED}*.")
+    return Section(HEADING, (said, Table(f"{HEADING}: {caption}", headings, rows, names=2)))
 
 
-def explanation() -> list[str]:
+def explanation() -> Section:
     """What the tables of differences say, once for a page."""
-    return ["## How differences are tested", "", EXPLANATION, ""]
+    return Section(TESTED, (Paragraph(EXPLANATION),))
 
 
-def write_comparisons_csv(
-    path: Path,
-    boards: Sequence[tuple[str, str, list[Pair]]],
-    names: dict[Variant, tuple[str, str]],
-) -> None:
-    """One row a pair and score. boards: (dataset or datasets, protocol, pairs)."""
+def comparison_records(boards: Sequence[tuple[str, str, list[Pair]]], names: dict[Variant, tuple[str, str]]) -> Records:
+    """One row a pair and score. boards: (dataset, protocol, pairs)."""
     rows = []
     for dataset, protocol, pairs in boards:
         for pair in pairs:
@@ -167,7 +164,7 @@ def write_comparisons_csv(
                         "low": one.low,
                         "high": one.high,
                         "p": one.p,
-                        "verdict": verdict(one, COLUMNS[column]),
+                        "verdict": found.verdict,
                     }
                 rows.append(row)
-    write_csv(path, FILE_COLUMNS, rows)
+    return Records("comparisons.csv", FILE_COLUMNS, tuple(rows))

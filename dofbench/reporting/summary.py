@@ -1,4 +1,4 @@
-"""From runs to the cells of a table: means over seeds, means over scenes, failures and gaps by name."""
+"""From runs to the numbers of a table: means over seeds, means over scenes, failures and gaps by name."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ DO_NOTHING = "do nothing (Â = F̂ = 0.5)"
 
 
 @dataclass(frozen=True)
-class Cell:
-    """value: a number, or None with the typed failure or the reason that stands in its place.
+class Statistic:
+    """A score over several runs. value: a number, or None with the failure or the reason that stands in its place.
 
     spread: sample standard deviation over seeds, None for a single seed. failure: a status to be
     shown by name. reason: for the footnote.
@@ -36,31 +36,31 @@ class Line:
     method: str
     preset: str
     seeds: str
-    cells: dict[str, Cell]
+    cells: dict[str, Statistic]
     competes: bool = True
 
 
-def seed_cell(entries: list[Entry], column: str) -> Cell:
+def seed_mean(entries: list[Entry], column: str) -> Statistic:
     """One column over the seeds of one variant. Seeds that failed aren't left out of a mean: then
     there is no mean."""
     failed = [entry for entry in entries if entry.status is not Status.OK]
     if failed:
         kinds = ", ".join(sorted({str(entry.status) for entry in failed}))
         count = f" ({len(failed)} of {len(entries)} seeds)" if len(entries) > 1 else ""
-        return Cell(None, failure=kinds + count, reason=failed[0].message or "no message")
+        return Statistic(None, failure=kinds + count, reason=failed[0].message or "no message")
     values = [entry.scores[column] for entry in entries if column in entry.scores]
     if len(values) < len(entries):
         gap = next(entry for entry in entries if column not in entry.scores)
-        return Cell(None, reason=gap.left_out.get(column) or _no_reason(gap, column))
-    return spread_cell(values)
+        return Statistic(None, reason=gap.left_out.get(column) or _no_reason(gap, column))
+    return mean_and_spread(values)
 
 
-def spread_cell(values: Sequence[float], reason: str = "") -> Cell:
+def mean_and_spread(values: Sequence[float], reason: str = "") -> Statistic:
     """Mean and sample standard deviation of one value a seed; a gap with the reason where there is none."""
     if not values:
-        return Cell(None, reason=reason)
+        return Statistic(None, reason=reason)
     spread = statistics.stdev(values) if len(values) > 1 and all(map(math.isfinite, values)) else None
-    return Cell(arithmetic_mean(values), spread)
+    return Statistic(arithmetic_mean(values), spread)
 
 
 def _no_reason(entry: Entry, column: str) -> str:
@@ -80,10 +80,10 @@ def _no_reason(entry: Entry, column: str) -> str:
     return "the result holds no such score, nor a reason"
 
 
-def variant_line(entries: list[Entry], names: dict[tuple[str, ...], tuple[str, str]], columns: list[str]) -> Line:
+def variant_line(entries: list[Entry], names: dict[tuple[str, ...], tuple[str, str]], columns: Sequence[str]) -> Line:
     """The line of one variant: all of its seeds on one dataset."""
     method, preset = names[entries[0].variant]
-    cells = {column: seed_cell(entries, column) for column in columns}
+    cells = {column: seed_mean(entries, column) for column in columns}
     return Line(method, preset, seeds_text([entry.spec.seed for entry in entries]), cells)
 
 
@@ -97,8 +97,8 @@ def do_nothing_line(entries: list[Entry], columns: list[str]) -> Line | None:
     known = next((entry.result.do_nothing for entry in entries if entry.result and entry.result.do_nothing), None)
     if known is None:
         return None
-    gap = Cell(None, reason="not a method: it only says that every lens is A = F = 0.5")
-    cells = {column: Cell(known[column]) if column in known else gap for column in columns}
+    gap = Statistic(None, reason="not a method: it only says that every lens is A = F = 0.5")
+    cells = {column: Statistic(known[column]) if column in known else gap for column in columns}
     return Line(DO_NOTHING, "", "", cells, competes=False)
 
 
@@ -130,7 +130,7 @@ def sorted_lines(lines: list[Line]) -> list[Line]:
     return sorted(lines, key=place)
 
 
-def best_texts(lines: list[Line], columns: list[str]) -> dict[str, str | None]:
+def best_texts(lines: Sequence[Line], columns: Sequence[str]) -> dict[str, str | None]:
     """For each column the best value as it is shown, so that what looks equal is marked equally."""
     return {
         column: COLUMNS[column].best(
@@ -151,7 +151,7 @@ def empty_columns(lines: Sequence[Line], columns: Sequence[str]) -> dict[str, st
     return empty
 
 
-def scene_mean(lines: dict[str, Line], scenes: list[str], column: str) -> Cell:
+def scene_mean(lines: dict[str, Line], scenes: list[str], column: str) -> Statistic:
     """Mean over scenes of one variant (scene -> its line), only where every scene has a value."""
     missing = [scene for scene in scenes if scene not in lines or lines[scene].cells[column].value is None]
     if missing:
@@ -160,12 +160,12 @@ def scene_mean(lines: dict[str, Line], scenes: list[str], column: str) -> Cell:
         }
         if len(missing) == len(scenes) and len(gaps) == 1:
             failure, reason = gaps.pop()  # it has no such score anywhere, for one reason
-            return Cell(None, failure=failure, reason=reason)
-        return Cell(
+            return Statistic(None, failure=failure, reason=reason)
+        return Statistic(
             None, reason=f"no mean over an incomplete set: {', '.join(missing)} missing of {len(scenes)} scenes"
         )
     values = [lines[scene].cells[column].value for scene in scenes]
-    return Cell(arithmetic_mean([value for value in values if value is not None]))
+    return Statistic(arithmetic_mean([value for value in values if value is not None]))
 
 
 def scene_spread(seeds: Sequence[list[Entry]], column: str) -> float | None:

@@ -1,16 +1,17 @@
-"""Error against run time in words and rows: time to reach a score, and who holds the Pareto front."""
+"""Error against run time: who holds the Pareto front, times to reach a score, and both as records."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 
-from dofbench.reporting.footnotes import table
-from dofbench.reporting.line_table import plain
+from dofbench.reporting import table_cells
 from dofbench.reporting.pareto import spans
 from dofbench.reporting.plots import Plot
-from dofbench.reporting.reach import LEVEL_RULE, level_text, reach_cell, run_reached, seconds_text
-from dofbench.reporting.table_files import write_csv
+from dofbench.reporting.reach import LEVEL_RULE, RULE, level_text, reach_cell, run_reached, seconds_text
+from dofbench.reporting.records import Records
+from dofbench.reporting.report_view import CurveView
+from dofbench.reporting.view import Cell, Heading, Paragraph, Picture, Table
 
 TIME_RULE = "Training time is wall time with the clock stopped while scoring; compiling kernels isn't in it"
 FRONT_RULE = (
@@ -34,35 +35,33 @@ REACH_COLUMNS = (
 FRONT_COLUMNS = ("dataset", "protocol", "score", "train_s", "value", "method", "preset")
 
 
-def timing_lines(plot: Plot) -> list[str]:
-    """Below a plot: the front in a line, and the table of times to reach the levels."""
-    lines = [front_line(plot), ""] if plot.front else []
-    if plot.levels:
-        heading = ["time to reach", *(level_text(plot.column, level) for level in plot.levels)]
-        rows = [
-            [
-                plain(series.name),
-                *(reach_cell(series, level, higher_is_better=plot.higher_is_better).text for level in plot.levels),
-            ]
-            for series in plot.series
-        ]
-        lines += [*table(heading, rows, left=1), ""]
-    return lines
+def curve_view(plot: Plot, picture: Picture | None) -> CurveView:
+    """A plot with what stands below it: the front, and the times to reach its levels."""
+    title = f"{plot.score.label} on {plot.dataset}, {plot.protocol}"
+    front = plot.front
+    return CurveView(
+        title,
+        plot,
+        picture,
+        _front_words(plot) if front else "",
+        _reach_table(plot, title) if plot.levels else None,
+        _front_table(plot, title) if front else None,
+    )
 
 
-def level_words(plots: Iterable[Plot]) -> str:
-    """How the levels came about."""
+def curve_rules(plots: Iterable[Plot]) -> Paragraph:
+    """How times, levels and fronts are meant."""
     chosen = any(plot.chosen for plot in plots)
-    return f"{LEVEL_RULE}; where `--reach` gave levels, they are those." if chosen else f"{LEVEL_RULE}."
+    levels = f"{LEVEL_RULE}; where `--reach` gave levels, they are those." if chosen else f"{LEVEL_RULE}."
+    return Paragraph(f"{TIME_RULE}. {RULE} {levels} {FRONT_RULE}.")
 
 
-def front_line(plot: Plot) -> str:
+def _front_words(plot: Plot) -> str:
     """As "Pareto front: A from 0.2 s (12.1 dB), B from 31 s (25.0 dB) to 412 s (31.2 dB)."."""
     held = spans(plot.front)
     unit = f" {plot.score.unit}" if plot.score.unit else ""
     parts = [
-        f"{plain(plot.series[span.series].name)} from {seconds_text(span.first[0])} "
-        f"({plot.score.text(span.first[1])}{unit})"
+        f"{plot.series[span.series].name} from {seconds_text(span.first[0])} ({plot.score.text(span.first[1])}{unit})"
         for span in held
     ]
     end = held[-1].last
@@ -70,15 +69,56 @@ def front_line(plot: Plot) -> str:
     return f"Pareto front: {', '.join(parts)}{until}."
 
 
-def write_reach_csv(path: Path, plots: Iterable[Plot]) -> None:
+def _reach_table(plot: Plot, title: str) -> Table:
+    headings = (
+        Heading("time to reach", words=True),
+        *(Heading(level_text(plot.column, level)) for level in plot.levels),
+    )
+    rows = []
+    for series in plot.series:
+        cells = [reach_cell(series, level, higher_is_better=plot.higher_is_better) for level in plot.levels]
+        rows.append(
+            (
+                table_cells.words(series.name),
+                *(Cell(cell.text, "number", cell.median if math.isfinite(cell.median) else None) for cell in cells),
+            )
+        )
+    return Table(f"Training time to reach a score: {title}", headings, tuple(rows))
+
+
+def _front_table(plot: Plot, title: str) -> Table:
+    headings = (
+        Heading("from"),
+        Heading("to"),
+        Heading("held by", words=True),
+        Heading(f"{plot.score.label} there"),
+        Heading("until"),
+    )
+    rows = []
+    for span in spans(plot.front):
+        (start, low), (end, high) = span.first, span.last
+        rows.append(
+            (
+                table_cells.number(start, seconds_text(start)),
+                table_cells.number(end, seconds_text(end)),
+                table_cells.words(plot.series[span.series].name),
+                table_cells.number(low, plot.score.text(low)),
+                table_cells.number(high, plot.score.text(high)),
+            )
+        )
+    caption = f"Pareto front of {title}: who is best at which training time"
+    return Table(caption, headings, tuple(rows), names=0)
+
+
+def reach_records(plots: Iterable[Plot]) -> Records:
     """One row for every run and level. reached_s is empty where the level wasn't reached; the true time lies between
     not_before_s and reached_s."""
-    write_csv(path, REACH_COLUMNS, (row for plot in plots for row in _reach_rows(plot)))
+    return Records("reach.csv", REACH_COLUMNS, tuple(row for plot in plots for row in _reach_rows(plot)))
 
 
-def write_front_csv(path: Path, plots: Iterable[Plot]) -> None:
+def front_records(plots: Iterable[Plot]) -> Records:
     """One row for every point of every front."""
-    rows = (
+    rows = tuple(
         {
             "dataset": plot.dataset,
             "protocol": plot.protocol,
@@ -91,7 +131,7 @@ def write_front_csv(path: Path, plots: Iterable[Plot]) -> None:
         for plot in plots
         for point in plot.front
     )
-    write_csv(path, FRONT_COLUMNS, rows)
+    return Records("pareto.csv", FRONT_COLUMNS, rows)
 
 
 def _reach_rows(plot: Plot) -> Iterator[dict[str, object]]:

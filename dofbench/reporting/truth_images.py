@@ -35,10 +35,14 @@ def find_dataset(entries: Iterable[Entry]) -> tuple[Dataset | None, str]:
     return None, reason
 
 
-def true_picture(dataset: Dataset, kind: Kind, view: DatasetView) -> np.ndarray:
-    """What a prediction of this kind was compared with, (H, W, 3), encoded. Raises InputError when the file isn't what
-    the manifest says."""
+def require_truth(dataset: Dataset, kind: Kind, view: DatasetView) -> None:
+    """Raises InputError when what a prediction of this kind was compared with isn't what the manifest says."""
     dataset.require_intact(view, "all_in_focus" if kind == "all_in_focus" else "image")
+
+
+def true_picture(dataset: Dataset, kind: Kind, view: DatasetView) -> np.ndarray:
+    """What a prediction of this kind was compared with, (H, W, 3), encoded. Raises InputError as `require_truth`."""
+    require_truth(dataset, kind, view)
     return dataset.all_in_focus(view) if kind == "all_in_focus" else dataset.image(view)
 
 

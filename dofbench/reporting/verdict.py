@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from dofbench.reporting.differences import compare, difference_text
-from dofbench.reporting.differences import verdict as difference_verdict
+from dofbench.reporting import table_cells
+from dofbench.reporting.differences import compare
 from dofbench.reporting.summary import Line
+from dofbench.reporting.view import Cell
 from dofbench.results.collecting import Entry
-from dofbench.results.columns import COLUMNS
 
 HEADLINES = ("psnr", "aif_psnr", "photo_psnr", "across_psnr")  # the first of these that any row has
 
@@ -18,15 +18,13 @@ HEADLINES = ("psnr", "aif_psnr", "photo_psnr", "across_psnr")  # the first of th
 @dataclass(frozen=True)
 class Verdict:
     """best, second: variants by the mean of `column`; second is None without a rival. ahead: by how much, positive.
-    sure: what bears it, in words. told_apart: whether the test over views says that best is better; None where there
-    was nothing to test."""
+    sure: what bears it: sure or unsure where the two were tested view by view, else untested."""
 
     column: str
     best: tuple[str, ...]
     second: tuple[str, ...] | None
     ahead: float | None
-    sure: str
-    told_apart: bool | None
+    sure: Cell
 
 
 def verdict(lines: dict[tuple[str, ...], Line], entries: Sequence[Entry]) -> Verdict | None:
@@ -41,10 +39,9 @@ def verdict(lines: dict[tuple[str, ...], Line], entries: Sequence[Entry]) -> Ver
             continue
         value, best = ranked[0]
         if len(ranked) == 1:
-            return Verdict(column, best, None, None, "nothing to compare it with", None)
+            return Verdict(column, best, None, None, Cell("nothing to compare it with", "untested"))
         other, second = ranked[1]
-        sure, told_apart = _sure(column, _of(entries, best), _of(entries, second))
-        return Verdict(column, best, second, value - other, sure, told_apart)
+        return Verdict(column, best, second, value - other, _sure(column, _of(entries, best), _of(entries, second)))
     return None
 
 
@@ -52,15 +49,17 @@ def _of(entries: Sequence[Entry], variant: tuple[str, ...]) -> list[Entry]:
     return [entry for entry in entries if entry.variant == variant]
 
 
-def _sure(column: str, best: Sequence[Entry], second: Sequence[Entry]) -> tuple[str, bool | None]:
+def _sure(column: str, best: Sequence[Entry], second: Sequence[Entry]) -> Cell:
     """By the test that the tables of differences have, over the test views of both."""
     compared = compare([(best, second)], column)
-    found, known = compared.difference, COLUMNS[column]
+    found = compared.difference
     if found is None:
-        return f"not tested: {compared.reason}", None
+        return Cell(f"not tested: {compared.reason}", "untested")
     seeds = f"{found.seeds} seeds" if found.seeds > 1 else "one seed: what another would change is unknown"
-    said = f"over {found.pairs} test views, {seeds}; {difference_text(found, known)}"
+    shown = table_cells.difference(compared)
+    cell = replace(shown, text=f"over {found.pairs} test views, {seeds}; {shown.text}", sort=None)
     if found.p is None:
-        return f"{said}: no test, as nothing differs", None
-    better = difference_verdict(found, known) == "better"
-    return said if better else f"{said}: not told apart", better
+        return replace(cell, kind="untested", below="no test, as nothing differs")
+    if shown.test is not None and shown.test.verdict == "better":
+        return replace(cell, kind="sure")
+    return replace(cell, kind="unsure", below="not told apart")

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-from dofbench.reporting.line_table import plain
+from dofbench.reporting.markdown_writer import plain
 from dofbench.stability.stability_options import GROUPS
 
 # A known limit may differ by machine, as rounding decides what is close to its bound: where it is met, that is said.

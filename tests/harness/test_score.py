@@ -19,8 +19,8 @@ from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_image, write_png
 from dofbench.metrics import METRICS, Metric
-from dofbench.reporting import board
-from dofbench.reporting.board import write_report
+from dofbench.reporting import report_files
+from dofbench.reporting.report_files import write_report
 from dofbench.reporting.report_options import Report
 from dofbench.results.added_scores import read_added
 from dofbench.results.protocol import DEPTH_COLUMNS
@@ -213,8 +213,8 @@ def test_added_scores_of_another_result_are_refused(call) -> None:
 
 
 def test_the_report_shows_what_was_added(call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(board, "write_curves", lambda *_: {})
-    monkeypatch.setattr(board, "write_strip", lambda *_: "this test wants none")
+    monkeypatch.setattr(report_files, "write_curves", lambda *_: {})
+    monkeypatch.setattr(report_files, "write_strip", lambda *_: "this test wants none")
     end = call()
     call(seed=1, method="pinhole")
     scored(end.folder, "aif_gmsd")

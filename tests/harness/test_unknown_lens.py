@@ -12,7 +12,7 @@ from harness_fakes import write_dataset
 from rich.console import Console
 
 from dofbench.core.errors import Status
-from dofbench.reporting.board import write_report
+from dofbench.reporting.report_files import write_report
 from dofbench.reporting.report_options import Report
 from dofbench.results.result import read_result
 from dofbench.running.check import check_result

@@ -9,23 +9,42 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from harness_fakes import fake_run, write_dataset
+from harness_fakes import Here, fake_run, write_dataset
 from rich.console import Console
 
-from dofbench.reporting import board
-from dofbench.reporting.board import Written, write_report
+from dofbench.commands.ablate import make_tables
+from dofbench.reporting import report_files
+from dofbench.reporting.report_files import Written, write_report
 from dofbench.reporting.report_options import Report
+from dofbench.running.ablation_options import Ablate
 
-SUMMARY = """\
-table,row,dataset,seeds,column,mean,sd,status,paper,difference,difference_sd,p,pairs
-table4,#1,waves,0 1,aif_psnr,20.5,0.25,ok,,,,,
-table4,#2,waves,0 1,aif_psnr,22.75,0.5,ok,,,,,
-table4,#1,waves,0 1,psnr,,,no such score,,,,,
-table4,#2,waves,0 1,psnr,30.5,0.5,ok,,,,,
-table4,#1,mean,0 1,aif_psnr,20.5,0.25,ok,21.31,-2.25,0.125,0.01,2
-table4,#2,mean,0 1,aif_psnr,22.75,0.5,ok,23.05,,,,
-table4,#1,mean,0 1,psnr,,,no such score,,,,,
-table4,#2,mean,0 1,psnr,30.5,0.5,ok,,,,,
+TABLES = """\
+method = "fake"
+
+[[tables]]
+id = "noise"
+title = "What noise costs"
+note = "More of it is worse."
+columns = ["psnr", "aif_psnr", "delta_a"]
+switches = ["noisy"]
+reference = "some"
+source = "Nobody 2020, Table 9"
+paper_data = "on their own waves"
+
+[[tables.rows]]
+label = "some"
+switches = { noisy = false }
+paper = { aif_psnr = 21.5 }
+
+[[tables.rows]]
+label = "more"
+switches = { noisy = true }
+set = { noise = 0.8 }
+
+[[tables.rows]]
+label = "pinhole"
+method = "pinhole"
+switches = { noisy = false }
 """
 
 
@@ -72,12 +91,13 @@ def made_report(tmp_path_factory: pytest.TempPathFactory) -> Made:
         for file in sorted((folder / "results").rglob("result.json")):
             set_times(file)
         ablation = folder / "ablation"
-        ablation.mkdir()
-        (ablation / "table4-summary.csv").write_text(SUMMARY)
-        (ablation / "table4.md").write_text("# What each component is worth\n")
+        (folder / "tables.toml").write_text(TABLES)
+        waves = write_dataset(folder / "many", test=7)
+        asked = Ablate(str(waves), tables=folder / "tables.toml", seeds=2, results=folder / "rows", out=ablation)
+        assert make_tables(asked, Console(quiet=True), Here())
         # Figures take most of the time, and aren't in the page.
-        monkeypatch.setattr(board, "write_curves", lambda *_: {})
-        monkeypatch.setattr(board, "write_strip", lambda *_: "these tests want none")
+        monkeypatch.setattr(report_files, "write_curves", lambda *_: {})
+        monkeypatch.setattr(report_files, "write_strip", lambda *_: "these tests want none")
         stream = io.StringIO()
         settings = Report(folder / "results", folder / "out", ablation=ablation)
         assert write_report(settings, Console(file=stream, width=400))
@@ -93,8 +113,8 @@ def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable:
 @pytest.fixture
 def plain(monkeypatch: pytest.MonkeyPatch) -> None:
     """No figures: they take most of the time, and most tests look at tables."""
-    monkeypatch.setattr(board, "write_curves", lambda *_: {})
-    monkeypatch.setattr(board, "write_strip", lambda *_: "this test wants none")
+    monkeypatch.setattr(report_files, "write_curves", lambda *_: {})
+    monkeypatch.setattr(report_files, "write_strip", lambda *_: "this test wants none")
 
 
 @pytest.fixture

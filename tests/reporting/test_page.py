@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import re
@@ -11,19 +12,24 @@ from pathlib import Path
 
 import pytest
 from harness_fakes import FakeDataset
+from report_pages import table_rows
 from tolerances import PRINTED_MEAN
 
 from dofbench.core.errors import InputError
-from dofbench.reporting import truth_images
-from dofbench.reporting.html import layouts
-from dofbench.reporting.html.boards import gather
-from dofbench.reporting.html.html_ablations import ablation_sections, read_ablations
+from dofbench.reporting import layouts, truth_images
+from dofbench.reporting.ablations.document_files import read_documents
+from dofbench.reporting.boards import gather
+from dofbench.reporting.build_report import build_report
+from dofbench.reporting.footnotes import Footnotes
+from dofbench.reporting.gallery import NOT_THERE, gallery
+from dofbench.reporting.html.html_blocks import blocks_html, table_html
 from dofbench.reporting.html.html_page import report_page
-from dofbench.reporting.html.markup import Notes, Td, Th, number_cell, table
-from dofbench.reporting.html.overview import duration
-from dofbench.reporting.html.pictures import NOT_THERE, gallery
+from dofbench.reporting.html.packed_pictures import packed
+from dofbench.reporting.overview import duration
 from dofbench.reporting.paper import paper_figures
 from dofbench.reporting.reach import RULE
+from dofbench.reporting.table_cells import number
+from dofbench.reporting.view import Cell, Heading, Paragraph, Table
 from dofbench.results.collecting import collect
 from dofbench.results.result import Result, read_result
 
@@ -32,7 +38,7 @@ VOID = {"meta", "link", "img", "input", "br", "hr"}
 
 
 @dataclass
-class Table:
+class Found:
     """A table of the page. groups: above the headings, with how many each spans. rows: texts and classes."""
 
     caption: str = ""
@@ -62,7 +68,7 @@ class Reader(HTMLParser):
         self.ids: list[str] = []
         self.links: list[str] = []
         self.addresses: list[str] = []
-        self.tables: list[Table] = []
+        self.tables: list[Found] = []
         self.data = ""
         self.texts: list[str] = []
         self._cell: list[str] | None = None
@@ -80,7 +86,7 @@ class Reader(HTMLParser):
         if tag == "link":
             self.addresses.append(found["href"])
         if tag == "table":
-            self.tables.append(Table())
+            self.tables.append(Found())
         if tag in ("th", "td", "caption"):
             self._cell, self._kind = [], found.get("class", "")
             if tag != "caption" and "colspan" in found:
@@ -166,8 +172,10 @@ def test_the_data_are_strict_json(reader: Reader) -> None:
 
 def test_text_of_results_can_not_become_markup() -> None:
     wicked = '<script>alert("x")</script>&'
-    html = table([Th(wicked, wicked, wicked)], [[number_cell(1.0, wicked)]], wicked) + Notes().mark(wicked, wicked)
-    assert "<script" not in html and html.count("&lt;script&gt;") >= 4
+    cells = (number(1.0, wicked), Cell(wicked, "gap", reason=wicked), Cell("x", code=(wicked,), below=wicked))
+    headings = tuple(Heading(wicked, wicked, wicked) for _ in cells)
+    html = blocks_html([Table(wicked, headings, (cells,), below=(wicked,)), Paragraph(wicked)], Footnotes())
+    assert "<script" not in html and html.count("&lt;script&gt;") >= 12
     assert read(html)
 
 
@@ -206,7 +214,7 @@ def test_which_is_best_by_how_much_and_how_sure(made_report, reader: Reader) -> 
     views = len(of(made_report, "fake", seed=0, dataset="waves", overrides={}, protocol="refocus-v2").views)
     # By few test views nothing can be told apart (2 ^ (1 - n) is the least p), however far ahead.
     assert found["how sure"].startswith(f"over {views} test views, 3 seeds; +{ahead:.2f}")
-    assert found["how sure"].endswith("better**" if views > 5 else "not told apart")
+    assert found["how sure"].endswith("better" if views > 5 else "not told apart")
     single = next(cells for cells in glance.rows if cells[0][0].startswith("fern"))
     assert any("nothing to compare" in text or "what another would change" in text for text, _ in single)
 
@@ -265,7 +273,7 @@ def test_the_papers_figures_have_columns_of_their_own(reader: Reader) -> None:
 def test_the_papers_figures_stand_beside_the_method_as_it_is(boards: list, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not beside rows with options changed, which aren't what the paper measured."""
     monkeypatch.setattr(layouts, "_card_name", {"fake": "DoF-Gaussian", "pinhole": "Mip-Splatting"}.get)
-    tables = read("".join(layouts.layout_sections(boards, Notes()))).tables
+    tables = read(blocks_html(layouts.layout_sections(boards), Footnotes())).tables
     means = next(one for one in tables if one.caption.endswith("learned: mean over 2 scenes"))
     theirs = "the paper's, on other data"
     assert means.cell(f"fake {QUICK}", theirs, "PSNR [dB] ↑") == "28.70"
@@ -297,7 +305,7 @@ def test_times_to_reach_and_the_front_are_in_it(reader: Reader) -> None:
     assert RULE in text
     caption = "Training time to reach a score: PSNR on waves, refocus-v2"
     (reach,) = [one for one in reader.tables if one.caption == caption]
-    assert reach.headings[0] == "method and preset" and reach.headings[1].startswith("PSNR ≥ ")
+    assert reach.headings[0] == "time to reach" and reach.headings[1].startswith("PSNR ≥ ")
     lost = next(row for row in reach.rows if row[0][0] == "fake quick trouble=lost")
     assert {text for text, _ in lost[1:]} == {"not reached"}
     assert any(one.caption.startswith("Pareto front of PSNR on waves") for one in reader.tables)
@@ -306,33 +314,74 @@ def test_times_to_reach_and_the_front_are_in_it(reader: Reader) -> None:
 # ---- ablations ----
 
 
-def test_ablations_are_shown_with_the_papers_figures(reader: Reader) -> None:
-    (block,) = [one for one in reader.tables if one.caption == "What each component is worth: waves"]
-    assert block.cell("#1", "measured here", "all-in-focus PSNR [dB] ↑") == "20.50 ± 0.25"
-    assert block.cell("#1", "the paper's, on other data", "all-in-focus PSNR [dB] ↑") == "21.31"
-    assert block.cell("#1", "measured here", "PSNR [dB] ↑").startswith("–")
-    (difference,) = [one for one in reader.tables if "difference from the reference row" in one.caption]
-    assert difference.cell("#1", "", "all-in-focus PSNR [dB] ↑") == "-2.25 ± 0.12p = 0.010, worse"
+def test_the_page_and_the_markdown_of_an_ablation_say_the_same(made_report, reader: Reader) -> None:
+    """Both are written from one model: every cell of the one stands in the other, with its verdict and its reason."""
+    markdown = (made_report.ablation / "noise.md").read_text()
+    for heading, caption in (
+        ("waves", "What noise costs: waves"),
+        ("Difference from some", "What noise costs: Difference from some"),
+        ("What the rows are", "What noise costs: What the rows are"),
+    ):
+        (shown,) = [one for one in reader.tables if one.caption == caption]
+        rows = table_rows(markdown, heading)
+        assert len(rows) == len(shown.rows) > 1
+        for row, cells in zip(rows, shown.rows, strict=True):
+            # Markdown has a column for what no row says, too.
+            texts = [text for column, text in row.items() if column in shown.headings or column.startswith("*paper")]
+            for text, (found, _) in zip(texts, cells, strict=True):
+                assert words_of(found, cells=True) == words_of(text, cells=False), (caption, text, found)
 
 
-def test_the_switches_of_a_shipped_table_are_shown(made_report, tmp_path: Path) -> None:
-    rows = [f"table4,#{row},waves,0,aif_psnr,2{row}.5,,ok,,,,," for row in range(1, 6)]
-    header = (made_report.ablation / "table4-summary.csv").read_text().splitlines()[0]
-    (tmp_path / "table4-summary.csv").write_text("\n".join([header, *rows, ""]))
-    found = read_ablations(tmp_path)
-    assert found[0].switches["#3"] == {"lens": "yes", "depth": "no", "adaptation": "yes"}
-    (block,) = read(ablation_sections(found, Notes())).tables
-    assert block.headings[:5] == ["row", "lens", "depth", "adaptation", "seeds"]
-    assert [text for text, _ in block.rows[3][:5]] == ["#4", "yes", "yes", "no", "0"]
-    assert read_ablations(made_report.ablation)[0].switches == {}  # other rows than the shipped table's
+def words_of(text: str, *, cells: bool) -> str:
+    """A cell's letters and digits, without what only one of the two writers sets: marks of footnotes and of the best,
+    commas."""
+    if cells:
+        text = re.sub(r"^(–|[a-z ()]+)\d+$", r"\1", text.removesuffix(", best"))
+    return re.sub(r"\[\^\d+\]|[\s*,`]", "", text)
 
 
-def test_a_folder_without_ablations_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no \\*-summary.csv"):
-        read_ablations(tmp_path)
-    (tmp_path / "a-summary.csv").write_text("table,row\n1,2\n")
-    with pytest.raises(InputError, match="other columns"):
-        read_ablations(tmp_path)
+def test_ablations_are_shown_with_the_papers_figures_and_switches(reader: Reader) -> None:
+    (block,) = [one for one in reader.tables if one.caption == "What noise costs: waves"]
+    assert block.headings[:2] == ["row", "noisy"] and [row[1][0] for row in block.rows] == ["no", "yes", "no"]
+    assert block.cell("some", "the paper's, on other data", "all-in-focus PSNR [dB] ↑") == "21.50"
+    assert block.cell("more", "the paper's, on other data", "all-in-focus PSNR [dB] ↑").startswith("–")
+    assert block.cell("pinhole", "measured here", "PSNR [dB] ↑").startswith("–")
+    text = " ".join("".join(reader.texts).split())
+    assert "More of it is worse." in text and "they are the figures of Nobody 2020, Table 9" in text
+
+
+def test_a_difference_of_an_ablation_has_the_verdict_of_its_records(made_report, reader: Reader) -> None:
+    (shown,) = [one for one in reader.tables if one.caption == "What noise costs: Difference from some"]
+    cell = shown.cell("more", "", "PSNR [dB] ↑")
+    with open(made_report.ablation / "noise-summary.csv") as stream:
+        (record,) = [
+            row
+            for row in csv.DictReader(stream)
+            if (row["row"], row["dataset"], row["column"]) == ("more", "mean", "psnr")
+        ]
+    # Of seven views that all say the same, two of 2 ** 7 choices of signs are as far out.
+    assert record["verdict"] == "worse" and cell.startswith(f"{float(record['difference']):+.2f} [")
+    assert cell.endswith(f"p = {float(record['p']):.3f}, worse")
+    assert f'title="± {float(record["difference_sd"]):.2f} over 7 pairs"' in made_report.page
+    assert "view by view over all datasets" in made_report.page
+
+
+def test_what_is_no_table_of_ablations_is_one_line(made_report, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no \\*.json"):
+        read_documents(tmp_path)
+    whole = json.loads((made_report.ablation / "noise.json").read_text())
+    for change, problem in (
+        ({"schema_name": "other"}, "something else"),
+        ({"version": 2}, "version 2, expected version 1"),
+        ({"document": {**whole["document"], "blocks": [{"type": "poem", "text": "x"}]}}, "blocks.0"),
+        ({"document": {"id": "noise"}}, "title"),
+    ):
+        (tmp_path / "a.json").write_text(json.dumps({**whole, **change}))
+        with pytest.raises(InputError, match=problem) as wrong:
+            read_documents(tmp_path)
+        assert "\n" not in str(wrong.value) and "a.json" in str(wrong.value)
+    (tmp_path / "a.json").write_text(json.dumps(whole))
+    assert read_documents(tmp_path) == read_documents(made_report.ablation)
 
 
 # ---- pictures ----
@@ -374,11 +423,14 @@ def test_pictures_stay_within_their_budget(boards: list) -> None:
         uris += [run[name] for kind in kinds for run in kind["runs"] for name in ("picture", "error")]
         return sum(len(uri) for uri in uris if uri), sum(len(board["views"]) for board in data)
 
-    whole, views = count(gallery(boards).data)
-    fewer = gallery(boards, budget_mb=whole / 1e6 * 0.6)
+    whole, views = count(packed(gallery(boards)).data)
+    fewer = packed(gallery(boards), budget_mb=whole / 1e6 * 0.6)
     assert count(fewer.data)[0] <= whole * 0.6 and 0 < count(fewer.data)[1] < views
     assert "test views of each dataset, so that the page stays small" in fewer.said
-    assert gallery(boards, budget_mb=1e-6).data == [] and "No pictures" in gallery(boards, budget_mb=1e-6).said
+    assert (
+        packed(gallery(boards), budget_mb=1e-6).data == []
+        and "No pictures" in packed(gallery(boards), budget_mb=1e-6).said
+    )
 
 
 def test_a_truth_or_prediction_that_changed_is_not_shown(boards: list, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -389,12 +441,12 @@ def test_a_truth_or_prediction_that_changed_is_not_shown(boards: list, monkeypat
     try:
         manifest.write_text(before + " ")
         picture.write_bytes((entry.folder / "predictions/refocus/v1.png").read_bytes())
-        (shown,) = gallery(fern).data
+        (shown,) = packed(gallery(fern)).data
         kinds = shown["views"][0]["kinds"]
         assert kinds["all_in_focus"]["truth"] is None and "checksum isn't that" in kinds["all_in_focus"]["reason"]
         assert "refocus" not in kinds or kinds["refocus"]["runs"][0]["reason"] == NOT_THERE
         manifest.unlink()
-        (shown,) = gallery(fern).data
+        (shown,) = packed(gallery(fern)).data
         assert "isn't where its results say" in shown["views"][0]["kinds"]["all_in_focus"]["reason"]
     finally:
         manifest.write_text(before)
@@ -402,7 +454,8 @@ def test_a_truth_or_prediction_that_changed_is_not_shown(boards: list, monkeypat
 
 
 def test_a_page_without_pictures_has_none(made_report) -> None:
-    page = report_page(collect(made_report.results), (), [], pictures=False)
+    view = build_report(collect(made_report.results), (), drawn={}, strips={}, pictures=False)
+    page = report_page(view)
     assert "data:image" not in page and "Truth, prediction" not in page
     assert json.loads(read(page).data) == {"plots": [], "pictures": []}
 
@@ -411,13 +464,13 @@ def test_a_page_without_pictures_has_none(made_report) -> None:
 
 
 def test_sorting_keys_are_numbers_or_absent() -> None:
-    cells = [number_cell(1.5, "1.50"), number_cell(math.nan, "nan"), number_cell(math.inf, "inf"), Td("–", None)]
-    html = table([Th("a"), Th("b"), Th("c"), Th("d")], [cells], "t", left=0)
+    cells = (number(1.5, "1.50"), number(math.nan, "nan"), number(math.inf, "inf"), Cell("none"))
+    html = table_html(Table("t", tuple(map(Heading, "abcd")), (cells,), names=0), Footnotes())
     assert re.findall(r"<td[^>]*>", html) == [
         '<td class="number" data-sort="1.5">',
         '<td class="number">',
         '<td class="number" data-sort="Infinity">',
-        '<td class="">',
+        '<td class="words">',
     ]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 
 import numpy as np
 import pytest
@@ -12,9 +13,13 @@ from hypothesis import strategies as st
 from scipy import stats
 from tolerances import FLIPPED_AT_RANDOM, FLOAT64_VALUE
 
-from dofbench.reporting.differences import difference_text, verdict
+from dofbench.reporting.differences import Compared
+from dofbench.reporting.footnotes import Footnotes
+from dofbench.reporting.html.html_blocks import table_html
+from dofbench.reporting.markdown_writer import markdown_page
 from dofbench.reporting.paired import Difference, grouped_difference, holm, paired_difference, sign_flip
-from dofbench.results.columns import COLUMNS
+from dofbench.reporting.table_cells import difference
+from dofbench.reporting.view import Document, Heading, Table
 
 FEW = st.lists(st.floats(-10, 10), min_size=1, max_size=9)
 
@@ -94,7 +99,7 @@ def test_seeds_that_disagree_widen_the_interval() -> None:
     unsure = grouped_difference([(np.stack([views - 1, views, views + 1]), np.zeros((3, 12)))])
     assert unsure.mean == pytest.approx(same.mean) and unsure.p == same.p
     assert same.telling and not unsure.telling and unsure.low < 0 < unsure.high
-    assert verdict(same, COLUMNS["psnr"]) == "better" and verdict(unsure, COLUMNS["psnr"]) == ""
+    assert Compared("psnr", same).verdict == "better" and Compared("psnr", unsure).verdict == ""
 
 
 def test_what_cannot_be_tested() -> None:
@@ -123,6 +128,18 @@ def test_holm_lies_between_the_plain_and_bonferroni_s(values: list[float]) -> No
     assert list(np.array(adjusted)[order]) == sorted(adjusted)
 
 
+def words(text: str) -> str:
+    return re.sub(r"[\s*,]", "", text.replace("&lt;", "<"))
+
+
+def shown(found: Difference, column: str) -> tuple[str, str]:
+    """The difference as Markdown and as HTML show it."""
+    table = Table("", (Heading("a"),), ((difference(Compared(column, found)),),), names=0)
+    (_, _, row) = markdown_page(Document("", "", (table,))).strip().splitlines()[-3:]
+    html = table_html(table, Footnotes())
+    return row.strip("| "), re.sub("<[^>]*>", " ", html.partition("<tbody>")[2])
+
+
 @pytest.mark.parametrize(
     ("column", "mean", "p", "text"),
     [
@@ -137,15 +154,17 @@ def test_holm_lies_between_the_plain_and_bonferroni_s(values: list[float]) -> No
 )
 def test_a_verdict_stands_only_where_the_test_bears_it(column: str, mean: float, p: float, text: str) -> None:
     known = Difference(8, mean, 0.1, p, mean - 0.05, mean + 0.05, seeds=3)
-    assert difference_text(known, COLUMNS[column]) == text
+    markdown, html = shown(known, column)
+    # The page has the same, the p on a line of its own.
+    assert markdown == text and words(html) == words(text)
 
 
 def test_what_cannot_be_seen_is_no_better() -> None:
-    assert difference_text(Difference(8, 0.004, 0.1, 0.01, 0.003, 0.005, 3), COLUMNS["psnr"]).endswith("p = 0.010")
+    assert shown(Difference(8, 0.004, 0.1, 0.01, 0.003, 0.005, 3), "psnr")[0].endswith("p = 0.010")
 
 
 def test_one_training_and_few_views_are_said() -> None:
     once = Difference(8, 1.0, 0.1, 0.01, 0.9, 1.1, seeds=1)
-    assert difference_text(once, COLUMNS["psnr"]).endswith("p = 0.010, **better** (one seed)")
-    assert difference_text(Difference(3, 1.0, 0.1, 0.25), COLUMNS["psnr"]) == "+1.00, p = 0.250"
-    assert difference_text(Difference(8, math.nan, None, None), COLUMNS["psnr"]) == "+nan"
+    assert shown(once, "psnr")[0].endswith("p = 0.010, **better** (one seed)")
+    assert shown(Difference(3, 1.0, 0.1, 0.25), "psnr")[0] == "+1.00, p = 0.250"
+    assert shown(Difference(8, math.nan, None, None), "psnr")[0] == "+nan"

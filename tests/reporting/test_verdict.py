@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from dofbench.core.errors import Status
-from dofbench.reporting.summary import Cell, Line
+from dofbench.reporting.summary import Line, Statistic
 from dofbench.reporting.verdict import verdict
 
 A, B, C = ("a",), ("b",), ("c",)
@@ -31,7 +31,7 @@ def lines(entries: list[SimpleNamespace]) -> dict[tuple[str, ...], Line]:
     found = {}
     for variant in dict.fromkeys(one.variant for one in entries):
         values = [one.scores["psnr"] for one in entries if one.variant == variant]
-        cells = {"psnr": Cell(sum(values) / len(values)), "aif_psnr": Cell(None, reason="not asked")}
+        cells = {"psnr": Statistic(sum(values) / len(values)), "aif_psnr": Statistic(None, reason="not asked")}
         found[variant] = Line(variant[0], "", "", cells)
     return found
 
@@ -44,43 +44,44 @@ def test_views_are_compared_in_pairs() -> None:
     entries = [entry(B, seed, VIEWS) for seed in range(3)]
     entries += [entry(A, seed, [v + d for v, d in zip(VIEWS, ahead, strict=True)]) for seed in range(3)]
     found = verdict(lines(entries), entries)
-    assert (found.best, found.second, found.told_apart) == (A, B, True) and found.ahead == pytest.approx(1.0)
+    assert (found.best, found.second, found.sure.kind) == (A, B, "sure") and found.ahead == pytest.approx(1.0)
     # All eight differences have one sign: of 2 ** 8 choices of signs, two are as extreme.
-    assert found.sure.startswith("over 8 test views, 3 seeds; +1.00 [") and f"p = {2 / 2**8:.3f}" in found.sure
+    assert found.sure.text == "over 8 test views, 3 seeds; +1.00"
+    assert (found.sure.test.p, found.sure.test.verdict) == (f"p = {2 / 2**8:.3f}", "better")
 
 
 def test_what_the_test_does_not_bear_is_not_called_better() -> None:
     off = (3, -2, 1, -1, 2, -1, 0.5, -0.5)
     entries = [entry(B, 0, VIEWS), entry(A, 0, [v + d for v, d in zip(VIEWS, off, strict=True)])]
     found = verdict(lines(entries), entries)
-    assert found.best == A and found.told_apart is False and found.sure.endswith("not told apart")
+    assert found.best == A and found.sure.kind == "unsure" and found.sure.below == "not told apart"
 
 
 def test_few_views_tell_nothing_apart_and_one_seed_is_said() -> None:
     entries = [entry(A, 0, [30.0, 33.0, 29.0]), entry(B, 0, [29.0, 31.0, 28.0])]
     found = verdict(lines(entries), entries)
-    assert found.best == A and found.told_apart is False
-    assert found.sure.startswith("over 3 test views, one seed: what another would change is unknown; +1.33")
+    assert found.best == A and found.sure.kind == "unsure"
+    assert found.sure.text.startswith("over 3 test views, one seed: what another would change is unknown; +1.33")
 
 
 def test_a_failed_run_is_not_tested() -> None:
     entries = [entry(A, 0, VIEWS), entry(B, 0, [v - 1 for v in VIEWS], Status.CRASHED)]
     found = verdict(lines(entries), entries)
-    assert found.told_apart is None and found.sure.startswith("not tested")
+    assert found.sure.kind == "untested" and found.sure.text.startswith("not tested")
 
 
 def test_the_second_is_the_next_best_and_a_gap_is_no_rival() -> None:
     entries = [entry(A, 0, [20.0]), entry(B, 0, [30.0]), entry(C, 0, [29.5])]
     found = lines(entries)
-    found[A] = Line("a", "", "", {"psnr": Cell(None, failure="crashed"), "aif_psnr": Cell(None)})
+    found[A] = Line("a", "", "", {"psnr": Statistic(None, failure="crashed"), "aif_psnr": Statistic(None)})
     told = verdict(found, entries)
     assert (told.best, told.second) == (B, C) and told.ahead == pytest.approx(0.5)
-    found[C] = Line("c", "", "", {"psnr": Cell(float("nan")), "aif_psnr": Cell(None)})
+    found[C] = Line("c", "", "", {"psnr": Statistic(float("nan")), "aif_psnr": Statistic(None)})
     told = verdict(found, entries)
-    assert (told.best, told.second, told.sure) == (B, None, "nothing to compare it with")
+    assert (told.best, told.second, told.sure.text) == (B, None, "nothing to compare it with")
 
 
 def test_all_in_focus_decides_where_nothing_refocuses() -> None:
-    cells = {"psnr": Cell(None, reason="no lens"), "aif_psnr": Cell(25.0)}
+    cells = {"psnr": Statistic(None, reason="no lens"), "aif_psnr": Statistic(25.0)}
     assert verdict({A: Line("a", "", "", cells)}, []).column == "aif_psnr"
-    assert verdict({A: Line("a", "", "", {"psnr": Cell(None), "aif_psnr": Cell(None)})}, []) is None
+    assert verdict({A: Line("a", "", "", {"psnr": Statistic(None), "aif_psnr": Statistic(None)})}, []) is None

@@ -1,27 +1,20 @@
-"""The whole page: sections in their order, with styles, scripts, data and pictures inside."""
+"""The whole page: the parts of a report in their order, with styles, scripts, data and pictures inside."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
 from dofbench import __version__
 from dofbench.core.content import content_folder
-from dofbench.reporting.html.boards import Board, gather
-from dofbench.reporting.html.details import board_sections, column_notes, run_table, stage_table
-from dofbench.reporting.html.html_ablations import Ablation, ablation_sections
-from dofbench.reporting.html.layouts import layout_sections
-from dofbench.reporting.html.markup import Notes
-from dofbench.reporting.html.overview import headline, overview
-from dofbench.reporting.html.pictures import Gallery, gallery
-from dofbench.reporting.html.time_page import plot_data, plot_tables
-from dofbench.reporting.plots import Plot
-from dofbench.reporting.reach import RULE
-from dofbench.reporting.timing import FRONT_RULE, TIME_RULE, level_words
-from dofbench.results.collecting import Collection
+from dofbench.reporting.footnotes import Footnotes
+from dofbench.reporting.html.html_blocks import blocks_html, items_html, notes_html, paragraph_html, table_html
+from dofbench.reporting.html.packed_pictures import Packed, packed
+from dofbench.reporting.html.plot_data import plot_data
+from dofbench.reporting.report_view import BoardView, CurveView, ReportView
+from dofbench.reporting.view import Block, Document, Section
 from dofbench.scoring.error_maps import FULL_SCALE
 from dofbench.scoring.resolved import FULL_SCALE as RESOLVED_SCALE
 
@@ -39,19 +32,17 @@ class _Section:
     html: str
 
 
-def report_page(
-    collection: Collection, plots: Sequence[Plot], ablations: list[Ablation], *, pictures: bool = True
-) -> str:
-    """The page as text. The same results and pictures give the same text."""
-    boards = gather(collection.entries)
-    notes = Notes()
-    shown = gallery(boards) if pictures else Gallery([], "")
-    sections = [section for section in _sections(collection, boards, plots, ablations, shown, notes) if section.html]
-    if footnotes := notes.html():
+def report_page(view: ReportView) -> str:
+    """The page as text. The same report and pictures give the same text."""
+    notes = Footnotes()
+    shown = packed(view.gallery) if view.gallery is not None else Packed([], "")
+    sections = [section for section in _sections(view, shown, notes) if section.html]
+    if footnotes := notes_html(notes):
         sections.append(_Section("notes", "Notes", "Notes", footnotes))
+    plots = [curve.plot for board in view.boards for curve in board.curves]
     parts = {
-        "title": f"dofbench report: {headline(collection)}",
-        "headline": escape(headline(collection)),
+        "title": f"dofbench report: {escape(view.headline)}",
+        "headline": escape(view.headline),
         "version": escape(__version__),
         "css": _template("report.css"),
         "js": "\n".join(_template(name) for name in SCRIPTS),
@@ -64,39 +55,65 @@ def report_page(
     return _MARK.sub(lambda mark: parts[mark[1]], _template("report.html"))
 
 
-def _sections(
-    collection: Collection,
-    boards: list[Board],
-    plots: Sequence[Plot],
-    ablations: list[Ablation],
-    shown: Gallery,
-    notes: Notes,
-) -> list[_Section]:
+def _sections(view: ReportView, shown: Packed, notes: Footnotes) -> list[_Section]:
+    glance = table_html(view.best, notes) + _facts(view)
     return [
-        _Section("overview", "At a glance", "At a glance", overview(collection, boards, notes)),
-        _Section("tables", "Tables", "Tables, as the paper lays them out", "".join(layout_sections(boards, notes))),
-        _Section("time", "Error against time", "Error against run time", _time(plots)),
+        _Section("overview", "At a glance", "At a glance", glance),
+        _Section("tables", "Tables", "Tables, as the paper lays them out", blocks_html(view.layouts, notes)),
+        _Section("time", "Error against time", "Error against run time", _time(view, notes)),
         _Section("pictures", "Pictures", "Truth, prediction, error", _pictures(shown)),
-        _Section("ablations", "Ablations", "What each part is worth", ablation_sections(ablations, notes)),
-        _Section("datasets", "Every score", "Every score, dataset by dataset", board_sections(boards, notes)),
-        _Section(
-            "runs",
-            "Runs",
-            "How it was made",
-            (
-                f"<details open><summary>Command, code and machine of each run</summary>{run_table(collection, boards)}"
-                f"</details><details><summary>Where the time went</summary>{stage_table(collection, boards)}</details>"
-                f"<details><summary>What the columns say</summary>{column_notes()}</details>"
-            ),
-        ),
+        _Section("ablations", "Ablations", "What each part is worth", _ablations(view.ablations, notes)),
+        _Section("datasets", "Every score", "Every score, dataset by dataset", _every_score(view, notes)),
+        _Section("runs", "Runs", "How it was made", _runs(view, notes)),
     ]
 
 
-def _time(plots: Sequence[Plot]) -> str:
-    if not plots:
+def _facts(view: ReportView) -> str:
+    def lines(items: tuple[str, ...]) -> str:
+        if len(items) == 1:
+            return escape(items[0])
+        return "<ul>" + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>"
+
+    facts = "".join(f"<dt>{escape(term)}</dt><dd>{lines(items)}</dd>" for term, items in view.facts)
+    return f'<dl class="facts">{facts}</dl>'
+
+
+def _ablations(documents: tuple[Document, ...], notes: Footnotes) -> str:
+    return "".join(
+        f"<section><h3>{escape(document.title)} <small>{escape(document.id)}</small></h3>"
+        f"{blocks_html(document.blocks, notes, 4)}</section>"
+        for document in documents
+    )
+
+
+def _every_score(view: ReportView, notes: Footnotes) -> str:
+    boards = tuple(Section(board.title, _parts(board)) for board in view.boards)
+    last = tuple(part for part in (view.tested, view.claims) if part is not None)
+    return blocks_html((*boards, *view.means, *last), notes)
+
+
+def _parts(board: BoardView) -> tuple[Block, ...]:
+    parts = (board.differences, board.asked)
+    return (board.about, board.scores, *(part for part in parts if part is not None))
+
+
+def _runs(view: ReportView, notes: Footnotes) -> str:
+    added = blocks_html((view.added,), notes) if view.added is not None else ""
+    return (
+        "<details open><summary>Command, code and machine of each run</summary>"
+        f"{table_html(view.runs, notes)}{items_html(view.machines)}{added}</details>"
+        f"<details><summary>Where the time went</summary>{table_html(view.stages, notes)}</details>"
+        f"<details><summary>{escape(view.columns.title)}</summary>{blocks_html(view.columns.blocks, notes)}</details>"
+    )
+
+
+def _time(view: ReportView, notes: Footnotes) -> str:
+    curves = [curve for board in view.boards for curve in board.curves]
+    if not curves:
         return ""
+    tables = "".join(_curve(index, curve, notes) for index, curve in enumerate(curves))
     return f"""
-<p>{escape(TIME_RULE)}. One line a run, with a mark at every moment that was scored; several seeds are thin lines,
+<p>One line a run, with a mark at every moment that was scored; several seeds are thin lines,
 and their median a thick one in steps, as no score is interpolated. The broad grey line is the Pareto front; dotted
 lines are the levels of the table below.</p>
 <div class="controls">
@@ -107,11 +124,22 @@ lines are the levels of the table below.</p>
 <div class="card"><div id="chart"></div>
 <ul class="legend" id="plot-legend" aria-label="Curves, to switch on and off"></ul></div>
 <p class="caption" id="plot-note"></p>
-{plot_tables(plots)}
-<p class="caption">{escape(RULE)} {escape(level_words(plots))} {escape(FRONT_RULE)}.</p>"""
+{tables}
+{paragraph_html(view.curve_rules.text, "caption")}"""
 
 
-def _pictures(shown: Gallery) -> str:
+def _curve(index: int, curve: CurveView, notes: Footnotes) -> str:
+    """Times to reach levels, and who holds the front; the script shows those of one plot."""
+    no_level, no_front = (
+        "No level to reach: no score moved while training.",
+        "No Pareto front: a seed of every row failed.",
+    )
+    reach = table_html(curve.reach, notes) if curve.reach is not None else paragraph_html(no_level)
+    front = table_html(curve.front, notes) if curve.front is not None else paragraph_html(no_front)
+    return f'<div class="plot-tables" data-plot="{index}"><h4>{escape(curve.title)}</h4>{reach}{front}</div>'
+
+
+def _pictures(shown: Packed) -> str:
     if not shown.data:
         return f"<p>{escape(shown.said)}</p>" if shown.said else ""
     selects = "".join(

@@ -1,15 +1,11 @@
-"""The CSV files of a table: every run's scores, and their means, spreads and differences."""
+"""What stands in the CSV files of a table: every run's scores, and their means, spreads and differences."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from dofbench.reporting.ablations.cells import NOT_RUN, Filled
+from dofbench.reporting.ablations.filled_table import NOT_RUN, Filled
 from dofbench.reporting.ablations.row_differences import differences
-from dofbench.reporting.differences import verdict
-from dofbench.reporting.summary import Cell
-from dofbench.reporting.table_files import write_csv
-from dofbench.results.columns import COLUMNS
+from dofbench.reporting.records import Records
+from dofbench.reporting.summary import Statistic
 
 CELLS = ("table", "row", "dataset", "seed", "column", "value", "status")
 SUMMARY = (
@@ -33,7 +29,7 @@ SUMMARY = (
 MEAN = "mean"  # stands for the dataset in the rows that average over all of them
 
 
-def write_cells(path: Path, filled: Filled) -> None:
+def cell_records(filled: Filled) -> Records:
     """One row a run and score. value is empty where there is none: status says how the run ended, or "not run"."""
     rows = []
     for row, dataset, seed in filled.plan.runs:
@@ -50,10 +46,10 @@ def write_cells(path: Path, filled: Filled) -> None:
                     "status": "not run" if entry is None else str(entry.status),
                 }
             )
-    write_csv(path, CELLS, rows)
+    return Records(f"{filled.plan.table.id}.csv", CELLS, tuple(rows))
 
 
-def write_summary(path: Path, filled: Filled) -> None:
+def summary_records(filled: Filled) -> Records:
     """One row a cell of the page. paper: the paper's mean, on its own data. The difference is from the reference row,
     over the views of all datasets (for a cost, the seeds), with p and interval as on the page."""
     declared = filled.plan.table
@@ -73,13 +69,13 @@ def write_summary(path: Path, filled: Filled) -> None:
                     "pairs": difference.pairs,
                     "difference_low": difference.low,
                     "difference_high": difference.high,
-                    "verdict": verdict(difference, COLUMNS[column]),
+                    "verdict": found[row].verdict,
                 }
             rows.append(mean)
-    write_csv(path, SUMMARY, rows)
+    return Records(f"{declared.id}-summary.csv", SUMMARY, tuple(rows))
 
 
-def _row(filled: Filled, row: str, dataset: str, column: str, cell: Cell) -> dict[str, object]:
+def _row(filled: Filled, row: str, dataset: str, column: str, cell: Statistic) -> dict[str, object]:
     status = "ok" if cell.value is not None else "not run" if cell is NOT_RUN else cell.failure or "no such score"
     return {
         "table": filled.plan.table.id,

@@ -1,18 +1,23 @@
-"""The page's first screen: what was run, on what, how long it took, which is best, by how much and how sure."""
+"""The report's first screen: what was run, on what, how long it took, which is best, by how much and how sure."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
+from dataclasses import replace
 
 from dofbench.core.errors import Status
-from dofbench.reporting.html.boards import Board
-from dofbench.reporting.html.markup import Notes, Td, Th, number_cell, score_cell, table, text_cell
-from dofbench.reporting.markdown import commit_text, machine_text
+from dofbench.reporting import table_cells
+from dofbench.reporting.boards import Board
+from dofbench.reporting.how_made import commit_text, machine_text
 from dofbench.reporting.verdict import verdict
-from dofbench.results.collecting import Collection, Entry, grouped
+from dofbench.reporting.view import Cell, Heading, Table
+from dofbench.results.collecting import Collection, Entry
 from dofbench.results.columns import COLUMNS
 from dofbench.running.method_cards import find_method, method_files
+
+_SCORED_ON = {"psnr": "refocused", "aif_psnr": "all in focus"}
+_WHICH_PSNR = "refocused, where any method can; else all in focus; else of photographs"
+_PHOTOGRAPHS = "of photographs, fitted on half of each"
 
 
 def duration(seconds: float) -> str:
@@ -39,60 +44,53 @@ def headline(collection: Collection) -> str:
     return " · ".join(parts)
 
 
-def overview(collection: Collection, boards: Sequence[Board], notes: Notes) -> str:
-    """Facts, and the best of every board."""
-    return f'{_best(boards, notes)}<dl class="facts">{_facts(collection, boards)}</dl>'
-
-
-def _best(boards: Sequence[Board], notes: Notes) -> str:
+def best_table(boards: Sequence[Board]) -> Table:
+    """The best row of every board."""
     rows = []
     for board in boards:
         found = verdict(board.lines, board.members)
-        where = [text_cell(board.name), text_cell(board.kind)]
+        where = (table_cells.words(board.name), table_cells.words(board.kind))
         if found is None:
-            rows.append([*where, text_cell("none: every run failed, or none has a score"), *(Td(""),) * 4])
+            rows.append((*where, table_cells.words("none: every run failed, or none has a score"), *(Cell(""),) * 4))
             continue
-        column, line = COLUMNS[found.column], board.lines[found.best]
-        best = f"{line.method} {line.preset}".strip()
-        if found.second is None or found.ahead is None:
-            rival, ahead = text_cell(""), Td("")
-        else:
-            other = board.lines[found.second]
-            rival = text_cell(f"{other.method} {other.preset}".strip())
-            ahead = number_cell(found.ahead, f"+{column.text(found.ahead)} {column.unit}".strip())
-        mark = {True: "sure", False: "unsure", None: "untested"}[found.told_apart]
+        column, best = COLUMNS[found.column], _name(board, found.best)
+        shown = table_cells.score(board.lines[found.best].cells[found.column], column)
+        rival, ahead = Cell(""), Cell("")
+        if found.second is not None and found.ahead is not None:
+            rival = table_cells.words(_name(board, found.second))
+            ahead = table_cells.number(found.ahead, f"+{column.text(found.ahead)} {column.unit}".strip())
         rows.append(
-            [
+            (
                 *where,
-                Td(f"<strong>{escape(best)}</strong>", best, "words"),
-                _with_unit(line.cells[found.column], column, notes),
+                Cell(best, sort=best, best=True),
+                replace(shown, unit="dB", below=_SCORED_ON.get(column.id, _PHOTOGRAPHS)),
                 rival,
                 ahead,
-                Td(f'<span class="{mark}">{escape(found.sure)}</span>', found.sure, "words long"),
-            ]
+                found.sure,
+            )
         )
-    headings = [
-        Th("dataset", words=True),
-        Th("protocol", words=True),
-        Th("best", words=True),
-        Th("PSNR", note="refocused, where any method can; else all in focus; else of photographs", down=True),
-        Th("ahead of", words=True),
-        Th("by", down=True),
-        Th("how sure", words=True),
-    ]
-    return table(headings, rows, "The best of each dataset, by PSNR")
+    headings = (
+        *table_cells.word_headings("dataset", "protocol", "best"),
+        Heading(
+            "PSNR", note="refocused, where any method can; else all in focus; else of photographs", largest_first=True
+        ),
+        *table_cells.word_headings("ahead of"),
+        Heading("by", largest_first=True),
+        *table_cells.word_headings("how sure"),
+    )
+    return Table("The best of each dataset, by PSNR", headings, tuple(rows))
 
 
-def _with_unit(cell, column, notes: Notes) -> Td:
-    shown = score_cell(cell, column, None, notes)
-    what = {"psnr": "refocused", "aif_psnr": "all in focus"}.get(column.id, "of photographs, fitted on half of each")
-    return Td(f"{shown.html} dB<br><small>{what}</small>", shown.sort, shown.kind)
+def _name(board: Board, variant: tuple[str, ...]) -> str:
+    line = board.lines[variant]
+    return f"{line.method} {line.preset}".strip()
 
 
-def _facts(collection: Collection, boards: Sequence[Board]) -> str:
+def facts(collection: Collection, boards: Sequence[Board]) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """What was run, on what, how long it took, what failed: (term, lines), those left out that have nothing to say."""
     entries = collection.entries
     failed = [entry for entry in entries if entry.status is not Status.OK]
-    facts = [
+    found = [
         ("What was run", [_method_words(method, entries) for method in sorted({e.spec.method for e in entries})]),
         (
             "On what",
@@ -120,16 +118,10 @@ def _facts(collection: Collection, boards: Sequence[Board]) -> str:
                 *(f"unreadable: {problem}" for problem in collection.unreadable),
             ],
         ),
-        ("Machine", list(dict.fromkeys(machine_text(entry) for entry in entries if entry.result))),
-        ("Code", list(dict.fromkeys(f"commit {commit_text(entry)}" for entry in entries if entry.result))),
+        ("Machine", list(dict.fromkeys(machine_text(entry.result) for entry in entries if entry.result))),
+        ("Code", list(dict.fromkeys(f"commit {commit_text(entry.result)}" for entry in entries if entry.result))),
     ]
-    return "".join(f"<dt>{escape(name)}</dt><dd>{_list(items)}</dd>" for name, items in facts if items)
-
-
-def _list(items: list[str]) -> str:
-    if len(items) == 1:
-        return escape(items[0])
-    return "<ul>" + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>"
+    return tuple((term, tuple(lines)) for term, lines in found if lines)
 
 
 def _method_words(method: str, entries: Sequence[Entry]) -> str:
@@ -165,7 +157,7 @@ def _trained(entries: Sequence[Entry]) -> float:
 
 
 def _seed_words(boards: Sequence[Board]) -> str:
-    counts = sorted({len(seeds) for board in boards for seeds in grouped(list(board.members), "variant").values()})
+    counts = sorted({len(seeds) for board in boards for seeds in board.variants.values()})
     if counts == [1]:
         return "one a row: no spread is known, so small differences say nothing"
     span = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"

@@ -1,4 +1,4 @@
-"""What the runs of a table came to: cells with mean and spread."""
+"""What the runs of a table came to: means and spreads of its rows, dataset by dataset and over all of them."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import math
 import statistics
 from dataclasses import dataclass
 
-from dofbench.reporting.summary import Cell, Line, scene_mean, seed_cell
+from dofbench.reporting.summary import Line, Statistic, scene_mean, seed_mean
 from dofbench.results.collecting import Entry
 from dofbench.results.protocol import arithmetic_mean
 from dofbench.running.ablation_plan import TablePlan
 from dofbench.running.ended_runs import Ended
 
-NOT_RUN = Cell(None, failure="not run yet", reason="the same command goes on with it")
+NOT_RUN = Statistic(None, failure="not run yet", reason="the same command goes on with it")
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class Filled:
         """Labels of the datasets."""
         return tuple(source.label for source in self.plan.sources)
 
-    def cell(self, row: str, dataset: str, column: str) -> Cell:
+    def cell(self, row: str, dataset: str, column: str) -> Statistic:
         """Mean and sample standard deviation over the seeds."""
         found = [self.entries.get((row, dataset, seed)) for seed in self.seeds]
         ended = [entry for entry in found if entry is not None]
-        return seed_cell(ended, column) if len(ended) == len(found) else NOT_RUN
+        return seed_mean(ended, column) if len(ended) == len(found) else NOT_RUN
 
     def lines(self, dataset: str) -> list[Line]:
         """The rows on one dataset."""
@@ -52,7 +52,7 @@ class Filled:
         columns = self.plan.table.columns
         return [self._line(row, {column: self.mean_cell(row, column) for column in columns}) for row in self.rows]
 
-    def mean_cell(self, row: str, column: str) -> Cell:
+    def mean_cell(self, row: str, column: str) -> Statistic:
         """Only over a complete set of datasets and seeds."""
         lines = {dataset: self._line(row, {column: self.cell(row, dataset, column)}) for dataset in self.datasets}
         mean = scene_mean(lines, list(self.datasets), column)
@@ -60,7 +60,7 @@ class Filled:
         means = [arithmetic_mean(one) for one in values if None not in one]  # type: ignore[arg-type]
         if mean.value is None or len(means) < 2 or not all(map(math.isfinite, means)):
             return mean
-        return Cell(mean.value, statistics.stdev(means))
+        return Statistic(mean.value, statistics.stdev(means))
 
     def value(self, row: str, dataset: str, seed: int, column: str) -> float | None:
         """One run's score; None where there is none."""
@@ -72,7 +72,7 @@ class Filled:
         found = [self.entries.get((row, dataset, seed)) for seed in self.seeds]
         return [entry for entry in found if entry is not None] if None not in found else []
 
-    def _line(self, row: str, cells: dict[str, Cell]) -> Line:
+    def _line(self, row: str, cells: dict[str, Statistic]) -> Line:
         return Line(row, "", ", ".join(map(str, self.seeds)), cells)
 
     @staticmethod

@@ -1,0 +1,119 @@
+"""Results by board: one dataset under one protocol, with its rows; and their means over several."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from dofbench.reporting.summary import Line, do_nothing_line, scene_mean, scene_spread, variant_line
+from dofbench.results.collecting import Entry, added_columns, board_names, grouped, variant_names
+from dofbench.results.columns import SCORES
+from dofbench.results.lens_columns import HELD_OUT, lens_words
+from dofbench.results.protocol import PROTOCOLS
+
+Variant = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Board:
+    """name: the dataset's, told apart from its other versions. kind: boards of one kind may be averaged. lenses: what
+    it was trained on, in words, "" where no result says. variants: variant -> its seeds. lines: variant -> its scores
+    and costs. nothing: the predictor that learns nothing."""
+
+    key: tuple[str, ...]
+    name: str
+    scene: str
+    kind: str
+    sharp: bool
+    held_out: bool
+    lenses: str
+    variants: dict[Variant, list[Entry]]
+    lines: dict[Variant, Line]
+    nothing: Line | None
+
+    @property
+    def protocol(self) -> str:
+        """The protocol under which all of it was scored."""
+        return self.key[2]
+
+    @property
+    def checksum(self) -> str:
+        """The dataset's, shortened."""
+        return self.key[1][:16]
+
+    @property
+    def title(self) -> str:
+        """Dataset and kind."""
+        return f"{self.name}, {self.kind}"
+
+    @property
+    def members(self) -> tuple[Entry, ...]:
+        """Its runs."""
+        return tuple(entry for seeds in self.variants.values() for entry in seeds)
+
+    @property
+    def trained_on(self) -> str:
+        """As "shallow photographs of F 0.2, 0.8 and A 1; the test views ask for F 0.5 and A 0"."""
+        if self.sharp:
+            return "sharp originals"
+        return "shallow photographs" + (f" of {self.lenses.removeprefix('trained on ')}" if self.lenses else "")
+
+
+def score_columns(entries: Sequence[Entry]) -> list[str]:
+    """The scores of a page about these runs: those of every run, then those that were added to any."""
+    return [*SCORES, *added_columns(entries)]
+
+
+def gather(entries: Sequence[Entry]) -> list[Board]:
+    """The boards in their order."""
+    every = tuple(entries)
+    names, boards, columns = variant_names(every), board_names(every), score_columns(every)
+    return [_board(key, boards[key], members, names, columns) for key, members in grouped(every, "board").items()]
+
+
+def by_kind(boards: Sequence[Board]) -> dict[str, list[Board]]:
+    """The boards that may stand in one table and be averaged."""
+    found: dict[str, list[Board]] = {}
+    for board in boards:
+        found.setdefault(board.kind, []).append(board)
+    return found
+
+
+def mean_lines(boards: Sequence[Board], columns: Sequence[str]) -> dict[Variant, Line]:
+    """Means over several boards of one kind, only where every board has a score; the spread is that of this mean over
+    seeds that all boards have."""
+    scenes = [board.name for board in boards]
+    means = {}
+    for variant in sorted({variant for board in boards for variant in board.lines}):
+        own = {board.name: board.lines[variant] for board in boards if variant in board.lines}
+        runs = [board.variants[variant] for board in boards if variant in board.variants]
+        some = next(iter(own.values()))
+        cells = {column: scene_mean(own, scenes, column) for column in columns}
+        cells = {
+            column: cell if cell.value is None else replace(cell, spread=scene_spread(runs, column))
+            for column, cell in cells.items()
+        }
+        same = len({line.seeds for line in own.values()}) == 1
+        means[variant] = Line(some.method, some.preset, some.seeds if same else "not the same on all", cells)
+    return means
+
+
+def _board(
+    key: tuple[str, ...], name: str, members: list[Entry], names: dict[Variant, tuple[str, str]], columns: list[str]
+) -> Board:
+    protocol = PROTOCOLS.get(key[2])
+    lenses = next((entry.lenses for entry in members if entry.lenses), None)
+    held_out = lenses is not None and lenses["assign"] == HELD_OUT
+    variants = grouped(members, "variant")
+    return Board(
+        key,
+        name,
+        members[0].scene,
+        f"{key[2]}, held-out focus" if held_out else key[2],
+        protocol is not None and protocol.inputs == "all-in-focus",
+        held_out,
+        "" if lenses is None else lens_words(lenses),
+        variants,
+        {variant: variant_line(seeds, names, columns) for variant, seeds in variants.items()},
+        do_nothing_line(members, columns),
+    )

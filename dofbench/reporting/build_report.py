@@ -1,0 +1,76 @@
+"""From results to a report as plain data, once for all writers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from dofbench.reporting import layouts, leaderboard, overview, report_records, timing
+from dofbench.reporting.boards import gather, score_columns
+from dofbench.reporting.gallery import gallery
+from dofbench.reporting.how_made import run_table, stage_table
+from dofbench.reporting.pairwise import board_pairs, comparison_records, explanation
+from dofbench.reporting.plots import Plot
+from dofbench.reporting.report_view import ReportView
+from dofbench.reporting.view import Document, Items, Picture
+from dofbench.results.collecting import Collection, variant_names
+
+Key = tuple[str, ...]  # of a board
+
+
+def build_report(
+    collection: Collection,
+    plots: Sequence[Plot],
+    *,
+    drawn: Mapping[tuple[Key, str], Picture],
+    strips: Mapping[Key, Picture],
+    ablations: Sequence[Document] = (),
+    pictures: bool = True,
+) -> ReportView:
+    """Everything that a report of these results says. drawn: (board, score) -> its curves. strips: board -> its strip.
+    pictures: whether photographs and predictions may be in it."""
+    entries = collection.entries
+    boards, columns, names = gather(entries), score_columns(entries), variant_names(entries)
+    pairs = {board.key: board_pairs(board.members) for board in boards}
+    curves = [(plot, timing.curve_view(plot, drawn.get((plot.board, plot.column)))) for plot in plots]
+    views = tuple(
+        leaderboard.board_view(
+            board,
+            columns,
+            names,
+            pairs[board.key],
+            tuple(curve for plot, curve in curves if plot.board == board.key),
+            strips.get(board.key),
+        )
+        for board in boards
+    )
+    means = leaderboard.mean_sections(boards, columns, names)
+    runs, machines = run_table(entries, boards)
+    compared = any(view.differences for view in views)
+    return ReportView(
+        headline=overview.headline(collection),
+        best=overview.best_table(boards),
+        facts=overview.facts(collection, boards),
+        boards=views,
+        means=means,
+        layouts=layouts.layout_sections(boards),
+        tested=explanation() if compared else None,
+        claims=leaderboard.claims_section(entries),
+        columns=leaderboard.column_section(columns),
+        added=leaderboard.added_section(entries),
+        runs=runs,
+        stages=stage_table(entries, boards),
+        machines=machines,
+        unreadable=Items(collection.unreadable),
+        curve_rules=timing.curve_rules(plots),
+        gallery=gallery(boards) if pictures else None,
+        ablations=tuple(ablations),
+        records=(
+            report_records.run_records(entries),
+            report_records.view_records(entries),
+            report_records.curve_records(entries),
+            comparison_records([(board.name, board.protocol, pairs[board.key]) for board in boards], names),
+            timing.reach_records(plots),
+            timing.front_records(plots),
+            report_records.time_records(entries),
+        ),
+    )

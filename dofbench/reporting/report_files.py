@@ -1,0 +1,106 @@
+"""The whole report as files: read the results, draw, build what is said, and hand it to the writers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+
+from dofbench.core.files import write_text
+from dofbench.reporting.ablations.document_files import read_documents
+from dofbench.reporting.build_report import Key, build_report
+from dofbench.reporting.comparison import write_strip
+from dofbench.reporting.csv_writer import write_records
+from dofbench.reporting.curves import write_curves
+from dofbench.reporting.figures import file_name
+from dofbench.reporting.html.html_page import report_page
+from dofbench.reporting.markdown_report import leaderboard_markdown
+from dofbench.reporting.plots import make_plots
+from dofbench.reporting.report_options import Report
+from dofbench.reporting.view import Picture
+from dofbench.results.collecting import Collection, board_names, collect, grouped, variant_names
+from dofbench.results.columns import COLUMNS
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Written:
+    """files: what was written, in order. unreadable: one line for each result that was skipped.
+    Iterates over the files; true when every result could be read."""
+
+    files: tuple[Path, ...]
+    unreadable: tuple[str, ...]
+
+    def __iter__(self) -> Iterator[Path]:
+        return iter(self.files)
+
+    def __bool__(self) -> bool:
+        return not self.unreadable
+
+
+def write_report(settings: Report, console: Console | None = None) -> Written:
+    """Write leaderboard.csv, per_view.csv, curves.csv, comparisons.csv, reach.csv, pareto.csv, times.csv, curves/,
+    comparison/, leaderboard.md and report.html.
+
+    The same results give the same files, byte for byte. A result that can't be read is skipped and
+    named. Raises InputError when there is no result at all, or no table in a folder of ablations.
+    """
+    console = console or Console()
+    collection, out = collect(settings.results), settings.out
+    ablations = read_documents(settings.ablation) if settings.ablation is not None else ()
+
+    def say(line: str) -> None:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+    for problem in collection.unreadable:
+        say(f"skipped: {problem}")
+    for folder in collection.running:
+        say(f"not counted, a run is at work there: {folder}")
+    for folder in collection.doubles:
+        say(f"not counted, a copy of another result: {folder}")
+
+    entries = collection.entries
+    plots = make_plots(entries, variant_names(entries), board_names(entries), settings.levels)
+    drawn = write_curves(out / "curves", plots)
+    strips = _strips(out, collection, say) if settings.pictures else {}
+    view = build_report(
+        collection,
+        plots,
+        drawn={
+            (board, column): Picture(f"curves/{files[0].name}", f"{COLUMNS[column].label} against training time")
+            for (board, column), files in drawn.items()
+        },
+        strips={
+            board: Picture(f"comparison/{strip.name}", "truth, predictions and errors")
+            for board, strip in strips.items()
+        },
+        ablations=ablations,
+        pictures=settings.pictures,
+    )
+    files = [write_records(out, records) for records in view.records]
+    files += [file for paths in drawn.values() for file in paths]
+    files += strips.values()
+    for name, text in (("leaderboard.md", leaderboard_markdown(view)), ("report.html", report_page(view))):
+        write_text(out / name, text)
+        files.append(out / name)
+    for file in files:
+        say(f"wrote {file}")
+    return Written(tuple(files), collection.unreadable)
+
+
+def _strips(out: Path, collection: Collection, say: Say) -> Mapping[Key, Path]:
+    """Board -> its strip of pictures; one that can't be made is named."""
+    entries = collection.entries
+    names, boards = variant_names(entries), board_names(entries)
+    strips = {}
+    for board, members in grouped(entries, "board").items():
+        strip = out / "comparison" / f"{file_name(boards[board], board[2])}.png"
+        trouble = write_strip(strip, members, names)
+        if trouble is None:
+            strips[board] = strip
+        else:
+            say(f"no pictures of {boards[board]}, {board[2]}: {trouble}")
+    return strips

@@ -1,0 +1,71 @@
+"""Lines of scores as a table: the best marked, gaps with their reason, no column that is empty throughout."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from dofbench.reporting import table_cells
+from dofbench.reporting.footnotes import one_line
+from dofbench.reporting.summary import Line, best_texts, empty_columns
+from dofbench.reporting.view import Cell, Heading, Table
+from dofbench.results.columns import COLUMNS
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Columns beside the scores. cells: of a line, as many as headings."""
+
+    headings: tuple[Heading, ...] = ()
+    cells: Callable[[Line], Sequence[Cell]] = lambda line: ()
+
+
+NAMES = Beside(
+    table_cells.word_headings("method", "preset", "seeds"),
+    lambda line: [table_cells.words(text) for text in (line.method, line.preset, line.seeds)],
+)
+NOTHING_BESIDE = Beside()
+
+
+def score_table(
+    lines: Sequence[Line],
+    columns: Sequence[str],
+    caption: str,
+    *,
+    before: Beside = NAMES,
+    after: Beside = NOTHING_BESIDE,
+    group: str = "",
+) -> Table:
+    """The lines in their order, and below them which columns no line has, and why. group: above the scores."""
+    empty = empty_columns(lines, columns)
+    shown = [column for column in columns if column not in empty]
+    best = best_texts(lines, shown)
+    rows = tuple(
+        (
+            *before.cells(line),
+            *(
+                table_cells.score(line.cells[column], COLUMNS[column], best[column] if line.competes else None)
+                for column in shown
+            ),
+            *after.cells(line),
+        )
+        for line in lines
+        if line.competes or any(line.cells[column].value is not None for column in shown)
+    )
+    headings = (
+        *before.headings,
+        *(table_cells.score_heading(COLUMNS[column], group) for column in shown),
+        *after.headings,
+    )
+    return Table(caption, headings, rows, below=not_shown(empty))
+
+
+def not_shown(empty: Mapping[str, str], said: str = "Not shown, as no row has it") -> tuple[str, ...]:
+    """A line that says which columns a table leaves out, and why; none where it has all. empty: column -> reason, ""
+    where nothing is to be said."""
+    reasons: dict[str, list[str]] = {}
+    for column, reason in empty.items():
+        if reason:
+            reasons.setdefault(one_line(reason), []).append(COLUMNS[column].label)
+    parts = "; ".join(f"{', '.join(labels)} ({reason})" for reason, labels in reasons.items())
+    return (f"{said}: {parts}.",) if parts else ()

@@ -1,0 +1,79 @@
+"""Cells and headings of the tables: how a score, a gap, a difference and a printed figure read."""
+
+from __future__ import annotations
+
+import math
+
+from dofbench.reporting.differences import Compared
+from dofbench.reporting.summary import Statistic
+from dofbench.reporting.view import GAP, Cell, DifferenceTest, Heading
+from dofbench.results.columns import COLUMNS, Column
+
+_PUBLISHED_DIGITS = 3  # of a printed SSIM
+
+
+def words(text: str) -> Cell:
+    """Text, sorted by itself."""
+    return Cell(text, sort=text.lower())
+
+
+def number(value: float, text: str) -> Cell:
+    """A number as `text`, sorted by its value; a NaN last."""
+    return Cell(text, "number", None if math.isnan(value) else value)
+
+
+def gap(reason: str) -> Cell:
+    """No number, and why not."""
+    return Cell(GAP, "gap", reason=reason)
+
+
+def score(found: Statistic, column: Column, best: str | None = None) -> Cell:
+    """A score with its spread. best: the best of its column, as it is shown."""
+    if found.value is None:
+        return Cell(found.failure, "failed", reason=found.reason) if found.failure else gap(found.reason)
+    text = column.text(found.value)
+    spread = "" if found.spread is None else column.text(found.spread)
+    sort = None if math.isnan(found.value) else found.value
+    return Cell(text, "number", sort, spread, best=text == best)
+
+
+def published(value: float | None, column: Column, silent: str) -> Cell:
+    """A figure that authors printed, with no more digits than they print; a gap with the reason `silent` for None."""
+    if value is None:
+        return gap(silent)
+    return Cell(f"{value:.{min(column.digits, _PUBLISHED_DIGITS)}f}", "published", value)
+
+
+def difference(compared: Compared) -> Cell:
+    """A difference with its interval, its p and its verdict; a gap where there is none.
+
+    A difference that can't be seen with the column's digits has no verdict here, whatever the test says.
+    """
+    found, column = compared.difference, COLUMNS[compared.column]
+    if found is None:
+        return gap(compared.reason)
+
+    def signed(value: float) -> str:
+        return f"{value:+.{column.digits}f}"
+
+    text = signed(found.mean)
+    bounds = found.low is not None and found.high is not None
+    tested = DifferenceTest(
+        interval=f"[{signed(found.low)}, {signed(found.high)}]" if bounds else "",
+        p="" if found.p is None else "p < 0.001" if found.p < 0.001 else f"p = {found.p:.3f}",
+        verdict="" if float(text) == 0 else compared.verdict,
+        one_seed=found.seeds < 2,
+        pairs=found.pairs,
+        spread="" if found.spread is None else column.text(found.spread),
+    )
+    return Cell(text, "number", None if math.isnan(found.mean) else found.mean, test=tested)
+
+
+def score_heading(column: Column, group: str = "", *, published: bool = False) -> Heading:
+    """The heading of a score, with its unit, which way is better, and how it is measured."""
+    return Heading(column.heading, group, column.note, bool(column.higher_is_better), published=published)
+
+
+def word_headings(*texts: str) -> tuple[Heading, ...]:
+    """Headings of columns of text."""
+    return tuple(Heading(text, words=True) for text in texts)
