@@ -20,6 +20,7 @@ from typing import Annotated, Any, Union
 import tyro
 
 from dofbench import __version__
+from dofbench.commands.methods_options import Methods
 from dofbench.compute.threads import configure_threads
 from dofbench.core.clock import loading
 from dofbench.core.errors import InputError, one_line
@@ -92,6 +93,7 @@ Command = (
     | Report
     | Check
     | Scenes
+    | Methods
     | ValidateRenderer
     | Stability
 )
@@ -109,6 +111,7 @@ def parse(arguments: Sequence[str]) -> Command:
         "report": Report,
         "check": Check,
         "scenes": Scenes,
+        "methods": Methods,
         "validate-renderer": ValidateRenderer,
         "stability": Stability,
     }
@@ -179,6 +182,10 @@ def execute(settings: Any) -> int:
             from dofbench.scenes.listing import print_scenes
 
             return DONE if print_scenes(settings.folders, settings.data_root) else FAILED
+        case Methods():
+            from dofbench.commands.list_methods import print_methods
+
+            return DONE if print_methods(settings.method) else FAILED
         case ValidateRenderer():
             from dofbench.validation.validate import validate_renderer
 

@@ -61,6 +61,7 @@ def test_typical_calls_mean_what_they_say() -> None:
     assert cli.parse(["check", "data/fern"]) == cli.Check(Path("data/fern"))
     assert cli.parse(["scenes"]) == cli.Scenes()
     assert cli.parse(["scenes", "a", "b"]) == cli.Scenes((Path("a"), Path("b")))
+    assert cli.parse(["methods"]) == cli.Methods() and cli.parse(["methods", "a"]) == cli.Methods("a")
     assert cli.parse(["make-dataset"]).scenes == ()
     assert cli.parse("make-dataset a b --jobs 2".split()).scenes == ("a", "b")
 
@@ -115,6 +116,7 @@ def test_a_wrong_call_ends_with_2_and_says_so(arguments: str, capsys: pytest.Cap
         "score no/such/folder",
         "score . --metrics lpips",
         "scenes no/such/folder",
+        "methods nobodys",
     ],
 )
 def test_a_wrong_input_is_one_line_with_what_was_expected(
@@ -134,7 +136,8 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    "command", ["make-dataset", "make-scene", "reconstruct", "run", "ablate", "score", "report", "check", "scenes"]
+    "command",
+    ["make-dataset", "make-scene", "reconstruct", "run", "ablate", "score", "report", "check", "scenes", "methods"],
 )
 def test_help_names_every_option_with_a_sentence(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -178,3 +178,33 @@ class Method(Protocol):
 
     def load(self, folder: Path) -> None:
         """Read what `save` wrote."""
+
+
+class MethodOption(Protocol):
+    """One option of a method, for its users. name: as `--set` takes it. group: what it steers. type: in words; of a few
+    choices these, with commas. default: without a preset. unit: "" where there is none. source: where the choice or its
+    default comes from."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def group(self) -> str: ...
+    @property
+    def type(self) -> str: ...
+    @property
+    def default(self) -> bool | int | float | str: ...
+    @property
+    def meaning(self) -> str: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def source(self) -> str: ...
+
+
+@runtime_checkable
+class ListsOptions(Protocol):
+    """What a method's class may offer beside `Method`, so that `dofbench methods ID` can list its options."""
+
+    @classmethod
+    def available_options(cls) -> Sequence[MethodOption]:
+        """Every option that a user may set, those of a group one after the other."""

@@ -109,8 +109,14 @@ class MethodEntry:
     def create(self, options: dict[str, Any], seed: int, device: str) -> Method:
         """Import the method's class and call it as `Class(options, seed, device)`.
 
-        The class raises InputError for an option that it doesn't know. Raises InputError when the
-        module has no such class or the class lacks a part of the contract.
+        The class raises InputError for an option that it doesn't know. Raises InputError as `method_class` does.
+        """
+        return self.method_class()(options, seed, device)
+
+    def method_class(self) -> type:
+        """Import the method's class.
+
+        Raises InputError when the module has no such class or the class lacks a part of the contract.
         """
         module_name, class_name = self.card.class_.split(":")
         module = importlib.import_module(f"{_package(self.id, self.folder)}.{module_name}")
@@ -128,7 +134,7 @@ class MethodEntry:
                 f"no {', '.join(missing)}",
                 f"the methods {', '.join(_PARTS)} (dofbench.core.contracts.Method)",
             )
-        return kind(options, seed, device)
+        return kind
 
 
 def method_files() -> dict[str, Path]:

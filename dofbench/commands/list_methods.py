@@ -1,0 +1,145 @@
+"""`dofbench methods`: the methods that are found, and what can be chosen of one."""
+
+from __future__ import annotations
+
+import itertools
+import shutil
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from dofbench.core.contracts import ListsOptions, MethodOption
+from dofbench.core.errors import InputError
+from dofbench.running.method_cards import Card, Claims, MethodEntry, find_method, method_files
+
+_WIDTH = 110  # characters a line, where the output is no terminal
+_NARROWEST = 60
+_HEADINGS = ("option", "default", "unit", "type")
+
+
+def print_methods(method: str | None = None) -> bool:
+    """Print one line for each method, or all that can be chosen of one.
+
+    False when a method's card or class can't be read, which is said in its place. Raises InputError for an unknown id,
+    or when the one method's card can't be read.
+    """
+    lines, whole = _every_method() if method is None else _one_method(find_method(method))
+    print("\n".join(lines))
+    return whole
+
+
+def _every_method() -> tuple[list[str], bool]:
+    rows, problems = [("method", "name", "devices", "presets", "claims from")], []
+    for method in method_files():
+        try:
+            card = find_method(method).card
+        except InputError as error:
+            problems.append(f"no method: {error}")
+            continue
+        source = card.claims.source if card.claims is not None else "-"
+        rows.append((method, card.name, ", ".join(card.devices), ", ".join(_preset_names(card)), source))
+    ending = "What can be chosen of one: dofbench methods METHOD. * is its default preset."
+    return [*_columns(rows), *problems, "", ending], not problems
+
+
+def _preset_names(card: Card) -> Iterator[str]:
+    return (f"{name}*" if name == card.default_preset else name for name in card.presets)
+
+
+def _one_method(entry: MethodEntry) -> tuple[list[str], bool]:
+    card, able = entry.card, entry.card.capabilities
+    lines = [f"{entry.id}: {card.name}", *_wrapped(card.summary, ""), *_wrapped(card.paper, ""), ""]
+    lines += _columns(
+        [
+            ("folder", str(entry.folder)),
+            ("devices", ", ".join(card.devices)),
+            ("refocuses with a given lens", _yes(able.refocus)),
+            ("learns the lens of every view", _yes(able.learns_lens)),
+            ("needs sparse points", _yes(able.needs_points)),
+        ]
+    )
+    lines += ["", "Presets (--preset NAME)", *_presets(entry)]
+    if card.leave_out:
+        lines += ["", "What the plan sets where a dataset doesn't need a stage (not with --force-all)"]
+        lines += _columns([(f"  {stage}", _pairs(options)) for stage, options in card.leave_out.items()])
+    options, whole = _options(entry)
+    lines += ["", "Options (--set NAME=VALUE)", *options, "", "What the authors claim, on their own data"]
+    lines += ["  nothing"] if card.claims is None else _claims(card.claims)
+    return lines, whole
+
+
+def _presets(entry: MethodEntry) -> Iterator[str]:
+    """Every preset with when it is taken, its budget, and the options that it sets."""
+    card = entry.card
+    for name, declared in card.presets.items():
+        _, _, budget = entry.preset(name)
+        said = [
+            *(["the default"] if name == card.default_preset else []),
+            *(["the default on the built-in dataset"] if name == card.builtin_preset else []),
+            *([f"budget {declared['budget']}"] if budget is not None and "budget" in declared else []),
+            *([f"as {declared['extends']}, but"] if "extends" in declared else []),
+        ]
+        yield f"  {name}" + (f": {', '.join(said)}" if said else "")
+        own = {key: value for key, value in declared.items() if key not in ("budget", "extends")}
+        yield from _wrapped(_pairs(own), "      ")
+
+
+def _options(entry: MethodEntry) -> tuple[list[str], bool]:
+    """Every option of the method's class, by what it steers; False when the class can't be loaded."""
+    try:
+        kind = entry.method_class()
+    except (ImportError, InputError) as error:
+        return [f"  can't be listed: {' '.join(str(error).split())}"], False
+    if not isinstance(kind, ListsOptions):
+        return ["  its class lists none (it has no available_options); the presets above name some"], True
+    every = kind.available_options()
+    table = _columns([_HEADINGS, *((option.name, *_columns_of(option)) for option in every)])
+    lines = [f"    {table[0]}", "    each with its meaning and where it comes from"]
+    for group, options in itertools.groupby(zip(every, table[1:], strict=True), key=lambda pair: pair[0].group):
+        lines += ["", f"  {group}"]
+        for option, line in options:
+            lines += [f"    {line}", *_wrapped(f"{option.meaning} Source: {option.source}.", "        ")]
+    return lines, True
+
+
+def _columns_of(option: MethodOption) -> tuple[str, str, str]:
+    return _value(option.default), option.unit or "-", option.type
+
+
+def _claims(claims: Claims) -> list[str]:
+    """The figures as a table, and where they stand."""
+    metrics = list(dict.fromkeys(metric for row in claims.rows.values() for metric in row))
+    rows = [("  measured on", *metrics)]
+    rows += [
+        (f"  {measured_on}", *(f"{row[metric]:g}" if metric in row else "-" for metric in metrics))
+        for measured_on, row in claims.rows.items()
+    ]
+    return [*_columns(rows), *_wrapped(f"Source: {claims.source}", "  ")]
+
+
+def _pairs(options: Mapping[str, Any]) -> str:
+    return " ".join(f"{name}={_value(value)}" for name, value in options.items())
+
+
+def _value(value: Any) -> str:
+    """As `--set` takes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.6g}" if isinstance(value, float) else str(value) or '""'
+
+
+def _yes(value: bool) -> str:
+    return "yes" if value else "no"
+
+
+def _wrapped(text: str, indent: str) -> list[str]:
+    width = max(_NARROWEST, shutil.get_terminal_size((_WIDTH, 0)).columns)
+    return textwrap.wrap(
+        text, width, initial_indent=indent, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
+
+
+def _columns(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of cells, each column as wide as its widest."""
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))] if rows else []
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

@@ -1,0 +1,163 @@
+"""`dofbench methods`: which methods there are, and what can be chosen of one."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from harness_fakes import write_method
+
+from dofbench import cli
+
+# What a method's class may say of its options; appended to the fake's code.
+LISTED = """
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Option:
+    name: str
+    group: str
+    type: str
+    default: object
+    meaning: str
+    unit: str
+    source: str
+
+
+def available_options(cls):
+    return (
+        Option("steps", "schedule", "whole number", 8, "How long it trains.", "steps", "own"),
+        Option("noise", "schedule", "number", 0.1, "What is added. " + 20 * "Many words. ", "", "Nobody, Eq. 1"),
+        Option("trouble", "faults", "none, lost, crash", "", "How it goes wrong.", "", "own"),
+        Option("lens", "faults", "true or false", True, "Whether it has one.", "", "own"),
+    )
+
+
+Fake.available_options = classmethod(available_options)
+"""
+
+
+@pytest.fixture
+def fakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of two fake methods: "fake", which lists its options, and "silent", which doesn't."""
+    root = write_method(tmp_path / "methods")
+    write_method(root, "silent", refocus=False)
+    code = root / "fake" / "trainer.py"
+    code.write_text(code.read_text() + LISTED)
+    monkeypatch.setenv("DOFBENCH_METHODS", str(root))
+    return root
+
+
+@pytest.fixture
+def said(capsys: pytest.CaptureFixture[str]):
+    """`said("methods", ...)` calls the command line; returns the exit status, what was printed, and the complaint."""
+
+    def call(*words: str) -> tuple[int, list[str], str]:
+        status = cli.main(words)
+        printed = capsys.readouterr()
+        return status, printed.out.splitlines(), printed.err
+
+    return call
+
+
+def cells(heading: str, line: str) -> dict[str, str]:
+    """The cells of an aligned line by the headings above it: each begins where its heading does."""
+    found = list(re.finditer(r"\S+(?: \S+)*", heading))
+    ends = [*(one.start() for one in found[1:]), len(line)]
+    return {one[0]: line[one.start() : end].strip() for one, end in zip(found, ends, strict=True)}
+
+
+def test_every_method_is_a_line(fakes: Path, said) -> None:
+    status, lines, _ = said("methods")
+    rows = {row["method"]: row for row in (cells(lines[0], line) for line in lines[1:5])}
+    assert status == 0 and set(rows) == {"dofgaussian", "fake", "mipsplatting", "silent"}
+    assert rows["fake"] == {
+        "method": "fake",
+        "name": "Fake",
+        "devices": "cpu",
+        "presets": "quick*, slow",
+        "claims from": "Nobody 2020, Table 1",
+    }
+    assert rows["mipsplatting"]["claims from"] == "-"  # the card has none
+    assert "dofbench methods METHOD" in lines[-1]
+
+
+def test_one_method_with_all_that_can_be_chosen(fakes: Path, said) -> None:
+    status, lines, _ = said("methods", "fake")
+    assert status == 0 and lines[:3] == ["fake: Fake", "A fake", "Nobody, 2020"]
+    facts = {" ".join(line.split()) for line in lines}
+    assert {f"folder {fakes / 'fake'}", "devices cpu", "learns the lens of every view yes"} <= facts
+    quick = lines.index("  quick: the default, budget 8it")
+    assert lines[quick + 1 : quick + 3] == ["  slow", "      steps=12 noise=0.2"]
+    assert "lens_per_view lens_per=scene" in facts  # what the plan may set
+
+    heading = next(line for line in lines if line.split()[:2] == ["option", "default"])
+    options = {line.split()[0]: cells(heading, line) for line in lines if re.match(r"    [a-z]+ +\S+ +\S+ +\S", line)}
+    assert options["steps"] == {"option": "steps", "default": "8", "unit": "steps", "type": "whole number"}
+    assert options["trouble"] == {"option": "trouble", "default": '""', "unit": "-", "type": "none, lost, crash"}
+    assert options["lens"]["default"] == "true" and options["noise"]["default"] == "0.1"
+    text = " ".join(" ".join(lines).split())
+    assert "How long it trains. Source: own." in text and "Many words. Source: Nobody, Eq. 1." in text
+    assert lines.index("  schedule") < lines.index("  faults")  # by what they steer
+    assert max(map(len, lines)) < 120  # long meanings are wrapped
+
+    claims = next(index for index, line in enumerate(lines) if line.startswith("  measured on"))
+    assert cells(lines[claims], lines[claims + 1]) == {
+        "measured on": "their own data",
+        "psnr": "28.7",
+        "delta_a": "0.126",
+    }
+    assert lines[claims + 2] == "  Source: Nobody 2020, Table 1"
+
+
+def test_a_method_that_lists_no_options_has_the_rest(fakes: Path, said) -> None:
+    status, lines, _ = said("methods", "silent")
+    assert status == 0 and any("lists none" in line for line in lines)
+    assert "  slow" in lines and "  Source: Nobody 2020, Table 1" in lines
+
+
+def test_a_shipped_method_says_where_its_claims_stand(said) -> None:
+    status, lines, _ = said("methods", "dofgaussian")
+    text = " ".join(" ".join(lines).split())
+    assert status == 0 and "Source: Shen et al., CVPR 2025, Tables 2, 6 and 7" in text
+    assert "  quick: the default on the built-in dataset, as cpu, but" in lines and "      steps=1500" in lines
+
+
+def test_an_unknown_method_is_one_line(fakes: Path, said) -> None:
+    status, lines, complaint = said("methods", "nobodys")
+    assert (status, lines) == (2, [])
+    assert complaint == "dofbench: method: found 'nobodys', expected one of dofgaussian, fake, mipsplatting, silent\n"
+
+
+def test_a_card_that_cannot_be_read_hides_no_other(fakes: Path, said) -> None:
+    (fakes / "silent" / "method.toml").write_text("name =")
+    status, lines, _ = said("methods")
+    assert status == 1 and any(line.startswith("fake ") for line in lines)
+    assert sum(line.startswith("no method: ") and "silent/method.toml" in line for line in lines) == 1
+    status, lines, complaint = said("methods", "silent")
+    assert (status, lines) == (2, []) and re.fullmatch(r"dofbench: .*silent/method.toml: found no TOML .*\n", complaint)
+
+
+@pytest.mark.parametrize(
+    ("code", "problem"), [("import nothing_of_that_name\n", "nothing_of_that_name"), ("", "which isn't there")]
+)
+def test_a_class_that_cannot_be_loaded_leaves_the_rest(fakes: Path, said, code: str, problem: str) -> None:
+    (fakes / "fake" / "trainer.py").write_text(code)
+    status, lines, _ = said("methods", "fake")
+    assert status == 1 and "  slow" in lines
+    assert any("can't be listed" in line and problem in line for line in lines)
+
+
+def test_the_program_lists_them_without_loading_any() -> None:
+    script = (
+        "import sys; from dofbench import cli; status = cli.main(['methods'])\n"
+        "print('loaded', [name for name in ('torch', 'numba', 'cv2', 'pycolmap') if name in sys.modules])\n"
+        "sys.exit(status)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert "dofgaussian" in done.stdout and done.stdout.splitlines()[-1] == "loaded []"
