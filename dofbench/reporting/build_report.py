@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from dofbench.reporting import layouts, leaderboard, overview, report_records, timing
-from dofbench.reporting.boards import gather, score_columns
-from dofbench.reporting.gallery import gallery
+from dofbench.reporting.boards import Board, score_columns
+from dofbench.reporting.gallery import BoardPictures
 from dofbench.reporting.how_made import run_table, stage_table
 from dofbench.reporting.pairwise import board_pairs, comparison_records, explanation
 from dofbench.reporting.plots import Plot
@@ -19,17 +19,18 @@ Key = tuple[str, ...]  # of a board
 
 def build_report(
     collection: Collection,
+    boards: Sequence[Board],
     plots: Sequence[Plot],
     *,
     drawn: Mapping[tuple[Key, str], Picture],
     strips: Mapping[Key, Picture],
     ablations: Sequence[Document] = (),
-    pictures: bool = True,
+    pictures: tuple[BoardPictures, ...] | None = None,
 ) -> ReportView:
-    """Everything that a report of these results says. drawn: (board, score) -> its curves. strips: board -> its strip.
-    pictures: whether photographs and predictions may be in it."""
+    """Everything that a report of these results says. boards: of them, as `gather` gives. drawn: (board, score) -> its
+    curves. strips: board -> its strip. pictures: those of test views, None for a report without."""
     entries = collection.entries
-    boards, columns, names = gather(entries), score_columns(entries), variant_names(entries)
+    columns, names = score_columns(entries), variant_names(entries)
     pairs = {board.key: board_pairs(board.members) for board in boards}
     curves = [(plot, timing.curve_view(plot, drawn.get((plot.board, plot.column)))) for plot in plots]
     views = tuple(
@@ -62,7 +63,7 @@ def build_report(
         machines=machines,
         unreadable=Items(collection.unreadable),
         curve_rules=timing.curve_rules(plots),
-        gallery=gallery(boards) if pictures else None,
+        gallery=pictures,
         ablations=tuple(ablations),
         records=(
             report_records.run_records(entries),

@@ -74,22 +74,27 @@ class ViewPictures:
 
 @dataclass(frozen=True)
 class BoardPictures:
-    """The test views of one board that have any picture."""
+    """The test views of one board that have any picture. trouble: why none has one."""
 
     board: str
     views: tuple[ViewPictures, ...]
+    trouble: str
 
 
 def gallery(boards: Sequence[Board]) -> tuple[BoardPictures, ...]:
-    """The pictures of every board that has any: of the first seed of each row that ended well."""
-    found = (BoardPictures(board.title, tuple(_views(board))) for board in boards)
-    return tuple(one for one in found if one.views)
+    """The pictures of every board: of the first seed of each row that ended well."""
+    return tuple(_board(board) for board in boards)
 
 
-def _views(board: Board) -> Iterator[ViewPictures]:
+def _board(board: Board) -> BoardPictures:
     shown = _shown(board)
     if not shown:
-        return
+        return BoardPictures(board.title, (), "no run has predictions")
+    views = tuple(_views(board, shown))
+    return BoardPictures(board.title, views, "" if views else "the predictions aren't beside the results")
+
+
+def _views(board: Board, shown: list[tuple[str, Entry]]) -> Iterator[ViewPictures]:
     dataset, trouble = find_dataset(entry for _, entry in shown)
     names = dict.fromkeys(view.name for entry in board.members if entry.result for view in entry.result.views)
     for name in names:

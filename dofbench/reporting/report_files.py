@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,20 +10,20 @@ from rich.console import Console
 
 from dofbench.core.files import write_text
 from dofbench.reporting.ablations.document_files import read_documents
+from dofbench.reporting.boards import Board, gather
 from dofbench.reporting.build_report import Key, build_report
 from dofbench.reporting.comparison import write_strip
 from dofbench.reporting.csv_writer import write_records
 from dofbench.reporting.curves import write_curves
 from dofbench.reporting.figures import file_name
+from dofbench.reporting.gallery import BoardPictures, gallery
 from dofbench.reporting.html.html_page import report_page
 from dofbench.reporting.markdown_report import leaderboard_markdown
 from dofbench.reporting.plots import make_plots
 from dofbench.reporting.report_options import Report
 from dofbench.reporting.view import Picture
-from dofbench.results.collecting import Collection, board_names, collect, grouped, variant_names
+from dofbench.results.collecting import board_names, collect, variant_names
 from dofbench.results.columns import COLUMNS
-
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -63,11 +63,14 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
         say(f"not counted, a copy of another result: {folder}")
 
     entries = collection.entries
+    boards = gather(entries)
     plots = make_plots(entries, variant_names(entries), board_names(entries), settings.levels)
+    pictures = gallery(boards) if settings.pictures else None
     drawn = write_curves(out / "curves", plots)
-    strips = _strips(out, collection, say) if settings.pictures else {}
+    strips = _strips(out, boards, pictures, say) if pictures is not None else {}
     view = build_report(
         collection,
+        boards,
         plots,
         drawn={
             (board, column): Picture(f"curves/{files[0].name}", f"{COLUMNS[column].label} against training time")
@@ -78,7 +81,7 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
             for board, strip in strips.items()
         },
         ablations=ablations,
-        pictures=settings.pictures,
+        pictures=pictures,
     )
     files = [write_records(out, records) for records in view.records]
     files += [file for paths in drawn.values() for file in paths]
@@ -91,16 +94,16 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
     return Written(tuple(files), collection.unreadable)
 
 
-def _strips(out: Path, collection: Collection, say: Say) -> Mapping[Key, Path]:
+def _strips(
+    out: Path, boards: Sequence[Board], pictures: Sequence[BoardPictures], say: Callable[[str], None]
+) -> dict[Key, Path]:
     """Board -> its strip of pictures; one that can't be made is named."""
-    entries = collection.entries
-    names, boards = variant_names(entries), board_names(entries)
     strips = {}
-    for board, members in grouped(entries, "board").items():
-        strip = out / "comparison" / f"{file_name(boards[board], board[2])}.png"
-        trouble = write_strip(strip, members, names)
+    for board, shown in zip(boards, pictures, strict=True):
+        strip = out / "comparison" / f"{file_name(board.name, board.protocol)}.png"
+        trouble = write_strip(strip, shown)
         if trouble is None:
-            strips[board] = strip
+            strips[board.key] = strip
         else:
-            say(f"no pictures of {boards[board]}, {board[2]}: {trouble}")
+            say(f"no pictures of {board.name}, {board.protocol}: {trouble}")
     return strips

@@ -33,6 +33,7 @@ class Packed:
 
 def packed(boards: Sequence[BoardPictures], budget_mb: float = BUDGET_MB) -> Packed:
     """The pictures of every board: all test views as large as fits, else fewer views at the smallest size."""
+    boards = [board for board in boards if board.views]
     every = max((len(board.views) for board in boards), default=0)
     if not every:
         return Packed([], "")
