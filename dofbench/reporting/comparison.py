@@ -14,7 +14,7 @@ from dofbench.reporting.gallery import BoardPictures, KindPictures
 from dofbench.scoring.error_maps import FULL_SCALE
 
 _PANEL = 2.6  # inches wide
-_LINE = 28  # characters of what stands in the place of a picture
+_LINE, _TITLE = 28, 40  # characters a line: in the place of a picture, and above one
 
 
 def write_strip(path: Path, pictures: BoardPictures) -> str | None:
@@ -54,7 +54,7 @@ def _draw(upper, lower, kind: KindPictures, truth: np.ndarray) -> None:
         if run.picture is None:
             _say(upper[place], textwrap.fill(f"{run.name}: {run.reason}", _LINE))
             continue
-        score = ", ".join(f"{heading.rstrip(' ↑↓')} {value}" for heading, value in run.scores[:1])
+        score = "".join(f"{heading} {value}" for heading, value in run.scores[:1])
         _show(upper[place], read_image(run.picture), f"{run.name}\n{score}")
         if run.error is not None:
             _show(lower[place], read_image(run.error), "")
@@ -62,7 +62,7 @@ def _draw(upper, lower, kind: KindPictures, truth: np.ndarray) -> None:
 
 def _show(axes, image: np.ndarray, title: str) -> None:
     axes.imshow(image, vmin=0, vmax=1, interpolation="nearest")
-    axes.set_title(textwrap.fill(title, 2 * _LINE) if len(title) > 2 * _LINE else title, fontsize=8)
+    axes.set_title("\n".join(textwrap.fill(line, _TITLE) for line in title.splitlines()), fontsize=8)
 
 
 def _say(axes, text: str) -> None:
