@@ -8,7 +8,18 @@ from collections.abc import Sequence
 from html import escape
 
 from dofbench.reporting.footnotes import Footnotes, one_line
-from dofbench.reporting.view import Block, Cell, Command, Heading, Items, Paragraph, Picture, Section, Table
+from dofbench.reporting.view import (
+    Block,
+    Cell,
+    Command,
+    DifferenceTest,
+    Heading,
+    Items,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+)
 
 _MARKUP = re.compile(r"`([^`]+)`|\*\*([^*]+)\*\*|\*([^*]+)\*")
 _CLASSES = {"number": "number", "published": "number theirs", "gap": "number gap", "failed": "number failure"}
@@ -155,17 +166,24 @@ def _content(cell: Cell, notes: Footnotes) -> str:
         html = f"<strong>{html}</strong>" + ('<span class="hidden">, best</span>' if cell.kind == "number" else "")
     if cell.unit:
         html += f" {escape(cell.unit)}"
-    small = [cell.below] if cell.below else []
+    small = []
     if cell.test is not None:
         if cell.test.interval:
             html += f' <span class="spread">{escape(cell.test.interval)}</span>'
-        verdict = cell.test.verdict + (" (one seed)" if cell.test.verdict and cell.test.one_seed else "")
-        small = [part for part in (cell.test.p, verdict, *small) if part]
         if cell.test.spread:  # of the single differences; the interval says how sure their mean is
             html = f'<span title="± {escape(cell.test.spread)} over {cell.test.pairs} pairs">{html}</span>'
+        small += [escape(cell.test.p)] if cell.test.p else []
+        small += [_verdict(cell.test)] if cell.test.verdict else []
+    small += [escape(cell.below)] if cell.below else []
     if small:
-        html += f"<br><small>{escape(', '.join(small))}</small>"
+        html += f"<br><small>{', '.join(small)}</small>"
     return f'<span class="{cell.kind}">{html}</span>' if cell.kind in ("sure", "unsure", "untested") else html
+
+
+def _verdict(test: DifferenceTest) -> str:
+    strong = test.verdict in ("better", "worse")
+    word = f"<strong>{escape(test.verdict)}</strong>" if strong else escape(test.verdict)
+    return word + (" (one seed)" if test.one_seed else "")
 
 
 def _footnoted(cell: Cell, notes: Footnotes) -> str:
