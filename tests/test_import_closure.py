@@ -160,7 +160,7 @@ def edited(file: Path, old: str, new: str):
 @pytest.mark.parametrize(
     ("name", "old", "new"),
     [
-        ("dofbench/reporting/markdown.py", "|", "||"),
+        ("dofbench/reporting/markdown_writer.py", "|", "||"),
         ("dofbench/cli.py", "Help on one command", "Help"),
         ("methods/dofgaussian/ablations.toml", "[", "# a remark\n["),
         ("dofbench/optics/defocus.py", '"""', '"""In other words: '),

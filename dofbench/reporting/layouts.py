@@ -334,8 +334,9 @@ def _sorted(lines: list[Line], shown: Sequence[str]) -> list[Line]:
 
     def place(line: Line) -> tuple[bool, float, str, str]:
         value = line.cells[shown[0]].value
-        gap = value is None or math.isnan(value)
-        return gap, 0.0 if gap else -value if down else value, line.method, line.preset
+        if value is None or math.isnan(value):
+            return True, 0.0, line.method, line.preset
+        return False, -value if down else value, line.method, line.preset
 
     return sorted(lines, key=place)
 

@@ -57,9 +57,9 @@ def difference(compared: Compared) -> Cell:
         return f"{value:+.{column.digits}f}"
 
     text = signed(found.mean)
-    bounds = found.low is not None and found.high is not None
+    interval = "" if found.low is None or found.high is None else f"[{signed(found.low)}, {signed(found.high)}]"
     tested = DifferenceTest(
-        interval=f"[{signed(found.low)}, {signed(found.high)}]" if bounds else "",
+        interval=interval,
         p="" if found.p is None else "p < 0.001" if found.p < 0.001 else f"p = {found.p:.3f}",
         verdict="" if float(text) == 0 else compared.verdict,
         one_seed=found.seeds < 2,

@@ -43,7 +43,10 @@ def require_truth(dataset: Dataset, kind: Kind, view: DatasetView) -> None:
 def true_picture(dataset: Dataset, kind: Kind, view: DatasetView) -> np.ndarray:
     """What a prediction of this kind was compared with, (H, W, 3), encoded. Raises InputError as `require_truth`."""
     require_truth(dataset, kind, view)
-    return dataset.all_in_focus(view) if kind == "all_in_focus" else dataset.image(view)
+    picture = dataset.all_in_focus(view) if kind == "all_in_focus" else dataset.image(view)
+    if picture is None:
+        raise InputError(f"view {view.name} of {dataset.name}", "no sharp photograph", "one to compare with")
+    return picture
 
 
 def prediction_file(entry: Entry, folder: str, view: str) -> Path | None:
