@@ -59,9 +59,7 @@ def _one_method(entry: MethodEntry) -> tuple[list[str], bool]:
         ]
     )
     lines += ["", "Presets (--preset NAME)", *_presets(entry)]
-    if card.leave_out:
-        lines += ["", "What the plan sets where a dataset doesn't need a stage (not with --force-all)"]
-        lines += _columns([(f"  {stage}", _pairs(options)) for stage, options in card.leave_out.items()])
+    lines += _left_out(card)
     options, whole = _options(entry)
     lines += ["", "Options (--set NAME=VALUE)", *options, "", "What the authors claim, on their own data"]
     lines += ["  nothing"] if card.claims is None else _claims(card.claims)
@@ -82,6 +80,15 @@ def _presets(entry: MethodEntry) -> Iterator[str]:
         yield f"  {name}" + (f": {', '.join(said)}" if said else "")
         own = {key: value for key, value in declared.items() if key not in ("budget", "extends")}
         yield from _wrapped(_pairs(own), "      ")
+
+
+def _left_out(card: Card) -> list[str]:
+    """Which options the plan sets to leave a stage out; no line where it leaves none out."""
+    switches = card.leave_out
+    if not switches:
+        return []
+    lines = _columns([(f"  {stage}", _pairs(options)) for stage, options in switches.items()])
+    return ["", "What the plan sets where a dataset doesn't need a stage (not with --force-all)", *lines]
 
 
 def _options(entry: MethodEntry) -> tuple[list[str], bool]:

@@ -93,7 +93,7 @@ def made_report(tmp_path_factory: pytest.TempPathFactory) -> Made:
         ablation = folder / "ablation"
         (folder / "tables.toml").write_text(TABLES)
         waves = write_dataset(folder / "many", test=7)
-        asked = Ablate(str(waves), tables=folder / "tables.toml", seeds=2, results=folder / "rows", out=ablation)
+        asked = Ablate(data=str(waves), tables=folder / "tables.toml", seeds=2, results=folder / "rows", out=ablation)
         assert make_tables(asked, Console(quiet=True), Here())
         # Figures take most of the time, and aren't in the page.
         monkeypatch.setattr(report_files, "write_curves", lambda *_: {})
