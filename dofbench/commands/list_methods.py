@@ -5,9 +5,10 @@ from __future__ import annotations
 import itertools
 import shutil
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
+from dofbench.core.aligned import aligned
 from dofbench.core.contracts import ListsOptions, MethodOption
 from dofbench.core.errors import InputError
 from dofbench.running.method_cards import Card, Claims, MethodEntry, find_method, method_files
@@ -39,7 +40,7 @@ def _every_method() -> tuple[list[str], bool]:
         source = card.claims.source if card.claims is not None else "-"
         rows.append((method, card.name, ", ".join(card.devices), ", ".join(_preset_names(card)), source))
     ending = "What can be chosen of one: dofbench methods METHOD. * is its default preset."
-    return [*_columns(rows), *problems, "", ending], not problems
+    return [*aligned(rows), *problems, "", ending], not problems
 
 
 def _preset_names(card: Card) -> Iterator[str]:
@@ -49,7 +50,7 @@ def _preset_names(card: Card) -> Iterator[str]:
 def _one_method(entry: MethodEntry) -> tuple[list[str], bool]:
     card, able = entry.card, entry.card.capabilities
     lines = [f"{entry.id}: {card.name}", *_wrapped(card.summary, ""), *_wrapped(card.paper, ""), ""]
-    lines += _columns(
+    lines += aligned(
         [
             ("folder", str(entry.folder)),
             ("devices", ", ".join(card.devices)),
@@ -87,7 +88,7 @@ def _left_out(card: Card) -> list[str]:
     switches = card.leave_out
     if not switches:
         return []
-    lines = _columns([(f"  {stage}", _pairs(options)) for stage, options in switches.items()])
+    lines = aligned([(f"  {stage}", _pairs(options)) for stage, options in switches.items()])
     return ["", "What the plan sets where a dataset doesn't need a stage (not with --force-all)", *lines]
 
 
@@ -100,7 +101,7 @@ def _options(entry: MethodEntry) -> tuple[list[str], bool]:
     if not isinstance(kind, ListsOptions):
         return ["  its class lists none (it has no available_options); the presets above name some"], True
     every = kind.available_options()
-    table = _columns([_HEADINGS, *((option.name, *_columns_of(option)) for option in every)])
+    table = aligned([_HEADINGS, *((option.name, *_columns_of(option)) for option in every)])
     lines = [f"    {table[0]}", "    each with its meaning and where it comes from"]
     for group, options in itertools.groupby(zip(every, table[1:], strict=True), key=lambda pair: pair[0].group):
         lines += ["", f"  {group}"]
@@ -121,7 +122,7 @@ def _claims(claims: Claims) -> list[str]:
         (f"  {measured_on}", *(f"{row[metric]:g}" if metric in row else "-" for metric in metrics))
         for measured_on, row in claims.rows.items()
     ]
-    return [*_columns(rows), *_wrapped(f"Source: {claims.source}", "  ")]
+    return [*aligned(rows), *_wrapped(f"Source: {claims.source}", "  ")]
 
 
 def _pairs(options: Mapping[str, Any]) -> str:
@@ -144,9 +145,3 @@ def _wrapped(text: str, indent: str) -> list[str]:
     return textwrap.wrap(
         text, width, initial_indent=indent, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )
-
-
-def _columns(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of cells, each column as wide as its widest."""
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))] if rows else []
-    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dofbench.core.files import replacing
 
@@ -18,7 +18,13 @@ STYLES = ("-", "--", "-.", ":")
 NEUTRAL = "#767676"
 DPI = 150
 
-_FIXED = {"svg.hashsalt": "dofbench", "svg.fonttype": "path", "font.size": 10, "axes.grid": True, "grid.alpha": 0.3}
+_FIXED: dict[Any, Any] = {
+    "svg.hashsalt": "dofbench",
+    "svg.fonttype": "path",
+    "font.size": 10,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+}
 
 
 def look(index: int) -> dict[str, str]:

@@ -17,7 +17,7 @@ ASKED_HEADING = "Held-out focus, by what the test views ask for"
 ALL_IN_FOCUS = "A 0, all in focus"
 _BESIDE = Beside(
     table_cells.word_headings("method", "asked for"),
-    lambda line: [table_cells.words(f"{line.method} {line.preset}".strip()), table_cells.words(line.seeds)],
+    lambda line: [table_cells.words(line.name), table_cells.words(line.seeds)],
 )
 
 

@@ -286,7 +286,7 @@ def _scenes_by_method(
     there = [(variant, column) for variant in variants for column in shown if _has(boards, variant, column)]
     headings: tuple[Heading, ...] = (
         *table_cells.word_headings("scene"),
-        *(table_cells.score_heading(COLUMNS[column], _name(some[variant])) for variant, column in there),
+        *(table_cells.score_heading(COLUMNS[column], some[variant].name) for variant, column in there),
         *(
             table_cells.score_heading(COLUMNS[column], f"the paper's {method}, on other data", published=True)
             for method, column in printed
@@ -306,7 +306,7 @@ def _scenes_by_method(
     )
     for variant in variants:
         left_out = {column: some[variant].cells[column].reason for column in shown if (variant, column) not in there}
-        below += not_shown(left_out, f"Not shown of {_name(some[variant])}, as it has it nowhere")
+        below += not_shown(left_out, f"Not shown of {some[variant].name}, as it has it nowhere")
     if printed:
         below += (_paper_note(figures, figures.data),)
     return Table(caption, headings, rows, below=below)
@@ -316,10 +316,6 @@ def _has(boards: list[Board], variant: Variant, column: str) -> bool:
     """Whether a method has a score, or a failure in its place, on any board."""
     cells = [board.lines[variant].cells[column] for board in boards if variant in board.lines]
     return any(cell.value is not None or cell.failure for cell in cells)
-
-
-def _name(line: Line) -> str:
-    return f"{line.method} {line.preset}".strip()
 
 
 def _paper_note(figures: Figures, where: str) -> str:

@@ -53,11 +53,11 @@ def best_table(boards: Sequence[Board]) -> Table:
         if found is None:
             rows.append((*where, table_cells.words("none: every run failed, or none has a score"), *(Cell(""),) * 4))
             continue
-        column, best = COLUMNS[found.column], _name(board, found.best)
+        column, best = COLUMNS[found.column], board.lines[found.best].name
         shown = table_cells.score(board.lines[found.best].cells[found.column], column)
         rival, ahead = Cell(""), Cell("")
         if found.second is not None and found.ahead is not None:
-            rival = table_cells.words(_name(board, found.second))
+            rival = table_cells.words(board.lines[found.second].name)
             ahead = table_cells.number(found.ahead, f"+{column.text(found.ahead)} {column.unit}".strip())
         rows.append(
             (
@@ -79,11 +79,6 @@ def best_table(boards: Sequence[Board]) -> Table:
         *table_cells.word_headings("how sure"),
     )
     return Table("The best of each dataset, by PSNR", headings, tuple(rows))
-
-
-def _name(board: Board, variant: tuple[str, ...]) -> str:
-    line = board.lines[variant]
-    return f"{line.method} {line.preset}".strip()
 
 
 def facts(collection: Collection, boards: Sequence[Board]) -> tuple[tuple[str, tuple[str, ...]], ...]:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dofbench.reporting import table_cells
+from dofbench.reporting.boards import Variant
 from dofbench.reporting.differences import Compared, adjusted, compare
 from dofbench.reporting.paired import EXPLANATION
 from dofbench.reporting.records import Records
@@ -16,7 +17,6 @@ from dofbench.results.collecting import Entry, grouped
 from dofbench.results.columns import ALL_IN_FOCUS, COLUMNS, DEPTH, LENS, PHOTOGRAPH, REFOCUS
 from dofbench.results.protocol import arithmetic_mean
 
-Variant = tuple[str, ...]
 Seeds = dict[Variant, list[Entry]]  # of one dataset
 
 COMPARED = (

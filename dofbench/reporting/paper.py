@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 from dofbench.core.content import content_folder
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -23,13 +26,18 @@ class Figures:
     scenes: dict[str, dict[str, dict[str, float]]]
 
     def of_scene(self, scene: str) -> dict[str, dict[str, float]]:
-        """Their figures of the scene that a dataset was made from: fern for llff_fern or llff/fern."""
-        words = set(re.split(r"[^a-z0-9]+", scene.lower()))
-        return next((found for name, found in self.scenes.items() if name in words), {})
+        """Their figures of the scene that a dataset was made from, method -> score -> value."""
+        return of_scene(self.scenes, scene)
 
 
 # Of a layout that the paper has no table of.
 NOTHING_PRINTED = Figures("", "", (), {}, {})
+
+
+def of_scene(scenes: Mapping[str, dict[str, T]], scene: str) -> dict[str, T]:
+    """What is printed of the scene that a dataset was made from: fern's for llff_fern or llff/fern; empty for none."""
+    words = set(re.split(r"[^a-z0-9]+", scene.lower()))
+    return next((found for name, found in scenes.items() if name.lower() in words), {})
 
 
 @cache

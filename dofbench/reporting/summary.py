@@ -39,6 +39,11 @@ class Line:
     cells: dict[str, Statistic]
     competes: bool = True
 
+    @property
+    def name(self) -> str:
+        """Method and preset."""
+        return f"{self.method} {self.preset}".strip()
+
 
 def seed_mean(entries: list[Entry], column: str) -> Statistic:
     """One column over the seeds of one variant. Seeds that failed aren't left out of a mean: then

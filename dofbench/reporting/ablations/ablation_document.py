@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,6 +13,7 @@ from dofbench.reporting.held_out import asked_section
 from dofbench.reporting.how_made import commit_text, machine_text
 from dofbench.reporting.leaderboard import column_section
 from dofbench.reporting.paired import EXPLANATION
+from dofbench.reporting.paper import of_scene
 from dofbench.reporting.score_table import Beside, score_table
 from dofbench.reporting.summary import Line
 from dofbench.reporting.view import Block, Cell, Command, Document, Items, Paragraph, Section, Table
@@ -21,7 +21,6 @@ from dofbench.results.collecting import Entry
 from dofbench.results.columns import COLUMNS
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_plan import Source
-from dofbench.running.ablation_tables import Row
 
 _WORDS = {True: "yes", False: "no"}
 
@@ -98,7 +97,7 @@ def _scores(filled: Filled, lines: list[Line], figures: dict[str, dict[str, floa
 def _dataset(filled: Filled, source: Source) -> Section:
     """The rows on one dataset; of a single one, beside the paper's means where the paper has no figures of it."""
     declared = filled.plan.table
-    figures = {row.label: _scene_figures(row, source) for row in declared.rows}
+    figures = {row.label: of_scene(row.paper_scenes, source.scene) for row in declared.rows}
     if len(filled.datasets) == 1 and not any(figures.values()):
         figures = {row.label: row.paper for row in declared.rows}
     scores = _scores(filled, filled.lines(source.label), figures, source.label)
@@ -116,12 +115,6 @@ def _dataset(filled: Filled, source: Source) -> Section:
 def _word(switch: bool | str) -> str:
     """How a switch is shown."""
     return _WORDS[switch] if isinstance(switch, bool) else switch
-
-
-def _scene_figures(row: Row, source: Source) -> dict[str, float]:
-    """The paper's figures of the scene that the dataset was made from: fern for llff_fern or llff/fern."""
-    words = set(re.split(r"[^a-z0-9]+", source.scene.lower()))
-    return next((figures for scene, figures in row.paper_scenes.items() if scene.lower() in words), {})
 
 
 def _differences(filled: Filled) -> Iterator[Section]:
