@@ -82,9 +82,10 @@ def peak_memory() -> float:
 
 def photograph(kind: str, renderer: str, width: int, height: int, radius: float) -> dict:
     """One photograph, in this process, whose memory this should be all of."""
-    from dofbench.core.lens import ApertureShape, DisparityRange, Lens
+    from dofbench.core.blur import Blur
+    from dofbench.core.lens import DisparityRange, Lens
     from dofbench.dataset.schema import ViewRecord
-    from dofbench.synthesis.render_views import Blur, shallow_image
+    from dofbench.synthesis.render_views import Photography, shallow_image
 
     low, high = DISPARITIES
     sharp = picture(height, width)
@@ -99,20 +100,12 @@ def photograph(kind: str, renderer: str, width: int, height: int, radius: float)
         focus=0.0,
         aperture=radius / Lens(1.0, 0.0).radius_per_disparity(width),
     )
-    blur = Blur(
-        DisparityRange(low, high),
-        per_view=False,
-        gamma=2.2,
-        alpha=4.0,
-        shape=ApertureShape(),
-        energy="area",
-        renderer=renderer,
-    )
+    shared = Photography(DisparityRange(low, high), per_view=False, blur=Blur(renderer=renderer))
     corner = depth[:40, :40].copy()
     corner[0, 0] = 1 / high  # reaches as far as the whole, so that the same form is loaded, or compiled
-    shallow_image(sharp[:40, :40].copy(), corner, record, blur)
+    shallow_image(sharp[:40, :40].copy(), corner, record, shared)
     prepared, watch = peak_memory(), Stopwatch()
-    encoded, linear = shallow_image(sharp, depth, record, blur)
+    encoded, linear = shallow_image(sharp, depth, record, shared)
     wall, processor = watch.read()
     assert np.isfinite(encoded).all() and np.isfinite(linear).all()
     return {

@@ -18,7 +18,8 @@ from tolerances import (
 from dofbench.core.cameras import Camera
 from dofbench.core.content import content_folder
 from dofbench.core.files import sha256_file
-from dofbench.core.images import encode, read_exr, read_image, to_8bit
+from dofbench.core.images import read_exr, read_image, to_8bit
+from dofbench.optics.tone import encode
 from dofbench.procedural import ink
 from dofbench.procedural.camera_paths import cameras
 from dofbench.procedural.recipes import recipe

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from importlib import import_module
 
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
 from hypothesis import strategies as st
-from tolerances import FINITE_DIFFERENCE, FLOAT32_GRADIENT, FLOAT32_VALUE, FLOAT64_VALUE, HALF_LIT
+from tolerances import FINITE_DIFFERENCE, FLOAT32_GRADIENT, FLOAT32_VALUE, HALF_LIT
 
+from dofbench.core.blur import Blur
+from dofbench.core.errors import InputError
 from dofbench.core.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
-from dofbench.optics.defocus import TOE, decode, defocus, defocus_numpy, encode, signed_radius
+from dofbench.optics.defocus import defocus, defocus_by_radius, defocus_numpy, signed_radius
+from dofbench.optics.tone import TOE, decode
 
 gammas = st.sampled_from([1.0, 2.0, 2.2, 4.0])
 
@@ -30,43 +31,6 @@ def relative(found, expected) -> float:
     return float((found - expected).abs().max() / expected.abs().max())
 
 
-# ------------------------------------------------------------------------------------------------ encoding
-
-
-@given(st.floats(-1, 100), gammas)
-def test_encoding_undoes_decoding(value, gamma):
-    x = torch.tensor([value], dtype=torch.float64)
-    assert float(encode(decode(x, gamma), gamma)) == pytest.approx(value, rel=FLOAT64_VALUE, abs=FLOAT64_VALUE)
-
-
-def test_what_eight_bits_can_hold_is_decoded_by_the_pure_power():
-    levels = torch.arange(256, dtype=torch.float64) / 255
-    assert torch.equal(decode(levels, 2.2), levels**2.2)
-
-
-@pytest.mark.parametrize("gamma", [2.0, 2.2])
-def test_the_gradient_is_finite_at_black_and_below(gamma):
-    for function in (decode, encode):
-        x = torch.tensor([-0.5, -1e-9, 0.0, 1e-30, 1e-9, TOE, 0.5, 1.0, 7.0], requires_grad=True)
-        function(x, gamma).sum().backward()
-        assert torch.isfinite(x.grad).all() and (x.grad > 0).all()
-
-
-@given(st.integers(0, 2**31), gammas)
-def test_compiled_powers_are_the_same_function(seed, gamma):
-    rng = np.random.default_rng(seed)
-    values = np.concatenate([rng.uniform(-0.2, 1.5, 37), [0.0, TOE, 1.0, 1e-6, 1e5]]).astype(np.float32)
-    power = import_module("dofbench.kernels.scatter.cpu_tone").power_with_toe
-    for function, arguments in ((decode, (gamma, TOE)), (encode, (1 / gamma, TOE**gamma))):
-        found = torch.from_numpy(values).requires_grad_()
-        expected = torch.from_numpy(values).double().requires_grad_()
-        a, b = power(found, *arguments), function(expected, gamma)
-        a.sum().backward()
-        b.sum().backward()
-        torch.testing.assert_close(a.double(), b, rtol=FLOAT32_VALUE, atol=0)
-        torch.testing.assert_close(found.grad.double(), expected.grad, rtol=FLOAT32_VALUE, atol=0)
-
-
 # ------------------------------------------------------------------------------------------------ defocus
 
 
@@ -78,24 +42,24 @@ def test_no_aperture_is_the_image_bit_for_bit():
 
 
 @pytest.mark.parametrize(
-    "options",
+    ("blur", "form"),
     [
-        {},
-        {"gamma": 2.0},
-        {"gamma": 4.0},
-        {"alpha": 2.0},
-        {"energy": "algorithm1"},
-        {"form": "linear"},
-        {"shape": ApertureShape(blades=6, rotation=0.2)},
+        (Blur(), "auto"),
+        (Blur(gamma=2.0), "auto"),
+        (Blur(gamma=4.0), "auto"),
+        (Blur(alpha=2.0), "auto"),
+        (Blur(energy="algorithm1"), "auto"),
+        (Blur(), "linear"),
+        (Blur(shape=ApertureShape(blades=6, rotation=0.2)), "auto"),
     ],
 )
-def test_cpu_agrees_with_the_reference(options):
+def test_cpu_agrees_with_the_reference(blur, form):
     image, radius = scene(1)
     gradient = torch.from_numpy(np.random.default_rng(2).standard_normal(image.shape))
     results = []
     for dtype, backend in ((torch.float64, "reference"), (torch.float32, "auto")):
         inputs = [t.to(dtype).detach().clone().requires_grad_() for t in (image, radius)]
-        blurred = defocus(*inputs, backend=backend, **options)
+        blurred = defocus(*inputs, blur, backend=backend, form=form)
         blurred.backward(gradient.to(dtype))
         results.append((blurred.detach().double(), *(t.grad.double() for t in inputs)))
     expected, found = results
@@ -114,7 +78,7 @@ def test_blur_is_in_linear_light():
     """Black and white in equal parts, blurred far: half of the light, which is encoded 0.5 ** (1 / gamma)."""
     image = torch.zeros(40, 40, 3)
     image[:, ::2] = 1.0
-    middle = defocus(image, torch.full((40, 40), 8.0), gamma=2.2)[20, 20]
+    middle = defocus(image, torch.full((40, 40), 8.0), Blur(gamma=2.2))[20, 20]
     assert middle == pytest.approx(np.full(3, 0.5 ** (1 / 2.2)), abs=HALF_LIT)
 
 
@@ -164,7 +128,7 @@ def test_a_photograph_from_depth():
     radius = torch.from_numpy(lens.signed_radius(1.0 / depth.astype(np.float64), 31))
     expected = defocus(image.double(), radius, backend="reference")
     assert relative(torch.from_numpy(encoded).double(), expected) < FLOAT32_VALUE
-    assert relative(torch.from_numpy(linear).double(), decode(expected)) < FLOAT32_VALUE
+    assert relative(torch.from_numpy(linear).double(), decode(expected, toe=TOE)) < FLOAT32_VALUE
 
 
 def test_unknown_depth_is_infinitely_far():
@@ -184,4 +148,25 @@ def test_a_photograph_without_aperture_is_the_original():
     image, _ = scene(10)
     encoded, linear = defocus_numpy(image.numpy(), np.ones(image.shape[:2]), PhysicalLens(0.0, 0.5, 31))
     assert np.array_equal(encoded, image.numpy())
-    assert np.array_equal(linear, decode(image).numpy())
+    assert np.array_equal(linear, decode(image, toe=TOE).numpy())
+
+
+def test_every_part_of_the_blur_reaches_the_kernel():
+    image, radius = scene(11)
+    plain = defocus(image, radius)
+    for blur in (
+        Blur(gamma=1.0),
+        Blur(alpha=2.0),
+        Blur(shape=ApertureShape(blades=3)),
+        Blur(energy="algorithm1"),
+    ):
+        assert relative(defocus(image, radius, blur), plain) > 1e-3, blur
+        assert np.array_equal(defocus_by_radius(image.numpy(), radius.numpy(), blur)[0], defocus(image, radius, blur))
+
+
+def test_a_renderer_is_refused_where_it_cannot_be():
+    image, radius = scene(12)
+    with pytest.raises(InputError, match="renderer: found layered, expected scatter"):
+        defocus(image, radius, Blur(renderer="layered"))
+    with pytest.raises(InputError, match="renderer: found thinlens, expected scatter or layered"):
+        defocus_by_radius(image.numpy(), radius.numpy(), Blur(renderer="thinlens"))

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tolerances import FLOAT32_VALUE
 
+from dofbench.core.blur import Blur
 from dofbench.core.lens import PhysicalLens
 from dofbench.kernels import load
 from dofbench.optics.defocus import defocus_numpy
@@ -113,12 +114,13 @@ def test_depth_decides_what_is_in_front():
     depth = np.full((48, 64), 4.0, np.float32)
     image[:, 32:], depth[:, 32:] = 0.0, 1.0
     lens = PhysicalLens(aperture=8.0, focus_disparity=0.25, width=64)
-    _, linear = defocus_numpy(image, depth, lens, renderer="layered")
+    _, linear = defocus_numpy(image, depth, lens, Blur(renderer="layered"))
     ramp = linear[24, :, 0]
     assert ramp[20] > 1 - FLOAT32_VALUE and ramp[44] < FLOAT32_VALUE
     assert 0.4 < ramp[31:33].mean() < 0.6
-    with pytest.raises(ValueError, match="layers"):
-        defocus_numpy(image, depth, lens, renderer="layered", layers=0)
+    one = defocus_numpy(image, depth, lens, Blur(renderer="layered", layers=1))[1]
+    plain = defocus_numpy(image, depth, lens)[1]
+    assert np.array_equal(one, plain) and not np.array_equal(linear, plain)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])

@@ -18,12 +18,14 @@ from tolerances import (
     SHIPPED_SURFACE,
 )
 
+from dofbench.core.blur import Blur
 from dofbench.core.content import content_folder
 from dofbench.core.files import sha256_file
-from dofbench.core.images import encode, read_exr
+from dofbench.core.images import read_exr
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
 from dofbench.depth.disparity import disparity_of, scene_range
 from dofbench.optics.defocus import defocus_numpy
+from dofbench.optics.tone import encode
 from dofbench.scenes import load_scene
 from dofbench.scenes.named import named_datasets
 
@@ -136,10 +138,10 @@ def test_what_is_in_focus_is_sharp_and_the_rest_as_the_scatter_says(name: str, i
 def test_a_wrong_lens_does_not_fit() -> None:
     """The stated lens is the one: half or twice the aperture, or another focus, fits clearly worse."""
     real, sharp, depth, lens = photograph("foliage", 0)
-    fits = psnr(real, defocus_numpy(sharp, depth, lens, renderer="layered")[0])
+    fits = psnr(real, defocus_numpy(sharp, depth, lens, Blur(renderer="layered"))[0])
     for aperture, focus in ((0.5, 1.0), (2.0, 1.0), (1.0, 1.6)):
         other = PhysicalLens(lens.aperture * aperture, lens.focus_disparity * focus, lens.width)
-        assert psnr(real, defocus_numpy(sharp, depth, other, renderer="layered")[0]) < fits - 1
+        assert psnr(real, defocus_numpy(sharp, depth, other, Blur(renderer="layered"))[0]) < fits - 1
 
 
 def test_highlights_are_kept() -> None:

@@ -18,7 +18,8 @@ import rooms
 import tyro
 
 from dofbench.core.files import replacing
-from dofbench.core.images import encode, to_8bit
+from dofbench.core.images import to_8bit
+from dofbench.optics.tone import encode
 from dofbench.procedural import camera_paths
 from dofbench.procedural.recipes import recipe
 from dofbench.procedural.scene_options import NAMES

@@ -1,4 +1,4 @@
-"""Reading, writing, resizing and the display encoding of images.
+"""Reading, writing and resizing images.
 
 In memory an image is float32 (H, W, 3), RGB; encoded images are in [0, 1].
 """
@@ -11,20 +11,9 @@ import numpy as np
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import refused, replacing
-from dofbench.core.lens import GAMMA
 
 _LARGEST_HALF = 65504.0
 _NO_DATE = "1970:01:01 00:00:00"
-
-
-def decode(encoded: np.ndarray, gamma: float = GAMMA) -> np.ndarray:
-    """Encoded to linear light: `encoded ** gamma`, the paper's pure power."""
-    return np.power(encoded, gamma)
-
-
-def encode(linear: np.ndarray, gamma: float = GAMMA) -> np.ndarray:
-    """Linear light to encoded: `linear ** (1 / gamma)`."""
-    return np.power(linear, 1.0 / gamma)
 
 
 def to_8bit(image: np.ndarray) -> np.ndarray:

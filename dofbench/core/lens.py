@@ -9,9 +9,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-import numpy as np
+from dofbench.core.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
 
 COC_FRACTION = 0.02  # CoC radius at A = 1, per unit of normalised disparity, as a share of the width
 GAMMA = 2.2  # the paper's colour-space note (supplement)
@@ -45,6 +48,8 @@ class DisparityRange:
 
         disparity: any shape, such as (H, W), 1 / scene unit. Raises ValueError where none of it is positive.
         """
+        import numpy as np  # here and below: settings import this module, and help is to appear at once
+
         known = disparity[np.isfinite(disparity) & (disparity > 0)]
         if known.size == 0:
             raise ValueError("disparity range: expected at least one positive disparity, found none")
@@ -115,7 +120,7 @@ class ApertureShape:
     blades: 0 for a disc, else at least 3. rotation: radians, direction of the first corner,
     from +x (right) towards +y (down). curvature: 0 straight edges ... 1 a disc.
     obstruction: radius of a central stop as a share of the aperture's radius, 0 ... <1.
-    Raises ValueError for a value outside these.
+    Raises InputError for a shape that doesn't exist.
     """
 
     blades: int = 0
@@ -125,11 +130,13 @@ class ApertureShape:
 
     def __post_init__(self) -> None:
         if self.blades != 0 and self.blades < 3:
-            raise ValueError(f"aperture blades: expected 0 (disc) or at least 3, found {self.blades}")
+            raise InputError("shape blades", str(self.blades), "0 (a disc) or at least 3")
+        if not math.isfinite(self.rotation):
+            raise InputError("shape rotation", str(self.rotation), "a finite angle")
         if not 0 <= self.curvature <= 1:
-            raise ValueError(f"aperture curvature: expected 0 ... 1, found {self.curvature}")
+            raise InputError("shape curvature", str(self.curvature), "0 to 1")
         if not 0 <= self.obstruction < 1:
-            raise ValueError(f"central obstruction: expected 0 ... <1, found {self.obstruction}")
+            raise InputError("shape obstruction", str(self.obstruction), "0 to below 1")
 
     @property
     def is_disc(self) -> bool:
@@ -141,6 +148,8 @@ class ApertureShape:
 
         A polygon's edge is at cos(pi/n) / cos(angle to the edge's middle); curvature mixes in 1.
         """
+        import numpy as np
+
         if self.blades == 0:
             return np.ones_like(angle, dtype=np.float64)
         sector = 2 * math.pi / self.blades

@@ -8,13 +8,14 @@ from typing import Literal
 
 import numpy as np
 
+from dofbench.core.blur import Blur
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.core.errors import InputError
 from dofbench.core.exif import Exif, read_exif
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_exr, read_image
-from dofbench.core.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
+from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
 from dofbench.dataset import layout
 from dofbench.dataset.dealing import Dealt
 from dofbench.dataset.schema import (
@@ -139,19 +140,9 @@ class Dataset:
         return self.lenses.range()
 
     @property
-    def gamma(self) -> float | None:
-        """Exponent of the display encoding; None where no lens is known."""
-        return self.lenses.gamma if isinstance(self.lenses, LensFile) else None
-
-    @property
-    def alpha(self) -> float | None:
-        """Hardness of the blur disc's edge, per pixel; None where no lens is known."""
-        return self.lenses.alpha if isinstance(self.lenses, LensFile) else None
-
-    @property
-    def shape(self) -> ApertureShape | None:
-        """Shape of the aperture; None where no lens is known."""
-        return self.lenses.shape.shape() if isinstance(self.lenses, LensFile) else None
+    def blur(self) -> Blur | None:
+        """How the lens blurs, but for each view's aperture and focus; None where no lens is known."""
+        return self.lenses.blur if isinstance(self.lenses, LensFile) else None
 
     @property
     def has_points(self) -> bool:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, PositiveInt, Tag, ValidationError
 
+from dofbench.core.blur import Blur
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json
-from dofbench.core.lens import ApertureShape, DisparityRange, Energy, Lens, PhysicalLens, SceneRenderer
+from dofbench.core.lens import LAYERS, ApertureShape, DisparityRange, Energy, Lens, PhysicalLens, SceneRenderer
 from dofbench.dataset.sensor import Sensor
 from dofbench.scenes.scene import Photograph, Split
 
@@ -37,7 +39,7 @@ class ShapeRecord(_Record):
     obstruction: FiniteFloat
 
     def shape(self) -> ApertureShape:
-        """The value type. Raises ValueError for an impossible shape."""
+        """The value type. Raises InputError for an impossible shape."""
         return ApertureShape(self.blades, self.rotation, self.curvature, self.obstruction)
 
 
@@ -143,6 +145,18 @@ class LensFile(_Record):
     def range(self) -> DisparityRange:
         """The scene's disparity range. Raises ValueError when it is empty."""
         return DisparityRange(*self.disparity_range)
+
+    @property
+    def blur(self) -> Blur:
+        """How the lens blurs, but for each view's aperture and focus. Raises InputError for an impossible one."""
+        shape, layers = self.shape.shape(), LAYERS if self.layers is None else self.layers
+        return Blur(self.gamma, self.alpha, shape, self.energy, self.renderer, layers)
+
+    @staticmethod
+    def of_blur(blur: Blur) -> dict[str, Any]:
+        """The fields that a blur fills, by name; those of a renderer that needs them not are absent."""
+        fields = asdict(blur) | {"shape": ShapeRecord(**asdict(blur.shape))}
+        return fields | {"layers": blur.layers if blur.renderer == "layered" else None}
 
     @property
     def known(self) -> tuple[ViewRecord, ...]:
@@ -310,7 +324,7 @@ def read_lens_file(folder: Path) -> LensFile | UnknownLensFile:
         raise InputError(path, f"renderer {lenses.renderer} and thinlens {lenses.thinlens}", "both, or neither")
     try:
         lenses.range()
-        lenses.shape.shape()
+        _ = lenses.blur
     except ValueError as error:
         raise InputError(path, str(error), "a possible lens") from None
     return lenses

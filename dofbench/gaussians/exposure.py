@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from dofbench.compute.raster import Raster, ViewStatistics
+from dofbench.core.blur import Blur
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Rendering
 from dofbench.core.lens import COC_FRACTION, ApertureShape, DisparityRange, PhysicalLens
@@ -58,21 +59,15 @@ class Shot:
         return (self.bounds.normalise(disparity.detach()) - focus).abs()
 
 
-def aperture_shape(options: TrainerOptions) -> ApertureShape:
-    """The lens's opening."""
-    return ApertureShape(options.lens_blades, options.lens_rotation)
+def blur_of(options: TrainerOptions) -> Blur:
+    """How the trained lens blurs, whatever its aperture and focus."""
+    shape = ApertureShape(options.lens_blades, options.lens_rotation)
+    return Blur(options.lens_gamma, options.lens_alpha, shape, options.lens_energy)
 
 
 def scattered(colour: Tensor, disparity: Tensor, shot: Shot, options: TrainerOptions, adapting: bool = False) -> Tensor:
     """The paper's model: a sharp rendering (H, W, 3), scattered by its disparity (H, W), 1 / scene unit."""
-    return defocus(
-        colour,
-        shot.radius(disparity, options, adapting),
-        gamma=options.lens_gamma,
-        alpha=options.lens_alpha,
-        energy=options.lens_energy,
-        shape=aperture_shape(options),
-    )
+    return defocus(colour, shot.radius(disparity, options, adapting), blur_of(options))
 
 
 def sampled(

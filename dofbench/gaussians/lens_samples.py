@@ -18,7 +18,7 @@ from torch import Tensor
 
 from dofbench.core.cameras import Camera
 from dofbench.gaussians.model import Gaussians
-from dofbench.optics.defocus import fast_decode, fast_encode
+from dofbench.optics.tone import fast_decode, fast_encode
 
 _LEAST_DEPTH = 1e-3  # share of the median depth: nearer Gaussians, and those behind, aren't drawn but must stay finite
 

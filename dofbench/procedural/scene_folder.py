@@ -12,8 +12,9 @@ import numpy as np
 from dofbench import __version__
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, sha256_file, write_json, write_text
-from dofbench.core.images import encode, write_exr, write_png
+from dofbench.core.images import write_exr, write_png
 from dofbench.core.lens import GAMMA
+from dofbench.optics.tone import encode
 from dofbench.procedural.scene_options import MakeScene
 from dofbench.procedural.tracer import Photograph
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dofbench.core.images import decode
+from dofbench.optics.tone import decode
 from dofbench.procedural.stage import Mesh, Prop, Sphere, Stage
 
 

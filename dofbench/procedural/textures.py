@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from dofbench.optics.tone import encode
 from dofbench.procedural.ink import Colour, disc, frame, print_lines, rectangle, ring, stroke, text
 
 INK: Colour = (0.10, 0.10, 0.13)
@@ -48,7 +49,7 @@ def mix(low: Colour, high: Colour, weight: np.ndarray) -> np.ndarray:
 
 def finish(image: np.ndarray) -> np.ndarray:
     """Keep reflectance physical: between 3 % and 90 % of linear light, as real paints are."""
-    return np.clip(image, 0.03 ** (1 / 2.2), 0.90 ** (1 / 2.2)).astype(np.float32)
+    return np.clip(image, *encode(np.array([0.03, 0.90]))).astype(np.float32)
 
 
 def flat(height: int, width: int, colour: Colour) -> np.ndarray:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from dofbench.core.cameras import Camera
-from dofbench.core.images import encode
 from dofbench.core.lens import PhysicalLens
+from dofbench.optics.tone import encode
 from dofbench.procedural.stage import Stage
 from dofbench.procedural.surfaces import load_stage
 

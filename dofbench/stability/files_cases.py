@@ -11,8 +11,6 @@ import numpy as np
 
 from dofbench.core.errors import InputError
 from dofbench.core.images import (
-    decode,
-    encode,
     image_size,
     read_exr,
     read_image,
@@ -21,6 +19,7 @@ from dofbench.core.images import (
     write_grey_png,
     write_png,
 )
+from dofbench.optics.tone import decode, encode
 from dofbench.stability.case import NUMPY, Case, Found, Setting, differing, in_folder, off, off_each, refuses
 from dofbench.stability.comparisons import EXACT, NAMED
 from dofbench.stability.samples import picture, size_name

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.core.blur import Blur
 from dofbench.optics.defocus import defocus
 from dofbench.stability.case import SINGLE, Case, Found, Setting, values
 from dofbench.stability.samples import VIEW_WIDTH, gaussians, single, straight, together
@@ -146,7 +147,7 @@ def scatter_loss(setting: Setting, inputs: dict[str, Tensor], alpha: float = 4.0
 
 def defocus_loss(setting: Setting, inputs: dict[str, Tensor], gamma: float = 2.2) -> Tensor:
     """Random weights on the blurred image, through decoding and encoding."""
-    blurred = defocus(inputs["image"], inputs["radius"], gamma=gamma, backend=setting.backend)
+    blurred = defocus(inputs["image"], inputs["radius"], Blur(gamma), backend=setting.backend)
     return (blurred * setting.tensor(_weights(tuple(blurred.shape)))).sum()
 
 

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 
+from dofbench.core.blur import Blur
 from dofbench.core.lens import ApertureShape, PhysicalLens
 from dofbench.optics.defocus import defocus_numpy
 from dofbench.optics.layered import layered_blur
@@ -80,7 +81,7 @@ def _lens_and_scene(setting: Setting, factor: float) -> Found:
     depth = (1.0 / (0.2 + 0.3 * disparity())).astype(np.float32)
     lens = PhysicalLens(aperture=35.0, focus_disparity=0.31, width=WIDTH)
     larger = PhysicalLens(aperture=lens.aperture * factor, focus_disparity=lens.focus_disparity / factor, width=WIDTH)
-    blur = partial(defocus_numpy, picture(), gamma=1.0, backend=setting.backend)
+    blur = partial(defocus_numpy, picture(), blur=Blur(gamma=1.0), backend=setting.backend)
     _, expected = blur(depth, lens)
     _, found = blur((depth * np.float32(factor)).astype(np.float32), larger)
     radius = lens.signed_radius(1 / depth.astype(np.float64), WIDTH)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dofbench.core.blur import Blur
 from dofbench.core.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
 from dofbench.gaussians.render import surface_disparity
 from dofbench.optics.defocus import defocus, defocus_by_radius, defocus_numpy
@@ -74,7 +75,7 @@ def _plane_in_focus(setting: Setting) -> Found:
 
 
 def _closed_layered(setting: Setting) -> Found:
-    encoded, _ = defocus_by_radius(picture(), radii(0.5, 0.0), renderer="layered", backend=setting.backend)
+    encoded, _ = defocus_by_radius(picture(), radii(0.5, 0.0), Blur(renderer="layered"), backend=setting.backend)
     return Found(differing(encoded, picture()), 0.0)
 
 
@@ -88,7 +89,7 @@ def _unknown_depth(setting: Setting, value: float) -> Found:
     with np.errstate(divide="ignore"):
         far = np.where(np.isfinite(depth) & (depth > 0), 1 / depth.astype(np.float64), 0.0)
     radius = lens.signed_radius(far, WIDTH).astype(np.float32)
-    _, linear = defocus_numpy(picture(), depth, lens, gamma=1.0, backend=setting.backend)
+    _, linear = defocus_numpy(picture(), depth, lens, blur=Blur(gamma=1.0), backend=setting.backend)
     bound, note = scatter_bound(setting, picture(), radius)
     return Found(off(linear, dense_scatter(picture(), radius, kind=np.float64)), bound, note)
 

@@ -6,8 +6,10 @@ from functools import partial
 
 import numpy as np
 
+from dofbench.core.blur import Blur
 from dofbench.core.images import to_8bit, to_16bit
-from dofbench.optics.defocus import TOE, decode, defocus, encode, fast_decode, fast_encode
+from dofbench.optics.defocus import defocus
+from dofbench.optics.tone import TOE, decode, encode, fast_decode, fast_encode
 from dofbench.stability.case import (
     KERNELS,
     NUMPY,
@@ -31,7 +33,7 @@ POWER = 3e-6  # the compiled powers' stated relative error (kernels/scatter/cpu_
 
 
 def _blurred(setting: Setting, image: np.ndarray, gamma: float = 2.2) -> np.ndarray:
-    return values(defocus(setting.tensor(image), setting.tensor(radii(0.5)), gamma=gamma, backend=setting.backend))
+    return values(defocus(setting.tensor(image), setting.tensor(radii(0.5)), Blur(gamma), backend=setting.backend))
 
 
 def _black(setting: Setting) -> Found:
@@ -42,7 +44,7 @@ def _black_gradient(setting: Setting, gamma: float) -> Found:
     image = picture()
     image[5:12, 6:20] = 0
     light, radius = setting.tensor(image, gradient=True), setting.tensor(radii(0.5), gradient=True)
-    blurred = defocus(light, radius, gamma=gamma, backend=setting.backend)
+    blurred = defocus(light, radius, Blur(gamma), backend=setting.backend)
     blurred.sum().backward()
     largest = float(np.abs(values(light.grad)).max())
     return Found(not_finite(light.grad, radius.grad), 0.0, f"largest {largest:.3g}")
@@ -98,7 +100,7 @@ def _tones() -> np.ndarray:
 def _pair(setting: Setting):
     """(decode, encode), as the backend has them."""
     if setting.backend == "reference":
-        return decode, encode
+        return partial(decode, toe=TOE), partial(encode, toe=TOE)
     return partial(fast_decode, backend=setting.backend), partial(fast_encode, backend=setting.backend)
 
 
@@ -165,7 +167,7 @@ def _half_lit(setting: Setting, gamma: float) -> Found:
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     checks = np.repeat(((x + y) % 2)[..., None], 3, axis=2).astype(np.float32)
     radius = setting.tensor(np.full((HEIGHT, WIDTH), 1e4, np.float32))
-    found = defocus(setting.tensor(checks), radius, gamma=gamma, backend=setting.backend)
+    found = defocus(setting.tensor(checks), radius, Blur(gamma), backend=setting.backend)
     return Found(
         off(found, np.full(checks.shape, 0.5 ** (1 / gamma))),
         (ROUNDINGS + HEIGHT * WIDTH / 2) * setting.eps + POWER * (setting.backend == "cpu"),

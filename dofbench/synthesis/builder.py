@@ -33,7 +33,7 @@ from dofbench.synthesis.depth_sources import source_for
 from dofbench.synthesis.lens_plan import Plan, deal_plan, draw_plan
 from dofbench.synthesis.photographing import Optics, exposed
 from dofbench.synthesis.real_photographs import make_of_photographs
-from dofbench.synthesis.render_views import Blur, shallow_image, view_record
+from dofbench.synthesis.render_views import Photography, shallow_image, view_record
 from dofbench.synthesis.scene_source import NEAR_FAR, check_source, encoded, source_record
 from dofbench.synthesis.sibling import take_over
 from dofbench.synthesis.work import WORK, Identity, finish, prepare
@@ -128,27 +128,22 @@ def make(
             take_over(sibling, out, source, settings)
         _all_in_focus(scene, out, progress)
         depth_record, disparity_range = make_depth(scene, source_id, network, settings, out, progress)
-        blur = Blur(
+        shared = Photography(
             disparity_range=disparity_range,
             per_view=settings.normaliser == "view",
-            gamma=settings.gamma,
-            alpha=settings.alpha,
-            shape=settings.aperture_shape,
-            energy=settings.energy,
-            renderer=settings.renderer,
-            layers=settings.layers,
+            blur=settings.blur,
             sensor=settings.sensor,
             bits=settings.bits,
             thinlens=None if optics is None else optics.record,
         )
         if optics is not None and optics.remark:
             print(optics.remark, file=sys.stderr, flush=True)
-        shoot = partial(_shoot, out=out, blur=blur, half=settings.linear == "exr-half", optics=optics)
-        records = _shallow(plan, scene, out, blur, shoot, progress)
-        notes = write.geometry(out, scene, _near_far(scene, out, blur.disparity_range))
-        write.lens_file(out, blur, records)
-        write.sheet(out, f"{scene.name}: {len(records)} views with a known lens", records, blur.disparity_range)
-        write.readme(out, scene, settings, source, depth_record, records, notes, blur.thinlens)
+        shoot = partial(_shoot, out=out, shared=shared, half=settings.linear == "exr-half", optics=optics)
+        records = _shallow(plan, scene, out, shared, shoot, progress)
+        notes = write.geometry(out, scene, _near_far(scene, out, shared.disparity_range))
+        write.lens_file(out, shared, records)
+        write.sheet(out, f"{scene.name}: {len(records)} views with a known lens", records, shared.disparity_range)
+        write.readme(out, scene, settings, source, depth_record, records, notes, shared.thinlens)
         write.manifest(
             out,
             name=scene.name,
@@ -194,7 +189,7 @@ def _shallow(
     plan: Plan,
     scene: Scene,
     out: Path,
-    blur: Blur,
+    shared: Photography,
     shoot: Callable[[ViewRecord, Camera, np.ndarray], ViewRecord],
     progress: Progress,
 ) -> list[ViewRecord]:
@@ -204,7 +199,7 @@ def _shallow(
         for index, planned in enumerate(plan.views):
             depth_map = read_exr(layout.depth_path(out, planned.name))
             try:
-                record = view_record(planned, depth_map, blur)
+                record = view_record(planned, depth_map, shared)
             except ValueError:
                 raise InputError(
                     f"view {planned.name}", "no pixel of known depth", "some, for a normaliser of its own"
@@ -220,7 +215,7 @@ def _shoot(
     depth_map: np.ndarray,
     *,
     out: Path,
-    blur: Blur,
+    shared: Photography,
     half: bool,
     optics: Optics | None,
 ) -> ViewRecord:
@@ -232,11 +227,11 @@ def _shoot(
     if not (linear_path.is_file() and path.is_file() and (noise_path.is_file() or not seen)):
         if optics is None or not seen:
             sharp = to_8bit(read_image(layout.sharp_path(out, record.name)))
-            encoded, linear = shallow_image(sharp, depth_map, record, blur)
+            encoded, linear = shallow_image(sharp, depth_map, record, shared)
         else:
             shot = optics.photograph(camera, record)
-            encoded, linear = exposed(shot.linear, record.name, blur.sensor, blur.gamma)
+            encoded, linear = exposed(shot.linear, record.name, shared.sensor, shared.blur.gamma)
             write_json(noise_path, shot.noise)
         write_exr(linear_path, linear, half=half)
-        write_png(path, encoded, bits=blur.bits)
+        write_png(path, encoded, bits=shared.bits)
     return record.model_copy(update=read_json(noise_path)) if seen else record

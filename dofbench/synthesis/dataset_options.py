@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 
 import tyro
 
+from dofbench.core.blur import Blur
 from dofbench.core.errors import InputError
 from dofbench.core.lens import ALPHA, GAMMA, LAYERS, ApertureShape, Energy, SceneRenderer
 from dofbench.dataset.dealing import Assign
@@ -264,6 +265,15 @@ class DatasetOptions:
     def aperture_values(self) -> tuple[float, ...]:
         """The aperture values, in the order given. Raises InputError as `focus_values` does."""
         return _numbers("--aperture", self.aperture)
+
+    @property
+    def blur(self) -> Blur:
+        """How the photographs are blurred, but for aperture and focus. Raises InputError for what doesn't exist."""
+        shape = self.aperture_shape
+        try:
+            return Blur(self.gamma, self.alpha, shape, self.energy, self.renderer, self.layers)
+        except InputError as error:
+            raise InputError(f"--{error.subject}", error.found, error.expected) from None
 
     @property
     def aperture_shape(self) -> ApertureShape:

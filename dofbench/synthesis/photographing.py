@@ -10,9 +10,9 @@ import numpy as np
 
 from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
-from dofbench.core.images import encode
 from dofbench.dataset.schema import ThinLensRecord, ViewRecord
 from dofbench.dataset.sensor import Sensor
+from dofbench.optics.tone import encode
 
 if TYPE_CHECKING:
     from dofbench.procedural.tracer import Photograph, Tracer

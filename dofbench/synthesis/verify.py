@@ -10,8 +10,8 @@ import numpy as np
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file
-from dofbench.core.images import decode, encode, read_exr, read_image, to_8bit
-from dofbench.core.lens import LAYERS, Lens
+from dofbench.core.images import read_exr, read_image, to_8bit
+from dofbench.core.lens import Lens
 from dofbench.dataset import layout
 from dofbench.dataset.dataset import Dataset
 from dofbench.dataset.schema import (
@@ -25,10 +25,11 @@ from dofbench.dataset.schema import (
     read_manifest,
 )
 from dofbench.depth.disparity import disparity_of
+from dofbench.optics.tone import decode, encode
 from dofbench.synthesis import write
 from dofbench.synthesis.depth_record import check_depth
 from dofbench.synthesis.lens_plan import PlannedView
-from dofbench.synthesis.render_views import Blur, shallow_image, view_record
+from dofbench.synthesis.render_views import Photography, shallow_image, view_record
 
 RECOMPUTED_PSNR = 55.0  # dB; rounding to 8 bits alone leaves 58.9
 SCATTERED_PSNR = 18.0  # dB, the scatter of a photograph through a real lens, at depth edges and with highlights
@@ -76,13 +77,13 @@ def blurred_again(
 
     width = sharp.shape[1]
     radius = record.physical(width).signed_radius(disparity_of(depth), width)
-    sensor = lenses.sensor.sensor()
+    blur, sensor = lenses.blur, lenses.sensor.sensor()
     noise = sensor.standard_noise(record.name, sharp.shape)[rows, columns] if sensor.is_noisy else None
     if record.aperture == 0:
         inside = sharp[rows, columns].astype(np.float64)
-        return inside if noise is None else encode(sensor.expose(decode(inside, lenses.gamma), noise), lenses.gamma)
+        return inside if noise is None else encode(sensor.expose(decode(inside, blur.gamma), noise), blur.gamma)
     # Beyond its radius a source's weight falls by exp(-2 alpha) a pixel: 40 / (2 alpha) is out of sight.
-    reach = math.ceil(np.abs(radius).max() + 40 / (2 * lenses.alpha))
+    reach = math.ceil(np.abs(radius).max() + 40 / (2 * blur.alpha))
     top, left = max(0, rows.start - reach), max(0, columns.start - reach)
     around = np.s_[top : rows.stop + reach, left : columns.stop + reach]
     # Hundreds of sums over a small window: more threads only wait for each other, badly so on a busy machine.
@@ -90,17 +91,17 @@ def blurred_again(
     torch.set_num_threads(1)
     try:
         blurred = load("scatter", "reference")(
-            torch.from_numpy(decode(sharp[around].astype(np.float64), lenses.gamma)),
+            torch.from_numpy(decode(sharp[around].astype(np.float64), blur.gamma)),
             torch.from_numpy(np.ascontiguousarray(radius[around])),
-            alpha=lenses.alpha,
-            shape=lenses.shape.shape(),
-            energy=lenses.energy,
+            alpha=blur.alpha,
+            shape=blur.shape,
+            energy=blur.energy,
         ).numpy()
     finally:
         torch.set_num_threads(threads)
     inside = np.s_[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
     linear = blurred[inside] if noise is None else sensor.expose(blurred[inside], noise)
-    return encode(linear, lenses.gamma)
+    return encode(linear, blur.gamma)
 
 
 def _check_files(folder: Path, manifest: Manifest) -> list[str]:
@@ -142,7 +143,7 @@ def _check_lens(record: ViewRecord, lenses: LensFile, depth: np.ndarray) -> list
     """The view's numbers against each other, and its largest radius against its depth."""
     dealt = record.dealt or record
     planned = PlannedView(record.name, record.split, Lens(dealt.aperture, dealt.focus))
-    again = view_record(planned, depth, _blur_of(lenses, record))
+    again = view_record(planned, depth, _shared(lenses, record))
     problems = []
     for field in ("aperture", "focus", "k_px", "aperture_scene", "focus_scene", "max_coc_px"):
         stored, expected = getattr(record, field), getattr(again, field)
@@ -151,19 +152,9 @@ def _check_lens(record: ViewRecord, lenses: LensFile, depth: np.ndarray) -> list
     return problems
 
 
-def _blur_of(lenses: LensFile, record: ViewRecord) -> Blur:
-    return Blur(
-        lenses.range(),
-        record.dealt is not None,
-        lenses.gamma,
-        lenses.alpha,
-        lenses.shape.shape(),
-        lenses.energy,
-        renderer=lenses.renderer,
-        layers=lenses.layers or LAYERS,
-        sensor=lenses.sensor.sensor(),
-        bits=lenses.sensor.bits,
-    )
+def _shared(lenses: LensFile, record: ViewRecord) -> Photography:
+    sensor, bits = lenses.sensor.sensor(), lenses.sensor.bits
+    return Photography(lenses.range(), record.dealt is not None, lenses.blur, sensor=sensor, bits=bits)
 
 
 def _check_photographs(lenses: LensFile | UnknownLensFile, manifest: Manifest) -> list[str]:
@@ -214,7 +205,7 @@ def _check_blur(folder: Path, lenses: LensFile) -> list[str]:
     if lenses.renderer == "scatter":
         again = blurred_again(sharp, depth, record, lenses, rows, columns)
     else:
-        again = shallow_image(to_8bit(sharp), depth, record, _blur_of(lenses, record))[0][rows, columns]
+        again = shallow_image(to_8bit(sharp), depth, record, _shared(lenses, record))[0][rows, columns]
     psnr = _psnr(np.clip(again, 0, 1), shallow[rows, columns])  # noise goes beyond white, a PNG doesn't
     if psnr < RECOMPUTED_PSNR:
         return [f"images/{record.name}.png: {psnr:.1f} dB from the blur computed again, expected {RECOMPUTED_PSNR:g}"]
@@ -246,7 +237,7 @@ def _check_thin_lens(folder: Path, record: ViewRecord, lenses: LensFile, rows: s
     shot = optics.photograph(camera, record, window=(rows, columns))
     whole = np.zeros((camera.height, camera.width, 3), np.float32)
     whole[rows, columns] = shot.linear
-    again = exposed(whole, record.name, lenses.sensor.sensor(), lenses.gamma)[0][rows, columns]
+    again = exposed(whole, record.name, lenses.sensor.sensor(), lenses.blur.gamma)[0][rows, columns]
     psnr = _psnr(np.clip(again, 0, 1), shallow)
     # Two renders differ by the noise of both, 3 dB more than one has; as much again for a noise that is only estimated.
     expected = min(RECOMPUTED_PSNR, shot.noise_psnr - 6)

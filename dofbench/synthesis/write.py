@@ -25,7 +25,6 @@ from dofbench.dataset.schema import (
     LensFile,
     Manifest,
     SensorRecord,
-    ShapeRecord,
     SourceRecord,
     ThinLensRecord,
     UnknownLens,
@@ -39,24 +38,19 @@ from dofbench.synthesis.contact_sheet import PhotographRow, SheetRow, choose_pho
 from dofbench.synthesis.contact_sheet import photographs_sheet as draw_photographs
 from dofbench.synthesis.dataset_options import MakeDataset
 from dofbench.synthesis.dataset_readme import readme_text
-from dofbench.synthesis.render_views import Blur
+from dofbench.synthesis.render_views import Photography
 
 SHEET, README = "contact_sheet.png", "README.md"
 
 
-def lens_file(root: Path, blur: Blur, records: Sequence[ViewRecord]) -> None:
+def lens_file(root: Path, shared: Photography, records: Sequence[ViewRecord]) -> None:
     """Write lens.json."""
     lenses = LensFile(
-        disparity_range=(blur.disparity_range.q_min, blur.disparity_range.q_max),
-        normaliser="view" if blur.per_view else "scene",
-        gamma=blur.gamma,
-        alpha=blur.alpha,
-        energy=blur.energy,
-        shape=ShapeRecord(**asdict(blur.shape)),
-        renderer=blur.renderer,
-        layers=blur.layers if blur.renderer == "layered" else None,
-        thinlens=blur.thinlens,
-        sensor=SensorRecord(**asdict(blur.sensor), bits=blur.bits),
+        disparity_range=(shared.disparity_range.q_min, shared.disparity_range.q_max),
+        normaliser="view" if shared.per_view else "scene",
+        **LensFile.of_blur(shared.blur),
+        thinlens=shared.thinlens,
+        sensor=SensorRecord(**asdict(shared.sensor), bits=shared.bits),
         views=tuple(records),
     )
     write_json(root / LENS_FILE, as_json(lenses))

@@ -17,9 +17,9 @@ import numpy as np
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, sha256_file
-from dofbench.core.images import encode, image_size, read_exr, read_image
+from dofbench.core.images import image_size, read_exr, read_image
 from dofbench.core.import_closure import closure_digest
-from dofbench.core.lens import GAMMA
+from dofbench.optics.tone import encode
 from dofbench.validation.renderer_truth import Case, Truth
 
 INFO, IMAGE, DEPTH = "info.json", "image.exr", "depth.exr"
@@ -93,7 +93,6 @@ def _photograph(folder: Path, file: Path, blur: float, distance: float) -> Truth
         sharp=encode(np.maximum(sharp, 0)),
         signed_radius=signed,
         photograph=encode(np.clip(photograph, 0, 1)),
-        gamma=GAMMA,
         border=math.ceil(float(np.abs(signed).max())) + 2,
         own_error_db=math.nan,
     )

@@ -20,9 +20,9 @@ import numpy as np
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, sha256_file
-from dofbench.core.images import decode, encode, read_image
+from dofbench.core.images import read_image
 from dofbench.core.import_closure import closure_digest
-from dofbench.core.lens import GAMMA
+from dofbench.optics.tone import decode, encode
 from dofbench.validation.renderer_truth import Case, Truth
 
 GRID = "grid.json"
@@ -141,7 +141,6 @@ def _photograph(field: LightField, depth: Callable[[], tuple[np.ndarray, int]], 
         sharp=field.centre,
         signed_radius=(nearer * radius * (disparity - focus)).astype(np.float32),
         photograph=encode(whole).astype(np.float32),
-        gamma=GAMMA,
         border=math.ceil(rho * max(map(abs, field.disparities))) + 4,
         own_error_db=-10 * math.log10(error),
     )
@@ -201,7 +200,7 @@ def _added(field: LightField, aperture: list[tuple[int, int]], focus: float) -> 
     """Mean of the views, shifted to `focus`, in linear light."""
     total = np.zeros(field.centre.shape)
     for place in aperture:
-        total += decode(np.clip(_shifted(field.views[place], place, focus), 0, 1).astype(np.float64), GAMMA)
+        total += decode(np.clip(_shifted(field.views[place], place, focus), 0, 1).astype(np.float64))
     return total / len(aperture)
 
 

@@ -15,9 +15,10 @@ from functools import cache, partial
 
 import numpy as np
 
-from dofbench.core.images import encode
+from dofbench.core.blur import Blur
 from dofbench.core.import_closure import closure_digest
-from dofbench.core.lens import GAMMA, ApertureShape
+from dofbench.core.lens import ApertureShape
+from dofbench.optics.tone import decode, encode
 from dofbench.validation.lens_points import lens_points
 from dofbench.validation.planes_lens import ALL, BARS, DISCS, LOWER_HALF, add_views
 from dofbench.validation.renderer_truth import Case, Truth
@@ -132,10 +133,9 @@ def photograph(
         sharp=encode(pinhole.sum(axis=0)).astype(np.float32),
         signed_radius=signed_radius.astype(np.float32),
         photograph=whole,
-        gamma=GAMMA,
         border=math.ceil(radius) + 2,
         own_error_db=reached,
-        shape=shape,
+        blur=Blur(shape=shape),
         thin_lens=thin_lens,
     )
 
@@ -184,7 +184,7 @@ def _picture(plane: Plane) -> np.ndarray:
     )
     noise = generator.normal(size=(_TEXTURE, _TEXTURE, 3))
     waves = np.fft.ifft2(np.fft.fft2(noise, axes=(0, 1)) * spectrum[..., None], axes=(0, 1)).real
-    picture = np.clip(0.45 + 0.2 * waves / waves.std(), 0.0, 1.0) ** GAMMA
+    picture = decode(np.clip(0.45 + 0.2 * waves / waves.std(), 0.0, 1.0))
     if plane.highlights > 0:
         lit = generator.random((_TEXTURE, _TEXTURE)) < plane.highlights / 4
         lit = lit | np.roll(lit, 1, 0) | np.roll(lit, 1, 1) | np.roll(lit, (1, 1), (0, 1))

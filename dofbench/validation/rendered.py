@@ -11,9 +11,10 @@ import numpy as np
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, sha256_file
-from dofbench.core.images import encode, image_size, read_exr, read_image
+from dofbench.core.images import image_size, read_exr, read_image
 from dofbench.core.import_closure import closure_digest
-from dofbench.core.lens import GAMMA, PhysicalLens
+from dofbench.core.lens import PhysicalLens
+from dofbench.optics.tone import encode
 from dofbench.validation.renderer_truth import Case, Truth
 from dofbench.validation.sampled import has_geometry, thin_lens
 
@@ -95,7 +96,6 @@ def _photograph(
         sharp=encode(np.maximum(sharp, 0)),
         signed_radius=signed,
         photograph=encode(np.clip(photograph, 0, 1)),
-        gamma=GAMMA,
         border=math.ceil(float(np.abs(signed).max())) + 2,
         own_error_db=numbers["noise_psnr_db"],
         thin_lens=by_geometry,

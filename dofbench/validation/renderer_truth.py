@@ -7,28 +7,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dofbench.core.blur import Blur
 from dofbench.core.files import canonical_json, sha256_text
-from dofbench.core.lens import ApertureShape
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
     """One photograph with optical blur.
 
-    sharp, photograph: (H, W, 3) float32, encoded by `gamma`; the photograph is clipped to [0, 1], what a renderer
-    gets is not, so that a highlight stays as bright as it is. signed_radius: (H, W) float32, pixels,
-    positive nearer than the focus. shape: the aperture's. border: pixels along the image's edges that only the region
-    "frame" counts. own_error_db: PSNR of the photograph's own noise. thin_lens: the same photograph from so many
-    points of the lens, by the scene's geometry, encoded; None where there is no geometry.
+    sharp, photograph: (H, W, 3) float32, encoded by the blur's gamma; the photograph is clipped to [0, 1], what a
+    renderer gets is not, so that a highlight stays as bright as it is. signed_radius: (H, W) float32, pixels, positive
+    nearer than the focus. blur: encoding and aperture's shape of the photograph, and else what the scatter takes unless
+    told. border: pixels along the image's edges that only the region "frame" counts. own_error_db: PSNR of the
+    photograph's own noise. thin_lens: the same photograph from so many points of the lens, by the scene's geometry,
+    encoded; None where there is no geometry.
     """
 
     sharp: np.ndarray
     signed_radius: np.ndarray
     photograph: np.ndarray
-    gamma: float
     border: int
     own_error_db: float
-    shape: ApertureShape = ApertureShape()
+    blur: Blur = Blur()
     thin_lens: Callable[[int], np.ndarray] | None = None
 
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from dofbench.core.cameras import Camera
-from dofbench.core.images import encode
 from dofbench.core.lens import PhysicalLens
+from dofbench.optics.tone import encode
 
 
 def has_geometry(scene: dict[str, Any]) -> bool:

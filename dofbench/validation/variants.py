@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -35,24 +35,21 @@ class Variant:
         return not self.geometry or case.geometry
 
 
-def _render(truth: Truth, **options) -> np.ndarray:
-    return defocus_by_radius(
-        truth.sharp, truth.signed_radius, **{"gamma": truth.gamma, "shape": truth.shape, **options}
-    )[0]
+def _render(truth: Truth, **changes) -> np.ndarray:
+    return defocus_by_radius(truth.sharp, truth.signed_radius, replace(truth.blur, **changes))[0]
 
 
 def _other_shape(truth: Truth) -> np.ndarray:
     """A hexagon for a disc, a disc for anything else, that lets as much light through."""
-    other = ApertureShape(6) if truth.shape.is_disc else ApertureShape()
-    grown = truth.signed_radius * (polygon_to_disc(truth.shape) / polygon_to_disc(other))
-    return defocus_by_radius(truth.sharp, grown, gamma=truth.gamma, shape=other)[0]
+    shape = truth.blur.shape
+    other = ApertureShape(6) if shape.is_disc else ApertureShape()
+    grown = truth.signed_radius * (polygon_to_disc(shape) / polygon_to_disc(other))
+    return defocus_by_radius(truth.sharp, grown, replace(truth.blur, shape=other))[0]
 
 
-def _of_8_bits(truth: Truth, **options) -> np.ndarray:
+def _of_8_bits(truth: Truth, **changes) -> np.ndarray:
     """What a PNG keeps of the sharp image: 256 levels, and nothing above white."""
-    return defocus_by_radius(
-        from_8bit(to_8bit(truth.sharp)), truth.signed_radius, gamma=truth.gamma, shape=truth.shape, **options
-    )[0]
+    return _render(replace(truth, sharp=from_8bit(to_8bit(truth.sharp))), **changes)
 
 
 def _thin_lens(truth: Truth, samples: int) -> np.ndarray:

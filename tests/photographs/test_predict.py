@@ -11,8 +11,8 @@ from tolerances import EVEN_BLUR, FITTED_APERTURE, FITTED_FOCUS, FITTED_SIGMA, F
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Rendering
-from dofbench.core.images import decode, encode
 from dofbench.core.lens import DisparityRange, PhysicalLens
+from dofbench.optics.tone import decode, encode
 from dofbench.scoring.photograph_scores import prediction_scores
 from dofbench.scoring.photographs.predict import predict
 from dofbench.scoring.photographs.search import QUICK, THOROUGH, Effort, Frame, lens_grid

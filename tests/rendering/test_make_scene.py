@@ -18,9 +18,10 @@ from tolerances import FLOAT16_VALUE, FLOAT64_VALUE, LEVEL_8BIT
 
 from dofbench import cli
 from dofbench.core.files import sha256_file
-from dofbench.core.images import encode, read_exr
+from dofbench.core.images import read_exr
 from dofbench.core.lens import DisparityRange, Lens
 from dofbench.depth.disparity import scene_range
+from dofbench.optics.tone import encode
 from dofbench.scenes import load_scene
 
 SMALL = "--views 3 --width 40 --height 30 --samples 8 --lens-views 1 --lens-samples 8 --focus 0.2,0.8 --aperture 1"

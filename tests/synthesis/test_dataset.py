@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from tolerances import FLOAT64_VALUE
 
+from dofbench.core.blur import Blur
 from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file, write_json
@@ -30,7 +31,7 @@ def test_the_harness_sees_everything(dataset, dataset_folder):
     assert dataset.name == dataset.scene == "planes"
     assert [view.name for view in dataset.test_views()] == ["v00", "v03"]
     assert len(dataset.training_views()) == 4 and dataset.has_points
-    assert (dataset.gamma, dataset.alpha, dataset.shape.is_disc) == (2.2, 4.0, True)
+    assert dataset.blur == Blur(gamma=2.2, alpha=4.0)
     assert dataset.checksum == sha256_file(dataset_folder / "dataset.json")
     lenses = json.loads((dataset_folder / "lens.json").read_text())
     assert dataset.disparity_range.q_min == lenses["disparity_range"][0]

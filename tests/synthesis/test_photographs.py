@@ -117,13 +117,7 @@ def test_what_is_known_is_there_and_nothing_else(made: Path, blurred: Path, cont
 
 def test_the_reader_gives_none_for_what_nobody_knows(made: Path) -> None:
     dataset = Dataset.load(made)
-    assert (dataset.assign, dataset.disparity_range, dataset.gamma, dataset.alpha, dataset.shape) == (
-        "unknown",
-        None,
-        None,
-        None,
-        None,
-    )
+    assert (dataset.assign, dataset.disparity_range, dataset.blur) == ("unknown", None, None)
     assert not dataset.has_exact_depth and dataset.has_points
     for view in dataset.views:
         sharp = view.name in TEST
@@ -387,7 +381,7 @@ def test_one_test_view_without_a_lens(mixed: Path, dataset_folder: Path) -> None
     first, *others = dataset.views
     assert first.lens is None and not first.has_all_in_focus and first.has_depth
     assert [view.lens for view in others] == [view.lens for view in before.views[1:]]
-    assert (dataset.assign, dataset.gamma, dataset.disparity_range) == ("per-view", 2.2, before.disparity_range)
+    assert (dataset.assign, dataset.blur, dataset.disparity_range) == ("per-view", before.blur, before.disparity_range)
     edit(mixed / "dataset.json", lambda manifest: manifest.update(version=1))
     with pytest.raises(InputError, match="view v00 of unknown lens in schema version 1"):
         Dataset.load(mixed)

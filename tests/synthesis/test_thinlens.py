@@ -14,8 +14,9 @@ from tolerances import FLOAT32_VALUE, LEVEL_8BIT, SCATTER_OF_A_LENS
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file, write_json
-from dofbench.core.images import encode, read_exr, read_image, write_png
+from dofbench.core.images import read_exr, read_image, write_png
 from dofbench.core.progress import Silent
+from dofbench.optics.tone import encode
 from dofbench.procedural import make_scene
 from dofbench.procedural.scene_options import MakeScene
 from dofbench.synthesis import check_dataset, make_dataset

@@ -12,7 +12,8 @@ from truth_fakes import looked_at
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, write_json
-from dofbench.core.images import encode, write_exr
+from dofbench.core.images import write_exr
+from dofbench.optics.tone import encode
 from dofbench.validation.detect import cases_in
 
 

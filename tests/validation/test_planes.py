@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
 from tolerances import FLOAT32_VALUE, LENS_COVERED, POLYGON_AREA
 
-from dofbench.core.images import encode
 from dofbench.core.lens import ApertureShape
+from dofbench.optics.tone import encode
 from dofbench.validation import planes
 from dofbench.validation.lens_points import lens_points, polygon_to_disc
 from dofbench.validation.planes import HEIGHT, SCENES, WIDTH, Plane, photograph, seen
@@ -153,4 +153,4 @@ def test_an_unknown_stencil_is_named():
 
 def test_encoding_is_the_papers():
     truth = photograph((Plane(1, 2.0, "all", 0.5),), 0.0, 0.5)
-    assert np.allclose(encode(truth.sharp**truth.gamma), truth.sharp, atol=FLOAT32_VALUE)
+    assert np.allclose(encode(truth.sharp**truth.blur.gamma), truth.sharp, atol=FLOAT32_VALUE)

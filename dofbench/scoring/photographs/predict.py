@@ -11,8 +11,9 @@ import numpy as np
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Method
-from dofbench.core.images import decode, encode, from_8bit, to_8bit
+from dofbench.core.images import from_8bit, to_8bit
 from dofbench.core.lens import DisparityRange, PhysicalLens
+from dofbench.optics.tone import decode, encode
 from dofbench.scoring.photographs.colour_fit import colour_map, recoloured
 from dofbench.scoring.photographs.image_tiles import Tiles, shrink
 from dofbench.scoring.photographs.search import LEAST_STEP, Effort, Found, Frame, best_sigma, lens_grid, simplex
