@@ -30,15 +30,15 @@ ALL_BUT_SHARP = 11.0  # f-number from which on blowtorch is "all but sharp" by i
 
 # Lenses that photographs are made with: options of make-dataset.
 LENSES = {
-    "multi": {"aperture": "0.5,1.0"},
-    "a0.1": {"aperture": "0.1"},
-    "a0.25": {"aperture": "0.25"},
-    "a0.5": {"aperture": "0.5"},
-    "a1": {"aperture": "1.0"},
-    "one0.5": {"aperture": "0.5", "focus": "0.5", "assign": "fixed"},
-    "one1": {"aperture": "1.0", "focus": "0.8", "assign": "fixed"},
-    "noise0": {"aperture": "0", "photons": 300.0, "read_noise": 0.01},
-    "noise0.5": {"aperture": "0.5", "photons": 300.0, "read_noise": 0.01},
+    "multi": {"aperture": (0.5, 1.0)},
+    "a0.1": {"aperture": (0.1,)},
+    "a0.25": {"aperture": (0.25,)},
+    "a0.5": {"aperture": (0.5,)},
+    "a1": {"aperture": (1.0,)},
+    "one0.5": {"aperture": (0.5,), "focus": (0.5,), "assign": "fixed"},
+    "one1": {"aperture": (1.0,), "focus": (0.8,), "assign": "fixed"},
+    "noise0": {"aperture": (0.0,), "photons": 300.0, "read_noise": 0.01},
+    "noise0.5": {"aperture": (0.5,), "photons": 300.0, "read_noise": 0.01},
 }
 LARGE, SMALL = tuple(LENSES), ("multi", "a0.1", "a0.25", "a0.5", "a1", "one0.5", "one1")
 WIDTHS = {"llff_fern": 252, "llff_flower": 252, "tabletop": 256}

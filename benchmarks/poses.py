@@ -160,8 +160,8 @@ def cases(
                         out=made,
                         width=width,
                         depth="sfm",
-                        focus="0.2,0.5,0.8",
-                        aperture=aperture,
+                        focus=(0.2, 0.5, 0.8),
+                        aperture=(float(aperture),),
                     ),
                     progress=Silent(),
                 )

@@ -37,7 +37,7 @@ def test_typical_calls_mean_what_they_say() -> None:
     made = cli.parse(f"make-dataset {scene} --focus 0.2,0.5,0.8 --aperture 0.5,1.0 --out data/fern".split())
     assert isinstance(made, cli.MakeDatasets)
     assert (made.scenes, made.out) == ((scene,), Path("data/fern"))
-    assert (made.focus_values, made.aperture_values) == ((0.2, 0.5, 0.8), (0.5, 1.0))
+    assert (made.focus, made.aperture) == ((0.2, 0.5, 0.8), (0.5, 1.0))
 
     run = cli.parse("run --method dofgaussian --data data/fern --out results".split())
     assert isinstance(run, cli.Runs)

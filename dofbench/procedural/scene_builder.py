@@ -139,8 +139,8 @@ class _Rendering:
         shots = [
             _Shot(index * asked.views // asked.lens_views, Lens(aperture, focus))
             for index in range(asked.lens_views)
-            for focus in asked.focus_values
-            for aperture in asked.aperture_values
+            for focus in asked.focus
+            for aperture in asked.aperture
         ]
         return [
             shot

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
+from dofbench.core.number_lists import spelled
+from dofbench.core.option_rules import flag
 from dofbench.procedural.scene_options import MakeScene
 
 
@@ -14,7 +16,7 @@ def command(recipe: str, settings: MakeScene) -> str:
     for field in fields(MakeScene):
         value = getattr(settings, field.name)
         if field.name not in ("recipe", "out", "variant") and value != field.default:
-            words.append(f"--{field.name.replace('_', '-')} {value}")
+            words.append(f"{flag(field.name)} {spelled(value) if isinstance(value, tuple) else value}")
     return " ".join(words)
 
 

@@ -89,7 +89,7 @@ def _bad_depth(folder: Path, value: float) -> Found:
 
 def _refused_option(folder: Path, option: str, value: str) -> Found:
     scene = _write_scene(folder / "scene", (24, 32))
-    return refuses(InputError, lambda: _make(scene, folder / "made", **{option: value}), f"--{option}", value)
+    return refuses(InputError, lambda: _make(scene, folder / "made", **{option: (float(value),)}), f"--{option}", value)
 
 
 def _all_but_one_unknown(z: np.ndarray) -> np.ndarray:
@@ -162,8 +162,8 @@ def _cases() -> tuple[Case, ...]:
             "0: no complaint",
             _dataset,
             size=(24, 32),
-            focus="0,1",
-            aperture="0,1",
+            focus=(0, 1),
+            aperture=(0, 1),
         ),
         made(
             "layered",

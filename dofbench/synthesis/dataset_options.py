@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, fields
+from dataclasses import Field, dataclass, fields
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -13,6 +13,24 @@ import tyro
 from dofbench.core.blur import Blur
 from dofbench.core.errors import InputError
 from dofbench.core.lens import ALPHA, GAMMA, LAYERS, ApertureShape, Energy, SceneRenderer
+from dofbench.core.number_lists import number_list, numbers, spelled
+from dofbench.core.option_rules import (
+    DEGREES,
+    NOT_NEGATIVE,
+    POSITIVE,
+    AtMostWith,
+    DefaultWith,
+    EachFrom,
+    NeededWith,
+    Needs,
+    NotBeside,
+    OnlyWith,
+    at_least,
+    check,
+    flag,
+    given,
+    option,
+)
 from dofbench.dataset.dealing import Assign
 from dofbench.dataset.sensor import Sensor
 from dofbench.synthesis.lens_plan import Values
@@ -24,203 +42,172 @@ Photographs = Literal["auto", "shallow", "shallow-train"]
 LinearFormat = Literal["exr-half", "exr-float"]
 
 
-# Options that mean nothing for photographs that are taken as they are.
-_BLURRING = (
-    "assign",
-    "focus",
-    "aperture",
-    "test_focus",
-    "test_aperture",
-    "renderer",
-    "layers",
-    "lens_samples",
-    "normaliser",
-    "gamma",
-    "alpha",
-    "shape",
-    "shape_rotation",
-    "shape_curvature",
-    "shape_obstruction",
-    "energy",
-    "photons",
-    "read_noise",
-    "bits",
-    "linear",
-    "depth_steps",
-)
+# What an option is about. scene: what is read of a scene. blur: how its sharp images become shallow photographs; where
+# photographs are shallow already, none of these may be given. seed: what is drawn at random, which is nothing of such
+# photographs. place: where things are on this machine, which decides nothing of the content.
+About = Literal["scene", "blur", "seed", "place"]
+
+_LISTS = ("focus", "aperture", "test_focus", "test_aperture")
+_TWO_ENDS = AtMostWith("assign", "continuous", 2, "the two ends of a range, or one value")
+_THE_SPLIT = NotBeside("hold", "one of them: either says which views are held out")
+_BOTH = "both: photographs to train on, and others to test with"
+
+
+def _disc_after_all(options: DatasetOptions) -> bool:
+    return options.aperture_shape.is_disc  # so is a polygon whose blades bulge to a disc
+
+
+_DISC = DefaultWith("renderer", "thinlens", "a disc, without obstruction", unless=_disc_after_all)
 
 
 @dataclass(frozen=True)
 class DatasetOptions:
-    """What holds for one dataset and for many."""
+    """What holds for one dataset and for many.
 
-    data_root: Path | None = None
+    Beside each option stands what its value must be and beside which others it may stand (`core.option_rules`); what it
+    is about (`About`); sharp: whether the sharp images and the depth depend on it; kept_with: the option without which
+    it isn't in the recipe, as those of earlier datasets don't have it.
+    """
+
+    data_root: Path | None = option(None, about="place")
     """Folder that holds named datasets (`dofbench scenes` lists them); without it, the one in DOFBENCH_DATA."""
 
-    focus: str = "0.2,0.5,0.8"
+    focus: Annotated[tuple[float, ...], number_list("--focus")] = option(
+        (0.2, 0.5, 0.8), EachFrom(0, 1), _TWO_ENDS, about="blur"
+    )
     """Focus values, comma-separated: normalised disparity, 0 far to 1 near."""
 
-    aperture: str = "0.5,1.0"
+    aperture: Annotated[tuple[float, ...], number_list("--aperture")] = option(
+        (0.5, 1.0), EachFrom(0, 1), _TWO_ENDS, about="blur"
+    )
     """Aperture values, comma-separated: 1 blurs by 2 % of the width per unit of disparity, 0 not at all."""
 
-    width: int | None = None
+    width: int | None = option(None, at_least(8), about="scene", sharp=True)
     """Image width in pixels; without it, a named dataset's usual one, else the scene's own."""
 
-    hold: int | None = None
+    hold: int | None = option(None, at_least(2), about="scene", sharp=True)
     """Every hold-th view, from the first, is a test view; without it, the named dataset's or the scene's own, or 8."""
 
-    depth: str = "auto"
+    depth: str = option("auto", about="scene", sharp=True)
     """Where depth comes from: the scene (given), maps of z-depth in a folder (folder:DIR), a reconstruction (splat),
     its sparse points (sfm), a monocular network aligned to them (onnx:FILE with FILE.toml beside it, or the shipped
     onnx:depthnet), or given if there is any, else splat (auto)."""
 
-    depth_unit: float = 1.0
+    depth_unit: float = option(1.0, POSITIVE, about="scene", sharp=True)
     """Scene units per unit of the maps of --depth folder:DIR."""
 
-    depth_steps: int = 3000
+    depth_steps: int = option(3000, at_least(1), about="blur", sharp=True)
     """Training steps of the reconstruction behind --depth splat."""
 
-    gamma: float = GAMMA
+    gamma: float = option(GAMMA, DefaultWith("renderer", "thinlens", f"{GAMMA}, as its scenes have"), about="blur")
     """Display encoding: linear light is the encoded image to this power."""
 
-    alpha: float = ALPHA
+    alpha: float = option(ALPHA, about="blur")
     """Hardness of the blur disc's edge, per pixel."""
 
-    shape: str = "disc"
+    shape: str = option("disc", _DISC, about="blur")
     """Aperture shape: disc, or N-gon with N blades, such as 5-gon."""
 
-    shape_rotation: float = 0.0
+    shape_rotation: float = option(0.0, DEGREES, about="blur")
     """Direction of the polygon's first corner, degrees from right towards down."""
 
-    shape_curvature: float = 0.0
+    shape_curvature: float = option(0.0, about="blur")
     """How far the polygon's blades bulge: 0 straight to 1 a disc."""
 
-    shape_obstruction: float = 0.0
+    shape_obstruction: float = option(0.0, _DISC, about="blur")
     """Radius of a central stop as a share of the aperture's, 0 to below 1."""
 
-    energy: Energy = "area"
+    energy: Energy = option("area", about="blur")
     """Scatter weight: divided by the disc's area, or as printed in the paper's Algorithm 1."""
 
-    renderer: SceneRenderer = "scatter"
+    renderer: SceneRenderer = option("scatter", about="blur")
     """scatter: as in the paper, blind to what hides what; layered: depth layers composited from back to front;
     thinlens: rendered anew through a real lens, for a scene of make-scene's, with mitsuba."""
 
-    layers: int = LAYERS
+    layers: int = option(LAYERS, about="blur")
     """Depth layers of --renderer layered."""
 
-    lens_samples: int = 4096
+    lens_samples: int = option(4096, at_least(2), about="blur")
     """Rays a pixel, and so lens points, of --renderer thinlens."""
 
-    normaliser: Normaliser = "scene"
+    normaliser: Normaliser = option("scene", about="blur")
     """What focus and aperture refer to: one disparity range for the scene, or one for every view."""
 
-    assign: Assign = "per-view"
+    assign: Assign = option("per-view", about="blur")
     """Deal the grid of focus and aperture over the views (per-view), give all views one lens, with a dataset for each
     lens of the grid (fixed), deal the test views a grid of their own (held-out), or draw from the ranges that the
     values span (continuous)."""
 
-    test_focus: str | None = None
+    test_focus: Annotated[tuple[float, ...] | None, number_list("--test-focus")] = option(
+        None,
+        OnlyWith("assign", "held-out"),
+        NeededWith("assign", "held-out", "focus values of the test views"),
+        EachFrom(0, 1),
+        about="blur",
+    )
     """Focus values of the test views, none of them a training view's, for --assign held-out."""
 
-    test_aperture: str | None = None
+    test_aperture: Annotated[tuple[float, ...] | None, number_list("--test-aperture")] = option(
+        None, OnlyWith("assign", "held-out"), EachFrom(0, 1), about="blur"
+    )
     """Aperture values of the test views for --assign held-out; without it, 0 and the training views'."""
 
-    photons: float = 0.0
+    photons: float = option(0.0, NOT_NEGATIVE, about="blur")
     """Shot noise: photons that a pixel at full scale collects, 0 for no such noise."""
 
-    read_noise: float = 0.0
+    read_noise: float = option(0.0, NOT_NEGATIVE, about="blur")
     """Read noise: standard deviation in linear light whose full scale is 1."""
 
-    bits: Bits = 8
+    bits: Bits = option(8, about="blur")
     """Bits per channel of the photographs that methods train on."""
 
-    linear: LinearFormat = "exr-half"
+    linear: LinearFormat = option("exr-half", about="blur")
     """Format of the images before encoding."""
 
-    seed: int = 0
+    seed: int = option(0, at_least(0), about="seed", sharp=True)
     """Seed of the deal and of the reconstruction."""
 
-    images: str | None = None
+    images: str | None = option(None, about="scene", sharp=True)
     """Folder of images inside the scene; without it, the one that the layout prefers."""
 
-    layout: str = "auto"
+    layout: str = option("auto", about="scene", sharp=True)
     """Layout of the scene folder: nerfstudio, llff, colmap, dofnerf, deblurnerf, or auto to find out. Where a folder is
     in several, this chooses; auto passes over a transforms.json in another frame than the COLMAP model beside it."""
 
-    photographs: Photographs = "auto"
+    photographs: Photographs = option("auto", about="scene", kept_with="photographs")
     """Whether the scene's photographs are shallow already, by a lens that nobody knows: as its layout says (auto), all
     of them (shallow), or those to train on while those to test with are sharp (shallow-train). They are taken as they
     are, and what isn't known of them is left out of the dataset."""
 
-    train_f_number: float | None = None
+    train_f_number: float | None = option(
+        None, POSITIVE, Needs("test_f_number", _BOTH), _THE_SPLIT, about="scene", kept_with="train_f_number"
+    )
     """Train on the photographs that were taken at this f-number alone, by their EXIF; with --test-f-number. For
     photographs that are shallow already."""
 
-    test_f_number: float | None = None
+    test_f_number: float | None = option(
+        None, POSITIVE, Needs("train_f_number", _BOTH), _THE_SPLIT, about="scene", kept_with="train_f_number"
+    )
     """Test with the photographs of this f-number, and leave out those of any other: the score is how well the learned
     aperture, scaled by the ratio of the two, predicts them."""
 
-    test_points: int = 100
+    test_points: int = option(100, at_least(0), about="scene", kept_with="train_f_number")
     """With --test-f-number: leave out the photographs of it that share fewer sparse points with those to train on. What
     no training photograph saw says nothing about an aperture."""
 
-    out: Path | None = None
+    out: Path | None = option(None, about="place")
     """Folder to write, or with several datasets the folder that they all go into; without it, data/<scene name>."""
 
     def __post_init__(self) -> None:
-        for option, value, lowest in (
-            ("--width", self.width, 8),
-            ("--hold", self.hold, 2),
-            ("--depth-steps", self.depth_steps, 1),
-            ("--seed", self.seed, 0),
-            ("--layers", self.layers, 1),
-            ("--test-points", self.test_points, 0),
-            ("--lens-samples", self.lens_samples, 2),
-        ):
-            if value is not None and value < lowest:
-                raise InputError(option, str(value), f"at least {lowest}")
-        for option, number in (("--gamma", self.gamma), ("--alpha", self.alpha), ("--depth-unit", self.depth_unit)):
-            if not (math.isfinite(number) and number > 0):
-                raise InputError(option, str(number), "a positive number")
-        if self.renderer == "thinlens" and not self.aperture_shape.is_disc:
-            raise InputError("--renderer thinlens", f"--shape {self.shape}", "a disc, without obstruction")
-        if self.renderer == "thinlens" and self.gamma != GAMMA:
-            raise InputError("--renderer thinlens", f"--gamma {self.gamma:g}", f"{GAMMA}, as its scenes have")
-        self._check_f_numbers()
-        _ = self.aperture_shape, self.sensor, self.depth_source
-        self._check_assignment()
-
-    def _check_f_numbers(self) -> None:
-        pair = (("--train-f-number", self.train_f_number), ("--test-f-number", self.test_f_number))
-        for (option, value), (other, needed) in (pair, pair[::-1]):
-            if value is None:
-                continue
-            if not (math.isfinite(value) and value > 0):
-                raise InputError(option, str(value), "a positive number")
-            if needed is None:
-                raise InputError(option, f"no {other}", "both: photographs to train on, and others to test with")
-            if value == needed:
-                raise InputError(option, f"{value:g}, as {other}", "two f-numbers")
-            if self.hold is not None:
-                raise InputError(option, f"--hold {self.hold} too", "one of them: either says which views are held out")
-
-    def _check_assignment(self) -> None:
-        if self.assign != "held-out":
-            for option, value in (("--test-focus", self.test_focus), ("--test-aperture", self.test_aperture)):
-                if value is not None:
-                    raise InputError(option, f"--assign {self.assign}", "--assign held-out, the only one that uses it")
-        elif self.test_focus is None:
-            raise InputError("--assign held-out", "no --test-focus", "focus values of the test views")
-        elif shared := sorted(set(self.held_out_values.focus) & set(self.focus_values)):
+        for name in _LISTS:
+            if (values := getattr(self, name)) is not None:
+                object.__setattr__(self, name, numbers(flag(name), values))
+        check(self)
+        _ = self.blur, self.depth_source
+        if self.train_f_number is not None and self.train_f_number == self.test_f_number:
+            raise InputError("--train-f-number", f"{self.train_f_number:g}, as --test-f-number", "two f-numbers")
+        if self.test_focus is not None and (shared := sorted(set(self.test_focus) & set(self.focus))):
             raise InputError("--test-focus", f"{shared[0]:g}, a training focus too", "values that no training view has")
-        if self.assign == "continuous":
-            for option, values in (("--focus", self.focus_values), ("--aperture", self.aperture_values)):
-                if len(values) > 2:
-                    raise InputError(
-                        f"{option} with --assign continuous",
-                        f"{len(values)} values",
-                        "the two ends of a range, or one value",
-                    )
 
     @property
     def depth_source(self) -> tuple[DepthSource, Path | None]:
@@ -235,36 +222,21 @@ class DatasetOptions:
     @property
     def values(self) -> Values:
         """The focus and aperture values of the training views, and unless held out of the test views."""
-        return Values(self.focus_values, self.aperture_values)
+        return Values(self.focus, self.aperture)
 
     @property
     def held_out_values(self) -> Values | None:
-        """The test views' own values; None without --assign held-out. Raises InputError as `focus_values` does."""
-        if self.assign != "held-out" or self.test_focus is None:
+        """The test views' own values; None without --assign held-out."""
+        if self.test_focus is None:
             return None
         if self.test_aperture is not None:
-            aperture = _numbers("--test-aperture", self.test_aperture)
-        else:
-            aperture = (0.0, *(value for value in self.aperture_values if value > 0))
-        return Values(_numbers("--test-focus", self.test_focus), aperture)
+            return Values(self.test_focus, self.test_aperture)
+        return Values(self.test_focus, (0.0, *(value for value in self.aperture if value > 0)))
 
     @property
     def sensor(self) -> Sensor:
-        """The sensor's noise. Raises InputError for a negative number."""
-        for option, value in (("--photons", self.photons), ("--read-noise", self.read_noise)):
-            if not (math.isfinite(value) and value >= 0):
-                raise InputError(option, str(value), "0 or a positive number")
+        """The sensor's noise."""
         return Sensor(self.photons, self.read_noise, self.seed)
-
-    @property
-    def focus_values(self) -> tuple[float, ...]:
-        """The focus values, in the order given. Raises InputError for anything but distinct numbers in [0, 1]."""
-        return _numbers("--focus", self.focus)
-
-    @property
-    def aperture_values(self) -> tuple[float, ...]:
-        """The aperture values, in the order given. Raises InputError as `focus_values` does."""
-        return _numbers("--aperture", self.aperture)
 
     @property
     def blur(self) -> Blur:
@@ -273,7 +245,7 @@ class DatasetOptions:
         try:
             return Blur(self.gamma, self.alpha, shape, self.energy, self.renderer, self.layers)
         except InputError as error:
-            raise InputError(f"--{error.subject}", error.found, error.expected) from None
+            raise _typed(error) from None
 
     @property
     def aperture_shape(self) -> ApertureShape:
@@ -286,29 +258,21 @@ class DatasetOptions:
             raise InputError("--shape", repr(self.shape), "a polygon with at least 3 corners")
         if not match and (self.shape_rotation or self.shape_curvature):
             raise InputError("--shape disc", "a rotation or a curvature", "neither, as a disc has no corners")
-        if not math.isfinite(self.shape_rotation):
-            raise InputError("--shape-rotation", str(self.shape_rotation), "degrees")
-        if not 0 <= self.shape_curvature <= 1:
-            raise InputError("--shape-curvature", str(self.shape_curvature), "0 to 1")
-        if not 0 <= self.shape_obstruction < 1:
-            raise InputError("--shape-obstruction", str(self.shape_obstruction), "0 to below 1")
-        return ApertureShape(blades, math.radians(self.shape_rotation), self.shape_curvature, self.shape_obstruction)
-
-    @property
-    def _depth_name(self) -> str:
-        # Where the folder or the network is doesn't decide the content: what is in it does; the identity holds that.
-        kind, place = self.depth_source
-        return kind if place is None else f"{kind}:{place.name}"
+        rotation = math.radians(self.shape_rotation)
+        try:
+            return ApertureShape(blades, rotation, self.shape_curvature, self.shape_obstruction)
+        except InputError as error:
+            raise _typed(error) from None
 
     def check_unblurred(self, scene: str) -> None:
         """Raise InputError for an option that says how to blur: the photographs of this scene are shallow already."""
-        default = MakeDataset()
-        for name in _BLURRING:
-            given = getattr(self, name)
-            if given != getattr(default, name):
+        for at in fields(DatasetOptions):
+            if at.metadata["about"] == "blur" and given(self, at):
+                value = getattr(self, at.name)
                 raise InputError(
-                    f"--{name.replace('_', '-')}",
-                    f"{given} for {scene}, whose photographs are shallow already",
+                    flag(at.name),
+                    f"{spelled(value) if isinstance(value, tuple) else value} for {scene}, whose photographs are "
+                    "shallow already",
                     "no option that says how to blur them, or how much",
                 )
         if self.depth_source[0] not in ("auto", "given", "folder"):
@@ -318,56 +282,30 @@ class DatasetOptions:
                 "given, folder:DIR or auto: what is known, no estimate",
             )
 
-    def photograph_recipe(self) -> dict[str, object]:
-        """Of `recipe`, what decides a dataset of photographs that are shallow already."""
-        names = ("width", "hold", "depth", "depth_unit", "images", "layout")
-        return {name: self.recipe()[name] for name in names} | {"photographs": self.photographs} | self._f_numbers
-
-    @property
-    def _f_numbers(self) -> dict[str, object]:
-        if self.train_f_number is None:
-            return {}
-        return {
-            "train_f_number": self.train_f_number,
-            "test_f_number": self.test_f_number,
-            "test_points": self.test_points,
-        }
-
     def recipe(self) -> dict[str, object]:
         """Everything that decides the dataset's content, as plain data: no path, nothing of this machine."""
-        return {
-            "focus": list(self.focus_values),
-            "aperture": list(self.aperture_values),
-            "width": self.width,
-            "hold": self.hold,
-            "depth": self._depth_name,
-            "depth_unit": self.depth_unit,
-            "depth_steps": self.depth_steps,
-            "gamma": self.gamma,
-            "alpha": self.alpha,
-            "shape": self.shape,
-            "shape_rotation": self.shape_rotation,
-            "shape_curvature": self.shape_curvature,
-            "shape_obstruction": self.shape_obstruction,
-            "energy": self.energy,
-            "renderer": self.renderer,
-            "layers": self.layers,
-            "lens_samples": self.lens_samples,
-            "normaliser": self.normaliser,
-            "assign": self.assign,
-            "test_focus": _listed(self.held_out_values, "focus"),
-            "test_aperture": _listed(self.held_out_values, "aperture"),
-            "photons": self.photons,
-            "read_noise": self.read_noise,
-            "bits": self.bits,
-            "linear": self.linear,
-            "seed": self.seed,
-            "images": self.images,
-            "layout": self.layout,
-            # Absent from the datasets of all-in-focus scenes, whose recipe was there first.
-            **({} if self.photographs == "auto" else {"photographs": self.photographs}),
-            **self._f_numbers,
-        }
+        kept = (at for at in fields(DatasetOptions) if at.metadata["about"] != "place" and self._is_kept(at))
+        return {at.name: self._plain(at.name) for at in kept}
+
+    def photograph_recipe(self) -> dict[str, object]:
+        """Of `recipe`, what decides a dataset of photographs that are shallow already, and that they are."""
+        about_scene = (at for at in fields(DatasetOptions) if at.metadata["about"] == "scene")
+        return {at.name: self._plain(at.name) for at in about_scene if at.name == "photographs" or self._is_kept(at)}
+
+    def _is_kept(self, at: Field) -> bool:
+        other = at.metadata.get("kept_with")
+        return other is None or any(given(self, found) for found in fields(DatasetOptions) if found.name == other)
+
+    def _plain(self, name: str) -> object:
+        if name == "depth":
+            # Not where the folder or the network is, but what is in it decides the content: the identity holds that.
+            kind, place = self.depth_source
+            return kind if place is None else f"{kind}:{place.name}"
+        if name in ("test_focus", "test_aperture"):
+            held_out = self.held_out_values
+            return None if held_out is None else list(getattr(held_out, name.removeprefix("test_")))
+        value = getattr(self, name)
+        return list(value) if isinstance(value, tuple) else value
 
     def command(self, scene_name: str) -> str:
         """The command line that makes this dataset, with the scene called by its name."""
@@ -375,8 +313,7 @@ class DatasetOptions:
         default = MakeDataset().recipe()
         for key, value in self.recipe().items():
             if value != default.get(key):
-                text = ",".join(f"{number:g}" for number in value) if isinstance(value, list) else str(value)
-                words.append(f"--{key.replace('_', '-')} {text}")
+                words.append(f"{flag(key)} {spelled(value) if isinstance(value, list) else value}")
         return " ".join(words)
 
 
@@ -388,7 +325,7 @@ class MakeDataset(DatasetOptions):
     """As one of `MakeDatasets.scenes`."""
 
     def __post_init__(self) -> None:
-        lenses = len(self.focus_values), len(self.aperture_values)
+        lenses = len(self.focus), len(self.aperture)
         if self.assign == "fixed" and lenses != (1, 1):
             raise InputError("--assign fixed", f"{lenses[0]} focus and {lenses[1]} aperture values", "one of each")
         super().__post_init__()
@@ -403,51 +340,29 @@ class MakeDatasets(DatasetOptions):
     """Scene folders in any supported layout, built-in scenes, scenes of named datasets, such as llff/fern, or named
     datasets, which mean all their scenes; without any, the built-in scene."""
 
-    jobs: int | None = None
+    jobs: int | None = option(None, at_least(1))
     """Datasets to make at the same time, each in a process of its own; without it, one for each core."""
 
     like: Path | None = None
     """Make again what a dataset's dataset.json describes, and compare every byte: its options hold, SCENE says where
     its scene is, --out where to."""
 
-    def __post_init__(self) -> None:
-        if self.jobs is not None and self.jobs < 1:
-            raise InputError("--jobs", str(self.jobs), "at least 1")
-        super().__post_init__()
-
     def lenses(self) -> tuple[tuple[str, float, float] | None, ...]:
         """(name, focus, aperture) of every lens of --assign fixed, which makes a dataset of each; else one None."""
         if self.assign != "fixed":
             return (None,)
         return tuple(
-            (f"F{focus:g}-A{aperture:g}", focus, aperture)
-            for focus in self.focus_values
-            for aperture in self.aperture_values
+            (f"F{focus:g}-A{aperture:g}", focus, aperture) for focus in self.focus for aperture in self.aperture
         )
 
     def one(self, scene: str | None, out: Path, lens: tuple[str, float, float] | None) -> MakeDataset:
         """The settings of one of the datasets: of a scene, for a folder, by one of `lenses`."""
         options = {field.name: getattr(self, field.name) for field in fields(DatasetOptions)}
         if lens is not None:
-            options |= {"focus": repr(lens[1]), "aperture": repr(lens[2])}
+            options |= {"focus": (lens[1],), "aperture": (lens[2],)}
         return MakeDataset(**options | {"scene": scene, "out": out})
 
 
-def _listed(values: Values | None, name: str) -> list[float] | None:
-    return None if values is None else list(getattr(values, name))
-
-
-def _numbers(option: str, text: str) -> tuple[float, ...]:
-    entries = [entry.strip() for entry in text.split(",")]
-    values = []
-    for entry in entries:
-        try:
-            value = float(entry)
-        except ValueError:
-            raise InputError(option, repr(text), "numbers separated by commas, such as 0.2,0.5") from None
-        if not 0 <= value <= 1:  # also catches NaN
-            raise InputError(option, entry, "numbers from 0 to 1")
-        values.append(value)
-    if len(set(values)) < len(values):
-        raise InputError(option, repr(text), "every value once")
-    return tuple(values)
+def _typed(error: InputError) -> InputError:
+    """The error about a value, as one about the option that it was typed with."""
+    return InputError(f"--{error.subject.replace(' ', '-')}", error.found, error.expected)

@@ -183,7 +183,7 @@ def licence_text(scene: Scene, source: SourceRecord) -> str:
 
 def _dealt_text(settings: MakeDataset) -> str:
     if settings.assign == "continuous":
-        ends = (f"{min(values):g} to {max(values):g}" for values in (settings.focus_values, settings.aperture_values))
+        ends = (f"{min(values):g} to {max(values):g}" for values in (settings.focus, settings.aperture))
         return "drawn from focus {} and aperture {}".format(*ends)
     text = f"dealt from {_values_text(settings.values)}"
     if settings.held_out_values is None:

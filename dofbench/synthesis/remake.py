@@ -8,13 +8,11 @@ from typing import Any
 
 from dofbench import __version__
 from dofbench.core.errors import InputError
+from dofbench.core.option_rules import flag
 from dofbench.core.progress import Progress
 from dofbench.dataset.schema import MANIFEST, Manifest, read_manifest
 from dofbench.synthesis.builder import make
 from dofbench.synthesis.dataset_options import DatasetOptions, MakeDataset, MakeDatasets
-
-# What a manifest doesn't hold, since it is of the machine: where things are.
-_PLACES = {"data_root", "out"}
 
 
 def make_again(settings: MakeDatasets, progress: Progress) -> list[str]:
@@ -41,7 +39,7 @@ def _settings(settings: MakeDatasets, manifest: Manifest) -> MakeDataset:
     options: dict[str, Any] = {}
     for field in fields(DatasetOptions):
         given = getattr(settings, field.name)
-        if field.name in _PLACES:
+        if field.metadata["about"] == "place":  # of the machine, and not in a manifest
             options[field.name] = given
             continue
         stored = manifest.settings.get(field.name, field.default)
@@ -52,8 +50,8 @@ def _settings(settings: MakeDatasets, manifest: Manifest) -> MakeDataset:
             options["depth"] = given
             continue
         if given != field.default:
-            raise InputError("--like", f"--{field.name.replace('_', '-')} too", "no option that the manifest sets")
-        options[field.name] = ",".join(map(repr, stored)) if isinstance(stored, list) else stored
+            raise InputError("--like", f"{flag(field.name)} too", "no option that the manifest sets")
+        options[field.name] = tuple(stored) if isinstance(stored, list) else stored
     if len(settings.scenes) > 1:
         raise InputError("--like", f"{len(settings.scenes)} scenes", "the one that the manifest is of")
     scene = settings.scenes[0] if settings.scenes else shlex.split(manifest.command)[2]

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import fields
 from pathlib import Path
 
 from dofbench.core.files import replacing, sha256_file, write_json
 from dofbench.dataset import layout
 from dofbench.dataset.schema import MANIFEST, SourceRecord, read_manifest
-from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.synthesis.dataset_options import DatasetOptions, MakeDataset
 from dofbench.synthesis.work import DEPTH_RECORD, WORK
-
-# The options that sharp images and depth depend on.
-_COMMON = ("width", "hold", "images", "layout", "depth", "depth_unit", "depth_steps", "seed")
 
 
 def take_over(sibling: Path, out: Path, source: SourceRecord, settings: MakeDataset) -> None:
@@ -22,7 +20,8 @@ def take_over(sibling: Path, out: Path, source: SourceRecord, settings: MakeData
     manifest = read_manifest(sibling)
     same = (manifest.source.geometry, manifest.source.images) == (source.geometry, source.images)
     recipe = settings.recipe()
-    if not same or any(manifest.settings.get(name) != recipe[name] for name in _COMMON):
+    sharp = [at.name for at in fields(DatasetOptions) if at.metadata.get("sharp")]
+    if not same or any(manifest.settings.get(name) != recipe[name] for name in sharp):
         return
     places = (layout.sharp_path, layout.depth_path, layout.confidence_path)
     for image in source.images:

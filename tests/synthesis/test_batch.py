@@ -25,12 +25,12 @@ def test_one_dataset_goes_to_the_folder_itself(scene):
     settings = MakeDatasets(scenes=(str(scene),), out=Path("there"))
     assert folders(planned(settings)[0]) == [(str(scene), Path("there"))]
     assert folders(planned(MakeDatasets())[0]) == [("tabletop", Path("data/tabletop"))]
-    (one,), _ = planned(MakeDatasets(scenes=(str(scene),), assign="fixed", focus="0.5", aperture="1"))
+    (one,), _ = planned(MakeDatasets(scenes=(str(scene),), assign="fixed", focus=(0.5,), aperture=(1.0,)))
     assert one.out == Path("data/planes")
 
 
 def test_scenes_times_lenses(scene):
-    settings = MakeDatasets(scenes=("tabletop", str(scene)), assign="fixed", focus="0.2,0.8", aperture="1", seed=3)
+    settings = MakeDatasets(scenes=("tabletop", str(scene)), assign="fixed", focus=(0.2, 0.8), aperture=(1.0,), seed=3)
     datasets, missing = planned(settings)
     assert not missing
     assert folders(datasets) == [
@@ -39,7 +39,7 @@ def test_scenes_times_lenses(scene):
         (str(scene), Path("data/planes-F0.2-A1")),
         (str(scene), Path("data/planes-F0.8-A1")),
     ]
-    assert [dataset.focus_values for dataset in datasets] == [(0.2,), (0.8,)] * 2
+    assert [dataset.focus for dataset in datasets] == [(0.2,), (0.8,)] * 2
     assert {dataset.seed for dataset in datasets} == {3}
 
 
@@ -76,20 +76,22 @@ def test_a_scene_that_fails_does_not_stop_the_others(scene, write_scene, dataset
 
 def test_a_sibling_lends_its_sharp_images_and_depth(scene, tmp_path, contents, monkeypatch):
     def settings(focus, name, **options):
-        return MakeDataset(scene=str(scene), assign="fixed", focus=focus, aperture="1", out=tmp_path / name, **options)
+        return MakeDataset(
+            scene=str(scene), assign="fixed", focus=focus, aperture=(1.0,), out=tmp_path / name, **options
+        )
 
-    first = make_dataset(settings("0.2", "first"), progress=Silent())
-    alone = make_dataset(settings("0.8", "alone"), progress=Silent())
-    another = make_dataset(settings("0.8", "narrow", width=64), progress=Silent())
+    first = make_dataset(settings((0.2,), "first"), progress=Silent())
+    alone = make_dataset(settings((0.8,), "alone"), progress=Silent())
+    another = make_dataset(settings((0.8,), "narrow", width=64), progress=Silent())
     with monkeypatch.context() as patch:
         patch.setattr(make, "encoded", None)
-        lent = make.make(settings("0.8", "lent"), Silent(), sibling=first)
+        lent = make.make(settings((0.8,), "lent"), Silent(), sibling=first)
         with pytest.raises(TypeError):
-            make.make(settings("0.8", "not lent"), Silent(), sibling=another)
+            make.make(settings((0.8,), "not lent"), Silent(), sibling=another)
     assert contents(lent) == contents(alone)
     damaged = first / "all_in_focus" / "v01.png"
     damaged.write_bytes(damaged.read_bytes()[:-1])
-    assert contents(make.make(settings("0.8", "mended"), Silent(), sibling=first)) == contents(alone)
+    assert contents(make.make(settings((0.8,), "mended"), Silent(), sibling=first)) == contents(alone)
 
 
 def test_progress_names_what_is_done_and_how_long_it_takes(capsys, monkeypatch):

@@ -22,7 +22,7 @@ from dofbench.synthesis.dataset_options import MakeDataset
 from dofbench.synthesis.depth_record import check_depth
 
 # The built-in scene has points in every view.
-TABLE_TOP = {"scene": "tabletop", "width": 64, "depth": "sfm", "aperture": "0"}
+TABLE_TOP = {"scene": "tabletop", "width": 64, "depth": "sfm", "aperture": (0.0,)}
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
 

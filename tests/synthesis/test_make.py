@@ -85,13 +85,13 @@ def test_the_folder_is_as_the_conventions_say(dataset_folder, contents):
     ids=lambda options: " ".join(map(str, options.values())) or "defaults",
 )
 def test_every_view_can_be_recomputed(make, options):
-    folder = make(aperture="1", **options)
+    folder = make(aperture=(1.0,), **options)
     lenses = lens_file(folder)
     assert min(recomputed_psnr(folder, record, lenses) for record in lenses["views"]) >= RECOMPUTED_PSNR
 
 
 def test_noise_has_the_variance_asked_for(make):
-    clean, noisy = make(aperture="1"), make(aperture="1", photons=400.0, read_noise=0.01)
+    clean, noisy = make(aperture=(1.0,)), make(aperture=(1.0,), photons=400.0, read_noise=0.01)
     assert check_dataset(noisy) == []
     standard = []
     for name in VIEWS:
@@ -107,7 +107,7 @@ def test_noise_has_the_variance_asked_for(make):
 
 
 def test_sixteen_bits_keep_what_eight_round_away(make):
-    eight, sixteen = make(aperture="1"), make(aperture="1", bits=16)
+    eight, sixteen = make(aperture=(1.0,)), make(aperture=(1.0,), bits=16)
     assert check_dataset(sixteen) == []
     a, b = (read_image(folder / "images" / f"{VIEWS[0]}.png") for folder in (eight, sixteen))
     assert 0 < np.abs(a - b).max() <= 0.5 * LEVEL_8BIT + FLOAT32_VALUE
@@ -115,7 +115,10 @@ def test_sixteen_bits_keep_what_eight_round_away(make):
 
 
 def test_the_layered_renderer_keeps_the_background_off_the_foreground(make):
-    plain, layered = make(focus="1", aperture="1"), make(focus="1", aperture="1", renderer="layered", layers=4)
+    plain, layered = (
+        make(focus=(1.0,), aperture=(1.0,)),
+        make(focus=(1.0,), aperture=(1.0,), renderer="layered", layers=4),
+    )
     assert check_dataset(layered) == []
     record = lens_file(layered)
     assert (record["renderer"], record["layers"]) == ("layered", 4)
@@ -126,10 +129,10 @@ def test_the_layered_renderer_keeps_the_background_off_the_foreground(make):
 
 
 def test_held_out_and_continuous_lenses(make):
-    views = lens_file(make(assign="held-out", focus="0.2,0.8", test_focus="0.5"))["views"]
+    views = lens_file(make(assign="held-out", focus=(0.2, 0.8), test_focus=(0.5,)))["views"]
     assert {view["focus"] for view in views if view["split"] == "test"} == {0.5}
     assert {view["focus"] for view in views if view["split"] == "train"} == {0.2, 0.8}
-    drawn = lens_file(make(assign="continuous", focus="0.3,0.6", aperture="1"))["views"]
+    drawn = lens_file(make(assign="continuous", focus=(0.3, 0.6), aperture=(1.0,)))["views"]
     assert len({view["focus"] for view in drawn}) == len(drawn)
     assert all(0.3 <= view["focus"] <= 0.6 for view in drawn)
 
@@ -167,7 +170,7 @@ def test_other_programs_layouts_hold_the_same_cameras(dataset_folder, layout):
 
 
 def test_per_view_normaliser_is_converted_to_the_scenes_units(make):
-    folder = make(normaliser="view", focus="0.8", aperture="1")
+    folder = make(normaliser="view", focus=(0.8,), aperture=(1.0,))
     lenses = lens_file(folder)
     q_min, q_max = lenses["disparity_range"]
     for record in lenses["views"]:
@@ -180,13 +183,13 @@ def test_per_view_normaliser_is_converted_to_the_scenes_units(make):
 
 
 def test_a_closed_aperture_gives_the_original_bit_for_bit(make):
-    folder = make(aperture="0")
+    folder = make(aperture=(0.0,))
     for name in VIEWS:
         assert (folder / f"images/{name}.png").read_bytes() == (folder / f"all_in_focus/{name}.png").read_bytes()
 
 
 def test_options_take_effect(make):
-    folder = make(width=64, hold=2, assign="fixed", focus="0.5", aperture="1", linear="exr-float", seed=3)
+    folder = make(width=64, hold=2, assign="fixed", focus=(0.5,), aperture=(1.0,), linear="exr-float", seed=3)
     lenses = lens_file(folder)
     assert {(record["aperture"], record["focus"], record["k_px"]) for record in lenses["views"]} == {(1, 0.5, 1.28)}
     assert [record["split"] for record in lenses["views"]] == ["test", "train"] * 3
@@ -203,7 +206,7 @@ def test_unknown_depth_blurs_as_infinitely_far(write_scene, tmp_path):
     z = read_exr(root / "depth/v01.exr")
     z[30:40, 20:50] = 0
     write_exr(root / "depth/v01.exr", z)
-    folder = make_dataset(MakeDataset(scene=str(root), out=tmp_path / "out", aperture="1"), progress=Silent())
+    folder = make_dataset(MakeDataset(scene=str(root), out=tmp_path / "out", aperture=(1.0,)), progress=Silent())
     lenses = lens_file(folder)
     record = lenses["views"][1]
     assert (read_exr(folder / "depth/v01.exr") == 0).sum() == 300

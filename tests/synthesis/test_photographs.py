@@ -290,8 +290,8 @@ def test_it_is_made_again_from_its_manifest(
     "options, word",
     [
         (["--focus", "0.3"], "--focus: found 0.3 for seal, whose photographs are shallow already"),
-        (["--assign", "continuous", "--focus", "0.2,0.8"], "--assign: found continuous"),
-        (["--assign", "fixed", "--focus", "0.2", "--aperture", "1"], "--assign: found fixed"),
+        (["--assign", "continuous", "--focus", "0.1,0.9"], "--focus: found 0.1,0.9 for seal"),
+        (["--assign", "continuous", "--focus", "0.2,0.5"], "--focus: found 0.2,0.5 for seal"),
         (["--renderer", "layered"], "--renderer: found layered"),
         (["--bits", "16"], "--bits: found 16"),
         (["--depth", "sfm"], "--depth: found sfm"),

@@ -35,7 +35,7 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def made(scene: Path, out: Path, **options) -> Path:
     """A dataset of the scene, one lens with the near end in focus unless told."""
-    asked = {"focus": "1", "aperture": "1", "renderer": "thinlens", "lens_samples": 128, **options}
+    asked = {"focus": (1.0,), "aperture": (1.0,), "renderer": "thinlens", "lens_samples": 128, **options}
     return make_dataset(MakeDataset(scene=str(scene), out=out, **asked), progress=Silent())
 
 
@@ -118,7 +118,7 @@ def test_check_sees_an_image_that_is_not_the_lenss(
 
 
 def test_a_closed_aperture_and_a_noisy_sensor(rendered: Path, tmp_path: Path) -> None:
-    closed = made(rendered, tmp_path / "closed", aperture="0", lens_samples=8)
+    closed = made(rendered, tmp_path / "closed", aperture=(0.0,), lens_samples=8)
     assert (closed / "images/view_001.png").read_bytes() == (closed / "all_in_focus/view_001.png").read_bytes()
     assert "noise_rms_linear" not in json.loads((closed / "lens.json").read_text())["views"][0]
     assert check_dataset(made(rendered, tmp_path / "noisy", photons=500.0, lens_samples=32)) == []

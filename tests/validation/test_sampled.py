@@ -26,8 +26,8 @@ def scene(tmp_path_factory):
             samples=64,
             lens_views=1,
             lens_samples=512,
-            focus="0.2",
-            aperture="3.0",
+            focus=(0.2,),
+            aperture=(3.0,),
         )
     )
     return out
