@@ -185,7 +185,7 @@ def changed_by(copied, versions, name: str, old: str, new: str) -> set[str]:
 
 
 def test_arithmetic_outdates_what_used_it(copied, versions) -> None:
-    toe = changed_by(copied, versions, "dofbench/optics/defocus.py", "TOE = 0.5", "TOE = 0.6")
+    toe = changed_by(copied, versions, "dofbench/optics/tone.py", "TOE = 0.5", "TOE = 0.6")
     assert {"result", "light", "training", "renderer"} <= toe and "scatter" not in toe
     area = changed_by(copied, versions, "dofbench/core/lens.py", "AREA_EPSILON = ", "AREA_EPSILON = 1 + ")
     assert {"result", "scatter", "renderer"} <= area
