@@ -294,7 +294,7 @@ class DatasetOptions:
 
     def _is_kept(self, at: Field) -> bool:
         other = at.metadata.get("kept_with")
-        return other is None or any(given(self, found) for found in fields(DatasetOptions) if found.name == other)
+        return other is None or given(self, self.__dataclass_fields__[other])
 
     def _plain(self, name: str) -> object:
         if name == "depth":

@@ -135,7 +135,7 @@ def readme_text(
 ) -> str:
     """The text, without anything of the machine or the time. lost: what a layout can't hold of the cameras."""
     sizes = sorted({(view.camera.width, view.camera.height) for view in scene.views})
-    shape = settings.aperture_shape
+    blur = settings.blur
     return _TEXT.format(
         name=scene.name,
         scene=scene.name,
@@ -148,11 +148,11 @@ def readme_text(
         size=" and ".join(f"{width}x{height}" for width, height in sizes) + " pixels",
         linear="half" if settings.linear == "exr-half" else "float",
         depth=DEPTH_TEXT[depth.source],
-        gamma=settings.gamma,
-        alpha=settings.alpha,
-        area=" / (R_i^2 + 0.2)" if settings.energy == "area" else "",
-        shape="" if shape.is_disc else "; R_i is scaled by direction to the aperture's `shape`",
-        layered=_LAYERED.format(layers=settings.layers) if settings.renderer == "layered" else "",
+        gamma=blur.gamma,
+        alpha=blur.alpha,
+        area=" / (R_i^2 + 0.2)" if blur.energy == "area" else "",
+        shape="" if blur.shape.is_disc else "; R_i is scaled by direction to the aperture's `shape`",
+        layered=_LAYERED.format(layers=blur.layers) if blur.renderer == "layered" else "",
         again=_AGAIN.format(settings.bits) if thinlens is None else _THINLENS.format(**thinlens.model_dump()),
         normaliser=_PER_VIEW if settings.normaliser == "view" else "",
         largest=max(record.max_coc_px for record in records),
@@ -160,7 +160,7 @@ def readme_text(
         bits=settings.bits,
         sensor=_sensor_text(settings),
         lost="".join(f"\nCareful: {note}.\n" for note in lost),
-        but=" but for a rare last bit of the ray tracer's" if settings.renderer == "thinlens" else "",
+        but=" but for a rare last bit of the ray tracer's" if blur.renderer == "thinlens" else "",
         origin=f", from {source.origin}" if source.origin else "",
         licence=licence_text(scene, source),
     )
