@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from dofbench.core.blur import Blur as Blur
     from dofbench.core.cameras import Camera as Camera
     from dofbench.core.contracts import Budget as Budget
     from dofbench.core.contracts import FitOutcome as FitOutcome
@@ -61,6 +62,7 @@ _PLACES = {
     "PhysicalLens": "core.lens",
     "DisparityRange": "core.lens",
     "ApertureShape": "core.lens",
+    "Blur": "core.blur",
     "defocus_numpy": "optics.defocus",
     # scenes
     "Scene": "scenes.scene",
@@ -106,6 +108,7 @@ _PLACES = {
 __all__ = [
     "METRICS",
     "ApertureShape",
+    "Blur",
     "Budget",
     "Camera",
     "Dataset",

@@ -12,7 +12,7 @@ from dofbench.core.lens import ALPHA, GAMMA, LAYERS, ApertureShape, Energy, Scen
 
 @dataclass(frozen=True)
 class Blur:
-    """What all photographs by one lens have in common (conventions.md, "Lens"; DoF-Gaussian, Eq. 6).
+    """What all photographs by one lens have in common (docs/conventions.md, "Blur"; DoF-Gaussian, Eq. 6).
 
     gamma: of the display encoding, linear light is the encoded image to this power. alpha: hardness of the blur disc's
     edge, 1 / pixel. shape: of the aperture. energy: whether a pixel's weight is divided by its disc's area ("area") or
