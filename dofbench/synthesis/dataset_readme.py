@@ -88,7 +88,7 @@ The lenses were {dealt}; the largest radius is {largest:.1f} pixels.
 
 ## Reading it
 
-    from dofbench.synthesis import Dataset
+    from dofbench import Dataset
     dataset = Dataset.load("{name}")
     training_set = dataset.training_set()        # shallow images, cameras, points; nothing of the lens or depth
     view = dataset.test_views()[0]
@@ -106,7 +106,7 @@ The all-in-focus images are those of the scene "{scene}" ({layout} layout){origi
 
 _LAYERED = """ This is done
 in {layers} layers of equal range of the signed radius, laid over each other from far to near, each going on behind the
-nearer ones (`dofbench/optics/layered.py`)."""
+nearer ones."""
 
 _AGAIN = (
     "Who computes this from `all_in_focus`, `depth` and `lens.json` gets `images` to within the rounding to {} bits."
@@ -202,5 +202,5 @@ def _sensor_text(settings: MakeDataset) -> str:
     shot = f"x / {settings.photons:g} + " if settings.photons > 0 else ""
     return (
         f"\nNoise of the variance {shot}{settings.read_noise:g} ** 2 at a linear signal x is on `images` and "
-        "`images_linear` (`sensor` in\n`lens.json`; `dofbench.dataset.sensor` makes it again)."
+        "`images_linear` (its numbers are `sensor` in\n`lens.json`)."
     )

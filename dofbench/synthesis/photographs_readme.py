@@ -40,7 +40,7 @@ file with its checksum in `dataset.json`.
 
 ## Reading it
 
-    from dofbench.synthesis import Dataset
+    from dofbench import Dataset
     dataset = Dataset.load("{name}")
     training_set = dataset.training_set()        # photographs, cameras, points
     view = dataset.test_views()[0]
