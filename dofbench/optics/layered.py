@@ -59,7 +59,7 @@ def _composited(
     linear, radius = linear.copy(), radius.copy()
     linear[mixed.rows, mixed.columns], radius[mixed.rows, mixed.columns] = mixed.far, mixed.far_radius
     label = layer_of(radius)
-    behind = torch.zeros(linear.shape, dtype=torch.from_numpy(linear).dtype)
+    behind = torch.from_numpy(np.zeros_like(linear))
     for index in np.union1d(label, near_layer):
         light, own = _layer(linear, radius, label, index, mixed.where(near_layer == index))
         over = scatter(torch.from_numpy(light), torch.from_numpy(own))
