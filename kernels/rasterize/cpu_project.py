@@ -131,6 +131,50 @@ def weights8(e0, e1, e2):
     return w0 * w0, w1 * w1, w2 * w2
 
 
+@njit(forceinline=True)
+def footprint8(view, axes, filtered, iz, cu, cv):
+    """The factor A = J M diag(e) of the footprint's covariance A A^T, and what follows from it.
+
+    axes: of `axes8`. filtered: (e0, e1, e2). Returns J's diagonal times e (k0x, k1x, k2x, k0y, k1y, k2y), the columns
+    of A (a0x, a0y, a1x, …), the covariance (sxx, sxy, syy), the minors of A (n01, n02, n12), and the sum of their
+    squares, which is the covariance's determinant without cancellation.
+    """
+    m0x, m0y, m0z, m1x, m1y, m1z, m2x, m2y, m2z = axes
+    e0, e1, e2 = filtered
+    kx, ky = view[layout.FX] * iz, view[layout.FY] * iz
+    k0x, k1x, k2x, k0y, k1y, k2y = kx * e0, kx * e1, kx * e2, ky * e0, ky * e1, ky * e2
+    a0x, a0y = k0x * (m0x - cu * m0z), k0y * (m0y - cv * m0z)
+    a1x, a1y = k1x * (m1x - cu * m1z), k1y * (m1y - cv * m1z)
+    a2x, a2y = k2x * (m2x - cu * m2z), k2y * (m2y - cv * m2z)
+    sxx, sxy = dot3(a0x, a1x, a2x, a0x, a1x, a2x), dot3(a0x, a1x, a2x, a0y, a1y, a2y)
+    syy = dot3(a0y, a1y, a2y, a0y, a1y, a2y)
+    n01, n02, n12 = minor8(a0x, a0y, a1x, a1y), minor8(a0x, a0y, a2x, a2y), minor8(a1x, a1y, a2x, a2y)
+    return (
+        (k0x, k1x, k2x, k0y, k1y, k2y),
+        (a0x, a0y, a1x, a1y, a2x, a2y),
+        (sxx, sxy, syy),
+        (n01, n02, n12),
+        dot3(n01, n02, n12, n01, n02, n12),
+    )
+
+
+@njit(forceinline=True)
+def plane8(axes, filtered, cu, cv):
+    """RaDe-GS, current version: the plane of largest density along each ray, by its normal h up to a factor.
+
+    Returns the weights w of the axes m, k_i = m_i . r with the ray r = (cu, cv, 1), w_i k_i, h = sum of w_i k_i m_i,
+    h . r and the length of h.
+    """
+    m0x, m0y, m0z, m1x, m1y, m1z, m2x, m2y, m2z = axes
+    e0, e1, e2 = filtered
+    w0, w1, w2 = weights8(e0, e1, e2)
+    k0, k1, k2 = m0x * cu + (m0y * cv + m0z), m1x * cu + (m1y * cv + m1z), m2x * cu + (m2y * cv + m2z)
+    b0, b1, b2 = w0 * k0, w1 * k1, w2 * k2
+    hx, hy, hz = dot3(b0, b1, b2, m0x, m1x, m2x), dot3(b0, b1, b2, m0y, m1y, m2y), dot3(b0, b1, b2, m0z, m1z, m2z)
+    along = dot3(b0, b1, b2, k0, k1, k2)
+    return (w0, w1, w2), (k0, k1, k2), (b0, b1, b2), (hx, hy, hz), along, sqrt8(dot3(hx, hy, hz, hx, hy, hz))
+
+
 @njit(error_model="numpy")
 def project_block(
     means,
@@ -174,19 +218,9 @@ def project_block(
     cv = min8(max8(v, view[layout.V_LOW]), view[layout.V_HIGH])
 
     w, qx, qy, qz, _ = unit_quaternion8(quaternions, i)
-    m0x, m0y, m0z, m1x, m1y, m1z, m2x, m2y, m2z = axes8(view, w, qx, qy, qz)
+    axes = axes8(view, w, qx, qy, qz)
     s0, s1, s2, e0, e1, e2 = sizes8(log_scales, filter_3d, i)
-
-    # The footprint's covariance is A A^T with A = J M diag(e); its determinant is the sum of the squared
-    # minors of A, which has no cancellation.
-    kx, ky = fx * iz, fy * iz
-    a0x, a0y = kx * e0 * (m0x - cu * m0z), ky * e0 * (m0y - cv * m0z)
-    a1x, a1y = kx * e1 * (m1x - cu * m1z), ky * e1 * (m1y - cv * m1z)
-    a2x, a2y = kx * e2 * (m2x - cu * m2z), ky * e2 * (m2y - cv * m2z)
-    sxx, sxy = dot3(a0x, a1x, a2x, a0x, a1x, a2x), dot3(a0x, a1x, a2x, a0y, a1y, a2y)
-    syy = dot3(a0y, a1y, a2y, a0y, a1y, a2y)
-    n01, n02, n12 = minor8(a0x, a0y, a1x, a1y), minor8(a0x, a0y, a2x, a2y), minor8(a1x, a1y, a2x, a2y)
-    det_bare = dot3(n01, n02, n12, n01, n02, n12)
+    _, _, (sxx, sxy, syy), _, det_bare = footprint8(view, axes, (e0, e1, e2), iz, cu, cv)
     filter_2d = view[layout.FILTER_2D]
     det = det_bare + filter_2d * (sxx + syy + filter_2d)
     fxx, fyy = sxx + filter_2d, syy + filter_2d
@@ -254,13 +288,7 @@ def project_block(
     scatter8(records, base + layout.BLUE, layout.RECORD, max8(blue, ZERO))
 
     if geometry > 0:
-        # RaDe-GS, current version: the plane of largest density along each ray, in ray length.
-        w0, w1, w2 = weights8(e0, e1, e2)
-        k0, k1, k2 = m0x * cu + (m0y * cv + m0z), m1x * cu + (m1y * cv + m1z), m2x * cu + (m2y * cv + m2z)
-        b0, b1, b2 = w0 * k0, w1 * k1, w2 * k2
-        hx, hy, hz = dot3(b0, b1, b2, m0x, m1x, m2x), dot3(b0, b1, b2, m0y, m1y, m2y), dot3(b0, b1, b2, m0z, m1z, m2z)
-        along = dot3(b0, b1, b2, k0, k1, k2)
-        length = sqrt8(dot3(hx, hy, hz, hx, hy, hz))
+        _, _, _, (hx, hy, hz), along, length = plane8(axes, (e0, e1, e2), cu, cv)
         edge_on = along <= layout.EDGE_ON * length
         inverse_along = ONE / select8(edge_on, ONE, along)
         ig = ONE / (cu * cu + (cv * cv + ONE))

@@ -28,14 +28,14 @@ from .cpu_project import (
     ZERO,
     axes8,
     dot3,
-    minor8,
+    footprint8,
+    plane8,
     ratio8,
     sizes8,
     tail_of,
     tails_of,
     to_camera8,
     unit_quaternion8,
-    weights8,
 )
 from .cpu_sh import TERMS, color_backward8
 
@@ -104,17 +104,12 @@ def backward_block(
     cv = select8(v_free, v, select8(v <= view[layout.V_LOW], view[layout.V_LOW], view[layout.V_HIGH]))
 
     w, qx, qy, qz, inverse_norm = unit_quaternion8(quaternions, i)
-    m0x, m0y, m0z, m1x, m1y, m1z, m2x, m2y, m2z = axes8(view, w, qx, qy, qz)
+    axes = axes8(view, w, qx, qy, qz)
+    m0x, m0y, m0z, m1x, m1y, m1z, m2x, m2y, m2z = axes
     s0, s1, s2, e0, e1, e2 = sizes8(log_scales, filter_3d, i)
-    kx, ky = fx * iz, fy * iz
-    k0x, k1x, k2x, k0y, k1y, k2y = kx * e0, kx * e1, kx * e2, ky * e0, ky * e1, ky * e2
-    a0x, a0y = k0x * (m0x - cu * m0z), k0y * (m0y - cv * m0z)
-    a1x, a1y = k1x * (m1x - cu * m1z), k1y * (m1y - cv * m1z)
-    a2x, a2y = k2x * (m2x - cu * m2z), k2y * (m2y - cv * m2z)
-    sxx, sxy = dot3(a0x, a1x, a2x, a0x, a1x, a2x), dot3(a0x, a1x, a2x, a0y, a1y, a2y)
-    syy = dot3(a0y, a1y, a2y, a0y, a1y, a2y)
-    n01, n02, n12 = minor8(a0x, a0y, a1x, a1y), minor8(a0x, a0y, a2x, a2y), minor8(a1x, a1y, a2x, a2y)
-    det_bare = dot3(n01, n02, n12, n01, n02, n12)
+    factors, columns, (sxx, sxy, syy), (n01, n02, n12), det_bare = footprint8(view, axes, (e0, e1, e2), iz, cu, cv)
+    k0x, k1x, k2x, k0y, k1y, k2y = factors
+    a0x, a0y, a1x, a1y, a2x, a2y = columns
     filter_2d = view[layout.FILTER_2D]
     det = select8(seen, det_bare + filter_2d * (sxx + syy + filter_2d), ONE)
     wide, fyy = det, select8(seen, syy + filter_2d, ONE)
@@ -181,12 +176,7 @@ def backward_block(
     g_x, g_y = splat8(ZERO), splat8(ZERO)
 
     if geometry > 0:
-        w0, w1, w2 = weights8(e0, e1, e2)
-        k0, k1, k2 = m0x * cu + (m0y * cv + m0z), m1x * cu + (m1y * cv + m1z), m2x * cu + (m2y * cv + m2z)
-        b0, b1, b2 = w0 * k0, w1 * k1, w2 * k2
-        hx, hy, hz = dot3(b0, b1, b2, m0x, m1x, m2x), dot3(b0, b1, b2, m0y, m1y, m2y), dot3(b0, b1, b2, m0z, m1z, m2z)
-        along = dot3(b0, b1, b2, k0, k1, k2)
-        length = sqrt8(dot3(hx, hy, hz, hx, hy, hz))
+        (w0, w1, w2), (k0, k1, k2), (b0, b1, b2), (hx, hy, hz), along, length = plane8(axes, (e0, e1, e2), cu, cv)
         plane = seen & (along > layout.EDGE_ON * length)
         ia = select8(plane, ONE / along, ZERO)
         ig = ONE / (cu * cu + (cv * cv + ONE))
