@@ -15,7 +15,7 @@ configure_threads()  # before torch and numba are imported
 
 import torch  # noqa: E402
 
-from dofbench.kernels import BACKENDS, load  # noqa: E402
+from dofbench.kernels import backends, load  # noqa: E402
 
 
 def milliseconds(step, repeats: int) -> tuple[float, float]:
@@ -45,7 +45,7 @@ def main() -> None:
 
     size = f"{arguments.width} x {arguments.height} x 3"
     print(f"{size}, {torch.get_num_threads()} threads, milliseconds: median (least)")
-    for backend in BACKENDS:
+    for backend in backends("ssim"):
         ssim, l1_ssim = load("ssim", backend), load("ssim", backend, function="l1_ssim")
         losses = {
             "ssim": lambda ssim=ssim: ssim(prediction, target),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-
 import numpy as np
 import pytest
 import torch
@@ -50,11 +48,10 @@ def test_the_gradient_is_finite_at_black_and_below(gamma):
 def test_compiled_powers_are_the_same_function(seed, gamma):
     rng = np.random.default_rng(seed)
     values = np.concatenate([rng.uniform(-0.2, 1.5, 37), [0.0, TOE, 1.0, 1e-6, 1e5]]).astype(np.float32)
-    power = import_module("dofbench.kernels.scatter.cpu_tone").power_with_toe
-    for function, arguments in ((decode, (gamma, TOE)), (encode, (1 / gamma, TOE**gamma))):
+    for function, fast in ((decode, fast_decode), (encode, fast_encode)):
         found = torch.from_numpy(values).requires_grad_()
         expected = torch.from_numpy(values).double().requires_grad_()
-        a, b = power(found, *arguments), function(expected, gamma, toe=TOE)
+        a, b = fast(found, gamma, "cpu"), function(expected, gamma, toe=TOE)
         a.sum().backward()
         b.sum().backward()
         torch.testing.assert_close(a.double(), b, rtol=FLOAT32_VALUE, atol=0)

@@ -78,8 +78,8 @@ def test_content_is_found_in_the_installation(installation: Path, tmp_path: Path
         "import dofbench.kernels, dofbench.methods\n"
         "from dofbench.core.content import FOLDERS, content_folder\n"
         "for name in FOLDERS: print(content_folder(name))\n"
-        "for op in dofbench.kernels.OPS:\n"
-        "    for backend in dofbench.kernels.BACKENDS: print(dofbench.kernels.load(op, backend).__module__)\n"
+        "for op in dofbench.kernels.ops():\n"
+        "    for backend in dofbench.kernels.backends(op): print(dofbench.kernels.load(op, backend).__module__)\n"
     )
     printed = called(installation / "python", "-c", script, cwd=tmp_path).splitlines()
     folders = [Path(line) for line in printed[: len(FOLDERS)]]

@@ -10,26 +10,23 @@ import contextlib
 import gc
 import subprocess
 import sys
-from importlib import import_module
 
 import torch
 
-from dofbench.compute.kernel_cache import is_compiled
 from dofbench.compute.raster import Geometry, ViewStatistics
 from dofbench.core.cameras import Camera
-from dofbench.gaussians import losses
 from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.render import rasterise
 from dofbench.gaussians.trials import questions
+from dofbench.kernels import is_warm, warm_up
 from dofbench.learning.options import TrainerOptions
-from dofbench.optics.defocus import defocus
 
 _PATIENCE = 300.0  # seconds for the other process; after that this one compiles for itself
 
 
 def compile_kernels(gaussians: Gaussians, camera: Camera, options: TrainerOptions) -> None:
     """Have the kernels of all training steps compiled, where no earlier process has done it; changes no argument."""
-    if not is_compiled(import_module("dofbench.kernels.rasterize.cpu_project_backward").project_backward):
+    if not is_warm("rasterize"):
         _compile_side_by_side(gaussians, camera, options)
     # What only later steps want would otherwise be compiled in the middle of training, on its clock.
     later: dict[Geometry, bool] = {
@@ -52,7 +49,8 @@ def _rasterise_once(gaussians: Gaussians, camera: Camera, options: TrainerOption
 
 
 def _compile_side_by_side(gaussians: Gaussians, camera: Camera, options: TrainerOptions) -> None:
-    command = [sys.executable, "-P", "-m", "dofbench.gaussians.warmup", *(["lens"] if options.lens else [])]
+    others = ("ssim", *(("scatter", "tone") if options.lens else ()))
+    command = [sys.executable, "-P", "-m", "dofbench.gaussians.warmup", *others]
     # A tenth of compiling is the garbage collector, which finds nothing.
     collecting = gc.isenabled()
     with subprocess.Popen(
@@ -70,14 +68,7 @@ def _compile_side_by_side(gaussians: Gaussians, camera: Camera, options: Trainer
                 gc.enable()
 
 
-def _compile_others(with_lens: bool) -> None:
-    gc.disable()
-    image = torch.rand((32, 32, 3), generator=torch.Generator().manual_seed(0)).requires_grad_()
-    losses.reconstruction(image, torch.zeros_like(image), 0.2, None).backward()
-    if with_lens:
-        radius = torch.ones((32, 32)).requires_grad_()
-        defocus(image, radius).sum().backward()
-
-
 if __name__ == "__main__":
-    _compile_others("lens" in sys.argv[1:])
+    gc.disable()
+    for op in sys.argv[1:]:
+        warm_up(op)

@@ -82,7 +82,7 @@ def defocus_by_radius(
 
 def _blurred(image: Tensor, radius: Tensor, blur: Blur, backend: str, form: str) -> tuple[Tensor, Tensor]:
     """(encoded, linear) blurred image."""
-    kernel = load("scatter", backend, image.device.type)
+    kernel = load("scatter", backend)
     scatter = partial(kernel, alpha=blur.alpha, shape=blur.shape, energy=blur.energy, form=form)
     linear = fast_decode(image, blur.gamma, backend)
     if blur.renderer == "layered":

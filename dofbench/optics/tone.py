@@ -21,12 +21,13 @@ without. Which of them a dataset's photographs went through is part of its bytes
 
 from __future__ import annotations
 
-from importlib import import_module
+from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from dofbench.core.lens import GAMMA
+from dofbench.kernels import load
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -47,36 +48,24 @@ def encode(linear: Values, gamma: float = GAMMA, *, toe: float = 0.0) -> Values:
 
 
 def fast_decode(encoded: Tensor, gamma: float, backend: str = "auto") -> Tensor:
-    """`decode` with the toe, by compiled powers where there are any: float32 on the CPU.
+    """`decode` with the toe, by the kernel `tone`: compiled where there is code for such tensors.
 
-    There torch's own powers cost more than the scatter. backend: of the scatter's; "reference" takes torch's.
+    There torch's own powers cost more than the scatter. backend: the kernel's; "reference" takes torch's.
     """
-    return _compiled(encoded, gamma, TOE) if _has_code(encoded, backend) else decode(encoded, gamma, toe=TOE)
+    tone: Callable[..., Tensor] = load("tone", backend)
+    return tone(encoded, gamma, TOE, TOE ** (gamma - 1.0))
 
 
 def fast_encode(linear: Tensor, gamma: float, backend: str = "auto") -> Tensor:
     """`encode` with the toe, as `fast_decode`."""
-    return _compiled(linear, 1.0 / gamma, TOE**gamma) if _has_code(linear, backend) else encode(linear, gamma, toe=TOE)
+    tone: Callable[..., Tensor] = load("tone", backend)
+    return tone(linear, 1.0 / gamma, TOE**gamma, TOE ** (1.0 - gamma))
 
 
 def _power(values: Values, exponent: float, end: float, slope: float) -> Values:
     """`values ** exponent` from `end` up, `values * slope` below."""
-    if isinstance(values, np.ndarray | np.generic):
-        power, where = np.power, np.where
-    else:
-        import torch
-
-        power, where = torch.pow, torch.where
     if end == 0:
-        return power(values, exponent)
-    return where(values >= end, power(values.clip(end), exponent), values * slope)
-
-
-def _has_code(image: Tensor, backend: str) -> bool:
-    import torch
-
-    return backend != "reference" and image.device.type == "cpu" and image.dtype == torch.float32
-
-
-def _compiled(image: Tensor, exponent: float, toe: float) -> Tensor:
-    return import_module("dofbench.kernels.scatter.cpu_tone").power_with_toe(image, exponent, toe)
+        return values**exponent
+    if isinstance(values, np.ndarray | np.generic):
+        return np.where(values >= end, np.power(values.clip(end), exponent), values * slope)
+    return load("tone", "reference")(values, exponent, end, slope)

@@ -12,6 +12,7 @@ import tomllib
 from pathlib import Path
 
 import dofbench
+from dofbench.compute.devices import describe
 from dofbench.core.files import canonical_json
 from dofbench.core.import_closure import Sources, closure_digest, own_sources
 
@@ -66,10 +67,8 @@ def machine(device: str) -> dict[str, str | int | float]:
         "python": platform.python_version(),
         "device": device,
     }
-    if device.startswith("cuda"):
-        import torch
-
-        described["accelerator"] = torch.cuda.get_device_name(device)
+    if accelerator := describe(device):
+        described["accelerator"] = accelerator
     return described
 
 

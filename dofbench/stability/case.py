@@ -6,13 +6,15 @@ import math
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.kernels import BACKENDS, load
+from dofbench.compute.devices import kinds_here
+from dofbench.kernels import backend_of, backends, load, ops
 
 
 @dataclass(frozen=True)
@@ -52,16 +54,20 @@ class Setting:
         return load(op, self.backend, function=function)
 
 
-def kernel_settings() -> tuple[Setting, ...]:
-    """Every backend in every precision that it has; the reference also on a CUDA device where torch has one."""
-    found = [Setting("reference", "float64")]
-    found += [Setting(backend, "float32") for backend in BACKENDS]
-    if torch.cuda.is_available():
-        found += [Setting("reference", precision, "cuda") for precision in ("float64", "float32")]
-    return tuple(found)
+@cache
+def kernel_settings(op: str) -> tuple[Setting, ...]:
+    """Every backend of a kernel's op, in every precision that it has, on every device here that it runs on."""
+    return tuple(
+        Setting(name, precision, device)
+        for device in kinds_here()
+        for name in reversed(backends(op))
+        for precision in ("float64", "float32")
+        if backend_of(op, name).takes(device, precision)
+    )
 
 
-KERNELS = kernel_settings()
+# Of all ops; a case leaves out those that its own op doesn't have.
+KERNELS = tuple(dict.fromkeys(setting for op in ops() for setting in kernel_settings(op)))
 # The same in float32 alone, where the float64 reference is what is compared with.
 SINGLE = tuple(setting for setting in KERNELS if setting.precision == "float32")
 SINGLE_ON_CPU = tuple(setting for setting in SINGLE if setting.device == "cpu")
@@ -89,7 +95,8 @@ class Case:
     """A stiff or extreme case.
 
     name: unique within its group. subject: the kernel's op, the method's id, or what else is under test. holds: what
-    must hold. bound: how far off it may be, and why. settings: where it is run. measure: runs it.
+    must hold. bound: how far off it may be, and why. settings: where it is run; what isn't there is left out.
+    measure: runs it.
     """
 
     group: str
@@ -104,6 +111,12 @@ class Case:
     def id(self) -> str:
         """group/name."""
         return f"{self.group}/{self.name}"
+
+    def __post_init__(self) -> None:
+        # A backend may be there for one op alone; a case of something else may need any op.
+        tested = (self.subject,) if self.subject in ops() else ops()
+        missing = {setting for setting in KERNELS if any(setting not in kernel_settings(op) for op in tested)}
+        object.__setattr__(self, "settings", tuple(setting for setting in self.settings if setting not in missing))
 
 
 def values(tensor: Tensor | np.ndarray) -> np.ndarray:

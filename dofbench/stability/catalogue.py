@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 
 from dofbench.core.errors import InputError
-from dofbench.kernels import OPS
+from dofbench.kernels import ops
 from dofbench.running.method_cards import find_method
 from dofbench.stability.case import Case
 from dofbench.stability.stability_options import GROUPS, Stability
@@ -25,8 +25,8 @@ def chosen(settings: Stability) -> tuple[Case, ...]:
 
     Raises InputError for a name that doesn't exist, and where nothing is left.
     """
-    if settings.kernel is not None and settings.kernel not in OPS:
-        raise InputError("--kernel", repr(settings.kernel), f"one of {', '.join(OPS)}")
+    if settings.kernel is not None and settings.kernel not in ops():
+        raise InputError("--kernel", repr(settings.kernel), f"one of {', '.join(ops())}")
     if settings.kernel is not None and settings.method is not None:
         raise InputError("--kernel", "--method as well", "one of them")
     if settings.method is not None:

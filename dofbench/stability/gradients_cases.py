@@ -38,7 +38,7 @@ TAIL = math.exp(-10.0)
 # By a sharp pixel's radius a gradient is a colour minus what is blurred there, which differ by what the four neighbours
 # leak, 4 exp(-8) / (1 / 2): so many digits cancel. Four operations of one eps.
 CANCELLED = 4 * EPS / (8 * math.exp(-8.0))
-POWER = 3e-6  # stated of the compiled powers (kernels/scatter/cpu_tone.py)
+POWER = 3e-6  # stated of the compiled powers (kernels/tone/cpu.py)
 
 
 def gradient(setting: Setting, inputs: Inputs, loss: Loss) -> Inputs:

@@ -9,7 +9,7 @@ import numpy as np
 from dofbench.core.blur import Blur
 from dofbench.core.images import to_8bit, to_16bit
 from dofbench.optics.defocus import defocus
-from dofbench.optics.tone import TOE, decode, encode, fast_decode, fast_encode
+from dofbench.optics.tone import TOE, fast_decode, fast_encode
 from dofbench.stability.case import (
     KERNELS,
     NUMPY,
@@ -29,7 +29,7 @@ from dofbench.stability.oracle import ROUNDINGS, dense_scatter
 from dofbench.stability.samples import HEIGHT, WIDTH, picture, radii
 
 GAMMAS = (1.0, 2.2, 4.0)
-POWER = 3e-6  # the compiled powers' stated relative error (kernels/scatter/cpu_tone.py)
+POWER = 3e-6  # the compiled powers' stated relative error (kernels/tone/cpu.py)
 
 
 def _blurred(setting: Setting, image: np.ndarray, gamma: float = 2.2) -> np.ndarray:
@@ -99,8 +99,6 @@ def _tones() -> np.ndarray:
 
 def _pair(setting: Setting):
     """(decode, encode), as the backend has them."""
-    if setting.backend == "reference":
-        return partial(decode, toe=TOE), partial(encode, toe=TOE)
     return partial(fast_decode, backend=setting.backend), partial(fast_encode, backend=setting.backend)
 
 
@@ -281,7 +279,7 @@ def _cases() -> tuple[Case, ...]:
         *(
             light(
                 f"decode-gamma-{gamma:g}",
-                "defocus",
+                "tone",
                 "decoding is the power, and its toe a line through 0",
                 power,
                 KERNELS,
@@ -292,7 +290,7 @@ def _cases() -> tuple[Case, ...]:
         *(
             light(
                 f"round-trip-gamma-{gamma:g}",
-                "defocus",
+                "tone",
                 "decoding and encoding give every tone back",
                 power,
                 KERNELS,
@@ -303,7 +301,7 @@ def _cases() -> tuple[Case, ...]:
         *(
             light(
                 f"slope-at-0-gamma-{gamma:g}",
-                "defocus",
+                "tone",
                 "encoding's infinite slope at 0 is the toe's",
                 power + "; 2e-5 for where on the curve the slope is taken",
                 KERNELS,
@@ -314,7 +312,7 @@ def _cases() -> tuple[Case, ...]:
         *(
             light(
                 f"toe-gamma-{gamma:g}",
-                "defocus",
+                "tone",
                 "no jump where the toe begins",
                 power,
                 KERNELS,
@@ -324,7 +322,7 @@ def _cases() -> tuple[Case, ...]:
         ),
         light(
             "negative",
-            "defocus",
+            "tone",
             "light below 0 passes through decoding and encoding",
             "8 roundings",
             KERNELS,

@@ -15,6 +15,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.compute.backend import Backend
+from dofbench.compute.kernel_cache import is_compiled
 from dofbench.compute.raster import GEOMETRIES, Geometry, Raster, ViewStatistics
 from dofbench.core.cameras import Camera
 
@@ -291,3 +293,22 @@ def _describe(index: int, parameters, filter_3d, blur) -> str:
         f"Gaussian {index}: its projection overflows float32; mean {parameters[0][index].tolist()}, "
         f"log_scales {parameters[1][index].tolist()}"
     )
+
+
+def _warm_up(**options) -> None:
+    """Compiles the stages as these options of `rasterize` (geometry, statistics) ask for them."""
+    parameters = [torch.zeros(shape) for shape in ((8, 3), (8, 3), (8, 4), (8,), (8, 3), (8, 15, 3))]
+    camera = Camera(16, 16, 16.0, 16.0, 8.0, 8.0, np.eye(4))
+    parameters[0][:, 2] = 2.0
+    parameters = [parameter.requires_grad_() for parameter in parameters]
+    raster = rasterize(*parameters, camera=camera, **options)
+    torch.stack([output.sum() for output in raster if output is not None]).sum().backward()
+
+
+BACKEND = Backend(
+    devices=("cpu",),
+    dtypes=("float32",),
+    bits_repeat=True,
+    warm_up=_warm_up,
+    is_warm=lambda: is_compiled(project_backward),
+)

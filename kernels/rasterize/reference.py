@@ -11,9 +11,11 @@ import math
 import torch
 from torch import Tensor
 
+from dofbench.compute.backend import Backend
 from dofbench.compute.raster import Geometry, Raster, ViewStatistics
 from dofbench.core.cameras import Camera
 
+BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
 MAX_ALPHA = 0.99
 MIN_ALPHA = 1 / 255
 MIN_TRANSMITTANCE = 1e-4

@@ -8,6 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.compute.backend import Backend
+from dofbench.compute.kernel_cache import is_compiled
 from dofbench.core.lens import ALPHA, ApertureShape, Energy
 
 from . import cpu_direct, cpu_direct_backward, cpu_linear, cpu_linear_backward
@@ -116,3 +118,18 @@ class _Scatter(torch.autograd.Function):
                 sources, reach, radii, by_sums, own, sizes, edge, alpha, area
             )
         return torch.from_numpy(by_colour), torch.from_numpy(by_radius), None, None, None, None
+
+
+def _warm_up(**options) -> None:
+    """Compiles the direct form; the linear one compiles where a radius first asks for it, or with form="linear"."""
+    image = torch.rand((32, 32, COLOURS), generator=torch.Generator().manual_seed(0)).requires_grad_()
+    scatter(image, torch.ones((32, 32)).requires_grad_(), **options).sum().backward()
+
+
+BACKEND = Backend(
+    devices=("cpu",),
+    dtypes=("float32",),
+    bits_repeat=True,
+    warm_up=_warm_up,
+    is_warm=lambda: is_compiled(cpu_direct_backward._finish),
+)

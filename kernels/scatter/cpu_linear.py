@@ -45,8 +45,8 @@ from dofbench.compute.simd import (
 )
 from dofbench.core.lens import AREA_EPSILON
 
+from .cpu_double4 import add_product4, add_row4, load4, splat4, splat_at4, store4, store_double8
 from .cpu_pack import COLOURS, Geometry
-from .double4 import add_product4, add_row4, load4, splat4, splat_at4, store4, store_double8
 
 WAYS = COLOURS + 1  # lanes of a pixel
 LANES = 8  # sources worked on together, entries of a soft end worked out together

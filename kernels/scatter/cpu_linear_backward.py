@@ -19,9 +19,9 @@ from dofbench.compute.kernel_cache import cached
 from dofbench.compute.simd import any8, floor8, load8, max8, min8, select8, splat8, sqrt8, store8
 from dofbench.core.lens import AREA_EPSILON
 
+from .cpu_double4 import load4, splat4, store4
 from .cpu_edge import half_width, logistic2
 from .cpu_pack import COLOURS, Geometry
-from .double4 import load4, splat4, store4
 
 WAYS = COLOURS + 1  # lanes of a pixel
 LANES = 8  # sources whose soft ends are worked out together

@@ -27,8 +27,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.compute.backend import Backend
 from dofbench.core.lens import ALPHA, AREA_EPSILON, ApertureShape, Energy
 
+BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
 STOP_OPACITY = 0.999
 # exp(-48) = 1e-21: what is farther beyond the rim than 48 / (2 alpha) is lost even in float64.
 TAIL_EXPONENT = 48.0

@@ -6,7 +6,7 @@ With d = prediction - target, 2ab - a^2 - b^2 = -(a - b)^2 turns both factors of
 
 which needs four filtered maps (E[p], E[t], E[p^2 + t^2], E[d^2]) instead of five and, unlike the
 usual form, loses no digits where prediction and target are close: where training ends up. So the
-kernels (`_kernels.py`) add up 1 - S.
+kernels (`cpu_windows.py`) add up 1 - S.
 """
 
 from __future__ import annotations
@@ -18,7 +18,10 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from ._kernels import BAND, build
+from dofbench.compute.backend import Backend
+from dofbench.compute.kernel_cache import is_compiled
+
+from .cpu_windows import BAND, build
 from .reference import K1, K2, Border, check_images, check_weight, gaussian_window
 
 
@@ -128,3 +131,17 @@ def l1_ssim(
     settings = _Settings(border, window, sigma, data_range, with_l1=True)
     unlike, l1 = _Compare.apply(prediction, target, weight, settings)
     return (1 - ssim_weight) * l1 + ssim_weight * unlike
+
+
+def _warm_up(**options: float) -> None:
+    """Compiles both functions, for images of three channels; options: those of `l1_ssim`."""
+    image = torch.rand((32, 32, 3), generator=torch.Generator().manual_seed(0)).requires_grad_()
+    l1_ssim(image, torch.zeros_like(image), **{"ssim_weight": 0.2, **options}).backward()
+
+
+def _is_warm() -> bool:
+    _, backward = build(5, 3)  # the usual window, three channels
+    return is_compiled(backward)
+
+
+BACKEND = Backend(devices=("cpu",), dtypes=("float32",), bits_repeat=True, warm_up=_warm_up, is_warm=_is_warm)

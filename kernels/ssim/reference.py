@@ -12,6 +12,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import conv2d
 
+from dofbench.compute.backend import Backend
+
+BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
 K1, K2 = 0.01, 0.03
 Border = Literal["same", "valid"]
 

@@ -1,7 +1,7 @@
 """Plane-sweep stereo for the CPU: `stereo`, `upsample`, `semiglobal`, `returns`; see `reference.py`.
 
 Bands of rows (columns, for the vertical paths) run in parallel and write to places of their own, so the number of
-threads changes no bit. No fastmath, for the reason that `ssim/_kernels.py` gives.
+threads changes no bit. No fastmath, for the reason that `ssim/cpu_windows.py` gives.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ import torch
 from numba import njit, prange
 from torch import Tensor
 
-from dofbench.compute.kernel_cache import cached
+from dofbench.compute.backend import Backend
+from dofbench.compute.kernel_cache import cached, is_compiled
 from dofbench.compute.simd import LANES
 
 from .cpu_paths import COLUMNS, along_rows, down_columns
@@ -113,3 +114,24 @@ def returns(depth: Tensor, other: Tensor, there: Tensor, back: Tensor, *, pixels
     found = np.zeros(own.shape, np.bool_)
     find_returns(own, seen, *maps, float(pixels), float(share), found)
     return torch.from_numpy(found)
+
+
+def _warm_up(radius: int = 3, best: int = 2) -> None:
+    """Compiles all four functions; the sweep for windows of this radius."""
+    image = torch.rand((16, 16), generator=torch.Generator().manual_seed(0))
+    ahead = torch.eye(3, 4, dtype=torch.float64)
+    scores = stereo(
+        image, torch.stack([image] * best), ahead.repeat(best, 1, 1), torch.linspace(0, 1, 3), radius=radius, best=best
+    )
+    upsample(scores, scores.clone(), 0.5)
+    semiglobal(scores, image, small=0.1, large=0.5, edge=0.1)
+    returns(image, image, ahead, ahead, pixels=1.0, share=0.1)
+
+
+BACKEND = Backend(
+    devices=("cpu",),
+    dtypes=("float32",),
+    bits_repeat=True,
+    warm_up=_warm_up,
+    is_warm=lambda: is_compiled(find_returns),
+)

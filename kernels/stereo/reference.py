@@ -9,6 +9,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from dofbench.compute.backend import Backend
+
+BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
 FLOOR = 2e-5  # added to both variances, encoded values squared: noise and rounding of a flat patch match nothing
 UNKNOWN = 0.0  # score where no source sees the pixel: that of two unrelated patches
 CENTRE = 0.5  # taken off the images: sums of squares around zero lose fewer digits
@@ -43,10 +46,10 @@ def stereo(reference: Tensor, sources: Tensor, maps: Tensor, disparities: Tensor
     check(reference, sources, maps, disparities, radius, best)
     height, width = reference.shape
     side = 2 * radius + 1
-    y = torch.arange(-radius, height + radius, dtype=reference.dtype) + 0.5
-    x = torch.arange(-radius, width + radius, dtype=reference.dtype) + 0.5
-    rows = torch.arange(-radius, height + radius).clamp(0, height - 1)
-    columns = torch.arange(-radius, width + radius).clamp(0, width - 1)
+    rows = torch.arange(-radius, height + radius, device=reference.device)
+    columns = torch.arange(-radius, width + radius, device=reference.device)
+    y, x = (pixels.to(reference.dtype) + 0.5 for pixels in (rows, columns))
+    rows, columns = rows.clamp(0, height - 1), columns.clamp(0, width - 1)
     patch = reference[rows][:, columns] - CENTRE
 
     def mean(image: Tensor) -> Tensor:
@@ -139,7 +142,7 @@ def semiglobal(
         shift = torch.where(inner == winner, shift, 0)
     else:
         shift = torch.zeros_like(least)
-    near = (torch.arange(count) - winner[..., None]).abs() <= FAR
+    near = (torch.arange(count, device=scores.device) - winner[..., None]).abs() <= FAR
     second = torch.where(near, torch.inf, total).min(dim=-1).values
     return winner + shift, scores.gather(-1, winner[..., None])[..., 0], (second - least) / 4
 
@@ -154,7 +157,7 @@ def returns(depth: Tensor, other: Tensor, there: Tensor, back: Tensor, *, pixels
     `share`.
     """
     rows, columns = torch.meshgrid(
-        *(torch.arange(size, dtype=there.dtype) + 0.5 for size in depth.shape), indexing="ij"
+        *(torch.arange(size, dtype=there.dtype, device=depth.device) + 0.5 for size in depth.shape), indexing="ij"
     )
 
     def moved(matrix: Tensor, x: Tensor, y: Tensor, z: Tensor) -> tuple[Tensor, Tensor, Tensor]:
