@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from dofbench.compute.devices import resolve
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Budget, FitOutcome, Observer, Rendering, TrainingSet
 from dofbench.core.errors import InputError
@@ -29,8 +30,7 @@ class GaussianMethod:
     FORCED: ClassVar[Mapping[str, Any]] = {}
 
     def __init__(self, options: Mapping[str, Any], seed: int, device: str):
-        if device not in ("auto", "cpu"):
-            raise InputError("device", repr(device), "auto or cpu: this version's Gaussian kernels run on the CPU")
+        resolve(device, ("cpu",), "this version's training of Gaussians")
         fixed = sorted(set(options) & set(self.FORCED))
         if fixed:
             raise InputError(f"option {fixed[0]}", "a value", "none: this method fixes it")

@@ -9,13 +9,15 @@ import sys
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
+from dofbench.compute.devices import KINDS, kind_of, resolve
 from dofbench.core.content import method_folders
 from dofbench.core.contracts import Budget, Method
 from dofbench.core.errors import InputError
+from dofbench.kernels import require
 from dofbench.results.run_spec import parse_budget
 
 _PARTS = ("fit", "render", "lens_estimates", "describe", "save", "load")
@@ -34,9 +36,6 @@ class Capabilities(_Strict):
     needs_points: bool
 
 
-Device = Literal["cpu", "cuda"]
-
-
 class Claims(_Strict):
     """Figures that the authors published, on their own data; never mixed with measured ones.
 
@@ -50,7 +49,8 @@ class Claims(_Strict):
 class Card(_Strict):
     """A method.toml.
 
-    `class`: "module:ClassName", the module inside the method's folder. devices: what it runs on.
+    `class`: "module:ClassName", the module inside the method's folder. devices: the kinds of device that
+    it runs on. kernels: the ops (`dofbench.kernels.ops`) that it calls, which must run there too.
     presets: name -> options that replace the method's defaults, plus `budget` (as in `--budget`),
     which is the harness's; a preset without it trains for its option `steps`. A preset that `extends` another
     one replaces some of its options.
@@ -67,10 +67,19 @@ class Card(_Strict):
     default_preset: str
     builtin_preset: str | None = None
     capabilities: Capabilities
-    devices: tuple[Device, ...] = ("cpu",)
+    devices: tuple[str, ...] = ("cpu",)
+    kernels: tuple[str, ...] = ()
     presets: dict[str, dict[str, Any]]
     leave_out: dict[str, dict[str, Any]] = {}
     claims: Claims | None = None
+
+    @field_validator("devices")
+    @classmethod
+    def _known_devices(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        for device in value:
+            if device not in KINDS:
+                raise ValueError(f"unknown device {device!r}, expected one of {', '.join(KINDS)}")
+        return value
 
     @field_validator("leave_out")
     @classmethod
@@ -105,6 +114,15 @@ class MethodEntry:
             options = {**self.card.presets[base], **options}
         text = options.pop("budget", None)
         return name, options, None if text is None else parse_budget(str(text))
+
+    def device_for(self, wanted: str) -> str:
+        """The device of a run that asks for `wanted`, a device's name or "auto"; the method and every kernel that it
+        calls can run there. Raises InputError that names what can't.
+        """
+        device = resolve(wanted, self.card.devices, self.id)
+        for op in self.card.kernels:
+            require(op, kind_of(device), f"method {self.id}")
+        return device
 
     def create(self, options: dict[str, Any], seed: int, device: str) -> Method:
         """Import the method's class and call it as `Class(options, seed, device)`.

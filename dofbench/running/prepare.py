@@ -63,7 +63,7 @@ def choose(settings: Run) -> Choices:
     preset, options, budget = entry.preset(settings.preset, builtin=settings.data is None)
     overrides = parse_overrides(settings.set)
     budget = _budget(settings, budget, {**options, **overrides}, f"preset {preset} of {entry.id}")
-    return Choices(entry, preset, options, overrides, budget, _device(settings.device, entry))
+    return Choices(entry, preset, options, overrides, budget, entry.device_for(settings.device))
 
 
 def prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
@@ -147,21 +147,3 @@ def _budget(settings: Run, preset: Budget | None, options: dict, subject: str) -
     if not isinstance(steps, int):
         raise InputError(subject, "neither budget nor steps", "one of them, or --budget on the command line")
     return parse_budget(f"{steps}it")
-
-
-def _device(wanted: str, entry: MethodEntry) -> str:
-    devices = entry.card.devices
-    if wanted == "auto":
-        wanted = "cuda" if "cuda" in devices and _has_cuda() else "cpu"
-    kind = wanted.split(":")[0]
-    if kind not in devices:
-        raise InputError("--device", repr(wanted), f"auto or what {entry.id} runs on: {', '.join(devices)}")
-    if kind == "cuda" and not _has_cuda():
-        raise InputError("--device", f"{wanted!r}, and no CUDA device here", "cpu or auto")
-    return wanted
-
-
-def _has_cuda() -> bool:
-    import torch
-
-    return torch.cuda.is_available()
