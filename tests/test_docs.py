@@ -240,6 +240,10 @@ def test_a_reader_as_the_page_adds_it(done, tree: Path) -> None:
     done(ROOT / "docs" / "add-a-reader.md", tree)
 
 
+def test_a_kernel_backend_as_the_page_adds_it(done, tree: Path) -> None:
+    done(ROOT / "docs" / "add-a-kernel-backend.md", tree)
+
+
 def test_a_metric_as_the_page_adds_it(done, tree: Path) -> None:
     place = done(ROOT / "docs" / "add-a-metric.md", tree)
     asked = [sys.executable, "-m", "dofbench", "score", ".", "--metrics", "nothing"]
