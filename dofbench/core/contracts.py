@@ -181,24 +181,35 @@ class Method(Protocol):
 
 
 class MethodOption(Protocol):
-    """One option of a method, for its users. name: as `--set` takes it. group: what it steers. type: in words; of a few
-    choices these, with commas. default: without a preset. unit: "" where there is none. source: where the choice or its
-    default comes from."""
+    """One option of a method, for its users."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """As `--set` takes it."""
+
     @property
-    def group(self) -> str: ...
+    def group(self) -> str:
+        """What the option steers, in a word or two."""
+
     @property
-    def type(self) -> str: ...
+    def type(self) -> str:
+        """In words; of a few choices these, with commas."""
+
     @property
-    def default(self) -> bool | int | float | str: ...
+    def default(self) -> bool | int | float | str:
+        """What holds without a preset."""
+
     @property
-    def meaning(self) -> str: ...
+    def meaning(self) -> str:
+        """What the option does, in a sentence."""
+
     @property
-    def unit(self) -> str: ...
+    def unit(self) -> str:
+        """The unit of its value, "" where there is none."""
+
     @property
-    def source(self) -> str: ...
+    def source(self) -> str:
+        """Where the choice or its default comes from."""
 
 
 @runtime_checkable
