@@ -22,11 +22,12 @@ from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Budget
 from dofbench.core.errors import Status
 from dofbench.dataset.dataset import Dataset
-from dofbench.gaussians import losses
-from dofbench.gaussians.exposure import Shot, render_view
-from dofbench.gaussians.render import rasterise, surface_disparity
+from dofbench.gaussians.exposure import render_view
+from dofbench.gaussians.forward.shot import Shot
+from dofbench.gaussians.gaussian_options import GaussianOptions
+from dofbench.gaussians.render import rasterise
 from dofbench.gaussians.trainer import Trainer
-from dofbench.learning.options import TrainerOptions
+from dofbench.learning.rendered_surface import surface_disparity
 from dofbench.running.method_cards import find_method
 
 WEIGHTS = {
@@ -60,7 +61,7 @@ def main(settings: Settings) -> None:
     for name, change in WEIGHTS.items():
         rows = []
         for seed in range(settings.seeds):
-            trainer = Trainer(training_set, TrainerOptions().with_overrides({**preset, **change}), seed)
+            trainer = Trainer(training_set, GaussianOptions().with_overrides({**preset, **change}), seed)
             outcome = trainer.fit(Budget(steps=settings.steps), Unobserved())
             if outcome.status is not Status.OK:
                 raise SystemExit(f"{name}, seed {seed}: {outcome.status}: {outcome.message}")
@@ -95,10 +96,9 @@ def _measured(trainer: Trainer, dataset: Dataset) -> tuple[float, float, float, 
 @torch.no_grad()
 def _weight(trainer: Trainer, camera: Camera, index: int) -> np.ndarray:
     """(H, W): what the loss of a training view is weighted by at the end of the training."""
-    options = trainer.options
-    raster = rasterise(trainer.gaussians, camera, options)
+    raster = rasterise(trainer.gaussians, camera, trainer.options.appearance)
     shot = Shot(camera, trainer.lenses.ranges[index], *trainer.lenses.forward(index))
-    weight = losses.adaptation_weight(shot.out_of_focus(surface_disparity(raster.depth, raster.alpha)), options)
+    weight = trainer.options.adaptation.loss_weight(shot.out_of_focus(surface_disparity(raster.depth, raster.alpha)))
     return np.ones(raster.alpha.shape) if weight is None else weight.numpy()
 
 

@@ -21,8 +21,7 @@ from colmap_workspace import back_projected, write_workspace
 
 from dofbench.core.lens import COC_FRACTION
 from dofbench.dataset.dataset import Dataset
-from dofbench.learning.options import TrainerOptions
-from dofbench.learning.priors import make_prior
+from dofbench.learning.priors import PriorOptions, make_prior
 from dofbench.results.result import read_result
 from dofbench.results.run_spec import Run
 from dofbench.running.one_run import run
@@ -82,7 +81,7 @@ def _measure(dataset: Dataset, prior: str, settings: Settings) -> None:
     with tempfile.TemporaryDirectory() as folder:
         options = {"depth_prior": prior, "depth_prior_loss": settings.loss, **_files(dataset, prior, Path(folder))}
         start = time.perf_counter()
-        made = make_prior(training_set, TrainerOptions().with_overrides(options), seed=0, steps=10**9)
+        made = make_prior(training_set, PriorOptions(**options), seed=0, steps=10**9)
         seconds = time.perf_counter() - start
     for index, view in enumerate(training_set.views):
         samples = made.samples(index, view.camera)

@@ -26,9 +26,9 @@ from dofbench.compute.threads import configure_threads
 from dofbench.core.contracts import Budget, Decision
 from dofbench.core.errors import InputError
 from dofbench.dataset.dataset import Dataset
+from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.trainer import Trainer
 from dofbench.gaussians.trials import HELD_BACK
-from dofbench.learning.options import TrainerOptions
 from dofbench.metrics.psnr import psnr
 from dofbench.reporting.csv_writer import write_csv
 from dofbench.running.facts import facts_of
@@ -147,10 +147,10 @@ def fill(
         print(", ".join(f"{name} {value}" for name, value in rows[-1].items() if value), flush=True)
 
 
-def options(settings: Settings, **changes: object) -> TrainerOptions:
+def options(settings: Settings, **changes: object) -> GaussianOptions:
     """Preset cpu of DoF-Gaussian, shorter, with changes."""
     _, preset, _ = find_method("dofgaussian").preset("cpu", builtin=False)
-    return TrainerOptions().with_overrides({**preset, "steps": settings.steps, **changes})
+    return GaussianOptions().with_overrides({**preset, "steps": settings.steps, **changes})
 
 
 def decided(case: Case, settings: Settings) -> dict[str, object]:
@@ -169,7 +169,7 @@ def decided(case: Case, settings: Settings) -> dict[str, object]:
         "true_circle": circle,
         "share": case.share or "",
         "points_px": blur,
-        **_found(outcome.decisions, trainer.options.lens_per),
+        **_found(outcome.decisions, trainer.options.lens.lens_per),
         "prior_s": outcome.stages.get("depth prior"),
         "trials_s": outcome.stages.get("trials"),
         "seconds": clock.seconds(),

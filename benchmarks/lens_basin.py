@@ -29,11 +29,13 @@ from dofbench.core.files import replacing
 from dofbench.core.images import resize
 from dofbench.core.lens import DisparityRange, Lens
 from dofbench.dataset.dataset import Dataset
-from dofbench.gaussians import losses
-from dofbench.gaussians.exposure import Shot, scattered
+from dofbench.gaussians.forward.forward_model import BlurOptions
+from dofbench.gaussians.forward.scatter_blur import ScatterBlur, ScatterOptions
+from dofbench.gaussians.forward.shot import Shot
+from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.trainer import Trainer
-from dofbench.learning.lenses import LearnedLenses
-from dofbench.learning.options import TrainerOptions
+from dofbench.learning.image_losses import reconstruction
+from dofbench.learning.lenses import LearnedLenses, LensOptions
 from dofbench.metrics.lens_errors import lens_errors
 from dofbench.reporting.figures import new_figure, save
 from dofbench.running.method_cards import find_method
@@ -101,22 +103,21 @@ def _known(steps: int, done: set):
 
 
 def _learned_alone(image, disparity, camera, bounds: DisparityRange, true: Lens, start, activation, steps):
-    options = TrainerOptions().with_overrides(
-        {
-            "lens_activation": activation,
-            "lens_init_aperture": start[0],
-            "lens_init_focus": start[1],
-            "lens_lr": 2e-2,
-            "lens_lr_final": 1e-3,
-        }
+    options = LensOptions(
+        lens_activation=activation,
+        lens_init_aperture=start[0],
+        lens_init_focus=start[1],
+        lens_lr=2e-2,
+        lens_lr_final=1e-3,
     )
+    model = ScatterBlur(BlurOptions(), ScatterOptions())
     with torch.no_grad():
         lens = Shot(camera, bounds, true.aperture, -true.aperture * true.focus)
-        photograph = scattered(image, disparity, lens, options)
+        photograph = model.spread(image, disparity, lens)
     lenses = LearnedLenses(1, bounds, options)
     for step in range(steps):
         shot = Shot(camera, bounds, *lenses.forward(0))
-        loss = losses.reconstruction(scattered(image, disparity, shot, options), photograph, 0.2, None)
+        loss = reconstruction(model.spread(image, disparity, shot), photograph, 0.2, None)
         if loss.requires_grad:
             loss.backward()
         if lenses.gradient() is None:  # exactly in focus everywhere: nothing tells the lens where to go
@@ -138,7 +139,7 @@ def _joint(settings: Settings, done: set):
         key = _key("joint", activation, None, start)
         if key in done:
             continue
-        options = TrainerOptions().with_overrides(
+        options = GaussianOptions().with_overrides(
             {**preset, "lens_activation": activation, "lens_init_aperture": start[0], "lens_init_focus": start[1]}
         )
         trainer = Trainer(training_set, options, 0)

@@ -27,8 +27,8 @@ from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Budget, Observer, TrainingSet
 from dofbench.core.files import write_text
 from dofbench.dataset.dataset import Dataset
+from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.trainer import Trainer
-from dofbench.learning.options import TrainerOptions
 from dofbench.learning.priors import Prior
 from dofbench.metrics.psnr import psnr
 from dofbench.reporting.csv_writer import write_csv
@@ -117,13 +117,13 @@ def _named(entry: str) -> tuple[str, Path]:
     return (name, Path(path)) if equals else (Path(name).name, Path(name))
 
 
-def _options(variant: str, settings: Settings) -> TrainerOptions:
+def _options(variant: str, settings: Settings) -> GaussianOptions:
     overrides = VARIANTS.get(variant)
     if overrides is None:
         overrides = dict(pair.split("=", 1) for pair in variant.split("+"))
     _, preset, _ = find_method("dofgaussian").preset("cpu", builtin=False)
     more = dict(pair.split("=", 1) for pair in settings.set)
-    return TrainerOptions().with_overrides(
+    return GaussianOptions().with_overrides(
         {**preset, **overrides, **more, "steps": settings.steps, "held_back": SHARE, "lens_trials": ""}
     )
 

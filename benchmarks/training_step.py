@@ -16,8 +16,8 @@ import time
 from pathlib import Path
 
 from dofbench.core.contracts import Budget, TrainingSet, TrainingView
+from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.trainer import Trainer
-from dofbench.learning.options import TrainerOptions
 from dofbench.scenes import load_scene
 
 # The parts of a step that run in our kernels; the lens and loss stages are scatter and SSIM plus
@@ -54,7 +54,7 @@ def main() -> None:
     arguments = parser.parse_args()
     scene = load_scene(arguments.scene, width=arguments.width)
     views = tuple(TrainingView(v.name, v.camera, v.image()) for v in scene.views)
-    options = TrainerOptions().with_overrides(
+    options = GaussianOptions().with_overrides(
         {
             "densify_until": 0.0,
             "reset_every": 0.0,

@@ -31,13 +31,13 @@ from dofbench.core.content import content_folder  # noqa: E402
 from dofbench.core.contracts import PointCloud  # noqa: E402
 from dofbench.core.files import write_text  # noqa: E402
 from dofbench.core.images import resize  # noqa: E402
-from dofbench.core.lens import DisparityRange, Lens  # noqa: E402
-from dofbench.gaussians.exposure import Shot, sampled  # noqa: E402
-from dofbench.gaussians.lens_samples import together  # noqa: E402
+from dofbench.core.lens import GAMMA, DisparityRange, Lens  # noqa: E402
+from dofbench.gaussians.exposure import StillRasteriser  # noqa: E402
+from dofbench.gaussians.forward.lens_samples import together, views_from_lens  # noqa: E402
+from dofbench.gaussians.forward.shot import Shot  # noqa: E402
 from dofbench.gaussians.model import Gaussians  # noqa: E402
-from dofbench.gaussians.render import rasterise  # noqa: E402
+from dofbench.gaussians.render import AppearanceOptions, rasterise  # noqa: E402
 from dofbench.kernels import load  # noqa: E402
-from dofbench.learning.options import TrainerOptions  # noqa: E402
 from dofbench.optics.defocus import defocus_numpy  # noqa: E402
 from dofbench.reporting.csv_writer import write_csv  # noqa: E402
 from dofbench.reporting.figures import look, new_figure, save  # noqa: E402
@@ -192,11 +192,11 @@ def _scene() -> tuple[Gaussians, object, DisparityRange]:
 def _lens_points(repeats: int) -> list[Point]:
     """Views from points of the lens: 1, 7, 19, 37, 61, 91 of them, each blurred by its cell."""
     gaussians, camera, bounds = _scene()
-    options = TrainerOptions(sh_degree=0, lens_model="samples")
+    scene = StillRasteriser(gaussians, AppearanceOptions(sh_degree=0))
     shot = Shot(camera, bounds, 1.0, -0.3)
 
     def photograph(rings: int) -> np.ndarray:
-        return together([one.color for one in sampled(gaussians, shot, options, rings)[0]], options.lens_gamma).numpy()
+        return together(views_from_lens(scene, shot, rings, to_depth=False), GAMMA).numpy()
 
     rings = range(6)
     seconds = _medians({ring: lambda ring=ring: photograph(ring) for ring in rings}, repeats)
@@ -220,7 +220,7 @@ def _rasteriser(repeats: int) -> list[Point]:
     """The kernel against the definition, in float32 and in float64, at a size that the definition can do."""
     gaussians, camera, _ = _scene()
     camera = camera.resized(camera.width // 4, camera.height // 4)
-    options = TrainerOptions(sh_degree=0)
+    options = AppearanceOptions(sh_degree=0)
     double = {name: tensor.detach().double() for name, tensor in gaussians.parameters.items()}
     reference = load("rasterize", "reference")
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
-from dofbench.learning.options import TrainerOptions
+from dofbench.gaussians.gaussian_options import GaussianOptions
 
 WIDTH, HEIGHT = 48, 36
 
@@ -59,7 +59,7 @@ def training_set(bad_view=None):
 
 def options(**overrides):
     """A short schedule."""
-    return TrainerOptions().with_overrides(
+    return GaussianOptions().with_overrides(
         {
             "steps": 90,
             "sh_degree": 1,

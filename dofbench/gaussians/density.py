@@ -3,16 +3,54 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Literal
 
 import torch
 from torch import Tensor
 
+from dofbench.compute.raster import ViewStatistics
 from dofbench.gaussians.model import PARAMETERS, Gaussians
 from dofbench.gaussians.optimiser import GaussianOptimiser
-from dofbench.learning.options import TrainerOptions
 
 _SPLIT_SHRINK = 1.6  # 3DGS: two children, each 1 / 1.6 as large
 _RESET_OPACITY = 0.01
+
+
+@dataclass(frozen=True)
+class DensityOptions:
+    """When Gaussians are added and removed, and which."""
+
+    max_gaussians: int = 1_000_000
+    """No Gaussians are added beyond so many. Unit: none. Source: own."""
+    densify_from: float = 1 / 60
+    """When Gaussians begin to be added and removed. Unit: share of the training. Source: 3DGS; 0.1 in the released
+    code."""
+    densify_until: float = 0.5
+    """When that ends. Unit: share of the training. Source: 3DGS; 2/3 in the released code."""
+    densify_every: int = 100
+    """How often it is done in between. Unit: steps. Source: 3DGS."""
+    grow_gradient: float = 2e-4
+    """Mean gradient of the loss by a Gaussian's place in the image from which on it is cloned or split. Unit: loss per
+    half image. Source: 3DGS; 3e-4 in the released code."""
+    grow_absolute: bool = False
+    """Whether the gradient's absolute value is summed over the pixels. Unit: none. Source: AbsGS; off in the released
+    code."""
+    dense_share: float = 0.01
+    """Size above which a Gaussian is split, and below which it is cloned. Unit: share of the scene's extent.
+    Source: 3DGS."""
+    clone_opacity: Literal["keep", "share"] = "keep"
+    """What a clone's opacity is: keep, its original's, which makes the two more opaque than the one was; share, divided
+    so that the rendering hardly changes. Unit: none. Source: keep: 3DGS; share: Rota Bulo et al., Revising
+    Densification in Gaussian Splatting."""
+    prune_opacity: float = 0.005
+    """Opacity below which a Gaussian is removed. Unit: none. Source: 3DGS; 0.05 in the released code."""
+    prune_depth_graded: bool = False
+    """Whether that threshold is divided by 1 (nearest) to 3 (farthest). Unit: none. Source: released code."""
+    reset_every: float = 0.1
+    """How often all opacities are reset; 0 for never. Unit: share of the training. Source: 3DGS."""
 
 
 class DensityControl:
@@ -22,13 +60,14 @@ class DensityControl:
         self,
         gaussians: Gaussians,
         optimiser: GaussianOptimiser,
-        options: TrainerOptions,
+        options: DensityOptions,
         extent: float,
         generator: torch.Generator,
     ):
         self._gaussians, self._optimiser, self._options = gaussians, optimiser, options
         self._extent, self._generator = extent, generator
         self._next_reset = options.reset_every
+        self._resting = self._overdue = False
         self._clear()
 
     def _clear(self) -> None:
@@ -44,33 +83,42 @@ class DensityControl:
         gradient_sum, visits, self._next_reset = state
         self._gradient_sum, self._visits = gradient_sum.clone(), visits.clone()
 
-    def record(self, gradient_2d: Tensor, visible: Tensor, width: int, height: int) -> None:
-        """Add one view's gradient by the projected means, (N, 2) per pixel, in 3DGS's NDC unit."""
+    def record(self, statistics: ViewStatistics, width: int, height: int) -> None:
+        """Add the statistics of one photograph (width x height, pixels): gradients in 3DGS's NDC unit, by visits."""
+        gradient_2d = statistics.abs_grad_2d if self._options.grow_absolute else statistics.grad_2d
         x, y = gradient_2d[:, 0] * (0.5 * width), gradient_2d[:, 1] * (0.5 * height)
         self._gradient_sum += torch.sqrt(x * x + y * y)
-        self._visits += visible
+        self._visits += statistics.visible
 
-    def due(self, step: int) -> bool:
-        """Whether the schedule has growing and pruning at this step, if it is the time of training for it."""
-        return step % self._options.densify_every == 0
+    @contextmanager
+    def resting(self) -> Iterator[None]:
+        """Nothing is added, removed or reset; growing and pruning that falls due comes after the first step
+        thereafter."""
+        self._resting = True
+        try:
+            yield
+        finally:
+            self._resting = False
 
-    def after_step(
-        self, step: int, progress: float, depth_of_means: Tensor | None = None, *, overdue: bool = False
-    ) -> bool:
-        """Do what is due; True when Gaussians were added or removed. overdue: growing and pruning was put off."""
+    def after_step(self, step: int, progress: float) -> bool:
+        """Do what is due after step number `step`, at `progress`; True when Gaussians were added or removed."""
         options = self._options
+        due = step % options.densify_every == 0 or self._overdue
+        self._overdue = self._resting and due
+        if self._resting:
+            return False
         if options.reset_every > 0 and progress >= self._next_reset and progress < options.densify_until:
             self._next_reset += options.reset_every
             if progress > options.densify_from:  # the released code resets only while it densifies
                 self._reset_opacity()
-        if not (overdue or self.due(step)) or not options.densify_from <= progress < options.densify_until:
+        if not due or not options.densify_from <= progress < options.densify_until:
             return False
-        self._grow_and_prune(depth_of_means)
+        self._grow_and_prune()
         self._clear()
         return True
 
     @torch.no_grad()
-    def _grow_and_prune(self, depth_of_means: Tensor | None) -> None:
+    def _grow_and_prune(self) -> None:
         gaussians, options = self._gaussians, self._options
         parameters = {name: value.detach() for name, value in gaussians.parameters.items()}
         gradient = self._gradient_sum / self._visits.clamp(min=1)
@@ -86,9 +134,10 @@ class DensityControl:
         clone, split = grow & ~large, grow & large
 
         threshold = torch.full_like(gradient, options.prune_opacity)
-        if options.prune_depth_graded and depth_of_means is not None:
-            near, far = depth_of_means.min(), depth_of_means.max()
-            threshold /= 1 + 2 * (depth_of_means - near) / (far - near).clamp(min=1e-12)
+        if options.prune_depth_graded:
+            depth = parameters["means"][:, 2]  # the world's z, as the released code takes it
+            near, far = depth.min(), depth.max()
+            threshold /= 1 + 2 * (depth - near) / (far - near).clamp(min=1e-12)
         opacity = torch.sigmoid(parameters["opacity_logits"])
         transparent = opacity < threshold
         if options.clone_opacity == "share":

@@ -13,12 +13,14 @@ from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Budget, FitOutcome, Observer, Rendering, TrainingSet
 from dofbench.core.errors import InputError
 from dofbench.core.lens import PhysicalLens
-from dofbench.gaussians.exposure import render_view
+from dofbench.gaussians.exposure import Exposures
+from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.model import Gaussians
+from dofbench.gaussians.rendering_options import CONVENTIONS, RENDERING
 from dofbench.gaussians.splats import lower_degree, read_splats, write_splats
 from dofbench.gaussians.trainer import Trainer
 from dofbench.learning.lens_file import read_lenses, write_lenses
-from dofbench.learning.options import TrainerOptions
+from dofbench.learning.option_groups import ListedOption, listed_options
 from dofbench.learning.photograph_colours import read_colours, write_colours
 
 _MODEL, _LENSES, _COLOURS = "gaussians.ply", "lenses.json", "colours.json"
@@ -34,36 +36,45 @@ class GaussianMethod:
         fixed = sorted(set(options) & set(self.FORCED))
         if fixed:
             raise InputError(f"option {fixed[0]}", "a value", "none: this method fixes it")
-        self._options = TrainerOptions().with_overrides({**options, **self.FORCED})
+        self._options = GaussianOptions.of(**options, **self.FORCED)
         self._seed = seed
         self._gaussians: Gaussians | None = None
         self._trainer: Trainer | None = None
+        self._exposures: Exposures | None = None  # while nothing is being trained
         self._lenses: dict[str, PhysicalLens] | None = None
         self._colours: dict[str, np.ndarray] | None = None
 
+    @classmethod
+    def available_options(cls) -> tuple[ListedOption, ...]:
+        """Every option that a user of this method may set, with type, default, meaning, unit and source."""
+        return tuple(option for option in listed_options(GaussianOptions) if option.name not in cls.FORCED)
+
     @property
-    def options(self) -> TrainerOptions:
+    def options(self) -> GaussianOptions:
         """The options in force: training may have revised those that the method was made with."""
         return self._trainer.options if self._trainer else self._options
 
     def fit(self, training_set: TrainingSet, budget: Budget, observer: Observer) -> FitOutcome:
         """Train from the sparse points; raises InputError when there are none."""
         self._trainer = Trainer(training_set, self._options, self._seed)
-        self._gaussians = self._trainer.gaussians
-        return self._trainer.fit(budget, observer)
+        self._gaussians, self._exposures = self._trainer.gaussians, None
+        outcome = self._trainer.fit(budget, observer)
+        self._exposures = Exposures(self._gaussians, self.options)
+        return outcome
 
     def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
         """Render; ValueError for a lens when the method has none."""
-        if lens is not None and not self.options.lens:
+        if lens is not None and not self.options.lens.lens:
             raise ValueError("this method has no lens: it can't refocus")
-        return render_view(self._trained(), camera, self.options, lens=lens)
+        exposures = self._exposures or Exposures(self._trained(), self.options)
+        return exposures.render(camera, lens)
 
     def lens_estimates(self) -> dict[str, PhysicalLens] | None:
         """The learned lens of every training view, None without a lens."""
         return self._trainer.lens_estimates() if self._trainer else self._lenses
 
     def colour_estimates(self) -> dict[str, np.ndarray] | None:
-        """The learned colour of every training photograph, (3, 4) as in `colours.py`; None where none is learned."""
+        """The learned colour of every training photograph, (3, 4) as in `photograph_colours.py`; None where none is."""
         return self._trainer.colour_estimates() if self._trainer else self._colours
 
     def describe(self) -> dict[str, float]:
@@ -77,17 +88,20 @@ class GaussianMethod:
         The 3D filter becomes part of the Gaussians, so what is read back renders the same but for rounding.
         """
         write_splats(folder / _MODEL, self._trained())
-        write_lenses(folder / _LENSES, self.lens_estimates(), self.options)
+        values = self.options.flat()
+        rendering = {name: values[name] for name in RENDERING}
+        write_lenses(folder / _LENSES, self.lens_estimates(), rendering, CONVENTIONS)
         if (colours := self.colour_estimates()) is not None:
             write_colours(folder / _COLOURS, colours)
 
     def load(self, folder: Path) -> None:
         """Read what `save` wrote; raises InputError when it isn't there or is damaged."""
         gaussians = read_splats(folder / _MODEL)
-        self._lenses, self._options = read_lenses(folder / _LENSES, self._options)
-        self._gaussians = lower_degree(gaussians, self._options.sh_degree)
+        self._lenses, rendering = read_lenses(folder / _LENSES, RENDERING)
+        self._options = self._options.with_overrides(rendering, f"{folder / _LENSES}: rendering")
+        self._gaussians = lower_degree(gaussians, self._options.appearance.sh_degree)
         self._colours = read_colours(folder / _COLOURS) if (folder / _COLOURS).is_file() else None
-        self._trainer = None
+        self._trainer, self._exposures = None, Exposures(self._gaussians, self._options)
 
     def _trained(self) -> Gaussians:
         if self._gaussians is None:

@@ -2,19 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 
 from dofbench.gaussians.model import Gaussians
-from dofbench.learning.options import TrainerOptions
 
 _MOMENTS = ("exp_avg", "exp_avg_sq")
+
+
+@dataclass(frozen=True)
+class RateOptions:
+    """Adam's step on each of the Gaussians' parameters (3DGS's names)."""
+
+    means_lr: float = 1.6e-4
+    """On the means at the start. Unit: scene's extent, a step. Source: 3DGS."""
+    means_lr_final: float = 1.6e-6
+    """On the means at the end, with an exponential fall between. Unit: scene's extent, a step. Source: 3DGS."""
+    sh_dc_lr: float = 2.5e-3
+    """On the constant spherical harmonic of each colour. Unit: coefficient, a step. Source: 3DGS."""
+    sh_rest_lr: float = 1.25e-4
+    """On the other spherical harmonics. Unit: coefficient, a step. Source: 3DGS."""
+    opacity_lr: float = 0.05
+    """On the opacities' logits. Unit: logit, a step. Source: 3DGS."""
+    scale_lr: float = 5e-3
+    """On the scales' logarithms. Unit: logarithm, a step. Source: 3DGS."""
+    rotation_lr: float = 1e-3
+    """On the quaternions. Unit: component, a step. Source: 3DGS."""
 
 
 class GaussianOptimiser:
     """torch's fused Adam, one group a parameter, eps 1e-15 as in 3DGS."""
 
-    def __init__(self, gaussians: Gaussians, options: TrainerOptions, extent: float):
+    def __init__(self, gaussians: Gaussians, options: RateOptions, extent: float):
         self.gaussians = gaussians
         self._options = options
         self._rates = {
@@ -28,10 +49,9 @@ class GaussianOptimiser:
         groups = [{"params": [parameter], "name": name} for name, parameter in gaussians.parameters.items()]
         self._adam = torch.optim.Adam(groups, lr=0.0, eps=1e-15, fused=True)
 
-    def step(self, progress: float) -> None:
-        """One Adam step; the means' rate falls log-linearly with `progress` (0 ... 1), all of them in the cooldown."""
+    def step(self, progress: float, cooldown: float = 1.0) -> None:
+        """One Adam step, all rates times `cooldown`; the means' rate falls log-linearly with `progress` (0 ... 1)."""
         options = self._options
-        cooldown = options.cooldown(progress)
         for group in self._adam.param_groups:
             decay = (options.means_lr_final / options.means_lr) ** progress if group["name"] == "means" else 1.0
             group["lr"] = self._rates[group["name"]] * decay * cooldown

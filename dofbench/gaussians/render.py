@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 
@@ -9,16 +11,34 @@ from dofbench.compute.raster import Geometry, Raster, ViewStatistics
 from dofbench.core.cameras import Camera
 from dofbench.gaussians.model import Gaussians
 from dofbench.kernels import load
-from dofbench.learning.options import TrainerOptions
 
-# Below this accumulated opacity a pixel has no surface whose depth means anything.
-SURFACE_ALPHA = 0.1
+
+@dataclass(frozen=True)
+class AppearanceOptions:
+    """How Gaussians look: their colours' dependence on direction, the filters against aliasing, the background."""
+
+    sh_degree: int = 3
+    """Highest degree of the spherical harmonics. Unit: none. Source: 3DGS."""
+    sh_every: float = 1 / 30
+    """After how much of the training one degree more is learned; 0 for all at once. Unit: share of the training.
+    Source: 3DGS, 1000 of 30 000 steps."""
+    background: float = 0.0
+    """What lies behind the scene, encoded, 0 for black. Unit: grey level. Source: 3DGS."""
+    filter_2d: float = 0.1
+    """Mip-Splatting's 2D filter, added to every footprint's variance; 0 switches it off. Unit: px^2.
+    Source: Mip-Splatting; 0 in the released code."""
+    filter_3d: bool = True
+    """Whether Gaussians are at least as large as their finest sampling. Unit: none. Source: Mip-Splatting."""
+
+    def degree(self, progress: float) -> int:
+        """The degree of the spherical harmonics that training has reached at `progress`, 0 to 1."""
+        return min(self.sh_degree, int(progress / self.sh_every)) if self.sh_every > 0 else self.sh_degree
 
 
 def rasterise(
     gaussians: Gaussians,
     camera: Camera,
-    options: TrainerOptions,
+    appearance: AppearanceOptions,
     *,
     sh_degree: int | None = None,
     geometry: Geometry = "depth",
@@ -32,31 +52,17 @@ def rasterise(
     Gaussian's own, as the kernel documents it. means: (N, 3) scene units, instead of the Gaussians' own.
     Gradients reach both.
     """
-    degree = options.sh_degree if sh_degree is None else sh_degree
-    background = torch.full((3,), options.background) if options.background else None
+    degree = appearance.sh_degree if sh_degree is None else sh_degree
+    background = torch.full((3,), appearance.background) if appearance.background else None
     parameters = gaussians.parameters if means is None else {**gaussians.parameters, "means": means}
     return load("rasterize")(
         **parameters,
         camera=camera,
         sh_degree=degree,
         geometry=geometry,
-        filter_3d=gaussians.filter_3d if options.filter_3d else None,
-        filter_2d=options.filter_2d,
+        filter_3d=gaussians.filter_3d if appearance.filter_3d else None,
+        filter_2d=appearance.filter_2d,
         blur=blur,
         background=background,
         statistics=statistics,
     )
-
-
-def surface_disparity(depth: Tensor, alpha: Tensor) -> Tensor:
-    """(H, W) disparity, 1 / scene unit; a pixel without a surface takes the farthest one of the image.
-
-    The released code takes such pixels for the nearest of all, which blurs holes over their
-    surroundings; what shows through a hole lies behind.
-    """
-    there = (alpha > SURFACE_ALPHA) & (depth > 0)
-    disparity = 1 / torch.where(there, depth, 1.0)
-    if bool(there.all()):
-        return disparity
-    farthest = disparity.detach()[there].min() if bool(there.any()) else torch.zeros(())
-    return torch.where(there, disparity, farthest)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +14,17 @@ import torch
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Budget, TrainingSet, TrainingView
 from dofbench.core.errors import Status
+from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.model import SH_C0, Gaussians
-from dofbench.gaussians.render import SURFACE_ALPHA, rasterise
+from dofbench.gaussians.render import rasterise
 from dofbench.gaussians.trainer import Trainer
-from dofbench.learning.options import TrainerOptions
+from dofbench.learning.rendered_surface import SURFACE_ALPHA
 from dofbench.scenes.scene import Scene
 
 Progress = Callable[[int, int], None]
 
 # Depth is what counts here, so the points supervise it in disparity, where blur is linear.
-OPTIONS = TrainerOptions().with_overrides(
+OPTIONS = GaussianOptions().with_overrides(
     {
         "lens": False,
         "adaptation": "off",
@@ -45,6 +46,22 @@ OPTIONS = TrainerOptions().with_overrides(
     }
 )
 
+# The order in which manifests list the options. A dataset's checksum covers its manifest, and results are kept under
+# the checksum, so making a dataset again must give the same bytes; options that are new come after these.
+_LISTED = (
+    "steps coarse_until coarse_factor max_gaussians sh_degree sh_every background filter_2d filter_3d means_lr "
+    "means_lr_final sh_dc_lr sh_rest_lr opacity_lr scale_lr rotation_lr cooldown_from cooldown_to ssim_weight "
+    "held_back clipped_white outlier_views outliers_from colour_per_view colour_lr colour_lr_fall lens lens_gamma "
+    "lens_alpha lens_energy lens_range lens_model lens_rings lens_samples_from lens_rings_from lens_blades "
+    "lens_rotation lens_per lens_trials lens_trials_at lens_trials_steps lens_activation lens_update lens_lr "
+    "lens_lr_final lens_from lens_init_aperture lens_init_focus blur_to_depth depth_weight depth_norm depth_space "
+    "depth_decay depth_prior depth_prior_file depth_prior_workspace depth_prior_coarser depth_prior_steps "
+    "start_points depth_prior_loss normal_weight normal_from normal_median normal_form distortion_weight "
+    "distortion_from distortion_near distortion_far adaptation adaptation_from adaptation_aperture adaptation_a "
+    "adaptation_b densify_from densify_until densify_every grow_gradient grow_absolute dense_share clone_opacity "
+    "prune_opacity prune_depth_graded reset_every"
+).split()
+
 
 @dataclass(frozen=True, eq=False)
 class Surface:
@@ -61,13 +78,13 @@ class Surface:
 class Reconstruction:
     """A trained all-in-focus scene: depth and alpha at any camera."""
 
-    def __init__(self, gaussians: Gaussians, options: TrainerOptions):
+    def __init__(self, gaussians: Gaussians, options: GaussianOptions):
         self.gaussians, self._options = gaussians, options
 
     @torch.no_grad()
     def surface(self, camera: Camera) -> Surface:
         """What the camera sees of the reconstruction."""
-        raster = rasterise(self.gaussians, camera, self._options, sh_degree=0)
+        raster = rasterise(self.gaussians, camera, self._options.appearance, sh_degree=0)
         # The same blend of the Gaussians' disparity and its square in place of their colour.
         pose = torch.from_numpy(np.array(camera.world_to_camera)).float()
         z = self.gaussians.parameters["means"] @ pose[2, :3] + pose[2, 3]
@@ -76,7 +93,7 @@ class Reconstruction:
         moments = torch.stack([disparity / unit, (disparity / unit) ** 2, torch.zeros_like(z)], dim=1)
         painted = Gaussians({**self.gaussians.parameters, "sh_dc": (moments - 0.5) / SH_C0}, self.gaussians.filter_3d)
         blended = (
-            rasterise(painted, camera, self._options.with_overrides({"background": 0.0}), sh_degree=0, geometry="none")
+            rasterise(painted, camera, replace(self._options.appearance, background=0.0), sh_degree=0, geometry="none")
             .color.numpy()
             .astype(np.float64)
         )
@@ -91,7 +108,8 @@ class Reconstruction:
 
     def settings(self) -> Mapping[str, Any]:
         """The options that made it, for a manifest."""
-        return asdict(self._options)
+        values = self._options.flat()
+        return {name: values[name] for name in (*_LISTED, *(name for name in values if name not in _LISTED))}
 
     def save(self, path: Path) -> None:
         """Write the Gaussians."""

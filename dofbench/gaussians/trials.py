@@ -7,26 +7,26 @@ photographs that no loss has looked at (`held_back.py`). Differences are paired 
 way is kept, so only the other one's steps are lost. Afterwards the tiles are trained on like all others.
 
 Figures of a decision: "WAY gain" and "WAY error", how much better WAY explains held-back pixels than what it was
-compared with, dB, and the standard error of that; "circle", what `Trainer.widest_circle` says, and "apart", what
-`Trainer.foci_apart` does, pixels.
+compared with, dB, and the standard error of that; "circle", what `Trainee.widest_circle` says, and "apart", what
+`Trainee.foci_apart` does, pixels.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from dofbench.core.contracts import Decision
+from dofbench.core.contracts import Decision, TrainingView
 from dofbench.core.time_left import Progress, silent
-from dofbench.learning.options import TrainerOptions
-
-if TYPE_CHECKING:
-    from dofbench.gaussians.trainer import Snapshot, Trainer
+from dofbench.gaussians.forward.forward_model import ForwardModel
+from dofbench.gaussians.gaussian_options import GaussianOptions
+from dofbench.gaussians.trial_options import QUESTIONS
+from dofbench.learning.held_back import HeldBackScores
 
 HELD_BACK = 0.08  # share of the tiles
 VISITS = 2  # of each photograph in a trial, at least
@@ -39,22 +39,49 @@ SURE = 2.0  # standard errors that what costs more must be better by
 FOCI_APART = 1.0  # px that the same point's circles differ by between photographs that can't share a focus
 
 
+class Trainee(Protocol):
+    """A training that trials may be made with. Its snapshots are opaque: all that training changes, to come back to."""
+
+    views: Sequence[TrainingView]
+
+    def snapshot(self) -> Any:
+        """Where it is."""
+
+    def restore(self, snapshot: Any) -> None:
+        """Go on from there, as often as you like."""
+
+    def revise(self, changes: Mapping[str, Any]) -> None:
+        """Go on with other options."""
+
+    def train(self, step: int, count: int, total: int, progress: float, tell: Callable[[int, int], None]) -> None:
+        """Take `count` steps after `step` of `total`, at `progress` or later; tell: how many are taken."""
+
+    def held_back_scores(self, share: float) -> HeldBackScores:
+        """How well the training photographs are explained where that share of them was held back."""
+
+    def widest_circle(self) -> float:
+        """Of the lenses learned so far, pixels (`blur_circles.widest_circle`)."""
+
+    def foci_apart(self) -> float:
+        """Of the lenses learned so far, pixels (`blur_circles.foci_apart`)."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Attempt:
     """A way that was tried: what it changes, where it ended, and PSNR on each view's held-back tiles."""
 
     changes: Mapping[str, Any]
-    end: Snapshot
+    end: Any
     psnr: np.ndarray
 
 
 class Trials:
-    """Tries what `options.lens_trials` leaves open, once."""
+    """Tries what the option lens_trials leaves open, once."""
 
-    def __init__(self, trainer: Trainer, options: TrainerOptions):
-        self._trainer = trainer
-        self._open = questions(options) if options.lens else ()
-        self._at, self._share = options.lens_trials_at, options.lens_trials_steps
+    def __init__(self, trainee: Trainee, options: GaussianOptions):
+        self._trainee = trainee
+        self._open = questions(options) if options.lens.lens else ()
+        self._at, self._share = options.trials.lens_trials_at, options.trials.lens_trials_steps
 
     @property
     def open(self) -> bool:
@@ -70,21 +97,21 @@ class Trials:
         return max(1, min(max(round(self._share * total), VISITS * views), round(MOST * total)))
 
     def decide(self, step: int, total: int, progress: float, tell: Progress = silent) -> tuple[int, list[Decision]]:
-        """Try, and leave the trainer in the state of the best; returns the steps taken in all, and what was decided.
+        """Try, and leave the trainee in the state of the best; returns the steps taken in all, and what was decided.
 
         tell: told what is tried, and how many of its steps are taken.
         """
-        trainer, questions_open = self._trainer, self._open
+        trainee, questions_open = self._trainee, self._open
         self._open = ()
-        steps = min(self.length(total, trainer.count), total - step)
-        start = trainer.snapshot()
+        steps = min(self.length(total, len(trainee.views)), total - step)
+        start = trainee.snapshot()
 
         def attempt(changes: Mapping[str, Any], words: str) -> _Attempt:
-            trainer.restore(start)
-            trainer.revise(changes)
-            trainer.train(step, steps, total, progress, partial(tell, f"trying {words}"))
-            views = trainer.held_back_scores(HELD_BACK).views
-            return _Attempt(changes, trainer.snapshot(), np.array([psnr for psnr, _ in views.values()]))
+            trainee.restore(start)
+            trainee.revise(changes)
+            trainee.train(step, steps, total, progress, partial(tell, f"trying {words}"))
+            views = trainee.held_back_scores(HELD_BACK).views
+            return _Attempt(changes, trainee.snapshot(), np.array([psnr for psnr, _ in views.values()]))
 
         best, decisions = attempt({}, "what was learned so far"), []
         if "lens" in questions_open:
@@ -95,12 +122,12 @@ class Trials:
                 if question in questions_open:
                     best, decided = ask(attempt, best)
                     decisions.append(decided)
-        trainer.restore(best.end)
-        trainer.revise(_AFTER.get(best.changes.get("lens_model"), {}))
+        trainee.restore(best.end)
+        trainee.revise(_AFTER.get(best.changes.get("lens_model"), {}))
         return step + steps, decisions
 
     def _lens(self, attempt, with_lens: _Attempt) -> tuple[_Attempt, Decision]:
-        circle = self._trainer.widest_circle()
+        circle = self._trainee.widest_circle()
         without = attempt({"lens": False, "adaptation": "off"}, "no lens")
         gain, error = _gain(with_lens, without)
         figures = (
@@ -120,10 +147,10 @@ class Trials:
         return (without if needless else with_lens), decided
 
     def _shared(self, attempt, each: _Attempt) -> tuple[_Attempt, Decision]:
-        stops = {view.exif and view.exif.f_number for view in self._trainer.views}
+        stops = {view.exif and view.exif.f_number for view in self._trainee.views}
         known = None not in stops
-        self._trainer.restore(each.end)
-        apart = self._trainer.foci_apart()
+        self._trainee.restore(each.end)
+        apart = self._trainee.foci_apart()
         ways = [("exif", "one aperture times f-number")] if known else []
         ways.append(("aperture", "one aperture"))
         # Circles may be alike by chance, or too small to tell; f-numbers that differ can't be one lens.
@@ -154,14 +181,24 @@ _OWN_BLUR = {"lens_model": "samples", "lens_samples_from": 0.0, "lens_rings": 0}
 # The lens is sampled for the last fifth: several rasterisations a step, so not for longer.
 _AFTER = {"samples": {"lens_rings": 1, "lens_rings_from": 0.8}}
 
-QUESTIONS = ("lens", "share", "model")
 
-
-def questions(options: TrainerOptions) -> tuple[str, ...]:
-    """What `options.lens_trials` leaves open and the other options don't settle, in the order in which it is asked."""
-    asked = {word for word in options.lens_trials.split(",") if word}
-    settled = {"lens": not options.lens, "share": options.lens_per != "view", "model": options.lens_model != "scatter"}
+def questions(options: GaussianOptions) -> tuple[str, ...]:
+    """What lens_trials leaves open and the other options don't settle, in the order in which it is asked."""
+    asked = {word for word in options.trials.lens_trials.split(",") if word}
+    settled = {
+        "lens": not options.lens.lens,
+        "share": options.lens.lens_per != "view",
+        "model": options.blur.lens_model != "scatter",
+    }
     return tuple(word for word in QUESTIONS if word in asked and not settled[word])
+
+
+def possible_models(options: GaussianOptions) -> tuple[ForwardModel, ...]:
+    """The forward models that a training may look through: those of its options, and what a trial may bring."""
+    models = options.forward_models().models
+    if options.lens.lens and "model" in questions(options):
+        models += options.with_overrides(_OWN_BLUR).forward_models().models
+    return models
 
 
 def _gain(one: _Attempt, other: _Attempt) -> tuple[float, float]:

@@ -10,46 +10,42 @@ import contextlib
 import gc
 import subprocess
 import sys
+from collections.abc import Iterable
 
 import torch
 
-from dofbench.compute.raster import Geometry, ViewStatistics
+from dofbench.compute.raster import GEOMETRIES, Geometry, ViewStatistics
 from dofbench.core.cameras import Camera
+from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.render import rasterise
-from dofbench.gaussians.trials import questions
 from dofbench.kernels import is_warm, warm_up
-from dofbench.learning.options import TrainerOptions
 
 _PATIENCE = 300.0  # seconds for the other process; after that this one compiles for itself
 
 
-def compile_kernels(gaussians: Gaussians, camera: Camera, options: TrainerOptions) -> None:
-    """Have the kernels of all training steps compiled, where no earlier process has done it; changes no argument."""
+def compile_kernels(gaussians: Gaussians, camera: Camera, options: GaussianOptions, later: Iterable[Geometry]) -> None:
+    """Have the kernels of all training steps compiled, where no earlier process has done it; changes no argument.
+
+    later: what steps rasterise beside depth, which would otherwise be compiled in the middle of training, on its clock.
+    """
     if not is_warm("rasterize"):
         _compile_side_by_side(gaussians, camera, options)
-    # What only later steps want would otherwise be compiled in the middle of training, on its clock.
-    later: dict[Geometry, bool] = {
-        "none": options.lens and (options.lens_model == "samples" or "model" in questions(options)),
-        "full": options.normal_weight > 0,
-        "distortion": options.distortion_weight > 0,
-    }
-    for geometry, wanted in later.items():
-        if wanted:
-            _rasterise_once(gaussians, camera, options, geometry)
+    for geometry in sorted(set(later) - {"depth"}, key=GEOMETRIES.index):
+        _rasterise_once(gaussians, camera, options, geometry)
 
 
-def _rasterise_once(gaussians: Gaussians, camera: Camera, options: TrainerOptions, geometry: Geometry) -> None:
-    statistics = ViewStatistics(want_abs=options.grow_absolute)
+def _rasterise_once(gaussians: Gaussians, camera: Camera, options: GaussianOptions, geometry: Geometry) -> None:
+    statistics = ViewStatistics(want_abs=options.density.grow_absolute)
     # Numbers that aren't finite are training's to report.
     with contextlib.suppress(FloatingPointError):
-        raster = rasterise(gaussians, camera, options, geometry=geometry, statistics=statistics)
+        raster = rasterise(gaussians, camera, options.appearance, geometry=geometry, statistics=statistics)
         total = torch.stack([output.sum() for output in raster if output is not None]).sum()
         torch.autograd.grad(total, list(gaussians.parameters.values()), allow_unused=True)
 
 
-def _compile_side_by_side(gaussians: Gaussians, camera: Camera, options: TrainerOptions) -> None:
-    others = ("ssim", *(("scatter", "tone") if options.lens else ()))
+def _compile_side_by_side(gaussians: Gaussians, camera: Camera, options: GaussianOptions) -> None:
+    others = ("ssim", *(("scatter", "tone") if options.lens.lens else ()))
     command = [sys.executable, "-P", "-m", "dofbench.gaussians.warmup", *others]
     # A tenth of compiling is the garbage collector, which finds nothing.
     collecting = gc.isenabled()

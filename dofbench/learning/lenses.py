@@ -3,18 +3,67 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.core.errors import InputError
 from dofbench.core.lens import COC_FRACTION, DisparityRange, PhysicalLens
-from dofbench.learning.lens_ties import Ties
-from dofbench.learning.options import TrainerOptions
+from dofbench.learning.lens_ties import LensPer, Ties
+from dofbench.learning.rendered_surface import rendered_range
 
 _FLOOR = 1e-5  # least aperture; the released code adds it after the relu
 _BETAS = (0.9, 0.999)
 _EPSILON = 1e-15
+
+
+@dataclass(frozen=True)
+class LensOptions:
+    """What is learned of a lens, what photographs share of it, where it starts and how fast it is learned."""
+
+    lens: bool = True
+    """Whether there is a lens; without one a pinhole is trained. Unit: none. Source: section 4.1."""
+    lens_range: Literal["points", "render"] = "points"
+    """The disparities that 0 and 1 stand for: points, fixed once by the sparse points; render, minimum and 95th
+    percentile of each rendered view at each step. Unit: none. Source: points: own; render: released code."""
+    lens_per: LensPer = "view"
+    """What photographs share: view, nothing; aperture, one aperture, with a focus each; group, one aperture for each
+    f-number; exif, one aperture x f-number; scene, the whole lens. Unit: none. Source: view: section 4.1; others:
+    own."""
+    lens_activation: Literal["relu", "log", "ends"] = "relu"
+    """What is learned: relu, aperture and focus above 0; log, the aperture's logarithm and the focus; ends, the signed
+    circles of confusion at disparity 0 and 1. Unit: none. Source: relu: released code; others: own."""
+    lens_update: Literal["view", "dense"] = "view"
+    """Whose moments Adam moves at a step: view, those of the view's lens; dense, those of all lenses. Unit: none.
+    Source: view: own; dense: released code."""
+    lens_lr: float = 5e-4
+    """Adam's step on what is learned of a lens at the start. Unit: what is learned, a step. Source: released code."""
+    lens_lr_final: float = 5e-4
+    """The same at the end, with an exponential fall between. Unit: what is learned, a step. Source: released code."""
+    lens_from: float = 0.0
+    """Before this the lens stays as it started. Unit: share of the training. Source: released code."""
+    lens_init_aperture: float = 0.5
+    """Aperture that every lens starts from; 1 is a circle of 2 % of the width per unit of normalised disparity.
+    Unit: normalised. Source: released code."""
+    lens_init_focus: float = 0.5
+    """Focus that every lens starts from, 0 far to 1 near. Unit: normalised disparity. Source: released code."""
+
+    def __post_init__(self) -> None:
+        if self.lens_init_aperture <= 0:
+            raise InputError(
+                "option lens_init_aperture",
+                str(self.lens_init_aperture),
+                "more than 0: a closed lens blurs nothing, so nothing would open it",
+            )
+        if self.lens_range == "render" and self.lens_per not in ("view", "scene"):
+            raise InputError(
+                "option lens_per",
+                f"{self.lens_per} with lens_range=render",
+                "view or scene: an aperture in units of each view's own range can't be shared",
+            )
 
 
 class LearnedLenses:
@@ -32,8 +81,8 @@ class LearnedLenses:
     estimate leaves it in scene units, so nothing has to be fitted to compare it with the truth.
     """
 
-    def __init__(self, count: int, disparity_range: DisparityRange, options: TrainerOptions, ties: Ties | None = None):
-        self._options = options
+    def __init__(self, count: int, disparity_range: DisparityRange, options: LensOptions, ties: Ties | None = None):
+        self._options, self._first_range = options, disparity_range
         self.ranges = [disparity_range] * count
         self._ties = Ties.untied(count) if ties is None else ties
         self._numbers = (self._ties.aperture, self._ties.focus)
@@ -94,11 +143,26 @@ class LearnedLenses:
         """(2,) gradient by the raw parameters of the view of the last `forward`."""
         return None if self._leaf is None else self._leaf.grad
 
-    def step(self, view: int, progress: float) -> None:
-        """One Adam step on view number `view`; with `lens_update="dense"` every view's moments decay too."""
+    @property
+    def follows_rendering(self) -> bool:
+        """Whether each view's disparities are normalised by what was rendered of it, `follow`."""
+        return self._options.lens_range == "render"
+
+    def follow(self, view: int, disparity: Tensor, alpha: Tensor) -> None:
+        """Normalise view number `view` by the disparity (H, W), 1 / scene unit, and alpha (H, W) rendered of it."""
+        self.ranges[view] = rendered_range(disparity, alpha, self._first_range)
+
+    def step(self, view: int, progress: float, cooldown: float = 1.0) -> None:
+        """One Adam step on view number `view`, its rate times `cooldown`, once `lens_from` has passed.
+
+        With `lens_update="dense"` every view's moments decay too.
+        """
+        options = self._options
+        if progress < options.lens_from:
+            return
         assert self._leaf is not None and self._leaf.grad is not None
-        options, gradient = self._options, self._leaf.grad
-        rate = options.lens_lr * (options.lens_lr_final / options.lens_lr) ** progress * options.cooldown(progress)
+        gradient = self._leaf.grad
+        rate = options.lens_lr * (options.lens_lr_final / options.lens_lr) ** progress * cooldown
         self._steps += 1
         beta1, beta2 = _BETAS
         for part, numbers in enumerate(self._numbers):
@@ -130,7 +194,7 @@ class LearnedLenses:
         """The same lenses, as far as the ties allow it: what is shared is the median over its views."""
         pairs = np.array([self.aperture_and_focus(view) for view in range(len(self.ranges))])
         apertures, foci = pairs[:, 0] / np.array(ties.opening), pairs[:, 1]
-        lenses = LearnedLenses(len(self.ranges), self.ranges[0], self._options, ties)
+        lenses = LearnedLenses(len(self.ranges), self._first_range, self._options, ties)
         lenses.ranges = list(self.ranges)
         for view in range(len(self.ranges)):
             number, place = ties.aperture[view], ties.focus[view]

@@ -42,8 +42,10 @@ class Place:
 
     @contextmanager
     def located(self, stage: str) -> Iterator[None]:
-        """Turns a kernel's complaint into one that names step, view and stage."""
+        """Turns a kernel's complaint into one that names step, view and stage; the innermost stage is named."""
         try:
             yield
+        except NonFiniteError:
+            raise
         except FloatingPointError as error:
             raise self.error(stage, str(error)) from None

@@ -7,6 +7,7 @@ is merely hard to learn has no outliers.
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +16,16 @@ FAR = 4.0  # robust standard deviations of the losses' logarithms
 LEAST_RATIO = 1.4  # times the median loss, so that views that are all alike have no outlier
 MOST = 0.25  # share of the views that may be left out
 LEAST_VIEWS = 8  # for a median to mean something
+
+
+@dataclass(frozen=True)
+class OutlierOptions:
+    """Whether photographs may be left out, and from when on."""
+
+    outlier_views: bool = False
+    """Whether views whose loss stays far above the others' are left out. Unit: none. Source: own."""
+    outliers_from: float = 0.3
+    """When they are looked for. Unit: share of the training. Source: own."""
 
 
 class OutlierViews:

@@ -13,7 +13,9 @@ mean colour, which a new view is rendered with, and where all photographs are al
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
@@ -21,7 +23,6 @@ from torch import Tensor
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, write_json
-from dofbench.learning.options import TrainerOptions
 from dofbench.learning.row_adam import RowAdam
 
 _COLUMNS = {"off": 0, "gain": 3, "affine": 12}
@@ -29,10 +30,23 @@ SCHEMA, VERSION = "dofbench.colours", 1
 CONVENTION = "photograph = matrix[:, :3] @ rendering through the lens + matrix[:, 3], encoded colours in [0, 1]"
 
 
+@dataclass(frozen=True)
+class ColourOptions:
+    """What is learned of a photograph's colour, and how fast."""
+
+    colour_per_view: Literal["off", "gain", "affine"] = "off"
+    """A colour learned for every photograph: gain, a factor a channel; affine, a matrix and an offset. Unit: none.
+    Source: own."""
+    colour_lr: float = 1e-2
+    """Adam's step on a photograph's colour at the start. Unit: what is learned, a step. Source: own."""
+    colour_lr_fall: float = 0.1
+    """Factor on it at the end, with an exponential fall between. Unit: none. Source: own."""
+
+
 class LearnedColours:
     """A colour a photograph, `colour_per_view` "gain" or "affine", from identity; with "off" nothing is learned."""
 
-    def __init__(self, count: int, options: TrainerOptions):
+    def __init__(self, count: int, options: ColourOptions):
         self._options = options
         self._kind = options.colour_per_view
         self._table = RowAdam(count, _COLUMNS[self._kind])
@@ -50,10 +64,10 @@ class LearnedColours:
         """Gradient by the raw parameters of the view of the last `forward`; None where nothing is learned."""
         return self._table.gradient
 
-    def step(self, view: int, progress: float) -> None:
-        """One Adam step on a view's colour, then the gauge."""
+    def step(self, view: int, progress: float, cooldown: float = 1.0) -> None:
+        """One Adam step on a view's colour, its rate times `cooldown`; then the gauge."""
         options = self._options
-        rate = options.colour_lr * options.colour_lr_fall**progress * options.cooldown(progress)
+        rate = options.colour_lr * options.colour_lr_fall**progress * cooldown
         self._table.step(view, rate)
         self._table.values -= self._table.values.mean(dim=0)
 

@@ -13,7 +13,6 @@ from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingView
 from dofbench.core.images import resize
 from dofbench.learning.held_back import held_back_mask
-from dofbench.learning.options import TrainerOptions
 from dofbench.learning.priors import Prior
 from dofbench.learning.supervision import DepthSamples
 
@@ -32,17 +31,16 @@ class Photograph:
 
 
 def all_photographs(
-    views: Sequence[TrainingView], options: TrainerOptions, prior: Prior | None, held_back: float, seed: int
+    views: Sequence[TrainingView], sizes: Sequence[int], prior: Prior | None, held_back: float, seed: int
 ) -> dict[int, list[Photograph]]:
-    """All training views at each size that they are trained at, by the factor that they are shrunk by.
+    """All training views at each of these sizes, factors that they are shrunk by, under the factor.
 
-    held_back: the share of every photograph's tiles that no colour loss looks at.
+    prior: what supervises depth, or None. held_back: the share of every photograph's tiles that no colour loss looks
+    at.
     """
-    supervisor = prior if options.depth_weight > 0 else None
-    factors = {1, options.coarse_factor if options.coarse_until > 0 else 1}
     return {
-        factor: [_photograph(view, index, factor, supervisor, held_back, seed) for index, view in enumerate(views)]
-        for factor in factors
+        factor: [_photograph(view, index, factor, prior, held_back, seed) for index, view in enumerate(views)]
+        for factor in sizes
     }
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dofbench.core.blur import Blur
 from dofbench.core.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
-from dofbench.gaussians.render import surface_disparity
+from dofbench.learning.rendered_surface import surface_disparity
 from dofbench.optics.defocus import defocus, defocus_by_radius, defocus_numpy
 from dofbench.optics.layered import layered_blur
 from dofbench.stability.case import (

@@ -14,7 +14,7 @@ from dofbench.core.contracts import Budget, FitOutcome, Method, TrainingSet
 from dofbench.core.errors import Status
 from dofbench.core.lens import Lens
 from dofbench.gaussians.gaussian_method import GaussianMethod
-from dofbench.learning.options import TrainerOptions
+from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.running.method_cards import MethodEntry
 from dofbench.stability.training_scene import FAR, VIEWS, WIDTH, true_lens, true_range
 
@@ -86,7 +86,7 @@ def options_of(entry: MethodEntry, **changes: Any) -> dict[str, Any]:
 
 def faster(entry: MethodEntry, names: tuple[str, ...], factor: float) -> dict[str, Any]:
     """The named learning rates, times a factor."""
-    usual = {**vars(TrainerOptions()), **options_of(entry)}
+    usual = {**GaussianOptions().flat(), **options_of(entry)}
     return {name: usual[name] * factor for name in names}
 
 

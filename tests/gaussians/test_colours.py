@@ -10,10 +10,9 @@ from tolerances import FLOAT32_VALUE, GAIN_LEARNED, RESPONSE_GRADIENT
 
 from dofbench.core.contracts import Budget
 from dofbench.core.errors import InputError
-from dofbench.gaussians import losses
 from dofbench.gaussians.trainer import Trainer
-from dofbench.learning.options import TrainerOptions
-from dofbench.learning.photograph_colours import LearnedColours, read_colours, write_colours
+from dofbench.learning import image_losses as losses
+from dofbench.learning.photograph_colours import ColourOptions, LearnedColours, read_colours, write_colours
 
 
 def _image(seed=0):
@@ -21,7 +20,7 @@ def _image(seed=0):
 
 
 def _learned(kind, views=3):
-    return LearnedColours(views, TrainerOptions(colour_per_view=kind))
+    return LearnedColours(views, ColourOptions(colour_per_view=kind))
 
 
 @pytest.mark.parametrize("kind", ["gain", "affine"])
@@ -74,7 +73,7 @@ def test_the_mean_over_the_photographs_stays_identity(kind):
 @pytest.mark.parametrize("kind", ["gain", "affine"])
 def test_exposure_and_white_balance_are_learned(kind):
     true = np.array([[0.2, 0.1, 0.0], [-0.2, 0.0, 0.1], [0.0, -0.1, -0.1]])
-    colours = LearnedColours(3, TrainerOptions(colour_per_view=kind, colour_lr=2e-2))
+    colours = LearnedColours(3, ColourOptions(colour_per_view=kind, colour_lr=2e-2))
     factors = np.exp(true) if kind == "gain" else 1 + true  # what the gauge makes the mean of is zero
     for step in range(1500):
         view, image = step % 3, _image(step)

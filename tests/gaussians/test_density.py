@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import torch
 
+from dofbench.compute.raster import ViewStatistics
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
-from dofbench.gaussians.density import DensityControl, rotate
+from dofbench.gaussians.density import DensityControl, DensityOptions, rotate
 from dofbench.gaussians.model import PARAMETERS, Gaussians, scene_extent
-from dofbench.gaussians.optimiser import GaussianOptimiser
-from dofbench.learning.options import TrainerOptions
+from dofbench.gaussians.optimiser import GaussianOptimiser, RateOptions
 
 
 def _setup(count=12, **overrides):
@@ -21,10 +21,8 @@ def _setup(count=12, **overrides):
         np.zeros(count, np.float32),
     )
     gaussians = Gaussians.from_points(points, 1)
-    options = TrainerOptions().with_overrides(
-        {"densify_from": 0.0, "densify_every": 1, "reset_every": 0.0, **overrides}
-    )
-    optimiser = GaussianOptimiser(gaussians, options, 1.0)
+    options = DensityOptions(**{"densify_from": 0.0, "densify_every": 1, "reset_every": 0.0, **overrides})
+    optimiser = GaussianOptimiser(gaussians, RateOptions(), 1.0)
     for name in PARAMETERS:
         gaussians.parameters[name].grad = torch.ones_like(gaussians.parameters[name])
     optimiser.step(0.0)
@@ -32,10 +30,14 @@ def _setup(count=12, **overrides):
     return gaussians, optimiser, density
 
 
+def _see(density, gradient):
+    density.record(ViewStatistics(visible=torch.ones(len(gradient), dtype=torch.bool), grad_2d=gradient), 10, 10)
+
+
 def _record(gaussians, density, growing):
     gradient = torch.zeros(len(gaussians), 2)
     gradient[growing, 0] = 1.0
-    density.record(gradient, torch.ones(len(gaussians), dtype=torch.bool), 10, 10)
+    _see(density, gradient)
 
 
 def test_large_ones_split_small_ones_clone_transparent_ones_go():
@@ -75,7 +77,7 @@ def test_the_cap_keeps_the_neediest():
         gaussians.parameters["log_scales"][:] = math.log(1e-4)
     gradient = torch.zeros(12, 2)
     gradient[:, 0] = torch.arange(12) + 1.0
-    density.record(gradient, torch.ones(12, dtype=torch.bool), 10, 10)
+    _see(density, gradient)
     wanted = gaussians.parameters["means"].detach()[11].clone()
     density.after_step(1, 0.0)
     assert len(gaussians) == 13

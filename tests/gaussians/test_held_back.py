@@ -15,8 +15,8 @@ from tolerances import FLOAT32_SCALAR, PSNR_OF_FLOAT32
 from dofbench.core.contracts import Budget, TrainingSet
 from dofbench.core.errors import InputError
 from dofbench.core.images import resize
-from dofbench.gaussians import losses
 from dofbench.gaussians.trainer import Trainer
+from dofbench.learning import image_losses as losses
 from dofbench.learning.held_back import TILE, held_back_mask, held_back_scores, held_back_tiles, shrunk, tile_scores
 from dofbench.metrics.psnr import psnr
 from dofbench.metrics.ssim import ssim

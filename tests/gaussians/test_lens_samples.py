@@ -7,15 +7,27 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT32_VALUE, FLOAT64_VALUE, LENS_GRADIENT, LENS_MOVED_CAMERA, LENS_SMEAR, SAMPLED_PLANE
 
+from dofbench.compute.raster import ViewStatistics
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
 from dofbench.core.lens import DisparityRange, Lens
-from dofbench.gaussians import exposure
-from dofbench.gaussians.exposure import Shot, render_view, rings_for, sampled, scattered, summed
-from dofbench.gaussians.lens_samples import cell_variance, lens_points, points_of, together
+from dofbench.gaussians.exposure import StillRasteriser, render_view
+from dofbench.gaussians.forward import lens_samples
+from dofbench.gaussians.forward.forward_model import BlurOptions
+from dofbench.gaussians.forward.lens_samples import (
+    cell_variance,
+    lens_points,
+    points_of,
+    rings_for,
+    together,
+    views_from_lens,
+)
+from dofbench.gaussians.forward.scatter_blur import ScatterBlur, ScatterOptions
+from dofbench.gaussians.forward.shot import Shot
+from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.render import rasterise
-from dofbench.learning.options import TrainerOptions
+from dofbench.gaussians.render import AppearanceOptions, rasterise
+from dofbench.gaussians.step_rasteriser import summed
 
 WIDTH, HEIGHT = 96, 72
 BOUNDS = DisparityRange(0.1, 0.5)
@@ -52,8 +64,11 @@ def _scene(depths, count=3000, seed=0):
     return gaussians
 
 
+LOOKS = AppearanceOptions(sh_degree=0)
+
+
 def _options(**changes):
-    return TrainerOptions().with_overrides({"lens_model": "samples", "sh_degree": 0, **changes})
+    return GaussianOptions().with_overrides({"lens_model": "samples", "sh_degree": 0, **changes})
 
 
 @given(rings=st.integers(0, 6), rotation=st.floats(-10, 10))
@@ -70,20 +85,19 @@ def test_points_and_cells_have_the_discs_variance(rings, rotation):
 @pytest.mark.parametrize("rings", [0, 1, 2])
 def test_a_closed_lens_is_a_pinhole(rings):
     gaussians, shot = _scene([3.0, 6.0]), Shot(_camera(), BOUNDS, 0.0, 0.0)
-    rasters, _ = sampled(gaussians, shot, _options(), rings)
-    sharp = rasterise(gaussians, shot.camera, _options()).color
-    for raster in rasters:
-        assert torch.equal(raster.color, sharp)
+    sharp = rasterise(gaussians, shot.camera, LOOKS).color
+    for seen in views_from_lens(StillRasteriser(gaussians, LOOKS), shot, rings, to_depth=False):
+        assert torch.equal(seen, sharp)
 
 
 def test_a_point_of_the_lens_sees_what_a_camera_there_sees():
     """Against a camera that is moved across the lens, with its sensor shifted to keep the plane in focus in place."""
-    gaussians, camera, options = _scene([2.5, 5.0]), _camera(), _options(lens_rings=1)
+    gaussians, camera = _scene([2.5, 5.0]), _camera()
     lens = Lens(1.5, 0.4)
     shot = Shot(camera, BOUNDS, lens.aperture, -lens.aperture * lens.focus)
-    rasters, _ = sampled(gaussians, shot, options, 1)
+    views = views_from_lens(StillRasteriser(gaussians, LOOKS), shot, 1, to_depth=False)
     physical = lens.physical(BOUNDS, WIDTH)
-    for raster, point in zip(rasters[1:], lens_points(1)[1:], strict=True):
+    for seen, point in zip(views[1:], lens_points(1)[1:], strict=True):
         offset = -physical.aperture * point / (camera.fx, camera.fy)
         pose = camera.world_to_camera.copy()
         pose[:2, 3] -= offset
@@ -94,16 +108,16 @@ def test_a_point_of_the_lens_sees_what_a_camera_there_sees():
         )
         # Without the share of the blur that belongs to the point's cell, which a moved camera hasn't.
         plain = rasterise(
-            gaussians, moved, options, means=gaussians.parameters["means"], blur=_cell_blur(gaussians, shot, options)
+            gaussians, moved, LOOKS, means=gaussians.parameters["means"], blur=_cell_blur(gaussians, shot)
         ).color
-        middle = rasterise(gaussians, camera, options).color
-        assert float((raster.color - plain).detach().abs().mean()) < LENS_MOVED_CAMERA
-        assert float((raster.color - middle).detach().abs().mean()) > 4 * LENS_MOVED_CAMERA
+        middle = rasterise(gaussians, camera, LOOKS).color
+        assert float((seen - plain).detach().abs().mean()) < LENS_MOVED_CAMERA
+        assert float((seen - middle).detach().abs().mean()) > 4 * LENS_MOVED_CAMERA
 
 
-def _cell_blur(gaussians, shot, options):
+def _cell_blur(gaussians, shot):
     depth = gaussians.parameters["means"].detach()[:, 2] + float(shot.camera.world_to_camera[2, 3])
-    return shot.radius(1 / depth, options, False) ** 2 / 4 / 7
+    return shot.radius(1 / depth) ** 2 / 4 / 7
 
 
 def test_before_a_plane_it_blurs_as_the_scatter_does():
@@ -158,9 +172,11 @@ def test_a_picture_of_few_points_is_that_of_many(monkeypatch, aperture):
         gaussians.parameters["sh_dc"][near] *= -1
         gaussians.parameters["opacity_logits"][near & (gaussians.parameters["means"][:, 0] > 0)] = -20
     lens = Lens(aperture, 0.3).physical(BOUNDS, WIDTH)
-    monkeypatch.setattr(exposure, "sampled", lambda *given, **more: seen.append(given[3]) or sampled(*given, **more))
+    monkeypatch.setattr(
+        lens_samples, "views_from_lens", lambda *given: seen.append(given[2]) or views_from_lens(*given)
+    )
     few = render_view(gaussians, camera, _options(), lens=lens).image
-    monkeypatch.setattr(exposure, "rings_for", lambda *given: 4)
+    monkeypatch.setattr(lens_samples, "rings_for", lambda *given: 4)
     many = render_view(gaussians, camera, _options(), lens=lens).image
     sharp = render_view(gaussians, camera, _options(), lens=None).image
     assert seen[0] < seen[1] == 4
@@ -169,11 +185,11 @@ def test_a_picture_of_few_points_is_that_of_many(monkeypatch, aperture):
 
 @pytest.mark.parametrize("rings", [0, 1])
 def test_the_gradient_by_the_lens_is_the_difference_quotient(rings):
-    gaussians, camera, options = _scene([2.5, 6.0], count=800), _camera(), _options(blur_to_depth=True)
+    gaussians, camera = _scene([2.5, 6.0], count=800), _camera()
+    scene = StillRasteriser(gaussians, LOOKS)
 
     def loss(slope, offset):
-        rasters, _ = sampled(gaussians, Shot(camera, BOUNDS, slope, offset), options, rings)
-        image = together([raster.color for raster in rasters], options.lens_gamma)
+        image = together(views_from_lens(scene, Shot(camera, BOUNDS, slope, offset), rings, to_depth=True), 2.2)
         return (image - 0.5).square().sum()
 
     values = torch.tensor([0.8, -0.3], requires_grad=True)
@@ -189,10 +205,17 @@ def test_the_gradient_by_the_lens_is_the_difference_quotient(rings):
 
 
 def test_without_gradient_to_depth_the_lens_still_learns():
-    gaussians, options = _scene([2.5, 6.0], count=300), _options(blur_to_depth=False)
+    gaussians, statistics = _scene([2.5, 6.0], count=300), []
+
+    class Counted(StillRasteriser):
+        def rasterise(self, camera, geometry, **more):
+            statistics.append(ViewStatistics(want_abs=True))
+            return rasterise(self.gaussians, camera, LOOKS, geometry=geometry, statistics=statistics[-1], **more)
+
     slope = torch.tensor(0.8, requires_grad=True)
-    rasters, statistics = sampled(gaussians, Shot(_camera(), BOUNDS, slope, -0.3), options, 1, want_abs=True)
-    together([raster.color for raster in rasters], options.lens_gamma).square().sum().backward()
+    shot = Shot(_camera(), BOUNDS, slope, -0.3)
+    together(views_from_lens(Counted(gaussians, LOOKS), shot, 1, to_depth=False), 2.2).square().sum().backward()
+    assert len(statistics) == 7
     assert float(slope.grad) != 0
     whole = summed(statistics)
     assert torch.allclose(whole.grad_2d, sum(one.grad_2d for one in statistics), atol=FLOAT32_VALUE)
@@ -218,7 +241,8 @@ def test_scatter_takes_a_polygon():
     disparity, camera = torch.full((41, 41), 0.5), _camera(width=41, height=41, cx=20.5, cy=20.5)
     shot = Shot(camera, BOUNDS, 10.0, 0.0)
     disc, triangle = (
-        scattered(image, disparity, shot, _options(lens_model="scatter", lens_blades=blades)) for blades in (0, 3)
+        ScatterBlur(BlurOptions(), ScatterOptions(lens_blades=blades)).spread(image, disparity, shot)
+        for blades in (0, 3)
     )
     lit = [int((picture[..., 0] > 0.5 * picture.max()).sum()) for picture in (disc, triangle)]
     assert 0.3 < lit[1] / lit[0] < 0.6  # a triangle in a circle has 41 % of its area

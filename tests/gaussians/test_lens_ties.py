@@ -11,8 +11,7 @@ from dofbench.core.errors import InputError
 from dofbench.core.exif import Exif
 from dofbench.core.lens import DisparityRange, Lens
 from dofbench.learning.lens_ties import lens_ties
-from dofbench.learning.lenses import LearnedLenses
-from dofbench.learning.options import TrainerOptions
+from dofbench.learning.lenses import LearnedLenses, LensOptions
 
 RANGE = DisparityRange(0.02, 0.06)
 
@@ -61,14 +60,8 @@ def test_photographs_without_f_number_are_named(per):
 @pytest.mark.parametrize("update", ["view", "dense"])
 def test_views_find_one_aperture_and_a_focus_each(activation, update):
     ties = lens_ties(_views(2.8, 5.6, 14.0), "exif")
-    options = TrainerOptions().with_overrides(
-        {
-            "lens_activation": activation,
-            "lens_update": update,
-            "lens_lr": 2e-2,
-            "lens_lr_final": 1e-4,
-            "lens_per": "exif",
-        }
+    options = LensOptions(
+        lens_activation=activation, lens_update=update, lens_lr=2e-2, lens_lr_final=1e-4, lens_per="exif"
     )
     lenses = LearnedLenses(3, RANGE, options, ties)
     truth = [(0.4 * opening, focus) for opening, focus in zip(ties.opening, (0.2, 0.5, 0.8), strict=True)]
@@ -84,7 +77,7 @@ def test_views_find_one_aperture_and_a_focus_each(activation, update):
 
 @pytest.mark.parametrize("activation", ["relu", "log", "ends"])
 def test_what_is_shared_from_now_on_is_the_median_of_what_was_found(activation):
-    options = TrainerOptions().with_overrides({"lens_activation": activation})
+    options = LensOptions(lens_activation=activation)
     lenses = LearnedLenses(3, RANGE, options)
     start = [lenses.aperture_and_focus(view) for view in range(3)]
     for view, (aperture, focus) in enumerate([(0.3, 0.2), (0.5, 0.5), (0.6, 0.9)]):

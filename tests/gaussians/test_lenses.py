@@ -4,8 +4,7 @@ import torch
 from tolerances import FLOAT32_VALUE, LENS_FOUND
 
 from dofbench.core.lens import DisparityRange, Lens
-from dofbench.learning.lenses import LearnedLenses
-from dofbench.learning.options import TrainerOptions
+from dofbench.learning.lenses import LearnedLenses, LensOptions
 
 RANGE = DisparityRange(0.02, 0.06)
 
@@ -21,9 +20,7 @@ def _train(lenses, target, steps, order):
 @pytest.mark.parametrize("activation", ["relu", "log", "ends"])
 @pytest.mark.parametrize("update", ["view", "dense"])
 def test_each_view_finds_its_lens(activation, update):
-    options = TrainerOptions().with_overrides(
-        {"lens_activation": activation, "lens_update": update, "lens_lr": 2e-2, "lens_lr_final": 1e-4}
-    )
+    options = LensOptions(lens_activation=activation, lens_update=update, lens_lr=2e-2, lens_lr_final=1e-4)
     lenses = LearnedLenses(2, RANGE, options)
     _train(lenses, (0.9, 0.2), 2000, [0, 1])
     for index in range(2):
@@ -32,7 +29,7 @@ def test_each_view_finds_its_lens(activation, update):
 
 
 def test_dense_update_is_adam_over_the_whole_vector():
-    options = TrainerOptions().with_overrides({"lens_update": "dense", "lens_lr": 1e-2, "lens_lr_final": 1e-2})
+    options = LensOptions(lens_update="dense", lens_lr=1e-2, lens_lr_final=1e-2)
     lenses = LearnedLenses(3, RANGE, options)
     vector = torch.full((3, 2), 0.5, requires_grad=True)
     adam = torch.optim.Adam([vector], lr=1e-2, eps=1e-15)
@@ -56,9 +53,7 @@ def test_the_estimate_does_not_depend_on_the_methods_own_range():
         lenses = LearnedLenses(
             1,
             own,
-            TrainerOptions().with_overrides(
-                {"lens_activation": "log", "lens_init_aperture": inside.aperture, "lens_init_focus": inside.focus}
-            ),
+            LensOptions(lens_activation="log", lens_init_aperture=inside.aperture, lens_init_focus=inside.focus),
         )
         found = Lens.from_physical(lenses.estimate(0, 504), RANGE)
         assert found.aperture == pytest.approx(0.7, abs=FLOAT32_VALUE)

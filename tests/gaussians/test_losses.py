@@ -6,8 +6,10 @@ import torch
 from tolerances import FLOAT32_SCALAR, PLANE_NORMAL
 
 from dofbench.core.cameras import Camera
-from dofbench.gaussians import losses
-from dofbench.learning.options import TrainerOptions
+from dofbench.gaussians.distortion import distortion_loss
+from dofbench.gaussians.normals import normal_consistency, normals_from_depth
+from dofbench.learning.adaptation import AdaptationOptions
+from dofbench.learning.depth_loss import SupervisionOptions, depth_loss
 from dofbench.learning.supervision import DepthSamples
 
 CAMERA = Camera(24, 18, 20.0, 21.0, 12.5, 8.0, np.eye(4))
@@ -23,7 +25,7 @@ def _plane_depth(normal, offset):
 @pytest.mark.parametrize("normal", [(0.0, 0.0, -1.0), (0.3, 0.1, -0.9), (-0.2, 0.4, -0.8)])
 def test_normals_of_a_plane_are_its_normal(normal):
     unit = np.array(normal) / np.linalg.norm(normal)
-    found = losses.normals_from_depth(_plane_depth(unit, -5.0), CAMERA)
+    found = normals_from_depth(_plane_depth(unit, -5.0), CAMERA)
     assert np.allclose(found.numpy(), unit, atol=PLANE_NORMAL)
 
 
@@ -32,8 +34,8 @@ def test_normal_consistency_is_zero_when_splats_lie_in_the_surface():
     depth = _plane_depth(unit, -5.0)
     alpha = torch.full_like(depth, 0.8)
     normal = alpha[..., None] * torch.from_numpy(unit)
-    aligned = losses.normal_consistency(normal, alpha, depth, depth, CAMERA, 0.6)
-    turned = losses.normal_consistency(-normal, alpha, depth, depth, CAMERA, 0.6)
+    aligned = normal_consistency(normal, alpha, depth, depth, CAMERA, 0.6)
+    turned = normal_consistency(-normal, alpha, depth, depth, CAMERA, 0.6)
     assert float(aligned) == pytest.approx(0, abs=PLANE_NORMAL)
     assert float(turned) == pytest.approx(1.6)
 
@@ -44,7 +46,7 @@ def test_one_normal_a_pixel_is_compared_whatever_its_length():
     alpha = torch.full_like(depth, 0.8)
     alpha[:9] = 0
     normal = (0.3 * alpha[..., None] * torch.from_numpy(unit)).requires_grad_()
-    loss = losses.normal_consistency(normal, alpha, depth, depth, CAMERA, 0.6, "pixel")
+    loss = normal_consistency(normal, alpha, depth, depth, CAMERA, 0.6, "pixel")
     # Of 16 rows within the border 8 have nothing, which counts as 1.
     assert float(loss) == pytest.approx(0.5)
     loss.backward()
@@ -62,7 +64,7 @@ def test_distortion_loss_is_the_variance_of_mapped_depth():
     distortion, alpha = torch.zeros(10, 12), torch.zeros(10, 12)
     distortion[4, 5], alpha[4, 5] = by_disparity, weights.sum()
     distortion.requires_grad_()
-    loss = losses.distortion_loss(distortion, alpha, torch.full((10, 12, 3), 0.4), near, far)
+    loss = distortion_loss(distortion, alpha, torch.full((10, 12, 3), 0.4), near, far)
     assert float(loss) == pytest.approx(pairs / weights.sum() ** 2 / 120, rel=FLOAT32_SCALAR)
     assert float(loss) == pytest.approx(np.cov(mapped, aweights=weights, ddof=0) / 120, rel=FLOAT32_SCALAR)
     loss.backward()
@@ -73,7 +75,7 @@ def test_distortion_counts_less_where_colour_jumps_and_not_at_the_border():
     image = torch.zeros(6, 8, 3)
     image[:, 4:] = torch.tensor([0.3, 0.6, 0.9])
     distortion = torch.ones(6, 8).requires_grad_()
-    losses.distortion_loss(distortion, torch.ones(6, 8), image, 0.2, 100.0).backward()
+    distortion_loss(distortion, torch.ones(6, 8), image, 0.2, 100.0).backward()
     weight = distortion.grad / distortion.grad.max()
     expected = torch.zeros(6, 8)
     expected[1:-1, 1:-1] = 1
@@ -82,17 +84,17 @@ def test_distortion_counts_less_where_colour_jumps_and_not_at_the_border():
 
 
 def test_step_function_has_the_printed_values():
-    options = TrainerOptions()
+    options = AdaptationOptions()
     x = torch.tensor([0.0, 0.3, 0.5])
     expected = [1 / (1 + math.exp(-15 * (value - 0.3))) for value in (0.0, 0.3, 0.5)]
-    assert np.allclose(losses.step_function(x, options), expected)
+    assert np.allclose(options.psi(x), expected)
 
 
 def test_the_two_readings_of_eq_13_weight_opposite_regions():
     x = torch.tensor([[0.0, 0.1], [0.6, 0.8]])
-    printed = losses.adaptation_weight(x, TrainerOptions(adaptation="psi"))
-    text = losses.adaptation_weight(x, TrainerOptions(adaptation="one_minus_psi"))
-    assert losses.adaptation_weight(x, TrainerOptions(adaptation="off")) is None
+    printed = AdaptationOptions(adaptation="psi").loss_weight(x)
+    text = AdaptationOptions(adaptation="one_minus_psi").loss_weight(x)
+    assert AdaptationOptions(adaptation="off").loss_weight(x) is None
     assert bool((printed[1] > printed[0]).all()) and bool((text[1] < text[0]).all())
 
 
@@ -108,11 +110,11 @@ def test_depth_loss_by_hand(norm, space, expected):
     depth = torch.full((4, 4), 2.0)
     depth[1, 2], depth[3, 0] = 3.0, 5.0
     truth = DepthSamples(torch.tensor([1, 3]), torch.tensor([2, 0]), torch.tensor([2.0, 2.0]))
-    options = TrainerOptions(depth_norm=norm, depth_space=space)
-    loss = losses.depth_loss(depth, torch.ones(4, 4), truth, options, 0.5, None)
+    options = SupervisionOptions(depth_norm=norm, depth_space=space)
+    loss = depth_loss(depth, torch.ones(4, 4), truth, options, 0.5, None)
     assert float(loss) == pytest.approx(expected, rel=FLOAT32_SCALAR)
 
 
 def test_sparse_depth_says_nothing_where_there_is_no_surface():
     truth = DepthSamples(torch.tensor([1]), torch.tensor([2]), torch.tensor([2.0]))
-    assert losses.depth_loss(torch.zeros(4, 4), torch.zeros(4, 4), truth, TrainerOptions(), 1.0, None) is None
+    assert depth_loss(torch.zeros(4, 4), torch.zeros(4, 4), truth, SupervisionOptions(), 1.0, None) is None

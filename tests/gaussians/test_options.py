@@ -1,13 +1,21 @@
+"""Options by concern: what a user may write, what is refused, what a program can ask about each."""
+
+from dataclasses import dataclass, replace
+
 import pytest
 
 from dofbench.core.errors import InputError
-from dofbench.learning.options import TrainerOptions
+from dofbench.gaussians.gaussian_options import GaussianOptions
+from dofbench.learning.adaptation import AdaptationOptions
+from dofbench.learning.option_groups import OptionGroups, listed_options
+from dofbench.learning.training_schedule import ScheduleOptions
 from dofbench.running.method_cards import find_method
 
 
 def test_strings_become_the_options_type():
-    options = TrainerOptions().with_overrides({"steps": "120", "lens": "false", "lens_lr": "1e-3", "depth_norm": "l1"})
-    assert (options.steps, options.lens, options.lens_lr, options.depth_norm) == (120, False, 1e-3, "l1")
+    options = GaussianOptions.of(steps="120", lens="false", lens_lr="1e-3", depth_norm="l1")
+    found = (options.schedule.steps, options.lens.lens, options.lens.lens_lr, options.supervision.depth_norm)
+    assert found == (120, False, 1e-3, "l1")
 
 
 @pytest.mark.parametrize(
@@ -22,49 +30,132 @@ def test_strings_become_the_options_type():
         ("lens_blades", 2, "at least 3"),
         ("lens_rings", -1, "at least 0"),
         ("lens_init_aperture", 0, "more than 0"),
+        ("held_back", 1.0, "below 1"),
+        ("depth_prior_coarser", -1, "at least 0"),
+        ("lens_trials", "lens,colour", "some of lens, share, model"),
     ],
 )
 def test_a_bad_override_is_one_clear_line(name, value, part):
     with pytest.raises(InputError, match=part) as caught:
-        TrainerOptions().with_overrides({name: value})
+        GaussianOptions.of(**{name: value})
     assert name in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_points_of_the_lens_make_a_disc_only():
-    with pytest.raises(InputError, match="0: a disc"):
-        TrainerOptions().with_overrides({"lens_model": "samples", "lens_blades": 6})
+def test_an_unknown_name_is_told_all_that_there_are():
+    with pytest.raises(InputError) as caught:
+        GaussianOptions().with_overrides({"lens.activation": "ends"}, "FILE: rendering")
+    assert str(caught.value).startswith("FILE: rendering lens.activation")
+    assert all(name in str(caught.value) for name in GaussianOptions().flat())
 
 
-def test_every_option_is_documented():
-    text = TrainerOptions.__doc__
-    undocumented = [
-        name
-        for name in TrainerOptions.__dataclass_fields__
-        if name not in text
-        and not name.endswith(("_lr", "_lr_final"))
-        and name not in ("lens_init_aperture", "lens_init_focus")
-    ]
-    assert not undocumented
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"lens_model": "samples", "lens_blades": 6}, "0: a disc"),
+        ({"lens_range": "render", "lens_per": "aperture"}, "view or scene"),
+    ],
+)
+def test_what_does_not_fit_together_is_refused(changes, expected):
+    with pytest.raises(InputError, match=expected):
+        GaussianOptions.of(**changes)
+
+
+def test_options_that_only_fit_together_may_be_changed_together():
+    polygon = GaussianOptions.of(lens_blades=6)
+    assert polygon.with_overrides({"lens_model": "samples", "lens_blades": 0}).blur.lens_model == "samples"
+
+
+def test_a_copy_leaves_the_original_and_its_other_groups_alone():
+    first = GaussianOptions.of(steps=5)
+    second = first.with_overrides({"lens_lr": 1.0})
+    assert first.lens.lens_lr != second.lens.lens_lr == 1.0
+    assert second.schedule is first.schedule and second.flat() == {**first.flat(), "lens_lr": 1.0}
+
+
+def test_every_option_says_what_it_means_in_which_unit_and_where_it_comes_from():
+    listed = {option.name: option for option in listed_options(GaussianOptions)}
+    assert {name: option.default for name, option in listed.items()} == GaussianOptions().flat()
+    for option in listed.values():
+        assert option.meaning.endswith((".", ")")) and option.source and "Unit" not in option.meaning, option
+    rate = listed["lens_from"]
+    assert (rate.group, rate.type, rate.unit, rate.source) == (
+        "lens",
+        "number",
+        "share of the training",
+        "released code",
+    )
+    assert listed["depth_norm"].type == "l1, l2" and listed["steps"].type == "whole number"
+    assert listed["lens"].type == "true or false" and listed["depth_prior_file"].type == "text"
+
+
+@dataclass(frozen=True)
+class Undocumented:
+    """A group of two options."""
+
+    first: int = 1
+    """A number. Unit: none. Source: own."""
+    second: int = 2
+    """A number whose unit nobody knows."""
+
+
+@dataclass(frozen=True)
+class Unlisted(OptionGroups):
+    """Options that can't be listed."""
+
+    group: Undocumented = Undocumented()
+
+
+@dataclass(frozen=True)
+class Twice(OptionGroups):
+    """Two groups with options of one name."""
+
+    group: AdaptationOptions = AdaptationOptions()
+    again: AdaptationOptions = AdaptationOptions()
+
+
+def test_an_option_without_unit_or_source_is_found():
+    with pytest.raises(ValueError, match="option second of group"):
+        listed_options(Unlisted)
+
+
+def test_a_name_is_one_option():
+    with pytest.raises(TypeError, match="adaptation: in the groups group and again"):
+        Twice.of()
+
+
+@pytest.mark.parametrize("name", ["dofgaussian", "mipsplatting"])
+def test_a_method_lists_what_its_user_may_set(name):
+    made = find_method(name).create({}, 0, "cpu")
+    listed = {option.name for option in made.available_options()}
+    assert listed | set(made.FORCED) == GaussianOptions().flat().keys() and not listed & set(made.FORCED)
 
 
 def test_rates_cool_down_at_the_end_only():
-    options = TrainerOptions(cooldown_from=0.8, cooldown_to=0.1)
-    assert [options.cooldown(p) for p in (0.0, 0.8, 0.9, 1.0)] == pytest.approx([1, 1, 0.55, 0.1])
-    assert TrainerOptions().cooldown(1.0) == 1.0
+    schedule = ScheduleOptions(cooldown_from=0.8, cooldown_to=0.1)
+    assert [schedule.cooldown(p) for p in (0.0, 0.8, 0.9, 1.0)] == pytest.approx([1, 1, 0.55, 0.1])
+    assert ScheduleOptions().cooldown(1.0) == 1.0
+
+
+def test_photographs_are_shrunk_at_the_beginning_only():
+    schedule = ScheduleOptions(coarse_until=0.2, coarse_factor=4)
+    assert [schedule.size(progress) for progress in (0.0, 0.19, 0.2, 1.0)] == [4, 4, 1, 1]
+    assert sorted(schedule.sizes) == [1, 4] and ScheduleOptions().sizes == (1,)
+    assert replace(schedule, coarse_factor=1).sizes == (1,)
 
 
 @pytest.mark.parametrize("preset", ["paper", "released"])
 def test_depth_supervision_falls_to_a_tenth_as_published(preset):
     entry = find_method("dofgaussian")
-    options = TrainerOptions().with_overrides(entry.preset(preset)[1])
+    options = GaussianOptions().with_overrides(entry.preset(preset)[1]).supervision
     for step in (0, 10_000, 30_000):
-        assert options.depth_factor(step / 30_000) == pytest.approx(0.01 * (1 - 0.9 * step / 30_000))
+        assert options.weight_at(step / 30_000) == pytest.approx(0.01 * (1 - 0.9 * step / 30_000))
     # The paper writes a norm, the released code takes absolute differences; both of depth itself.
     assert (options.depth_norm, options.depth_space) == ({"paper": "l2", "released": "l1"}[preset], "depth")
 
 
 def test_the_released_preset_has_the_released_geometry_losses():
-    options = TrainerOptions().with_overrides(find_method("dofgaussian").preset("released")[1])
-    assert (options.normal_weight, options.normal_from, options.normal_median) == (0.05, 0.5, 0.6)
-    assert (options.distortion_weight, options.distortion_from) == (100.0, 0.5)
-    assert (options.distortion_near, options.distortion_far, options.normal_form) == (0.2, 100.0, "pixel")
+    options = GaussianOptions().with_overrides(find_method("dofgaussian").preset("released")[1])
+    normals, distortion = options.normals, options.distortion
+    assert (normals.normal_weight, normals.normal_from, normals.normal_median) == (0.05, 0.5, 0.6)
+    assert (distortion.distortion_weight, distortion.distortion_from) == (100.0, 0.5)
+    assert (distortion.distortion_near, distortion.distortion_far, normals.normal_form) == (0.2, 100.0, "pixel")

@@ -5,8 +5,7 @@ import torch
 from random_gaussians import scene, view
 
 from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.render import rasterise
-from dofbench.learning.options import TrainerOptions
+from dofbench.gaussians.render import AppearanceOptions, rasterise
 
 
 def test_other_means_are_taken_and_get_the_gradient():
@@ -14,8 +13,10 @@ def test_other_means_are_taken_and_get_the_gradient():
     gaussians = Gaussians(dict(parameters))
     shifted = Gaussians({**parameters, "means": parameters["means"] + shift})
     shift.requires_grad_()
-    raster = rasterise(gaussians, view(), TrainerOptions(filter_3d=False), means=gaussians.parameters["means"] + shift)
-    assert torch.equal(raster.color, rasterise(shifted, view(), TrainerOptions(filter_3d=False)).color)
+    raster = rasterise(
+        gaussians, view(), AppearanceOptions(filter_3d=False), means=gaussians.parameters["means"] + shift
+    )
+    assert torch.equal(raster.color, rasterise(shifted, view(), AppearanceOptions(filter_3d=False)).color)
     raster.color.sum().backward()
     assert np.allclose(gaussians.parameters["means"].grad.sum(0), shift.grad)
     assert shift.grad.any()
@@ -23,7 +24,7 @@ def test_other_means_are_taken_and_get_the_gradient():
 
 def test_blur_reaches_the_kernel_and_gets_the_gradient():
     gaussians, blur = Gaussians(scene(30, 2)), torch.full((30,), 9.0, requires_grad=True)
-    options = TrainerOptions(filter_3d=False)
+    options = AppearanceOptions(filter_3d=False)
     raster = rasterise(gaussians, view(), options, blur=blur)
     assert not torch.equal(raster.color, rasterise(gaussians, view(), options).color)
     raster.color.square().sum().backward()

@@ -10,9 +10,8 @@ from tolerances import FLOAT32_SCALAR, FLOAT32_VALUE, LEVEL_8BIT
 
 from dofbench.core.errors import InputError
 from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.render import rasterise
+from dofbench.gaussians.render import AppearanceOptions, rasterise
 from dofbench.gaussians.splats import lower_degree, read_splats, write_splats
-from dofbench.learning.options import TrainerOptions
 
 FIELDS = (
     ["x", "y", "z", "nx", "ny", "nz"]
@@ -37,7 +36,7 @@ def independently(path) -> np.ndarray:
 
 def picture(gaussians: Gaussians, **options):
     with torch.no_grad():
-        return rasterise(gaussians, view(60, 50), TrainerOptions(**options), geometry="full")
+        return rasterise(gaussians, view(60, 50), AppearanceOptions(**options), geometry="full")
 
 
 def test_an_independent_reader_finds_every_number_in_its_place(tmp_path):

@@ -16,8 +16,7 @@ from tolerances import ROUGH_DEPTH
 
 from dofbench.core.contracts import Budget
 from dofbench.core.errors import Status
-from dofbench.gaussians import exposure
-from dofbench.gaussians import trainer as trainer_module
+from dofbench.gaussians.forward import lens_samples
 from dofbench.gaussians.render import rasterise
 from dofbench.gaussians.trainer import Trainer
 
@@ -73,9 +72,8 @@ def test_training_lowers_the_loss(overrides):
 def test_a_photograph_trains_through_as_many_points_as_its_circles_need(monkeypatch, aperture: float, rings: int):
     """Circles below a pixel and a half need the lens's centre alone; in units of the paper's A, 2 % of 48 px."""
     seen = []
-    monkeypatch.setattr(
-        trainer_module, "sampled", lambda *given, **more: seen.append(given[3]) or exposure.sampled(*given, **more)
-    )
+    taken = lens_samples.views_from_lens
+    monkeypatch.setattr(lens_samples, "views_from_lens", lambda *given: seen.append(given[2]) or taken(*given))
     options = _options(
         lens_model="samples",
         lens_rings=1,
@@ -97,7 +95,7 @@ def test_the_distortion_loss_draws_the_gaussians_of_a_ray_together():
         assert trainer.fit(Budget(), Recorder()).status is Status.OK
         spreads[weight] = 0.0
         for camera in _cameras():
-            raster = rasterise(trainer.gaussians, camera, trainer.options, geometry="distortion")
+            raster = rasterise(trainer.gaussians, camera, trainer.options.appearance, geometry="distortion")
             spreads[weight] += float((raster.distortion / raster.alpha.clamp(min=0.01) ** 2).detach().mean())
     assert spreads[1000.0] < spreads[0.0] / 2
 

@@ -10,10 +10,10 @@ from small_scene import Recorder, options, training_set
 from dofbench.core.contracts import Budget
 from dofbench.core.errors import InputError, Status
 from dofbench.core.exif import Exif
+from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.trainer import Trainer
 from dofbench.gaussians.trials import Trials, questions
 from dofbench.learning.held_back import HeldBackScores
-from dofbench.learning.options import TrainerOptions
 
 OPEN = {
     "lens_trials": "lens",
@@ -69,7 +69,7 @@ class Scripted:
 
 
 def _decided(trainer, asked="lens,share,model"):
-    trials = Trials(trainer, TrainerOptions(lens_trials=asked, lens_trials_steps=0.03))
+    trials = Trials(trainer, GaussianOptions.of(lens_trials=asked, lens_trials_steps=0.03))
     told = []
     step, decisions = trials.decide(400, 1000, 0.4, lambda *words: told.append(words))
     assert [of for _, _, of in told] == [40] * len(trainer.log) and told[0][0] == "trying what was learned so far"
@@ -156,7 +156,7 @@ def test_training_goes_on_without_the_lens_that_sharp_photographs_do_without():
     [decision] = outcome.decisions
     assert outcome.status is Status.OK and outcome.steps == 240
     assert decision.stage == "lens" and not decision.runs
-    assert not trainer.options.lens and trainer.lens_estimates() is None
+    assert not trainer.options.lens.lens and trainer.lens_estimates() is None
 
 
 def _walk(trainer, first, last):
@@ -210,7 +210,7 @@ def test_tiles_are_held_back_until_the_trials_are_over():
 
 
 def test_the_length_of_a_trial_is_a_share_of_the_training_and_shows_every_photograph_twice():
-    trials = Trials(None, TrainerOptions(lens_trials="lens", lens_trials_steps=0.03))
+    trials = Trials(None, GaussianOptions.of(lens_trials="lens", lens_trials_steps=0.03))
     assert trials.length(5000, 17) == 150
     assert trials.length(2000, 50) == 100
     assert trials.length(600, 50) == 36  # but no more than 6 % of it
@@ -218,12 +218,12 @@ def test_the_length_of_a_trial_is_a_share_of_the_training_and_shows_every_photog
 
 def test_what_other_options_settle_is_not_asked():
     asked = {"lens_trials": "lens,share,model"}
-    assert questions(TrainerOptions(**asked)) == ("lens", "share", "model")
-    assert questions(TrainerOptions(**asked, lens_per="scene")) == ("lens", "model")
-    assert questions(TrainerOptions(**asked, lens_model="samples")) == ("lens", "share")
-    assert questions(TrainerOptions(**asked, lens=False)) == ("share", "model")
+    assert questions(GaussianOptions.of(**asked)) == ("lens", "share", "model")
+    assert questions(GaussianOptions.of(**asked, lens_per="scene")) == ("lens", "model")
+    assert questions(GaussianOptions.of(**asked, lens_model="samples")) == ("lens", "share")
+    assert questions(GaussianOptions.of(**asked, lens=False)) == ("share", "model")
 
 
 def test_an_unknown_question_is_named():
     with pytest.raises(InputError, match="lens_trials.*'colour'"):
-        TrainerOptions(lens_trials="lens,colour")
+        GaussianOptions.of(lens_trials="lens,colour")

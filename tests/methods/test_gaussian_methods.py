@@ -1,6 +1,6 @@
 """The shipped methods through the contract that the harness uses."""
 
-from dataclasses import fields
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,8 +10,8 @@ from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Budget, PointCloud, TrainingSet, TrainingView
 from dofbench.core.errors import InputError
 from dofbench.core.lens import PhysicalLens
-from dofbench.learning.lens_file import RENDERING
-from dofbench.learning.options import TrainerOptions
+from dofbench.gaussians.gaussian_options import GaussianOptions
+from dofbench.gaussians.rendering_options import RENDERING
 from dofbench.running.method_cards import find_method
 
 CAMERA = Camera(40, 30, 40.0, 40.0, 20.0, 15.0, np.eye(4))
@@ -96,18 +96,23 @@ def test_every_option_that_rendering_looks_at_is_kept_in_the_file(training_set, 
     _entry, method = _trained("dofgaussian", training_set)
     looked_at = set()
 
-    class Watched(TrainerOptions):
-        def __getattribute__(self, name):
-            looked_at.add(name)
-            return super().__getattribute__(name)
+    def watched(group):
+        class Watched(type(group)):
+            def __getattribute__(self, name):
+                looked_at.add(name)
+                return super().__getattribute__(name)
 
-    method._trainer, method._options = None, Watched(lens_model=model)
+        return Watched(**vars(group))
+
+    options = GaussianOptions.of(lens_model=model)
+    method._trainer = method._exposures = None
+    method._options = replace(options, **{name: watched(group) for name, group in vars(options).items()})
     looked_at.clear()  # that they fit together is looked at when they are made
     method.render(CAMERA, None)
     method.render(CAMERA, LENS)
     # Baked into the Gaussians; which way gradients go.
     elsewhere = {"filter_3d", "blur_to_depth"}
-    assert looked_at & {field.name for field in fields(TrainerOptions)} <= {*RENDERING, *elsewhere}
+    assert looked_at & GaussianOptions().flat().keys() <= {*RENDERING, *elsewhere}
     assert {"lens_gamma", "filter_2d"} <= looked_at
 
 

@@ -14,8 +14,7 @@ from tolerances import FLOAT32_SCALAR
 from dofbench.core.cameras import Camera
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
-from dofbench.learning.options import TrainerOptions
-from dofbench.learning.priors import make_prior
+from dofbench.learning.priors import PriorOptions, make_prior
 from dofbench.learning.priors.patch_match import workspace_depth
 from dofbench.scenes import load_scene
 from dofbench.scenes.ply import read_ply
@@ -91,7 +90,7 @@ def test_a_fused_point_behind_a_surface_is_not_that_surface(workspace, photograp
 
 
 def test_it_is_a_prior(workspace, photographed):
-    options = TrainerOptions(depth_prior="colmap", depth_prior_workspace=str(workspace))
+    options = PriorOptions(depth_prior="colmap", depth_prior_workspace=str(workspace))
     prior = make_prior(photographed.training_set, options, seed=0, steps=1)
     camera = photographed.training_set.views[2].camera
     half = prior.samples(2, camera.resized(camera.width // 2, camera.height // 2))

@@ -11,8 +11,8 @@ from tolerances import FLOAT32_SCALAR
 
 from dofbench.core.contracts import Budget
 from dofbench.core.errors import InputError, Status
+from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.trainer import Trainer
-from dofbench.learning.options import TrainerOptions
 from dofbench.learning.priors import make_prior, with_surface_points
 from dofbench.learning.supervision import DepthMap, sparse_depth
 from dofbench.running.observer import OneStep
@@ -39,8 +39,8 @@ def _by_pixel(samples) -> dict[tuple[int, int], float]:
     return dict(zip(pixels, samples.depth.tolist(), strict=True))
 
 
-def _options(**overrides) -> TrainerOptions:
-    return TrainerOptions().with_overrides(
+def _options(**overrides) -> GaussianOptions:
+    return GaussianOptions().with_overrides(
         {
             "steps": 12,
             "sh_degree": 0,
@@ -54,7 +54,7 @@ def _options(**overrides) -> TrainerOptions:
 
 
 def test_sparse_is_what_the_points_say(photographed):
-    prior = make_prior(photographed.training_set, _options(), seed=0, steps=1)
+    prior = make_prior(photographed.training_set, _options().prior, seed=0, steps=1)
     camera = photographed.training_set.views[1].camera
     expected = sparse_depth(photographed.training_set.points, camera, 1)
     assert torch.equal(prior.samples(1, camera).depth, expected.depth)
@@ -62,7 +62,7 @@ def test_sparse_is_what_the_points_say(photographed):
 
 def test_stereo_has_the_points_too(photographed):
     training_set = photographed.training_set
-    prior = make_prior(training_set, _options(depth_prior="stereo"), seed=0, steps=1)
+    prior = make_prior(training_set, _options(depth_prior="stereo").prior, seed=0, steps=1)
     camera = training_set.views[1].camera
     points = _by_pixel(sparse_depth(training_set.points, camera, 1))
     found = _by_pixel(prior.samples(1, camera))
@@ -80,7 +80,7 @@ def test_stereo_has_the_points_too(photographed):
 )
 def test_files_that_do_not_go_with_the_prior_are_named(photographed, overrides, part):
     with pytest.raises(InputError, match=part) as caught:
-        make_prior(photographed.training_set, _options(**overrides), seed=0, steps=1)
+        make_prior(photographed.training_set, _options(**overrides).prior, seed=0, steps=1)
     assert "\n" not in str(caught.value)
 
 
@@ -120,7 +120,7 @@ def test_training_by_stereo_brings_depth_nearer_to_the_truth(photographed):
 
 def test_gaussians_start_on_the_priors_surfaces(photographed):
     training_set = photographed.training_set
-    prior = make_prior(training_set, _options(depth_prior="stereo"), seed=0, steps=1)
+    prior = make_prior(training_set, _options(depth_prior="stereo").prior, seed=0, steps=1)
     cloud = with_surface_points(training_set, prior, 900, 0)
     own = training_set.points
     assert np.array_equal(cloud.xyz[: len(own)], own.xyz) and len(cloud) == len(own) + 900
@@ -170,7 +170,7 @@ def test_every_view_of_a_prior_is_reported(photographed, prior):
     told, count = [], len(photographed.training_set.views)
     make_prior(
         photographed.training_set,
-        _options(depth_prior=prior),
+        _options(depth_prior=prior).prior,
         seed=0,
         steps=1,
         progress=lambda *given: told.append(given),
@@ -188,7 +188,7 @@ def test_the_option_to_look_again_reaches_stereo(photographed):
                 (one.depth > 0).sum()
                 for one in make_prior(
                     photographed.training_set,
-                    _options(depth_prior="stereo", depth_prior_coarser=count),
+                    _options(depth_prior="stereo", depth_prior_coarser=count).prior,
                     seed=0,
                     steps=1,
                 ).maps
@@ -235,4 +235,4 @@ def test_a_tuning_that_diverges_is_a_typed_failure(photographed, monkeypatch):
 def test_a_network_that_is_not_there_is_named(photographed, tmp_path: Path):
     options = _options(depth_prior="network", depth_prior_file=str(tmp_path / "none.pt"))
     with pytest.raises(InputError, match=r"none\.pt: found no such file"):
-        make_prior(photographed.training_set, options, seed=0, steps=1)
+        make_prior(photographed.training_set, options.prior, seed=0, steps=1)

@@ -9,16 +9,43 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud, TrainingSet
 from dofbench.core.errors import InputError
-from dofbench.learning.options import TrainerOptions
 from dofbench.learning.priors.prior_progress import Progress, silent
 from dofbench.learning.supervision import DepthMap, DepthSamples, sparse_depth
+
+
+@dataclass(frozen=True)
+class PriorOptions:
+    """What supervises depth, and what is made of it before training."""
+
+    depth_prior: Literal["sparse", "stereo", "network", "tuned", "colmap"] = "sparse"
+    """What supervises: sparse points; stereo, our own on the photographs, and the points; a depth network as it is; one
+    that is tuned to the scene by stereo depth and points; or colmap, a dense workspace. Unit: none. Source: tuned:
+    section 4.2; others: own."""
+    depth_prior_file: str = ""
+    """A depth network of your own, TorchScript; without it the shipped one. Unit: none. Source: own."""
+    depth_prior_workspace: str = ""
+    """COLMAP's dense folder, for colmap; tuned takes it in place of stereo. Unit: none. Source: released code."""
+    depth_prior_coarser: int = 0
+    """How often stereo looks again at half the size, where it found nothing. Unit: none. Source: own."""
+    depth_prior_steps: int = 150
+    """Steps of tuning the network, no more than the training's own. Unit: steps. Source: released code."""
+    start_points: int = 0
+    """How many points on the prior's surfaces to start from, beside the sparse points (not with sparse), whatever
+    depth_weight is. Unit: points. Source: own."""
+    depth_prior_loss: Literal["squared", "absolute"] = "squared"
+    """Loss of tuning, either with the best scale a view. Unit: none. Source: squared: Eq. 8; absolute: released
+    code."""
+
+    def __post_init__(self) -> None:
+        if self.depth_prior_coarser < 0:
+            raise InputError("option depth_prior_coarser", str(self.depth_prior_coarser), "at least 0")
 
 
 class Prior(Protocol):
@@ -51,7 +78,7 @@ class DensePrior:
 
 
 def make_prior(
-    training_set: TrainingSet, options: TrainerOptions, *, seed: int, steps: int, progress: Progress = silent
+    training_set: TrainingSet, options: PriorOptions, *, seed: int, steps: int, progress: Progress = silent
 ) -> Prior:
     """The prior that the options ask for. steps: of the training; tuning a network takes no more of its own.
 
@@ -135,7 +162,7 @@ def with_surface_points(training_set: TrainingSet, prior: Prior, count: int, see
     return PointCloud(every, colours, np.full(len(every), np.nan, np.float32))
 
 
-def _check_files(options: TrainerOptions) -> None:
+def _check_files(options: PriorOptions) -> None:
     """Raise InputError for a file that the prior needs and hasn't, or has and doesn't read."""
     prior = options.depth_prior
     if prior == "colmap" and not options.depth_prior_workspace:

@@ -1,0 +1,49 @@
+"""Which forward model trains when, and which one renders."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dofbench.gaussians.forward.forward_model import BlurOptions, ForwardModel
+from dofbench.gaussians.forward.lens_samples import MOST_RINGS, LensSamples, SamplesOptions
+from dofbench.gaussians.forward.own_blur import OwnBlur
+from dofbench.gaussians.forward.pinhole import Pinhole
+from dofbench.gaussians.forward.scatter_blur import ScatterBlur, ScatterOptions
+
+
+class ForwardSchedule:
+    """Forward models, each with the share of the training from which it takes over; the first of them from 0."""
+
+    def __init__(self, models: Sequence[tuple[float, ForwardModel]]):
+        self._models = tuple(models)
+
+    def at(self, progress: float) -> ForwardModel:
+        """The model at `progress`, 0 to 1: the last of those whose time has come."""
+        return [model for start, model in self._models if start <= progress][-1]
+
+    @property
+    def models(self) -> tuple[ForwardModel, ...]:
+        """All of them."""
+        return tuple(model for _, model in self._models)
+
+
+def training_models(lens: bool, blur: BlurOptions, scatter: ScatterOptions, samples: SamplesOptions) -> ForwardSchedule:
+    """What a training looks through. The lens is sampled after the scatter has found roughly where it is focused, and
+    by more than its centre last, since every point costs a rasterisation."""
+    if not lens:
+        return ForwardSchedule([(0.0, Pinhole())])
+    models: list[tuple[float, ForwardModel]] = [(0.0, ScatterBlur(blur, scatter))]
+    if blur.lens_model == "samples":
+        models.append((samples.lens_samples_from, OwnBlur(blur)))
+        if samples.lens_rings > 0:
+            start = max(samples.lens_samples_from, samples.lens_rings_from)
+            models.append((start, LensSamples(blur, samples.lens_rings)))
+    return ForwardSchedule(models)
+
+
+def rendering_model(blur: BlurOptions, scatter: ScatterOptions, samples: SamplesOptions) -> ForwardModel:
+    """What a trained scene is rendered through, at any lens: with more points of it than training had, where a picture
+    needs them."""
+    if blur.lens_model == "scatter":
+        return ScatterBlur(blur, scatter)
+    return LensSamples(blur, max(samples.lens_rings, MOST_RINGS)) if samples.lens_rings > 0 else OwnBlur(blur)

@@ -1,0 +1,29 @@
+"""Each Gaussian grown by its own circle of confusion, seen from the lens's centre (DOF-GS, CoCoGaussian).
+
+As fast as the scatter, and what is blurred in the foreground lets through what lies behind it.
+"""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from dofbench.compute.raster import Geometry
+from dofbench.gaussians.forward.forward_model import BlurOptions, Rasteriser, SharpView
+from dofbench.gaussians.forward.lens_samples import views_from_lens
+from dofbench.gaussians.forward.shot import Shot
+
+
+class OwnBlur:
+    """A `ForwardModel` that rasterises once more, with every Gaussian as wide as the lens blurs it."""
+
+    reads: Geometry = "none"
+    rasterises: tuple[Geometry, ...] = ("none",)
+    stage = "lens"
+
+    def __init__(self, blur: BlurOptions):
+        self._blur = blur
+
+    def photograph(self, scene: Rasteriser, sharp: SharpView, shot: Shot) -> Tensor:
+        """The scene of blurred Gaussians."""
+        (image,) = views_from_lens(scene, shot, 0, self._blur.blur_to_depth)
+        return image

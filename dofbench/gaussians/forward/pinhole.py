@@ -1,0 +1,21 @@
+"""No lens: all is in focus."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from dofbench.compute.raster import Geometry
+from dofbench.gaussians.forward.forward_model import Rasteriser, SharpView
+from dofbench.gaussians.forward.shot import Shot
+
+
+class Pinhole:
+    """A `ForwardModel` whose photograph is the sharp view."""
+
+    reads: Geometry = "none"
+    rasterises: tuple[Geometry, ...] = ()
+    stage = "rasterise"
+
+    def photograph(self, scene: Rasteriser, sharp: SharpView, shot: Shot) -> Tensor:
+        """The sharp view's colours, whatever lens the shot has."""
+        return sharp.raster.color

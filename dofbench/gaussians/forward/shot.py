@@ -1,0 +1,56 @@
+"""How one photograph is taken: camera and lens.
+
+A lens is given as the signed circle of confusion `slope * d + offset` in units of 2 % of the width, d being the
+normalised disparity (`learning/lenses.py`); slope and offset are tensors in training and numbers in rendering.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from dofbench.core.cameras import Camera
+from dofbench.core.lens import COC_FRACTION, DisparityRange, PhysicalLens
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """The camera, the lens, and the range that its disparities refer to.
+
+    narrowed: Eq. 11, the factor on the aperture by the distance from the focus (`out_of_focus`); None for none.
+    """
+
+    camera: Camera
+    bounds: DisparityRange
+    slope: Tensor | float
+    offset: Tensor | float
+    narrowed: Callable[[Tensor], Tensor] | None = None
+
+    @staticmethod
+    def through(lens: PhysicalLens, camera: Camera) -> Shot:
+        """A camera with a lens that is known in scene units."""
+        slope = lens.aperture / (COC_FRACTION * lens.width)
+        return Shot(camera, DisparityRange(0.0, 1.0), slope, -slope * lens.focus_disparity)
+
+    def radius(self, disparity: Tensor) -> Tensor:
+        """Signed circle of confusion, pixels, of disparities (1 / scene unit)."""
+        radius = self._whole(disparity)
+        return radius if self.narrowed is None else radius * self.narrowed(self.out_of_focus(disparity))
+
+    @torch.no_grad()
+    def circles(self, disparity: Tensor) -> Tensor:
+        """Radii, pixels, of the circles of confusion of disparities (1 / scene unit), with the whole aperture."""
+        return self._whole(disparity).abs()
+
+    def out_of_focus(self, disparity: Tensor) -> Tensor:
+        """|normalised disparity - focus|, without gradient."""
+        slope, offset = (value.item() if isinstance(value, Tensor) else value for value in (self.slope, self.offset))
+        focus = -offset / slope if slope else 0.0
+        return (self.bounds.normalise(disparity.detach()) - focus).abs()
+
+    def _whole(self, disparity: Tensor) -> Tensor:
+        normalised = self.bounds.normalise(disparity)
+        return (COC_FRACTION * self.camera.width) * (self.slope * normalised + self.offset)

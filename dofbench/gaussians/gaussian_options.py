@@ -1,0 +1,57 @@
+"""All options of the Gaussian trainer: each group is declared where it steers, and composed here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dofbench.core.errors import InputError
+from dofbench.gaussians.density import DensityOptions
+from dofbench.gaussians.distortion import DistortionOptions
+from dofbench.gaussians.forward.forward_model import BlurOptions
+from dofbench.gaussians.forward.forward_schedule import ForwardSchedule, training_models
+from dofbench.gaussians.forward.lens_samples import SamplesOptions
+from dofbench.gaussians.forward.scatter_blur import ScatterOptions
+from dofbench.gaussians.normals import NormalOptions
+from dofbench.gaussians.optimiser import RateOptions
+from dofbench.gaussians.render import AppearanceOptions
+from dofbench.gaussians.trial_options import TrialOptions
+from dofbench.learning.adaptation import AdaptationOptions
+from dofbench.learning.depth_loss import SupervisionOptions
+from dofbench.learning.image_losses import ReconstructionOptions
+from dofbench.learning.lenses import LensOptions
+from dofbench.learning.option_groups import OptionGroups
+from dofbench.learning.outliers import OutlierOptions
+from dofbench.learning.photograph_colours import ColourOptions
+from dofbench.learning.priors import PriorOptions
+from dofbench.learning.training_schedule import ScheduleOptions
+
+
+@dataclass(frozen=True)
+class GaussianOptions(OptionGroups):
+    """What `method.toml` presets and `--set key=value` name of a Gaussian method, by concern."""
+
+    schedule: ScheduleOptions = ScheduleOptions()
+    appearance: AppearanceOptions = AppearanceOptions()
+    rates: RateOptions = RateOptions()
+    density: DensityOptions = DensityOptions()
+    reconstruction: ReconstructionOptions = ReconstructionOptions()
+    outliers: OutlierOptions = OutlierOptions()
+    colours: ColourOptions = ColourOptions()
+    lens: LensOptions = LensOptions()
+    blur: BlurOptions = BlurOptions()
+    scatter: ScatterOptions = ScatterOptions()
+    samples: SamplesOptions = SamplesOptions()
+    trials: TrialOptions = TrialOptions()
+    supervision: SupervisionOptions = SupervisionOptions()
+    prior: PriorOptions = PriorOptions()
+    normals: NormalOptions = NormalOptions()
+    distortion: DistortionOptions = DistortionOptions()
+    adaptation: AdaptationOptions = AdaptationOptions()
+
+    def __post_init__(self) -> None:
+        if self.blur.lens_model == "samples" and self.scatter.lens_blades:
+            raise InputError("option lens_blades", f"{self.scatter.lens_blades} with lens_model=samples", "0: a disc")
+
+    def forward_models(self) -> ForwardSchedule:
+        """The forward models that a training with these options looks through."""
+        return training_models(self.lens.lens, self.blur, self.scatter, self.samples)

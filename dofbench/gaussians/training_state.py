@@ -1,0 +1,156 @@
+"""All that a training of Gaussians changes, to go on from and to come back to."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dofbench.compute.raster import Geometry
+from dofbench.core.contracts import PointCloud, TrainingSet
+from dofbench.core.lens import DisparityRange
+from dofbench.gaussians.density import DensityControl
+from dofbench.gaussians.forward.forward_model import SharpView
+from dofbench.gaussians.forward.shot import Shot
+from dofbench.gaussians.gaussian_options import GaussianOptions
+from dofbench.gaussians.model import Gaussians, scene_extent
+from dofbench.gaussians.optimiser import GaussianOptimiser
+from dofbench.gaussians.surface_terms import surface_terms
+from dofbench.learning.adaptation import NO_ADAPTATION, AdaptationOptions
+from dofbench.learning.lens_ties import lens_ties
+from dofbench.learning.lenses import LearnedLenses
+from dofbench.learning.photograph_colours import LearnedColours
+from dofbench.learning.supervision import all_disparities
+from dofbench.learning.training_views import Photograph
+from dofbench.learning.view_order import OrderState, ViewOrder
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """A `TrainingState` at one moment, copied."""
+
+    options: GaussianOptions
+    optimiser: dict[str, dict[str, Tensor]]
+    density: tuple[Tensor, Tensor, float]
+    filter_3d: Tensor
+    lenses: LearnedLenses | None
+    order: OrderState
+    random: np.random.Generator
+    generator: Tensor
+    loss: float
+    colours: LearnedColours
+
+
+class TrainingState:
+    """Gaussians, what is learned of lenses and colours, their optimisers, and the random numbers to come.
+
+    random: draws the order of photographs and turns the points of the lens. generator: draws the children of Gaussians.
+    cameras: of the photographs at the size that they are trained at now. range: of the sparse points' disparities.
+    loss: of the last step.
+    """
+
+    def __init__(self, training_set: TrainingSet, options: GaussianOptions, seed: int):
+        self._views = training_set.views
+        self.cameras = [view.camera for view in self._views]
+        self.gaussians = Gaussians.from_points(training_set.points, options.appearance.sh_degree)
+        self._extent = scene_extent(self.cameras)
+        self.generator = torch.Generator().manual_seed(seed)
+        self.random = np.random.default_rng(seed)
+        self.range = DisparityRange.of_disparity(all_disparities(training_set.points, self.cameras))
+        self.lenses: LearnedLenses | None = None
+        if options.lens.lens:
+            ties = lens_ties(self._views, options.lens.lens_per)
+            self.lenses = LearnedLenses(len(self._views), self.range, options.lens, ties)
+        self.colours = LearnedColours(len(self._views), options.colours)
+        self.order = ViewOrder(len(self._views), options.outliers)
+        self.loss = math.nan
+        self._use(options)
+        self._optimise()
+        self.gaussians.update_filter_3d(self.cameras)
+
+    def _use(self, options: GaussianOptions) -> None:
+        self.options, self.forward = options, options.forward_models()
+        self.terms = surface_terms(options.supervision, options.normals, options.distortion, self.range.extent)
+
+    def _optimise(self) -> None:
+        options = self.options
+        self.optimiser = GaussianOptimiser(self.gaussians, options.rates, self._extent)
+        self.density = DensityControl(self.gaussians, self.optimiser, options.density, self._extent, self.generator)
+
+    def start_from(self, points: PointCloud) -> None:
+        """Begin anew from these points, in the same `gaussians`, which others hold too."""
+        self.gaussians.parameters = Gaussians.from_points(points, self.options.appearance.sh_degree).parameters
+        self._optimise()
+        self.gaussians.update_filter_3d(self.cameras)
+
+    def learned(self) -> Mapping[str, LearnedLenses | LearnedColours]:
+        """What is learned of the photographs beside the scene, by what it is called."""
+        return {"colours": self.colours} if self.lenses is None else {"lens": self.lenses, "colours": self.colours}
+
+    def adaptation(self, progress: float) -> AdaptationOptions:
+        """How the loss is adapted to what is in focus, which takes a lens."""
+        return NO_ADAPTATION if self.lenses is None else self.options.adaptation.at(progress)
+
+    def reads(self, adaptation: AdaptationOptions) -> Geometry:
+        """What the learned lens and the adaptation want of a sharp view."""
+        follows = self.lenses is not None and self.lenses.follows_rendering
+        return "depth" if follows or adaptation.active else "none"
+
+    def shot(self, view: Photograph, sharp: SharpView, adaptation: AdaptationOptions) -> Shot:
+        """How a photograph is taken by the lens as learned so far, for one step; a closed lens where there is none."""
+        if self.lenses is None:
+            return Shot(view.camera, self.range, 0.0, 0.0)
+        if self.lenses.follows_rendering:
+            self.lenses.follow(view.index, sharp.disparity, sharp.raster.alpha)
+        narrowed = adaptation.psi if adaptation.adaptation_aperture else None
+        return Shot(view.camera, self.lenses.ranges[view.index], *self.lenses.forward(view.index), narrowed)
+
+    def shots(self) -> Sequence[Shot]:
+        """All photographs with their lenses as learned so far, as numbers."""
+        shots = []
+        for index, camera in enumerate(self.cameras):
+            aperture, focus = self.lenses.aperture_and_focus(index)
+            shots.append(Shot(camera, self.lenses.ranges[index], aperture, -aperture * focus))
+        return shots
+
+    def revise(self, changes: Mapping[str, Any]) -> None:
+        """Go on with other options: without the lens, with one that photographs share, with another forward model."""
+        before = self.options.lens
+        self._use(self.options.with_overrides(changes))
+        if not self.options.lens.lens:
+            self.lenses = None
+        elif self.options.lens.lens_per != before.lens_per:
+            self.lenses = self.lenses.shared(lens_ties(self._views, self.options.lens.lens_per))
+
+    def snapshot(self) -> Snapshot:
+        """All of it, copied."""
+        return Snapshot(
+            options=self.options,
+            optimiser=self.optimiser.state(),
+            density=self.density.state(),
+            filter_3d=self.gaussians.filter_3d.clone(),
+            lenses=copy.deepcopy(self.lenses),
+            order=self.order.state(),
+            random=copy.deepcopy(self.random),
+            generator=self.generator.get_state(),
+            loss=self.loss,
+            colours=copy.deepcopy(self.colours),
+        )
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go on from there, as often as you like."""
+        self._use(snapshot.options)
+        self.optimiser.restore(snapshot.optimiser)
+        self.density.restore(snapshot.density)
+        self.gaussians.filter_3d = snapshot.filter_3d.clone()
+        self.lenses = copy.deepcopy(snapshot.lenses)
+        self.order.restore(snapshot.order)
+        self.random = copy.deepcopy(snapshot.random)
+        self.generator.set_state(snapshot.generator)
+        self.loss, self.colours = snapshot.loss, copy.deepcopy(snapshot.colours)

@@ -1,0 +1,88 @@
+"""One optimisation step on one photograph."""
+
+from __future__ import annotations
+
+import math
+
+from torch import Tensor
+
+from dofbench.core.errors import InputError
+from dofbench.gaussians.forward.forward_model import SharpView
+from dofbench.gaussians.stage_clock import StageClock
+from dofbench.gaussians.step_rasteriser import StepRasteriser
+from dofbench.gaussians.surface_terms import richest
+from dofbench.gaussians.training_state import TrainingState
+from dofbench.learning.image_losses import looked_at, reconstruction
+from dofbench.learning.nonfinite import Place
+from dofbench.learning.training_views import Photograph
+
+_FILTER_3D_EVERY = 100  # steps; Mip-Splatting's interval
+
+
+def take_step(state: TrainingState, step: int, progress: float, view: Photograph, clock: StageClock) -> float:
+    """Take step number `step` (from 1) at `progress`, 0 to 1, on a photograph; returns its loss.
+
+    Raises NonFiniteError at the first number that isn't finite, before it reaches what is learned.
+    """
+    place, model, adaptation = Place(step, view.name), state.forward.at(progress), state.adaptation(progress)
+    terms = [term for term in state.terms if term.acts(progress, view)]
+    scene = StepRasteriser(state, progress, place, clock)
+    geometry = richest([model.reads, state.reads(adaptation), *(term.reads for term in terms)])
+    sharp = SharpView(scene.rasterise(view.camera, geometry))
+    with clock.timed(model.stage), place.located(model.stage):
+        shot = state.shot(view, sharp, adaptation)
+        image = model.photograph(scene, sharp, shot)
+        weight = adaptation.loss_weight(shot.out_of_focus(sharp.disparity)) if adaptation.active else None
+    place.check(image, model.stage)
+
+    with clock.timed("loss"):
+        loss = _colour_loss(state, view, image, weight)
+        for term in terms:
+            if (cost := term.cost(sharp, view, progress, weight)) is not None:
+                loss = loss + cost
+        value = float(loss.detach())
+    if not math.isfinite(value):
+        raise place.error("loss", f"loss is {value}")
+    with clock.timed("loss and lens, backward"):
+        loss.backward()
+    scene.backward()
+    _check_gradients(state, place)
+
+    with clock.timed("optimiser"):
+        _learn(state, progress, view)
+    with clock.timed("density control"):
+        state.density.record(scene.statistics(), view.camera.width, view.camera.height)
+        changed = state.density.after_step(step, progress)
+        if changed or step % _FILTER_3D_EVERY == 0:
+            update_filter(state, place)
+    return value
+
+
+def _colour_loss(state: TrainingState, view: Photograph, image: Tensor, weight: Tensor | None) -> Tensor:
+    """Eq. 7 of the photograph's colours, where a loss may look."""
+    options = state.options.reconstruction
+    image = state.colours.forward(view.index, image)
+    image = looked_at(image, view.image, view.held_back, options.clipped_white)
+    return reconstruction(image, view.image, options.ssim_weight, weight)
+
+
+def _check_gradients(state: TrainingState, place: Place) -> None:
+    for name, learned in state.learned().items():
+        place.check(learned.gradient(), f"gradient by the {name}")
+    for name, parameter in state.gaussians.parameters.items():
+        place.check(parameter.grad, f"gradient by {name}")
+
+
+def _learn(state: TrainingState, progress: float, view: Photograph) -> None:
+    cooldown = state.options.schedule.cooldown(progress)
+    state.optimiser.step(progress, cooldown)
+    for learned in state.learned().values():
+        learned.step(view.index, progress, cooldown)
+
+
+def update_filter(state: TrainingState, place: Place) -> None:
+    """The 3D filter anew. Gaussians that all faded, or fled, are training's failure and not the user's mistake."""
+    try:
+        state.gaussians.update_filter_3d(state.cameras)
+    except InputError as error:
+        raise place.error("density control", error.found) from None

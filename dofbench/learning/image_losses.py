@@ -1,0 +1,51 @@
+"""What a prediction of a photograph costs (DoF-Gaussian, Eq. 7), and where no loss may look."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from dofbench.core.errors import InputError
+from dofbench.kernels import load
+
+WHITE = 254.5 / 255  # what an image of eight bits can't tell from white
+
+
+@dataclass(frozen=True)
+class ReconstructionOptions:
+    """The reconstruction loss, and the pixels that it leaves out."""
+
+    ssim_weight: float = 0.2
+    """lambda of (1 - lambda) L1 + lambda (1 - SSIM). Unit: none. Source: Eq. 7; 3DGS."""
+    held_back: float = 0.0
+    """Tiles of every photograph that no colour loss looks at, to score by. Unit: share of the tiles. Source: own."""
+    clipped_white: bool = False
+    """Whether a prediction above a photograph's white costs nothing, as the sensor clipped there. Unit: none.
+    Source: own."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.held_back < 1:
+            raise InputError("option held_back", str(self.held_back), "a share of 0 to below 1")
+
+
+def reconstruction(prediction: Tensor, target: Tensor, ssim_weight: float, weight: Tensor | None) -> Tensor:
+    """Eq. 7: (1 - lambda) L1 + lambda (1 - SSIM) of images (H, W, 3); `weight` (H, W) acts on the L1 term."""
+    return load("ssim", function="l1_ssim")(prediction, target, ssim_weight=ssim_weight, weight=weight)
+
+
+def looked_at(
+    prediction: Tensor,
+    target: Tensor,
+    held_back: Tensor | None = None,
+    clipped_white: bool = False,
+) -> Tensor:
+    """The prediction with the target in its place where no loss may look: no difference there, and no gradient.
+
+    prediction, target: (H, W, 3). held_back: (H, W) bool, or None for nothing held back. clipped_white: a channel at
+    white in the target is whatever the sensor clipped, so any prediction at or above it is as good.
+    """
+    if clipped_white:
+        prediction = torch.where((target >= WHITE) & (prediction >= target), target, prediction)
+    return prediction if held_back is None else torch.where(held_back[..., None], target, prediction)

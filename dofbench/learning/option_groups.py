@@ -1,0 +1,143 @@
+"""Options in groups: each group is a small frozen dataclass in the module that it steers, documented at the field.
+
+Below every field stands a docstring of one form, which programs read too (`listed_options`):
+
+    colour_lr: float = 1e-2
+    \"\"\"Adam's step on a photograph's colour at the start. Unit: 1 / step. Source: own.\"\"\"
+
+"Unit: none" where there is none. The source is an equation or section of the paper, "released code" (the authors'),
+another paper by its name, or "own": found by our own trainings.
+
+A method's options are a frozen dataclass whose fields are groups, derived from `OptionGroups`. No two groups have an
+option of one name, so a user writes the name alone: `--set colour_lr=1e-2`, presets, `ablations.toml`, stored results.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import textwrap
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from typing import Any, Literal, Self, get_args, get_origin, get_type_hints
+
+from dofbench.core.errors import InputError
+
+_FORM = re.compile(r"(?P<meaning>.+?) Unit: (?P<unit>.+?)\. Source: (?P<source>.+)\.")
+_TYPES = {bool: "true or false", int: "whole number", float: "number", str: "text"}
+
+
+@dataclass(frozen=True)
+class ListedOption:
+    """What there is to say of one option.
+
+    name: as a user writes it. group: the field of the method's options that it belongs to. type: in words; for an
+    option of a few choices these, with commas. default: as it is without a preset. unit: "" where there is none.
+    """
+
+    name: str
+    group: str
+    type: str
+    default: bool | int | float | str
+    meaning: str
+    unit: str
+    source: str
+
+
+class OptionGroups:
+    """Base of a method's options: a frozen dataclass whose fields are groups, each with a default for every option.
+
+    Immutable; `of` and `with_overrides` make others. What doesn't fit together is refused by `__post_init__` of a group
+    or of the whole with an InputError.
+    """
+
+    @classmethod
+    def of(cls, **values: Any) -> Self:
+        """The defaults with some options replaced, by their names; raises as `with_overrides` does."""
+        return cls().with_overrides(values)
+
+    def with_overrides(self, overrides: Mapping[str, Any], subject: str = "option") -> Self:
+        """A copy with some options replaced; strings are converted to the option's type.
+
+        subject: what an error calls the option's place. Raises InputError for an unknown name, a value of another type,
+        or one that doesn't fit the others.
+        """
+        places = _places(type(self))
+        changes: dict[str, dict[str, Any]] = {}
+        for name, value in overrides.items():
+            if name not in places:
+                raise InputError(f"{subject} {name}", "an unknown name", f"one of {', '.join(sorted(places))}")
+            group, kind = places[name]
+            changes.setdefault(group, {})[name] = _converted(f"{subject} {name}", value, kind)
+        groups = {group: replace(getattr(self, group), **values) for group, values in changes.items()}
+        return replace(self, **groups)  # type: ignore[type-var]  # what derives from this is a dataclass
+
+    def flat(self) -> dict[str, bool | int | float | str]:
+        """Every option's value by its name."""
+        return {name: getattr(getattr(self, group), name) for name, (group, _) in _places(type(self)).items()}
+
+
+def listed_options(options: type[OptionGroups]) -> tuple[ListedOption, ...]:
+    """Every option of a method's options class, group by group, as the source documents it.
+
+    Raises ValueError for a field without the docstring that this module describes.
+    """
+    found, defaults = [], options().flat()
+    texts = {field.name: _docstrings(type(getattr(options(), field.name))) for field in fields(options)}
+    for name, (group, kind) in _places(options).items():
+        form = _FORM.fullmatch(" ".join(texts[group].get(name, "").split()))
+        if form is None:
+            raise ValueError(f"option {name} of group {group}: expected 'MEANING Unit: UNIT. Source: SOURCE.' below it")
+        unit = "" if form["unit"] == "none" else form["unit"]
+        words = ", ".join(get_args(kind)) if get_origin(kind) is Literal else _TYPES[kind]
+        found.append(ListedOption(name, group, words, defaults[name], form["meaning"], unit, form["source"]))
+    return tuple(found)
+
+
+@cache
+def _places(options: type[OptionGroups]) -> dict[str, tuple[str, Any]]:
+    """Option -> (group's field, type). Raises TypeError where two groups have an option of one name."""
+    found: dict[str, tuple[str, Any]] = {}
+    for group, kind in get_type_hints(options).items():
+        for name, option in get_type_hints(kind).items():
+            if name in found:
+                raise TypeError(f"option {name}: in the groups {found[name][0]} and {group}, expected in one")
+            found[name] = group, option
+    return found
+
+
+@cache
+def _docstrings(group: type) -> dict[str, str]:
+    """Field -> the docstring below it, of a group's source."""
+    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(group))).body
+    assert isinstance(definition, ast.ClassDef)
+    found = {}
+    for node, below in zip(definition.body, definition.body[1:], strict=False):
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            text = below.value if isinstance(below, ast.Expr) else None
+            if isinstance(text, ast.Constant) and isinstance(text.value, str):
+                found[node.target.id] = text.value
+    return found
+
+
+def _converted(subject: str, value: Any, kind: Any) -> Any:
+    if get_origin(kind) is Literal:
+        if value not in get_args(kind):
+            raise InputError(subject, repr(value), f"one of {', '.join(get_args(kind))}")
+        return value
+    if kind is bool:
+        words = {"true": True, "false": False, "1": True, "0": False}
+        if isinstance(value, bool):
+            return value
+        if str(value).lower() not in words:
+            raise InputError(subject, repr(value), "true or false")
+        return words[str(value).lower()]
+    try:
+        converted = kind(value)
+    except (TypeError, ValueError):
+        raise InputError(subject, repr(value), f"a number ({kind.__name__})") from None
+    if kind is int and float(value) != converted:
+        raise InputError(subject, repr(value), "a whole number")
+    return converted
