@@ -1,0 +1,157 @@
+"""Forward models: which of them trains when, which renders, and what is rasterised for a picture."""
+
+import numpy as np
+import pytest
+import torch
+from dofbench.methods.dofgaussian.method import DoFGaussian
+from small_scene import Recorder, cameras, options, training_set
+
+from dofbench.core.contracts import Budget
+from dofbench.core.lens import PhysicalLens
+from dofbench.gaussians import exposure
+from dofbench.gaussians.exposure import Exposures, render_view
+from dofbench.gaussians.forward.forward_model import BlurOptions
+from dofbench.gaussians.forward.forward_schedule import rendering_model
+from dofbench.gaussians.forward.lens_samples import LensSamples, SamplesOptions
+from dofbench.gaussians.forward.own_blur import OwnBlur
+from dofbench.gaussians.forward.pinhole import Pinhole
+from dofbench.gaussians.forward.scatter_blur import ScatterBlur, ScatterOptions
+from dofbench.gaussians.gaussian_options import GaussianOptions
+from dofbench.gaussians.render import rasterise
+from dofbench.gaussians.surface_terms import richest
+from dofbench.gaussians.trainer import Trainer
+from dofbench.gaussians.trials import possible_models
+
+LENS = PhysicalLens(aperture=30.0, focus_disparity=1 / 6, width=48)
+SAMPLES = {"lens_model": "samples", "lens_samples_from": 0.3}
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"lens": False, **SAMPLES}, [Pinhole] * 5),
+        ({}, [ScatterBlur] * 5),
+        ({**SAMPLES, "lens_rings": 0}, [ScatterBlur, OwnBlur, OwnBlur, OwnBlur, OwnBlur]),
+        ({**SAMPLES, "lens_rings_from": 0.0}, [ScatterBlur] + [LensSamples] * 4),
+        ({**SAMPLES, "lens_rings_from": 0.6}, [ScatterBlur, OwnBlur, OwnBlur, LensSamples, LensSamples]),
+        ({**SAMPLES, "lens_samples_from": 0.0}, [LensSamples] * 5),
+    ],
+)
+def test_which_model_trains_when(changes, expected):
+    models = GaussianOptions.of(**changes).forward_models()
+    assert [type(models.at(progress)) for progress in (0.0, 0.3, 0.59, 0.6, 1.0)] == expected
+
+
+def test_a_scene_is_rendered_through_more_points_than_it_was_trained_through():
+    def chosen(model, rings):
+        return rendering_model(BlurOptions(lens_model=model), ScatterOptions(), SamplesOptions(lens_rings=rings))
+
+    assert isinstance(chosen("scatter", 1), ScatterBlur) and isinstance(chosen("samples", 0), OwnBlur)
+    assert [chosen("samples", rings)._most for rings in (1, 5)] == [3, 5]
+
+
+def test_what_a_trial_may_bring_is_known_before_training():
+    def kinds(**changes):
+        return {type(model) for model in possible_models(GaussianOptions.of(**changes))}
+
+    assert kinds(lens_trials="lens,model") == {ScatterBlur, OwnBlur}
+    assert kinds(lens_trials="lens") == {ScatterBlur}
+    assert kinds(lens_trials="model", lens=False) == {Pinhole}
+
+
+def test_the_richest_geometry_holds_what_all_want():
+    assert richest([]) == "none" and richest(["depth", "none"]) == "depth"
+    assert richest(["full", "depth"]) == "full" and richest(["distortion", "full"]) == "distortion"
+
+
+@pytest.fixture
+def rasterised(monkeypatch) -> list[str]:
+    """The geometry of every rasterisation of a rendering from now on."""
+    seen: list[str] = []
+
+    def counted(*given, geometry, **more):
+        seen.append(geometry)
+        return rasterise(*given, geometry=geometry, **more)
+
+    monkeypatch.setattr(exposure, "rasterise", counted)
+    return seen
+
+
+@pytest.mark.parametrize("changes", [{}, {"lens_model": "samples"}, {"lens_model": "samples", "lens_rings": 0}])
+def test_many_lenses_on_one_camera_take_one_sharp_view(rasterised, changes):
+    trainer, chosen = Trainer(training_set(), options(), 0), GaussianOptions.of(sh_degree=1, **changes)
+    exposures, (camera, other, _) = Exposures(trainer.gaussians, chosen), cameras()
+    lenses = [PhysicalLens(aperture, LENS.focus_disparity, 48) for aperture in (10.0, 30.0, 60.0)]
+    pictures = [exposures.render(camera, lens).image for lens in lenses]
+    assert rasterised.count("depth") == 1
+    for lens, picture in zip(lenses, pictures, strict=True):
+        assert np.array_equal(picture, render_view(trainer.gaussians, camera, chosen, lens=lens).image)
+    del rasterised[:]
+    apart = exposures.render(other, LENS).image
+    assert rasterised.count("depth") == 1 and not np.array_equal(apart, pictures[1])
+
+
+def test_a_picture_without_a_lens_is_always_rasterised(rasterised):
+    """Its speed is a score (frames per second)."""
+    trainer = Trainer(training_set(), options(), 0)
+    exposures, camera = Exposures(trainer.gaussians, options()), cameras()[0]
+    for lens in (LENS, None, None):
+        exposures.render(camera, lens)
+    assert rasterised == ["depth"] * 3
+
+
+def test_what_is_done_to_a_picture_does_not_reach_the_next():
+    trainer, camera = Trainer(training_set(), options(), 0), cameras()[0]
+    exposures, closed = Exposures(trainer.gaussians, options()), PhysicalLens(0.0, 0.2, 48)
+    first = exposures.render(camera, closed)
+    kept = first.image.copy(), first.depth.copy()
+    first.image[:], first.depth[:] = 7.0, 7.0
+    second = exposures.render(camera, closed)
+    assert np.array_equal(second.image, kept[0]) and np.array_equal(second.depth, kept[1])
+
+
+def test_a_method_in_training_renders_what_it_has_become():
+    """An observer renders between the steps: never by a sharp view of before."""
+    method, seen = DoFGaussian({"steps": 12, "sh_degree": 0, "normal_weight": 0.0}, 0, "cpu"), []
+
+    class Looking(Recorder):
+        def after_step(self, step, loss):
+            seen.append(method.render(camera, LENS).image)
+            return super().after_step(step, loss)
+
+    camera, given = cameras()[0], training_set()
+    for _ in range(2):  # the second training begins where the first one's sharp view is still kept
+        method.fit(given, Budget(steps=3), Looking())
+        seen.append(method.render(camera, LENS).image)
+    assert all(not np.array_equal(one, other) for one, other in zip(seen[:2], seen[1:3], strict=True))
+    assert np.array_equal(seen[:4], seen[4:])
+
+
+def test_the_order_of_photographs_does_not_depend_on_how_many_points_look_at_them():
+    orders = []
+    for rings in (0, 1):
+        trainer = Trainer(training_set(), options(lens_model="samples", lens_samples_from=0.0, lens_rings=rings), 0)
+        taken = []
+        record = trainer.state.order.record
+        trainer.state.order.record = lambda view, loss, taken=taken, record=record: (
+            taken.append(view),
+            record(view, loss),
+        )
+        trainer.fit(Budget(steps=12), Recorder())
+        orders.append(taken)
+    assert orders[0] == orders[1] and len(orders[0]) == 12
+
+
+def test_the_blurs_gradient_reaches_the_depth_where_it_is_asked_to():
+    trainer, camera = Trainer(training_set(), options(), 0), cameras()[0]
+    from dofbench.gaussians.forward.forward_model import SharpView
+    from dofbench.gaussians.forward.shot import Shot
+
+    raster = rasterise(trainer.gaussians, camera, trainer.options.appearance)
+    for to_depth in (False, True):
+        depth = raster.depth.detach().requires_grad_()
+        sharp = SharpView(raster._replace(color=raster.color.detach(), alpha=raster.alpha.detach(), depth=depth))
+        model = ScatterBlur(BlurOptions(blur_to_depth=to_depth), ScatterOptions())
+        slope = torch.tensor(8.0, requires_grad=True)
+        model.photograph(None, sharp, Shot(camera, trainer.state.range, slope, -2.0)).square().sum().backward()
+        assert (depth.grad is not None and bool(depth.grad.any())) is to_depth and float(slope.grad) != 0
