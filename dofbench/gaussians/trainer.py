@@ -96,6 +96,7 @@ class Trainer:
         try:
             with self._clock.timed("depth prior"):
                 self._prepare(total, observer)
+            self._photographs = self._all_photographs()
             while step < total:
                 progress = step / total
                 if budget.seconds is not None:
@@ -128,11 +129,10 @@ class Trainer:
         )
 
     def _prepare(self, steps: int, observer: Observer) -> None:
-        """The depth prior, Gaussians on its surfaces, and the photographs to train on."""
+        """Make the depth prior, and begin on its surfaces where the options say so."""
         self._prior, count = self._depth_prior(steps, observer), self.options.prior.start_points
         if self._prior is not None and count > 0:
             self.state.start_from(with_surface_points(self._training_set, self._prior, count, self._seed))
-        self._photographs = self._all_photographs()
 
     def _depth_prior(self, steps: int, observer: Observer) -> Prior | None:
         options = self.options
