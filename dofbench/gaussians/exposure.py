@@ -56,8 +56,8 @@ class Exposures:
             self._kept = camera, SharpView(self._scene.rasterise(camera, "depth"))
         sharp = self._kept[1]
         image = self._model.photograph(self._scene, sharp, Shot.through(lens, camera))
-        # Copies: a closed lens gives the sharp view itself, and the caller may write into what it is given.
-        return Rendering(image=image.numpy().copy(), depth=sharp.raster.depth.numpy().copy())
+        # A copy of what is kept, since the caller may write into what it is given.
+        return Rendering(image=image.numpy(), depth=sharp.raster.depth.numpy().copy())
 
 
 def render_view(
