@@ -17,7 +17,8 @@ import numpy as np
 from dofbench.core.content import content_folder
 from dofbench.core.contracts import TrainingSet
 from dofbench.core.progress import Silent
-from dofbench.dataset.dataset import Dataset, Inputs
+from dofbench.dataset.dataset import Dataset
+from dofbench.dataset.inputs import Inputs
 from dofbench.procedural import make_scene
 from dofbench.procedural.scene_options import NAMES, MakeScene
 from dofbench.synthesis.builder import make

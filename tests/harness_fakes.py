@@ -1,11 +1,11 @@
-"""A method folder and a dataset that cost nothing, for the tests of the harness and of the reports."""
+"""A method folder that costs nothing and a small dataset, for the tests of the harness and of the reports."""
 
 from __future__ import annotations
 
 import io
-import json
+import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -14,128 +14,44 @@ import pytest
 from rich.console import Console
 
 from dofbench.core.cameras import Camera
-from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
-from dofbench.core.errors import InputError, one_line
-from dofbench.core.exif import Exif
-from dofbench.core.files import sha256_file
-from dofbench.core.images import from_8bit, to_8bit
-from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
+from dofbench.core.contracts import PointCloud
+from dofbench.core.errors import one_line
+from dofbench.core.files import sha256_file, sha256_text, write_json
+from dofbench.core.images import from_8bit, to_8bit, write_exr, write_png
+from dofbench.core.lens import DisparityRange, Lens
 from dofbench.core.processes import Job, Outcome
+from dofbench.dataset import layout
+from dofbench.dataset.schema import (
+    ALL_KNOWN,
+    LENS_FILE,
+    MANIFEST,
+    SCHEMA,
+    SOME_UNKNOWN,
+    DepthRecord,
+    FileRecord,
+    LensFile,
+    Manifest,
+    ShapeRecord,
+    SourceImage,
+    SourceRecord,
+    UnknownLens,
+    UnknownLensFile,
+    ViewRecord,
+    as_json,
+)
 from dofbench.metrics import METRICS
-from dofbench.reporting import truth_images as truth_module
 from dofbench.results.run_spec import Run
-from dofbench.running import check as check_module
 from dofbench.running import one_run as run_module
-from dofbench.running import planned_runs as planned_module
-from dofbench.running import prepare as prepare_module
-from dofbench.running import rescore as score_module
-from dofbench.running.facts import Facts
 from dofbench.running.one_run import RunEnd
+from dofbench.scenes import export
+from dofbench.scenes.scene import Split
 
 WIDTH, HEIGHT = 64, 48
-
-
-@dataclass(frozen=True, eq=False)
-class FakeView:
-    """As `dofbench.dataset.dataset.DatasetView`."""
-
-    name: str
-    split: str
-    camera: Camera
-    lens: Lens | None
-    physical_lens: PhysicalLens | None
-    max_coc_px: float | None
-    has_all_in_focus: bool = True
-    has_depth: bool = True
-    exif: Exif | None = None
-
-
-class FakeDataset:
-    """As `dofbench.dataset.dataset.Dataset`; its folder holds a dataset.json with these few choices.
-
-    The image of a view is smooth noise; its shallow photograph is the sharp one, darkened by the aperture, which only
-    this class knows where the view's lens is unknown.
-    """
-
-    def __init__(self, folder: Path):
-        self.folder = Path(folder)
-        if not (self.folder / "dataset.json").is_file():
-            raise InputError(folder, "no dataset.json", "a dataset folder")
-        choices = json.loads((self.folder / "dataset.json").read_text())
-        self.name, self.scene = choices["name"], choices["name"].split("_")[0]
-        self.checksum = sha256_file(self.folder / "dataset.json")
-        self.has_points = choices["points"]
-        self.has_exact_depth = choices["exact"]
-        self._unknown, self._blurred, self._flat = (set(choices[key]) for key in ("unknown", "blurred", "flat"))
-        self.disparity_range = DisparityRange(0.1, 0.6)
-        self._seed = choices["seed"]
-        self.views = tuple(
-            self._view(f"v{index}", "test" if index < choices["test"] else "train", choices["coc"], index)
-            for index in range(choices["test"] + choices["train"])
-        )
-        known = any(view.lens is not None for view in self.views)
-        self.assign = choices["assign"] if known or not self.views else "unknown"
-
-    load = classmethod(lambda cls, folder: cls(folder))
-
-    def _view(self, name: str, split: str, coc: float, index: int) -> FakeView:
-        pose = np.eye(4)
-        pose[0, 3] = index
-        camera = Camera(WIDTH, HEIGHT, 200.0, 200.0, WIDTH / 2, HEIGHT / 2, pose)
-        lens = self._lens(index)
-        known = name not in self._unknown
-        return FakeView(
-            name,
-            split,
-            camera,
-            lens if known else None,
-            lens.physical(self.disparity_range, WIDTH) if known else None,
-            coc if known else None,
-            name not in self._blurred,
-            name not in self._flat,
-        )
-
-    @staticmethod
-    def _lens(index: int) -> Lens:
-        return Lens(aperture=(0.5, 1.0)[index % 2], focus=(0.2, 0.5, 0.8)[index % 3])
-
-    def view(self, name: str) -> FakeView:
-        return next(view for view in self.views if view.name == name)
-
-    def test_views(self) -> tuple[FakeView, ...]:
-        return tuple(view for view in self.views if view.split == "test")
-
-    def all_in_focus(self, view: FakeView) -> np.ndarray | None:
-        return sharp_image(self._seed, view.camera) if view.has_all_in_focus else None
-
-    def image(self, view: FakeView) -> np.ndarray:
-        aperture = self._lens(int(view.name[1:])).aperture
-        return from_8bit(to_8bit(sharp_image(self._seed, view.camera) * (1 - 0.1 * aperture)))
-
-    def require_intact(self, view: FakeView, part: str) -> None:
-        """Its pictures are computed: none can have changed."""
-
-    def depth(self, view: FakeView) -> np.ndarray | None:
-        if not view.has_depth:
-            return None
-        return np.linspace(2.0, 9.0, WIDTH * HEIGHT, dtype=np.float32).reshape(HEIGHT, WIDTH)
-
-    def training_set(self, inputs: str = "shallow") -> TrainingSet:
-        read = self.image if inputs == "shallow" else self.all_in_focus
-        views = tuple(TrainingView(v.name, v.camera, read(v)) for v in self.views if v.split == "train")
-        few = PointCloud(np.zeros((3, 3)), np.zeros((3, 3), np.float32), np.zeros(3, np.float32))
-        return TrainingSet(views, few if self.has_points else None)
-
-
-def fake_facts(folder: Path, checksum: str, inputs: str) -> Facts:
-    """What the photographs of a fake dataset would show: by its dataset.json, since they are mere noise."""
-    dataset = FakeDataset(folder)
-    blur = 0.1 if inputs == "all-in-focus" else dataset.views[-1].max_coc_px
-    return Facts(900 if dataset.has_points else 0, blur, 20.0, dataset.assign == "fixed", 20.0)
+RANGE = DisparityRange(0.1, 0.6)
 
 
 def sharp_image(seed: int, camera: Camera) -> np.ndarray:
-    """What the fake scene looks like from a camera; the fake method knows it too."""
+    """What the scene looks like from a camera: smooth waves. The fake method knows it too."""
     x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     phase = seed + camera.world_to_camera[0, 3]
     waves = [np.sin(x / (7 + 3 * c) + phase) * np.cos(y / (9 - 2 * c) - phase) for c in range(3)]
@@ -149,7 +65,7 @@ def write_dataset(
     seed: int = 1,
     train: int = 4,
     test: int = 2,
-    coc: float = 4.0,
+    detail: bool = False,
     points: bool = True,
     assign: str = "per-view",
     exact: bool = True,
@@ -157,13 +73,112 @@ def write_dataset(
     blurred: Sequence[str] = (),
     flat: Sequence[str] = (),
 ) -> Path:
-    """Write the dataset.json that `FakeDataset` reads; returns the folder. unknown, blurred, flat: the views without a
-    known lens, a sharp photograph, depth."""
-    folder.mkdir(parents=True, exist_ok=True)
-    choices = {"name": name, "seed": seed, "train": train, "test": test, "coc": coc, "points": points}
-    choices |= {"assign": assign, "exact": exact, "unknown": [*unknown], "blurred": [*blurred], "flat": [*flat]}
-    (folder / "dataset.json").write_text(json.dumps(choices))
+    """Write a small dataset of views v0, v1, ..., the test views first; returns the folder.
+
+    A view's shallow photograph is the sharp one, darkened by the aperture: that is all that a lens does here, and the
+    fake method does the same. detail: fine detail in the photographs, so that they are seen to be sharp; else they look
+    blurred. exact: whether the depth is the scene's own, or estimated. unknown, blurred, flat: the views without a
+    known lens, a sharp photograph, depth.
+    """
+    shutil.rmtree(folder, ignore_errors=True)
+    names = [f"v{index}" for index in range(test + train)]
+    splits: list[Split] = ["test" if index < test else "train" for index in range(test + train)]
+    cameras = [_camera(index) for index in range(test + train)]
+    depth = np.linspace(2.0, 9.0, WIDTH * HEIGHT, dtype=np.float32).reshape(HEIGHT, WIDTH)
+    random = np.random.default_rng(seed)
+    for index, (view, camera) in enumerate(zip(names, cameras, strict=True)):
+        sharp = sharp_image(seed, camera)
+        if detail:
+            squares = random.uniform(size=(HEIGHT // 4, WIDTH // 4, 1)).repeat(4, axis=0).repeat(4, axis=1)
+            sharp = from_8bit(to_8bit(0.5 * sharp + 0.5 * squares))
+        write_png(layout.shallow_path(folder, view), sharp * (1 - 0.1 * _lens(index).aperture))
+        if view not in blurred:
+            write_png(layout.sharp_path(folder, view), sharp)
+        if view not in flat:
+            write_exr(layout.depth_path(folder, view), depth)
+    images = [layout.relative(layout.shallow_path, view) for view in names]
+    cloud = _points(len(cameras)) if points else None
+    export.write_colmap(folder, [Path(file).name for file in images], cameras, cloud)
+    export.write_transforms(folder / layout.TRANSFORMS, images, cameras, splits=splits)
+    write_json(folder / LENS_FILE, as_json(_lens_file(dict(zip(names, splits, strict=True)), unknown, flat)))
+    files = {
+        file.relative_to(folder).as_posix(): FileRecord(sha256=sha256_file(file), size=file.stat().st_size)
+        for file in sorted(folder.rglob("*"))
+        if file.is_file()
+    }
+    source = SourceRecord(
+        scene=name.split("_")[0],
+        layout="none",
+        geometry=sha256_text(name),
+        images=tuple(
+            SourceImage(view=view, sha256=sha256_text(view), photograph="shallow" if view in unknown else None)
+            for view in names
+        ),
+    )
+    measured = DepthRecord(source="given" if exact else "sfm", provenance={}) if set(names) - set(flat) else None
+    record = Manifest(
+        schema=SCHEMA,
+        version=SOME_UNKNOWN if unknown or measured is None else ALL_KNOWN,
+        name=name,
+        dofbench="0",
+        command="none",
+        identity=sha256_text(name),
+        seed=seed,
+        settings={"assign": assign},
+        source=source,
+        depth=measured,
+        files=files,
+    )
+    write_json(folder / MANIFEST, as_json(record))
     return folder
+
+
+def _camera(index: int) -> Camera:
+    pose = np.eye(4)
+    pose[0, 3] = index
+    return Camera(WIDTH, HEIGHT, 200.0, 200.0, WIDTH / 2, HEIGHT / 2, pose)
+
+
+def _lens(index: int) -> Lens:
+    return Lens(aperture=(0.5, 1.0)[index % 2], focus=(0.2, 0.5, 0.8)[index % 3])
+
+
+def _points(views: int) -> PointCloud:
+    """Far away, so that every view sees them all: enough of them to say how blurred the photographs are."""
+    across, down = np.meshgrid(np.linspace(-10.0, 10.0, 16), np.linspace(-10.0, 10.0, 10))
+    xyz = np.stack([across.ravel() - 2.5, down.ravel(), np.full(across.size, 100.0)], axis=1)
+    grey, exact = np.full((len(xyz), 3), 0.5, np.float32), np.zeros(len(xyz), np.float32)
+    return PointCloud(xyz, grey, exact, tuple(np.arange(views) for _ in xyz))
+
+
+def _lens_file(splits: dict[str, Split], unknown: Sequence[str], flat: Sequence[str]) -> LensFile | UnknownLensFile:
+    measured = bool(splits.keys() - set(flat))
+    records = []
+    for index, (view, split) in enumerate(splits.items()):
+        lens, physical = _lens(index), _lens(index).physical(RANGE, WIDTH)
+        known = ViewRecord(
+            name=view,
+            split=split,
+            aperture=lens.aperture,
+            focus=lens.focus,
+            k_px=0.02 * WIDTH * lens.aperture,
+            aperture_scene=physical.aperture,
+            focus_scene=1 / physical.focus_disparity,
+            max_coc_px=4.0,
+        )
+        records.append(UnknownLens(name=view, split=split, lens="unknown") if view in unknown else known)
+    if splits and splits.keys() <= set(unknown):
+        return UnknownLensFile(disparity_range=(RANGE.q_min, RANGE.q_max) if measured else None, views=tuple(records))
+    return LensFile(
+        disparity_range=(RANGE.q_min, RANGE.q_max),
+        normaliser="scene",
+        gamma=2.2,
+        alpha=4.0,
+        energy="area",
+        shape=ShapeRecord(blades=0, rotation=0.0, curvature=0.0, obstruction=0.0),
+        renderer="scatter",
+        views=tuple(records),
+    )
 
 
 METHOD_TOML = """\
@@ -339,14 +354,11 @@ def write_method(
 
 
 def fake_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., RunEnd]:
-    """A function that runs the fake method (or, with method="pinhole", one without a lens) on the fake
+    """A function that runs the fake method (or, with method="pinhole", one without a lens) on the small
     dataset in `folder`/data, into `folder`/results; keywords replace those of `Run`."""
     methods = write_method(folder / "methods")
     write_method(methods, "pinhole", refocus=False, learns_lens=False)
     monkeypatch.setenv("DOFBENCH_METHODS", str(methods))
-    for module in (check_module, planned_module, prepare_module, score_module, truth_module):
-        monkeypatch.setattr(module, "Dataset", FakeDataset)
-    monkeypatch.setattr(prepare_module, "_facts", fake_facts)
     # FLIP takes a third of a second however small the image; what it says is tested elsewhere.
     quick = replace(METRICS["flip"], function=lambda prediction, truth: float(np.abs(prediction - truth).mean()))
     monkeypatch.setitem(METRICS, "flip", quick)

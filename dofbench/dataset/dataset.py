@@ -17,7 +17,9 @@ from dofbench.core.files import sha256_file
 from dofbench.core.images import read_exr, read_image
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
 from dofbench.dataset import layout
+from dofbench.dataset.benchmark_dataset import BenchmarkView
 from dofbench.dataset.dealing import Dealt
+from dofbench.dataset.inputs import Inputs
 from dofbench.dataset.schema import (
     MANIFEST,
     LensFile,
@@ -29,8 +31,6 @@ from dofbench.dataset.schema import (
 )
 from dofbench.scenes import nerfstudio
 from dofbench.scenes.scene import Split
-
-Inputs = Literal["shallow", "all-in-focus"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,27 +164,27 @@ class Dataset:
         """The views held back, by name."""
         return tuple(view for view in self.views if view.split == "test")
 
-    def lens(self, view: DatasetView | str) -> Lens | None:
+    def lens(self, view: BenchmarkView | str) -> Lens | None:
         """The view's true lens, in the units of `disparity_range`; None where nobody knows it."""
         return self._view(view).lens
 
-    def image(self, view: DatasetView | str) -> np.ndarray:
+    def image(self, view: BenchmarkView | str) -> np.ndarray:
         """The shallow photograph: (H, W, 3) float32, encoded, [0, 1], at 8-bit levels.
 
         Of a view whose lens nobody knows: its photograph as it was taken, which of a test view may be a sharp one.
         """
         return read_image(layout.shallow_path(self.folder, _name(view)))
 
-    def linear(self, view: DatasetView | str) -> np.ndarray | None:
+    def linear(self, view: BenchmarkView | str) -> np.ndarray | None:
         """The shallow photograph before encoding: (H, W, 3) float32, linear; None of a view whose lens nobody knows."""
         return read_exr(layout.linear_path(self.folder, _name(view))) if self.lens(view) is not None else None
 
-    def all_in_focus(self, view: DatasetView | str) -> np.ndarray | None:
+    def all_in_focus(self, view: BenchmarkView | str) -> np.ndarray | None:
         """The sharp original: (H, W, 3) float32, encoded, [0, 1], at 8-bit levels; None where there is none."""
         known = self._view(view).has_all_in_focus
         return read_image(layout.sharp_path(self.folder, _name(view))) if known else None
 
-    def require_intact(self, view: DatasetView | str, part: Literal["image", "all_in_focus"]) -> None:
+    def require_intact(self, view: BenchmarkView | str, part: Literal["image", "all_in_focus"]) -> None:
         """Raise InputError when that picture of a view is missing or isn't what the manifest says."""
         path = (layout.shallow_path if part == "image" else layout.sharp_path)(self.folder, _name(view))
         record = self.manifest.files.get(path.relative_to(self.folder).as_posix())
@@ -193,11 +193,11 @@ class Dataset:
         if sha256_file(path) != record.sha256:
             raise InputError(path, "a changed file", f"sha256 {record.sha256[:16]}, as the manifest says")
 
-    def depth(self, view: DatasetView | str) -> np.ndarray | None:
+    def depth(self, view: BenchmarkView | str) -> np.ndarray | None:
         """True z-depth: (H, W) float32, scene units, 0 where unknown; None where there is none."""
         return read_exr(layout.depth_path(self.folder, _name(view))) if self._view(view).has_depth else None
 
-    def confidence(self, view: DatasetView | str) -> np.ndarray | None:
+    def confidence(self, view: BenchmarkView | str) -> np.ndarray | None:
         """Confidence of the depth: (H, W) float32, 0 unknown ... 1 certain; None in datasets older than that map."""
         path = layout.confidence_path(self.folder, _name(view))
         return read_image(path)[..., 0] if path.is_file() else None
@@ -220,9 +220,9 @@ class Dataset:
         training = [index for index, view in enumerate(self.views) if view.split == "train"]
         return TrainingSet(views, None if self.points is None else self.points.seen_by(training))
 
-    def _view(self, view: DatasetView | str) -> DatasetView:
+    def _view(self, view: BenchmarkView | str) -> BenchmarkView:
         return self.view(view) if isinstance(view, str) else view
 
 
-def _name(view: DatasetView | str) -> str:
+def _name(view: BenchmarkView | str) -> str:
     return view if isinstance(view, str) else view.name

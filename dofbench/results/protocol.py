@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from dofbench.core.errors import InputError
-from dofbench.results.run_spec import Inputs
+from dofbench.dataset.inputs import Inputs
 
 AIF_PREFIX, PHOTO_PREFIX, ACROSS_PREFIX = "aif_", "photo_", "across_"
 LENS_COLUMNS = ("delta_a", "delta_f", "delta_r")

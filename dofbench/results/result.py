@@ -17,6 +17,7 @@ from dofbench.core.files import canonical_json, sha256_text, write_json
 
 SCHEMA_VERSION = 3
 RESULT_FILE = "result.json"
+MODEL_FOLDER, PREDICTIONS_FOLDER = "model", "predictions"  # beside it: what the method saved, and pictures
 
 # Version -> function that turns a result of that version into one of the next: the plain JSON data
 # goes in and out. Whoever raises SCHEMA_VERSION adds the step here, so that old results stay readable.

@@ -6,12 +6,11 @@ import shlex
 import tomllib
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from dofbench.core.contracts import Budget
 from dofbench.core.errors import InputError
-
-Inputs = Literal["shallow", "all-in-focus"]
+from dofbench.dataset.inputs import Inputs
 
 
 @dataclass(frozen=True)

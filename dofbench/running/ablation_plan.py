@@ -10,7 +10,7 @@ from typing import Any
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import canonical_json, sha256_text
-from dofbench.dataset.dataset import Dealt
+from dofbench.dataset.dealing import Dealt
 from dofbench.results.lens_columns import lens_words
 from dofbench.results.run_spec import Run, parse_overrides
 from dofbench.running.ablation_options import Ablate

@@ -10,10 +10,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
-from dofbench.dataset.dataset import Dealt
+from dofbench.dataset.dealing import Dealt
+from dofbench.dataset.inputs import Inputs
 from dofbench.results.columns import COLUMNS
 from dofbench.results.lens_columns import HELD_OUT
-from dofbench.results.run_spec import Inputs
 
 
 class _Strict(BaseModel):

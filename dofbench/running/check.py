@@ -11,11 +11,11 @@ from rich.console import Console
 from dofbench.core.errors import InputError, Status
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_image
-from dofbench.dataset.dataset import Dataset
 from dofbench.metrics import score_image
 from dofbench.results.added_scores import ADDED_FILE, read_added
 from dofbench.results.result import RESULT_FILE, Result, read_result
 from dofbench.results.run_lock import LOCK_FILE, is_running
+from dofbench.running.load_run import LoadedRun, load_run
 from dofbench.running.one_run import TRAINED_FILE
 from dofbench.scoring.evaluate import PREFIX, WHOLE
 from dofbench.scoring.photograph_scores import picture_scores
@@ -62,11 +62,12 @@ def check_result(folder: Path) -> list[str]:
     other checks are made.
     """
     try:
-        result = read_result(folder)
+        run = load_run(folder)
     except InputError as error:
         return [str(error)]
+    result = run.result
     problems = [*inconsistencies(result), *_place(folder, result), *_pictures(folder, result), *_added(folder, result)]
-    return problems or _scores_again(folder, result)
+    return problems or _scores_again(run)
 
 
 def _check_results(folders: list[Path], say) -> dict[Path, list[str]]:
@@ -122,26 +123,24 @@ def _added(folder: Path, result: Result) -> Iterator[str]:
         yield from (f"{ADDED_FILE}: {problem}" for problem in added_inconsistencies(added, result))
 
 
-def _scores_again(folder: Path, result: Result) -> list[str]:
-    data = Path(result.data)
-    if not (data / "dataset.json").is_file():
-        return []
-    dataset = Dataset.load(data)
-    if dataset.checksum != result.spec.dataset_checksum:
+def _scores_again(run: LoadedRun) -> list[str]:
+    try:
+        dataset = run.dataset
+    except InputError:  # gone, or another one by now: no fault of the result
         return []
     problems = []
-    test = {view.name: view for view in dataset.views if view.split == "test"}
-    for scored in result.views:
+    test = {view.name: view for view in dataset.test_views()}
+    for scored in run.result.views:
         if scored.name not in test:
-            problems.append(f"view {scored.name}: not a test view of {data}")
+            problems.append(f"view {scored.name}: not a test view of {run.data}")
             continue
         for kind, prefix in PREFIX.items():
-            column, file = f"{prefix}psnr", folder / "predictions" / kind / f"{scored.name}.png"
+            column = f"{prefix}psnr"
             stored = scored.scores.get(column)
             if stored is None or math.isnan(stored):
                 continue
             truth = (dataset.all_in_focus if kind == "all_in_focus" else dataset.image)(test[scored.name])
-            picture = read_image(file)
+            picture = read_image(run.prediction(kind, scored.name))
             again = (
                 score_image(picture, truth, ["psnr"])["psnr"]
                 if kind in WHOLE

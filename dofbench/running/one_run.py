@@ -20,7 +20,16 @@ from dofbench.core.files import read_json, sha256_file, write_json
 from dofbench.metrics import METRICS
 from dofbench.results import provenance
 from dofbench.results.added_scores import ADDED_FILE
-from dofbench.results.result import RESULT_FILE, SCHEMA_VERSION, CurvePoint, Event, Result, write_result
+from dofbench.results.result import (
+    MODEL_FOLDER,
+    PREDICTIONS_FOLDER,
+    RESULT_FILE,
+    SCHEMA_VERSION,
+    CurvePoint,
+    Event,
+    Result,
+    write_result,
+)
 from dofbench.results.run_lock import locked
 from dofbench.results.run_spec import Run
 from dofbench.running.observer import OneStep, Report, TrainingObserver
@@ -32,7 +41,6 @@ from dofbench.scoring.evaluate import Evaluation, Evaluator
 
 ProgressBar = Callable[[Console, Budget], AbstractContextManager[Report]]
 
-MODEL_FOLDER, PREDICTIONS_FOLDER = "model", "predictions"
 IMPORT, WARM_UP, TRAIN = "import", "warm up", "train"
 TRAINED_FILE = "trained.json"
 

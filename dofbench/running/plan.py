@@ -8,7 +8,7 @@ from typing import Any
 
 from dofbench.core.contracts import Budget, Decision
 from dofbench.core.errors import InputError
-from dofbench.dataset.dataset import Dataset
+from dofbench.dataset.benchmark_dataset import BenchmarkDataset
 from dofbench.results.protocol import BY_BLUR, EXIF_COLUMNS, LENS_COLUMNS, OF_LENSES, Protocol
 from dofbench.results.run_spec import format_budget
 from dofbench.running.facts import Facts
@@ -83,7 +83,7 @@ class RunPlan:
         return lines
 
 
-def dealt_lenses(dataset: Dataset) -> dict[str, Any]:
+def dealt_lenses(dataset: BenchmarkDataset) -> dict[str, Any]:
     """How the dataset deals its lenses ("assign"), and per split ("train", "test") view -> [A, F], or None where nobody
     knows the lens; as plain data."""
     dealt = {
@@ -103,7 +103,7 @@ def make_plan(
     options: dict[str, Any],
     overrides: dict[str, Any],
     budget: Budget,
-    dataset: Dataset,
+    dataset: BenchmarkDataset,
     facts: Facts,
     protocol: Protocol,
     *,
@@ -116,8 +116,8 @@ def make_plan(
     options: the preset's; overrides: the user's, which win over what the plan sets. force_all: every
     stage runs, needed or not. Raises InputError when the dataset lacks what the method can't do without.
     """
-    train = [view for view in dataset.views if view.split == "train"]
-    test = [view for view in dataset.views if view.split == "test"]
+    train = dataset.training_views()
+    test = dataset.test_views()
     if not train:
         raise InputError(f"dataset {dataset.name}", "no training view", "at least one")
     if entry.card.capabilities.needs_points and not facts.points:
@@ -301,7 +301,7 @@ def _stages(
     return stages, switched
 
 
-def _no_exif(entry: MethodEntry, stages: list[Stage], dataset: Dataset) -> str:
+def _no_exif(entry: MethodEntry, stages: list[Stage], dataset: BenchmarkDataset) -> str:
     """Why learned apertures can't be compared with EXIF, or ""."""
     if not entry.card.capabilities.learns_lens:
         return f"{entry.card.name} learns no lens"

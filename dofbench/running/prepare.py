@@ -11,11 +11,13 @@ from rich.console import Console
 
 from dofbench.core.contracts import Budget, Method
 from dofbench.core.errors import InputError
+from dofbench.dataset.benchmark_dataset import BenchmarkDataset
 from dofbench.dataset.dataset import Dataset
+from dofbench.dataset.inputs import Inputs
 from dofbench.results import provenance
 from dofbench.results.protocol import Protocol, protocol_for
 from dofbench.results.result import RESULT_FILE, Result, Spec, read_result
-from dofbench.results.run_spec import Inputs, Run, parse_budget, parse_overrides
+from dofbench.results.run_spec import Run, parse_budget, parse_overrides
 from dofbench.running.facts import Facts, facts_of
 from dofbench.running.method_cards import MethodEntry, find_method
 from dofbench.running.plan import RunPlan, make_plan
@@ -41,7 +43,7 @@ class Prepared:
 
     settings: Run
     choices: Choices
-    dataset: Dataset
+    dataset: BenchmarkDataset
     data: Path
     protocol: Protocol
     plan: RunPlan

@@ -23,9 +23,10 @@ from dofbench.metrics import METRICS, score_image
 from dofbench.results import provenance
 from dofbench.results.added_scores import ADDED_VERSION, Added, AddedScore, read_added, write_added
 from dofbench.results.protocol import AIF_PREFIX, DEPTH_COLUMNS, arithmetic_mean
-from dofbench.results.result import RESULT_FILE, Result, read_result
+from dofbench.results.result import RESULT_FILE, Result
 from dofbench.results.run_lock import locked
-from dofbench.running.method_cards import MethodEntry, find_method
+from dofbench.running.load_run import LoadedRun, load_run
+from dofbench.running.method_cards import find_method
 from dofbench.scoring.evaluate import PREFIX, WHOLE, Kind, depth_scores
 from dofbench.scoring.ground_truth import missing_truth
 
@@ -71,13 +72,13 @@ def score(
     good = True
     for folder in folders:
         try:
-            result = read_result(folder)
-            if result.status is not Status.OK:
-                say(f"{folder}: left out, as its run ended {result.status}")
+            run = load_run(folder, data)
+            if run.result.status is not Status.OK:
+                say(f"{folder}: left out, as its run ended {run.result.status}")
                 continue
-            with locked(folder, result.spec, result.scene, _now()):
-                found = score_result(folder, result, columns, data)
-                _keep(folder, result, found)
+            with locked(folder, run.result.spec, run.result.scene, _now()):
+                found = score_result(run, columns)
+                _keep(run, found)
         except InputError as error:
             found = Scored(problems=[" ".join(str(error).split())])
         for line in _lines(found):
@@ -86,10 +87,9 @@ def score(
     return good
 
 
-def score_result(folder: Path, result: Result, columns: Iterable[str], data: Path | None = None) -> Scored:
-    """Compute these columns from what the run in `folder` kept. Raises InputError when its dataset isn't there."""
-    dataset = _dataset(result, data or Path(result.data))
-    entry = find_method(result.spec.method)
+def score_result(run: LoadedRun, columns: Iterable[str]) -> Scored:
+    """Compute these columns from what the run kept. Raises InputError when its dataset isn't there."""
+    result, dataset = run.result, run.dataset
     wanted = list(columns)
     sources: list[tuple[str, Callable[[], dict[str, dict[str, float]]], list[str]]] = []
     found = Scored()
@@ -98,18 +98,16 @@ def score_result(folder: Path, result: Result, columns: Iterable[str], data: Pat
         own = [
             column for column in wanted if column not in DEPTH_COLUMNS and column.startswith(AIF_PREFIX) == bool(prefix)
         ]
-        if own and (reason := _no_pictures(folder, result, kind)):
+        if own and (reason := _no_pictures(result, kind)):
             found.left_out |= dict.fromkeys(own, reason)
         elif own:
-            sources.append(("predictions", lambda kind=kind, own=own: _of_pictures(folder, dataset, kind, own), own))
+            sources.append(("predictions", lambda kind=kind, own=own: _of_pictures(run, kind, own), own))
     depth = [column for column in wanted if column in DEPTH_COLUMNS]
-    if depth:
-        method, reason = _kept_method(folder, result, dataset, entry)
-        if method is None:
-            found.left_out |= dict.fromkeys(depth, reason)
-        else:
-            sources.append(("model", lambda: _of_depth(method, dataset), depth))
-    code, git = provenance.code_version(entry.folder), provenance.git_state()
+    if depth and (reason := _no_rendering(run)):
+        found.left_out |= dict.fromkeys(depth, reason)
+    elif depth:
+        sources.append(("model", lambda: _of_depth(run.method, dataset), depth))
+    code, git = provenance.code_version(find_method(result.spec.method).folder), provenance.git_state()
     for of, compute, own in sources:
         views = compute()
         for column in own:
@@ -159,36 +157,21 @@ def _folders(paths: Sequence[Path]) -> list[Path]:
     return list(dict.fromkeys(folders))
 
 
-def _dataset(result: Result, folder: Path) -> Dataset:
-    dataset = Dataset.load(folder)
-    if dataset.checksum != result.spec.dataset_checksum:
-        raise InputError(
-            folder,
-            f"the dataset {dataset.name} of checksum {dataset.checksum[:16]}",
-            f"{result.spec.dataset} of checksum {result.spec.dataset_checksum[:16]}, that it was run on",
-        )
-    return dataset
+def _no_pictures(result: Result, kind: Kind) -> str:
+    """Why there are no pictures of that kind, or ""."""
+    if any(name.startswith(f"predictions/{kind}/") for name in result.predictions):
+        return ""
+    return result.left_out.get(f"{PREFIX[kind]}psnr", "the run kept no such pictures")
 
 
-def _no_pictures(folder: Path, result: Result, kind: Kind) -> str:
-    """Why there are no pictures of that kind, or "". Raises InputError where one isn't the one that was scored."""
-    names = [name for name in result.predictions if name.startswith(f"predictions/{kind}/")]
-    if not names:
-        return result.left_out.get(f"{PREFIX[kind]}psnr", "the run kept no such pictures")
-    for name in names:
-        file = folder / name
-        if not file.is_file() or sha256_file(file) != result.predictions[name]:
-            raise InputError(file, "no file" if not file.is_file() else "another picture", "the one that was scored")
-    return ""
-
-
-def _of_pictures(folder: Path, dataset: Dataset, kind: Kind, columns: list[str]) -> dict[str, dict[str, float]]:
+def _of_pictures(run: LoadedRun, kind: Kind, columns: list[str]) -> dict[str, dict[str, float]]:
+    """Raises InputError where a picture isn't the one that was scored."""
     prefix = PREFIX[kind]
     metrics = [column.removeprefix(prefix) for column in columns]
-    read = dataset.image if kind == "refocus" else dataset.all_in_focus
+    read = run.dataset.image if kind == "refocus" else run.dataset.all_in_focus
     views = {}
-    for view in _test_views(dataset):
-        picture = read_image(folder / "predictions" / kind / f"{view.name}.png")
+    for view in run.dataset.test_views():
+        picture = read_image(run.prediction(kind, view.name))
         views[view.name] = {
             prefix + metric: float(value) for metric, value in score_image(picture, read(view), metrics).items()
         }
@@ -200,45 +183,31 @@ def _of_depth(method: Method, dataset: Dataset) -> dict[str, dict[str, float]]:
         view.name: depth_scores(
             np.asarray(method.render(view.camera, None).depth), dataset.depth(view), dataset.disparity_range
         )
-        for view in _test_views(dataset)
+        for view in dataset.test_views()
     }
 
 
-def _kept_method(
-    folder: Path,
-    result: Result,
-    dataset: Dataset,
-    entry: MethodEntry,
-) -> tuple[Method | None, str]:
-    """The trained method, or None and the reason: nothing to compare with, or the kept model can't be rendered."""
-    views = _test_views(dataset)
-    if reason := missing_truth(dataset).depth:
-        return None, reason
-    if not (folder / "model").is_dir():
-        return None, "the run kept no model"
-    for name, checksum in result.model.items():
-        if not (folder / name).is_file() or sha256_file(folder / name) != checksum:
-            return None, f"{name} isn't the file that the run kept"
+def _no_rendering(run: LoadedRun) -> str:
+    """Why depth rendered by the kept model would say nothing: there is no truth, or this code doesn't render the model
+    as the code did that trained it. "" where it does."""
+    if reason := missing_truth(run.dataset).depth or run.no_model():
+        return reason
+    view = run.dataset.test_views()[0]
     try:
-        method = entry.create(dict(result.spec.options), result.spec.seed, result.spec.device)
-        method.load(folder / "model")
-        picture = np.asarray(method.render(views[0].camera, None).image)
+        picture = np.asarray(run.method.render(view.camera, None).image)
     except Exception as error:  # a method's own code, and a model that other code wrote: its words are the reason
-        return None, f"this code can't render the kept model: {' '.join(f'{type(error).__name__}: {error}'.split())}"
-    kept = folder / "predictions" / "all_in_focus" / f"{views[0].name}.png"
+        return f"this code can't render the kept model: {' '.join(f'{type(error).__name__}: {error}'.split())}"
+    kept = run.folder / "predictions" / "all_in_focus" / f"{view.name}.png"
     if not kept.is_file():
-        return None, "without a kept picture nobody knows whether this code renders the kept model as then"
+        return "without a kept picture nobody knows whether this code renders the kept model as then"
     before, now = to_8bit(read_image(kept)).astype(int), to_8bit(picture).astype(int)
     if before.shape != now.shape or np.abs(before - now).max() > SAME_LEVELS:
-        return None, "this code renders the kept model otherwise than the code that trained it"
-    return method, ""
+        return "this code renders the kept model otherwise than the code that trained it"
+    return ""
 
 
-def _test_views(dataset: Dataset):
-    return [view for view in dataset.views if view.split == "test"]
-
-
-def _keep(folder: Path, result: Result, found: Scored) -> None:
+def _keep(run: LoadedRun, found: Scored) -> None:
+    folder = run.folder
     try:
         earlier = read_added(folder)
     except InputError:  # of another result.json, or damaged: written anew
@@ -254,7 +223,7 @@ def _keep(folder: Path, result: Result, found: Scored) -> None:
             folder,
             Added(
                 schema_version=ADDED_VERSION,
-                key=result.key,
+                key=run.result.key,
                 scores=scores,
                 left_out=left_out,
                 result_sha256=sha256_file(folder / RESULT_FILE),

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dofbench.core.errors import InputError
-from dofbench.results.run_spec import Inputs, Run, format_budget, parse_budget
+from dofbench.dataset.inputs import Inputs
+from dofbench.results.run_spec import Run, format_budget, parse_budget
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from dofbench.core.contracts import Method, NonFinite, Rendering
 from dofbench.core.files import sha256_file
 from dofbench.core.images import from_8bit, to_8bit, write_png
 from dofbench.core.lens import DisparityRange, Lens
-from dofbench.dataset.dataset import Dataset, DatasetView
+from dofbench.dataset.benchmark_dataset import BenchmarkDataset, BenchmarkView
 from dofbench.metrics import score_image
 from dofbench.metrics.depth_errors import disparity_error, relative_error
 from dofbench.metrics.lens_errors import do_nothing_errors, lens_errors
@@ -78,7 +78,7 @@ class Evaluator:
     def __init__(
         self,
         method: Method,
-        dataset: Dataset,
+        dataset: BenchmarkDataset,
         protocol: Protocol,
         *,
         columns: Sequence[str],
@@ -86,8 +86,8 @@ class Evaluator:
     ):
         self._method, self._dataset, self._protocol = method, dataset, protocol
         self._columns, self._left_out = columns, left_out
-        self._test = [view for view in dataset.views if view.split == "test"]
-        self._train = [view for view in dataset.views if view.split == "train"]
+        self._test = dataset.test_views()
+        self._train = dataset.training_views()
         self._truth: dict[tuple[Kind, str], np.ndarray] = {}
         self._refused: str | None = None
 
@@ -241,7 +241,7 @@ class Evaluator:
         metrics = self._protocol.refocus if kind == "refocus" else self._protocol.all_in_focus
         return [metric for metric in metrics if PREFIX[kind] + metric in self._columns]
 
-    def _depth_errors(self, view: DatasetView, found: Evaluation) -> dict[str, float]:
+    def _depth_errors(self, view: BenchmarkView, found: Evaluation) -> dict[str, float]:
         depth, truth = np.asarray(self._rendered("all_in_focus", view).depth), self._dataset.depth(view)
         if depth.shape != truth.shape:
             raise ValueError(f"render: expected depth of shape {truth.shape}, found {depth.shape}")
@@ -252,10 +252,10 @@ class Evaluator:
             return dict.fromkeys(DEPTH_COLUMNS, math.nan)
         return depth_scores(depth, truth, self._dataset.disparity_range)
 
-    def _rendered(self, kind: Kind, view: DatasetView) -> Rendering:
+    def _rendered(self, kind: Kind, view: BenchmarkView) -> Rendering:
         return self._method.render(view.camera, view.physical_lens if kind == "refocus" else None)
 
-    def _predict(self, kind: Kind, view: DatasetView) -> np.ndarray:
+    def _predict(self, kind: Kind, view: BenchmarkView) -> np.ndarray:
         """Rendering rounded to 8 bits, (H, W, 3) float32; as it is where it isn't finite."""
         image = np.asarray(self._rendered(kind, view).image)
         expected = (view.camera.height, view.camera.width, 3)
@@ -263,20 +263,20 @@ class Evaluator:
             raise ValueError(f"render: expected an image of shape {expected}, found {image.shape}")
         return from_8bit(to_8bit(image)) if np.isfinite(image).all() else image
 
-    def _score(self, image: np.ndarray, kind: Kind, view: DatasetView, metrics: list[str]) -> dict[str, float]:
+    def _score(self, image: np.ndarray, kind: Kind, view: BenchmarkView, metrics: list[str]) -> dict[str, float]:
         if not np.isfinite(image).all():
             return {PREFIX[kind] + metric: math.nan for metric in metrics}
         scores = score_image(image, self._true_image(kind, view), metrics)
         return {PREFIX[kind] + metric: float(scores[metric]) for metric in metrics}
 
-    def _true_image(self, kind: Kind, view: DatasetView) -> np.ndarray:
+    def _true_image(self, kind: Kind, view: BenchmarkView) -> np.ndarray:
         key = kind, view.name
         if key not in self._truth:
             read = self._dataset.all_in_focus if kind == "all_in_focus" else self._dataset.image
             self._truth[key] = read(view)
         return self._truth[key]
 
-    def _write(self, folder: Path, kind: Kind, view: DatasetView, image: np.ndarray, found: Evaluation) -> None:
+    def _write(self, folder: Path, kind: Kind, view: BenchmarkView, image: np.ndarray, found: Evaluation) -> None:
         picture = error_map(image, self._true_image(kind, view))
         for name, pixels in ((kind, image), (f"{kind}_error", picture)):
             relative = f"predictions/{name}/{view.name}.png"

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from dofbench.core.lens import PhysicalLens
-from dofbench.dataset.dataset import Dataset
+from dofbench.dataset.benchmark_dataset import BenchmarkDataset
 from dofbench.metrics.exif_errors import exif_errors
 from dofbench.results.protocol import EXIF_COLUMNS
 from dofbench.results.result import ViewAperture
 
 
-def asked_by_exif(dataset: Dataset, inputs: str) -> bool:
+def asked_by_exif(dataset: BenchmarkDataset, inputs: str) -> bool:
     """Whether EXIF is a truth here at all: the method trains on photographs whose lens nobody knows."""
-    train = [view for view in dataset.views if view.split == "train"]
+    train = dataset.training_views()
     return inputs == "shallow" and bool(train) and all(view.lens is None for view in train)
 
 
-def missing_exif(dataset: Dataset) -> str:
+def missing_exif(dataset: BenchmarkDataset) -> str:
     """Why learned apertures can't be compared with EXIF, one line; "" where they can."""
     known = [
         view.exif
@@ -36,7 +36,7 @@ def missing_exif(dataset: Dataset) -> str:
     return ""
 
 
-def learned_apertures(dataset: Dataset, estimated: Mapping[str, PhysicalLens]) -> list[ViewAperture]:
+def learned_apertures(dataset: BenchmarkDataset, estimated: Mapping[str, PhysicalLens]) -> list[ViewAperture]:
     """Of the training views whose f-number is known; apertures at the width of the first of them."""
     views = [
         view

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dofbench.dataset.dataset import Dataset, DatasetView
+from dofbench.dataset.benchmark_dataset import BenchmarkDataset, BenchmarkView
 from dofbench.results.protocol import ACROSS_COLUMNS, PHOTOGRAPH_COLUMNS
 from dofbench.scenes.by_exif import same_f_number
 from dofbench.scenes.folders import listed
@@ -29,10 +29,10 @@ class MissingTruth:
     depth: str
 
 
-def missing_truth(dataset: Dataset) -> MissingTruth:
+def missing_truth(dataset: BenchmarkDataset) -> MissingTruth:
     """Look at what the dataset has of its views."""
-    train = [view for view in dataset.views if view.split == "train"]
-    test = [view for view in dataset.views if view.split == "test"]
+    train = dataset.training_views()
+    test = dataset.test_views()
     lens = _lacking("true lens", train, [view for view in train if view.lens is None], "training")
     if not test:
         return MissingTruth(NO_TEST_VIEWS, NO_TEST_VIEWS, lens, NO_TEST_VIEWS)
@@ -45,21 +45,21 @@ def missing_truth(dataset: Dataset) -> MissingTruth:
     )
 
 
-def of_photographs(dataset: Dataset) -> bool:
+def of_photographs(dataset: BenchmarkDataset) -> bool:
     """Whether the test views are photographs of unknown lens, and there is no sharp one of any: the photographs
     themselves are all that there is to score against. False without test views."""
-    test = [view for view in dataset.views if view.split == "test"]
+    test = dataset.test_views()
     return bool(test) and not any(view.lens is not None or view.has_all_in_focus for view in test)
 
 
-def photograph_columns(dataset: Dataset) -> tuple[str, ...]:
+def photograph_columns(dataset: BenchmarkDataset) -> tuple[str, ...]:
     """The columns that test views of unknown lens are scored by; none where they have a lens or a sharp photograph."""
     if not of_photographs(dataset):
         return ()
     return ACROSS_COLUMNS if training_f_number(dataset) is not None else PHOTOGRAPH_COLUMNS
 
 
-def training_f_number(dataset: Dataset) -> float | None:
+def training_f_number(dataset: BenchmarkDataset) -> float | None:
     """The f-number of all training views, where it is one, and every test view has another one, by the EXIF of each;
     else None. Aperture is to be carried from the ones to the others, so focal lengths must not be known to differ."""
     numbers: dict[str, list[float]] = {"train": [], "test": []}
@@ -78,7 +78,7 @@ def training_f_number(dataset: Dataset) -> float | None:
     return first if one and not any(same_f_number(number, first) for number in numbers["test"]) else None
 
 
-def _lacking(what: str, views: Sequence[DatasetView], without: Sequence[DatasetView], split: str) -> str:
+def _lacking(what: str, views: Sequence[BenchmarkView], without: Sequence[BenchmarkView], split: str) -> str:
     """As "no test lens", or "no test lens of 2 of 5 test views: v1, v3"."""
     if not without:
         return ""

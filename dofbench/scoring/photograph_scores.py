@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dofbench.core.contracts import Method
-from dofbench.dataset.dataset import Dataset, DatasetView
+from dofbench.dataset.benchmark_dataset import BenchmarkDataset, BenchmarkView
 from dofbench.results.protocol import ACROSS_COLUMNS, ACROSS_PREFIX, PHOTO_PREFIX
 from dofbench.results.result import HalfFitted, ViewFit
 from dofbench.scoring.ground_truth import training_f_number
@@ -29,7 +29,7 @@ class Scored:
     """One test view. prediction: its picture, or why there is none. scores: by column; of columns that can't be had,
     none."""
 
-    view: DatasetView
+    view: BenchmarkView
     photograph: np.ndarray
     prediction: Prediction
     scores: dict[str, float]
@@ -56,7 +56,7 @@ class Scored:
 
 def scored_photographs(
     method: Method,
-    dataset: Dataset,
+    dataset: BenchmarkDataset,
     columns: Sequence[str],
     *,
     no_lens: str,
@@ -64,7 +64,7 @@ def scored_photographs(
 ) -> Iterator[Scored]:
     """The test views, predicted and scored. columns: the protocol's. no_lens: why the method has no lens, if that is
     known. quick: a shorter search, of a few views only."""
-    test = [view for view in dataset.views if view.split == "test"]
+    test = dataset.test_views()
     views = test[:: max(1, math.ceil(len(test) / CURVE_VIEWS))] if quick else test
     if tuple(columns) == ACROSS_COLUMNS:
         yield from _across(method, dataset, views, no_lens, quick)
@@ -99,8 +99,8 @@ def prediction_scores(found: Prediction, photograph: np.ndarray) -> dict[str, fl
 
 def _across(
     method: Method,
-    dataset: Dataset,
-    views: Sequence[DatasetView],
+    dataset: BenchmarkDataset,
+    views: Sequence[BenchmarkView],
     no_lens: str,
     quick: bool,
 ) -> Iterator[Scored]:
@@ -139,7 +139,7 @@ def _across(
         yield Scored(view, photograph, found.scaled, scores)
 
 
-def blurred_thirds(dataset: Dataset) -> dict[str, np.ndarray]:
+def blurred_thirds(dataset: BenchmarkDataset) -> dict[str, np.ndarray]:
     """By test view, its thirds by how blurred the training photographs are there; empty unless every one has them."""
     if dataset.points is None:
         return {}
@@ -148,7 +148,7 @@ def blurred_thirds(dataset: Dataset) -> dict[str, np.ndarray]:
         for split in ("train", "test")
     }
     ratio = sharpness_ratio(dataset.points, shots["train"], shots["test"])
-    test = [view for view in dataset.views if view.split == "test"]
+    test = dataset.test_views()
     found = {
         view.name: thirds(dataset.points, ratio, view.camera, Tiles.of(view.camera.height, view.camera.width).inside)
         for view in test

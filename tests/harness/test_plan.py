@@ -6,11 +6,12 @@ import dataclasses
 from pathlib import Path
 
 import pytest
-from harness_fakes import FakeDataset, write_dataset, write_method
+from harness_fakes import write_dataset, write_method
 
 from dofbench.core.contracts import Budget, Decision
 from dofbench.core.errors import InputError
 from dofbench.core.files import canonical_json
+from dofbench.dataset.dataset import Dataset
 from dofbench.results.lens_columns import lens_words
 from dofbench.results.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS, protocol_for
 from dofbench.running.facts import Facts
@@ -39,7 +40,7 @@ def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         options: dict | None = None,
         **dataset,
     ) -> RunPlan:
-        data = FakeDataset(write_dataset(tmp_path / "data", **dataset))
+        data = Dataset.load(write_dataset(tmp_path / "data", **dataset))
         facts = Facts(points, blur, dependence, one_lens, spread, light, f_numbers)
         return make_plan(
             find_method(method),

@@ -12,12 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from harness_fakes import FakeDataset, fake_run, write_dataset
+from harness_fakes import fake_run, write_dataset
 from rich.console import Console
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_image, write_png
+from dofbench.dataset.dataset import Dataset
 from dofbench.metrics import METRICS, Metric
 from dofbench.reporting import report_files
 from dofbench.reporting.report_files import write_report
@@ -68,7 +69,7 @@ def test_a_new_metric_is_added_without_training(call, worst, tmp_path: Path) -> 
     good, said = scored(tmp_path / "results", "worst,aif_worst")
     assert good and "added worst" in said and "of 2 views, from the kept predictions" in said
     assert (end.folder / "result.json").read_bytes() == before
-    added, result, data = read_added(end.folder), read_result(end.folder), FakeDataset(tmp_path / "data")
+    added, result, data = read_added(end.folder), read_result(end.folder), Dataset.load(tmp_path / "data")
     assert set(added.scores) == {"worst", "aif_worst"} and added.key == result.key
     for kind, column, read in (("refocus", "worst", data.image), ("all_in_focus", "aif_worst", data.all_in_focus)):
         values = {
@@ -163,7 +164,7 @@ def test_the_dataset_must_be_the_same(call, tmp_path: Path) -> None:
     end = call()
     shutil.move(tmp_path / "data", tmp_path / "moved")
     good, said = scored(end.folder, "psnr")
-    assert not good and "no dataset.json" in said
+    assert not good and "no such folder" in said
     assert scored(end.folder, "psnr", data=tmp_path / "moved")[0]
     other = write_dataset(tmp_path / "other", seed=5)
     good, said = scored(end.folder, "psnr", data=other)

@@ -11,12 +11,11 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from harness_fakes import FakeDataset
 from report_pages import table_rows
 from tolerances import PRINTED_MEAN
 
 from dofbench.core.errors import InputError
-from dofbench.reporting import layouts, truth_images
+from dofbench.reporting import layouts
 from dofbench.reporting.ablations.document_files import read_documents
 from dofbench.reporting.boards import gather
 from dofbench.reporting.build_report import build_report
@@ -405,8 +404,7 @@ def test_what_is_no_table_of_ablations_is_one_line(made_report, tmp_path: Path) 
 
 
 @pytest.fixture
-def boards(made_report, monkeypatch: pytest.MonkeyPatch) -> list:
-    monkeypatch.setattr(truth_images, "Dataset", FakeDataset)
+def boards(made_report) -> list:
     return gather(collect(made_report.results).entries)
 
 

@@ -1,0 +1,104 @@
+"""A finished run, read back from its folder: its result, the dataset that it was made on, and the trained method.
+
+Nothing heavy is imported here before it is asked for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dofbench.core.errors import InputError
+
+if TYPE_CHECKING:
+    from dofbench.core.contracts import Method
+    from dofbench.dataset.dataset import Dataset
+    from dofbench.results.result import Result
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedRun:
+    """folder: the result's. result: what result.json says. data: where the dataset is looked for.
+
+    `dataset` and `method` are read when they are asked for first: a result can be read where neither is there any more.
+    """
+
+    folder: Path
+    result: Result
+    data: Path
+
+    @cached_property
+    def dataset(self) -> Dataset:
+        """The dataset that the run was made on. Raises InputError when it isn't in `data`, or another one is."""
+        from dofbench.dataset.dataset import Dataset
+
+        dataset, spec = Dataset.load(self.data), self.result.spec
+        if dataset.checksum != spec.dataset_checksum:
+            raise InputError(
+                self.data,
+                f"the dataset {dataset.name} of checksum {dataset.checksum[:16]}",
+                f"{spec.dataset} of checksum {spec.dataset_checksum[:16]}, that it was run on",
+            )
+        return dataset
+
+    @cached_property
+    def method(self) -> Method:
+        """The trained method, as it was kept: it renders, and has its lens estimates.
+
+        Raises InputError when the run kept no model, when a file of it isn't the one that was kept, or when its method
+        isn't installed. What the method's own code raises at a model that it can't read, it raises.
+        """
+        from dofbench.results.result import MODEL_FOLDER
+        from dofbench.running.method_cards import find_method
+
+        if reason := self.no_model():
+            raise InputError(self.folder, reason, "the model as `dofbench run` kept it")
+        spec = self.result.spec
+        method = find_method(spec.method).create(dict(spec.options), spec.seed, spec.device)
+        method.load(self.folder / MODEL_FOLDER)
+        return method
+
+    def no_model(self) -> str:
+        """Why the model isn't there as it was kept, one line; "" where it is."""
+        from dofbench.results.result import MODEL_FOLDER
+
+        if not (self.folder / MODEL_FOLDER).is_dir():
+            return "the run kept no model"
+        for name, checksum in self.result.model.items():
+            if not self._is(name, checksum):
+                return f"{name} isn't the file that the run kept"
+        return ""
+
+    def prediction(self, kind: str, view: str) -> Path:
+        """The kept picture of a test view. kind: as in `dofbench.scoring.evaluate.Kind`.
+
+        Raises InputError when the result has none, or the file isn't the one that was scored.
+        """
+        name = f"predictions/{kind}/{view}.png"
+        checksum, file = self.result.predictions.get(name), self.folder / name
+        if checksum is None:
+            raise InputError(self.folder, f"no {name} in its result", "a picture that the run kept")
+        if not self._is(name, checksum):
+            raise InputError(file, "another picture" if file.is_file() else "no file", "the one that was scored")
+        return file
+
+    def _is(self, name: str, checksum: str) -> bool:
+        from dofbench.core.files import sha256_file
+
+        return (self.folder / name).is_file() and sha256_file(self.folder / name) == checksum
+
+
+def load_run(folder: Path | str, data: Path | None = None) -> LoadedRun:
+    """Open the result in `folder` (or the result.json itself), with its dataset and its trained method.
+
+    data: where the dataset is now, if it isn't where the result says. Raises InputError when there is no readable
+    result.
+    """
+    from dofbench.results.result import read_result
+
+    folder = Path(folder)
+    folder = folder.parent if folder.is_file() else folder
+    result = read_result(folder)
+    return LoadedRun(folder, result, Path(result.data) if data is None else data)
