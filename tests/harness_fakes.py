@@ -50,12 +50,30 @@ WIDTH, HEIGHT = 64, 48
 RANGE = DisparityRange(0.1, 0.6)
 
 
+def smooth_image(seed: int, camera: Camera) -> np.ndarray:
+    """What the scene looks like from a camera through a lens: smooth waves, darker from every second camera."""
+    return from_8bit(to_8bit(_light(camera) * _waves(seed, camera)))
+
+
 def sharp_image(seed: int, camera: Camera) -> np.ndarray:
-    """What the scene looks like from a camera: smooth waves. The fake method knows it too."""
+    """The scene without a lens, which has fine detail besides. The fake method knows both."""
+    random = np.random.default_rng(seed)
+    squares = (
+        random.uniform(size=(-(-camera.height // 4), -(-camera.width // 4), 1)).repeat(4, axis=0).repeat(4, axis=1)
+    )
+    detail = squares[: camera.height, : camera.width]
+    return from_8bit(to_8bit(_light(camera) * (0.5 * _waves(seed, camera) + 0.5 * detail)))
+
+
+def _waves(seed: int, camera: Camera) -> np.ndarray:
     x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     phase = seed + camera.world_to_camera[0, 3]
     waves = [np.sin(x / (7 + 3 * c) + phase) * np.cos(y / (9 - 2 * c) - phase) for c in range(3)]
-    return from_8bit(to_8bit(0.5 + 0.4 * np.stack(waves, axis=2)))
+    return 0.5 + 0.4 * np.stack(waves, axis=2)
+
+
+def _light(camera: Camera) -> float:
+    return 0.7 if round(camera.world_to_camera[0, 3]) % 2 else 1.0
 
 
 def write_dataset(
@@ -65,7 +83,7 @@ def write_dataset(
     seed: int = 1,
     train: int = 4,
     test: int = 2,
-    detail: bool = False,
+    in_focus: bool = False,
     points: bool = True,
     assign: str = "per-view",
     exact: bool = True,
@@ -75,9 +93,8 @@ def write_dataset(
 ) -> Path:
     """Write a small dataset of views v0, v1, ..., the test views first; returns the folder.
 
-    A view's shallow photograph is the sharp one, darkened by the aperture: that is all that a lens does here, and the
-    fake method does the same. detail: fine detail in the photographs, so that they are seen to be sharp; else they look
-    blurred. exact: whether the depth is the scene's own, or estimated. unknown, blurred, flat: the views without a
+    Of the scene a lens shows `smooth_image`, darkened by the aperture, and so does the fake method. in_focus: the
+    shallow photographs have all the detail of the sharp ones. exact: whether the depth is the scene's own, or estimated. unknown, blurred, flat: the views without a
     known lens, a sharp photograph, depth.
     """
     shutil.rmtree(folder, ignore_errors=True)
@@ -85,15 +102,11 @@ def write_dataset(
     splits: list[Split] = ["test" if index < test else "train" for index in range(test + train)]
     cameras = [_camera(index) for index in range(test + train)]
     depth = np.linspace(2.0, 9.0, WIDTH * HEIGHT, dtype=np.float32).reshape(HEIGHT, WIDTH)
-    random = np.random.default_rng(seed)
+    shallow = sharp_image if in_focus else smooth_image
     for index, (view, camera) in enumerate(zip(names, cameras, strict=True)):
-        sharp = sharp_image(seed, camera)
-        if detail:
-            squares = random.uniform(size=(HEIGHT // 4, WIDTH // 4, 1)).repeat(4, axis=0).repeat(4, axis=1)
-            sharp = from_8bit(to_8bit(0.5 * sharp + 0.5 * squares))
-        write_png(layout.shallow_path(folder, view), sharp * (1 - 0.1 * _lens(index).aperture))
+        write_png(layout.shallow_path(folder, view), shallow(seed, camera) * (1 - 0.1 * _lens(index).aperture))
         if view not in blurred:
-            write_png(layout.sharp_path(folder, view), sharp)
+            write_png(layout.sharp_path(folder, view), sharp_image(seed, camera))
         if view not in flat:
             write_exr(layout.depth_path(folder, view), depth)
     images = [layout.relative(layout.shallow_path, view) for view in names]
@@ -229,7 +242,7 @@ METHOD_CODE = '''\
 import json
 
 import numpy as np
-from harness_fakes import sharp_image
+from harness_fakes import sharp_image, smooth_image
 
 from dofbench.core.contracts import Decision, FitOutcome, Rendering
 from dofbench.core.errors import InputError, Status
@@ -267,7 +280,7 @@ class Fake:
     def render(self, camera, lens):
         if lens is not None and not self.options["lens"]:
             raise ValueError("no lens here")
-        image = sharp_image(self.options["scene"], camera).astype(np.float32)
+        image = (sharp_image if lens is None else smooth_image)(self.options["scene"], camera).astype(np.float32)
         if lens is not None:
             image = image * (1 - 0.1 * round(lens.aperture / (0.02 * lens.width / 0.5), 3))
         random = np.random.default_rng(self.seed)

@@ -53,8 +53,7 @@ def test_a_good_run(call, tmp_path: Path) -> None:
     assert [point.steps for point in result.curve][:: len(result.curve) - 1] == [1, 8]
     assert result.curve[-1].scores["psnr"] > result.curve[0].scores["psnr"] + 10
     assert {"psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f"} == set(result.curve[0].scores)
-    assert result.left_out_stages["normals"] == "a fake has none"
-    assert "differ by" in result.left_out_stages["colours"] and result.method_stages == {"guess": 0.01}
+    assert result.left_out_stages == {"normals": "a fake has none"} and result.method_stages == {"guess": 0.01}
     assert {"train", "score", "evaluate during training"} <= set(result.stages)
     assert result.model == {"model/model.json": sha256_file(end.folder / "model" / "model.json")}
     assert result.machine["threads"] >= 1
@@ -212,7 +211,7 @@ def test_a_method_that_refuses_to_refocus_leaves_it_out(call) -> None:
 
 
 def test_leaving_out_a_needless_lens_changes_no_other_score(call, tmp_path: Path) -> None:
-    write_dataset(tmp_path / "data", detail=True)
+    write_dataset(tmp_path / "data", in_focus=True)
     left_out, forced = (read_result(call(force_all=force).folder) for force in (False, True))
     assert left_out.left_out_stages["lens"].startswith("the photographs show circles of confusion of up to 0.23 px")
     assert left_out.scores["aif_psnr"] == forced.scores["aif_psnr"]
