@@ -156,12 +156,9 @@ def execute(settings: Any) -> int:
             return DONE if reconstruct(settings) else FAILED
         case Runs():
             with loading.running():
-                from dofbench.commands.run_photographs import run_photographs
-                from dofbench.running.matrix import run_all
+                from dofbench.commands.run_methods import run_methods
 
-            if settings.photographs is not None:
-                return DONE if run_photographs(settings, settings.photographs) else FAILED
-            return DONE if run_all(settings) else FAILED
+            return DONE if run_methods(settings) else FAILED
         case Ablate():
             from dofbench.commands.ablate import make_tables
 
@@ -175,7 +172,7 @@ def execute(settings: Any) -> int:
 
             return DONE if report(settings) else FAILED
         case Check():
-            from dofbench.running.check import check
+            from dofbench.commands.check import check
 
             return DONE if check(settings.path) else FAILED
         case Scenes():

@@ -41,8 +41,7 @@ from dofbench.dataset.schema import (
 )
 from dofbench.metrics import METRICS
 from dofbench.results.run_spec import Run
-from dofbench.running import one_run as run_module
-from dofbench.running.one_run import RunEnd
+from dofbench.running.one_run import RunEnd, run
 from dofbench.scenes import export
 from dofbench.scenes.scene import Split
 
@@ -94,8 +93,8 @@ def write_dataset(
     """Write a small dataset of views v0, v1, ..., the test views first; returns the folder.
 
     Of the scene a lens shows `smooth_image`, darkened by the aperture, and so does the fake method. in_focus: the
-    shallow photographs have all the detail of the sharp ones. exact: whether the depth is the scene's own, or estimated. unknown, blurred, flat: the views without a
-    known lens, a sharp photograph, depth.
+    shallow photographs have all the detail of the sharp ones. exact: whether the depth is the scene's own, or
+    estimated. unknown, blurred, flat: the views without a known lens, a sharp photograph, depth.
     """
     shutil.rmtree(folder, ignore_errors=True)
     names = [f"v{index}" for index in range(test + train)]
@@ -379,7 +378,7 @@ def fake_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Run
 
     def call(console: Console | None = None, **changes) -> RunEnd:
         settings = Run(**{"method": "fake", "data": data, "out": folder / "results", **changes})
-        return run_module.run(settings, console or Console(quiet=True))
+        return run(settings, settings.data, console or Console(quiet=True))
 
     return call
 

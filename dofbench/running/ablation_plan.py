@@ -100,7 +100,7 @@ def _run(
         force_all=row.force_all,
     )
     try:
-        return plan_run(run)
+        return plan_run(run, source.folder)
     except InputError as error:
         raise InputError(f"table {table.id}, row {row.label}: {error.subject}", error.found, error.expected) from None
 

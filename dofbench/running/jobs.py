@@ -38,21 +38,25 @@ def make_runs(
     """
     named = {run.name: run for run in runs}
     jobs = [
-        Job(name, partial(make_run, run.settings, run.spec.key, run.folder), busy=partial(is_running, run.folder))
+        Job(
+            name,
+            partial(make_run, run.settings, run.data, run.spec.key, run.folder),
+            busy=partial(is_running, run.folder),
+        )
         for name, run in named.items()
     ]
     return run_jobs(jobs, workers=workers, watcher=_Told(watcher, lambda name: ended(named[name])))
 
 
-def make_run(settings: Run, key: str, folder: Path, report: Report) -> str:
+def make_run(settings: Run, data: Path, key: str, folder: Path, report: Report) -> str:
     """One run, in the process that is its own; returns one line about its end.
 
-    key: the run's, as it was planned. folder: its result's. Raises InputError when the run is another one than was
-    planned: code or data changed meanwhile.
+    data: the dataset's folder. key: the run's, as it was planned. folder: its result's. Raises InputError when the run
+    is another one than was planned: code or data changed meanwhile.
     """
     if is_running(folder):
         report(("waiting for another process that has it at work", 0, 0))
-    end = run(settings, Console(quiet=True), partial(_Reported, report), key=key, wait=True)
+    end = run(settings, data, Console(quiet=True), partial(_Reported, report), key=key, wait=True)
     result = read_result(end.folder)
     trained = f"{result.scores['steps']:.0f} steps in {result.scores['train_s']:.0f} s"
     parts = [f"{result.status}, {trained}", *(["by another process"] * end.reused)]

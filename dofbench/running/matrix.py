@@ -14,23 +14,20 @@ from dofbench.running.batch import Batch
 from dofbench.running.jobs import RunJobs
 from dofbench.running.one_run import run as run_one
 from dofbench.running.planned_runs import PlannedRun, different_datasets, plan_run
-from dofbench.running.prepare import builtin_dataset
 from dofbench.running.run_options import Runs
 
 
-def run_all(settings: Runs, console: Console | None = None, run_jobs: RunJobs = run_jobs) -> bool:
+def run_all(settings: Runs, builtin: Path, console: Console | None = None, run_jobs: RunJobs = run_jobs) -> bool:
     """Make the run that the settings name, or every run of their matrix that isn't finished.
 
-    A run of a matrix is the run that its own command would make, in the same folder. False when one failed. Raises
-    InputError when the call is wrong, before anything runs.
+    A run of a matrix is the run that its own command would make, in the same folder. builtin: the dataset's folder
+    where the settings name none. False when one failed. Raises InputError when the call is wrong, before anything runs.
     """
     console = console or Console()
     cells = settings.cells()
     if len(cells) == 1:
-        return bool(run_one(cells[0], console))
-    if settings.data is None and not builtin_dataset(settings.dry_run, console):
-        return True
-    runs = plan_matrix(cells)
+        return bool(run_one(cells[0], cells[0].data or builtin, console))
+    runs = plan_matrix(cells, builtin)
     batch = Batch(runs, settings.out, settings.jobs, rerun=settings.rerun)
     for line in _plan_lines(settings, batch):
         say(console, line)
@@ -49,8 +46,11 @@ def run_all(settings: Runs, console: Console | None = None, run_jobs: RunJobs = 
     return not failures
 
 
-def plan_matrix(cells: tuple[Run, ...]) -> tuple[PlannedRun, ...]:
-    """Decide every run. Raises InputError, which names the run, for what doesn't fit together."""
+def plan_matrix(cells: tuple[Run, ...], builtin: Path) -> tuple[PlannedRun, ...]:
+    """Decide every run. builtin: as in `run_all`.
+
+    Raises InputError, which names the run, for what doesn't fit together.
+    """
     different_datasets([folder for folder in dict.fromkeys(cell.data for cell in cells) if folder is not None])
     first: dict[tuple[str, Path | None, str | None, str | None], PlannedRun] = {}
     runs = []
@@ -58,7 +58,7 @@ def plan_matrix(cells: tuple[Run, ...]) -> tuple[PlannedRun, ...]:
         kind = cell.method, cell.data, cell.preset, cell.budget
         if kind not in first:
             try:
-                first[kind] = plan_run(cell)
+                first[kind] = plan_run(cell, cell.data or builtin)
             except InputError as error:
                 where = f"{cell.method} on {cell.data or 'the built-in dataset'}: {error.subject}"
                 raise InputError(where, error.found, error.expected) from None

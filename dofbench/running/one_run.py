@@ -34,7 +34,7 @@ from dofbench.results.run_lock import locked
 from dofbench.results.run_spec import Run
 from dofbench.running.observer import OneStep, Report, TrainingObserver
 from dofbench.running.plan import decided, revised
-from dofbench.running.prepare import Prepared, builtin_dataset, choose, data_folder, prepare
+from dofbench.running.prepare import Prepared, choose, prepare
 from dofbench.running.run_progress import TrainingProgress, print_result
 from dofbench.running.warm_up import miniature
 from dofbench.scoring.evaluate import Evaluation, Evaluator
@@ -71,6 +71,7 @@ class _Trained:
 
 def run(
     settings: Run,
+    data: Path,
     console: Console | None = None,
     progress: ProgressBar = TrainingProgress,
     *,
@@ -80,20 +81,18 @@ def run(
     """Train, score and write `<out>/<dataset>/<method>-<preset>-seed<k>-<key>/result.json`.
 
     A finished result of the same key is reused. A run that fails still writes its result, with a typed
-    status. progress: shows the training. key: what the run's must be. wait: for another process that has the same run
-    at work. Raises InputError when the call is wrong or the key is another one, and KeyboardInterrupt when it was
-    interrupted (after writing a result that says so).
+    status. data: the dataset's folder, which `settings` names unless it is the built-in one. progress: shows the
+    training. key: what the run's must be. wait: for another process that has the same run at work. Raises InputError
+    when the call is wrong or the key is another one, and KeyboardInterrupt when it was interrupted (after writing a
+    result that says so).
     """
     console = console or Console()
     stages = StageTimes()
     already_compiled = _kernels_compiled()
     choices = choose(settings)
-    if settings.data is None and not builtin_dataset(settings.dry_run, console):
-        return RunEnd(settings.out, None)
-
     stages[IMPORT].move(loading)
     with stages[IMPORT].running():  # the method's own modules
-        run = prepare(settings, choices, data_folder(settings))
+        run = prepare(settings, choices, data)
     if key is not None and run.spec.key != key:
         raise InputError(
             run.folder,

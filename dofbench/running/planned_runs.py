@@ -13,16 +13,17 @@ from dofbench.dataset.dataset import Dataset
 from dofbench.results.result import Spec
 from dofbench.results.run_spec import Run
 from dofbench.running.plan import RunPlan
-from dofbench.running.prepare import choose, data_folder, prepare
+from dofbench.running.prepare import choose, prepare
 
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """settings: what says the same run alone, as `dofbench run` takes it. folder: where its result goes. options: all
-    that the method runs with, its defaults too, where it says so (as its `options`, a dataclass); else those of the
-    spec."""
+    """settings: what says the same run alone, as `dofbench run` takes it. data: the dataset's folder. folder: where its
+    result goes. options: all that the method runs with, its defaults too, where it says so (as its `options`, a
+    dataclass); else those of the spec."""
 
     settings: Run
+    data: Path
     spec: Spec
     plan: RunPlan
     folder: Path
@@ -45,12 +46,12 @@ class PlannedRun:
         )
 
 
-def plan_run(settings: Run) -> PlannedRun:
-    """Decide a run; its dataset must be there. Raises InputError when the call is wrong."""
-    prepared = prepare(settings, choose(settings), data_folder(settings))
+def plan_run(settings: Run, data: Path) -> PlannedRun:
+    """Decide a run on the dataset in `data`. Raises InputError when the call is wrong."""
+    prepared = prepare(settings, choose(settings), data)
     options = getattr(prepared.method, "options", None)
     known = asdict(options) if is_dataclass(options) and not isinstance(options, type) else prepared.spec.options
-    return PlannedRun(settings, prepared.spec, prepared.plan, prepared.folder, known)
+    return PlannedRun(settings, data, prepared.spec, prepared.plan, prepared.folder, known)
 
 
 def different_datasets(folders: Sequence[Path]) -> list[Dataset]:

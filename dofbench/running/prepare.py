@@ -7,8 +7,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from dofbench.core.contracts import Budget, Method
 from dofbench.core.errors import InputError
 from dofbench.dataset.benchmark_dataset import BenchmarkDataset
@@ -38,7 +36,7 @@ class Choices:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A run to be made. data: the dataset's folder as it was given. method: created, not trained. folder: where its
+    """A run to be made. data: the dataset's folder. method: created, not trained. folder: where its
     result goes."""
 
     settings: Run
@@ -105,38 +103,12 @@ def prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
     return Prepared(settings, choices, dataset, data, protocol, plan, spec, method, settings.out / spec.folder)
 
 
-def data_folder(settings: Run) -> Path:
-    """Where the run's dataset is; the built-in one's place where the call names none."""
-    from dofbench.synthesis import builtin_folder
-
-    return builtin_folder() if settings.data is None else settings.data
-
-
 @lru_cache(maxsize=64)
 def _facts(folder: Path, checksum: str, inputs: Inputs) -> Facts:
     """Facts of a dataset, which many runs in one call may share. checksum: so that it is the same one still."""
     dataset = Dataset.load(folder)
     one_lens = None if dataset.assign == "unknown" else dataset.assign == "fixed"
     return facts_of(dataset.training_set(inputs), one_lens=one_lens)
-
-
-def builtin_dataset(dry_run: bool, console: Console) -> bool:
-    """See that the built-in dataset is there, making it if it isn't; false when a dry run would have to make it."""
-    from dofbench.synthesis import builtin_folder, make_dataset
-    from dofbench.synthesis.dataset_options import MakeDataset
-
-    def say(line: str) -> None:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
-
-    folder = builtin_folder()
-    if (folder / "dataset.json").is_file():
-        return True
-    if dry_run:
-        say(f"would first make the built-in dataset in {folder}; the plan depends on it")
-        return False
-    say(f"making the built-in dataset in {folder}")
-    make_dataset(MakeDataset(out=folder))
-    return True
 
 
 def _budget(settings: Run, preset: Budget | None, options: dict, subject: str) -> Budget:

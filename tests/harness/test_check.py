@@ -13,12 +13,13 @@ import pytest
 from harness_fakes import fake_run
 from rich.console import Console
 
+from dofbench.commands.check import check
 from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_image, write_png
 from dofbench.results.result import read_result
 from dofbench.results.run_lock import locked
-from dofbench.running.check import check, check_result
+from dofbench.running.check_results import check_result
 from dofbench.running.rescore import score
 from dofbench.scoring.result_consistency import inconsistencies
 

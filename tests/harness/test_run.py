@@ -13,7 +13,6 @@ import pytest
 from harness_fakes import text_console, write_dataset
 from rich.console import Console
 
-from dofbench import synthesis
 from dofbench.compute import kernel_cache
 from dofbench.core.clock import Stopwatch, loading
 from dofbench.core.errors import InputError, Status
@@ -22,7 +21,7 @@ from dofbench.core.images import read_image
 from dofbench.dataset.dataset import Dataset
 from dofbench.results.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS
 from dofbench.results.result import read_result
-from dofbench.running.check import check_result
+from dofbench.running.check_results import check_result
 from dofbench.scoring.evaluate import Evaluator
 
 OPEN = PROTOCOLS["refocus-v2"]
@@ -213,7 +212,7 @@ def test_a_method_that_refuses_to_refocus_leaves_it_out(call) -> None:
 def test_leaving_out_a_needless_lens_changes_no_other_score(call, tmp_path: Path) -> None:
     write_dataset(tmp_path / "data", in_focus=True)
     left_out, forced = (read_result(call(force_all=force).folder) for force in (False, True))
-    assert left_out.left_out_stages["lens"].startswith("the photographs show circles of confusion of up to 0.23 px")
+    assert left_out.left_out_stages["lens"].startswith("the photographs show circles of confusion of up to 0.17 px")
     assert left_out.scores["aif_psnr"] == forced.scores["aif_psnr"]
     assert "delta_a" in forced.scores and "delta_a" not in left_out.scores
 
@@ -260,14 +259,3 @@ def test_a_log_gets_plain_lines(call) -> None:
     console, stream = text_console()
     call(console)
     assert "step 8, loss 0.1250" in stream.getvalue() and "\x1b" not in stream.getvalue()
-
-
-def test_without_data_the_builtin_dataset_is_made_first(call, tmp_path: Path, monkeypatch) -> None:
-    folder = tmp_path / "builtin"
-    monkeypatch.setattr(synthesis, "builtin_folder", lambda: folder)
-    monkeypatch.setattr(synthesis, "make_dataset", lambda settings: write_dataset(settings.out))
-    console, stream = text_console()
-    assert call(console, data=None, dry_run=True).status is None
-    assert "would first make the built-in dataset" in stream.getvalue() and not folder.exists()
-    end = call(data=None)
-    assert end.status is Status.OK and read_result(end.folder).data == str(folder)

@@ -15,7 +15,7 @@ from dofbench.core.errors import Status
 from dofbench.reporting.report_files import write_report
 from dofbench.reporting.report_options import Report
 from dofbench.results.result import read_result
-from dofbench.running.check import check_result
+from dofbench.running.check_results import check_result
 from dofbench.running.one_run import RunEnd
 
 EVERY, TRAINED = [f"v{index}" for index in range(6)], [f"v{index}" for index in range(2, 6)]

@@ -19,7 +19,7 @@ from dofbench.reporting.report_options import Report
 from dofbench.results.columns import DEPTH
 from dofbench.results.result import Spec, read_result
 from dofbench.results.run_lock import locked
-from dofbench.running.check import check_result
+from dofbench.running.check_results import check_result
 
 HEADER = (
     "method,preset,dataset,scene,protocol,seed,status,psnr,ssim,ms_ssim,flip,gmsd,delta_e,aif_psnr,aif_ssim,aif_flip,"

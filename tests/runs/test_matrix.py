@@ -12,12 +12,13 @@ import pytest
 from harness_fakes import Here, fake_run, write_dataset
 from rich.console import Console
 
-from dofbench import cli, synthesis
+from dofbench import cli
+from dofbench.commands import run_methods as command
+from dofbench.commands.run_methods import run_methods
 from dofbench.core.errors import InputError
 from dofbench.results.result import read_result
 from dofbench.results.run_lock import locked
 from dofbench.results.run_spec import Run
-from dofbench.running.matrix import run_all
 from dofbench.running.run_options import Runs
 
 
@@ -42,7 +43,7 @@ def matrix(call, tmp_path: Path) -> Callable[..., tuple[bool, list[str], str]]:
                 **changes,
             }
         )
-        good = run_all(settings, Console(file=stream, width=400), here)
+        good = run_methods(settings, Console(file=stream, width=400), here)
         return good, here.made, stream.getvalue()
 
     return matrix
@@ -187,17 +188,28 @@ def test_a_wrong_call_is_one_line_before_anything_runs(matrix, tmp_path: Path, c
     assert not (tmp_path / "results").exists()
 
 
-def test_without_data_the_builtin_dataset_is_made_once(call, matrix, tmp_path: Path, monkeypatch) -> None:
-    folder, made_data = tmp_path / "builtin", []
-    monkeypatch.setattr(synthesis, "builtin_folder", lambda: folder)
-    monkeypatch.setattr(synthesis, "make_dataset", lambda settings: made_data.append(write_dataset(settings.out)))
-    _, _, said = matrix(data=None, dry_run=True)
-    assert "would first make the built-in dataset" in said and not made_data
-    good, made, _ = matrix(data=None)
-    assert good and len(made) == 2 and made_data == [folder]
-    commands = {read_result(file).command for file in (tmp_path / "results").rglob("result.json")}
+@pytest.fixture
+def builtin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """The folders in which the built-in dataset was made, which here is a small one in tmp_path/builtin."""
+    made: list[Path] = []
+    monkeypatch.setattr(command, "builtin_folder", lambda: tmp_path / "builtin")
+    monkeypatch.setattr(command, "make_dataset", lambda settings: made.append(write_dataset(settings.out)))
+    return made
+
+
+@pytest.mark.parametrize("methods", [("fake",), ("fake", "pinhole")], ids=["one run", "a matrix"])
+def test_without_data_the_builtin_dataset_is_made_once(matrix, tmp_path: Path, builtin: list[Path], methods) -> None:
+    call = {"method": ",".join(methods), "data": None}
+    _, _, said = matrix(**call, dry_run=True)
+    assert "would first make the built-in dataset" in said and not builtin
+    with pytest.raises(InputError, match="preset of fake"):
+        matrix(**call, preset="best")
+    assert not builtin  # a wrong call makes nothing
+    assert matrix(**call)[0] and matrix(**call)[0] and builtin == [tmp_path / "builtin"]
+    found = [read_result(file) for file in (tmp_path / "results").rglob("result.json")]
     out = tmp_path / "results"
-    assert commands == {f"dofbench run --method {method} --out {out}" for method in ("fake", "pinhole")}
+    assert {result.command for result in found} == {f"dofbench run --method {method} --out {out}" for method in methods}
+    assert {result.data for result in found} == {str(tmp_path / "builtin")}
 
 
 def test_one_dataset_under_two_names_is_refused(matrix, tmp_path: Path) -> None:
@@ -214,7 +226,7 @@ def test_what_another_process_has_at_work_comes_last(call, matrix, tmp_path: Pat
         _, _, said = matrix(dry_run=True)
         assert said.count("at work in another process") == 1
         jobs = []
-        run_all(
+        run_methods(
             Runs(method="fake,pinhole", data=str(tmp_path / "data"), out=tmp_path / "results"),
             Console(quiet=True),
             lambda given, **_: jobs.extend(given) or [],

@@ -15,10 +15,10 @@ import cv2
 import pytest
 
 from dofbench import cli
+from dofbench.commands.from_photographs import Own, find_own, outlook
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
 from dofbench.results.result import read_result
-from dofbench.running.from_photographs import Own, find_own, outlook
 from dofbench.running.run_options import Runs
 from dofbench.scenes import load_scene
 from dofbench.scenes.export import write_transforms

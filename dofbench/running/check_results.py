@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-
-from rich.console import Console
 
 from dofbench.core.errors import InputError, Status
 from dofbench.core.files import sha256_file
@@ -25,35 +23,6 @@ from dofbench.scoring.result_consistency import added_inconsistencies, inconsist
 PSNR_AGREEMENT = 1e-4  # dB
 
 
-def check(path: Path, console: Console | None = None) -> bool:
-    """Check a dataset, a result, or every result below a folder; print what is wrong. True when nothing is.
-
-    Below a folder also: runs that died, and results that are there twice. Raises InputError when there is neither a
-    dataset nor a result at `path`.
-    """
-    console = console or Console()
-    if not path.exists():
-        raise InputError(path, "no such file or folder", "a dataset, a result or a folder of results")
-    folder = path if path.is_dir() else path.parent
-
-    def say(line: str) -> None:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
-
-    if (folder / "dataset.json").is_file():
-        from dofbench.synthesis.verify import check_dataset
-
-        problems = {folder: check_dataset(folder)}
-    else:
-        found = {file.parent for name in (RESULT_FILE, LOCK_FILE) for file in folder.rglob(name)}
-        if not found:
-            raise InputError(path, f"neither dataset.json nor {RESULT_FILE}", "a dataset or a folder of results")
-        problems = _check_results(sorted(found), say)
-    for subject, lines in problems.items():
-        for line in lines or ["good"]:
-            say(f"{subject}: {line}")
-    return not any(problems.values())
-
-
 def check_result(folder: Path) -> list[str]:
     """What is wrong with the result in `folder`, one line each; an empty list when nothing is.
 
@@ -70,7 +39,16 @@ def check_result(folder: Path) -> list[str]:
     return problems or _scores_again(run)
 
 
-def _check_results(folders: list[Path], say) -> dict[Path, list[str]]:
+def result_folders(folder: Path) -> list[Path]:
+    """Folders at or below `folder` with a result, or where a run is at work or died."""
+    return sorted({file.parent for name in (RESULT_FILE, LOCK_FILE) for file in folder.rglob(name)})
+
+
+def check_results(folders: Sequence[Path], say: Callable[[str], None]) -> dict[Path, list[str]]:
+    """What is wrong with the result in each folder; an empty list where nothing is.
+
+    Runs that died and results that are there twice are wrong too. say: told of runs at work, which aren't checked.
+    """
     problems: dict[Path, list[str]] = {}
     keys: dict[str, Path] = {}
     for folder in folders:
