@@ -212,27 +212,42 @@ budget = "8it"
 steps = 12
 noise = 0.2
 
-[leave_out.lens]
-lens = false
+{stages}
+[stages.sparse_depth]
+decided_by = "points"
+option = "depth"
+off = 0
 
-[leave_out.lens_per_view]
-lens_per = "scene"
+[stages.normals]
+decided_by = "depth_supervision"
+option = "normals"
+off = 0
 
-[leave_out.sparse_depth]
-depth = 0
+[stages.harmonics]
+decided_by = "view_dependence"
+option = "harmonics"
+off = 0
 
-[leave_out.normals]
-normals = 0
-
-[leave_out.harmonics]
-harmonics = 0
-
-[leave_out.colours]
-colours = 0
+[stages.colours]
+decided_by = "colour_spread"
+option = "colours"
+off = 0
 
 [claims]
 source = "Nobody 2020, Table 1"
 rows = {{ "their own data" = {{ psnr = 28.7, delta_a = 0.126 }} }}
+"""
+
+LENS_STAGES = """\
+[stages.lens]
+decided_by = "lens"
+option = "lens"
+off = false
+
+[stages.lens_per_view]
+decided_by = "one_lens"
+option = "lens_per"
+off = "scene"
 """
 
 METHOD_CODE = '''\
@@ -358,6 +373,7 @@ def write_method(
         "refocus": str(refocus).lower(),
         "learns_lens": str(learns_lens).lower(),
         "needs_points": str(needs_points).lower(),
+        "stages": LENS_STAGES if learns_lens else "",
     }
     (folder / "method.toml").write_text(toml.format(**words))
     (folder / "trainer.py").write_text(METHOD_CODE)

@@ -7,11 +7,12 @@ import importlib.machinery
 import importlib.util
 import sys
 import tomllib
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from dofbench.compute.devices import KINDS, kind_of, resolve
 from dofbench.core.content import method_folders
@@ -19,6 +20,7 @@ from dofbench.core.contracts import Budget, Method
 from dofbench.core.errors import InputError
 from dofbench.kernels import require
 from dofbench.results.run_spec import parse_budget
+from dofbench.running.stage_deciders import DECIDERS, LENS_DECIDERS
 
 _PARTS = ("fit", "render", "lens_estimates", "describe", "save", "load")
 
@@ -46,6 +48,27 @@ class Claims(_Strict):
     rows: dict[str, dict[str, float]]
 
 
+class StageCard(_Strict):
+    """A part of the method that a plan may leave out.
+
+    decided_by: the decider that says whether the data need it (`dofbench.running.stage_deciders.DECIDERS`). option:
+    the option by which it is switched; a user who sets it has decided. off: its value that leaves the stage out;
+    without one the stage always runs, and the plan says what the data show. also: options that are set with it.
+    tried_as: the word for it in the option that `Card.trials` names.
+    """
+
+    decided_by: str
+    option: str | None = None
+    off: Any = None
+    also: dict[str, Any] = {}
+    tried_as: str | None = None
+
+    @property
+    def switch(self) -> dict[str, Any] | None:
+        """The options that leave the stage out; None where it can't be left out."""
+        return None if self.option is None or self.off is None else {self.option: self.off, **self.also}
+
+
 class Card(_Strict):
     """A method.toml.
 
@@ -56,8 +79,8 @@ class Card(_Strict):
     one replaces some of its options.
     builtin_preset: the preset of a run without a dataset, which shows the whole on the built-in one;
     without it, default_preset.
-    leave_out: stage of the plan (`STAGES`) -> options that switch that stage off, set by the plan when a dataset
-    doesn't need it. A user who sets the first of them has decided; the others only go with it.
+    stages: name -> a part of the method that a plan may leave out where the data don't need it.
+    trials: the option that names, with commas between, what training tries out for itself.
     """
 
     name: str
@@ -70,7 +93,8 @@ class Card(_Strict):
     devices: tuple[str, ...] = ("cpu",)
     kernels: tuple[str, ...] = ()
     presets: dict[str, dict[str, Any]]
-    leave_out: dict[str, dict[str, Any]] = {}
+    stages: dict[str, StageCard] = {}
+    trials: str | None = None
     claims: Claims | None = None
 
     @field_validator("devices")
@@ -81,16 +105,30 @@ class Card(_Strict):
                 raise ValueError(f"unknown device {device!r}, expected one of {', '.join(KINDS)}")
         return value
 
-    @field_validator("leave_out")
-    @classmethod
-    def _known_stages(cls, value: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
-        for stage in value:
-            if stage not in STAGES:
-                raise ValueError(f"unknown stage {stage!r}, expected one of {', '.join(STAGES)}")
-        return value
+    @model_validator(mode="after")
+    def _stages_can_be_decided(self) -> Card:
+        for name, stage in self.stages.items():
+            if stage.decided_by not in DECIDERS:
+                raise ValueError(f"stage {name}: unknown decider {stage.decided_by!r}, one of {', '.join(DECIDERS)}")
+            if stage.decided_by in LENS_DECIDERS and not self.capabilities.learns_lens:
+                raise ValueError(f"stage {name}: decided by {stage.decided_by}, of a method that learns no lens")
+            if (stage.off is not None or stage.also) and stage.option is None:
+                raise ValueError(f"stage {name}: no option that switches it")
+            if stage.tried_as is not None and (self.trials is None or stage.option is None):
+                raise ValueError(f"stage {name}: tried_as needs the stage's option and the card's trials")
+        for decider, times in Counter(stage.decided_by for stage in self.stages.values()).items():
+            if times > 1:
+                raise ValueError(f"{times} stages decided by {decider}, expected one at most")
+        return self
 
+    def stages_in_order(self) -> list[tuple[str, StageCard]]:
+        """Names and stages in the order of `DECIDERS`: some of these look at what others have decided."""
+        order = list(DECIDERS)
+        return sorted(self.stages.items(), key=lambda item: order.index(item[1].decided_by))
 
-STAGES = ("lens", "lens_per_view", "aperture_per_view", "sparse_depth", "normals", "harmonics", "colours")
+    def stage_decided_by(self, decider: str) -> str | None:
+        """Name of the stage that asks this decider; None where none does."""
+        return next((name for name, stage in self.stages.items() if stage.decided_by == decider), None)
 
 
 @dataclass(frozen=True)

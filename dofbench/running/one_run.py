@@ -294,7 +294,7 @@ class _Execution:
         plan = revised(self.plan.as_data(), outcome.decisions if outcome else ())
         scores, left_out = dict(found.scores), {**self.plan.left_out, **found.left_out}
         for decision in outcome.decisions if outcome else ():
-            if decision.stage == "lens" and not decision.runs:
+            if decision.stage == self.entry.card.stage_decided_by("lens") and not decision.runs:
                 columns = (*self.protocol.refocus_columns, *self.protocol.lens)
                 left_out |= {
                     column: f"the lens was left out: {decision.reason}"

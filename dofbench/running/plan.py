@@ -12,15 +12,11 @@ from dofbench.dataset.benchmark_dataset import BenchmarkDataset
 from dofbench.results.protocol import BY_BLUR, EXIF_COLUMNS, LENS_COLUMNS, OF_LENSES, Protocol
 from dofbench.results.run_spec import format_budget
 from dofbench.running.facts import Facts
-from dofbench.running.method_cards import MethodEntry
+from dofbench.running.method_cards import Card, MethodEntry
+from dofbench.running.stage_deciders import DECIDERS, Asked
 from dofbench.scoring.exif_scores import asked_by_exif, missing_exif
 from dofbench.scoring.ground_truth import NO_TEST_VIEWS, MissingTruth, missing_truth
 
-NEEDLESS_BLUR = 0.75  # px, radius as estimated: photographs in focus give up to 0.6
-CLEAR_BLUR = 2.0  # px: from here on the estimate alone tells that there is a lens
-NEEDLESS_DEPENDENCE = 2.5  # levels of 255: below it no harmonics would be seen
-NEEDLESS_COLOURS = 12.0  # per cent: up to 10 a learned colour was worth nothing, at 21 a decibel
-NEEDLESS_LIGHT = 0.3  # stops by EXIF, where no points can tell
 TRIED = "whether that helps is tried while training"
 
 
@@ -161,27 +157,24 @@ class _Trials:
     """What the method would try out while training, and which of it the plan knows already, or the user has decided.
     force_all: try nothing."""
 
-    _DECIDED_BY = {"lens": "lens", "share": "lens_per", "model": "lens_model"}
-
-    def __init__(self, options: dict[str, Any], overrides: dict[str, Any], force_all: bool):
-        self._before = str(options.get("lens_trials", ""))
+    def __init__(self, card: Card, options: dict[str, Any], overrides: dict[str, Any], force_all: bool):
+        self._option = card.trials
+        self._before = "" if card.trials is None else str(options.get(card.trials, ""))
+        decided = {stage.tried_as for stage in card.stages.values() if stage.option in overrides}
         words = [] if force_all else [word for word in self._before.split(",") if word]
-        self._open = [word for word in words if self._DECIDED_BY.get(word) not in overrides]
+        self._open = [word for word in words if word not in decided]
 
-    def about(self, question: str, *, known: bool) -> bool:
-        """Whether it will be tried; a question whose answer is known is closed."""
-        if known and question in self._open:
-            self._open.remove(question)
-        return question in self._open
+    def __contains__(self, word: str | None) -> bool:
+        return word in self._open
 
-    def close(self) -> None:
-        """Try nothing: without a lens there is nothing to be tried."""
-        self._open = []
+    def close(self, word: str | None) -> None:
+        """The answer is known, or nobody asks any more."""
+        self._open = [other for other in self._open if other != word]
 
     def switched(self) -> dict[str, str]:
         """The option as it must be, where that differs from what it was."""
         now = ",".join(self._open)
-        return {} if now == self._before else {"lens_trials": now}
+        return {} if self._option is None or now == self._before else {self._option: now}
 
 
 def revised(plan: dict[str, Any], decisions: Sequence[Decision]) -> dict[str, Any]:
@@ -208,121 +201,52 @@ def decided(before: Sequence[Stage], plan: dict[str, Any]) -> list[str]:
 
 def _stages(
     entry: MethodEntry, options: dict[str, Any], overrides: dict[str, Any], facts: Facts, force_all: bool, sharp: bool
-) -> tuple[list[Stage], dict]:
+) -> tuple[list[Stage], dict[str, Any]]:
     """What runs and what doesn't, and the options that switch off what doesn't. sharp: the call says that the
     photographs are all in focus."""
-    stages, switched = [], {}
-
-    def decide(name: str, needless: bool, why: str) -> bool:
-        """needless: whether the stage could be left out; why: the fact that says so, either way."""
-        switch = entry.card.leave_out.get(name)
+    trials = _Trials(entry.card, options, overrides, force_all)
+    stages: list[Stage] = []
+    switched: dict[str, Any] = {}
+    runs: dict[str, bool] = {}
+    for name, card in entry.card.stages_in_order():
+        verdict = DECIDERS[card.decided_by](Asked(facts, sharp, runs))
+        if verdict is None or not verdict.to_be_tried:
+            trials.close(card.tried_as)
+        tried = card.tried_as in trials
+        if verdict is None or (verdict.only_tried and not tried):
+            continue
+        needless, why = verdict.needless and not tried, f"{verdict.why}; {TRIED}" if tried else verdict.why
+        switch = card.switch
         if switch is not None and all(options.get(key) == value for key, value in switch.items()):
-            return False  # the preset or the user has switched it off: nothing to be decided
-        if switch is not None and next(iter(switch)) in overrides:
-            return True  # the user has decided; what else the switch sets only goes with it
-        runs = not needless or force_all or switch is None
-        if needless and force_all:
-            why = f"--force-all, although {why}"
-        elif needless and switch is None:
-            why = f"{entry.id} can't leave it out, although {why}"
-        elif not runs:
-            switched.update(switch)
-        stages.append(Stage(name, runs, why))
-        return runs
-
-    if entry.card.capabilities.learns_lens:
-        asked = _Trials(options, overrides, force_all)
-        blur = facts.blur_px
-        shown = (
-            "the photographs don't tell how blurred they are"
-            if blur is None
-            else f"the photographs show circles of confusion of up to {blur:.2f} px, by an estimate of which "
-            f"{NEEDLESS_BLUR} px mean nothing"
-        )
-        needless = blur is not None and blur < NEEDLESS_BLUR
-        if sharp and needless:
-            shown += ", and the call says that they are all in focus"
-        elif asked.about("lens", known=blur is not None and blur >= CLEAR_BLUR):
-            # Points are found where a photograph is sharp, so what they show can't tell that there is no lens.
-            needless, shown = False, f"{shown}; {TRIED}"
-        if decide("lens", needless, shown):
-            said = (
-                "the dataset says: one lens took all photographs"
-                if facts.one_lens
-                else "the dataset says: photographs by several lenses"
-                if facts.one_lens is not None
-                else "nobody knows the photographs' lenses, so each may have one of its own"
-            )
-            tied = (
-                facts.one_lens is None
-                and "aperture_per_view" in entry.card.leave_out
-                and decide(
-                    "aperture_per_view",
-                    facts.f_numbers,
-                    "EXIF has the f-number of every photograph, by one camera at one "
-                    "focal length: they share one aperture x f-number, and have a focus each"
-                    if facts.f_numbers
-                    else "EXIF doesn't say how the photographs' apertures compare",
-                )
-                is False
-            )
-            if asked.about("share", known=tied or facts.one_lens is not None):
-                said = f"{said}; {TRIED}"
-            if not tied:
-                decide("lens_per_view", bool(facts.one_lens), said)
-            if asked.about("model", known=False):
-                stages.append(Stage("lens_samples", True, f"nobody knows how the photographs were blurred; {TRIED}"))
+            runs[card.decided_by] = False  # the preset or the user has switched it off: nothing to be decided
+        elif card.option in overrides:
+            runs[card.decided_by] = True  # the user has decided; what else the switch sets only goes with it
         else:
-            asked.close()
-        switched.update(asked.switched())
-    supervised = True
-    if entry.card.capabilities.needs_points or "sparse_depth" in entry.card.leave_out:
-        supervised = decide("sparse_depth", not facts.points, f"{facts.points or 'no'} sparse points")
-    if "normals" in entry.card.leave_out:
-        decide(
-            "normals",
-            not supervised,
-            "they smooth what depth supervision has placed"
-            if supervised
-            else "without depth supervision they smooth what nothing has placed",
-        )
-    if "harmonics" in entry.card.leave_out:
-        spread = facts.view_dependence
-        even = spread is not None and spread < NEEDLESS_DEPENDENCE
-        decide(
-            "harmonics",
-            even,
-            "too few points are seen often enough to tell"
-            if spread is None
-            else f"surfaces change by {spread:.1f} of 255 with the direction, {NEEDLESS_DEPENDENCE} can be seen",
-        )
-    if "colours" in entry.card.leave_out:
-        decide("colours", *_even_colours(facts))
-    return stages, switched
+            runs[card.decided_by] = not needless or force_all or switch is None
+            if needless and force_all:
+                why = f"--force-all, although {why}"
+            elif needless and switch is None:
+                why = f"{entry.id} can't leave it out, although {why}"
+            elif needless:
+                switched |= switch or {}
+            stages.append(Stage(name, runs[card.decided_by], why))
+        if not runs[card.decided_by]:
+            trials.close(card.tried_as)
+    return stages, {**switched, **trials.switched()}
+
+
+def _why_no_lens(entry: MethodEntry, stages: Sequence[Stage]) -> str:
+    """Why the lens was left out, or ""."""
+    name = entry.card.stage_decided_by("lens")
+    return next((stage.reason for stage in stages if stage.name == name and not stage.runs), "")
 
 
 def _no_exif(entry: MethodEntry, stages: list[Stage], dataset: BenchmarkDataset) -> str:
     """Why learned apertures can't be compared with EXIF, or ""."""
     if not entry.card.capabilities.learns_lens:
         return f"{entry.card.name} learns no lens"
-    left = next((stage for stage in stages if stage.name == "lens" and not stage.runs), None)
-    return f"the lens was left out: {left.reason}" if left is not None else missing_exif(dataset)
-
-
-def _even_colours(facts: Facts) -> tuple[bool, str]:
-    """Whether the photographs are alike in exposure and white balance, and what says so."""
-    spread, light = facts.colour_spread, facts.light_spread
-    if spread is not None:
-        return spread < NEEDLESS_COLOURS, (
-            f"exposure and white balance differ by {spread:.1f} % over the photographs, "
-            f"of which less than {NEEDLESS_COLOURS:.0f} % need no colours of their own"
-        )
-    if light is not None:
-        return light < NEEDLESS_LIGHT, (
-            f"too few points are shared to tell, and by EXIF the light let in differs by "
-            f"{light:.1f} stops, of which {NEEDLESS_LIGHT} mean nothing"
-        )
-    return True, "too few points are shared to tell whether exposure or white balance differ, and EXIF says nothing"
+    left_out = _why_no_lens(entry, stages)
+    return f"the lens was left out: {left_out}" if left_out else missing_exif(dataset)
 
 
 def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], missing: MissingTruth) -> dict[str, str]:
@@ -330,7 +254,7 @@ def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], missi
     refocus = missing.refocus
     if not capabilities.refocus and refocus != NO_TEST_VIEWS:
         refocus = f"{entry.card.name} has no lens to refocus with"
-    lens_stage = next((stage for stage in stages if stage.name == "lens"), None)
+    no_lens = _why_no_lens(entry, stages)
     if not capabilities.learns_lens:
         lens = f"{entry.card.name} learns no lens"
     elif not protocol.lens:
@@ -338,12 +262,12 @@ def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], missi
     elif missing.lens:
         lens = missing.lens
     else:
-        lens = f"the lens was left out: {lens_stage.reason}" if lens_stage is not None and not lens_stage.runs else ""
+        lens = f"the lens was left out: {no_lens}" if no_lens else ""
     blur = ""
     if not capabilities.refocus:
         blur = f"{BY_BLUR}: {entry.card.name} has no lens"
-    elif lens_stage is not None and not lens_stage.runs:
-        blur = f"{BY_BLUR}: the lens was left out: {lens_stage.reason}"
+    elif no_lens:
+        blur = f"{BY_BLUR}: the lens was left out: {no_lens}"
     reasons = (
         (tuple(column for column in protocol.photograph if column in OF_LENSES), blur),
         (protocol.refocus_columns, refocus),

@@ -89,7 +89,11 @@ def test_one_id_in_two_folders_is_refused(folder: Path, tmp_path: Path, monkeypa
         ('default_preset = "quick"', 'default_preset = "fast"', "one of quick, slow"),
         ('default_preset = "quick"', 'default_preset = "quick"\nbuiltin_preset = "fast"', "one of quick, slow"),
         ("[presets.slow]", '[presets.slow]\nextends = "fast"', "presets.slow: extends = 'fast', expected one of quick"),
-        ("[leave_out.lens]", "[leave_out.lenses]", "unknown stage"),
+        ('decided_by = "points"', 'decided_by = "weather"', "stage sparse_depth: unknown decider 'weather'"),
+        ('decided_by = "points"', 'decided_by = "lens"', "2 stages decided by lens"),
+        ('option = "depth"\n', "", "stage sparse_depth: no option that switches it"),
+        ('option = "depth"\n', 'option = "depth"\ntried_as = "x"\n', "stage sparse_depth: tried_as needs"),
+        ("learns_lens = true", "learns_lens = false", "stage lens: decided by lens, of a method that learns no lens"),
         ("name =", "name", "no TOML"),
     ],
 )
@@ -110,7 +114,7 @@ def test_a_class_without_the_contract_is_refused(folder: Path) -> None:
 
 def test_a_missing_class_is_refused(folder: Path) -> None:
     (folder / "method.toml").write_text(
-        METHOD_TOML.format(name="Fake", refocus="true", learns_lens="true", needs_points="true").replace(
+        METHOD_TOML.format(name="Fake", refocus="true", learns_lens="true", needs_points="true", stages="").replace(
             "trainer:Fake", "trainer:Fakir"
         )
     )

@@ -144,6 +144,26 @@ def test_what_is_known_is_not_tried(plan) -> None:
     assert plan("dofgaussian", one_lens=None, blur=1.4, options=TRIED, inputs="all-in-focus").options["lens_trials"]
 
 
+def test_a_stage_that_cannot_be_left_out_says_what_the_data_show(plan, tmp_path: Path) -> None:
+    card = tmp_path / "methods" / "fake" / "method.toml"
+    card.write_text(card.read_text().replace('option = "lens"\noff = false\n', ""))
+    stages = {stage.name: stage for stage in plan(blur=0.4).stages}
+    assert stages["lens"].runs and stages["lens"].reason.startswith("fake can't leave it out, although the photographs")
+    card.write_text(card.read_text().replace('[stages.lens]\ndecided_by = "lens"\n', ""))
+    assert "lens" not in _runs(plan(blur=0.4))  # not declared: nobody asks
+
+
+def test_stages_may_stand_in_any_order(plan, tmp_path: Path) -> None:
+    """What decides one may look at what was decided of another, whichever comes first in the card."""
+    before = plan("pointless", points=0)
+    card = tmp_path / "methods" / "pointless" / "method.toml"
+    head, *stages = card.read_text().split("[stages.")
+    last, claims = stages.pop().split("[claims]")
+    card.write_text("[stages.".join([head, last, *reversed(stages)]) + "[claims]" + claims)
+    after = plan("pointless", points=0)
+    assert after.stages == before.stages and after.options == before.options and not _runs(after)["normals"]
+
+
 def test_f_numbers_tie_apertures_where_the_user_does_not_say_otherwise(plan) -> None:
     tied = plan("dofgaussian", one_lens=None, f_numbers=True, options=TRIED)
     assert tied.options["lens_per"] == "exif" and "share" not in tied.options["lens_trials"]
