@@ -19,6 +19,7 @@ import numpy as np
 import tyro
 from colmap_workspace import back_projected, write_workspace
 
+from dofbench.core.budget import Budget
 from dofbench.core.lens import COC_FRACTION
 from dofbench.dataset.dataset import Dataset
 from dofbench.learning.priors import PriorOptions, make_prior
@@ -115,7 +116,7 @@ def _train(folder: Path, prior: str, settings: Settings) -> None:
                 method="dofgaussian",
                 data=folder,
                 preset="cpu",
-                budget=f"{settings.train_steps}it",
+                budget=Budget(steps=settings.train_steps),
                 set=tuple(chosen),
                 seed=int(seed),
                 out=settings.out,

@@ -17,6 +17,7 @@ import tyro
 from rich.console import Console
 
 from dofbench.compute.threads import configure_threads
+from dofbench.core.budget import parse_budget
 from dofbench.core.files import write_text
 from dofbench.reporting.csv_writer import write_csv
 from dofbench.results.result import Result, read_result
@@ -77,7 +78,7 @@ def _compared(settings: Settings, data: Path, inputs: str, measured: set[str]) -
         data=data,
         preset=settings.preset,
         set=settings.set,
-        budget=settings.budget,
+        budget=parse_budget(settings.budget),
         out=settings.results,
         inputs=inputs,
     )

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from dofbench.core.budget import parse_budget
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import one_line
@@ -383,7 +384,8 @@ def write_method(
 
 def fake_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., RunEnd]:
     """A function that runs the fake method (or, with method="pinhole", one without a lens) on the small
-    dataset in `folder`/data, into `folder`/results; keywords replace those of `Run`."""
+    dataset in `folder`/data, into `folder`/results; keywords replace those of `Run`,
+    a budget as text."""
     methods = write_method(folder / "methods")
     write_method(methods, "pinhole", refocus=False, learns_lens=False)
     monkeypatch.setenv("DOFBENCH_METHODS", str(methods))
@@ -393,6 +395,8 @@ def fake_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Run
     data = write_dataset(folder / "data")
 
     def call(console: Console | None = None, **changes) -> RunEnd:
+        if "budget" in changes:
+            changes["budget"] = parse_budget(changes["budget"])
         settings = Run(**{"method": "fake", "data": data, "out": folder / "results", **changes})
         return run(settings, settings.data, console or Console(quiet=True))
 

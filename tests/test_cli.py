@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from dofbench import __version__, cli
+from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
 
 HEAVY = (
@@ -48,7 +49,7 @@ def test_typical_calls_mean_what_they_say() -> None:
     ablate = cli.parse("ablate --data data/a,data/b --table table4,table5 --seeds 3 --budget 1500it --jobs 2".split())
     assert isinstance(ablate, cli.Ablate)
     assert (ablate.folders, ablate.ids) == ((Path("data/a"), Path("data/b")), ("table4", "table5"))
-    assert (ablate.seeds, ablate.budget, ablate.jobs) == (3, "1500it", 2)
+    assert (ablate.seeds, ablate.budget, ablate.jobs) == (3, Budget(steps=1500), 2)
 
     report = cli.parse("report results --out reports".split())
     assert isinstance(report, cli.Report)
@@ -100,6 +101,7 @@ def test_a_wrong_call_ends_with_2_and_says_so(arguments: str, capsys: pytest.Cap
         "run --method nobodys",
         "run --method dofgaussian --data no/such/folder",
         "run --method dofgaussian --budget lots",
+        "ablate --data data/a --budget lots",
         "run --method dofgaussian --seeds 0",
         "run --method dofgaussian --jobs 0",
         "run --method dofgaussian, --seeds 2",

@@ -10,6 +10,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
 from dofbench.core.errors import Status
 from dofbench.core.exif import Exif
@@ -87,14 +88,6 @@ class TrainingSet:
 
     views: tuple[TrainingView, ...]
     points: PointCloud | None
-
-
-@dataclass(frozen=True)
-class Budget:
-    """When to stop: after so many steps or seconds of training, whichever comes first."""
-
-    steps: int | None = None
-    seconds: float | None = None
 
 
 @dataclass(frozen=True)

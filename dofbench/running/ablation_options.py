@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import shlex
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 from dofbench.core.errors import InputError
+from dofbench.results.run_spec import CallOptions, SeveralOptions, command_line
+from dofbench.running.budget_options import OneBudget
 
 
-@dataclass(frozen=True)
-class Ablate:
-    """Run declared tables of switches over datasets and seeds, and write them beside the paper's figures."""
+@dataclass(frozen=True, kw_only=True)
+class Ablate(SeveralOptions, CallOptions):
+    """Run declared tables of switches over datasets and seeds, and write them beside the paper's figures. What a row
+    sets itself wins over --set and --preset."""
 
     data: str
     """Dataset folders, comma-separated. A table of held-out lenses takes those made with --assign held-out, one of a
@@ -22,27 +24,19 @@ class Ablate:
     """File that declares the tables. Default: methods/dofgaussian/ablations.toml."""
     seeds: int = 3
     """Seeds per row and dataset: 0, 1, ..."""
-    budget: str | None = None
+    budget: OneBudget = None
     """As of `dofbench run`, for every row. Default: the preset's."""
     preset: str | None = None
     """Preset of every row that names none itself. Default: the method's."""
-    set: tuple[str, ...] = ()
-    """Options for every row that doesn't set them itself, as of `dofbench run`."""
-    device: str = "auto"
-    """As of `dofbench run`."""
-    jobs: int = 1
-    """Runs at the same time, each in a process of its own with its share of the threads."""
     results: Path = Path("results")
     """Folder of results, as `dofbench run` writes them; what is finished there isn't run again."""
     out: Path = Path("reports/ablation")
     """Folder for the tables."""
-    dry_run: bool = False
-    """Print the runs, which of them are finished, and an estimate of the time; stop there."""
 
     def __post_init__(self) -> None:
-        for option, value in (("--seeds", self.seeds), ("--jobs", self.jobs)):
-            if value < 1:
-                raise InputError(option, str(value), "at least 1")
+        super().__post_init__()
+        if self.seeds < 1:
+            raise InputError("--seeds", str(self.seeds), "at least 1")
         if not self.folders:
             raise InputError("--data", repr(self.data), "dataset folders, comma-separated")
 
@@ -58,11 +52,4 @@ class Ablate:
 
     def command(self) -> str:
         """The command line that says the same, with what is not the default; paths as they were given."""
-        words = ["dofbench", "ablate"]
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value == field.default or field.name == "dry_run":
-                continue
-            words.append("--" + field.name.replace("_", "-"))
-            words.extend(value if isinstance(value, tuple) else [str(value)])
-        return shlex.join(words)
+        return command_line("ablate", self, without=("dry_run",))

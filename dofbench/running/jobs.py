@@ -11,7 +11,7 @@ from typing import Any
 
 from rich.console import Console
 
-from dofbench.core.contracts import Budget
+from dofbench.core.budget import Budget
 from dofbench.core.processes import Job, Outcome, Report, Watcher, run_jobs
 from dofbench.results.result import read_result
 from dofbench.results.run_lock import is_running

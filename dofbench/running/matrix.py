@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
 from dofbench.core.processes import run_jobs
 from dofbench.results.run_spec import Run
@@ -52,7 +53,7 @@ def plan_matrix(cells: tuple[Run, ...], builtin: Path) -> tuple[PlannedRun, ...]
     Raises InputError, which names the run, for what doesn't fit together.
     """
     different_datasets([folder for folder in dict.fromkeys(cell.data for cell in cells) if folder is not None])
-    first: dict[tuple[str, Path | None, str | None, str | None], PlannedRun] = {}
+    first: dict[tuple[str, Path | None, str | None, Budget | None], PlannedRun] = {}
     runs = []
     for cell in cells:
         kind = cell.method, cell.data, cell.preset, cell.budget

@@ -15,11 +15,11 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from dofbench.compute.devices import KINDS, kind_of, resolve
+from dofbench.core.budget import Budget, parse_budget
 from dofbench.core.content import method_folders
-from dofbench.core.contracts import Budget, Method
+from dofbench.core.contracts import Method
 from dofbench.core.errors import InputError
 from dofbench.kernels import require
-from dofbench.results.run_spec import parse_budget
 from dofbench.running.stage_deciders import DECIDERS, LENS_DECIDERS
 
 _PARTS = ("fit", "render", "lens_estimates", "describe", "save", "load")

@@ -6,8 +6,9 @@ import math
 from collections.abc import Callable
 from typing import Protocol
 
+from dofbench.core.budget import Budget
 from dofbench.core.clock import Stopwatch
-from dofbench.core.contracts import Budget, NonFinite
+from dofbench.core.contracts import NonFinite
 from dofbench.core.errors import Status
 from dofbench.results.result import CurvePoint
 

@@ -13,8 +13,9 @@ from pathlib import Path
 
 from rich.console import Console
 
+from dofbench.core.budget import Budget
 from dofbench.core.clock import StageTimes, loading
-from dofbench.core.contracts import Budget, Decision, FitOutcome, Method
+from dofbench.core.contracts import Decision, FitOutcome, Method
 from dofbench.core.errors import InputError, Status, interruption
 from dofbench.core.files import read_json, sha256_file, write_json
 from dofbench.metrics import METRICS

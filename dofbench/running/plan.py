@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from dofbench.core.contracts import Budget, Decision
+from dofbench.core.budget import Budget
+from dofbench.core.contracts import Decision
 from dofbench.core.errors import InputError
 from dofbench.dataset.benchmark_dataset import BenchmarkDataset
 from dofbench.results.protocol import BY_BLUR, EXIF_COLUMNS, LENS_COLUMNS, OF_LENSES, Protocol
-from dofbench.results.run_spec import format_budget
 from dofbench.running.facts import Facts
 from dofbench.running.method_cards import Card, MethodEntry
 from dofbench.running.stage_deciders import DECIDERS, Asked
@@ -37,7 +37,7 @@ class Stage:
 class RunPlan:
     """Printed by --dry-run and stored in the result.
 
-    budget: as `--budget` takes it. options: what the method is created with. facts: what the training photographs
+    options: what the method is created with. facts: what the training photographs
     show, as `Facts`. lenses: as `dealt_lenses`. columns: scores that will be measured.
     left_out: scores that will not, with the reason.
     """
@@ -46,7 +46,7 @@ class RunPlan:
     preset: str
     dataset: str
     protocol: str
-    budget: str
+    budget: Budget
     seed: int
     device: str
     options: dict[str, Any]
@@ -60,7 +60,7 @@ class RunPlan:
 
     def as_data(self) -> dict[str, Any]:
         """Plain data, for the result."""
-        return asdict(self)
+        return {**asdict(self), "budget": str(self.budget)}
 
     def lines(self) -> list[str]:
         """The plan as text, one line a fact."""
@@ -139,7 +139,7 @@ def make_plan(
         preset=preset,
         dataset=dataset.name,
         protocol=protocol.id,
-        budget=format_budget(budget),
+        budget=budget,
         seed=seed,
         device=device,
         options={**options, **switched, **overrides},

@@ -7,7 +7,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from dofbench.core.contracts import Budget, Method
+from dofbench.core.budget import Budget
+from dofbench.core.contracts import Method
 from dofbench.core.errors import InputError
 from dofbench.dataset.benchmark_dataset import BenchmarkDataset
 from dofbench.dataset.dataset import Dataset
@@ -15,7 +16,7 @@ from dofbench.dataset.inputs import Inputs
 from dofbench.results import provenance
 from dofbench.results.protocol import Protocol, protocol_for
 from dofbench.results.result import RESULT_FILE, Result, Spec, read_result
-from dofbench.results.run_spec import Run, parse_budget, parse_overrides
+from dofbench.results.run_spec import Run, parse_overrides
 from dofbench.running.facts import Facts, facts_of
 from dofbench.running.method_cards import MethodEntry, find_method
 from dofbench.running.plan import RunPlan, make_plan
@@ -91,7 +92,7 @@ def prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
         preset=choices.preset,
         overrides=choices.overrides,
         options=plan.options,
-        budget=plan.budget,
+        budget=str(plan.budget),
         dataset=dataset.name,
         dataset_checksum=dataset.checksum,
         protocol=protocol.id,
@@ -114,10 +115,11 @@ def _facts(folder: Path, checksum: str, inputs: Inputs) -> Facts:
 def _budget(settings: Run, preset: Budget | None, options: dict, subject: str) -> Budget:
     """The call's budget, else the preset's, else the preset's option `steps`."""
     if settings.budget is not None:
-        return parse_budget(settings.budget)
+        return settings.budget
     if preset is not None:
         return preset
     steps = options.get("steps")
-    if not isinstance(steps, int):
-        raise InputError(subject, "neither budget nor steps", "one of them, or --budget on the command line")
-    return parse_budget(f"{steps}it")
+    if not isinstance(steps, int) or isinstance(steps, bool) or steps < 1:
+        found = "neither budget nor steps" if steps is None else f"steps = {steps!r}"
+        raise InputError(subject, found, "a budget, or steps above zero, or --budget on the command line")
+    return Budget(steps=steps)

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from dofbench.core.contracts import Budget
+from dofbench.core.budget import Budget
 from dofbench.core.time_left import ESTIMATING, Remaining
 from dofbench.results.result import Result
 from dofbench.running.observer import share_spent

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from dofbench.core.errors import InputError, Status
 from dofbench.results.result import RESULT_FILE, Result, read_result
-from dofbench.results.run_spec import parse_budget
 from dofbench.running.planned_runs import PlannedRun
 
 
@@ -29,7 +28,7 @@ def expected_seconds(run: PlannedRun, finished: Sequence[Result]) -> float | Non
     """Wall seconds of a run: the median over the finished ones that are most like it, their training scaled by the
     budget. Like are those on the same dataset, before all of the same method and preset. Without any, the budget's
     own seconds; None where it has none."""
-    spec, budget = run.spec, parse_budget(run.spec.budget)
+    spec, budget = run.spec, run.plan.budget
     alike = [
         (result.spec.method == spec.method, result.spec.preset == spec.preset, result)
         for result in finished

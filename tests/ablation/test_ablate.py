@@ -354,7 +354,6 @@ def test_options_for_every_row(ablate, tmp_path: Path) -> None:
         ({"set": ("nois=1",)}, "table noise, row some: option nois: found an unknown name"),
         ({"preset": "best"}, "table noise, row some: preset of fake: found 'best'"),
         ({"data": "nowhere"}, "nowhere: found no"),
-        ({"budget": "long"}, "table noise, row some: budget"),
         ({"tables": Path("none.toml")}, "none.toml: found No such file"),
     ],
 )

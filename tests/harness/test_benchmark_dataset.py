@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from harness_fakes import write_dataset, write_method
 
-from dofbench.core.contracts import Budget
+from dofbench.core.budget import Budget
 from dofbench.dataset.benchmark_dataset import BenchmarkDataset, BenchmarkView
 from dofbench.dataset.dataset import Dataset
 from dofbench.results.protocol import protocol_for

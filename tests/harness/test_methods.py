@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from harness_fakes import METHOD_TOML, write_method
 
-from dofbench.core.contracts import Budget
+from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
 from dofbench.running.method_cards import available_methods, find_method
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dofbench.core.budget import Budget
 from dofbench.core.clock import Stopwatch
-from dofbench.core.contracts import Budget
 from dofbench.core.errors import Status
 from dofbench.running.observer import CURVE_FACTOR, CURVE_POINTS, TrainingObserver
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from harness_fakes import write_dataset, write_method
 
-from dofbench.core.contracts import Budget, Decision
+from dofbench.core.budget import Budget
+from dofbench.core.contracts import Decision
 from dofbench.core.errors import InputError
 from dofbench.core.files import canonical_json
 from dofbench.dataset.dataset import Dataset

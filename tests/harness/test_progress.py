@@ -9,8 +9,8 @@ import time
 import pytest
 from rich.console import Console
 
+from dofbench.core.budget import Budget
 from dofbench.core.clock import Stopwatch
-from dofbench.core.contracts import Budget
 from dofbench.running.observer import TrainingObserver
 from dofbench.running.run_progress import PLAIN_EVERY, TrainingProgress
 

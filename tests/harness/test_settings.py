@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dofbench import cli
-from dofbench.core.contracts import Budget
+from dofbench.core.budget import Budget, parse_budget
 from dofbench.core.errors import InputError
-from dofbench.results.run_spec import Run, format_budget, parse_budget, parse_overrides
+from dofbench.results.run_spec import Run, parse_overrides
 
 STEPS = st.integers(1, 10**6)
 SECONDS = st.integers(1, 99_999).map(lambda tenths: tenths / 10)
@@ -23,7 +23,13 @@ def test_a_budget_reads_back(steps: int | None, seconds: float | None) -> None:
     budget = Budget(steps, seconds)
     if steps is None and seconds is None:
         return
-    assert parse_budget(format_budget(budget)) == budget
+    assert parse_budget(str(budget)) == budget
+
+
+def test_a_budget_of_many_digits_reads_back() -> None:
+    for seconds in (1234567.0, 12.3456789):
+        assert parse_budget(str(Budget(seconds=seconds))) == Budget(seconds=seconds)
+    assert str(Budget(seconds=300.0)) == "300s"
 
 
 def test_budget_takes_both_in_either_order() -> None:
@@ -51,7 +57,9 @@ def test_wrong_overrides(pairs: tuple[str, ...]) -> None:
 
 
 def test_the_command_says_the_same_run() -> None:
-    settings = Run(method="fake", data=Path("some data"), set=("a=1", "b=x y"), seed=3, force_all=True, budget="5s")
+    settings = Run(
+        method="fake", data=Path("some data"), set=("a=1", "b=x y"), seed=3, force_all=True, budget=Budget(9, 5.0)
+    )
     words = shlex.split(settings.command())
     assert words[:2] == ["dofbench", "run"]
     assert cli.parse(words[1:]).cells() == (settings,)

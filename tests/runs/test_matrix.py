@@ -15,11 +15,14 @@ from rich.console import Console
 from dofbench import cli
 from dofbench.commands import run_methods as command
 from dofbench.commands.run_methods import run_methods
+from dofbench.core.budget import Budget, parse_budget
 from dofbench.core.errors import InputError
 from dofbench.results.result import read_result
 from dofbench.results.run_lock import locked
 from dofbench.results.run_spec import Run
 from dofbench.running.run_options import Runs
+
+MINUTE, BOTH = Budget(seconds=60.0), Budget(steps=7000, seconds=300.0)
 
 
 @pytest.fixture
@@ -55,18 +58,18 @@ def results(folder: Path) -> dict[str, bytes]:
 
 
 def test_every_combination_is_a_run() -> None:
-    cells = Runs(method="a, b", data="x,y", seeds=2, seed=5, budget=("60s", "300s,7000it"), preset="p,q").cells()
+    cells = Runs(method="a, b", data="x,y", seeds=2, seed=5, budget=(MINUTE, BOTH), preset="p,q").cells()
     assert len(cells) == len(set(cells)) == 2 * 2 * 2 * 2 * 2
     assert [cell.seed for cell in cells] == [5] * 16 + [6] * 16  # the first seed's first
     assert {(cell.data, cell.budget) for cell in cells} == {
-        (Path(data), budget) for data in "xy" for budget in ("60s", "300s,7000it")
+        (Path(data), budget) for data in "xy" for budget in (MINUTE, BOTH)
     }
     assert {(cell.method, cell.preset) for cell in cells} == {("a", "p"), ("a", "q"), ("b", "p"), ("b", "q")}
 
 
 def test_one_of_each_is_the_run_it_always_was() -> None:
     parsed = cli.parse("run --method a --data x --seed 3 --budget 300s,7000it --set k=1 l=2".split())
-    assert parsed.cells() == (Run(method="a", data=Path("x"), seed=3, budget="300s,7000it", set=("k=1", "l=2")),)
+    assert parsed.cells() == (Run(method="a", data=Path("x"), seed=3, budget=BOTH, set=("k=1", "l=2")),)
 
 
 def test_a_folder_with_a_comma_is_one(tmp_path: Path) -> None:
@@ -82,9 +85,8 @@ def test_a_folder_with_a_comma_is_one(tmp_path: Path) -> None:
         ({"method": "a,a"}, "a 2 times"),
         ({"data": "x,,y"}, "--data"),
         ({"budget": ()}, "--budget"),
-        ({"budget": ("60s", "60.0s")}, "60s 2 times"),
+        ({"budget": (MINUTE, parse_budget("1min"))}, "60s 2 times"),
         ({"preset": "p,p"}, "p 2 times"),
-        ({"budget": ("long",)}, "budget"),
     ],
 )
 def test_impossible_matrices(changes: dict, match: str) -> None:
@@ -111,7 +113,7 @@ def test_nothing_runs_twice_and_more_is_added(matrix, tmp_path: Path) -> None:
     assert matrix(seeds=1)[:2] == (True, [])
     _, made, _ = matrix(seeds=2)
     assert len(made) == 4 and all("seed1" in name for name in made)
-    _, made, _ = matrix(seeds=1, budget=("8it", "9it"))
+    _, made, _ = matrix(seeds=1, budget=(Budget(steps=8), Budget(steps=9)))
     assert len(made) == 4  # the preset's own budget is 8it: those are there
     assert before.items() <= results(tmp_path / "results").items()
     assert len(matrix(seeds=1, rerun=True)[1]) == 4
@@ -138,7 +140,7 @@ def test_a_dry_run_lists_every_run(matrix, tmp_path: Path) -> None:
     assert said.count("finished: dofbench") == 1 and len(re.findall(r"to be run, about \d+ s: ", said)) == 3
     assert said.count("to be run, time unknown") == 4  # nothing is known of the other dataset
     assert re.search(r"8 runs; 1 of them are finished\nabout \d+ s to go", said)
-    _, _, said = matrix(dry_run=True, seeds=2, budget=("1000s",))
+    _, _, said = matrix(dry_run=True, seeds=2, budget=(Budget(seconds=1000.0),))
     assert said.count("to be run, about 1000 s") >= 4  # by the budget alone, where nothing else is known
     assert re.search(r"about 1[34]\d min to go, 1 at a time", said)
 
@@ -179,7 +181,6 @@ def test_a_result_that_cannot_be_read_is_named_and_kept(matrix, tmp_path: Path) 
         ({"method": "fake,nobodys"}, r"nobodys on .*: method: found 'nobodys'"),
         ({"preset": "best"}, "fake on .*: preset of fake: found 'best'"),
         ({"set": ("nose=1",)}, "fake on .*: option nose"),
-        ({"budget": ("8it", "soon")}, "budget: found 'soon'"),
     ],
 )
 def test_a_wrong_call_is_one_line_before_anything_runs(matrix, tmp_path: Path, changes: dict, match: str) -> None:
