@@ -92,6 +92,10 @@ class _Reported:
             self._last = now
             self._report((name, done, total))
 
+    def waiting(self, name: str, seconds: float) -> None:
+        """Told that something goes on which can't be counted."""
+        self._report((f"{name}, {seconds:.0f} s", 0, 0))
+
 
 class _Told:
     """A watcher, and someone who wants to know what has ended."""

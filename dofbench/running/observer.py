@@ -27,6 +27,9 @@ class Report(Protocol):
     def stage(self, name: str, done: int, total: int) -> None:
         """Told of what takes long before the first step or between two, as `Observer.stage` is."""
 
+    def waiting(self, name: str, seconds: float) -> None:
+        """Told now and then that something goes on of which nothing can be counted; seconds since it began."""
+
 
 def share_spent(budget: Budget, step: int, seconds: float) -> float:
     """How much of the budget is gone, 0 ... 1 (and beyond): the larger of steps' and seconds' shares."""

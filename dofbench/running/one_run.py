@@ -36,7 +36,7 @@ from dofbench.results.run_spec import Run
 from dofbench.running.observer import OneStep, Report, TrainingObserver
 from dofbench.running.plan import decided, revised
 from dofbench.running.prepare import Prepared, choose, prepare
-from dofbench.running.run_progress import TrainingProgress, print_result
+from dofbench.running.run_progress import TrainingProgress, print_result, still_alive
 from dofbench.running.warm_up import miniature
 from dofbench.scoring.evaluate import Evaluation, Evaluator
 
@@ -188,7 +188,11 @@ class _Execution:
         with self.stages["load data"].running():
             training_set = self.dataset.training_set(self.settings.inputs)
         _say(self.console, "warming up: the first call compiles kernels, which isn't counted")
-        with self.stages[WARM_UP].running():
+        with (
+            self.progress(self.console, self.budget) as progress,
+            still_alive(progress, "warming up"),
+            self.stages[WARM_UP].running(),
+        ):
             # Kernels compile at their first call, for a minute or for none, as their cache has it. A first
             # step that isn't counted keeps that out of the training time, and of a budget in seconds.
             self.method.fit(miniature(training_set), Budget(steps=1), OneStep())
@@ -260,8 +264,8 @@ class _Execution:
         return _Trained(outcome, curve, data["peak_mb"], data["compiled"], data["stages"])
 
     def _score(self) -> Evaluation:
-        with self.stages["score"].running():
-            found = self.evaluator.final(self.folder)
+        with self.progress(self.console, self.budget) as progress, self.stages["score"].running():
+            found = self.evaluator.final(self.folder, progress.stage)
         with self.stages["measure speed"].running():
             frames = self.evaluator.frames_per_second()
         if frames is None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import TracebackType
 
 from rich.console import Console
@@ -13,7 +16,7 @@ from rich.table import Table
 from dofbench.core.budget import Budget
 from dofbench.core.time_left import ESTIMATING, Remaining
 from dofbench.results.result import Result
-from dofbench.running.observer import share_spent
+from dofbench.running.observer import Report, share_spent
 
 PLAIN_EVERY = 10.0  # seconds between two plain lines: a log stays readable, and shows that it is alive
 
@@ -43,7 +46,7 @@ class TrainingProgress:
                 console=self._console,
             )
             self._bar.start()
-            self._task = self._bar.add_task("training", total=1.0, detail="", left="")
+            self._task = self._bar.add_task("", total=1.0, detail="", left="")
         return self
 
     def __exit__(
@@ -69,6 +72,13 @@ class TrainingProgress:
             self._line(now, f"{name}: {count}")
         elif now - self._last_line >= PLAIN_EVERY:
             self._line(now, f"{name}: {count}, {left}")
+
+    def waiting(self, name: str, seconds: float) -> None:
+        """Told that something goes on which can't be counted: how long it has been is all that there is to say."""
+        if self._bar is not None:
+            self._bar.update(self._task, description=name, detail=f"{seconds:.0f} s", left="")
+        else:
+            self._line(time.monotonic(), f"{name}: {seconds:.0f} s so far")
 
     def __call__(self, step: int, loss: float, seconds: float) -> None:
         """Told after each step."""
@@ -100,6 +110,24 @@ class TrainingProgress:
         if self._steps_left is not None and by_steps is None:
             return f"at most {limit:.0f} s left"
         return f"about {limit if by_steps is None else min(limit, by_steps):.0f} s left"
+
+
+@contextmanager
+def still_alive(report: Report, name: str, every: float = PLAIN_EVERY) -> Iterator[None]:
+    """Tell `report` every so many seconds that the block goes on, for work that counts nothing: kernels compile."""
+    over, begun = threading.Event(), time.monotonic()
+
+    def tell() -> None:
+        while not over.wait(every):
+            report.waiting(name, time.monotonic() - begun)
+
+    thread = threading.Thread(target=tell, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
 def print_result(console: Console, result: Result) -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import statistics
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from dofbench.core.contracts import Method, NonFinite, Rendering
 from dofbench.core.files import sha256_file
 from dofbench.core.images import from_8bit, to_8bit, write_png
 from dofbench.core.lens import DisparityRange, Lens
+from dofbench.core.time_left import Progress, silent
 from dofbench.dataset.benchmark_dataset import BenchmarkDataset, BenchmarkView
 from dofbench.metrics import score_image
 from dofbench.metrics.depth_errors import disparity_error, relative_error
@@ -44,6 +45,7 @@ CURVE_METRICS = ("psnr", "ssim")  # cheap enough to be taken a dozen times durin
 SPEED_VIEWS = 8  # test views that are rendered to measure the speed
 SPEED_REPEATS = 3  # renderings of each of them
 
+Item = TypeVar("Item")
 Kind = Literal["refocus", "all_in_focus", "photograph", "across"]
 PREFIX: dict[Kind, str] = {
     "refocus": "",
@@ -110,16 +112,25 @@ class Evaluator:
         errors, _ = self._lens_errors(with_radius=False)
         return scores | errors
 
-    def final(self, folder: Path) -> Evaluation:
-        """Score everything that the plan names; write predictions and error maps to `folder`/predictions."""
+    def final(self, folder: Path, progress: Progress = silent) -> Evaluation:
+        """Score everything that the plan names; write predictions and error maps to `folder`/predictions.
+
+        progress: told of every picture that is scored, as a photograph of unknown lens takes seconds to minutes.
+        """
         found = Evaluation()
         rows: dict[str, dict[str, float]] = {view.name: {} for view in self._test}
         kinds = self._possible_kinds()
+        of_depth = any(column in self._columns for column in DEPTH_COLUMNS)
+        lenses = self._method.lens_estimates()
+        # Photographs are a stage of their own: what one of them takes says nothing about the others' pictures.
+        if self._photographs():
+            self._score_photographs(folder, rows, found, _Counted(progress, "predict photographs", len(self._test)))
+        pictures = _Counted(progress, "score", (len(kinds) + of_depth + (lenses is not None)) * len(self._test))
         if self._refused is not None:
             reason = f"the method refused to refocus: {self._refused}"
             found.left_out |= dict.fromkeys(self._protocol.refocus_columns, reason)
         for kind in kinds:
-            for view in self._test:
+            for view in pictures.each(self._test):
                 image = self._predict(kind, view)
                 bad = int(image.size - np.count_nonzero(np.isfinite(image)))
                 if bad:
@@ -129,12 +140,10 @@ class Evaluator:
                     continue
                 rows[view.name] |= self._score(image, kind, view, self._metrics(kind))
                 self._write(folder, kind, view, image, found)
-        if self._photographs():
-            self._score_photographs(folder, rows, found)
-        if any(column in self._columns for column in DEPTH_COLUMNS):
-            for view in self._test:
+        if of_depth:
+            for view in pictures.each(self._test):
                 rows[view.name] |= self._depth_errors(view, found)
-        self._resolved(folder, rows, found)
+        self._resolved(folder, rows, found, pictures)
         found.views = [ViewScores(name=name, scores=scores) for name, scores in rows.items()]
         found.scores = _means(list(rows.values()))
         self._score_by_exif(found)
@@ -144,7 +153,7 @@ class Evaluator:
             found.left_out |= dict.fromkeys(LENS_COLUMNS, "the method gave no lens estimates")
         return found
 
-    def _resolved(self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation) -> None:
+    def _resolved(self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation, pictures: _Counted) -> None:
         """How much of each test view the training photographs resolve, as a score and as a map."""
         lenses = self._method.lens_estimates() if self._test else None
         if lenses is None:
@@ -152,7 +161,7 @@ class Evaluator:
             return
         photographs = photographs_of({view.name: view.camera for view in self._train}, lenses)
         circles = ResolvedCircles(self._method, photographs)
-        for view in self._test:
+        for view in pictures.each(self._test):
             smallest = circles.smallest(view.camera)
             rows[view.name][RESOLVED_COLUMN] = resolved_share(smallest)
             relative = f"predictions/resolved/{view.name}.png"
@@ -217,10 +226,12 @@ class Evaluator:
         no_lens = next((reason for column in OF_LENSES if (reason := self._left_out.get(column))), "")
         return scored_photographs(self._method, self._dataset, self._protocol.photograph, no_lens=no_lens, quick=quick)
 
-    def _score_photographs(self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation) -> None:
+    def _score_photographs(
+        self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation, pictures: _Counted
+    ) -> None:
         """Predict the test views that are photographs of unknown lens, and score them."""
         kind, refused = self._photograph_kind(), ""
-        for scored in self._scored_photographs(quick=False):
+        for scored in pictures.each(self._scored_photographs(quick=False)):
             view, prediction = scored.view, scored.prediction
             rows[view.name] |= scored.scores
             found.fits.append(scored.fit)
@@ -325,6 +336,22 @@ class Evaluator:
 
     def _depths(self) -> dict[str, np.ndarray]:
         return {view.name: self._dataset.depth(view) for view in self._train}
+
+
+class _Counted:
+    """Tells how many of `total` pictures are done, over several loops."""
+
+    def __init__(self, progress: Progress, stage: str, total: int):
+        self._progress, self._stage, self._total, self._done = progress, stage, total, 0
+        if total:
+            progress(stage, 0, total)
+
+    def each(self, items: Iterable[Item]) -> Iterator[Item]:
+        """The items, each counted when the loop has done with it."""
+        for item in items:
+            yield item
+            self._done += 1
+            self._progress(self._stage, self._done, self._total)
 
 
 def depth_scores(depth: np.ndarray, truth: np.ndarray, disparity_range: DisparityRange) -> dict[str, float]:

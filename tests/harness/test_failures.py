@@ -83,7 +83,7 @@ def test_a_run_interrupted_while_it_scores_goes_on_from_there(call, monkeypatch:
     reference = call()
     expected = read_result(reference.folder)
 
-    def interrupted(self, folder):
+    def interrupted(self, folder, progress):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):

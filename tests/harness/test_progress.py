@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import io
 import re
+import threading
 import time
 
 import pytest
+from harness_fakes import write_dataset
 from rich.console import Console
 
 from dofbench.core.budget import Budget
 from dofbench.core.clock import Stopwatch
 from dofbench.running.observer import TrainingObserver
-from dofbench.running.run_progress import PLAIN_EVERY, TrainingProgress
+from dofbench.running.run_progress import PLAIN_EVERY, TrainingProgress, still_alive
+
+VIEWS = tuple(f"v{index}" for index in range(6))
 
 
 class Terminal:
@@ -140,3 +144,40 @@ def test_the_observer_passes_stages_on_with_its_clock_stopped():
     with clock.running():
         observer.stage("sweep", 1, 3)
     assert told == [("sweep", 1, 3, True)]
+
+
+def test_what_counts_nothing_is_not_silent_either(log):
+    log = log(Budget(steps=1))
+    told = threading.Event()
+
+    class Report:
+        def waiting(self, name, seconds):
+            log.progress.waiting(name, seconds)
+            told.set()
+
+    with log.progress, still_alive(Report(), "warming up", every=0.01):
+        assert told.wait(10)
+    assert log.text().startswith("warming up: 0 s so far\n")
+    before = log.text()
+    time.sleep(0.05)
+    assert log.text() == before  # nobody tells on when it is over
+
+
+@pytest.mark.parametrize(
+    ("dataset", "stage", "pictures"),
+    [
+        ({}, "score", 2 * (2 + 1 + 1)),  # both kinds, depth, and what the photographs resolve, of two views
+        ({"test": 0, "train": 4}, None, 0),
+        ({"unknown": VIEWS, "blurred": VIEWS, "flat": VIEWS, "exact": False}, "predict photographs", 2),
+    ],
+    ids=["known lenses", "no test views", "photographs"],
+)
+def test_every_picture_that_is_scored_is_told(call, tmp_path, monkeypatch, dataset, stage, pictures):
+    told: list[tuple[str, int, int]] = []
+    monkeypatch.setattr(TrainingProgress, "stage", lambda self, *given: told.append(given))
+    assert call(data=write_dataset(tmp_path / "data", **dataset))
+    if stage is None:
+        assert told == []
+    else:
+        assert [one for one in told if one[0] == stage] == [(stage, done, pictures) for done in range(pictures + 1)]
+    assert all(told[-1][1] == told[-1][2] for _ in told[:1])  # and the last of all says that it is over

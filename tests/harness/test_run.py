@@ -183,7 +183,7 @@ def test_the_preset_says_steps_where_it_has_no_budget(call) -> None:
 
 @pytest.mark.parametrize("interrupted", [False, True])
 def test_what_training_decided_stands_in_the_result_with_its_reason(call, monkeypatch, interrupted: bool) -> None:
-    def stop(self, folder):
+    def stop(self, folder, progress):
         raise KeyboardInterrupt
 
     if interrupted:  # then what was decided comes from the file of the finished training
