@@ -26,7 +26,7 @@ from dofbench.dataset.dataset import Dataset, DatasetView
 from dofbench.optics.defocus import defocus
 from dofbench.reporting.csv_writer import write_csv
 from dofbench.results.collecting import Entry, collect
-from dofbench.running.method_cards import find_method
+from dofbench.running.load_run import load_run
 from dofbench.scoring.photograph_scores import BLURRED, blurred_thirds
 
 FIELDS = ("seed", "view", "blur_psnr", "without_psnr", "circle_px", "correlation", "gain", "most_gain")
@@ -46,9 +46,7 @@ class Settings:
 
 def trained(entry: Entry) -> Method:
     """The method as it was saved."""
-    method = find_method(entry.spec.method).create(dict(entry.spec.options), entry.spec.seed, "cpu")
-    method.load(entry.folder / "model")
-    return method
+    return load_run(entry.folder).method
 
 
 def gains(predicted: np.ndarray, blurred: np.ndarray, photograph: np.ndarray) -> dict[str, float]:

@@ -120,8 +120,7 @@ def _train(folder: Path, prior: str, settings: Settings) -> None:
                 set=tuple(chosen),
                 seed=int(seed),
                 out=settings.out,
-            ),
-            folder,
+            )
         )
         result = read_result(end.folder / "result.json")
         rows.append(

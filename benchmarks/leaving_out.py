@@ -114,7 +114,7 @@ def _compared(settings: Settings, data: Path, inputs: str, measured: set[str]) -
 
 
 def _trained(call: Run, seed: int, forced: bool) -> Result:
-    end = run(replace(call, seed=seed, force_all=forced), call.data, Console(quiet=True))
+    end = run(replace(call, seed=seed, force_all=forced), Console(quiet=True))
     if not end:
         raise SystemExit(f"{end.folder}: {end.status}")
     return read_result(end.folder)

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from dofbench.core.blur import Blur as Blur
+    from dofbench.core.budget import Budget as Budget
     from dofbench.core.cameras import Camera as Camera
-    from dofbench.core.contracts import Budget as Budget
     from dofbench.core.contracts import FitOutcome as FitOutcome
     from dofbench.core.contracts import Method as Method
     from dofbench.core.contracts import Observer as Observer
@@ -41,6 +41,8 @@ if TYPE_CHECKING:
     from dofbench.results.result import Result as Result
     from dofbench.results.result import read_result as read_result
     from dofbench.results.run_spec import Run as Run
+    from dofbench.running.load_run import LoadedRun as LoadedRun
+    from dofbench.running.load_run import load_run as load_run
     from dofbench.running.one_run import RunEnd as RunEnd
     from dofbench.running.one_run import run as run
     from dofbench.scenes.loading import load_scene as load_scene
@@ -83,7 +85,7 @@ _PLACES = {
     "TrainingSet": "core.contracts",
     "TrainingView": "core.contracts",
     "PointCloud": "core.contracts",
-    "Budget": "core.contracts",
+    "Budget": "core.budget",
     "Observer": "core.contracts",
     "FitOutcome": "core.contracts",
     "Rendering": "core.contracts",
@@ -91,6 +93,8 @@ _PLACES = {
     "Run": "results.run_spec",
     "run": "running.one_run",
     "RunEnd": "running.one_run",
+    "load_run": "running.load_run",
+    "LoadedRun": "running.load_run",
     "Result": "results.result",
     "read_result": "results.result",
     "Report": "reporting.report_options",
@@ -117,6 +121,7 @@ __all__ = [
     "FitOutcome",
     "InputError",
     "Lens",
+    "LoadedRun",
     "MakeDataset",
     "MakeScene",
     "Method",
@@ -138,6 +143,7 @@ __all__ = [
     "__version__",
     "check_dataset",
     "defocus_numpy",
+    "load_run",
     "load_scene",
     "make_dataset",
     "make_scene",

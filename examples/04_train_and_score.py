@@ -8,8 +8,9 @@ from pathlib import Path
 import dofbench
 
 
-def main(data: Path = Path("data/example"), out: Path = Path("results"), budget: str = "200it") -> None:
-    """data: a dataset. out: the folder of results. budget: when training stops, 200it or 60s."""
+def main(data: Path = Path("data/example"), out: Path = Path("results"), steps: int = 200) -> None:
+    """data: a dataset. out: the folder of results. steps: of the training."""
+    budget = dofbench.Budget(steps=steps)  # or seconds, or both
     asked = dofbench.Run(method="dofgaussian", data=data, budget=budget, out=out)
     end = dofbench.run(asked)  # a finished result of the same request is reused
 

@@ -398,7 +398,7 @@ def fake_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Run
         if "budget" in changes:
             changes["budget"] = parse_budget(changes["budget"])
         settings = Run(**{"method": "fake", "data": data, "out": folder / "results", **changes})
-        return run(settings, settings.data, console or Console(quiet=True))
+        return run(settings, console or Console(quiet=True))
 
     return call
 

@@ -37,7 +37,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def results(place: Path) -> Path:
     """Results of the example that trains, after a few steps."""
-    main_of("04_train_and_score.py")(place / "data", place / "results", budget="6it")
+    main_of("04_train_and_score.py")(place / "data", place / "results", steps=6)
     return place / "results"
 
 
@@ -89,7 +89,7 @@ def test_blur_an_image(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_train_and_score(results: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    main_of("04_train_and_score.py")(place / "data", results, budget="6it")
+    main_of("04_train_and_score.py")(place / "data", results, steps=6)
     printed = capsys.readouterr().out
     assert "ok after 6 steps" in printed and "  aif_psnr: " in printed
     assert "  no delta_a: " in printed  # six steps find no lens in circles of a pixel, and the reason is said

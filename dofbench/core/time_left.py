@@ -18,7 +18,7 @@ _PAUSE = 10.0  # what takes so many times as long as usual is a kernel compiled,
 class Progress(Protocol):
     """Told how far a piece of work is."""
 
-    def __call__(self, stage: str, done: int, total: int) -> None:
+    def __call__(self, stage: str, done: int, total: int, /) -> None:
         """`done` units of the stage's `total` are finished; 0 says that it begins."""
 
 

@@ -56,7 +56,7 @@ def make_run(settings: Run, data: Path, key: str, folder: Path, report: Report) 
     """
     if is_running(folder):
         report(("waiting for another process that has it at work", 0, 0))
-    end = run(settings, data, Console(quiet=True), partial(_Reported, report), key=key, wait=True)
+    end = run(settings, Console(quiet=True), partial(_Reported, report), data=data, key=key, wait=True)
     result = read_result(end.folder)
     trained = f"{result.scores['steps']:.0f} steps in {result.scores['train_s']:.0f} s"
     parts = [f"{result.status}, {trained}", *(["by another process"] * end.reused)]

@@ -27,7 +27,7 @@ def run_all(settings: Runs, builtin: Path, console: Console | None = None, run_j
     console = console or Console()
     cells = settings.cells()
     if len(cells) == 1:
-        return bool(run_one(cells[0], cells[0].data or builtin, console))
+        return bool(run_one(cells[0], console, data=cells[0].data or builtin))
     runs = plan_matrix(cells, builtin)
     batch = Batch(runs, settings.out, settings.jobs, rerun=settings.rerun)
     for line in _plan_lines(settings, batch):

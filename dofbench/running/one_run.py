@@ -72,22 +72,26 @@ class _Trained:
 
 def run(
     settings: Run,
-    data: Path,
     console: Console | None = None,
     progress: ProgressBar = TrainingProgress,
     *,
+    data: Path | None = None,
     key: str | None = None,
     wait: bool = False,
 ) -> RunEnd:
     """Train, score and write `<out>/<dataset>/<method>-<preset>-seed<k>-<key>/result.json`.
 
     A finished result of the same key is reused. A run that fails still writes its result, with a typed
-    status. data: the dataset's folder, which `settings` names unless it is the built-in one. progress: shows the
-    training. key: what the run's must be. wait: for another process that has the same run at work. Raises InputError
-    when the call is wrong or the key is another one, and KeyboardInterrupt when it was interrupted (after writing a
-    result that says so).
+    status. data: the dataset's folder, where `settings` names none: of the built-in one, which must be there. progress:
+    shows the training. key: what the run's must be. wait: for another process that has the same run at work.
+
+    Raises InputError when the call is wrong or the key is another one, and KeyboardInterrupt when it was interrupted
+    (after writing a result that says so).
     """
     console = console or Console()
+    data = settings.data if data is None else data
+    if data is None:
+        raise InputError("data", "none", "a dataset's folder: the built-in one is made by the command, or make_dataset")
     stages = StageTimes()
     already_compiled = _kernels_compiled()
     choices = choose(settings)

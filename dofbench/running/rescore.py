@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -101,7 +102,7 @@ def score_result(run: LoadedRun, columns: Iterable[str]) -> Scored:
         if own and (reason := _no_pictures(result, kind)):
             found.left_out |= dict.fromkeys(own, reason)
         elif own:
-            sources.append(("predictions", lambda kind=kind, own=own: _of_pictures(run, kind, own), own))
+            sources.append(("predictions", partial(_of_pictures, run, kind, own), own))
     depth = [column for column in wanted if column in DEPTH_COLUMNS]
     if depth and (reason := _no_rendering(run)):
         found.left_out |= dict.fromkeys(depth, reason)

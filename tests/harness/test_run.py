@@ -18,10 +18,10 @@ from dofbench.core.clock import Stopwatch, loading
 from dofbench.core.errors import InputError, Status
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_image
-from dofbench.dataset.dataset import Dataset
 from dofbench.results.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS
 from dofbench.results.result import read_result
 from dofbench.running.check_results import check_result
+from dofbench.running.load_run import load_run
 from dofbench.scoring.evaluate import Evaluator
 
 OPEN = PROTOCOLS["refocus-v2"]
@@ -68,7 +68,8 @@ def test_only_kernels_compiled_by_the_run_itself_count(call, monkeypatch: pytest
 
 def test_scores_are_of_what_was_saved(call, tmp_path: Path) -> None:
     end = call()
-    result, data = read_result(end.folder), Dataset.load(tmp_path / "data")
+    run = load_run(end.folder)
+    result, data = run.result, run.dataset
     for view in data.test_views():
         scored = next(found for found in result.views if found.name == view.name)
         saved = read_image(end.folder / "predictions" / "refocus" / f"{view.name}.png")
@@ -79,7 +80,8 @@ def test_scores_are_of_what_was_saved(call, tmp_path: Path) -> None:
 
 
 def test_the_rendered_depth_is_compared_with_the_exact_one(call, tmp_path: Path) -> None:
-    result, data = read_result(call().folder), Dataset.load(tmp_path / "data")
+    run = load_run(call().folder)
+    result, data = run.result, run.dataset
     disparity, relative = [], []
     for view in data.test_views():  # the fake renders z = 1 everywhere
         truth = data.depth(view).astype(np.float64)
@@ -240,6 +242,7 @@ def test_a_dry_run_writes_nothing(call, tmp_path: Path) -> None:
         ({"device": "cuda"}, "--device"),
         ({"inputs": "blurry"}, "inputs"),
         ({"data": Path("nowhere")}, "nowhere"),
+        ({"data": None}, "data: found none"),
     ],
 )
 def test_wrong_calls(call, change: dict, match: str) -> None:

@@ -18,7 +18,6 @@ from rich.console import Console
 from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_image, write_png
-from dofbench.dataset.dataset import Dataset
 from dofbench.metrics import METRICS, Metric
 from dofbench.reporting import report_files
 from dofbench.reporting.report_files import write_report
@@ -27,6 +26,7 @@ from dofbench.results.added_scores import read_added
 from dofbench.results.protocol import DEPTH_COLUMNS
 from dofbench.results.result import read_result
 from dofbench.results.run_lock import locked
+from dofbench.running.load_run import load_run
 from dofbench.running.rescore import columns_known, score
 
 
@@ -69,7 +69,8 @@ def test_a_new_metric_is_added_without_training(call, worst, tmp_path: Path) -> 
     good, said = scored(tmp_path / "results", "worst,aif_worst")
     assert good and "added worst" in said and "of 2 views, from the kept predictions" in said
     assert (end.folder / "result.json").read_bytes() == before
-    added, result, data = read_added(end.folder), read_result(end.folder), Dataset.load(tmp_path / "data")
+    added, run = read_added(end.folder), load_run(end.folder)
+    result, data = run.result, run.dataset
     assert set(added.scores) == {"worst", "aif_worst"} and added.key == result.key
     for kind, column, read in (("refocus", "worst", data.image), ("all_in_focus", "aif_worst", data.all_in_focus)):
         values = {
