@@ -85,7 +85,7 @@ def _presets(entry: MethodEntry) -> Iterator[str]:
 
 def _left_out(card: Card) -> list[str]:
     """Which options the plan sets to leave a stage out; no line where it leaves none out."""
-    switches = card.leave_out
+    switches = {name: stage.switch for name, stage in card.stages_in_order() if stage.switch is not None}
     if not switches:
         return []
     lines = aligned([(f"  {stage}", _pairs(options)) for stage, options in switches.items()])

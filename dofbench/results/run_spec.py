@@ -39,7 +39,7 @@ class SeveralOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MethodOption:
+class WhichMethods:
     """Which method, or which ones."""
 
     method: str
@@ -50,7 +50,7 @@ class MethodOption:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunOptions(CallOptions, MethodOption):
+class RunOptions(CallOptions, WhichMethods):
     """What one run and a matrix of runs have in common; of one run `method` and `preset` are a single one."""
 
     seed: int = 0
