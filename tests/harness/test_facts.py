@@ -20,8 +20,8 @@ from dofbench.core.lens import DisparityRange, Lens
 from dofbench.optics.defocus import defocus_numpy
 from dofbench.running.colour_spread import colour_spread, light_spread, view_gains
 from dofbench.running.facts import facts_of
-from dofbench.running.plan import NEEDLESS_BLUR, NEEDLESS_COLOURS, NEEDLESS_DEPENDENCE
 from dofbench.running.sharpness import blur_deviation, noise_deviation
+from dofbench.running.stage_deciders import NEEDLESS_BLUR, NEEDLESS_COLOURS, NEEDLESS_DEPENDENCE
 from dofbench.scenes import load_scene
 
 SMALLER = 2  # the built-in scene is looked at at half its size: seconds instead of half a minute
