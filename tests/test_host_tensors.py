@@ -36,7 +36,7 @@ ALLOWED: dict[str, dict[str, int]] = {
     NUMPY_FACE: {
         "optics defocus_by_radius: .numpy()": 4,
         "optics defocus_by_radius: torch.from_numpy": 2,
-        "gaussians render_view: .numpy()": 2,
+        "gaussians Exposures.render: .numpy()": 4,
         "gaussians Reconstruction.surface: .numpy()": 3,
     },
     OPENCV: {
@@ -89,7 +89,7 @@ ALLOWED: dict[str, dict[str, int]] = {
         "gaussians foci_apart: torch.tensor": 1,
         "gaussians widest_circle: .numpy()": 1,
         "gaussians rings_for: .numpy()": 1,
-        "gaussians _rendered_range: .numpy()": 1,
+        "learning rendered_range: .numpy()": 1,
         "ssim gaussian_window: .tolist()": 1,
         "ssim gaussian_window: torch.arange": 1,
     },
@@ -107,7 +107,7 @@ ALLOWED: dict[str, dict[str, int]] = {
         "gaussians Gaussians.update_filter_3d: torch.from_numpy": 1,
         "gaussians Gaussians.update_filter_3d: torch.full": 1,
         "gaussians rasterise: torch.full": 1,
-        "gaussians surface_disparity: torch.zeros": 1,
+        "learning surface_disparity: torch.zeros": 1,
     },
 }
 
