@@ -97,17 +97,8 @@ ALLOWED: dict[str, dict[str, int]] = {
         "learning LearnedLenses.__init__: torch.full": 1,
         "learning RowAdam.__init__: torch.zeros": 4,
         "gaussians DensityControl._children: torch.randn": 1,
-        "gaussians DensityControl._clear: torch.zeros": 2,
-        "gaussians depth_of: torch.from_numpy": 1,
-        "gaussians seen_from: torch.from_numpy": 1,
-        "gaussians normal_consistency: torch.zeros": 1,
-        "gaussians normals_from_depth: torch.arange": 2,
         "gaussians Gaussians.from_points: torch.full": 1,
         "gaussians Gaussians.from_points: torch.zeros": 2,
-        "gaussians Gaussians.update_filter_3d: torch.from_numpy": 1,
-        "gaussians Gaussians.update_filter_3d: torch.full": 1,
-        "gaussians rasterise: torch.full": 1,
-        "learning surface_disparity: torch.zeros": 1,
     },
 }
 

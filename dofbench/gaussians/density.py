@@ -71,8 +71,9 @@ class DensityControl:
         self._clear()
 
     def _clear(self) -> None:
-        self._gradient_sum = torch.zeros(len(self._gaussians))
-        self._visits = torch.zeros(len(self._gaussians))
+        means = self._gaussians.parameters["means"]
+        self._gradient_sum = means.new_zeros(len(means))
+        self._visits = means.new_zeros(len(means))
 
     def state(self) -> tuple[Tensor, Tensor, float]:
         """What was accumulated, to come back to."""

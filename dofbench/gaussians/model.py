@@ -78,9 +78,9 @@ class Gaussians:
         Gaussian that no view sees gets the largest size of the others. Raises InputError where none is seen.
         """
         means = self.parameters["means"].detach()
-        finest = torch.full((len(means),), math.inf)
+        finest = means.new_full((len(means),), math.inf)
         for camera in cameras:
-            world_to_camera = torch.from_numpy(np.array(camera.world_to_camera)).float()
+            world_to_camera = means.new_tensor(np.array(camera.world_to_camera))
             local = means @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]
             depth = local[:, 2]
             u = camera.fx * local[:, 0] / depth + camera.cx

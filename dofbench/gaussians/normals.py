@@ -33,8 +33,8 @@ def normals_from_depth(depth: Tensor, camera: Camera) -> Tensor:
     Back-projects z-depth (H, W) through the pixel centres.
     """
     height, width = depth.shape
-    x = (torch.arange(width, dtype=depth.dtype) + 0.5 - camera.cx) / camera.fx
-    y = (torch.arange(height, dtype=depth.dtype) + 0.5 - camera.cy) / camera.fy
+    x = (torch.arange(width, dtype=depth.dtype, device=depth.device) + 0.5 - camera.cx) / camera.fx
+    y = (torch.arange(height, dtype=depth.dtype, device=depth.device) + 0.5 - camera.cy) / camera.fy
     points = torch.stack([x * depth, y[:, None] * depth, depth], dim=-1)
     along_x = points[1:-1, 2:] - points[1:-1, :-2]
     along_y = points[2:, 1:-1] - points[:-2, 1:-1]
@@ -59,7 +59,7 @@ def normal_consistency(
         there = alpha.detach()[..., None] > 0
         normal = torch.nn.functional.normalize(torch.where(there, normal, 1.0), dim=-1) * there
         alpha = torch.ones_like(alpha)
-    loss = torch.zeros(())
+    loss = normal.new_zeros(())
     for share, surface in ((1 - median_share, depth), (median_share, median_depth)):
         if share > 0:
             geometric = normals_from_depth(surface, camera)

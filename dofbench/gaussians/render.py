@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from dofbench.compute.raster import Geometry, Raster, ViewStatistics
@@ -53,7 +52,8 @@ def rasterise(
     Gradients reach both.
     """
     degree = appearance.sh_degree if sh_degree is None else sh_degree
-    background = torch.full((3,), appearance.background) if appearance.background else None
+    dark = not appearance.background
+    background = None if dark else gaussians.parameters["means"].new_full((3,), appearance.background)
     parameters = gaussians.parameters if means is None else {**gaussians.parameters, "means": means}
     return load("rasterize")(
         **parameters,

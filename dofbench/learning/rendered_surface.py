@@ -23,7 +23,7 @@ def surface_disparity(depth: Tensor, alpha: Tensor) -> Tensor:
     disparity = 1 / torch.where(there, depth, 1.0)
     if bool(there.all()):
         return disparity
-    farthest = disparity.detach()[there].min() if bool(there.any()) else torch.zeros(())
+    farthest = disparity.detach()[there].min() if bool(there.any()) else disparity.new_zeros(())
     return torch.where(there, disparity, farthest)
 
 

@@ -14,7 +14,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from dofbench.compute.raster import Geometry
@@ -119,8 +118,9 @@ def lens_points(rings: int, rotation: float = 0.0) -> np.ndarray:
 
 def depth_of(gaussians: Gaussians, camera: Camera) -> Tensor:
     """(N,) z of the means in the camera's frame, scene units, at least a little in front; with gradient."""
-    pose = torch.from_numpy(np.array(camera.world_to_camera)).float()
-    depth = gaussians.parameters["means"] @ pose[2, :3] + pose[2, 3]
+    means = gaussians.parameters["means"]
+    pose = means.new_tensor(np.array(camera.world_to_camera))
+    depth = means @ pose[2, :3] + pose[2, 3]
     in_front = depth.detach()[depth.detach() > 0]
     least = _LEAST_DEPTH * float(in_front.median()) if len(in_front) else 1.0
     return depth.clamp_min(least)
@@ -131,10 +131,11 @@ def seen_from(gaussians: Gaussians, camera: Camera, depth: Tensor, radius: Tenso
 
     depth: (N,) z, scene units. radius: (N,) signed circle of confusion, pixels. Gradient reaches all three tensors.
     """
-    right, down = (torch.from_numpy(np.array(row)).float() for row in camera.world_to_camera[:2, :3])
+    means = gaussians.parameters["means"]
+    right, down = (means.new_tensor(np.array(row)) for row in camera.world_to_camera[:2, :3])
     across = radius * depth
     return (
-        gaussians.parameters["means"]
+        means
         + (across * float(point[0] / camera.fx))[:, None] * right
         + (across * float(point[1] / camera.fy))[:, None] * down
     )
