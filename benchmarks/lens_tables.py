@@ -24,7 +24,7 @@ def by_trial(row: Row) -> bool:
 
 def by_both(row: Row) -> bool:
     """As `harness/plan.py` has it: a clear estimate needs no trial."""
-    return bool(row["points_px"]) and float(row["points_px"]) >= CLEAR_BLUR or by_trial(row)
+    return (bool(row["points_px"]) and float(row["points_px"]) >= CLEAR_BLUR) or by_trial(row)
 
 
 RULES: dict[str, Callable[[Row], bool]] = {"points": by_points, "trial": by_trial, "both": by_both}

@@ -196,7 +196,7 @@ def main() -> None:
     options = parser.parse_args()
     rows: list[dict] = []
     if options.out.is_file():
-        with open(options.out, newline="") as stream:
+        with options.out.open(newline="") as stream:
             rows = list(csv.DictReader(stream))
     with tempfile.TemporaryDirectory() as work:
 
@@ -212,7 +212,7 @@ def main() -> None:
 
 
 def _write(path: Path, rows: Sequence[dict]) -> None:
-    with replacing(path) as temporary, open(temporary, "w", newline="") as stream:
+    with replacing(path) as temporary, temporary.open("w", newline="") as stream:
         table = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
         table.writeheader()
         table.writerows(rows)

@@ -8,6 +8,7 @@ confusion through that one of the training views' lenses that shows its depth sh
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -57,7 +58,7 @@ def _truth(dataset: Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _print(dataset: Dataset, truth: np.ndarray, sharpest: np.ndarray, coarser: int, found: np.ndarray) -> None:
-    for low, high in zip(EDGES, EDGES[1:], strict=False):
+    for low, high in itertools.pairwise(EDGES):
         region = (sharpest >= low) & (sharpest < high)
         if region.mean() < 0.005:
             continue

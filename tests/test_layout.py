@@ -9,6 +9,7 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from importlib.metadata import packages_distributions
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -143,9 +144,9 @@ def undocumented(path: Path) -> Iterator[str]:
             yield node.name
         if isinstance(node, ast.ClassDef):
             for member in node.body:
-                if isinstance(member, ast.FunctionDef) and not member.name.startswith("_"):
-                    if not ast.get_docstring(member):
-                        yield f"{node.name}.{member.name}"
+                public = isinstance(member, ast.FunctionDef) and not member.name.startswith("_")
+                if public and not ast.get_docstring(member):
+                    yield f"{node.name}.{member.name}"
 
 
 def test_public_names_have_docstrings() -> None:
@@ -184,7 +185,9 @@ def test_constraints_pin_every_declared_package_exactly() -> None:
     pinned = declared(lines)
     assert len(pinned) == len(lines)
     project = PROJECT["project"]
-    assert declared(project["dependencies"] + sum(project["optional-dependencies"].values(), [])) <= pinned
+    assert (
+        declared([*project["dependencies"], *chain.from_iterable(project["optional-dependencies"].values())]) <= pinned
+    )
     assert not {name for name in pinned if name.startswith(("nvidia", "cuda", "triton", "torchvision"))}
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from dofbench.core.errors import InputError
 
@@ -58,7 +58,7 @@ class DisparityRange:
             q_min, q_max = 0.5 * q_min, 1.5 * q_max
         return DisparityRange(q_min, q_max)
 
-    def normalise(self, disparity):
+    def normalise(self, disparity: Any) -> Any:
         """Normalised disparity, 0 far ... 1 near, unclipped. Arrays, tensors and numbers alike."""
         return (disparity - self.q_min) / self.extent
 
@@ -80,7 +80,7 @@ class PhysicalLens:
         """Depth of the plane in focus, scene units; inf when nothing finite is in focus."""
         return 1.0 / self.focus_disparity if self.focus_disparity > 0 else math.inf
 
-    def signed_radius(self, disparity, width: int):
+    def signed_radius(self, disparity: Any, width: int) -> Any:
         """Signed CoC radius in pixels of an image `width` wide, from disparity (1 / scene unit)."""
         return (self.aperture * (width / self.width)) * (disparity - self.focus_disparity)
 
@@ -143,7 +143,7 @@ class ApertureShape:
         """A full disc: the radius is the same in every direction and nothing is obstructed."""
         return (self.blades == 0 or self.curvature == 1) and self.obstruction == 0
 
-    def radius_factor(self, angle):
+    def radius_factor(self, angle: Any) -> np.ndarray:
         """Radius in the direction `angle` (radians, from +x towards +y) relative to a corner's.
 
         A polygon's edge is at cos(pi/n) / cos(angle to the edge's middle); curvature mixes in 1.

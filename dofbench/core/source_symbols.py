@@ -219,12 +219,19 @@ def _only_for_types(statement: ast.stmt) -> bool:
 class _Cleaner(ast.NodeTransformer):
     """Takes out docstrings and imports, whose names are resolved elsewhere, and what a raised error is told."""
 
-    def _body(self, node):
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.stmt:
+        return self._without_docstring(node)
+
+    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.stmt:
+        return self._without_docstring(node)
+
+    def visit_ClassDef(self, node: ast.ClassDef) -> ast.stmt:
+        return self._without_docstring(node)
+
+    def _without_docstring(self, node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) -> ast.stmt:
         self.generic_visit(node)
         node.body = [one for one in node.body if not _is_docstring(one)] or [ast.Pass()]
         return node
-
-    visit_FunctionDef = visit_AsyncFunctionDef = visit_ClassDef = _body
 
     def visit_Import(self, node: ast.Import) -> ast.stmt:
         return ast.Pass()

@@ -82,7 +82,7 @@ def write_splats(path: Path, gaussians: Gaussians) -> None:
             "end_header\n",
         ]
     )
-    with replacing(path) as temporary, open(temporary, "wb") as stream:
+    with replacing(path) as temporary, temporary.open("wb") as stream:
         stream.write(header.encode("ascii"))
         stream.write(rows.data)
 

@@ -73,13 +73,13 @@ class Protocol:
         return asdict(self)
 
 
-_SHARED: dict[str, Any] = dict(
-    split="the dataset's test views",
-    levels=256,
-    refocus=("psnr", "ssim", "ms_ssim", "flip", "gmsd", "delta_e"),
-    all_in_focus=("psnr", "ssim", "flip"),
-    mean="arithmetic mean of the per-image values",
-)
+_SHARED: dict[str, Any] = {
+    "split": "the dataset's test views",
+    "levels": 256,
+    "refocus": ("psnr", "ssim", "ms_ssim", "flip", "gmsd", "delta_e"),
+    "all_in_focus": ("psnr", "ssim", "flip"),
+    "mean": "arithmetic mean of the per-image values",
+}
 PHOTOGRAPHS = Protocol(
     id="photographs-v1",
     inputs="shallow",

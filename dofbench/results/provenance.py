@@ -9,6 +9,7 @@ import re
 import resource
 import subprocess
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 
 import dofbench
@@ -92,10 +93,8 @@ def package_versions() -> dict[str, str]:
 def reset_peak_memory() -> None:
     """Forget the process's peak, where the system allows it (Linux), so that a second run in the
     same process doesn't report the first one's."""
-    try:
+    with suppress(OSError):  # not Linux, or not permitted: the peak is then the whole process's
         Path("/proc/self/clear_refs").write_text("5")
-    except OSError:  # not Linux, or not permitted: the peak is then the whole process's
-        pass
 
 
 def peak_memory_mb() -> float:

@@ -116,15 +116,15 @@ def score_result(run: LoadedRun, columns: Iterable[str]) -> Scored:
             mean = arithmetic_mean(list(values.values()))
             if column not in result.scores:
                 found.added[column] = AddedScore.model_validate(
-                    dict(
-                        value=mean,
-                        views=values,
-                        of=of,
-                        note=METRICS[column.removeprefix(AIF_PREFIX)].note,
-                        code=code,
-                        git=git,
-                        scored=_now(),
-                    )
+                    {
+                        "value": mean,
+                        "views": values,
+                        "of": of,
+                        "note": METRICS[column.removeprefix(AIF_PREFIX)].note,
+                        "code": code,
+                        "git": git,
+                        "scored": _now(),
+                    }
                 )
             elif _same(mean, result.scores[column]):
                 found.again.append(column)

@@ -41,7 +41,7 @@ class Unfinished:
         """Add what was found under a name that begins with the group."""
         self._file.parent.mkdir(parents=True, exist_ok=True)
         entry = {"code": self._code[name.partition("/")[0]], "name": name, "found": asdict(found)}
-        with open(self._file, "a", encoding="utf-8") as stream:
+        with self._file.open("a", encoding="utf-8") as stream:
             stream.write(json.dumps(entry) + "\n")
 
     def forget(self) -> None:

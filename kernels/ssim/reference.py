@@ -118,5 +118,5 @@ def l1_ssim(
     difference = (prediction - target).abs()
     if weight is not None:
         difference = difference * weight[..., None]
-    options = dict(border=border, window=window, sigma=sigma, data_range=data_range)
+    options = {"border": border, "window": window, "sigma": sigma, "data_range": data_range}
     return (1 - ssim_weight) * difference.mean() + ssim_weight * (1 - ssim(prediction, target, **options))

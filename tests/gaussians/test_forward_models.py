@@ -1,5 +1,7 @@
 """Forward models: which of them trains when, which renders, and what is rasterised for a picture."""
 
+import itertools
+
 import numpy as np
 import pytest
 import torch
@@ -123,7 +125,7 @@ def test_a_method_in_training_renders_what_it_has_become():
     for _ in range(2):  # the second training begins where the first one's sharp view is still kept
         method.fit(given, Budget(steps=3), Looking())
         seen.append(method.render(camera, LENS).image)
-    assert all(not np.array_equal(one, other) for one, other in zip(seen[:2], seen[1:3], strict=True))
+    assert all(not np.array_equal(one, other) for one, other in itertools.pairwise(seen[:3]))
     assert np.array_equal(seen[:4], seen[4:])
 
 

@@ -174,7 +174,7 @@ def test_a_glance_at_a_lock_does_not_turn_a_run_away(call, tmp_path: Path, monke
     spec = read_result(call().folder).spec
     folder = tmp_path / "glanced"
     folder.mkdir()
-    with open(folder / "running.lock", "w") as stream:
+    with (folder / "running.lock").open("w") as stream:
         fcntl.flock(stream, fcntl.LOCK_SH)
         threading.Timer(0.05, fcntl.flock, (stream, fcntl.LOCK_UN)).start()
         with locked(folder, spec, "waves", "now"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 
@@ -68,7 +69,7 @@ def test_points_are_evenly_spaced_on_a_log_axis() -> None:
     watch = observer(Budget(steps=100_000 - 1))
     train(watch)
     later = [point.steps for point in watch.curve][3:]
-    for one, two in zip(later, later[1:], strict=False):
+    for one, two in itertools.pairwise(later):
         assert two / one == pytest.approx(CURVE_FACTOR, rel=0.02)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import re
 import threading
 import time
@@ -73,7 +74,7 @@ def test_a_prior_is_never_silent_for_longer_than_a_view(log, a_view):
             log.now += 5 * a_view if view == 1 else a_view
             log.stage("sweep", view, views)
     times = [when for when, _ in log.lines]
-    gaps = [later - before for before, later in zip(times, times[1:], strict=False)]
+    gaps = [later - before for before, later in itertools.pairwise(times)]
     assert max(gaps) <= max(5 * a_view, PLAIN_EVERY + a_view)
     assert log.lines[-1][1].startswith(f"sweep: {views} of {views}, ")
     for when, line in log.lines:

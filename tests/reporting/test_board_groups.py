@@ -127,7 +127,7 @@ def test_methods_are_compared_view_by_view(plain, call, made, tmp_path: Path) ->
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text()
     rows_ = {(row[""], row["minus"]): row for row in table_rows(page, "Compared view by view")}
-    assert list(rows_)[0] == ("fake quick noise=0.05", "fake quick noise=0.5") and len(rows_) == 6
+    assert next(iter(rows_)) == ("fake quick noise=0.05", "fake quick noise=0.5") and len(rows_) == 6
     column = "PSNR [dB] ↑"
     cell = rows_["fake quick noise=0.05", "fake quick noise=0.5"][column]
     differences = [a.scores["psnr"] - b.scores["psnr"] for a, b in zip(other.views, one.views, strict=True)]

@@ -369,7 +369,7 @@ def test_ablations_are_shown_with_the_papers_figures_and_switches(reader: Reader
 def test_a_difference_of_an_ablation_has_the_verdict_of_its_records(made_report, reader: Reader) -> None:
     (shown,) = [one for one in reader.tables if one.caption == "What noise costs: Difference from some"]
     cell = shown.cell("more", "", "PSNR [dB] ↑")
-    with open(made_report.ablation / "noise-summary.csv") as stream:
+    with (made_report.ablation / "noise-summary.csv").open() as stream:
         (record,) = [
             row
             for row in csv.DictReader(stream)

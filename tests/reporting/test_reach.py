@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import statistics
 
@@ -64,7 +65,7 @@ def test_the_front_is_what_nothing_beats(curves, higher_is_better: bool) -> None
 def test_spans_cover_the_front_and_change_hands(curves) -> None:
     front = pareto_front(curves, higher_is_better=True)
     held = spans(front)
-    assert all(one.series != other.series for one, other in zip(held, held[1:], strict=False))
+    assert all(one.series != other.series for one, other in itertools.pairwise(held))
     assert held[0].first == (front[0].time, front[0].score) and held[-1].last == (front[-1].time, front[-1].score)
 
 

@@ -1,0 +1,35 @@
+"""The type checker passes the packages that pyproject.toml names, with its settings there."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.slow  # half a minute and more
+
+
+@pytest.fixture
+def checked(repository: Path, tmp_path: Path):
+    """A function that runs the checker with more words; (status, output)."""
+
+    def run(*words: str) -> tuple[int, str]:
+        command = [sys.executable, "-m", "mypy", "--cache-dir", str(tmp_path), *words]
+        done = subprocess.run(command, cwd=repository, capture_output=True, text=True)
+        return done.returncode, done.stdout + done.stderr
+
+    return run
+
+
+def test_the_checker_finds_nothing(checked) -> None:
+    status, said = checked()
+    assert status == 0, said
+
+
+def test_a_mistake_is_found(checked, tmp_path: Path) -> None:
+    wrong = tmp_path / "wrong.py"
+    wrong.write_text("from dofbench.core.lens import Lens\n\nLens('wide', 0.5)\n")
+    status, said = checked(str(wrong))
+    assert status == 1 and 'incompatible type "str"; expected "float"' in said
