@@ -144,7 +144,9 @@ class ApertureShape:
         return (self.blades == 0 or self.curvature == 1) and self.obstruction == 0
 
     def radius_factor(self, angle: Any) -> np.ndarray:
-        """Radius in the direction `angle` (radians, from +x towards +y) relative to a corner's.
+        """Radius in a direction relative to a corner's, (N,), as many as there are angles.
+
+        angle: (N,), or any other shape, radians from +x towards +y.
 
         A polygon's edge is at cos(pi/n) / cos(angle to the edge's middle); curvature mixes in 1.
         """
