@@ -144,7 +144,7 @@ class ApertureShape:
         return (self.blades == 0 or self.curvature == 1) and self.obstruction == 0
 
     def radius_factor(self, angle: Any) -> np.ndarray:
-        """Radius in a direction relative to a corner's, (N,), as many as there are angles.
+        """Radius in a direction as a share of a corner's: (N,), as many as there are angles, in [0, 1].
 
         angle: (N,), or any other shape, radians from +x towards +y.
 
