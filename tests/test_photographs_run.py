@@ -61,6 +61,12 @@ def two_apertures(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
+def training(data: Path, steps: int, out: Path) -> list[str]:
+    """The words of a short training."""
+    method = ["run", "--method", "dofgaussian", "--preset", "smoke"]
+    return [*method, "--data", str(data), "--budget", f"{steps}it", "--out", str(out)]
+
+
 def test_one_aperture_predicts_the_photographs_of_another(
     two_apertures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -96,26 +102,8 @@ def test_spread_and_ratio_come_from_a_sitting_of_several_apertures(two_apertures
     data = tmp_path / "data"
     assert cli.main(["make-dataset", str(two_apertures), "--photographs", "shallow", "--out", str(data)]) == 0
     for setting, there in (("lens_per=view", {"exif_spread", "exif_ratio"}), ("lens_per=scene", {"exif_ratio"})):
-        assert (
-            cli.main(
-                [
-                    "run",
-                    "--method",
-                    "dofgaussian",
-                    "--preset",
-                    "smoke",
-                    "--data",
-                    str(data),
-                    "--budget",
-                    "60it",
-                    "--out",
-                    str(tmp_path / setting),
-                    "--set",
-                    setting,
-                ]
-            )
-            == 0
-        )
+        run = training(data, 60, tmp_path / setting)
+        assert cli.main([*run, "--set", setting]) == 0
         (file,) = (tmp_path / setting).rglob("result.json")
         result = read_result(file)
         assert result.spec.protocol == "photographs-v1"
@@ -136,19 +124,7 @@ def test_photographs_are_trained_on_scored_checked_and_reported(
     data, results, report = tmp_path / "data", tmp_path / "results", tmp_path / "report"
     assert cli.main(["make-dataset", str(blurred), "--layout", "deblurnerf", "--out", str(data)]) == 0
     assert cli.main(["check", str(data)]) == 0
-    run = [
-        "run",
-        "--method",
-        "dofgaussian",
-        "--preset",
-        "smoke",
-        "--data",
-        str(data),
-        "--budget",
-        f"{STEPS}it",
-        "--out",
-        str(results),
-    ]
+    run = training(data, STEPS, results)
     assert cli.main([*run, "--dry-run"]) == 0
     plan = capsys.readouterr().out
     assert "scores aif_psnr, aif_ssim, aif_flip" in plan and "no psnr, ssim" in plan and ": no test lens" in plan
@@ -175,24 +151,7 @@ def test_photographs_that_are_sharp_after_all_are_trained_on_without_a_lens(
         cli.main(["make-dataset", "tabletop", "--width", str(WIDTH), "--photographs", "shallow", "--out", str(data)])
         == 0
     )
-    assert (
-        cli.main(
-            [
-                "run",
-                "--method",
-                "dofgaussian",
-                "--preset",
-                "smoke",
-                "--data",
-                str(data),
-                "--budget",
-                "5it",
-                "--out",
-                str(tmp_path / "results"),
-            ]
-        )
-        == 0
-    )
+    assert cli.main(training(data, 5, tmp_path / "results")) == 0
     plan = capsys.readouterr().out
     assert "stage lens: left out: the photographs show" in plan and "lens=False" in plan
     # Beside what the photographs themselves say, the scene's own depth is known.
@@ -211,24 +170,7 @@ def test_shallow_photographs_alone_are_scored_by_half_of_each(
     data, results, report = tmp_path / "data", tmp_path / "results", tmp_path / "report"
     assert cli.main(["make-dataset", str(blurred), "--photographs", "shallow", "--out", str(data)]) == 0
     assert cli.main(["check", str(data)]) == 0
-    assert (
-        cli.main(
-            [
-                "run",
-                "--method",
-                "dofgaussian",
-                "--preset",
-                "smoke",
-                "--data",
-                str(data),
-                "--budget",
-                "8it",
-                "--out",
-                str(results),
-            ]
-        )
-        == 0
-    )
+    assert cli.main(training(data, 8, results)) == 0
     plan = capsys.readouterr().out
     assert "photographs-v1" in plan and "scores photo_psnr, photo_ssim, photo_blur_psnr" in plan
     (file,) = results.rglob("result.json")

@@ -14,42 +14,10 @@ from dofbench.scenes.ply import read_vertices
 
 EXPECTED = "a .ply file of Gaussians as 3DGS writes it"
 _REST = 15  # coefficients a channel beyond the first, up to degree 3; some viewers demand them all
-_ALWAYS = (
-    "x",
-    "y",
-    "z",
-    "f_dc_0",
-    "f_dc_1",
-    "f_dc_2",
-    "opacity",
-    "scale_0",
-    "scale_1",
-    "scale_2",
-    "rot_0",
-    "rot_1",
-    "rot_2",
-    "rot_3",
-)
-_PROPERTIES = (
-    "x",
-    "y",
-    "z",
-    "nx",
-    "ny",
-    "nz",
-    "f_dc_0",
-    "f_dc_1",
-    "f_dc_2",
-    *(f"f_rest_{k}" for k in range(3 * _REST)),
-    "opacity",
-    "scale_0",
-    "scale_1",
-    "scale_2",
-    "rot_0",
-    "rot_1",
-    "rot_2",
-    "rot_3",
-)
+_PLACE, _COLOUR = ("x", "y", "z"), ("f_dc_0", "f_dc_1", "f_dc_2")
+_FORM = ("opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3")
+_ALWAYS = (*_PLACE, *_COLOUR, *_FORM)
+_PROPERTIES = (*_PLACE, "nx", "ny", "nz", *_COLOUR, *(f"f_rest_{k}" for k in range(3 * _REST)), *_FORM)
 # An opacity of exactly 0 or 1 has no finite logit; at these it is either to more digits than float32 has.
 _LARGEST_LOGIT = 30.0
 

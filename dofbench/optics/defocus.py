@@ -21,15 +21,6 @@ from dofbench.optics.layered import layered_blur
 from dofbench.optics.tone import TOE, decode, fast_decode, fast_encode
 
 
-def signed_radius(disparity: Tensor, aperture_px: Tensor | float, focus_disparity: Tensor | float) -> Tensor:
-    """Signed CoC radius `aperture_px * (disparity - focus_disparity)`, (H, W) pixels; positive is nearer than focus.
-
-    disparity and focus_disparity in one unit, normalised or 1 / scene unit, and aperture_px in pixels per
-    such unit (docs/conventions.md, "Lens"). Gradient reaches every tensor among them.
-    """
-    return aperture_px * (disparity - focus_disparity)
-
-
 def defocus(
     image: Tensor, signed_radius: Tensor, blur: Blur = Blur(), *, backend: str = "auto", form: str = "auto"
 ) -> Tensor:

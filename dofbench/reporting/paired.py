@@ -68,12 +68,6 @@ class Difference:
         )
 
 
-def paired_difference(pairs: Sequence[tuple[float, float]]) -> Difference:
-    """Compare (value, reference) pairs. Raises ValueError for no pair at all."""
-    values = np.array(pairs, dtype=float).reshape(-1, 2)
-    return grouped_difference([(values[None, :, 0], values[None, :, 1])])
-
-
 def grouped_difference(groups: Sequence[Group]) -> Difference:
     """Compare paired values, group by group (a scene's views, say). A group is (values, reference): (S, n) and (T, n)
     arrays of S and T trainings on the same n units, in the same order.

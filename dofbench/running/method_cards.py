@@ -210,11 +210,6 @@ def method_files() -> dict[str, Path]:
     return dict(sorted(found.items()))
 
 
-def available_methods() -> dict[str, MethodEntry]:
-    """Every method by id, sorted. Raises InputError for the first unreadable method.toml."""
-    return {method_id: _entry(file) for method_id, file in method_files().items()}
-
-
 def find_method(method_id: str) -> MethodEntry:
     """The method with this id; no other's method.toml is read. Raises InputError that lists what there is."""
     files = method_files()

@@ -10,7 +10,7 @@ from harness_fakes import METHOD_TOML, write_method
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
-from dofbench.running.method_cards import available_methods, find_method
+from dofbench.running.method_cards import find_method, method_files
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_shipped_methods_describe_themselves() -> None:
-    methods = available_methods()
+    methods = {name: find_method(name) for name in method_files()}
     assert {"dofgaussian", "mipsplatting"} <= set(methods)
     assert methods["dofgaussian"].card.capabilities.refocus
     assert not methods["mipsplatting"].card.capabilities.refocus
@@ -78,7 +78,7 @@ def test_one_id_in_two_folders_is_refused(folder: Path, tmp_path: Path, monkeypa
     other = write_method(tmp_path / "others")
     monkeypatch.setenv("DOFBENCH_METHODS", os.pathsep.join([str(folder.parent), str(other)]))
     with pytest.raises(InputError, match="one folder of that name"):
-        available_methods()
+        method_files()
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from dofbench.reporting.differences import Compared
 from dofbench.reporting.footnotes import Footnotes
 from dofbench.reporting.html.html_blocks import table_html
 from dofbench.reporting.markdown_writer import markdown_page
-from dofbench.reporting.paired import Difference, grouped_difference, holm, paired_difference, sign_flip
+from dofbench.reporting.paired import Difference, grouped_difference, holm, sign_flip
 from dofbench.reporting.table_cells import difference
 from dofbench.reporting.view import Document, Heading, Table
 
@@ -66,6 +66,12 @@ def test_without_a_difference_p_is_as_often_small_as_it_says() -> None:
     found = [sign_flip(random.laplace(0, 1, 8) * random.choice([0.1, 1, 5], 8)) for _ in range(2000)]
     for level in (0.05, 0.2, 0.5):
         assert np.mean(np.array(found) <= level) <= level + 0.02
+
+
+def paired_difference(pairs: list[tuple[float, float]]) -> Difference:
+    """Of (value, reference) pairs of one scene and one training each."""
+    values = np.array(pairs, dtype=float).reshape(-1, 2)
+    return grouped_difference([(values[None, :, 0], values[None, :, 1])])
 
 
 def test_a_difference_by_hand() -> None:
