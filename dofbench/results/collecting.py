@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from dofbench.results.added_scores import Added, read_added
 from dofbench.results.columns import COLUMNS, SCORES
 from dofbench.results.result import RESULT_FILE, Result, Spec, read_result
 from dofbench.results.run_lock import LOCK_FILE, is_running, read_lock
+from dofbench.results.run_spec import option_words
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Entry:
     @property
     def preset(self) -> str:
         """The preset, with the options that the user changed: without them a number says nothing."""
-        return " ".join([self.spec.preset, *(f"{key}={_text(value)}" for key, value in self.spec.overrides.items())])
+        return " ".join([self.spec.preset, *option_words(self.spec.overrides)])
 
     @property
     def lenses(self) -> dict[str, Any] | None:
@@ -186,7 +186,3 @@ def variant_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], tuple[str
 def _left_out_stages(entry: Entry) -> str:
     stages = entry.result.plan["stages"] if entry.result else []
     return ", ".join(f"{stage['name']} left out" for stage in stages if not stage["runs"]) or "nothing left out"
-
-
-def _text(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value)

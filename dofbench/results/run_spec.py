@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 import tomllib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -93,6 +94,11 @@ def command_line(command: str, options: Any, *, without: Collection[str] = ()) -
         elif value is not True:
             words.append(str(value))
     return shlex.join(words)
+
+
+def option_words(options: Mapping[str, Any]) -> list[str]:
+    """Each option as "key=value", the way that `--set` takes it and tables show it."""
+    return [f"{key}={value if isinstance(value, str) else json.dumps(value)}" for key, value in options.items()]
 
 
 def parse_overrides(pairs: tuple[str, ...]) -> dict[str, Any]:

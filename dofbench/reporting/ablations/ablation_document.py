@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
-from typing import Any
 
 from dofbench.reporting import table_cells
 from dofbench.reporting.ablations.filled_table import Filled
@@ -19,6 +17,7 @@ from dofbench.reporting.summary import Line
 from dofbench.reporting.view import Block, Cell, Command, Document, Items, Paragraph, Section, Table
 from dofbench.results.collecting import Entry
 from dofbench.results.columns import COLUMNS
+from dofbench.results.run_spec import option_words
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_plan import Source
 
@@ -151,7 +150,7 @@ def _rows(filled: Filled) -> Section:
             if entry.result
             for name, reason in entry.result.left_out_stages.items()
         }
-        options = (*(f"{key}={_json(value)}" for key, value in row.set.items()), *(("--force-all",) * row.force_all))
+        options = (*option_words(row.set), *(("--force-all",) * row.force_all))
         rows.append(
             (
                 *(table_cells.words(text) for text in (row.label, runs[0].spec.method, runs[0].spec.preset)),
@@ -193,7 +192,3 @@ def _checksums(filled: Filled) -> Iterator[str]:
 
 def _entries(filled: Filled, row: str) -> list[Entry]:
     return [entry for place, entry in filled.entries.items() if place[0] == row]
-
-
-def _json(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
