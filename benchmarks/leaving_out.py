@@ -23,7 +23,7 @@ from dofbench.reporting.csv_writer import write_csv
 from dofbench.results.result import Result, read_result
 from dofbench.results.run_spec import Run
 from dofbench.running.one_run import run
-from dofbench.running.prepare import choose, prepare
+from dofbench.running.prepare import plan_run
 
 SCORES = ("train_s", "aif_psnr", "aif_ssim", "psnr")
 COLUMNS = ("dataset", "inputs", "left_out", "reason", "forced", "seed", *SCORES)
@@ -82,7 +82,7 @@ def _compared(settings: Settings, data: Path, inputs: str, measured: set[str]) -
         out=settings.results,
         inputs=inputs,
     )
-    plan = prepare(call, choose(call), data).plan
+    plan = plan_run(call, data).plan
     needless = {stage.name: stage.reason for stage in plan.stages if not stage.runs}
     if not needless:
         reasons = "; ".join(f"{stage.name}: {stage.reason}" for stage in plan.stages)

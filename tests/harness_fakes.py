@@ -19,8 +19,8 @@ from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import one_line
 from dofbench.core.files import sha256_file, sha256_text, write_json
 from dofbench.core.images import from_8bit, to_8bit, write_exr, write_png
+from dofbench.core.jobs import Job, Outcome, Watcher
 from dofbench.core.lens import DisparityRange, Lens
-from dofbench.core.processes import Job, Outcome
 from dofbench.dataset import layout
 from dofbench.dataset.schema import (
     ALL_KNOWN,
@@ -404,13 +404,16 @@ def fake_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Run
 
 
 class Here:
-    """Runs jobs in this process, where the fakes are; `fatal` ends the call at the n-th, as a killed process would."""
+    """An executor in this process, where the fakes are. `fatal` ends the call at the n-th, as if it were killed."""
+
+    at_a_time = 1
 
     def __init__(self, fatal: int | None = None):
         self.made: list[str] = []
         self.fatal = fatal
 
-    def __call__(self, jobs: list[Job], *, workers: int, watcher) -> list[Outcome]:
+    def run(self, jobs: Sequence[Job], watcher: Watcher) -> list[Outcome]:
+        """Do them one after another; one that fails doesn't stop the others."""
         outcomes = []
         for job in jobs:
             if self.fatal is not None and len(self.made) == self.fatal:

@@ -11,7 +11,7 @@ import pytest
 
 from dofbench.core import file_lock
 from dofbench.core.errors import InputError
-from dofbench.core.file_lock import only_writer
+from dofbench.core.file_lock import Lock, ask, only_writer
 
 HOLD = (
     "import sys\nfrom pathlib import Path\nfrom dofbench.core.file_lock import only_writer\n"
@@ -34,9 +34,9 @@ def test_another_process_is_kept_out_as_long_as_one_writes(tmp_path):
     with pytest.raises(InputError, match="another run that is writing it"), only_writer(tmp_path):
         pass
     handle = os.open(tmp_path, os.O_RDONLY)
-    assert not file_lock.taken(handle, shared=True)
+    assert ask(handle, shared=True) is Lock.THEIRS
     other.communicate("")
-    assert file_lock.taken(handle) and file_lock.taken(handle, shared=True)
+    assert ask(handle) is Lock.OURS and ask(handle, shared=True) is Lock.OURS
     os.close(handle)
     with only_writer(tmp_path):
         pass
@@ -58,5 +58,5 @@ def test_what_else_goes_wrong_is_not_hidden(tmp_path, monkeypatch):
 def test_a_system_without_locks(tmp_path, monkeypatch):
     monkeypatch.setattr(file_lock, "fcntl", None)
     handle = os.open(tmp_path, os.O_RDONLY)
-    assert file_lock.taken(handle)
+    assert ask(handle) is Lock.NONE
     os.close(handle)

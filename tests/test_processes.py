@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from dofbench.core.errors import InputError
-from dofbench.core.processes import Job, run_jobs
+from dofbench.core.jobs import Job, Resources, ThisProcess
+from dofbench.core.processes import LocalProcesses, machine_memory_mb
 
 
 class Log:
@@ -62,7 +63,7 @@ def _spawned():
 def test_every_end_is_told_apart_and_none_stops_the_others(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "6")
     log = Log()
-    outcomes = run_jobs(jobs("wrong input", "refused", "bug", "killed", "well"), workers=2, watcher=log)
+    outcomes = LocalProcesses(2).run(jobs("wrong input", "refused", "bug", "killed", "well"), log)
     assert [(outcome.name, outcome.message) for outcome in outcomes] == [
         ("wrong input", ""),
         ("refused", ""),
@@ -90,7 +91,7 @@ def test_every_end_is_told_apart_and_none_stops_the_others(monkeypatch):
 @pytest.mark.parametrize("first", ["well", "killed"])
 def test_a_job_waits_for_the_one_before(first):
     log = Log()
-    outcomes = run_jobs([*jobs("second", second=first), *jobs(first)], workers=2, watcher=log)
+    outcomes = LocalProcesses(2).run([*jobs("second", second=first), *jobs(first)], log)
     assert [outcome.name for outcome in outcomes] == ["second", first]
     assert log.events.index(("ended", first)) < log.events.index(("started", "second"))
 
@@ -98,7 +99,7 @@ def test_a_job_waits_for_the_one_before(first):
 def test_a_busy_job_is_left_for_later_and_done_at_the_end():
     log = Log()
     first, second = jobs("well", "wrong input")
-    outcomes = run_jobs([Job(first.name, first.work, busy=lambda: True), second], workers=1, watcher=log)
+    outcomes = LocalProcesses(1).run([Job(first.name, first.work, busy=lambda: True), second], log)
     assert [event[1] for event in log.events if event[0] == "started"] == ["wrong input", "well"]
     assert [outcome.name for outcome in outcomes] == ["well", "wrong input"] and outcomes[0].message == "well, done"
 
@@ -113,7 +114,7 @@ if __name__ == "__main__":
     class Loud(tests.Log):
         def reported(self, name, report):
             print(report, flush=True)
-    tests.run_jobs([tests.Job("forever", tests.forever)], workers=1, watcher=Loud())
+    tests.LocalProcesses(1).run([tests.Job("forever", tests.forever)], Loud())
 """
 
 
@@ -136,3 +137,55 @@ def test_no_process_outlives_its_parent(tmp_path, number):
     while Path(f"/proc/{child}").exists() and Path(f"/proc/{child}/stat").read_text().split()[2] != "Z":
         assert time.monotonic() < limit
         time.sleep(0.05)
+
+
+def waits(folder, name, report):
+    """Reports that it has begun, and ends once every job named in the folder has begun too, or after a while."""
+    (Path(folder) / name).touch()
+    limit = time.monotonic() + 2
+    while len(list(Path(folder).iterdir())) < 2 and time.monotonic() < limit:
+        time.sleep(0.01)
+    return f"{len(list(Path(folder).iterdir()))} begun"
+
+
+@pytest.mark.parametrize(
+    ("takes", "together"),
+    [
+        ([Resources(), Resources()], True),
+        ([Resources("cuda"), Resources("cuda")], False),
+        ([Resources("cuda:0"), Resources("cuda:1")], True),
+        ([Resources("cuda"), Resources("cpu")], True),
+        ([Resources(memory_mb=600.0), Resources(memory_mb=500.0)], False),
+        ([Resources(memory_mb=600.0), Resources(memory_mb=400.0)], True),
+        ([Resources(memory_mb=2000.0), Resources()], True),  # nobody knows of the second; the first runs in any case
+    ],
+    ids=str,
+)
+def test_jobs_run_side_by_side_where_the_machine_has_room(tmp_path, takes, together):
+    work = _spawned().waits
+    jobs = [Job(f"{i}", partial(work, str(tmp_path), f"{i}"), takes=one) for i, one in enumerate(takes)]
+    first, second = LocalProcesses(2, memory_mb=1000.0).run(jobs, Log())
+    assert not first.problem and not second.problem
+    assert first.message == ("2 begun" if together else "1 begun") and second.message == "2 begun"
+
+
+def test_memory_is_the_container_s_where_it_has_less(tmp_path):
+    whole = machine_memory_mb(tmp_path)
+    assert 100 < whole < 1e8
+    (tmp_path / "memory.max").write_text("max\n")
+    assert machine_memory_mb(tmp_path) == whole
+    (tmp_path / "memory.max").write_text("50000000\n")
+    assert machine_memory_mb(tmp_path) == 50.0
+
+
+def test_in_this_process_an_error_is_the_caller_s():
+    log = Log()
+
+    def wrong(report):
+        report("begun")
+        raise InputError("a.json", "no number", "one")
+
+    with pytest.raises(InputError, match="no number"):
+        ThisProcess().run([Job("wrong", wrong)], log)
+    assert log.events == [("started", "wrong"), ("reported", "wrong", "begun")]
+    assert [one.message for one in ThisProcess().run([Job("well", lambda report: "done")], log)] == ["done"]

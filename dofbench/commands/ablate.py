@@ -7,7 +7,9 @@ from pathlib import Path
 from rich.console import Console
 
 from dofbench.core.files import write_text
-from dofbench.core.processes import run_jobs
+from dofbench.core.jobs import Executor
+from dofbench.core.processes import LocalProcesses
+from dofbench.core.progress import say
 from dofbench.reporting.ablations.ablation_document import ablation_document
 from dofbench.reporting.ablations.ablation_records import cell_records, summary_records
 from dofbench.reporting.ablations.document_files import write_document
@@ -19,23 +21,23 @@ from dofbench.running.ablation_plan import Plan, make_plan
 from dofbench.running.ablation_tables import read_tables, shipped_file
 from dofbench.running.batch import Batch
 from dofbench.running.ended_runs import Ended
-from dofbench.running.jobs import RunJobs
 
 
-def make_tables(settings: Ablate, console: Console | None = None, run_jobs: RunJobs = run_jobs) -> bool:
+def make_tables(settings: Ablate, console: Console | None = None, executor: Executor | None = None) -> bool:
     """Make every run that isn't finished, and write `<out>/<table>.md`, `.json`, `.csv` and `-summary.csv` for each
     table: the page, the page as data for `dofbench report --ablation`, every run's scores, and their means.
 
     The tables are written anew after every run, so that what there is can be read while the rest is at work.
-    False when a run failed. Raises InputError when the call is wrong, before anything runs.
+    executor: who makes the runs; processes of this machine unless one is given. False when a run failed. Raises
+    InputError when the call is wrong, before anything runs.
     """
     console = console or Console()
     plan = make_plan(settings, read_tables(settings.tables or shipped_file()))
-    batch = Batch(plan.runs, settings.results, settings.jobs)
+    batch = Batch(plan.runs, settings.results, executor or LocalProcesses(settings.jobs))
     cells = sum(len(one.runs) for one in plan.tables)
-    counted, *outlook = batch.outlook()
-    for line in (*plan.skipped, f"{len(plan.tables)} tables with {cells} cells, which take {counted}", *outlook):
-        _say(console, line)
+    tables = f"{len(plan.tables)} table{'s' * (len(plan.tables) != 1)} with {cells} cells"
+    for line in (*plan.skipped, tables, *batch.outlook()):
+        say(console, line)
     if settings.dry_run:
         for run in plan.runs:
             rows = dict.fromkeys(
@@ -44,15 +46,15 @@ def make_tables(settings: Ablate, console: Console | None = None, run_jobs: RunJ
                 for place, needed in one.runs.items()
                 if needed is run
             )
-            _say(console, f"{batch.ended.words(run)}, for {'; '.join(rows)}: {run.settings.command()}")
+            say(console, f"{batch.ended.words(run)}, for {'; '.join(rows)}: {run.settings.command()}")
         return True
 
-    batch.make(lambda run: _write(settings, plan, batch.ended), run_jobs)
+    batch.make(lambda run: _write(settings, plan, batch.ended))
     for file in _write(settings, plan, batch.ended):
-        _say(console, f"wrote {file}")
+        say(console, f"wrote {file}")
     failures = batch.failures()
     for line in failures:
-        _say(console, line)
+        say(console, line)
     return not failures
 
 
@@ -66,7 +68,3 @@ def _write(settings: Ablate, plan: Plan, ended: Ended) -> list[Path]:
         files += [page, write_document(settings.out, document)]
         files += [write_records(settings.out, made(filled)) for made in (cell_records, summary_records)]
     return files
-
-
-def _say(console: Console, line: str) -> None:
-    console.print(line, highlight=False, markup=False, soft_wrap=True)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 
 from dofbench.core.errors import InputError
+from dofbench.core.progress import say
 from dofbench.dataset.schema import MANIFEST
 from dofbench.results.result import RESULT_FILE
 from dofbench.running.check_results import check_results, result_folders
@@ -24,16 +26,15 @@ def check(path: Path, console: Console | None = None) -> bool:
         raise InputError(path, "no such file or folder", "a dataset, a result or a folder of results")
     folder = path if path.is_dir() else path.parent
 
-    def say(line: str) -> None:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    tell = partial(say, console)
 
     if (folder / MANIFEST).is_file():
         problems = {folder: check_dataset(folder)}
     elif folders := result_folders(folder):
-        problems = check_results(folders, say)
+        problems = check_results(folders, tell)
     else:
         raise InputError(path, f"neither {MANIFEST} nor {RESULT_FILE}", "a dataset or a folder of results")
     for subject, lines in problems.items():
         for line in lines or ["good"]:
-            say(f"{subject}: {line}")
+            tell(f"{subject}: {line}")
     return not any(problems.values())

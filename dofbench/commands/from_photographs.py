@@ -6,7 +6,6 @@ folders below OUT/photographs: what is finished isn't done again, and each can b
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,9 +14,11 @@ from typing import Literal
 from rich.console import Console
 
 from dofbench.core.errors import InputError
+from dofbench.core.progress import say
 from dofbench.dataset.schema import MANIFEST
 from dofbench.results.run_spec import Run
 from dofbench.running.prepare import choose
+from dofbench.running.time_estimate import seconds_by_card
 from dofbench.scenes import load_scene
 from dofbench.scenes.loading import detect
 from dofbench.scenes.reconstruction.kept_steps import RECORD
@@ -35,10 +36,6 @@ _PHOTOGRAPH, _MEGAPIXEL = 0.5, 2.5  # features, mapping and undistortion of a ph
 _PAIR = 0.03  # two photographs compared
 _FRAME_MEGAPIXEL = 0.015  # a frame of a video, decoded and looked at
 _DATASET_MEGAPIXEL = 0.3  # a photograph of the dataset, made smaller
-_STEP, _STEP_PIXEL = 0.03, 4.5e-7  # a training step, and a pixel of it
-_PRIOR_PIXEL = 4e-6  # a pixel of a training view
-_FIT_PIXEL, _CURVE_PIXEL = 3e-5, 2.5e-4  # a pixel of a held-back view, scored at the end, and along the training
-_ON_CURVE = 4  # held-back views that are scored along the training, at most
 _COMPILING = "the first run on a machine compiles kernels besides, about a minute"
 
 
@@ -110,13 +107,13 @@ def dataset_of_photographs(own: Own, width: int | None, console: Console) -> Pat
     from dofbench.synthesis import make_dataset
 
     if own.kind != "scene":
-        _say(console, f"{_WHAT[own.kind]} of {own.source}: {own.scene}")
+        say(console, f"{_WHAT[own.kind]} of {own.source}: {own.scene}")
         if not reconstruct(own.reconstruction()):
             return None
     views = load_scene(own.scene).views
     wide = min(width or WIDTH, min(view.camera.width for view in views))
     data = own.dataset(wide)
-    _say(console, f"dataset of {len(views)} photographs, {wide} px wide, every {HOLD}th held back: {data}")
+    say(console, f"dataset of {len(views)} photographs, {wide} px wide, every {HOLD}th held back: {data}")
     make_dataset(MakeDataset(scene=str(own.scene), photographs="shallow", width=wide, hold=HOLD, out=data))
     return data
 
@@ -140,9 +137,21 @@ def outlook(own: Own, runs: Sequence[Run], width: int | None) -> list[str]:
         total += (seconds := own.views * megapixels * _DATASET_MEGAPIXEL)
         lines.append(f"dataset, {wide} px wide: about {_minutes(seconds)}")
     held = -(-own.views // HOLD)
-    scoring = pixels * (held * _FIT_PIXEL + min(held, _ON_CURVE) * _CURVE_PIXEL)
     for run in runs:
-        seconds = _training_seconds(run, pixels) + own.views * pixels * _PRIOR_PIXEL + scoring
+        choices = choose(_on_data(run))
+        steps = {**choices.options, **choices.overrides}.get("steps")
+        known_seconds = seconds_by_card(
+            choices.entry.card,
+            choices.budget,
+            steps,
+            view_pixels=pixels,
+            train_views=own.views - held,
+            test_views=held,
+        )
+        if known_seconds is None:
+            lines.append(f"{run.method}, seed {run.seed}: time unknown")
+            continue
+        seconds = known_seconds
         total += seconds
         known = ", unless it is finished already" if finished else ""
         lines.append(f"{run.method}, seed {run.seed}: about {_minutes(seconds)}{known}")
@@ -156,13 +165,6 @@ def _motion_seconds(own: Own) -> float:
     matching = choose_matching("auto", own.views, own.kind == "video")
     pairs = own.views * ((own.views - 1) / 2 if matching == "exhaustive" else LOOK_ALIKES)
     return own.views * (_PHOTOGRAPH + megapixels * _MEGAPIXEL) + pairs * _PAIR + own.items * raw * _FRAME_MEGAPIXEL
-
-
-def _training_seconds(run: Run, pixels: float) -> float:
-    choices = choose(_on_data(run))
-    steps = choices.budget.steps or {**choices.options, **choices.overrides}.get("steps", 0)
-    seconds = float(steps) * (_STEP + pixels * _STEP_PIXEL)
-    return seconds if choices.budget.seconds is None else min(seconds or math.inf, choices.budget.seconds)
 
 
 def _on_data(run: Run) -> Run:
@@ -180,7 +182,3 @@ _WHAT = {
 
 def _minutes(seconds: float) -> str:
     return f"{max(1, seconds):.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
-
-
-def _say(console: Console, line: str) -> None:
-    console.print(line, highlight=False, markup=False, soft_wrap=True)

@@ -5,24 +5,24 @@ from __future__ import annotations
 from rich.console import Console
 
 from dofbench.commands.run_photographs import run_photographs
-from dofbench.core.processes import run_jobs
+from dofbench.core.jobs import Executor
+from dofbench.core.progress import say
 from dofbench.dataset.schema import MANIFEST
-from dofbench.running.jobs import RunJobs
-from dofbench.running.matrix import run_all, say
+from dofbench.running.matrix import run_all
 from dofbench.running.prepare import choose
 from dofbench.running.run_options import Runs
 from dofbench.synthesis import builtin_folder, make_dataset
 from dofbench.synthesis.dataset_options import MakeDataset
 
 
-def run_methods(settings: Runs, console: Console | None = None, run_jobs: RunJobs = run_jobs) -> bool:
+def run_methods(settings: Runs, console: Console | None = None, executor: Executor | None = None) -> bool:
     """Make the runs that the settings name; False when one failed.
 
     Raises InputError when the call is wrong, before anything is made or run.
     """
     console = console or Console()
     if settings.photographs is not None:
-        return run_photographs(settings, settings.photographs, console, run_jobs)
+        return run_photographs(settings, settings.photographs, console, executor)
     if settings.data is None and not (builtin_folder() / MANIFEST).is_file():
         for cell in settings.cells():
             choose(cell)  # a wrong call ends here, not after the dataset was made
@@ -31,4 +31,4 @@ def run_methods(settings: Runs, console: Console | None = None, run_jobs: RunJob
             return True
         say(console, f"making the built-in dataset in {builtin_folder()}")
         make_dataset(MakeDataset(out=builtin_folder()))
-    return run_all(settings, builtin_folder(), console, run_jobs)
+    return run_all(settings, builtin_folder(), console, executor)

@@ -8,16 +8,18 @@ from pathlib import Path
 from rich.console import Console
 
 from dofbench.commands.from_photographs import check_runs, dataset_of_photographs, find_own, outlook
-from dofbench.core.processes import run_jobs
+from dofbench.core.jobs import Executor
+from dofbench.core.progress import say
 from dofbench.dataset.dataset import Dataset
 from dofbench.reporting import report
 from dofbench.reporting.report_options import Report
-from dofbench.running.jobs import RunJobs
-from dofbench.running.matrix import run_all, say
+from dofbench.running.matrix import run_all
 from dofbench.running.run_options import Runs
 
 
-def run_photographs(settings: Runs, source: Path, console: Console | None = None, run_jobs: RunJobs = run_jobs) -> bool:
+def run_photographs(
+    settings: Runs, source: Path, console: Console | None = None, executor: Executor | None = None
+) -> bool:
     """Reconstruct the photographs in `source`, make a dataset of them, train on it and write a report.
 
     False when a part of it failed. Raises InputError when the call is wrong, before anything runs.
@@ -33,7 +35,7 @@ def run_photographs(settings: Runs, source: Path, console: Console | None = None
     data = dataset_of_photographs(own, settings.width, console)
     if data is None:
         return False
-    done = run_all(replace(settings, photographs=None, width=None, data=str(data)), data, console, run_jobs)
+    done = run_all(replace(settings, photographs=None, width=None, data=str(data)), data, console, executor)
     # OUT may hold results of other datasets too; the page is about these photographs alone.
     page = report(Report(results=settings.out / Dataset.load(data).name, out=own.place / "report"))
     return done and bool(page)

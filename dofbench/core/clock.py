@@ -9,6 +9,7 @@ import resource
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 
 
 class Stopwatch:
@@ -84,6 +85,11 @@ class StageTimes:
 
 
 loading = Stopwatch()  # time spent on importing heavy modules; the first run of a process reports it
+
+
+def timestamp() -> str:
+    """The time of day, UTC, to the second, as ISO 8601 has it."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def _cpu_seconds() -> float:

@@ -6,6 +6,7 @@ import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from enum import Enum
 from pathlib import Path
 
 from dofbench.core.errors import InputError
@@ -15,26 +16,31 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-LOCKS = fcntl is not None
 # What file systems without locks say, as some on networks.
 _NONE_HERE = {errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS}
 
 
-def taken(handle: int, *, shared: bool = False, wait: bool = False) -> bool:
-    """Take the lock on an open file or folder; False where another process holds it. wait: until it doesn't.
+class Lock(Enum):
+    """What became of asking for a lock. `NONE`: there are no locks here, so nobody knows."""
 
-    True as well where there are no such locks: then nobody is kept out. Raises OSError for anything else.
-    """
+    OURS = "ours"
+    THEIRS = "another process has it"
+    NONE = "no locks here"
+
+
+def ask(handle: int, *, shared: bool = False) -> Lock:
+    """Ask for the lock on an open file or folder, without waiting. Raises OSError where the system gives no answer."""
     if fcntl is None:
-        return True
+        return Lock.NONE
     try:
-        fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB))
+        fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except BlockingIOError:
-        return False
+        return Lock.THEIRS
     except OSError as error:
         if error.errno not in _NONE_HERE:
             raise
-    return True
+        return Lock.NONE
+    return Lock.OURS
 
 
 @contextmanager
@@ -46,12 +52,12 @@ def only_writer(root: Path) -> Iterator[None]:
     if root.exists() and not root.is_dir():
         raise InputError(root, "a file", "a folder to write to")
     root.mkdir(parents=True, exist_ok=True)
-    if not LOCKS:
+    if fcntl is None:
         yield
         return
     handle = os.open(root, os.O_RDONLY)
     try:
-        if not taken(handle):
+        if ask(handle) is Lock.THEIRS:
             raise InputError(root, "another run that is writing it", "one run at a time")
         yield
     finally:

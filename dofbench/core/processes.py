@@ -1,4 +1,4 @@
-"""Independent jobs in spawned processes that report what they do, and never outlive the process that started them."""
+"""The executor of this machine: jobs in spawned processes, which never outlive the process that started them."""
 
 from __future__ import annotations
 
@@ -9,98 +9,93 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess, parent_process
-from typing import Any, Protocol
+from pathlib import Path
 
 from dofbench.core.clock import loading
 from dofbench.core.errors import one_line
+from dofbench.core.jobs import Job, Outcome, Watcher
 
-Report = Callable[[Any], None]
 _THREADS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
-def _never() -> bool:
-    return False
+class LocalProcesses:
+    """An `Executor`: each job in a process of its own on this machine, several at a time.
+
+    A job starts when one of the `workers` is free, when no other job has its accelerator, and when its memory fits
+    beside that of the jobs at work, as far as their needs are known; one job always runs. memory_mb: of the machine,
+    MB; None for what this one has.
+
+    The processes share this one's threads: each has OMP_NUM_THREADS / workers of them. When this process ends, however,
+    they are killed: whatever they write must be atomic.
+    """
+
+    def __init__(self, workers: int, memory_mb: float | None = None):
+        self.at_a_time = workers
+        self._memory_mb = machine_memory_mb() if memory_mb is None else memory_mb
+
+    def run(self, jobs: Sequence[Job], watcher: Watcher) -> list[Outcome]:
+        """See `dofbench.core.jobs.Executor.run`. A job whose process is killed has that as its problem."""
+        waiting, outcomes = list(jobs), {}
+        running: dict[str, _Running] = {}
+        workers = max(1, min(self.at_a_time, len(jobs)))
+        threads = max(1, int(os.environ.get("OMP_NUM_THREADS", "1").split(",")[0]) // workers)
+        try:
+            while waiting or running:
+                ready = [job for job in waiting if job.after is None or job.after in outcomes]
+                if len(running) < workers:
+                    for job in sorted(ready, key=lambda job: job.busy()):
+                        if len(running) < workers and self._fits(job, [one.job for one in running.values()]):
+                            waiting.remove(job)
+                            running[job.name] = _start(job, threads)
+                            watcher.started(job.name)
+                pipes = {one.pipe: name for name, one in running.items()}
+                for pipe in wait(list(pipes)):
+                    assert isinstance(pipe, Connection)
+                    name = pipes[pipe]
+                    outcome = _received(running[name], watcher)
+                    if outcome is not None:
+                        running.pop(name).process.join()
+                        pipe.close()
+                        outcomes[name] = outcome
+                        watcher.ended(outcome)
+        finally:
+            for one in running.values():
+                one.process.kill()
+                one.process.join()
+        return [outcomes[job.name] for job in jobs]
+
+    def _fits(self, job: Job, others: Sequence[Job]) -> bool:
+        """Whether the machine can do the job beside the others."""
+        if not others:
+            return True
+        if job.takes.device != "cpu" and any(other.takes.device == job.takes.device for other in others):
+            return False
+        known = [one.takes.memory_mb for one in (job, *others) if one.takes.memory_mb is not None]
+        return job.takes.memory_mb is None or sum(known) <= self._memory_mb
+
+
+def machine_memory_mb(cgroup: Path = Path("/sys/fs/cgroup")) -> float:
+    """Memory that processes here may use, MB: the machine's, or the container's where that is less."""
+    limits = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
+    for name in ("memory.max", "memory/memory.limit_in_bytes"):
+        with suppress(OSError, ValueError):  # no Linux, no such cgroup, or "max"
+            limits.append(int((cgroup / name).read_text()))
+    return min(limits) / 1e6
 
 
 @dataclass(frozen=True)
-class Job:
-    """Something to do in a process of its own.
-
-    work: called with a function that sends a report; what it returns is the outcome's message. It travels to the
-    process by pickle, and so do reports. after: the name of a job that must have ended, well or not, before. busy:
-    whether it had better be left for later, as things are now.
-    """
-
-    name: str
-    work: Callable[[Report], str]
-    after: str | None = None
-    busy: Callable[[], bool] = _never
+class _Running:
+    job: Job
+    process: BaseProcess
+    pipe: Connection
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """How a job ended. problem: empty if it did its work; else one line, or a traceback if it is a bug."""
-
-    name: str
-    message: str = ""
-    problem: str = ""
-
-
-class Watcher(Protocol):
-    """Told what the jobs do."""
-
-    def started(self, name: str) -> None:
-        """The job's process runs."""
-
-    def reported(self, name: str, report: Any) -> None:
-        """The job sent a report."""
-
-    def ended(self, outcome: Outcome) -> None:
-        """The job ended, well or not."""
-
-
-def run_jobs(jobs: Sequence[Job], *, workers: int, watcher: Watcher) -> list[Outcome]:
-    """Do the jobs, at most `workers` at a time, and return their outcomes in the order given.
-
-    A job that fails, or whose process is killed, doesn't stop the others. The processes share this one's threads:
-    each has OMP_NUM_THREADS / workers of them. When this process ends, however, they are killed: whatever
-    they write must be atomic.
-    """
-    waiting, outcomes = list(jobs), {}
-    running: dict[str, tuple[BaseProcess, Connection]] = {}
-    threads = max(1, int(os.environ.get("OMP_NUM_THREADS", "1").split(",")[0]) // workers)
-    try:
-        while waiting or running:
-            ready = [job for job in waiting if job.after is None or job.after in outcomes]
-            free = workers - len(running)
-            for job in sorted(ready, key=lambda job: job.busy())[:free] if free else ():
-                waiting.remove(job)
-                running[job.name] = _start(job, threads)
-                watcher.started(job.name)
-            pipes = {pipe: name for name, (_, pipe) in running.items()}
-            for pipe in wait(list(pipes)):
-                assert isinstance(pipe, Connection)
-                name = pipes[pipe]
-                outcome = _received(name, running[name], watcher)
-                if outcome is not None:
-                    process, _ = running.pop(name)
-                    process.join()
-                    pipe.close()
-                    outcomes[name] = outcome
-                    watcher.ended(outcome)
-    finally:
-        for process, _ in running.values():
-            process.kill()
-            process.join()
-    return [outcomes[job.name] for job in jobs]
-
-
-def _start(job: Job, threads: int) -> tuple[BaseProcess, Connection]:
+def _start(job: Job, threads: int) -> _Running:
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(pickle.dumps(job.work), theirs), name=job.name)
@@ -108,17 +103,17 @@ def _start(job: Job, threads: int) -> tuple[BaseProcess, Connection]:
         process.start()
     # The child has its own copy. Once ours is closed, the pipe ends when the child does.
     theirs.close()
-    return process, ours
+    return _Running(job, process, ours)
 
 
-def _received(name: str, run: tuple[BaseProcess, Connection], watcher: Watcher) -> Outcome | None:
+def _received(run: _Running, watcher: Watcher) -> Outcome | None:
     """What the pipe has to say: the outcome, or None after a report."""
-    process, pipe = run
+    name = run.job.name
     try:
-        kind, content = pipe.recv()
+        kind, content = run.pipe.recv()
     except EOFError:
-        process.join()
-        code = process.exitcode or 0
+        run.process.join()
+        code = run.process.exitcode or 0
         how = f"killed by signal {-code} ({signal.Signals(-code).name})" if code < 0 else f"ended with status {code}"
         return Outcome(name, problem=f"its process was {how}")
     if kind == "report":

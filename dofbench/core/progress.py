@@ -1,17 +1,25 @@
-"""The one place where making a dataset talks to the user."""
+"""What is said to the user while work goes on: lines, bars, and how long the rest will take."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from dofbench.core.processes import Outcome
+from dofbench.core.jobs import Outcome
 from dofbench.core.time_left import Remaining
 
+if TYPE_CHECKING:
+    from rich.console import Console
+
 Advance = Callable[[int], None]
+
+
+def say(console: Console, line: str) -> None:
+    """Print one line as it is: rich would colour numbers, read brackets as markup and break paths."""
+    console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
 class Progress(Protocol):
@@ -88,15 +96,16 @@ class Terminal:
         print(f"{folder}: {message}", flush=True)
 
     def _line(self, text: str) -> None:
-        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+        say(self._console, text)
 
 
 class Several:
-    """Progress of several jobs done side by side, as their watcher (`dofbench.core.processes`).
+    """Progress of several jobs done side by side, as their watcher (`dofbench.core.jobs`).
 
-    Reports are (stage, items done, items in all; 0 where nothing is counted). The time left is known from the first job
-    finished on, or from the beginning where `expected` says how many seconds one takes. It is the mean of all that are
-    finished: each is a process of its own, so that all of them start cold. things: what the jobs make.
+    Reports are (stage, items done, items in all; 0 where nothing is counted). The time left is known from the beginning
+    where `expected` says how many seconds jobs take, by name; those that it doesn't name take as long as the others on
+    average. Once jobs have ended, expectations are corrected by the ratio of what they took to what was expected.
+    Without any expectation the time left is known from the first job ended on. things: what the jobs make.
     """
 
     def __init__(
@@ -106,16 +115,16 @@ class Several:
         interval: float = 15.0,
         *,
         things: str = "datasets",
-        expected: float | None = None,
+        expected: Mapping[str, float] | None = None,
     ):
         from rich.console import Console
 
         self._console, self._interval = Console(stderr=True), interval
-        self._total, self._workers, self._things, self._expected = total, workers, things, expected
+        self._total, self._workers, self._things = total, workers, things
+        self._expected = {name: seconds for name, seconds in (expected or {}).items() if seconds > 0}
         self._begun: dict[str, float] = {}
         self._doing: dict[str, str] = {}
-        self._times: list[float] = []
-        self._ended = 0
+        self._took: dict[str, float] = {}
         self._last = time.monotonic()
 
     def started(self, name: str) -> None:
@@ -132,9 +141,8 @@ class Several:
 
     def ended(self, outcome: Outcome) -> None:
         """Say how a job ended: its message on standard output, what went wrong on standard error."""
-        self._times.append(time.monotonic() - self._begun.pop(outcome.name))
+        self._took[outcome.name] = time.monotonic() - self._begun.pop(outcome.name)
         del self._doing[outcome.name]
-        self._ended += 1
         if outcome.problem:
             self._line(f"{outcome.name}: {outcome.problem}")
         else:
@@ -143,13 +151,28 @@ class Several:
 
     def _say(self) -> None:
         self._last = now = time.monotonic()
-        parts = [f"{self._ended} of {self._total} {self._things}"]
-        mean = sum(self._times) / len(self._times) if self._times else self._expected
-        if mean is not None and self._ended < self._total:
-            spent = sum(min(now - begun, mean) for begun in self._begun.values())
-            left = (mean * (self._total - self._ended) - spent) / min(self._workers, self._total - self._ended)
+        parts = [f"{len(self._took)} of {self._total} {self._things}"]
+        left = self._seconds_left(now)
+        if left is not None:
             parts[0] += f", about {left:.0f} s left"
         self._line("; ".join([*parts, *(f"{name}: {doing}" for name, doing in self._doing.items())]))
 
+    def _seconds_left(self, now: float) -> float | None:
+        """None as long as nobody can know, and when all is done."""
+        if len(self._took) == self._total:
+            return None
+        both = [name for name in self._took if name in self._expected]
+        pace = sum(self._took[name] for name in both) / sum(self._expected[name] for name in both) if both else 1.0
+        known = {**{name: pace * seconds for name, seconds in self._expected.items()}, **self._took}
+        if not known:
+            return None
+        usual = sum(known.values()) / len(known)
+        named = {name: seconds for name, seconds in known.items() if name not in self._took}
+        others = self._total - len(self._took) - len(named.keys() | self._begun.keys())
+        at_work = {name: known.get(name, usual) for name in self._begun}
+        left = sum(seconds for name, seconds in named.items() if name not in at_work) + max(others, 0) * usual
+        left += sum(max(0.0, seconds - (now - self._begun[name])) for name, seconds in at_work.items())
+        return left / min(self._workers, self._total - len(self._took))
+
     def _line(self, text: str) -> None:
-        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+        say(self._console, text)

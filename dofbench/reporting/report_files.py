@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 
 from dofbench.core.files import write_text
+from dofbench.core.progress import say
 from dofbench.reporting.ablations.document_files import read_documents
 from dofbench.reporting.boards import Board, gather
 from dofbench.reporting.build_report import Key, build_report
@@ -49,25 +51,24 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
     named. Raises InputError when there is no result at all, or no table in a folder of ablations.
     """
     console = console or Console()
-    collection, out = collect(settings.results), settings.out
+    collection, out = collect(settings.results, *settings.merge), settings.out
     ablations = read_documents(settings.ablation) if settings.ablation is not None else ()
 
-    def say(line: str) -> None:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    tell = partial(say, console)
 
     for problem in collection.unreadable:
-        say(f"skipped: {problem}")
+        tell(f"skipped: {problem}")
     for folder in collection.running:
-        say(f"not counted, a run is at work there: {folder}")
+        tell(f"not counted, a run is at work there: {folder}")
     for folder in collection.doubles:
-        say(f"not counted, a copy of another result: {folder}")
+        tell(f"not counted, a copy of another result: {folder}")
 
     entries = collection.entries
     boards = gather(entries)
     plots = make_plots(entries, variant_names(entries), board_names(entries), settings.levels)
     pictures = gallery(boards) if settings.pictures else None
     drawn = write_curves(out / "curves", plots)
-    strips = _strips(out, boards, pictures, say) if pictures is not None else {}
+    strips = _strips(out, boards, pictures, tell) if pictures is not None else {}
     view = build_report(
         collection,
         boards,
@@ -90,12 +91,12 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
         write_text(out / name, text)
         files.append(out / name)
     for file in files:
-        say(f"wrote {file}")
+        tell(f"wrote {file}")
     return Written(tuple(files), collection.unreadable)
 
 
 def _strips(
-    out: Path, boards: Sequence[Board], pictures: Sequence[BoardPictures], say: Callable[[str], None]
+    out: Path, boards: Sequence[Board], pictures: Sequence[BoardPictures], tell: Callable[[str], None]
 ) -> dict[Key, Path]:
     """Board -> its strip of pictures; one that can't be made is named."""
     strips = {}
@@ -105,5 +106,5 @@ def _strips(
         if trouble is None:
             strips[board.key] = strip
         else:
-            say(f"no pictures of {board.name}, {board.protocol}: {trouble}")
+            tell(f"no pictures of {board.name}, {board.protocol}: {trouble}")
     return strips

@@ -25,6 +25,8 @@ class Report:
     levels chosen from the data."""
     ablation: Path | None = None
     """Folder of tables, as `dofbench ablate` writes them, to be shown in report.html too."""
+    merge: tuple[Path, ...] = ()
+    """Further folders of results, as other machines made them. A run that lies in several counts once."""
 
     def __post_init__(self) -> None:
         self.levels  # noqa: B018 - a wrong level is named before anything is read

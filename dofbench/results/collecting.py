@@ -9,10 +9,11 @@ from typing import Any
 
 from dofbench.core.errors import InputError, Status
 from dofbench.core.files import canonical_json
+from dofbench.core.leases import leased_folders
 from dofbench.results.added_scores import Added, read_added
 from dofbench.results.columns import COLUMNS, SCORES
 from dofbench.results.result import RESULT_FILE, Result, Spec, read_result
-from dofbench.results.run_lock import LOCK_FILE, is_running, read_lock
+from dofbench.results.run_lease import is_running, read_lease
 from dofbench.results.run_spec import option_words
 
 
@@ -88,42 +89,58 @@ class Collection:
     doubles: tuple[Path, ...]
 
 
-def collect(folder: Path) -> Collection:
-    """Every result below `folder`. Raises InputError when there is none."""
-    if not folder.is_dir():
-        raise InputError(folder, "no such folder", "a folder of results, as `dofbench run` writes it")
-    entries: list[Entry] = []
+def collect(*folders: Path) -> Collection:
+    """Every run below the folders, once: what several machines made, each below a folder of its own, is merged by key.
+
+    Of results with one key the one that went best counts. Raises InputError when there is none.
+    """
+    results: dict[str, tuple[Path, Result]] = {}
     unreadable: list[str] = []
-    running: list[Path] = []
     doubles: list[Path] = []
-    keys: set[str] = set()
-    for file in sorted(folder.rglob(RESULT_FILE)):
-        try:
-            result = read_result(file)
-        except InputError as error:
-            unreadable.append(str(error))
-            continue
-        if result.key in keys:  # counted twice, a run would be a second seed without any spread
-            doubles.append(file.parent)
-            continue
-        keys.add(result.key)
-        try:
-            entries.append(entry_of(file.parent, result))
-        except InputError as error:  # what was added can't be read; what was there before can
-            unreadable.append(str(error))
-            entries.append(Entry(file.parent, result.spec, result.scene, result.status, result.message, result))
-    for file in sorted(folder.rglob(LOCK_FILE)):
-        if is_running(file.parent):
-            running.append(file.parent)
-        elif not (file.parent / RESULT_FILE).is_file():
+    for folder in folders:
+        if not folder.is_dir():
+            raise InputError(folder, "no such folder", "a folder of results, as `dofbench run` writes it")
+        for file in sorted(folder.rglob(RESULT_FILE)):
             try:
-                entries.append(dead_entry(file.parent))
+                found = file.parent, read_result(file)
             except InputError as error:
                 unreadable.append(str(error))
+                continue
+            first = results.setdefault(found[1].key, found)
+            if first is not found:  # counted twice, a run would be a second seed without any spread
+                better, other = (found, first) if _rank(found[1]) > _rank(first[1]) else (first, found)
+                results[better[1].key] = better
+                doubles.append(other[0])
+    entries: list[Entry] = []
+    for folder, result in results.values():
+        try:
+            entries.append(entry_of(folder, result))
+        except InputError as error:  # what was added can't be read; what was there before can
+            unreadable.append(str(error))
+            entries.append(Entry(folder, result.spec, result.scene, result.status, result.message, result))
+    running: list[Path] = []
+    for folder in dict.fromkeys(below for root in folders for below in leased_folders(root)):
+        if is_running(folder):
+            running.append(folder)
+        elif not (folder / RESULT_FILE).is_file():
+            try:
+                dead = dead_entry(folder)
+            except InputError as error:
+                unreadable.append(str(error))
+                continue
+            # Where another machine has finished the run since, or died of it too, it is one run still.
+            if dead is not None and dead.spec.key not in {entry.spec.key for entry in entries}:
+                entries.append(dead)
     if not entries and not unreadable:
-        raise InputError(folder, f"no {RESULT_FILE} in it or below", "results of `dofbench run`")
+        where = ", ".join(map(str, folders))
+        raise InputError(where, f"no {RESULT_FILE} in it or below", "results of `dofbench run`")
     entries.sort(key=lambda entry: (*entry.board, *entry.variant, entry.spec.seed, entry.spec.key))
     return Collection(tuple(entries), tuple(unreadable), tuple(running), tuple(doubles))
+
+
+def _rank(result: Result) -> tuple[bool, bool]:
+    """Higher is better: a run that went well, before one that would go as badly again, before one cut short."""
+    return result.status is Status.OK, result.finished
 
 
 def entry_of(folder: Path, result: Result) -> Entry:
@@ -131,9 +148,15 @@ def entry_of(folder: Path, result: Result) -> Entry:
     return Entry(folder, result.spec, result.scene, result.status, result.message, result, read_added(folder))
 
 
-def dead_entry(folder: Path) -> Entry:
-    """The run that died in `folder` before it could write a result. Raises InputError for a damaged lock."""
-    spec, scene, started = read_lock(folder)
+def dead_entry(folder: Path) -> Entry | None:
+    """The run that died in `folder` before it could write a result; None where none has begun.
+
+    Raises InputError for a damaged lease.
+    """
+    left = read_lease(folder)
+    if left is None:
+        return None
+    spec, scene, started = left
     message = f"started {started}, and the process died without a word (killed, or out of memory)"
     return Entry(folder, spec, scene, Status.CRASHED, message, None)
 

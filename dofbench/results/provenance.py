@@ -21,7 +21,7 @@ _PACKAGE = Path(dofbench.__file__).resolve().parent
 _METHOD = "method"  # the name under which a method's own folder is read
 # What turns a dataset and options into a model and its scores. What decides the options isn't among it: they are part
 # of a run's key themselves.
-_MAKES_SCORES = ("dofbench.running.one_run:_Execution", "dofbench.scoring.evaluate:Evaluator")
+_MAKES_SCORES = ("dofbench.running.execution:Execution", "dofbench.scoring.evaluate:Evaluator")
 _STEERS = ("class", "capabilities")  # entries of a card that do; its presets and stages decide options alone
 
 

@@ -16,7 +16,8 @@ from dofbench.results.run_spec import Run, parse_overrides
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_tables import Declaration, Row, Table, chosen_tables
 from dofbench.running.plan import dealt_lenses
-from dofbench.running.planned_runs import PlannedRun, different_datasets, plan_run
+from dofbench.running.planned_runs import PlannedRun, different_datasets
+from dofbench.running.prepare import plan_run
 
 
 @dataclass(frozen=True)

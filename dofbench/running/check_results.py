@@ -9,12 +9,13 @@ from pathlib import Path
 from dofbench.core.errors import InputError, Status
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_image
+from dofbench.core.leases import leased_folders
 from dofbench.metrics import score_image
 from dofbench.results.added_scores import ADDED_FILE, read_added
 from dofbench.results.result import RESULT_FILE, Result, read_result
-from dofbench.results.run_lock import LOCK_FILE, is_running
+from dofbench.results.run_lease import is_running
+from dofbench.running.execution import TRAINED_FILE
 from dofbench.running.load_run import LoadedRun, load_run
-from dofbench.running.one_run import TRAINED_FILE
 from dofbench.scoring.evaluate import PREFIX, WHOLE
 from dofbench.scoring.photograph_scores import picture_scores
 from dofbench.scoring.result_consistency import added_inconsistencies, inconsistencies
@@ -41,7 +42,7 @@ def check_result(folder: Path) -> list[str]:
 
 def result_folders(folder: Path) -> list[Path]:
     """Folders at or below `folder` with a result, or where a run is at work or died."""
-    return sorted({file.parent for name in (RESULT_FILE, LOCK_FILE) for file in folder.rglob(name)})
+    return sorted({*(file.parent for file in folder.rglob(RESULT_FILE)), *leased_folders(folder)})
 
 
 def check_results(folders: Sequence[Path], say: Callable[[str], None]) -> dict[Path, list[str]]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from dofbench.core.errors import InputError
 from dofbench.results.collecting import Entry, dead_entry, entry_of
 from dofbench.results.result import RESULT_FILE, read_result
-from dofbench.results.run_lock import LOCK_FILE, is_running
+from dofbench.results.run_lease import is_running
 from dofbench.running.planned_runs import PlannedRun
 
 
@@ -51,10 +51,10 @@ def _read(folder: Path, key: str) -> Entry | None:
         except InputError:
             return None
         return entry_of(folder, result) if result.key == key else None
-    if (folder / LOCK_FILE).is_file() and not is_running(folder):
-        try:
-            entry = dead_entry(folder)
-        except InputError:  # killed between opening the lock and writing into it
-            return None
-        return entry if entry.spec.key == key else None
-    return None
+    if is_running(folder):
+        return None
+    try:
+        entry = dead_entry(folder)
+    except InputError:  # killed while it wrote its lease
+        return None
+    return entry if entry is not None and entry.spec.key == key else None

@@ -1,4 +1,4 @@
-"""`dofbench run`: one run here, or a matrix of runs in processes of their own."""
+"""`dofbench run`: one run in this process, or a matrix of runs in processes of their own."""
 
 from __future__ import annotations
 
@@ -9,33 +9,40 @@ from rich.console import Console
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
-from dofbench.core.processes import run_jobs
+from dofbench.core.jobs import Executor, ThisProcess
+from dofbench.core.processes import LocalProcesses
+from dofbench.core.progress import say
 from dofbench.results.run_spec import Run
 from dofbench.running.batch import Batch
-from dofbench.running.jobs import RunJobs
-from dofbench.running.one_run import run as run_one
-from dofbench.running.planned_runs import PlannedRun, different_datasets, plan_run
+from dofbench.running.one_run import show_finished
+from dofbench.running.planned_runs import PlannedRun, different_datasets
+from dofbench.running.prepare import plan_run
 from dofbench.running.run_options import Runs
 
 
-def run_all(settings: Runs, builtin: Path, console: Console | None = None, run_jobs: RunJobs = run_jobs) -> bool:
+def run_all(settings: Runs, builtin: Path, console: Console | None = None, executor: Executor | None = None) -> bool:
     """Make the run that the settings name, or every run of their matrix that isn't finished.
 
     A run of a matrix is the run that its own command would make, in the same folder. builtin: the dataset's folder
-    where the settings name none. False when one failed. Raises InputError when the call is wrong, before anything runs.
+    where the settings name none. executor: who makes the runs of a matrix; processes of this machine unless one is
+    given. False when one failed. Raises InputError when the call is wrong, before anything runs.
     """
     console = console or Console()
-    cells = settings.cells()
-    if len(cells) == 1:
-        return bool(run_one(cells[0], console, data=cells[0].data or builtin))
-    runs = plan_matrix(cells, builtin)
-    batch = Batch(runs, settings.out, settings.jobs, rerun=settings.rerun)
+    runs = plan_matrix(settings.cells(), builtin)
+    alone = len(runs) == 1
+    who: Executor = ThisProcess() if alone else executor or LocalProcesses(settings.jobs)
+    batch = Batch(runs, settings.out, who, rerun=settings.rerun, console=console if alone else None)
     for line in _plan_lines(settings, batch):
         say(console, line)
     if settings.dry_run:
         return True
-    batch.make(run_jobs=run_jobs)
+    batch.make()
     failures = batch.failures()
+    if alone:
+        found = batch.ended.find(runs[0])
+        if not batch.open and found is not None and found.result is not None:
+            show_finished(console, runs[0], found.result)
+        return not failures
     for line in failures:
         say(console, line)
     folders = dict.fromkeys(run.folder.parent for run in runs)
@@ -81,14 +88,9 @@ def _plan_lines(settings: Runs, batch: Batch) -> list[str]:
             lines += [head + more, *(f"  {line}" for line in rest)]
     for planned in batch.runs:
         words = batch.ended.words(planned)
-        if planned.name in batch.seconds:
-            seconds = batch.seconds[planned.name]
+        if planned.name in batch.takes:
+            seconds = batch.takes[planned.name].seconds
             words = "to be run again" if words.startswith("finished") else words
             words += ", time unknown" if seconds is None else f", about {seconds:.0f} s"
         lines.append(f"{words}: {planned.settings.command()}")
     return [*lines, *batch.outlook()]
-
-
-def say(console: Console, line: str) -> None:
-    """Print a line as it is, without markup."""
-    console.print(line, highlight=False, markup=False, soft_wrap=True)

@@ -48,6 +48,15 @@ class Claims(_Strict):
     rows: dict[str, dict[str, float]]
 
 
+class Costs(_Strict):
+    """Seconds on two cores, for an estimate of the time before any run is finished: of a step, of a step for each pixel
+    of a training view, and of each pixel of all training views before the first step (a depth prior)."""
+
+    step: float = Field(ge=0)
+    step_pixel: float = Field(ge=0)
+    view_pixel: float = Field(0.0, ge=0)
+
+
 class StageCard(_Strict):
     """A part of the method that a plan may leave out.
 
@@ -81,6 +90,7 @@ class Card(_Strict):
     without it, default_preset.
     stages: name -> a part of the method that a plan may leave out where the data don't need it.
     trials: the option that names, with commas between, what training tries out for itself.
+    costs: what its default preset's training takes.
     """
 
     name: str
@@ -95,6 +105,7 @@ class Card(_Strict):
     presets: dict[str, dict[str, Any]]
     stages: dict[str, StageCard] = {}
     trials: str | None = None
+    costs: Costs | None = None
     claims: Claims | None = None
 
     @field_validator("devices")

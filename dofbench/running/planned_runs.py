@@ -1,10 +1,10 @@
-"""A run that is to be made: all that is decided before it begins."""
+"""A run that is to be made: all that is decided before it begins, as plain data."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, is_dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +13,13 @@ from dofbench.dataset.dataset import Dataset
 from dofbench.results.result import Spec
 from dofbench.results.run_spec import Run
 from dofbench.running.plan import RunPlan
-from dofbench.running.prepare import choose, prepare
 
 
 @dataclass(frozen=True)
 class PlannedRun:
     """settings: what says the same run alone, as `dofbench run` takes it. data: the dataset's folder. folder: where its
     result goes. options: all that the method runs with, its defaults too, where it says so (as its `options`, a
-    dataclass); else those of the spec."""
+    dataclass); else those of the spec. view_pixels: of a training view, on average."""
 
     settings: Run
     data: Path
@@ -28,6 +27,7 @@ class PlannedRun:
     plan: RunPlan
     folder: Path
     options: dict[str, Any]
+    view_pixels: float
 
     @property
     def name(self) -> str:
@@ -44,14 +44,6 @@ class PlannedRun:
             plan=replace(self.plan, seed=seed),
             folder=self.settings.out / spec.folder,
         )
-
-
-def plan_run(settings: Run, data: Path) -> PlannedRun:
-    """Decide a run on the dataset in `data`. Raises InputError when the call is wrong."""
-    prepared = prepare(settings, choose(settings), data)
-    options = getattr(prepared.method, "options", None)
-    known = asdict(options) if is_dataclass(options) and not isinstance(options, type) else prepared.spec.options
-    return PlannedRun(settings, data, prepared.spec, prepared.plan, prepared.folder, known)
 
 
 def different_datasets(folders: Sequence[Path]) -> list[Dataset]:

@@ -1,13 +1,14 @@
-"""A run decided, and nothing of it done yet: what --dry-run prints, and what its result is kept by."""
+"""Deciding a run: what the call says, what the dataset adds, and the method made ready; nothing is done yet."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, is_dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from dofbench.core.budget import Budget
+from dofbench.core.clock import loading
 from dofbench.core.contracts import Method
 from dofbench.core.errors import InputError
 from dofbench.dataset.benchmark_dataset import BenchmarkDataset
@@ -19,7 +20,8 @@ from dofbench.results.result import RESULT_FILE, Result, Spec, read_result
 from dofbench.results.run_spec import Run, parse_overrides
 from dofbench.running.facts import Facts, facts_of
 from dofbench.running.method_cards import MethodEntry, find_method
-from dofbench.running.plan import RunPlan, make_plan
+from dofbench.running.plan import make_plan
+from dofbench.running.planned_runs import PlannedRun
 from dofbench.scoring.ground_truth import photograph_columns
 
 
@@ -37,25 +39,21 @@ class Choices:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A run to be made. data: the dataset's folder. method: created, not trained. folder: where its
-    result goes."""
+    """A planned run with all that it takes to make it. method: created, not trained."""
 
-    settings: Run
-    choices: Choices
+    planned: PlannedRun
+    entry: MethodEntry
     dataset: BenchmarkDataset
-    data: Path
     protocol: Protocol
-    plan: RunPlan
-    spec: Spec
     method: Method
-    folder: Path
 
     def finished(self) -> Result | None:
         """The result of the same run, if it is there and running again would only repeat it."""
-        if not (self.folder / RESULT_FILE).is_file():
+        folder = self.planned.folder
+        if not (folder / RESULT_FILE).is_file():
             return None
-        earlier = read_result(self.folder)
-        return earlier if earlier.key == self.spec.key and earlier.finished else None
+        earlier = read_result(folder)
+        return earlier if earlier.key == self.planned.spec.key and earlier.finished else None
 
 
 def choose(settings: Run) -> Choices:
@@ -67,9 +65,23 @@ def choose(settings: Run) -> Choices:
     return Choices(entry, preset, options, overrides, budget, entry.device_for(settings.device))
 
 
-def prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
-    """Decide the rest from the dataset in `data`. Raises InputError when that is none, or the method doesn't know
-    an option."""
+def prepare(settings: Run, data: Path) -> Prepared:
+    """Decide a run on the dataset in `data`. The time that this takes counts as `loading`: the method's modules are
+    imported.
+
+    Raises InputError when the call is wrong, the folder is no dataset, or the method doesn't know an option.
+    """
+    with loading.running():
+        choices = choose(settings)
+        return _prepare(settings, choices, data)
+
+
+def plan_run(settings: Run, data: Path) -> PlannedRun:
+    """What `prepare` decides. Raises InputError as it does."""
+    return prepare(settings, data).planned
+
+
+def _prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
     dataset = Dataset.load(data)
     entry = choices.entry
     protocol = protocol_for(settings.inputs, photographs=photograph_columns(dataset))
@@ -101,7 +113,13 @@ def prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
         code=provenance.code_version(entry.folder),
     )
     method = entry.create(dict(plan.options), settings.seed, choices.device)  # raises for an unknown option
-    return Prepared(settings, choices, dataset, data, protocol, plan, spec, method, settings.out / spec.folder)
+    options = getattr(method, "options", None)
+    known = asdict(options) if is_dataclass(options) and not isinstance(options, type) else spec.options
+    pixels = [view.camera.width * view.camera.height for view in dataset.training_views()]
+    planned = PlannedRun(
+        settings, data, spec, plan, settings.out / spec.folder, known, sum(pixels) / max(len(pixels), 1)
+    )
+    return Prepared(planned, entry, dataset, protocol, method)
 
 
 @lru_cache(maxsize=64)

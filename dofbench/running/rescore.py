@@ -8,24 +8,25 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 
+from dofbench.core.clock import timestamp
 from dofbench.core.contracts import Method
 from dofbench.core.errors import InputError, Status
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_image, to_8bit
+from dofbench.core.progress import Terminal, say
 from dofbench.dataset.dataset import Dataset
 from dofbench.metrics import METRICS, score_image
 from dofbench.results import provenance
 from dofbench.results.added_scores import ADDED_VERSION, Added, AddedScore, read_added, write_added
 from dofbench.results.protocol import AIF_PREFIX, DEPTH_COLUMNS, arithmetic_mean
 from dofbench.results.result import RESULT_FILE, Result
-from dofbench.results.run_lock import locked
+from dofbench.results.run_lease import run_lease
 from dofbench.running.load_run import LoadedRun, load_run
 from dofbench.running.method_cards import find_method
 from dofbench.scoring.evaluate import PREFIX, WHOLE, Kind, depth_scores
@@ -67,25 +68,31 @@ def score(
     columns = _columns(metrics)
     folders = _folders(paths)
 
-    def say(line: str) -> None:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    tell = partial(say, console)
 
     good = True
-    for folder in folders:
-        try:
-            run = load_run(folder, data)
-            if run.result.status is not Status.OK:
-                say(f"{folder}: left out, as its run ended {run.result.status}")
-                continue
-            with locked(folder, run.result.spec, run.result.scene, _now()):
-                found = score_result(run, columns)
-                _keep(run, found)
-        except InputError as error:
-            found = Scored(problems=[" ".join(str(error).split())])
-        for line in _lines(found):
-            say(f"{folder}: {line}")
-        good = good and not found.problems
+    with Terminal().stage("results scored", len(folders)) as advance:
+        for done, folder in enumerate(folders, 1):
+            found = _score_folder(folder, data, columns)
+            for line in found if isinstance(found, list) else _lines(found):
+                tell(f"{folder}: {line}")
+            good = good and (isinstance(found, list) or not found.problems)
+            advance(done)
     return good
+
+
+def _score_folder(folder: Path, data: Path | None, columns: Sequence[str]) -> Scored | list[str]:
+    """Score the result in `folder` again and keep what is new; or a line that says why nothing is scored."""
+    try:
+        run = load_run(folder, data)
+        if run.result.status is not Status.OK:
+            return [f"left out, as its run ended {run.result.status}"]
+        with run_lease(folder, run.result.spec, run.result.scene, timestamp()):
+            found = score_result(run, columns)
+            _keep(run, found)
+            return found
+    except InputError as error:
+        return Scored(problems=[" ".join(str(error).split())])
 
 
 def score_result(run: LoadedRun, columns: Iterable[str]) -> Scored:
@@ -123,7 +130,7 @@ def score_result(run: LoadedRun, columns: Iterable[str]) -> Scored:
                         "note": METRICS[column.removeprefix(AIF_PREFIX)].note,
                         "code": code,
                         "git": git,
-                        "scored": _now(),
+                        "scored": timestamp(),
                     }
                 )
             elif _same(mean, result.scores[column]):
@@ -248,7 +255,3 @@ def _lines(found: Scored) -> list[str]:
 
 def _same(one: float, two: float) -> bool:
     return one == two or (math.isnan(one) and math.isnan(two)) or math.isclose(one, two, rel_tol=SAME, abs_tol=SAME)
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")

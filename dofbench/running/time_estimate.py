@@ -1,4 +1,4 @@
-"""How long a run will take, by runs that are finished."""
+"""What a run will take, by runs that are finished, or roughly by its method's card."""
 
 from __future__ import annotations
 
@@ -6,9 +6,16 @@ import statistics
 from collections.abc import Sequence
 from pathlib import Path
 
+from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
+from dofbench.core.jobs import Resources
 from dofbench.results.result import RESULT_FILE, Result, read_result
+from dofbench.running.method_cards import Card, find_method
 from dofbench.running.planned_runs import PlannedRun
+
+# Seconds on two cores: a picture scored at the end, and along the training, by pixel. FLIP and SSIM take most of it.
+_SCORED_PIXEL, _CURVE_PIXEL = 3e-5, 2.5e-4
+_ON_CURVE = 4  # test views that are scored along the training, at most
 
 
 def finished_results(folder: Path) -> list[Result]:
@@ -24,31 +31,56 @@ def finished_results(folder: Path) -> list[Result]:
     return found
 
 
-def expected_seconds(run: PlannedRun, finished: Sequence[Result]) -> float | None:
-    """Wall seconds of a run: the median over the finished ones that are most like it, their training scaled by the
-    budget. Like are those on the same dataset, before all of the same method and preset. Without any, the budget's
-    own seconds; None where it has none."""
+def expected(run: PlannedRun, finished: Sequence[Result]) -> Resources:
+    """What a run takes: the medians over the finished ones that are most like it, their training scaled by the budget.
+    Like are those on the same dataset, before all of the same method and preset. Without any, the seconds that the
+    method's card makes of steps and pixels, which may be half or twice what they are; None where it says nothing."""
     spec, budget = run.spec, run.plan.budget
     alike = [
-        (result.spec.method == spec.method, result.spec.preset == spec.preset, result)
+        ((result.spec.method == spec.method, result.spec.preset == spec.preset), result)
         for result in finished
         if result.spec.dataset_checksum == spec.dataset_checksum
     ]
-    nearest = max((closeness[:2] for closeness in alike), default=None)
-    known = [
-        _scaled(result, budget.steps, budget.seconds) for *closeness, result in alike if tuple(closeness) == nearest
-    ]
-    return statistics.median(known) if known else budget.seconds
-
-
-def time_to_go(runs: Sequence[PlannedRun], seconds: Sequence[float | None], workers: int) -> str:
-    """One line about all of `runs`; `seconds` are theirs."""
-    known = [one for one in seconds if one is not None]
+    nearest = max((closeness for closeness, _ in alike), default=None)
+    known = [result for closeness, result in alike if closeness == nearest]
     if not known:
-        return "no finished run of this kind to estimate the time from"
-    total = sum(known) * len(runs) / len(known) / workers
-    how = f"{workers} at a time, by the runs that are finished and the budgets"
+        seconds = seconds_by_card(
+            find_method(spec.method).card,
+            budget,
+            run.options.get("steps"),
+            view_pixels=run.view_pixels,
+            train_views=run.plan.train_views,
+            test_views=run.plan.test_views,
+        )
+        return Resources(spec.device, seconds=seconds)
+    took = statistics.median(_scaled(result, budget.steps, budget.seconds) for result in known)
+    same = [result.scores["peak_mb"] for result in known if "peak_mb" in result.scores] if all(nearest or ()) else []
+    return Resources(spec.device, statistics.median(same) if same else None, took)
+
+
+def time_to_go(runs: Sequence[Resources], at_a_time: int, by: str) -> str:
+    """One line about all of `runs`. by: what the estimate rests on."""
+    known = [one.seconds for one in runs if one.seconds is not None]
+    if not known:
+        return "no finished run of this kind to estimate the time from, and the method's card says nothing of it"
+    total = sum(known) * len(runs) / len(known) / min(at_a_time, len(runs))
+    how = f"{at_a_time} at a time, {by}" if len(runs) > 1 else by
     return f"about {total:.0f} s to go, {how}" if total < 90 else f"about {total / 60:.0f} min to go, {how}"
+
+
+def seconds_by_card(
+    card: Card, budget: Budget, steps: int | None, *, view_pixels: float, train_views: int, test_views: int
+) -> float | None:
+    """Wall seconds of a run by what its method's card says of steps and pixels; the budget's own seconds where it says
+    nothing, None without either. steps: of the method's options, where the budget has none. view_pixels: of a view."""
+    costs, steps = card.costs, budget.steps or steps
+    scoring = view_pixels * (test_views * _SCORED_PIXEL + min(test_views, _ON_CURVE) * _CURVE_PIXEL)
+    if costs is None or not steps:
+        return None if budget.seconds is None else budget.seconds + scoring
+    training = steps * (costs.step + view_pixels * costs.step_pixel)
+    if budget.seconds is not None:
+        training = min(training, budget.seconds)
+    return training + train_views * view_pixels * costs.view_pixel + scoring
 
 
 def _scaled(result: Result, steps: int | None, seconds: float | None) -> float:

@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from dofbench.core.files import write_text
+from dofbench.core.progress import say
 from dofbench.results import provenance
 from dofbench.stability.case import Case, Found, Setting
 from dofbench.stability.catalogue import chosen
@@ -36,7 +37,7 @@ def stability(settings: Stability, console: Console | None = None) -> bool:
     if settings.dry_run:
         for case in cases:
             places = ", ".join(f"{setting.label} {setting.precision}" for setting in case.settings)
-            _say(console, f"{case.id} ({places}): {case.holds}; bound: {case.bound}")
+            say(console, f"{case.id} ({places}): {case.holds}; bound: {case.bound}")
         return True
     rows = _measure(cases, limits, Unfinished(settings.out), console)
     explained = {case.id: Explained(case.holds, case.bound) for case in cases}
@@ -72,7 +73,7 @@ def _measure(cases: Sequence[Case], limits: Sequence[Limit], kept: Unfinished, c
     places = [(case, setting) for case in cases for setting in case.settings]
     done, rows = kept.read(), []
     if known := sum(_name(case, setting) in done for case, setting in places):
-        _say(console, f"{known} of {len(places)} are measured already")
+        say(console, f"{known} of {len(places)} are measured already")
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with Progress(*columns, console=console, transient=True) as progress:
         bar = progress.add_task("", total=len(places))
@@ -84,7 +85,7 @@ def _measure(cases: Sequence[Case], limits: Sequence[Limit], kept: Unfinished, c
                 kept.keep(_name(case, setting), found)
             row = judged(case, setting, found, limits)
             if row.verdict in (NOT_MET, MET_HERE):
-                _say(
+                say(
                     console,
                     f"{row.verdict}: {_name(case, setting)}: {row.error:.3g}, bound {row.bound:.3g}; {row.note}",
                 )
@@ -99,8 +100,8 @@ def _name(case: Case, setting: Setting) -> str:
 
 def _report(rows: Sequence[Row], out: Path, console: Console) -> bool:
     counts = {verdict: sum(row.verdict == verdict for row in rows) for verdict in (MET, KNOWN, MET_HERE, NOT_MET)}
-    _say(console, f"{len(rows)} rows: " + ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count))
-    _say(console, f"{out / MARKDOWN}")
+    say(console, f"{len(rows)} rows: " + ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count))
+    say(console, f"{out / MARKDOWN}")
     return counts[NOT_MET] == 0
 
 
@@ -121,7 +122,3 @@ def _heading(settings: Stability) -> list[str]:
         "either a known limit, with its reason, or makes the command end with status 1. Known limits may differ by "
         'machine: a row that meets the bound of one says "met here".',
     ]
-
-
-def _say(console: Console, line: str) -> None:
-    console.print(line, highlight=False, markup=False, soft_wrap=True)

@@ -9,7 +9,8 @@ from functools import partial
 from pathlib import Path
 
 from dofbench.core.errors import InputError
-from dofbench.core.processes import Job, Outcome, Report, run_jobs
+from dofbench.core.jobs import Job, Outcome, Report
+from dofbench.core.processes import LocalProcesses
 from dofbench.core.progress import Advance, Several
 from dofbench.scenes.named import ResolvedScene, find_data_root, resolve
 from dofbench.synthesis.builder import BUILT_IN, default_folder, make
@@ -65,7 +66,7 @@ def make_all(datasets: Sequence[MakeDataset], workers: int) -> list[Outcome]:
                 after=None if alone else str(sibling),
             )
         )
-    return run_jobs(jobs, workers=workers, watcher=Several(len(jobs), workers))
+    return LocalProcesses(workers).run(jobs, Several(len(jobs), workers))
 
 
 def _make_one(settings: MakeDataset, sibling: Path | None, report: Report) -> str:

@@ -284,14 +284,14 @@ def test_a_crash_is_tried_again(ablate, tmp_path: Path) -> None:
 
 
 def test_code_that_changes_meanwhile_is_named(ablate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    original = Here.__call__
+    original = Here.run
 
-    def changing(self, jobs, **more):
+    def changing(self, jobs, watcher):
         file = tmp_path / "methods" / "fake" / "behaviour.py"
         file.write_text(file.read_text() + "\nCHANGED = 1\n")
-        return original(self, jobs, **more)
+        return original(self, jobs, watcher)
 
-    monkeypatch.setattr(Here, "__call__", changing)
+    monkeypatch.setattr(Here, "run", changing)
     good, _, said, out = ablate(table="again")
     assert not good and "changed since the call began" in said
     assert table_rows((out / "again.md").read_text(), "waves")[0]["PSNR [dB] ↑"].startswith("not run yet")
@@ -333,7 +333,7 @@ def test_held_out_lenses_have_tables_of_their_own(ablate, tmp_path: Path) -> Non
 def test_a_dry_run_runs_nothing(ablate, tmp_path: Path) -> None:
     good, made, said, out = ablate(dry_run=True)
     assert good and made == [] and not out.exists() and not (tmp_path / "results").exists()
-    assert "3 tables" not in said and "which take 6 runs; 0 of them are finished" in said
+    assert said.startswith("1 table with 6 cells\n6 runs; 0 of them are finished\n")
     assert "to be run, for noise more: dofbench run --method fake" in said and "--set noise=0.8" in said
     ablate(seeds=1)
     _, _, said, _ = ablate(dry_run=True)

@@ -18,7 +18,7 @@ from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_image, write_png
 from dofbench.results.result import read_result
-from dofbench.results.run_lock import locked
+from dofbench.results.run_lease import run_lease
 from dofbench.running.check_results import check_result
 from dofbench.running.rescore import score
 from dofbench.scoring.result_consistency import inconsistencies
@@ -150,7 +150,7 @@ def test_what_dead_processes_leave_is_named(folder: Path) -> None:
     (folder / "trained.json").write_text("{}")
     (folder / "predictions" / ".v0.abc.png").touch()
     dead = folder.parent / "dead"
-    with locked(dead, spec, "waves", "noon"):
+    with run_lease(dead, spec, "waves", "noon"):
         lock = (dead / "running.lock").read_bytes()
         assert "a run is at work there, not checked" in said_of(folder.parent)[1]
     (dead / "running.lock").write_bytes(lock)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import math
 import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -17,9 +15,8 @@ import pytest
 from harness_fakes import text_console
 
 from dofbench.core.errors import InputError, Status
-from dofbench.results import run_lock
 from dofbench.results.result import read_result
-from dofbench.results.run_lock import is_running, locked, read_lock
+from dofbench.results.run_lease import is_running, read_lease, run_lease
 from dofbench.scoring.evaluate import Evaluator
 
 
@@ -102,7 +99,7 @@ def test_a_run_interrupted_while_it_scores_goes_on_from_there(call, monkeypatch:
 def test_two_processes_never_write_one_result(call) -> None:
     end = call()
     spec = read_result(end.folder).spec
-    with locked(end.folder, spec, "waves", "now"):
+    with run_lease(end.folder, spec, "waves", "now"):
         assert is_running(end.folder)
         with pytest.raises(InputError, match="another process"):
             call()
@@ -113,9 +110,9 @@ def test_two_processes_never_write_one_result(call) -> None:
 def test_a_killed_process_leaves_a_trace(call, tmp_path: Path) -> None:
     spec = read_result(call().folder).spec
     script = (
-        "import json, sys, time\nfrom pathlib import Path\nfrom dofbench.results.run_lock import locked\n"
+        "import json, sys, time\nfrom pathlib import Path\nfrom dofbench.results.run_lease import run_lease\n"
         "from dofbench.results.result import Spec\n"
-        "with locked(Path(sys.argv[1]), Spec(**json.loads(sys.argv[2])), 'waves', 'noon'):\n"
+        "with run_lease(Path(sys.argv[1]), Spec(**json.loads(sys.argv[2])), 'waves', 'noon'):\n"
         "    print('ready', flush=True)\n    time.sleep(60)\n"
     )
     folder = tmp_path / "killed"
@@ -131,7 +128,7 @@ def test_a_killed_process_leaves_a_trace(call, tmp_path: Path) -> None:
     while is_running(folder) and time.monotonic() < deadline:
         time.sleep(0.01)
     assert not is_running(folder)
-    assert read_lock(folder) == (spec, "waves", "noon")
+    assert read_lease(folder) == (spec, "waves", "noon")
 
 
 def test_a_prediction_of_a_wrong_size_is_a_crash(call, tmp_path: Path) -> None:
@@ -146,36 +143,3 @@ def test_what_a_process_left_that_died_after_its_result_is_cleared_away(call) ->
     end = call()
     (end.folder / "trained.json").write_text("{}")
     assert call().reused and not (end.folder / "trained.json").exists()
-
-
-def test_a_lock_is_only_one_on_the_file_that_has_the_name(call, tmp_path: Path) -> None:
-    """Its last owner removes the file: who had opened it before must not take the removed one for the lock."""
-    spec = read_result(call().folder).spec
-    folder, entered = tmp_path / "shared", []
-
-    def other() -> None:
-        with locked(folder, spec, "waves", "later", wait=True):
-            entered.append(is_running(folder))
-
-    with locked(folder, spec, "waves", "now"):
-        threads = [threading.Thread(target=other) for _ in range(3)]
-        for thread in threads:
-            thread.start()
-        time.sleep(0.1)
-        assert not entered
-    for thread in threads:
-        thread.join(10)
-    # Each held a lock that everybody could see; on the removed file nobody would.
-    assert entered == [True] * 3 and not (folder / "running.lock").exists()
-
-
-def test_a_glance_at_a_lock_does_not_turn_a_run_away(call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_lock, "_GLANCE", 5.0)  # on a busy machine an instant is long
-    spec = read_result(call().folder).spec
-    folder = tmp_path / "glanced"
-    folder.mkdir()
-    with (folder / "running.lock").open("w") as stream:
-        fcntl.flock(stream, fcntl.LOCK_SH)
-        threading.Timer(0.05, fcntl.flock, (stream, fcntl.LOCK_UN)).start()
-        with locked(folder, spec, "waves", "now"):
-            assert is_running(folder)

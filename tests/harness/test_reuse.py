@@ -10,7 +10,7 @@ from harness_fakes import text_console, write_dataset
 
 from dofbench.results.result import read_result
 from dofbench.results.run_spec import Run
-from dofbench.running.prepare import choose, prepare
+from dofbench.running.prepare import plan_run
 
 
 def test_a_finished_result_is_reused(call) -> None:
@@ -48,7 +48,7 @@ def test_nothing_else_changes_the_key(call, tmp_path: Path, monkeypatch: pytest.
 
     def again(data: Path = tmp_path / "data", **changes) -> str:
         settings = Run(**{"method": "fake", "data": data, "out": tmp_path / "results", **changes})
-        return prepare(settings, choose(settings), data).spec.key
+        return plan_run(settings, data).spec.key
 
     assert again(out=tmp_path / "elsewhere") == again(rerun=True) == again(dry_run=True) == key
     assert again(preset="quick") == again(budget="8it") == again(device="cpu") == key  # what is so anyway

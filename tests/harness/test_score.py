@@ -25,7 +25,7 @@ from dofbench.reporting.report_options import Report
 from dofbench.results.added_scores import read_added
 from dofbench.results.protocol import DEPTH_COLUMNS
 from dofbench.results.result import read_result
-from dofbench.results.run_lock import locked
+from dofbench.results.run_lease import run_lease
 from dofbench.running.load_run import load_run
 from dofbench.running.rescore import columns_known, score
 
@@ -177,7 +177,7 @@ def test_failed_runs_and_runs_at_work_stop_nothing(call, tmp_path: Path) -> None
     call(set=("trouble=lost",))
     good, said = scored(tmp_path / "results", "aif_gmsd")
     assert good and "left out, as its run ended diverged" in said and "added aif_gmsd" in said
-    with locked(end.folder, read_result(end.folder).spec, "waves", "now"):
+    with run_lease(end.folder, read_result(end.folder).spec, "waves", "now"):
         good, said = scored(tmp_path / "results", "aif_gmsd")
     assert not good and "another process at work" in said
 

@@ -17,8 +17,9 @@ from dofbench.commands import run_methods as command
 from dofbench.commands.run_methods import run_methods
 from dofbench.core.budget import Budget, parse_budget
 from dofbench.core.errors import InputError
+from dofbench.core.jobs import Job
 from dofbench.results.result import read_result
-from dofbench.results.run_lock import locked
+from dofbench.results.run_lease import run_lease
 from dofbench.results.run_spec import Run
 from dofbench.running.run_options import Runs
 
@@ -223,14 +224,24 @@ def test_what_another_process_has_at_work_comes_last(call, matrix, tmp_path: Pat
     end = call()
     spec = read_result(end.folder).spec
     (end.folder / "result.json").unlink()
-    with locked(end.folder, spec, "waves", "noon"):
+    with run_lease(end.folder, spec, "waves", "noon"):
         _, _, said = matrix(dry_run=True)
         assert said.count("at work in another process") == 1
-        jobs = []
+
+        class Keeps:
+            """An executor that keeps the jobs and does none."""
+
+            at_a_time = 1
+
+            def run(self, given, watcher):
+                jobs.extend(given)
+                return []
+
+        jobs: list[Job] = []
         run_methods(
             Runs(method="fake,pinhole", data=str(tmp_path / "data"), out=tmp_path / "results"),
             Console(quiet=True),
-            lambda given, **_: jobs.extend(given) or [],
+            Keeps(),
         )
         assert [job.busy() for job in jobs] == [True, False]
     assert not any(job.busy() for job in jobs)

@@ -9,7 +9,7 @@ import pytest
 
 from dofbench import cli
 from dofbench.core.errors import InputError
-from dofbench.core.processes import Outcome
+from dofbench.core.jobs import Outcome
 from dofbench.core.progress import Several, Silent
 from dofbench.synthesis import builder as make
 from dofbench.synthesis import make_dataset

@@ -1,55 +1,43 @@
-"""Making the runs: each in a process of its own, several at a time, none twice."""
+"""Runs as jobs: what an executor is given, and how a run in another process says what it does."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 from rich.console import Console
 
 from dofbench.core.budget import Budget
-from dofbench.core.processes import Job, Outcome, Report, Watcher, run_jobs
+from dofbench.core.jobs import Job, Report, Resources
 from dofbench.results.result import read_result
-from dofbench.results.run_lock import is_running
+from dofbench.results.run_lease import is_running
 from dofbench.results.run_spec import Run
 from dofbench.running.one_run import run
 from dofbench.running.planned_runs import PlannedRun
 
-RunJobs = Callable[..., list[Outcome]]
 _REPORT_EVERY = 2.0  # seconds
 
 
-def make_runs(
-    runs: Sequence[PlannedRun],
-    workers: int,
-    watcher: Watcher,
-    ended: Callable[[PlannedRun], None],
-    run_jobs: RunJobs = run_jobs,
-) -> list[Outcome]:
-    """Make the runs in their order, `workers` at a time; one that fails doesn't stop the others.
+def run_job(planned: PlannedRun, takes: Resources) -> Job:
+    """The run as a job that reports what it does, and does the same wherever it is done.
 
-    A run that another command has at work is left for later, and waited for at the end, so that two commands on one
-    folder share the work. ended: told after each. Returns the outcomes; a run that failed with a typed status left its
-    result, and its outcome has no problem: `problem` is for what left none.
+    A run that another process has at work is left for later, and waited for at the end, so that several commands on one
+    folder share the work. A run that fails with a typed status leaves its result, and the job has no problem: a
+    `problem` is what left none.
     """
-    named = {run.name: run for run in runs}
-    jobs = [
-        Job(
-            name,
-            partial(make_run, run.settings, run.data, run.spec.key, run.folder),
-            busy=partial(is_running, run.folder),
-        )
-        for name, run in named.items()
-    ]
-    return run_jobs(jobs, workers=workers, watcher=_Told(watcher, lambda name: ended(named[name])))
+    work = partial(make_run, planned.settings, planned.data, planned.spec.key, planned.folder)
+    return Job(planned.name, work, busy=partial(is_running, planned.folder), takes=takes)
+
+
+def shown_job(planned: PlannedRun, takes: Resources, console: Console) -> Job:
+    """The run as a job that shows itself on `console`, for a call of one run in this process: it reports nothing."""
+    return Job(planned.name, partial(_show_run, planned, console), takes=takes)
 
 
 def make_run(settings: Run, data: Path, key: str, folder: Path, report: Report) -> str:
-    """One run, in the process that is its own; returns one line about its end.
+    """Make one run; returns one line about its end.
 
     data: the dataset's folder. key: the run's, as it was planned. folder: its result's. Raises InputError when the run
     is another one than was planned: code or data changed meanwhile.
@@ -61,6 +49,11 @@ def make_run(settings: Run, data: Path, key: str, folder: Path, report: Report) 
     trained = f"{result.scores['steps']:.0f} steps in {result.scores['train_s']:.0f} s"
     parts = [f"{result.status}, {trained}", *(["by another process"] * end.reused)]
     return f"{result.spec.folder}: {', '.join(parts)}" + (f": {result.message}" if result.message else "")
+
+
+def _show_run(planned: PlannedRun, console: Console, report: Report) -> str:
+    run(planned.settings, console, data=planned.data, key=planned.spec.key)
+    return ""
 
 
 class _Reported:
@@ -95,23 +88,3 @@ class _Reported:
     def waiting(self, name: str, seconds: float) -> None:
         """Told that something goes on which can't be counted."""
         self._report((f"{name}, {seconds:.0f} s", 0, 0))
-
-
-class _Told:
-    """A watcher, and someone who wants to know what has ended."""
-
-    def __init__(self, watcher: Watcher, ended: Callable[[str], None]):
-        self._watcher, self._ended = watcher, ended
-
-    def started(self, name: str) -> None:
-        """Passed on."""
-        self._watcher.started(name)
-
-    def reported(self, name: str, report: Any) -> None:
-        """Passed on."""
-        self._watcher.reported(name, report)
-
-    def ended(self, outcome: Outcome) -> None:
-        """Passed on, and told."""
-        self._watcher.ended(outcome)
-        self._ended(outcome.name)

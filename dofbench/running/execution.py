@@ -1,0 +1,320 @@
+"""The part of a run that trains, scores and writes."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import traceback
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass, replace
+
+from rich.console import Console
+
+from dofbench.core.budget import Budget
+from dofbench.core.clock import StageTimes, timestamp
+from dofbench.core.contracts import Decision, FitOutcome, Method
+from dofbench.core.errors import InputError, Status, interruption
+from dofbench.core.files import read_json, sha256_file, write_json
+from dofbench.core.leases import Lease
+from dofbench.core.progress import say
+from dofbench.metrics import METRICS
+from dofbench.results import provenance
+from dofbench.results.added_scores import ADDED_FILE
+from dofbench.results.result import (
+    MODEL_FOLDER,
+    PREDICTIONS_FOLDER,
+    RESULT_FILE,
+    SCHEMA_VERSION,
+    CurvePoint,
+    Event,
+    Result,
+    write_result,
+)
+from dofbench.running.observer import OneStep, Report, TrainingObserver
+from dofbench.running.plan import decided, revised
+from dofbench.running.prepare import Prepared
+from dofbench.running.run_progress import print_result, still_alive
+from dofbench.running.warm_up import miniature
+from dofbench.scoring.evaluate import Evaluation, Evaluator
+
+ProgressBar = Callable[[Console, Budget], AbstractContextManager[Report]]
+
+IMPORT, WARM_UP, TRAIN = "import", "warm up", "train"
+TRAINED_FILE = "trained.json"
+
+
+@dataclass(eq=False)
+class _Trained:
+    """The end of training, kept on disk until the result is written, so that it can go on from there."""
+
+    outcome: FitOutcome
+    curve: list[CurvePoint]
+    peak_mb: float
+    compiled: int
+    stages: dict[str, dict[str, float]]
+
+
+class Execution:
+    """Everything that was decided goes in, a result comes out."""
+
+    def __init__(
+        self,
+        run: Prepared,
+        lease: Lease,
+        console: Console,
+        progress: ProgressBar,
+        stages: StageTimes,
+        already_compiled: int,
+    ):
+        planned = run.planned
+        self.settings, self.data, self.plan, self.spec = planned.settings, planned.data, planned.plan, planned.spec
+        self.folder, self.budget = planned.folder, planned.plan.budget
+        self.entry, self.dataset, self.protocol = run.entry, run.dataset, run.protocol
+        self.lease, self.console, self.progress = lease, console, progress
+        self.stages, self.already_compiled = stages, already_compiled
+        self._use(run.method)
+        self.observer: TrainingObserver | None = None
+        self.do_nothing: dict[str, float] = {}
+        self.description: dict[str, float] = {}
+        self.started = timestamp()
+
+    def go(self) -> Status:
+        """Train and score; whatever happens, a result is written.
+
+        Raises InputError when another process has taken the run over meanwhile: the result is that one's to write.
+        """
+        if self.settings.rerun:
+            (self.folder / TRAINED_FILE).unlink(missing_ok=True)
+        trained: _Trained | None = None
+        found = Evaluation()
+        trace = ""
+        try:
+            self.do_nothing = self.evaluator.do_nothing()
+            trained = self._resumed() or self._train()
+            status, message = trained.outcome.status, trained.outcome.message
+            if status is Status.OK:
+                found = self._score()
+                if found.nonfinite:
+                    status = Status.DIVERGED
+                    message = f"{found.nonfinite[0].detail} of view {found.nonfinite[0].view} aren't finite"
+        except InputError:
+            raise
+        except (Exception, KeyboardInterrupt) as error:
+            if (stop := interruption(error)) is not None:
+                self._finish(
+                    Status.CRASHED, f"interrupted after {self._steps(trained)} steps", "", trained, Evaluation()
+                )
+                raise stop from None
+            status, message = classify(error)
+            trace = traceback.format_exc()
+            found = Evaluation()
+        result = self._finish(status, message, trace, trained, found)
+        (self.folder / TRAINED_FILE).unlink(missing_ok=True)
+        if status is not Status.OK:
+            say(self.console, f"{self.spec.method} on {self.spec.dataset}: {status}: {message}")
+        for line in decided(self.plan.stages, result.plan):
+            say(self.console, line)
+        print_result(self.console, result)
+        say(self.console, f"result {self.folder / RESULT_FILE}")
+        return status
+
+    def _compiled(self) -> int:
+        """Kernels compiled since the run began; a process may have had other work before."""
+        return kernels_compiled() - self.already_compiled
+
+    def _train(self) -> _Trained:
+        # An earlier result's files go before they are written anew: if this run dies, none is left half.
+        for name in (RESULT_FILE, ADDED_FILE):
+            (self.folder / name).unlink(missing_ok=True)
+        for name in (MODEL_FOLDER, PREDICTIONS_FOLDER):
+            shutil.rmtree(self.folder / name, ignore_errors=True)
+        with self.stages["load data"].running():
+            training_set = self.dataset.training_set(self.settings.inputs)
+        say(self.console, "warming up: the first call compiles kernels, which isn't counted")
+        with (
+            self.progress(self.console, self.budget) as progress,
+            still_alive(progress, "warming up"),
+            self.stages[WARM_UP].running(),
+        ):
+            # Kernels compile at their first call, for a minute or for none, as their cache has it. A first
+            # step that isn't counted keeps that out of the training time, and of a budget in seconds.
+            self.method.fit(miniature(training_set), Budget(steps=1), OneStep())
+        self._use(self.entry.create(dict(self.plan.options), self.spec.seed, self.spec.device))
+        provenance.reset_peak_memory()
+        clock, evaluating = self.stages[TRAIN], self.stages["evaluate during training"]
+        with self.progress(self.console, self.budget) as progress:
+            observer = TrainingObserver(self.budget, clock, evaluating, self.evaluator.quick, progress)
+            self.observer = observer
+            with clock.running():
+                outcome = self.method.fit(training_set, self.budget, observer)
+        failure = observer.failure()
+        if failure is not None and outcome.status is Status.OK:
+            outcome = replace(outcome, status=failure[0], message=failure[1])
+        if outcome.status is Status.OK:
+            observer.finish(outcome.steps)
+            self.lease.check()
+            with self.stages["save model"].running():
+                (self.folder / MODEL_FOLDER).mkdir(parents=True, exist_ok=True)
+                self.method.save(self.folder / MODEL_FOLDER)
+                # Scored is what was kept, whether or not the run is interrupted here and goes on later.
+                self.method.load(self.folder / MODEL_FOLDER)
+        trained = _Trained(
+            outcome, observer.curve, provenance.peak_memory_mb(), self._compiled(), self.stages.as_data()
+        )
+        if outcome.status is Status.OK:
+            write_json(
+                self.folder / TRAINED_FILE,
+                {
+                    "key": self.spec.key,
+                    "started": self.started,
+                    "steps": outcome.steps,
+                    "message": outcome.message,
+                    "method_stages": outcome.stages,
+                    "left_out": outcome.left_out,
+                    "decisions": [asdict(decision) for decision in outcome.decisions],
+                    "curve": [point.model_dump() for point in trained.curve],
+                    "peak_mb": trained.peak_mb,
+                    "compiled": trained.compiled,
+                    "stages": trained.stages,
+                },
+            )
+        return trained
+
+    def _use(self, method: Method) -> None:
+        self.method = method
+        self.evaluator = Evaluator(
+            method, self.dataset, self.protocol, columns=self.plan.columns, left_out=self.plan.left_out
+        )
+
+    def _resumed(self) -> _Trained | None:
+        """The finished training of an earlier call that was interrupted while it scored; else None."""
+        file = self.folder / TRAINED_FILE
+        if not file.is_file():
+            return None
+        data = read_json(file)
+        if data["key"] != self.spec.key:  # another key with the same first eight digits
+            return None
+        say(self.console, "training is done already, going on with the scores")
+        with self.stages["load model"].running():
+            self.method.load(self.folder / MODEL_FOLDER)
+        self.started = data["started"]
+        decisions = tuple(Decision(**decision) for decision in data.get("decisions", ()))
+        outcome = FitOutcome(
+            Status.OK, data["steps"], data["message"], (), data["method_stages"], data["left_out"], decisions
+        )
+        curve = [CurvePoint.model_validate(point) for point in data["curve"]]
+        # Its pictures, of which some may be half, are made anew.
+        shutil.rmtree(self.folder / PREDICTIONS_FOLDER, ignore_errors=True)
+        return _Trained(outcome, curve, data["peak_mb"], data["compiled"], data["stages"])
+
+    def _score(self) -> Evaluation:
+        self.lease.check()
+        with self.progress(self.console, self.budget) as progress, self.stages["score"].running():
+            found = self.evaluator.final(self.folder, progress.stage)
+        with self.stages["measure speed"].running():
+            frames = self.evaluator.frames_per_second()
+        if frames is None:
+            found.left_out["render_fps"] = "the dataset has no test views"
+        else:
+            found.scores["render_fps"] = frames
+        self.description = {name: float(value) for name, value in self.method.describe().items()}
+        if "gaussians" in self.description:
+            found.scores["gaussians"] = self.description["gaussians"]
+        else:
+            found.left_out["gaussians"] = f"{self.entry.card.name} has no Gaussians"
+        return found
+
+    def _model(self) -> dict[str, str]:
+        root = self.folder / MODEL_FOLDER
+        return {
+            file.relative_to(self.folder).as_posix(): sha256_file(file)
+            for file in sorted(root.rglob("*"))
+            if file.is_file()
+        }
+
+    def _steps(self, trained: _Trained | None) -> int:
+        if trained is not None:
+            return trained.outcome.steps
+        return self.observer.steps if self.observer else 0
+
+    def _finish(self, status: Status, message: str, trace: str, trained: _Trained | None, found: Evaluation) -> Result:
+        observer, outcome = self.observer, trained.outcome if trained else None
+        stages = {**(trained.stages if trained else {}), **self.stages.as_data()}
+        training = stages.get(TRAIN, {"wall": 0.0, "cpu": 0.0})
+        plan = revised(self.plan.as_data(), outcome.decisions if outcome else ())
+        scores, left_out = dict(found.scores), {**self.plan.left_out, **found.left_out}
+        for decision in outcome.decisions if outcome else ():
+            if decision.stage == self.entry.card.stage_decided_by("lens") and not decision.runs:
+                columns = (*self.protocol.refocus_columns, *self.protocol.lens)
+                left_out |= {
+                    column: f"the lens was left out: {decision.reason}"
+                    for column in columns
+                    if column in self.plan.columns and column not in scores
+                }
+        scores |= {
+            "train_s": training["wall"],
+            "steps": self._steps(trained),
+            "train_cpu_s": training["cpu"],
+            "cold_start_s": sum(stages[name]["wall"] for name in (IMPORT, WARM_UP) if name in stages),
+        }
+        scores["peak_mb"] = max(provenance.peak_memory_mb(), trained.peak_mb if trained else 0.0)
+        events = [*(observer.nonfinite if observer else ()), *(outcome.nonfinite if outcome else ()), *found.nonfinite]
+        result = Result(
+            schema_version=SCHEMA_VERSION,
+            key=self.spec.key,
+            spec=self.spec,
+            protocol={**self.protocol.as_data(), "metrics": {entry.id: entry.note for entry in METRICS.values()}},
+            plan=plan,
+            status=status,
+            message=message,
+            traceback=trace,
+            scene=self.dataset.scene,
+            data=str(self.data),
+            command=self.settings.command(),
+            started=self.started,
+            ended=timestamp(),
+            scores=scores,
+            left_out=left_out,
+            left_out_stages={
+                **{stage["name"]: stage["reason"] for stage in plan["stages"] if not stage["runs"]},
+                **(outcome.left_out if outcome else {}),
+            },
+            do_nothing=self.do_nothing,
+            views=found.views,
+            lens=found.lens,
+            fits=found.fits,
+            apertures=found.apertures,
+            curve=trained.curve if trained else observer.curve if observer else [],
+            stages=stages,
+            method_stages=outcome.stages if outcome else {},
+            description=self.description,
+            kernels_compiled=trained.compiled if trained else self._compiled(),
+            model=self._model(),
+            nonfinite=[Event(**asdict(event)) for event in events],
+            predictions=found.predictions,
+            git=provenance.git_state(),
+            machine=provenance.machine(self.spec.device),
+            packages=provenance.package_versions(),
+        )
+        self.lease.check()
+        write_result(self.folder, result)
+        return result
+
+
+def kernels_compiled() -> int:
+    """Kernels that this process has compiled so far; none where their machine code lay on disk."""
+    cache = sys.modules.get("dofbench.compute.kernel_cache")
+    return cache.compiled() if cache else 0
+
+
+def classify(error: Exception) -> tuple[Status, str]:
+    """The typed status of an exception out of a method, and one line about it."""
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    # torch raises its own kinds: OutOfMemoryError on a GPU, a plain RuntimeError by its CPU allocator.
+    memory = isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError"
+    if memory or (isinstance(error, RuntimeError) and "DefaultCPUAllocator" in str(error)):
+        return Status.OUT_OF_MEMORY, text
+    if isinstance(error, FloatingPointError):
+        return Status.DIVERGED, text
+    return Status.CRASHED, text
