@@ -147,6 +147,7 @@ def outlook(own: Own, runs: Sequence[Run], width: int | None) -> list[str]:
             view_pixels=pixels,
             train_views=own.views - held,
             test_views=held,
+            fitted=True,
         )
         if known_seconds is None:
             lines.append(f"{run.method}, seed {run.seed}: time unknown")

@@ -9,12 +9,15 @@ from pathlib import Path
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
 from dofbench.core.jobs import Resources
+from dofbench.results.protocol import PROTOCOLS
 from dofbench.results.result import RESULT_FILE, Result, read_result
 from dofbench.running.method_cards import Card, find_method
 from dofbench.running.planned_runs import PlannedRun
 
-# Seconds on two cores: a picture scored at the end, and along the training, by pixel. FLIP and SSIM take most of it.
-_SCORED_PIXEL, _CURVE_PIXEL = 3e-5, 2.5e-4
+# Seconds on two cores: a pixel of a test view, scored at the end, and along the training. A photograph of unknown lens
+# costs more, as a lens is fitted to it each time.
+_SCORED_PIXEL, _CURVE_PIXEL = 1e-5, 1e-5
+_FITTED_PIXEL, _FITTED_CURVE_PIXEL = 3e-5, 2.5e-4
 _ON_CURVE = 4  # test views that are scored along the training, at most
 
 
@@ -51,6 +54,7 @@ def expected(run: PlannedRun, finished: Sequence[Result]) -> Resources:
             view_pixels=run.view_pixels,
             train_views=run.plan.train_views,
             test_views=run.plan.test_views,
+            fitted=bool(PROTOCOLS[spec.protocol].photograph),
         )
         return Resources(spec.device, seconds=seconds)
     took = statistics.median(_scaled(result, budget.steps, budget.seconds) for result in known)
@@ -69,12 +73,21 @@ def time_to_go(runs: Sequence[Resources], at_a_time: int, by: str) -> str:
 
 
 def seconds_by_card(
-    card: Card, budget: Budget, steps: int | None, *, view_pixels: float, train_views: int, test_views: int
+    card: Card,
+    budget: Budget,
+    steps: int | None,
+    *,
+    view_pixels: float,
+    train_views: int,
+    test_views: int,
+    fitted: bool,
 ) -> float | None:
     """Wall seconds of a run by what its method's card says of steps and pixels; the budget's own seconds where it says
-    nothing, None without either. steps: of the method's options, where the budget has none. view_pixels: of a view."""
+    nothing, None without either. steps: of the method's options, where the budget has none. view_pixels: of a view. fitted:
+    whether the test views are photographs of unknown lens."""
     costs, steps = card.costs, budget.steps or steps
-    scoring = view_pixels * (test_views * _SCORED_PIXEL + min(test_views, _ON_CURVE) * _CURVE_PIXEL)
+    end, curve = (_FITTED_PIXEL, _FITTED_CURVE_PIXEL) if fitted else (_SCORED_PIXEL, _CURVE_PIXEL)
+    scoring = view_pixels * (test_views * end + min(test_views, _ON_CURVE) * curve)
     if costs is None or not steps:
         return None if budget.seconds is None else budget.seconds + scoring
     training = steps * (costs.step + view_pixels * costs.step_pixel)
