@@ -12,8 +12,8 @@ from dofbench.core.errors import Status
 from dofbench.core.jobs import Executor, Outcome, Watcher
 from dofbench.core.progress import Several
 from dofbench.running.ended_runs import Ended
-from dofbench.running.run_jobs import run_job, shown_job
 from dofbench.running.planned_runs import PlannedRun
+from dofbench.running.run_jobs import run_job, shown_job
 from dofbench.running.time_estimate import expected, finished_results, time_to_go
 
 

@@ -83,8 +83,8 @@ def seconds_by_card(
     fitted: bool,
 ) -> float | None:
     """Wall seconds of a run by what its method's card says of steps and pixels; the budget's own seconds where it says
-    nothing, None without either. steps: of the method's options, where the budget has none. view_pixels: of a view. fitted:
-    whether the test views are photographs of unknown lens."""
+    nothing, None without either. steps: of the method's options, where the budget has none. view_pixels: of a view.
+    fitted: whether the test views are photographs of unknown lens."""
     costs, steps = card.costs, budget.steps or steps
     end, curve = (_FITTED_PIXEL, _FITTED_CURVE_PIXEL) if fitted else (_SCORED_PIXEL, _CURVE_PIXEL)
     scoring = view_pixels * (test_views * end + min(test_views, _ON_CURVE) * curve)
