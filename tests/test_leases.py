@@ -66,7 +66,7 @@ def test_of_a_killed_process_of_this_machine_nothing_is_waited_for(tmp_path: Pat
     other.communicate()
     assert not at_work(tmp_path)
     found = left_note(tmp_path)
-    assert found is not None and found[1]["what"] == "mine" and leased_folders(tmp_path.parent) == [tmp_path]
+    assert found is not None and found[1]["what"] == "mine" and leased_folders(tmp_path) == [tmp_path]
     with leased(tmp_path, {"what": "again"}) as lease:
         lease.check()
         found = left_note(tmp_path)

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from dofbench.core.errors import InputError
-from dofbench.core.jobs import Job, Resources, ThisProcess
+from dofbench.core.jobs import Busy, Job, Resources, ThisProcess
 from dofbench.core.processes import LocalProcesses, machine_memory_mb
 
 
@@ -28,6 +28,9 @@ class Log:
 
     def reported(self, name, report):
         self.events.append(("reported", name, report))
+
+    def put_off(self, name):
+        self.events.append(("put off", name))
 
     def ended(self, outcome):
         self.events.append(("ended", outcome.name))
@@ -102,6 +105,29 @@ def test_a_busy_job_is_left_for_later_and_done_at_the_end():
     outcomes = LocalProcesses(1).run([Job(first.name, first.work, busy=lambda: True), second], log)
     assert [event[1] for event in log.events if event[0] == "started"] == ["wrong input", "well"]
     assert [outcome.name for outcome in outcomes] == ["well", "wrong input"] and outcomes[0].message == "well, done"
+
+
+def meets(how, report):
+    raise Busy(how)
+
+
+def insists(report):
+    return "waited"
+
+
+def test_a_job_that_another_process_has_just_begun_is_left_until_all_others_are_done():
+    log, work = Log(), _spawned()
+    met = Job("met", partial(work.meets, "another"), insist=work.insists)
+    outcomes = LocalProcesses(1).run([met, *jobs("well")], log)
+    assert [event[:2] for event in log.events if event[0] != "reported"] == [
+        ("started", "met"),
+        ("put off", "met"),
+        ("started", "well"),
+        ("ended", "well"),
+        ("started", "met"),
+        ("ended", "met"),
+    ]
+    assert [outcome.message for outcome in outcomes] == ["waited", "well, done"]
 
 
 PARENT = """

@@ -9,6 +9,10 @@ from typing import Any, Protocol
 Report = Callable[[Any], None]
 
 
+class Busy(Exception):
+    """Raised by a job's work that finds another process at the same: the job is left until others are done."""
+
+
 def _never() -> bool:
     return False
 
@@ -32,7 +36,8 @@ class Job:
 
     work: called with a function that sends a report; what it returns is the outcome's message. It must be possible to
     pickle it, and its reports. after: the name of a job that must have ended, well or not, before. busy: whether it had
-    better be left for later, as things are now.
+    better be left for later, as things are now. insist: called in place of `work` when all that is left is busy; it
+    waits for the other process instead of raising `Busy`.
     """
 
     name: str
@@ -40,6 +45,7 @@ class Job:
     after: str | None = None
     busy: Callable[[], bool] = _never
     takes: Resources = Resources()
+    insist: Callable[[Report], str] | None = None
 
 
 @dataclass(frozen=True)
@@ -59,6 +65,9 @@ class Watcher(Protocol):
 
     def reported(self, name: str, report: Any) -> None:
         """The job sent a report."""
+
+    def put_off(self, name: str) -> None:
+        """The job was begun and is left for later."""
 
     def ended(self, outcome: Outcome) -> None:
         """The job ended, well or not."""

@@ -40,6 +40,10 @@ PATTERN = "running*.lock"
 _NO_LINKS = {errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK}
 
 
+class HeldElsewhere(InputError):
+    """Another process is at work there."""
+
+
 class Lease:
     """One that this process holds."""
 
@@ -82,7 +86,7 @@ class Lease:
 def leased(folder: Path, note: Mapping[str, Any], *, wait: bool = False) -> Iterator[Lease]:
     """Hold the folder's lease during the block. note: what is being done, for whoever finds it when this process died.
 
-    While another process is at work there: waits, or raises InputError.
+    While another process is at work there: waits, or raises HeldElsewhere, an InputError.
     """
     folder.mkdir(parents=True, exist_ok=True)
     content = json.dumps({"process": os.getpid(), "host": platform.node(), "machine": _machine(), **note}).encode()
@@ -91,7 +95,7 @@ def leased(folder: Path, note: Mapping[str, Any], *, wait: bool = False) -> Iter
         tries += 1
         # Two processes that made files at one moment have both withdrawn; one of them comes first the next time.
         if not wait and (tries > 3 or at_work(folder)):
-            raise InputError(folder, "another process at work on the same run", "to be alone")
+            raise HeldElsewhere(folder, "another process at work on the same run", "to be alone")
         time.sleep(_POLL * random.uniform(0.5, 1.5) if wait else random.uniform(0.01, 0.1))
     try:
         yield lease

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from dofbench.core.clock import loading
 from dofbench.core.errors import one_line
-from dofbench.core.jobs import Job, Outcome, Watcher
+from dofbench.core.jobs import Busy, Job, Outcome, Watcher
 
 _THREADS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -41,6 +41,7 @@ class LocalProcesses:
     def run(self, jobs: Sequence[Job], watcher: Watcher) -> list[Outcome]:
         """See `dofbench.core.jobs.Executor.run`. A job whose process is killed has that as its problem."""
         waiting, outcomes = list(jobs), {}
+        found_busy: set[str] = set()
         running: dict[str, _Running] = {}
         workers = max(1, min(self.at_a_time, len(jobs)))
         threads = max(1, int(os.environ.get("OMP_NUM_THREADS", "1").split(",")[0]) // workers)
@@ -48,21 +49,29 @@ class LocalProcesses:
             while waiting or running:
                 ready = [job for job in waiting if job.after is None or job.after in outcomes]
                 if len(running) < workers:
-                    for job in sorted(ready, key=lambda job: job.busy()):
+                    busy = {job.name: job.name in found_busy or job.busy() for job in ready}
+                    for job in sorted(ready, key=lambda job: busy[job.name]):
                         if len(running) < workers and self._fits(job, [one.job for one in running.values()]):
                             waiting.remove(job)
-                            running[job.name] = _start(job, threads)
+                            running[job.name] = _start(job, threads, insist=busy[job.name])
                             watcher.started(job.name)
                 pipes = {one.pipe: name for name, one in running.items()}
                 for pipe in wait(list(pipes)):
                     assert isinstance(pipe, Connection)
                     name = pipes[pipe]
                     outcome = _received(running[name], watcher)
-                    if outcome is not None:
-                        running.pop(name).process.join()
-                        pipe.close()
+                    if outcome is None:
+                        continue
+                    ended = running.pop(name)
+                    ended.process.join()
+                    pipe.close()
+                    if isinstance(outcome, Outcome):
                         outcomes[name] = outcome
                         watcher.ended(outcome)
+                    else:
+                        found_busy.add(name)
+                        waiting.append(ended.job)
+                        watcher.put_off(name)
         finally:
             for one in running.values():
                 one.process.kill()
@@ -95,10 +104,12 @@ class _Running:
     pipe: Connection
 
 
-def _start(job: Job, threads: int) -> _Running:
+def _start(job: Job, threads: int, *, insist: bool) -> _Running:
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(pickle.dumps(job.work), theirs), name=job.name)
+    process = context.Process(
+        target=_work, args=(pickle.dumps(job.insist if insist and job.insist else job.work), theirs), name=job.name
+    )
     with _environment(dict.fromkeys(_THREADS, str(threads))):
         process.start()
     # The child has its own copy. Once ours is closed, the pipe ends when the child does.
@@ -106,8 +117,8 @@ def _start(job: Job, threads: int) -> _Running:
     return _Running(job, process, ours)
 
 
-def _received(run: _Running, watcher: Watcher) -> Outcome | None:
-    """What the pipe has to say: the outcome, or None after a report."""
+def _received(run: _Running, watcher: Watcher) -> Outcome | type[Busy] | None:
+    """What the pipe has to say: the outcome, `Busy`, or None after a report."""
     name = run.job.name
     try:
         kind, content = run.pipe.recv()
@@ -119,7 +130,7 @@ def _received(run: _Running, watcher: Watcher) -> Outcome | None:
     if kind == "report":
         watcher.reported(name, content)
         return None
-    return Outcome(name, **{kind: content})
+    return Busy if kind == "busy" else Outcome(name, **{kind: content})
 
 
 def _work(pickled: bytes, pipe: Connection) -> None:
@@ -134,6 +145,8 @@ def _work(pickled: bytes, pipe: Connection) -> None:
             pipe.send(("message", work(lambda report: pipe.send(("report", report)))))
         except BrokenPipeError:
             raise
+        except Busy:
+            pipe.send(("busy", ""))
         except Exception as error:
             pipe.send(("problem", one_line(error) or traceback.format_exc()))
         pipe.close()

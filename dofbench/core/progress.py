@@ -139,6 +139,10 @@ class Several:
         if time.monotonic() - self._last >= self._interval:
             self._say()
 
+    def put_off(self, name: str) -> None:
+        """A job is left for later."""
+        del self._begun[name], self._doing[name]
+
     def ended(self, outcome: Outcome) -> None:
         """Say how a job ended: its message on standard output, what went wrong on standard error."""
         self._took[outcome.name] = time.monotonic() - self._begun.pop(outcome.name)

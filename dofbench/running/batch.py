@@ -96,6 +96,9 @@ class _Silent:
     def reported(self, name: str, report: Any) -> None:
         """Nothing to show."""
 
+    def put_off(self, name: str) -> None:
+        """Nothing to show."""
+
     def ended(self, outcome: Outcome) -> None:
         """Nothing to show."""
 
@@ -105,7 +108,8 @@ class _Told:
 
     def __init__(self, watcher: Watcher, ended: Callable[[str], None]):
         self._ended = ended
-        self.started, self.reported, self._show_end = watcher.started, watcher.reported, watcher.ended
+        self.started, self.reported, self.put_off = watcher.started, watcher.reported, watcher.put_off
+        self._show_end = watcher.ended
 
     def ended(self, outcome: Outcome) -> None:
         """The job ended: show it, then tell."""

@@ -10,7 +10,8 @@ from types import TracebackType
 from rich.console import Console
 
 from dofbench.core.budget import Budget
-from dofbench.core.jobs import Job, Report, Resources
+from dofbench.core.jobs import Busy, Job, Report, Resources
+from dofbench.core.leases import HeldElsewhere
 from dofbench.results.result import read_result
 from dofbench.results.run_lease import is_running
 from dofbench.results.run_spec import Run
@@ -24,11 +25,17 @@ def run_job(planned: PlannedRun, takes: Resources) -> Job:
     """The run as a job that reports what it does, and does the same wherever it is done.
 
     A run that another process has at work is left for later, and waited for at the end, so that several commands on one
-    folder share the work. A run that fails with a typed status leaves its result, and the job has no problem: a
-    `problem` is what left none.
+    folder share the work, also where they begin it at one moment. A run that fails with a typed status leaves its
+    result, and the job has no problem: a `problem` is what left none.
     """
-    work = partial(make_run, planned.settings, planned.data, planned.spec.key, planned.folder)
-    return Job(planned.name, work, busy=partial(is_running, planned.folder), takes=takes)
+    make = partial(make_run, planned.settings, planned.data, planned.spec.key, planned.folder)
+    return Job(
+        planned.name,
+        partial(make, wait=False),
+        busy=partial(is_running, planned.folder),
+        takes=takes,
+        insist=partial(make, wait=True),
+    )
 
 
 def shown_job(planned: PlannedRun, takes: Resources, console: Console) -> Job:
@@ -36,15 +43,19 @@ def shown_job(planned: PlannedRun, takes: Resources, console: Console) -> Job:
     return Job(planned.name, partial(_show_run, planned, console), takes=takes)
 
 
-def make_run(settings: Run, data: Path, key: str, folder: Path, report: Report) -> str:
+def make_run(settings: Run, data: Path, key: str, folder: Path, report: Report, *, wait: bool) -> str:
     """Make one run; returns one line about its end.
 
-    data: the dataset's folder. key: the run's, as it was planned. folder: its result's. Raises InputError when the run
-    is another one than was planned: code or data changed meanwhile.
+    data: the dataset's folder. key: the run's, as it was planned. folder: its result's. wait: for another process that
+    has it at work; else Busy is raised. Raises InputError when the run is another one than was planned: code or data
+    changed meanwhile.
     """
-    if is_running(folder):
+    if wait and is_running(folder):
         report(("waiting for another process that has it at work", 0, 0))
-    end = run(settings, Console(quiet=True), partial(_Reported, report), data=data, key=key, wait=True)
+    try:
+        end = run(settings, Console(quiet=True), partial(_Reported, report), data=data, key=key, wait=wait)
+    except HeldElsewhere as error:
+        raise Busy(str(error)) from None
     result = read_result(end.folder)
     trained = f"{result.scores['steps']:.0f} steps in {result.scores['train_s']:.0f} s"
     parts = [f"{result.status}, {trained}", *(["by another process"] * end.reused)]

@@ -18,6 +18,7 @@ from dofbench.running.planned_runs import PlannedRun
 # costs more, as a lens is fitted to it each time.
 _SCORED_PIXEL, _CURVE_PIXEL = 1e-5, 1e-5
 _FITTED_PIXEL, _FITTED_CURVE_PIXEL = 3e-5, 2.5e-4
+_BEGINS = 8.0  # s: a process starts, imports and takes a first step, its kernels compiled before
 _ON_CURVE = 4  # test views that are scored along the training, at most
 
 
@@ -87,13 +88,13 @@ def seconds_by_card(
     fitted: whether the test views are photographs of unknown lens."""
     costs, steps = card.costs, budget.steps or steps
     end, curve = (_FITTED_PIXEL, _FITTED_CURVE_PIXEL) if fitted else (_SCORED_PIXEL, _CURVE_PIXEL)
-    scoring = view_pixels * (test_views * end + min(test_views, _ON_CURVE) * curve)
+    others = _BEGINS + view_pixels * (test_views * end + min(test_views, _ON_CURVE) * curve)
     if costs is None or not steps:
-        return None if budget.seconds is None else budget.seconds + scoring
+        return None if budget.seconds is None else budget.seconds + others
     training = steps * (costs.step + view_pixels * costs.step_pixel)
     if budget.seconds is not None:
         training = min(training, budget.seconds)
-    return training + train_views * view_pixels * costs.view_pixel + scoring
+    return training + train_views * view_pixels * costs.view_pixel + others
 
 
 def _scaled(result: Result, steps: int | None, seconds: float | None) -> float:

@@ -16,11 +16,16 @@ from rich.console import Console
 from dofbench.commands.run_methods import run_methods
 from dofbench.core import leases
 from dofbench.core.errors import InputError, Status
+from dofbench.core.jobs import Busy, Resources
 from dofbench.reporting.report_files import write_report
 from dofbench.reporting.report_options import Report
 from dofbench.results.collecting import collect
 from dofbench.results.result import read_result, write_result
+from dofbench.results.run_lease import run_lease
+from dofbench.results.run_spec import Run
 from dofbench.running import execution
+from dofbench.running.prepare import plan_run
+from dofbench.running.run_jobs import run_job
 from dofbench.running.run_options import Runs
 
 
@@ -96,6 +101,18 @@ def test_a_run_of_a_machine_that_is_gone_is_made_by_another(
     assert run_methods(settings, Console(quiet=True), Here())
     assert time.monotonic() - begun > 0.9  # it waited
     assert read_result(end.folder).status is Status.OK and not list(end.folder.glob("running*"))
+
+
+def test_two_commands_that_begin_one_run_at_a_moment_share_the_rest(call, tmp_path: Path) -> None:
+    """Neither saw the other when it chose the run. The second one leaves it for later instead of waiting beside it."""
+    end = call()
+    result = read_result(end.folder)
+    planned = plan_run(Run(method="fake", data=tmp_path / "data", out=tmp_path / "results"), tmp_path / "data")
+    assert planned.folder == end.folder
+    job = run_job(planned, Resources())
+    with run_lease(end.folder, result.spec, "waves", "now"), pytest.raises(Busy):
+        job.work(lambda report: None)
+    assert job.insist is not None and job.insist(lambda report: None).endswith("by another process")
 
 
 def test_who_lost_its_run_to_another_machine_writes_no_result(

@@ -42,11 +42,11 @@ def with_costs(call, tmp_path: Path) -> None:
 def test_by_the_card(with_costs, tmp_path: Path, budget: str, training: float | None) -> None:
     found = expected(planned(tmp_path, budget), []).seconds
     # Two test views are scored, at the end and along the training; four views are looked at before the first step.
-    scoring = 2 * PIXELS * (1e-5 + 1e-5)
+    others = 8 + 2 * PIXELS * (1e-5 + 1e-5)
     if training is None:  # by seconds alone, and the preset of the fake has no steps that it would end by
-        assert found == pytest.approx(2.0 + scoring)
+        assert found == pytest.approx(2.0 + others)
     else:
-        assert found == pytest.approx(training + 4 * PIXELS * 2e-3 + scoring)
+        assert found == pytest.approx(training + 4 * PIXELS * 2e-3 + others)
 
 
 def test_without_a_card_s_costs_nobody_knows(call, tmp_path: Path) -> None:
@@ -70,9 +70,9 @@ def test_one_run_says_before_it_begins_how_long_it_will_take(with_costs, tmp_pat
     console, stream = text_console()
     assert run_methods(settings, console)
     said = stream.getvalue()
-    assert "to be run, about 53 s: dofbench run --method fake" in said
-    assert "about 53 s to go, by the method's card" in said
-    assert said.index("about 53 s to go") < said.index("warming up")
+    assert "to be run, about 61 s: dofbench run --method fake" in said
+    assert "about 61 s to go, by the method's card" in said
+    assert said.index("about 61 s to go") < said.index("warming up")
     assert said.count("budget 8it; ") == 1  # the plan is shown once
     console, stream = text_console()
     assert run_methods(settings, console)
@@ -80,7 +80,7 @@ def test_one_run_says_before_it_begins_how_long_it_will_take(with_costs, tmp_pat
     assert "to go" not in stream.getvalue()
     console, stream = text_console()
     assert run_methods(Runs(**{**vars(settings), "seed": 1, "dry_run": True}), console)
-    assert "by the runs that are finished" in stream.getvalue() and "53 s" not in stream.getvalue()
+    assert "by the runs that are finished" in stream.getvalue() and "61 s" not in stream.getvalue()
 
 
 def test_the_time_left_of_several_follows_what_each_is_expected_to_take(capsys, monkeypatch) -> None:
