@@ -69,7 +69,7 @@ class Execution:
     ):
         planned = run.planned
         self.settings, self.data, self.plan, self.spec = planned.settings, planned.data, planned.plan, planned.spec
-        self.folder, self.budget = planned.folder, planned.plan.budget
+        self.folder, self.budget = planned.folder, planned.budget
         self.entry, self.dataset, self.protocol = run.entry, run.dataset, run.protocol
         self.lease, self.console, self.progress = lease, console, progress
         self.stages, self.already_compiled = stages, already_compiled

@@ -83,7 +83,7 @@ def _plan_lines(settings: Runs, batch: Batch) -> list[str]:
     for planned in batch.runs:
         if planned.settings.seed == settings.seed:
             seeds = range(settings.seed, settings.seed + settings.seeds)
-            head, *rest = planned.plan.lines()
+            head, *rest = planned.lines()
             more = f"; seeds {', '.join(map(str, seeds))}" if settings.seeds > 1 else ""
             lines += [head + more, *(f"  {line}" for line in rest)]
     for planned in batch.runs:

@@ -62,7 +62,7 @@ def run(
     planned = run.planned
     stages[IMPORT].move(loading)  # the method's own modules, and all that this process imported before
     if key is None:
-        for line in planned.plan.lines():
+        for line in planned.lines():
             say(console, line)
     elif planned.spec.key != key:
         raise InputError(

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from dofbench.core.budget import Budget
 from dofbench.core.contracts import Decision
 from dofbench.core.errors import InputError
 from dofbench.dataset.benchmark_dataset import BenchmarkDataset
@@ -35,20 +34,12 @@ class Stage:
 
 @dataclass(frozen=True)
 class RunPlan:
-    """Printed by --dry-run and stored in the result.
+    """What the dataset makes of a run that the call alone doesn't say.
 
-    options: what the method is created with. facts: what the training photographs
-    show, as `Facts`. lenses: as `dealt_lenses`. columns: scores that will be measured.
-    left_out: scores that will not, with the reason.
+    options: what the method is created with. facts: what the training photographs show, as `Facts`. lenses: as
+    `dealt_lenses`. columns: scores that will be measured. left_out: scores that will not, with the reason.
     """
 
-    method: str
-    preset: str
-    dataset: str
-    protocol: str
-    budget: Budget
-    seed: int
-    device: str
     options: dict[str, Any]
     train_views: int
     test_views: int
@@ -59,15 +50,13 @@ class RunPlan:
     left_out: dict[str, str]
 
     def as_data(self) -> dict[str, Any]:
-        """Plain data, for the result."""
-        return {**asdict(self), "budget": str(self.budget)}
+        """Plain data, for the result, whose spec has the options."""
+        return {key: value for key, value in asdict(self).items() if key != "options"}
 
     def lines(self) -> list[str]:
         """The plan as text, one line a fact."""
         lines = [
-            f"{self.method} ({self.preset}, seed {self.seed}, {self.device}) on {self.dataset}, {self.protocol}",
-            f"budget {self.budget}; {self.train_views} training views, {self.test_views} test views, "
-            f"{self.facts.points} sparse points",
+            f"{self.train_views} training views, {self.test_views} test views, {self.facts.points} sparse points",
             "options " + (", ".join(f"{key}={value}" for key, value in self.options.items()) or "the method's own"),
         ]
         lines += [stage.line() for stage in self.stages]
@@ -95,16 +84,12 @@ def dealt_lenses(dataset: BenchmarkDataset) -> dict[str, Any]:
 
 def make_plan(
     entry: MethodEntry,
-    preset: str,
     options: dict[str, Any],
     overrides: dict[str, Any],
-    budget: Budget,
     dataset: BenchmarkDataset,
     facts: Facts,
     protocol: Protocol,
     *,
-    seed: int,
-    device: str,
     force_all: bool,
 ) -> RunPlan:
     """Decide from the dataset, from what its photographs show and from the method's card.
@@ -135,13 +120,6 @@ def make_plan(
         *protocol.depth,
     )
     return RunPlan(
-        method=entry.id,
-        preset=preset,
-        dataset=dataset.name,
-        protocol=protocol.id,
-        budget=budget,
-        seed=seed,
-        device=device,
         options={**options, **switched, **overrides},
         train_views=len(train),
         test_views=len(test),

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
 from dofbench.dataset.dataset import Dataset
 from dofbench.results.result import Spec
@@ -17,13 +18,15 @@ from dofbench.running.plan import RunPlan
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """settings: what says the same run alone, as `dofbench run` takes it. data: the dataset's folder. folder: where its
-    result goes. options: all that the method runs with, its defaults too, where it says so (as its `options`, a
-    dataclass); else those of the spec. view_pixels: of a training view, on average."""
+    """settings: what says the same run alone, as `dofbench run` takes it. data: the dataset's folder. spec: what
+    decides its result. plan: what it does and leaves out. folder: where its result goes. options: all that the method
+    runs with, its defaults too, where it says so (as its `options`, a dataclass); else those of the spec. view_pixels:
+    of a training view, on average."""
 
     settings: Run
     data: Path
     spec: Spec
+    budget: Budget
     plan: RunPlan
     folder: Path
     options: dict[str, Any]
@@ -34,6 +37,12 @@ class PlannedRun:
         """Dataset, method, preset, seed and key, for a line of progress."""
         return str(self.spec.folder)
 
+    def lines(self) -> list[str]:
+        """What will be done and left out, one line a fact."""
+        spec, (views, *rest) = self.spec, self.plan.lines()
+        what = f"{spec.method} ({spec.preset}, seed {spec.seed}, {spec.device}) on {spec.dataset}, {spec.protocol}"
+        return [what, f"budget {self.budget}; {views}", *rest]
+
     def with_seed(self, seed: int) -> PlannedRun:
         """The same run with another seed; nothing else depends on it."""
         spec = self.spec.model_copy(update={"seed": seed})
@@ -41,7 +50,6 @@ class PlannedRun:
             self,
             settings=replace(self.settings, seed=seed),
             spec=spec,
-            plan=replace(self.plan, seed=seed),
             folder=self.settings.out / spec.folder,
         )
 

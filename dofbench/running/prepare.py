@@ -86,25 +86,13 @@ def _prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
     entry = choices.entry
     protocol = protocol_for(settings.inputs, photographs=photograph_columns(dataset))
     facts = _facts(data.resolve(), dataset.checksum, settings.inputs)
-    plan = make_plan(
-        entry,
-        choices.preset,
-        choices.options,
-        choices.overrides,
-        choices.budget,
-        dataset,
-        facts,
-        protocol,
-        seed=settings.seed,
-        device=choices.device,
-        force_all=settings.force_all,
-    )
+    plan = make_plan(entry, choices.options, choices.overrides, dataset, facts, protocol, force_all=settings.force_all)
     spec = Spec(
         method=entry.id,
         preset=choices.preset,
         overrides=choices.overrides,
         options=plan.options,
-        budget=str(plan.budget),
+        budget=str(choices.budget),
         dataset=dataset.name,
         dataset_checksum=dataset.checksum,
         protocol=protocol.id,
@@ -117,7 +105,14 @@ def _prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
     known = asdict(options) if is_dataclass(options) and not isinstance(options, type) else spec.options
     pixels = [view.camera.width * view.camera.height for view in dataset.training_views()]
     planned = PlannedRun(
-        settings, data, spec, plan, settings.out / spec.folder, known, sum(pixels) / max(len(pixels), 1)
+        settings=settings,
+        data=data,
+        spec=spec,
+        budget=choices.budget,
+        plan=plan,
+        folder=settings.out / spec.folder,
+        options=known,
+        view_pixels=sum(pixels) / len(pixels),
     )
     return Prepared(planned, entry, dataset, protocol, method)
 

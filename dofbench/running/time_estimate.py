@@ -39,7 +39,7 @@ def expected(run: PlannedRun, finished: Sequence[Result]) -> Resources:
     """What a run takes: the medians over the finished ones that are most like it, their training scaled by the budget.
     Like are those on the same dataset, before all of the same method and preset. Without any, the seconds that the
     method's card makes of steps and pixels, which may be half or twice what they are; None where it says nothing."""
-    spec, budget = run.spec, run.plan.budget
+    spec, budget = run.spec, run.budget
     alike = [
         ((result.spec.method == spec.method, result.spec.preset == spec.preset), result)
         for result in finished

@@ -70,15 +70,11 @@ def test_planning_and_scoring_ask_for_what_the_protocol_names(
     training_set = dataset.training_set("shallow")
     plan = make_plan(
         entry,
-        "quick",
         {},
         {},
-        Budget(steps=8),
         dataset,
         facts_of(training_set, one_lens=None),
         protocol,
-        seed=0,
-        device="cpu",
         force_all=True,
     )
     method = entry.create(plan.options, 0, "cpu")

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 from harness_fakes import write_dataset, write_method
 
-from dofbench.core.budget import Budget
 from dofbench.core.contracts import Decision
 from dofbench.core.errors import InputError
 from dofbench.core.files import canonical_json
@@ -45,15 +44,11 @@ def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         facts = Facts(points, blur, dependence, one_lens, spread, light, f_numbers)
         return make_plan(
             find_method(method),
-            "quick",
             options or {"noise": 0.2},
             overrides or {},
-            Budget(steps=8),
             data,
             facts,
             protocol_for(inputs),
-            seed=0,
-            device="cpu",
             force_all=force_all,
         )
 
@@ -222,7 +217,6 @@ def test_no_test_view_means_no_image_scores(plan) -> None:
 
 def test_sharp_inputs_have_no_lens_errors(plan) -> None:
     made = plan(inputs="all-in-focus")
-    assert made.protocol == "sharp-inputs-v2"
     assert "sharp photographs" in made.left_out["delta_f"]
 
 
