@@ -1,7 +1,7 @@
 """How far photographs differ in exposure and white balance, told from the points that they share, and from EXIF.
 
-A photograph's factor on a channel is what all the points that it sees have in common against what other photographs
-show of them. Medians find it: a point that is hidden, glossy or a little off says something about itself alone.
+A photograph's factor on a channel is the ratio that all its points have in common to the same points in other
+photographs. Medians find it, as a point that is hidden, glossy or a little off changes no median.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dofbench.core.exif import Exif
 
 DARKEST, BRIGHTEST = 10 / 255, 245 / 255  # colours between which a ratio says something: above noise, not clipped
 LEAST_SHARED = 20  # points that a photograph must share with others
-LEAST_VIEWS = 3  # photographs that are told about
+LEAST_VIEWS = 3  # photographs with enough shared points, below which nothing is said
 ROUNDS = 20  # of medians over points and over photographs in turn
 
 
@@ -58,7 +58,7 @@ def colour_spread(colours: np.ndarray) -> float | None:
 def light_spread(records: Sequence[Exif | None]) -> float | None:
     """Standard deviation of the light that the cameras let in, stops; None unless EXIF says it of every photograph.
 
-    It isn't the photographs' own: a camera that meters lets in more where there is less.
+    That isn't how far the photographs themselves differ: a camera that meters lets in more light where there is less.
     """
     light = [None if record is None else record.light for record in records]
     return None if not light or None in light else float(np.std(np.log2(light)))

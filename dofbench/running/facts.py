@@ -1,4 +1,4 @@
-"""What the plan looks at: facts about a training set, measured on what a method may see and never told by the truth."""
+"""Facts about a training set, on which a plan decides: measured on what a method may see, never read from the truth."""
 
 from __future__ import annotations
 

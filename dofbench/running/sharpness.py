@@ -22,9 +22,9 @@ LEAST_POINTS = 15  # in a bin of a view
 SHARPEST = 0.1  # quantile over a bin's points that stands for its sharpest detail
 CONTRAST = 0.01  # gradient, per px of a range of 1, below which there is no detail to judge by
 ABOVE_NOISE = 4.0  # times the noise's own energy that detail must have
-OWN_SOFTNESS = 0.7  # px: more than this a photograph in focus isn't blurred by its lens, sensor and scaling
-MOST = 8.0  # px: a blur that the second one no longer changes
-WIDEST = 0.75  # quantile over the views: some may see one depth only, or the focus' own
+OWN_SOFTNESS = 0.7  # px: lens, sensor and scaling blur a photograph in focus by this much at most
+MOST = 8.0  # px: a wider blur can't be measured, since the second one hardly changes it
+WIDEST = 0.75  # quantile over the views: some may see only things that are in focus
 
 
 def largest_blur(images: Sequence[np.ndarray], seen: Sequence[Seen]) -> float | None:

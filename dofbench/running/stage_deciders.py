@@ -11,19 +11,19 @@ from dataclasses import dataclass
 
 from dofbench.running.facts import Facts
 
-NEEDLESS_BLUR = 0.75  # px, radius as estimated: photographs in focus give up to 0.6
-CLEAR_BLUR = 2.0  # px: from here on the estimate alone tells that there is a lens
-NEEDLESS_DEPENDENCE = 2.5  # levels of 255: below it no harmonics would be seen
-NEEDLESS_COLOURS = 12.0  # per cent: up to 10 a learned colour was worth nothing, at 21 a decibel
-NEEDLESS_LIGHT = 0.3  # stops by EXIF, where no points can tell
+NEEDLESS_BLUR = 0.75  # px, estimated radius: photographs that are all in focus give estimates of up to 0.6
+CLEAR_BLUR = 2.0  # px: a larger estimate is proof enough that there is a lens, so nothing has to be tried
+NEEDLESS_DEPENDENCE = 2.5  # levels of 255: nobody would see the harmonics of a smaller change
+NEEDLESS_COLOURS = 12.0  # per cent: at 10 learned colours gained nothing, at 21 they gained a decibel
+NEEDLESS_LIGHT = 0.3  # stops by EXIF, used where too few points are shared
 
 
 @dataclass(frozen=True)
 class Asked:
     """What a decider looks at.
 
-    facts: about the training photographs. sharp: the call says that they are all in focus. runs: decider -> whether
-    the stage that asked it runs, of the card's stages before this one.
+    facts: about the training photographs. sharp: the call says that they are all in focus. runs: for each decider that
+    was asked before, whether the stage that asked it runs.
     """
 
     facts: Facts
@@ -33,10 +33,10 @@ class Asked:
 
 @dataclass(frozen=True)
 class Verdict:
-    """needless: whether the stage could be left out. why: the fact that says so, either way.
+    """needless: whether the stage could be left out. why: the fact that decided.
 
-    to_be_tried: whether training may find it out, where the method can try it; then the stage runs. only_tried: no fact
-    says anything, so the stage is worth a line only where it is tried.
+    to_be_tried: whether the stage runs and training finds out if it is needed, of a method that can try that.
+    only_tried: no fact decides, so that the plan mentions the stage only where training tries it.
     """
 
     needless: bool
@@ -51,8 +51,8 @@ def _lens(asked: Asked) -> Verdict:
     if blur is None:
         return Verdict(False, "the photographs don't tell how blurred they are", to_be_tried=True)
     shown = (
-        f"the photographs show circles of confusion of up to {blur:.2f} px, by an estimate of which "
-        f"{NEEDLESS_BLUR} px mean nothing"
+        f"the photographs show circles of confusion of up to {blur:.2f} px radius, by an estimate that gives up to "
+        f"{NEEDLESS_BLUR} px for photographs without blur"
     )
     needless = blur < NEEDLESS_BLUR
     if needless and asked.sharp:
@@ -68,8 +68,8 @@ def _f_numbers(asked: Asked) -> Verdict | None:
     if asked.facts.f_numbers:
         return Verdict(
             True,
-            "EXIF has the f-number of every photograph, by one camera at one focal length: they share one "
-            "aperture x f-number, and have a focus each",
+            "EXIF has the f-number of every photograph, by one camera at one focal length: aperture x f-number is "
+            "learned once for all, and a focus for each",
         )
     return Verdict(False, "EXIF doesn't say how the photographs' apertures compare")
 
@@ -102,8 +102,8 @@ def _points(asked: Asked) -> Verdict:
 def _depth_supervision(asked: Asked) -> Verdict:
     """Whether the depth is supervised, by the stage that asks for points."""
     if asked.runs.get("points", True):
-        return Verdict(False, "they smooth what depth supervision has placed")
-    return Verdict(True, "without depth supervision they smooth what nothing has placed")
+        return Verdict(False, "normals smooth the surfaces that depth supervision has placed")
+    return Verdict(True, "normals smooth surfaces that depth supervision has placed, and there is none")
 
 
 def _view_dependence(asked: Asked) -> Verdict:
@@ -113,7 +113,7 @@ def _view_dependence(asked: Asked) -> Verdict:
         return Verdict(False, "too few points are seen often enough to tell")
     return Verdict(
         spread < NEEDLESS_DEPENDENCE,
-        f"surfaces change by {spread:.1f} of 255 with the direction, {NEEDLESS_DEPENDENCE} can be seen",
+        f"surfaces change by {spread:.1f} of 255 levels with the viewing direction; {NEEDLESS_DEPENDENCE} can be seen",
     )
 
 
@@ -123,16 +123,16 @@ def _colour_spread(asked: Asked) -> Verdict:
     if spread is not None:
         return Verdict(
             spread < NEEDLESS_COLOURS,
-            f"exposure and white balance differ by {spread:.1f} % over the photographs, "
-            f"of which less than {NEEDLESS_COLOURS:.0f} % need no colours of their own",
+            f"exposure and white balance differ by {spread:.1f} % over the photographs; "
+            f"below {NEEDLESS_COLOURS:.0f} % they need no colours of their own",
         )
     if light is not None:
         return Verdict(
             light < NEEDLESS_LIGHT,
-            f"too few points are shared to tell, and by EXIF the light let in differs by "
-            f"{light:.1f} stops, of which {NEEDLESS_LIGHT} mean nothing",
+            f"too few points are shared to compare colours; by EXIF the light that the camera let in differs by "
+            f"{light:.1f} stops, and below {NEEDLESS_LIGHT} stops photographs need no colours of their own",
         )
-    why = "too few points are shared to tell whether exposure or white balance differ, and EXIF says nothing"
+    why = "too few points are shared to tell whether exposure or white balance differ, and EXIF doesn't tell"
     return Verdict(True, why)
 
 
