@@ -6,8 +6,9 @@ import math
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -74,6 +75,8 @@ SINGLE_ON_CPU = tuple(setting for setting in SINGLE if setting.device == "cpu")
 COMPILED = (Setting("cpu", "float32"),)
 NUMPY = (Setting("numpy", "float32"),)
 NUMPY64 = (Setting("numpy", "float64"),)
+# What float32 is compared with.
+DOUBLE = Setting("reference", "float64")
 
 
 @dataclass(frozen=True)
@@ -172,11 +175,12 @@ def refuses(kind: type[Exception], call: Callable[[], object], *words: str) -> F
     return Found(1.0, 0.0, "went through without an error")
 
 
-def in_folder(measure: Callable[[Path], Found]) -> Callable[[Setting], Found]:
+def in_folder(measure: Callable[..., Found]) -> Callable[..., Found]:
     """A measure that is given an empty folder of its own, in any setting."""
 
-    def run(setting: Setting) -> Found:
+    @wraps(measure)
+    def run(setting: Setting, **options: Any) -> Found:
         with tempfile.TemporaryDirectory(prefix="dofbench-stability-") as folder:
-            return measure(Path(folder))
+            return measure(Path(folder), **options)
 
     return run

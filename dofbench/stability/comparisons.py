@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
-from dofbench.kernels import load
-from dofbench.stability.case import Found, Setting, not_finite, off, values
+from dofbench.optics.layered import layered_blur
+from dofbench.stability.case import DOUBLE, Found, Setting, not_finite, off, values
 from dofbench.stability.oracle import ROUNDINGS, dense_scatter, left_out, sensitivity
-from dofbench.stability.samples import straight
+from dofbench.stability.samples import HEIGHT, WIDTH, straight
 
 SCATTERED = (
     "8 times what rounding image and radii once moves the formula, 16 roundings and one a pixel that is added up; "
@@ -27,6 +27,11 @@ GEOMETRY = "full"
 Scene = dict[str, np.ndarray]
 
 
+def summed(setting: Setting, count: int = HEIGHT * WIDTH) -> float:
+    """What so many numbers that are added up are off by, as a share: 16 roundings and half an eps a number."""
+    return (ROUNDINGS + count / 2) * setting.eps
+
+
 def scatter_bound(setting: Setting, image: np.ndarray, radius: np.ndarray, **options: Any) -> tuple[float, str]:
     """How far off a scatter may be, as a share of the brightest pixel, and the condition number as a note.
 
@@ -38,7 +43,7 @@ def scatter_bound(setting: Setting, image: np.ndarray, radius: np.ndarray, **opt
     exact = partial(dense_scatter, kind=kind, **options)
     moved = sensitivity(exact, (image.astype(kind), radius.astype(kind)), setting.eps / 2) / largest
     beyond = 0.0 if setting.backend == "reference" else left_out(radius, **options)
-    bound = 8 * moved + (ROUNDINGS + radius.size / 2) * setting.eps + beyond
+    bound = 8 * moved + summed(setting, radius.size) + beyond
     return bound, f"condition {2 * moved / setting.eps:.3g}"
 
 
@@ -56,10 +61,32 @@ def against_formula(
     return Found(off(found, exact(image, radius)), bound, note)
 
 
-def render(kernel: Callable, scene: Scene, setting: Setting, **options: Any):
+def within_the_image(setting: Setting, image: np.ndarray, radius: np.ndarray) -> Found:
+    """How far a blur by layers is lighter or darker than every pixel of the image."""
+    found = values(layered_blur(setting.tensor(image), setting.tensor(radius), setting.kernel("scatter")))
+    if found.shape != image.shape or not_finite(found):
+        return Found(math.inf, 0.0, "not finite, or of another size")
+    return Found(max(0.0, float(image.min() - found.min()), float(found.max() - image.max())), 64 * setting.eps)
+
+
+def l1_ssim(setting: Setting, image: Tensor, target: Tensor) -> Tensor:
+    """3DGS' loss of an image."""
+    return setting.kernel("ssim", "l1_ssim")(image, target, ssim_weight=0.2)
+
+
+def sweep(
+    setting: Setting, reference: np.ndarray, source: np.ndarray, shift: tuple[float, float], planes: np.ndarray
+) -> np.ndarray:
+    """Stereo's scores, (H, W, D): `source`, (H, W), lies `shift` pixels (x, y) times a plane's disparity away."""
+    maps = np.array([[[1.0, 0, 0, shift[0]], [0, 1, 0, shift[1]], [0, 0, 1, 0]]], np.float32)
+    given = (setting.tensor(value) for value in (reference, source[None], maps, planes))
+    return values(setting.kernel("stereo")(*given, radius=2, best=1))
+
+
+def render(setting: Setting, scene: Scene, **options: Any):
     """The raster of a scene, without gradient."""
     with torch.no_grad():
-        return kernel(**{name: setting.tensor(value) for name, value in scene.items()}, **options)
+        return setting.kernel("rasterize")(**{name: setting.tensor(value) for name, value in scene.items()}, **options)
 
 
 def against_reference(setting: Setting, scene: Scene, filter_3d: float = 0.0, **options: Any) -> Found:
@@ -69,12 +96,10 @@ def against_reference(setting: Setting, scene: Scene, filter_3d: float = 0.0, **
     """
     options = {"camera": straight(), "geometry": GEOMETRY, **options}
     names, size = tuple(scene), np.full(len(scene["means"]), filter_3d)
-    double, kernel = Setting("reference", "float64"), load("rasterize", "reference")
 
     def exact(*parameters: np.ndarray) -> np.ndarray:
-        return _stacked(
-            render(kernel, dict(zip(names, parameters, strict=True)), double, filter_3d=double.tensor(size), **options)
-        )
+        given = dict(zip(names, parameters, strict=True))
+        return _stacked(render(DOUBLE, given, filter_3d=DOUBLE.tensor(size), **options))
 
     given = tuple(scene[name].astype(np.float64) for name in names)
     expected = exact(*given)
@@ -84,7 +109,7 @@ def against_reference(setting: Setting, scene: Scene, filter_3d: float = 0.0, **
         return float((np.abs(a - b) / scale).max())
 
     moved = sensitivity(exact, given, setting.eps / 2, measure=apart)
-    raster = render(setting.kernel("rasterize"), scene, setting, filter_3d=setting.tensor(size), **options)
+    raster = render(setting, scene, filter_3d=setting.tensor(size), **options)
     error = math.inf if not_finite(*raster[:5]) else apart(_stacked(raster), expected)
     return Found(
         error,

@@ -14,7 +14,10 @@ from dofbench.core.errors import InputError
 from dofbench.core.images import read_exr, write_exr, write_png
 from dofbench.stability.case import NUMPY, Case, Found, in_folder, not_finite, refuses
 from dofbench.stability.comparisons import NAMED
-from dofbench.stability.samples import picture, size_name
+from dofbench.stability.samples import by_size, picture
+from dofbench.stability.subject import Subject
+
+SIZE = (24, 32)  # where no other is under test
 
 
 def _write_scene(
@@ -53,7 +56,8 @@ def _make(scene: Path, out: Path, **options) -> Path:
     return make_dataset(MakeDataset(scene=str(scene), out=out, hold=2, **options), progress=Silent())
 
 
-def _dataset(folder: Path, size: tuple[int, int], depth: Callable | None = None, **options) -> Found:
+@in_folder
+def _dataset(folder: Path, size: tuple[int, int] = SIZE, depth: Callable | None = None, **options) -> Found:
     """That the dataset is made, and is what it says: `dofbench check` recomputes its photographs."""
     from dofbench.synthesis import check_dataset
 
@@ -74,21 +78,24 @@ def _with_pixel(picture: np.ndarray, at: tuple[int, int], value: float) -> np.nd
 
 
 def _refused(folder: Path, *words: str, photograph: Callable | None = None, depth: Callable | None = None) -> Found:
-    scene = _write_scene(folder / "scene", (24, 32), photograph=photograph, depth=depth)
+    scene = _write_scene(folder / "scene", SIZE, photograph=photograph, depth=depth)
     found = refuses(InputError, lambda: _make(scene, folder / "made"), "v0.exr", *words)
     return Found(found.error, found.bound, found.note.replace(str(folder), ""))
 
 
+@in_folder
 def _not_encoded(folder: Path, value: float) -> Found:
     return _refused(folder, "an encoded image", photograph=partial(_with_pixel, at=(1, 1), value=value))
 
 
+@in_folder
 def _bad_depth(folder: Path, value: float) -> Found:
     return _refused(folder, depth=partial(_with_pixel, at=(1, 1), value=value))
 
 
+@in_folder
 def _refused_option(folder: Path, option: str, value: str) -> Found:
-    scene = _write_scene(folder / "scene", (24, 32))
+    scene = _write_scene(folder / "scene", SIZE)
     return refuses(InputError, lambda: _make(scene, folder / "made", **{option: (float(value),)}), f"--{option}", value)
 
 
@@ -99,109 +106,92 @@ def _all_but_one_unknown(z: np.ndarray) -> np.ndarray:
 
 
 def _cases() -> tuple[Case, ...]:
-    def made(name: str, holds: str, bound: str, measure: Callable[..., Found], **options) -> Case:
-        return Case("datasets", name, "make-dataset", holds, bound, NUMPY, in_folder(partial(measure, **options)))
-
+    made = Subject("datasets", "make-dataset", NUMPY)
+    no_complaint, nearer = "0: no complaint", partial(_with_pixel, at=(2, 3), value=3e-6)
     return (
-        *(
-            made(
-                f"{size_name(size)}",
-                f"a dataset of {size_name(size)} pixels is made and checks out",
-                "0: no complaint",
-                _dataset,
-                size=size,
-            )
-            for size in ((1, 1), (1, 9), (9, 1), (17, 33))
+        *made.each(
+            "{size_label}",
+            "a dataset of {size_label} pixels is made and checks out",
+            no_complaint,
+            _dataset,
+            size=by_size((1, 1), (1, 9), (9, 1), (17, 33)),
         ),
-        made(
+        made.case(
             "flat",
             "a dataset of a plane, all depths equal, is made and checks out",
-            "0: no complaint",
+            no_complaint,
             _dataset,
-            size=(24, 32),
             depth=lambda z: np.full_like(z, 3.7),
         ),
-        made(
+        made.case(
             "outlier",
             "a dataset with a pixel 10^6 times nearer is made and checks out",
-            "0: no complaint",
+            no_complaint,
             _dataset,
-            size=(24, 32),
-            depth=partial(_with_pixel, at=(2, 3), value=3e-6),
+            depth=nearer,
         ),
-        made(
+        made.case(
             "depth-infinite",
             "infinite depth counts as infinitely far, and the dataset checks out",
-            "0: no complaint",
+            no_complaint,
             _dataset,
-            size=(24, 32),
             depth=partial(_with_pixel, at=(2, 3), value=np.inf),
         ),
-        made(
+        made.case(
             "depth-mostly-unknown",
             "a dataset with one known depth a view is made and checks out",
-            "0: no complaint",
+            no_complaint,
             _dataset,
-            size=(24, 32),
             depth=_all_but_one_unknown,
         ),
-        *(
-            made(
-                f"{option}-{value}",
-                f"{option} {value} is refused by name",
-                NAMED,
-                _refused_option,
-                option=option,
-                value=value,
-            )
-            for option, value in (("focus", "-1"), ("focus", "nan"), ("aperture", "40"))
+        *made.each(
+            "focus-{value}",
+            "focus {value} is refused by name",
+            NAMED,
+            _refused_option,
+            option=("focus",),
+            value=("-1", "nan"),
         ),
-        made(
+        made.case(
+            "aperture-40", "aperture 40 is refused by name", NAMED, _refused_option, option="aperture", value="40"
+        ),
+        made.case(
             "focus-ends",
             "focus at 0 and 1, aperture 0 and 1: made and checks out",
-            "0: no complaint",
+            no_complaint,
             _dataset,
-            size=(24, 32),
             focus=(0, 1),
             aperture=(0, 1),
         ),
-        made(
+        made.case(
             "layered",
             "by layers, with a pixel 10^6 times nearer: made and checks out",
-            "0: no complaint",
+            no_complaint,
             _dataset,
-            size=(24, 32),
-            depth=partial(_with_pixel, at=(2, 3), value=3e-6),
+            depth=nearer,
             renderer="layered",
         ),
-        made(
+        made.case(
             "noisy-black",
             "a noisy sensor in the dark: no number is lost",
-            "0: no complaint",
+            no_complaint,
             _dataset,
-            size=(24, 32),
             photons=10.0,
             read_noise=20.0,
         ),
-        *(
-            made(
-                f"photograph-{name}",
-                f"a photograph with {value} is refused by its name",
-                NAMED,
-                _not_encoded,
-                value=value,
-            )
-            for name, value in (("nan", np.nan), ("inf", np.inf), ("negative", -0.5))
+        *made.each(
+            "photograph-{value_label}",
+            "a photograph with {value} is refused by its name",
+            NAMED,
+            _not_encoded,
+            value={"nan": np.nan, "inf": np.inf, "negative": -0.5},
         ),
-        *(
-            made(
-                f"depth-{name}",
-                f"a depth of {value} is refused by its file's name",
-                NAMED,
-                _bad_depth,
-                value=value,
-            )
-            for name, value in (("nan", np.nan), ("negative", -2.0))
+        *made.each(
+            "depth-{value_label}",
+            "a depth of {value} is refused by its file's name",
+            NAMED,
+            _bad_depth,
+            value={"nan": np.nan, "negative": -2.0},
         ),
     )
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -22,11 +21,13 @@ from dofbench.core.images import (
 from dofbench.optics.tone import decode, encode
 from dofbench.stability.case import NUMPY, Case, Found, Setting, differing, in_folder, off, off_each, refuses
 from dofbench.stability.comparisons import EXACT, NAMED
-from dofbench.stability.samples import picture, size_name
+from dofbench.stability.samples import by_size, picture
+from dofbench.stability.subject import Subject
 
 LEVEL = 1 / 255
 
 
+@in_folder
 def _png(folder: Path, size: tuple[int, int], bits: int) -> Found:
     image = picture(*size)
     write_png(folder / "a.png", image, bits=bits)
@@ -36,6 +37,7 @@ def _png(folder: Path, size: tuple[int, int], bits: int) -> Found:
     return Found(math.inf if wrong else off(read_image(folder / "a.png"), image, 1.0), 0.5 / steps + 2e-7)
 
 
+@in_folder
 def _exr(folder: Path, size: tuple[int, int]) -> Found:
     image, depth = picture(*size) * np.float32(1e6), picture(*size)[..., 0] * np.float32(1e-6)
     write_exr(folder / "a.exr", image)
@@ -43,6 +45,7 @@ def _exr(folder: Path, size: tuple[int, int]) -> Found:
     return Found(differing(read_exr(folder / "a.exr"), image) + differing(read_exr(folder / "z.exr"), depth), 0.0)
 
 
+@in_folder
 def _exr_kept(folder: Path) -> Found:
     depth = picture()[..., 0]
     depth[0, :4] = (np.inf, -np.inf, np.nan, 1e-42)
@@ -51,6 +54,7 @@ def _exr_kept(folder: Path) -> Found:
     return Found(float(not np.array_equal(found, depth, equal_nan=True)), 0.0)
 
 
+@in_folder
 def _half_exr(folder: Path) -> Found:
     image = picture() * np.float32(1000)
     image[0, 0] = (1e6, 7e4, 65504.0)
@@ -60,6 +64,7 @@ def _half_exr(folder: Path) -> Found:
     return Found(off_each(found, saturated), 2.0**-11, "of each number")
 
 
+@in_folder
 def _one_channel(folder: Path) -> Found:
     grey = picture()[..., 0]
     write_grey_png(folder / "grey.png", grey)
@@ -69,6 +74,7 @@ def _one_channel(folder: Path) -> Found:
     return Found(max(off(from_png, repeated, 1.0), off(from_exr, repeated, 1.0)), 0.5 * LEVEL + 2e-7)
 
 
+@in_folder
 def _alpha(folder: Path, bits: int, grey: bool) -> Found:
     import cv2
 
@@ -96,6 +102,7 @@ def _resized(setting: Setting) -> Found:
     return Found(wrong, 32 * setting.eps)
 
 
+@in_folder
 def _damaged(folder: Path) -> Found:
     write_png(folder / "whole.png", picture())
     content = (folder / "whole.png").read_bytes()
@@ -114,71 +121,42 @@ def _pure_power(setting: Setting) -> Found:
 
 
 def _cases() -> tuple[Case, ...]:
-    def files(name: str, holds: str, bound: str, measure: Callable[..., Found], **options) -> Case:
-        return Case("files", name, "images", holds, bound, NUMPY, in_folder(partial(measure, **options)))
-
+    images = Subject("files", "images", NUMPY)
     return (
-        *(
-            files(
-                f"png-{bits}-bit-{size_name(size)}",
-                f"a PNG of {bits} bits, {size_name(size)} pixels, comes back as it was",
-                "half a level",
-                _png,
-                size=size,
-                bits=bits,
-            )
-            for size in ((1, 1), (1, 9), (17, 33))
-            for bits in (8, 16)
+        *images.each(
+            "png-{bits}-bit-{size_label}",
+            "a PNG of {bits} bits, {size_label} pixels, comes back as it was",
+            "half a level",
+            _png,
+            size=by_size((1, 1), (1, 9), (17, 33)),
+            bits=(8, 16),
         ),
-        *(
-            files(
-                f"exr-{size_name(size)}",
-                f"an EXR of {size_name(size)} pixels comes back as it was",
-                EXACT,
-                _exr,
-                size=size,
-            )
-            for size in ((1, 1), (9, 1), (17, 33))
+        *images.each(
+            "exr-{size_label}",
+            "an EXR of {size_label} pixels comes back as it was",
+            EXACT,
+            _exr,
+            size=by_size((1, 1), (9, 1), (17, 33)),
         ),
-        files("exr-not-finite", "infinity, NaN and denormal numbers in an EXR come back", EXACT, _exr_kept),
-        files(
+        images.case("exr-not-finite", "infinity, NaN and denormal numbers in an EXR come back", EXACT, _exr_kept),
+        images.case(
             "exr-half",
             "numbers that half floats don't hold saturate, none becomes infinite",
             "half a unit of 11 bits",
             _half_exr,
         ),
-        files("one-channel", "one channel is read as three alike", "half a level", _one_channel),
-        *(
-            files(
-                f"alpha-{bits}-bit{'-grey' if grey else ''}",
-                "alpha is composited over black",
-                "a level",
-                _alpha,
-                bits=bits,
-                grey=grey,
-            )
-            for bits in (8, 16)
-            for grey in (False, True)
+        images.case("one-channel", "one channel is read as three alike", "half a level", _one_channel),
+        *images.each(
+            "alpha-{bits}-bit{grey_label}",
+            "alpha is composited over black",
+            "a level",
+            _alpha,
+            bits=(8, 16),
+            grey={"": False, "-grey": True},
         ),
-        files("damaged", "a file cut short is refused by its name", NAMED, _damaged),
-        Case(
-            "files",
-            "resize",
-            "images",
-            "to and from one pixel: means and constants stay",
-            "32 roundings",
-            NUMPY,
-            _resized,
-        ),
-        Case(
-            "files",
-            "pure-power",
-            "images",
-            "decoding and encoding give tones back, 0 too",
-            "32 roundings",
-            NUMPY,
-            _pure_power,
-        ),
+        images.case("damaged", "a file cut short is refused by its name", NAMED, _damaged),
+        images.case("resize", "to and from one pixel: means and constants stay", "32 roundings", _resized),
+        images.case("pure-power", "decoding and encoding give tones back, 0 too", "32 roundings", _pure_power),
     )
 
 

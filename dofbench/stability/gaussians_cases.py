@@ -22,6 +22,7 @@ from dofbench.stability.case import (
 )
 from dofbench.stability.comparisons import EXACT, GEOMETRY, NAMED, RASTERIZED, Scene, against_reference, render
 from dofbench.stability.samples import VIEW_HEIGHT, VIEW_WIDTH, camera, gaussians, single, straight, together
+from dofbench.stability.subject import Subject
 
 NEAR = float(np.float32(0.2))  # a number that both precisions hold
 
@@ -34,7 +35,7 @@ def _scale(setting: Setting, scale: float) -> Found:
 def _too_large(setting: Setting) -> Found:
     scene = single()
     scene["log_scales"][:] = 100.0
-    call = partial(render, setting.kernel("rasterize"), scene, setting, camera=straight(), geometry=GEOMETRY)
+    call = partial(render, setting, scene, camera=straight(), geometry=GEOMETRY)
     if setting.backend == "reference":  # plain torch: may give NaN, never a number that looks right
         raster = call()
         return Found(0.0 if not_finite(raster.color) or not values(raster.alpha).any() else 1.0, 0.0, "nothing drawn")
@@ -44,7 +45,7 @@ def _too_large(setting: Setting) -> Found:
 def _bad_number(setting: Setting, name: str, value: float) -> Found:
     scene = gaussians()
     scene[name].reshape(40, -1)[7, 0] = value
-    call = partial(render, setting.kernel("rasterize"), scene, setting, camera=straight(), geometry=GEOMETRY)
+    call = partial(render, setting, scene, camera=straight(), geometry=GEOMETRY)
     return refuses(FloatingPointError, call, f"{name}[7]")
 
 
@@ -63,16 +64,14 @@ def _empty(setting: Setting) -> Found:
 
 def _zero_quaternion(setting: Setting) -> Found:
     zero, one = (single(scale=(0.4, 0.1, 0.2), quaternion=q) for q in ((0.0,) * 4, (1.0, 0.0, 0.0, 0.0)))
-    kernel = setting.kernel("rasterize")
-    a, b = (render(kernel, scene, setting, camera=camera(), geometry=GEOMETRY) for scene in (zero, one))
+    a, b = (render(setting, scene, camera=camera(), geometry=GEOMETRY) for scene in (zero, one))
     return Found(sum(differing(x, y) for x, y in zip(a[:5], b[:5], strict=True)), 0.0)
 
 
 def _quaternion_length(setting: Setting, length: float) -> Found:
     direction = np.array([0.5, -0.1, 0.7, 0.3])
     usual, other = (single(scale=(0.4, 0.1, 0.2), quaternion=tuple(direction * size)) for size in (1.0, length))
-    kernel = setting.kernel("rasterize")
-    a, b = (render(kernel, scene, setting, camera=camera(), geometry=GEOMETRY) for scene in (usual, other))
+    a, b = (render(setting, scene, camera=camera(), geometry=GEOMETRY) for scene in (usual, other))
     # Scaling by a power of ten rounds each entry; a rotation is quadratic in them.
     return Found(max(off(y, x) for x, y in zip(a[:5], b[:5], strict=True)), 64 * float(np.finfo(np.float32).eps))
 
@@ -83,12 +82,12 @@ def _opacity(setting: Setting, logit: float) -> Found:
 
 
 def _left_out(setting: Setting, scene: Scene) -> Found:
-    raster = render(setting.kernel("rasterize"), scene, setting, camera=straight(), geometry="distortion", near=NEAR)
+    raster = render(setting, scene, camera=straight(), geometry="distortion", near=NEAR)
     return Found(sum(float(np.count_nonzero(values(part))) for part in raster), 0.0)
 
 
 def _drawn(setting: Setting, scene: Scene) -> Found:
-    raster = render(setting.kernel("rasterize"), scene, setting, camera=straight(), geometry="distortion", near=NEAR)
+    raster = render(setting, scene, camera=straight(), geometry="distortion", near=NEAR)
     seen = float((values(raster.alpha) > 0).any())
     return Found(not_finite(*raster) + (1 - seen), 0.0, "nothing was drawn" if not seen else "")
 
@@ -99,7 +98,7 @@ def _half_a_pixel(setting: Setting) -> Found:
     worst = 0.0
     for x, y in ((0.0, 0.0), (0.5, 0.5), (0.25, 0.4), (0.9, 0.1)):
         scene = single(mean=(x * 4 / VIEW_WIDTH, y * 4 / VIEW_WIDTH, 4.0), scale=0.5 * 4 / VIEW_WIDTH, logit=0.0)
-        raster = render(setting.kernel("rasterize"), scene, setting, camera=straight(), geometry="none")
+        raster = render(setting, scene, camera=straight(), geometry="none")
         integral = 0.5 * 2 * math.pi * 0.25
         worst = max(worst, abs(float(values(raster.alpha).sum()) / integral - 1))
     return Found(worst, 4 * math.exp(-2 * math.pi**2 * 0.35) + 2 / 255 / (0.5 * 0.25 / 0.35))
@@ -110,7 +109,7 @@ def _many_on_a_tile(setting: Setting, count: int) -> Found:
     scene = {name: np.repeat(value, count, axis=0) for name, value in one.items()}
     scene["means"][:, 2] = np.linspace(4, 5, count, dtype=np.float32)
     view = straight(16, 16)
-    raster = render(setting.kernel("rasterize"), scene, setting, camera=view, geometry="depth")
+    raster = render(setting, scene, camera=view, geometry="depth")
     # Footprints of 10^5 pixels: opacity 0.005 everywhere. Blending goes on until the transmittance is under 1e-4.
     layers = min(count, math.ceil(math.log(1e-4) / math.log(1 - 0.005)))
     covered = 1 - (1 - 0.005) ** layers
@@ -132,7 +131,7 @@ def _harmonics(setting: Setting, size: float) -> Found:
 def _overflowing_harmonics(setting: Setting) -> Found:
     scene = gaussians(rest=15)
     scene["sh_rest"][:] = np.float32(3e38)
-    call = partial(render, setting.kernel("rasterize"), scene, setting, camera=camera(), geometry=GEOMETRY)
+    call = partial(render, setting, scene, camera=camera(), geometry=GEOMETRY)
     try:
         raster = call()
     except FloatingPointError as error:
@@ -150,7 +149,9 @@ def _scaled(factor: float) -> Scene:
 
 
 def _cases() -> tuple[Case, ...]:
-    extreme = partial(Case, "gaussians")
+    everywhere, single_precision, compiled = (
+        Subject("gaussians", "rasterize", settings) for settings in (KERNELS, SINGLE, COMPILED)
+    )
     before, beyond = (float(np.nextafter(np.float32(NEAR), np.float32(side))) for side in (0, 1))
     planes = {
         "on": (NEAR, _left_out, "on the near plane is left out"),
@@ -178,157 +179,107 @@ def _cases() -> tuple[Case, ...]:
         ),
         "thousand": ("a thousand Gaussians over each other", gaussians(1000)),
     }
-    return (
-        *(
-            extreme(
-                f"scale-{scale:g}",
-                "rasterize",
-                f"Gaussians of {scale:g} scene units, with the 3D filter that training gives them",
-                RASTERIZED,
-                SINGLE,
-                partial(_scale, scale=scale),
-            )
-            for scale in (1e-8, 1e-4, 1e-1, 1e2, 1e4)
+    opacities = {
+        -100.0: "opacity 0 to the last digit",
+        -5.0: "opacity 0.0067",
+        4.0: "opacity 0.98",
+        100.0: "opacity 1 to the last digit",
+    }
+    left_out = {
+        "opacity-0": ("an opacity of 0 draws nothing", single(scale=0.5, logit=-1e4)),
+        "behind": ("what is behind the camera is left out", single(mean=(0.0, 0.0, -4.0), scale=3.0, logit=5.0)),
+        "at-the-camera": (
+            "a Gaussian at the camera's centre is left out",
+            single(mean=(0.0, 0.0, 0.0), scale=3.0, logit=5.0),
         ),
-        extreme(
+    }
+    return (
+        *single_precision.each(
+            "scale-{scale:g}",
+            "Gaussians of {scale:g} scene units, with the 3D filter that training gives them",
+            RASTERIZED,
+            _scale,
+            scale=(1e-8, 1e-4, 1e-1, 1e2, 1e4),
+        ),
+        everywhere.case(
             "scale-1e-8-no-filter",
-            "rasterize",
             "a footprint without an area is left out",
             EXACT,
-            KERNELS,
-            partial(_left_out, scene=single(scale=1e-8, logit=5.0)),
+            _left_out,
+            scene=single(scale=1e-8, logit=5.0),
         ),
-        extreme(
+        single_precision.case(
             "scale-e100",
-            "rasterize",
             "a scale whose footprint float32 doesn't hold is refused by name",
             NAMED + "; by torch, not finite",
-            SINGLE,
             _too_large,
         ),
         *(
-            extreme(
-                name,
-                "rasterize",
-                f"{what}: as the float64 reference has it",
-                RASTERIZED,
-                SINGLE,
-                partial(against_reference, scene=scene),
+            single_precision.case(
+                name, f"{what}: as the float64 reference has it", RASTERIZED, against_reference, scene=scene
             )
             for name, (what, scene) in scenes.items()
         ),
-        extreme("quaternion-0", "rasterize", "a quaternion of zeros is no rotation", EXACT, KERNELS, _zero_quaternion),
-        *(
-            extreme(
-                f"quaternion-length-{length:g}",
-                "rasterize",
-                f"a quaternion of length {length:g} rotates as one of length 1",
-                "64 roundings of float32",
-                KERNELS,
-                partial(_quaternion_length, length=length),
-            )
-            for length in (1e-30, 1e-15, 1e15, 1e30)
+        everywhere.case("quaternion-0", "a quaternion of zeros is no rotation", EXACT, _zero_quaternion),
+        *everywhere.each(
+            "quaternion-length-{length:g}",
+            "a quaternion of length {length:g} rotates as one of length 1",
+            "64 roundings of float32",
+            _quaternion_length,
+            length=(1e-30, 1e-15, 1e15, 1e30),
         ),
         *(
-            extreme(f"opacity-logit-{logit:g}", "rasterize", what, RASTERIZED, SINGLE, partial(_opacity, logit=logit))
-            for logit, what in (
-                (-100.0, "opacity 0 to the last digit"),
-                (-5.0, "opacity 0.0067"),
-                (4.0, "opacity 0.98"),
-                (100.0, "opacity 1 to the last digit"),
-            )
+            single_precision.case(f"opacity-logit-{logit:g}", what, RASTERIZED, _opacity, logit=logit)
+            for logit, what in opacities.items()
         ),
-        extreme(
-            "opacity-0",
-            "rasterize",
-            "an opacity of 0 draws nothing",
-            EXACT,
-            KERNELS,
-            partial(_left_out, scene=single(scale=0.5, logit=-1e4)),
-        ),
-        extreme(
-            "behind",
-            "rasterize",
-            "what is behind the camera is left out",
-            EXACT,
-            KERNELS,
-            partial(_left_out, scene=single(mean=(0.0, 0.0, -4.0), scale=3.0, logit=5.0)),
-        ),
-        extreme(
-            "at-the-camera",
-            "rasterize",
-            "a Gaussian at the camera's centre is left out",
-            EXACT,
-            KERNELS,
-            partial(_left_out, scene=single(mean=(0.0, 0.0, 0.0), scale=3.0, logit=5.0)),
-        ),
+        *(everywhere.case(name, what, EXACT, _left_out, scene=scene) for name, (what, scene) in left_out.items()),
         *(
-            extreme(
+            everywhere.case(
                 f"near-plane-{name}",
-                "rasterize",
                 f"a Gaussian {what}",
                 "0: every number",
-                KERNELS,
-                partial(measure, scene=single(mean=(0.01, 0.0, z), scale=0.05, logit=2.0)),
+                measure,
+                scene=single(mean=(0.01, 0.0, z), scale=0.05, logit=2.0),
             )
             for name, (z, measure, what) in planes.items()
         ),
-        extreme(
+        everywhere.case(
             "half-a-pixel",
-            "rasterize",
             "half a pixel wide, its light is its integral, wherever it lies between pixels",
             "the first harmonic that sampling leaves, and the rim below 1/255 of the peak",
-            KERNELS,
             _half_a_pixel,
         ),
-        extreme(
+        everywhere.case(
             "thousand-on-a-tile",
-            "rasterize",
             "1000 layers of opacity 0.005 cover what the formula says",
             "one rounding a layer; the last layer",
-            KERNELS,
-            partial(_many_on_a_tile, count=1000),
+            _many_on_a_tile,
+            count=1000,
         ),
-        extreme(
+        compiled.case(
             "million-on-a-tile",
-            "rasterize",
             "10^6 layers of opacity 0.005 cover what the formula says",
             "one rounding a layer; the last layer",
-            COMPILED,
-            partial(_many_on_a_tile, count=1_000_000),
+            _many_on_a_tile,
+            count=1_000_000,
         ),
-        extreme("none", "rasterize", "a scene of no Gaussians is background", EXACT, KERNELS, _empty),
-        *(
-            extreme(
-                f"harmonics-{size:g}",
-                "rasterize",
-                f"harmonics of {size:g}",
-                RASTERIZED,
-                SINGLE,
-                partial(_harmonics, size=size),
-            )
-            for size in (1e3, 1e6, 1e30)
+        everywhere.case("none", "a scene of no Gaussians is background", EXACT, _empty),
+        *single_precision.each(
+            "harmonics-{size:g}", "harmonics of {size:g}", RASTERIZED, _harmonics, size=(1e3, 1e6, 1e30)
         ),
-        extreme(
+        single_precision.case(
             "harmonics-3e38",
-            "rasterize",
             "harmonics whose sum overflows come out as not finite, or are refused",
             "0: no number",
-            SINGLE,
             _overflowing_harmonics,
         ),
         *(
-            extreme(
-                f"{what}-{name}",
-                "rasterize",
-                f"{what} in {name} is refused by name",
-                NAMED,
-                COMPILED,
-                partial(_bad_number, name=name, value=value),
+            compiled.case(
+                f"{value}-{name}", f"{value} in {name} is refused by name", NAMED, _bad_number, name=name, value=value
             )
             for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
-            for what, value in (("nan", np.nan), ("inf", np.inf))
-            if (what, name) != ("inf", "opacity_logits")
+            for value in (np.nan, np.inf)
+            if (name, value) != ("opacity_logits", np.inf)  # an opacity of 1
         ),
     )
 

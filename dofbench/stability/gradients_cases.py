@@ -16,15 +16,17 @@ from torch import Tensor
 
 from dofbench.core.blur import Blur
 from dofbench.optics.defocus import defocus
-from dofbench.stability.case import SINGLE, Case, Found, Setting, values
+from dofbench.stability.case import DOUBLE, SINGLE, Case, Found, Setting, values
+from dofbench.stability.comparisons import l1_ssim
+from dofbench.stability.oracle import POWER
 from dofbench.stability.samples import VIEW_WIDTH, gaussians, single, straight, together
 from dofbench.stability.samples import disparity as _disparity
 from dofbench.stability.samples import picture as _picture
 from dofbench.stability.samples import radii as _radii
+from dofbench.stability.subject import Subject
 
 Inputs = dict[str, np.ndarray]
 Loss = Callable[[Setting, dict[str, Tensor]], Tensor]
-EXACT = Setting("reference", "float64")
 EPS = float(np.finfo(np.float32).eps)
 HEIGHT_WIDTH = (14, 18)
 picture, disparity = partial(_picture, *HEIGHT_WIDTH), partial(_disparity, *HEIGHT_WIDTH)
@@ -38,7 +40,6 @@ TAIL = math.exp(-10.0)
 # By a sharp pixel's radius a gradient is a colour minus what is blurred there, which differ by what the four neighbours
 # leak, 4 exp(-8) / (1 / 2): so many digits cancel. Four operations of one eps.
 CANCELLED = 4 * EPS / (8 * math.exp(-8.0))
-POWER = 3e-6  # stated of the compiled powers (kernels/tone/cpu.py)
 
 
 def gradient(setting: Setting, inputs: Inputs, loss: Loss) -> Inputs:
@@ -86,7 +87,7 @@ class Problem:
     @cached_property
     def exact(self) -> Inputs:
         """The gradient in float64."""
-        return gradient(EXACT, self.given, self.loss)
+        return gradient(DOUBLE, self.given, self.loss)
 
     @cached_property
     def least(self) -> dict[str, float]:
@@ -105,7 +106,7 @@ class Problem:
                 name: value if name in self.whole else value * (1 + EPS / 2 * random.choice((-1.0, 1.0), value.shape))
                 for name, value in self.given.items()
             }
-            again = gradient(EXACT, rounded, self.loss)
+            again = gradient(DOUBLE, rounded, self.loss)
             for name in moved:
                 moved[name] = max(moved[name], min(1.0, apart(again[name], self.exact[name], self.least[name])))
         return moved
@@ -167,13 +168,13 @@ def photograph_loss(setting: Setting, inputs: dict[str, Tensor]) -> Tensor:
     """What trains a lens: 3DGS' loss of a photograph by signed circles slope d + offset."""
     radius = 8.0 * (inputs["slope"] * inputs["disparity"] + inputs["offset"])
     found = defocus(setting.tensor(picture()), radius, backend=setting.backend)
-    return setting.kernel("ssim", "l1_ssim")(found, setting.tensor(_photograph()), ssim_weight=0.2)
+    return l1_ssim(setting, found, setting.tensor(_photograph()))
 
 
 @cache
 def _photograph() -> np.ndarray:
-    radius = EXACT.tensor(radii(0.3, 8.0))
-    return values(defocus(EXACT.tensor(picture()), radius, backend="reference"))
+    radius = DOUBLE.tensor(radii(0.3, 8.0))
+    return values(defocus(DOUBLE.tensor(picture()), radius, backend="reference"))
 
 
 def _of_itself(setting: Setting) -> Found:
@@ -185,7 +186,7 @@ def _of_itself(setting: Setting) -> Found:
 
 def ssim_loss(setting: Setting, inputs: dict[str, Tensor], target: np.ndarray) -> Tensor:
     """3DGS' loss against a target."""
-    return setting.kernel("ssim", "l1_ssim")(inputs["image"], setting.tensor(target), ssim_weight=0.2)
+    return l1_ssim(setting, inputs["image"], setting.tensor(target))
 
 
 # ---- scenes at the kinks ----
@@ -193,23 +194,23 @@ def ssim_loss(setting: Setting, inputs: dict[str, Tensor], target: np.ndarray) -
 
 def _threshold(opacity: float) -> Inputs:
     """A Gaussian whose alpha at its middle, a pixel's centre, is so large, before another one."""
-    middle = 0.5 * 4.0 / VIEW_WIDTH
     # The 2D filter, 0.1 px^2, takes its share of the opacity; 1.5 scene units are 12 px there.
     variance = (1.5 * VIEW_WIDTH / 4.0) ** 2
     share = math.sqrt((variance / (variance + 0.1)) ** 2 + 1e-6)
     logit = math.log(opacity / share / (1 - opacity / share))
-    return together(
-        single(mean=(middle, middle, 4.0), scale=1.5, logit=logit),
-        single(mean=(0.1, 0.0, 6.0), scale=0.9, logit=0.3, colour=(0.2, 0.8, 0.4)),
-    )
+    return _before_another(scale=1.5, logit=logit)
 
 
 def _footprint(determinant: float) -> Inputs:
     """A Gaussian whose footprint has this determinant, px^4, where 1e-6 is the least that is drawn; and another."""
-    size = determinant**0.25 * 4.0 / VIEW_WIDTH
+    return _before_another(scale=determinant**0.25 * 4.0 / VIEW_WIDTH, logit=6.0)
+
+
+def _before_another(scale: float, logit: float) -> Inputs:
+    """A Gaussian on a pixel's centre, and one of another colour behind it."""
     middle = 0.5 * 4.0 / VIEW_WIDTH
     return together(
-        single(mean=(middle, middle, 4.0), scale=size, logit=6.0),
+        single(mean=(middle, middle, 4.0), scale=scale, logit=logit),
         single(mean=(0.1, 0.0, 6.0), scale=0.9, logit=0.3, colour=(0.2, 0.8, 0.4)),
     )
 
@@ -260,7 +261,7 @@ def train(setting: Setting, *, off: float = 0.0, steps: int = STEPS) -> np.ndarr
     random = np.random.default_rng(11)
     truth = gaussians(10, seed=3, rest=0)
     with torch.no_grad():
-        drawn = EXACT.kernel("rasterize")(**{name: EXACT.tensor(value) for name, value in truth.items()}, camera=view)
+        drawn = DOUBLE.kernel("rasterize")(**{name: DOUBLE.tensor(value) for name, value in truth.items()}, camera=view)
         target = values(defocus(drawn.color, 2.5 * (1 / drawn.depth.clamp_min(1.0) - 0.25) * 4, backend="reference"))
     start: Inputs = {**gaussians(10, seed=3, rest=0), "slope": np.array(1.0), "offset": np.array(-0.5)}
     start["means"] = start["means"] + 0.1 * random.normal(size=(10, 3)).astype(np.float32)
@@ -279,7 +280,7 @@ def train(setting: Setting, *, off: float = 0.0, steps: int = STEPS) -> np.ndarr
         raster = setting.kernel("rasterize")(**{name: tensors[name] for name in scene}, camera=view)
         near = 4 * (1 / raster.depth.detach().clamp_min(1.0))
         image = defocus(raster.color, 2.5 * (tensors["slope"] * near + 2 * tensors["offset"]), backend=setting.backend)
-        loss = setting.kernel("ssim", "l1_ssim")(image, photograph, ssim_weight=0.2)
+        loss = l1_ssim(setting, image, photograph)
         losses.append(float(loss.detach()))
         adam.zero_grad()
         loss.backward()
@@ -289,7 +290,7 @@ def train(setting: Setting, *, off: float = 0.0, steps: int = STEPS) -> np.ndarr
 
 @cache
 def _trained_exactly(off: float) -> np.ndarray:
-    return train(EXACT, off=off)
+    return train(DOUBLE, off=off)
 
 
 def _hundred_steps(setting: Setting) -> Found:
@@ -306,7 +307,10 @@ def _hundred_steps(setting: Setting) -> Found:
 
 
 def _cases() -> tuple[Case, ...]:
-    turned = partial(Case, "gradients")
+    scatter, defocused, rasterize, ssim = (
+        Subject("gradients", subject, SINGLE) for subject in ("scatter", "defocus", "rasterize", "ssim")
+    )
+    powers = ROUNDED + "; compiled, exp(-10) and the powers' 3e-6"
     image = picture()
     near_focus = np.random.default_rng(2).choice((-1.0, 1.0), HEIGHT_WIDTH)
     integers = np.random.default_rng(3).choice((1.0, 2.0, 3.0, 5.0, 10.0), HEIGHT_WIDTH)
@@ -325,48 +329,28 @@ def _cases() -> tuple[Case, ...]:
         **options: float,
     ) -> Case:
         reason = "; 4 eps over what sharp neighbours leak, by which a colour differs from the blurred one"
-        return turned(
+        inputs, loss = {"image": light, "radius": radius}, partial(scatter_loss, **options)
+        return scatter.case(
             name,
-            "scatter",
             holds,
             ROUNDED + "; compiled, exp(-10) for the edge's end" + reason * cancelled,
-            SINGLE,
-            Problem(
-                {"image": light, "radius": radius}, partial(scatter_loss, **options), CANCELLED * cancelled, TAIL
-            ).compared,
+            Problem(inputs, loss, CANCELLED * cancelled, TAIL).compared,
         )
 
     def shown(name: str, holds: str, light: np.ndarray, gamma: float) -> Case:
-        return turned(
-            name,
-            "defocus",
-            holds,
-            ROUNDED + "; compiled, exp(-10) and the powers' 3e-6",
-            SINGLE,
-            Problem(
-                {"image": light, "radius": radii(0.5)}, partial(defocus_loss, gamma=gamma), 0.0, TAIL + 8 * POWER
-            ).compared,
-        )
+        inputs, loss = {"image": light, "radius": radii(0.5)}, partial(defocus_loss, gamma=gamma)
+        return defocused.case(name, holds, powers, Problem(inputs, loss, 0.0, TAIL + 8 * POWER).compared)
 
     def raster(name: str, holds: str, scene: Inputs, geometry: str = "full", whole: tuple[str, ...] = ()) -> Case:
         problem = Problem(scene, partial(raster_loss, geometry=geometry), whole=whole)
-        return turned(name, "rasterize", holds, ROUNDED, SINGLE, problem.compared)
+        return rasterize.case(name, holds, ROUNDED, problem.compared)
 
     def lens(name: str, holds: str, aperture: float, focus: float) -> Case:
         inputs = {"slope": np.array(aperture), "offset": np.array(-aperture * focus), "disparity": disparity()}
-        return turned(
-            name,
-            "scatter",
-            holds,
-            ROUNDED + "; compiled, exp(-10) and the powers' 3e-6",
-            SINGLE,
-            Problem(inputs, photograph_loss, 0.0, TAIL + 8 * POWER).compared,
-        )
+        return scatter.case(name, holds, powers, Problem(inputs, photograph_loss, 0.0, TAIL + 8 * POWER).compared)
 
     def alike(name: str, holds: str, found: np.ndarray, target: np.ndarray) -> Case:
-        return turned(
-            name, "ssim", holds, ROUNDED, SINGLE, Problem({"image": found}, partial(ssim_loss, target=target)).compared
-        )
+        return ssim.case(name, holds, ROUNDED, Problem({"image": found}, partial(ssim_loss, target=target)).compared)
 
     above, below = 1 / 255 * (1 + 1e-4), 1 / 255 * (1 - 1e-4)
     return (
@@ -412,13 +396,11 @@ def _cases() -> tuple[Case, ...]:
         alike("ssim-away", "two unlike images", image, picture(seed=1)),
         alike("ssim-close", "images 10^-4 apart", image, image + 1e-4 * _weights(image.shape)),
         alike("ssim-flat", "a grey image 10^-3 from a grey one", np.full_like(image, 0.5), np.full_like(image, 0.501)),
-        turned("ssim-same", "ssim", "an image and itself: no gradient", "64 roundings over C2", SINGLE, _of_itself),
-        turned(
+        ssim.case("ssim-same", "an image and itself: no gradient", "64 roundings over C2", _of_itself),
+        rasterize.case(
             "hundred-steps",
-            "rasterize",
             "100 steps of training lower the loss as in float64, step by step",
             "80 times what rounding the start once makes of the exact training",
-            SINGLE,
             _hundred_steps,
         ),
     )

@@ -3,30 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 
-from dofbench.kernels import load
-from dofbench.optics.layered import layered_blur
-from dofbench.stability.case import (
-    KERNELS,
-    SINGLE,
-    SINGLE_ON_CPU,
-    Case,
-    Found,
-    Setting,
-    not_finite,
-    off,
-    refuses,
-    values,
+from dofbench.stability.case import DOUBLE, KERNELS, SINGLE, SINGLE_ON_CPU, Case, Found, Setting, off, refuses, values
+from dofbench.stability.comparisons import (
+    NAMED,
+    RASTERIZED,
+    SCATTERED,
+    against_formula,
+    against_reference,
+    l1_ssim,
+    summed,
+    sweep,
+    within_the_image,
 )
-from dofbench.stability.comparisons import NAMED, RASTERIZED, SCATTERED, against_formula, against_reference
 from dofbench.stability.oracle import ROUNDINGS
-from dofbench.stability.samples import gaussians, picture, radii, size_name, straight
+from dofbench.stability.samples import by_size, gaussians, picture, radii, straight
+from dofbench.stability.subject import Subject
 
-SIZES = ((1, 1), (1, 9), (9, 1), (3, 5), (17, 33))
+SIZES = by_size((1, 1), (1, 9), (9, 1), (3, 5), (17, 33))
 
 
 def _scatter(setting: Setting, size: tuple[int, int]) -> Found:
@@ -34,13 +30,7 @@ def _scatter(setting: Setting, size: tuple[int, int]) -> Found:
 
 
 def _layered(setting: Setting, size: tuple[int, int]) -> Found:
-    image = picture(*size)
-    found = values(
-        layered_blur(setting.tensor(image), setting.tensor(radii(0.4, 6.0, *size)), setting.kernel("scatter"))
-    )
-    if found.shape != image.shape or not_finite(found):
-        return Found(math.inf, 0.0)
-    return Found(max(0.0, float(image.min() - found.min()), float(found.max() - image.max())), 64 * setting.eps)
+    return within_the_image(setting, picture(*size), radii(0.4, 6.0, *size))
 
 
 def _rasterize(setting: Setting, size: tuple[int, int]) -> Found:
@@ -49,9 +39,7 @@ def _rasterize(setting: Setting, size: tuple[int, int]) -> Found:
 
 def _ssim(setting: Setting, size: tuple[int, int]) -> Found:
     a, b = picture(*size), picture(*size, seed=1)
-    double = Setting("reference", "float64")
-    exact = float(load("ssim", "reference", function="l1_ssim")(double.tensor(a), double.tensor(b), ssim_weight=0.2))
-    found = float(setting.kernel("ssim", "l1_ssim")(setting.tensor(a), setting.tensor(b), ssim_weight=0.2))
+    exact, found = (float(l1_ssim(where, where.tensor(a), where.tensor(b))) for where in (DOUBLE, setting))
     # Variances are differences of numbers up to 1; their sum with C2 = 9e-4 is what is divided by.
     return Found(abs(found - exact), ROUNDINGS * setting.eps / (0.03 + 9e-4))
 
@@ -63,24 +51,10 @@ def _ssim_too_small(setting: Setting) -> Found:
 
 def _stereo(setting: Setting, size: tuple[int, int]) -> Found:
     grey, other = picture(*size)[..., 0], picture(*size, seed=3)[..., 0]
-    maps = np.array([[[1.0, 0, 0, -0.7], [0, 1, 0, 0.2], [0, 0, 1, 0]]])
     planes = np.array([0.0, 1.0, 4.0])
-
-    def sweep(kernel: Callable, where: Setting) -> np.ndarray:
-        return values(
-            kernel(
-                where.tensor(grey),
-                where.tensor(other[None]),
-                where.tensor(maps.astype(np.float32)),
-                where.tensor(planes),
-                radius=2,
-                best=1,
-            )
-        )
-
-    exact = sweep(load("stereo", "reference"), Setting("reference", "float64"))
+    exact, found = (sweep(where, grey, other, (-0.7, 0.2), planes) for where in (DOUBLE, setting))
     # A correlation's error: coordinates of up to 33 pixels rounded, and variances down to the floor of 2e-5.
-    return Found(off(sweep(setting.kernel("stereo"), setting), exact, 1.0), 33 * setting.eps / math.sqrt(2e-5))
+    return Found(off(found, exact, 1.0), 33 * setting.eps / math.sqrt(2e-5))
 
 
 def _channels(setting: Setting, count: int) -> Found:
@@ -90,7 +64,7 @@ def _channels(setting: Setting, count: int) -> Found:
         [values(scatter(setting.tensor(image[..., k : k + 1]), radius)) for k in range(count)], axis=2
     )
     # How far the compiled kernel follows an edge depends on the brightest pixel of all channels done together.
-    return Found(off(together, apart), (ROUNDINGS + radius.numel() / 2) * setting.eps + 2 * math.exp(-12.0))
+    return Found(off(together, apart), summed(setting, radius.numel()) + 2 * math.exp(-12.0))
 
 
 def _no_pixels(setting: Setting) -> Found:
@@ -101,90 +75,51 @@ def _no_pixels(setting: Setting) -> Found:
 
 
 def _cases() -> tuple[Case, ...]:
-    picture_case = partial(Case, "images")
+    scatter, ssim = (Subject("images", subject, KERNELS) for subject in ("scatter", "ssim"))
+    layered, stereo = (Subject("images", subject, SINGLE_ON_CPU) for subject in ("layered", "stereo"))
+    rasterize, loss = (Subject("images", subject, SINGLE) for subject in ("rasterize", "ssim"))
+    compiled = Subject("images", "scatter", tuple(s for s in KERNELS if s.backend != "reference"))
     return (
-        *(
-            picture_case(
-                f"scatter-{size_name(size)}",
-                "scatter",
-                f"{size_name(size)} pixels: the formula's result",
-                SCATTERED,
-                KERNELS,
-                partial(_scatter, size=size),
-            )
-            for size in SIZES
+        *scatter.each(
+            "scatter-{size_label}", "{size_label} pixels: the formula's result", SCATTERED, _scatter, size=SIZES
         ),
-        *(
-            picture_case(
-                f"layered-{size_name(size)}",
-                "layered",
-                f"{size_name(size)} pixels: no lighter or darker than any",
-                "64 roundings",
-                SINGLE_ON_CPU,
-                partial(_layered, size=size),
-            )
-            for size in SIZES
+        *layered.each(
+            "layered-{size_label}",
+            "{size_label} pixels: no lighter or darker than any",
+            "64 roundings",
+            _layered,
+            size=SIZES,
         ),
-        *(
-            picture_case(
-                f"rasterize-{size_name(size)}",
-                "rasterize",
-                f"{size_name(size)} pixels: as the float64 reference",
-                RASTERIZED,
-                SINGLE,
-                partial(_rasterize, size=size),
-            )
-            for size in SIZES
+        *rasterize.each(
+            "rasterize-{size_label}",
+            "{size_label} pixels: as the float64 reference",
+            RASTERIZED,
+            _rasterize,
+            size=SIZES,
         ),
-        *(
-            picture_case(
-                f"ssim-{size_name(size)}",
-                "ssim",
-                f"{size_name(size)} pixels: the float64 loss",
-                "16 roundings over the least denominator",
-                SINGLE,
-                partial(_ssim, size=size),
-            )
-            for size in SIZES
+        *loss.each(
+            "ssim-{size_label}",
+            "{size_label} pixels: the float64 loss",
+            "16 roundings over the least denominator",
+            _ssim,
+            size=SIZES,
         ),
-        *(
-            picture_case(
-                f"stereo-{size_name(size)}",
-                "stereo",
-                f"{size_name(size)} pixels: the float64 scores",
-                "rounded coordinates over the least deviation",
-                SINGLE_ON_CPU,
-                partial(_stereo, size=size),
-            )
-            for size in SIZES
+        *stereo.each(
+            "stereo-{size_label}",
+            "{size_label} pixels: the float64 scores",
+            "rounded coordinates over the least deviation",
+            _stereo,
+            size=SIZES,
         ),
-        *(
-            picture_case(
-                f"channels-{count}",
-                "scatter",
-                f"{count} channels are blurred as each by itself",
-                "16 roundings and one a pixel, twice exp(-12)",
-                KERNELS,
-                partial(_channels, count=count),
-            )
-            for count in (1, 2, 4, 5)
+        *scatter.each(
+            "channels-{count}",
+            "{count} channels are blurred as each by itself",
+            "16 roundings and one a pixel, twice exp(-12)",
+            _channels,
+            count=(1, 2, 4, 5),
         ),
-        picture_case(
-            "no-pixels",
-            "scatter",
-            "an image without pixels is refused by name",
-            NAMED,
-            tuple(s for s in KERNELS if s.backend != "reference"),
-            _no_pixels,
-        ),
-        picture_case(
-            "ssim-5x5-valid",
-            "ssim",
-            "an image smaller than the window is refused by name",
-            NAMED,
-            KERNELS,
-            _ssim_too_small,
-        ),
+        compiled.case("no-pixels", "an image without pixels is refused by name", NAMED, _no_pixels),
+        ssim.case("ssim-5x5-valid", "an image smaller than the window is refused by name", NAMED, _ssim_too_small),
     )
 
 

@@ -11,31 +11,12 @@ from dofbench.core.blur import Blur
 from dofbench.core.lens import ApertureShape, PhysicalLens
 from dofbench.optics.defocus import defocus_numpy
 from dofbench.optics.layered import layered_blur
-from dofbench.stability.case import (
-    COMPILED,
-    KERNELS,
-    SINGLE_ON_CPU,
-    Case,
-    Found,
-    Setting,
-    off,
-    values,
-)
-from dofbench.stability.comparisons import EXACT, scatter_bound
-from dofbench.stability.oracle import ROUNDINGS
-from dofbench.stability.samples import (
-    HEIGHT,
-    WIDTH,
-    disparity,
-    picture,
-    radii,
-)
+from dofbench.stability.case import COMPILED, KERNELS, SINGLE_ON_CPU, Case, Found, Setting, off, values
+from dofbench.stability.comparisons import EXACT, scatter_bound, summed
+from dofbench.stability.samples import HEIGHT, WIDTH, disparity, picture, radii
+from dofbench.stability.subject import Subject
 
 SUMMED = "16 roundings and one a pixel that is added up"
-
-
-def _summed(setting: Setting) -> float:
-    return (ROUNDINGS + HEIGHT * WIDTH / 2) * setting.eps
 
 
 def _constant(
@@ -45,7 +26,7 @@ def _constant(
     blur = partial(setting.kernel("scatter"), form=form, shape=shape)
     radius = setting.tensor(radii(0.5, 25.0))
     found = layered_blur(image, radius, blur) if layered else blur(image, radius)
-    return Found(off(found, image), _summed(setting) * (8 if layered else 1))
+    return Found(off(found, image), summed(setting) * (8 if layered else 1))
 
 
 def _bounded(setting: Setting) -> Found:
@@ -53,7 +34,7 @@ def _bounded(setting: Setting) -> Found:
     found = values(setting.kernel("scatter")(setting.tensor(image), setting.tensor(radii(0.5))))
     low, high = image.min(axis=(0, 1)), image.max(axis=(0, 1))
     beyond = np.maximum(low - found, found - high).max()
-    return Found(max(0.0, float(beyond)), _summed(setting))
+    return Found(max(0.0, float(beyond)), summed(setting))
 
 
 def _energy(setting: Setting, radius: float) -> Found:
@@ -66,14 +47,14 @@ def _energy(setting: Setting, radius: float) -> Found:
     found = values(setting.kernel("scatter")(setting.tensor(wide), plane))
     # The compiled edge ends at exp(-12): a rim of 2 pi R pixels, 1 / (2 alpha) wide, on pi R^2.
     rim = np.exp(-12.0) * max(1.0, 2 / (8 * radius)) * (setting.backend != "reference")
-    return Found(off(found.sum(axis=(0, 1)) / (1.0, 7.0, 1e4), np.ones(3)), _summed(setting) + rim)
+    return Found(off(found.sum(axis=(0, 1)) / (1.0, 7.0, 1e4), np.ones(3)), summed(setting) + rim)
 
 
 def _linear(setting: Setting) -> Found:
     scatter, radius = setting.kernel("scatter"), setting.tensor(radii(0.5))
     a, b = setting.tensor(picture()), setting.tensor(picture(seed=1))
     return Found(
-        off(scatter(2 * a + 0.5 * b, radius), 2 * scatter(a, radius) + 0.5 * scatter(b, radius)), 2 * _summed(setting)
+        off(scatter(2 * a + 0.5 * b, radius), 2 * scatter(a, radius) + 0.5 * scatter(b, radius)), 2 * summed(setting)
     )
 
 
@@ -97,7 +78,7 @@ def _moved(setting: Setting, change: Callable[[np.ndarray], np.ndarray]) -> Foun
     image, radius = picture(24, 24), radii(0.5, height=24, width=24)
     expected = change(values(scatter(setting.tensor(image), setting.tensor(radius))))
     found = scatter(setting.tensor(change(image)), setting.tensor(change(radius)))
-    return Found(off(found, expected), 2 * _summed(setting))
+    return Found(off(found, expected), 2 * summed(setting))
 
 
 def _shifted(setting: Setting) -> Found:
@@ -108,7 +89,7 @@ def _shifted(setting: Setting) -> Found:
     inner = (slice(margin, -margin), slice(margin, -margin))
     return Found(
         off(values(part)[inner], whole[3:, 5:][inner]),
-        _summed(setting) + np.exp(-12.0) * (setting.backend != "reference"),
+        summed(setting) + np.exp(-12.0) * (setting.backend != "reference"),
     )
 
 
@@ -120,7 +101,8 @@ def _forms(setting: Setting, radius: float) -> Found:
 
 
 def _cases() -> tuple[Case, ...]:
-    rule = partial(Case, "invariants")
+    scatter, compiled = (Subject("invariants", "scatter", settings) for settings in (KERNELS, COMPILED))
+    layered, defocused = (Subject("invariants", subject, SINGLE_ON_CPU) for subject in ("layered", "defocus"))
     turns: dict[str, Callable[[np.ndarray], np.ndarray]] = {
         "mirrored": lambda a: np.ascontiguousarray(a[:, ::-1]),
         "upside-down": lambda a: np.ascontiguousarray(a[::-1]),
@@ -128,89 +110,66 @@ def _cases() -> tuple[Case, ...]:
     }
     hexagon = ApertureShape(blades=6, rotation=0.2, obstruction=0.4)
     return (
-        rule("constant", "scatter", "a constant image stays constant", SUMMED, KERNELS, _constant),
-        rule(
+        scatter.case("constant", "a constant image stays constant", SUMMED, _constant),
+        compiled.case(
             "constant-direct",
-            "scatter",
             "a constant image stays constant, in the direct form",
             SUMMED,
-            COMPILED,
-            partial(_constant, form="direct"),
+            _constant,
+            form="direct",
         ),
-        rule(
+        scatter.case(
             "constant-shape",
-            "scatter",
             "a constant image stays constant through a stopped hexagon",
             SUMMED,
-            KERNELS,
-            partial(_constant, shape=hexagon),
+            _constant,
+            shape=hexagon,
         ),
-        rule(
+        layered.case(
             "constant-layered",
-            "layered",
             "a constant image stays constant over eight layers",
             SUMMED + ", of each layer",
-            SINGLE_ON_CPU,
-            partial(_constant, layered=True),
+            _constant,
+            layered=True,
         ),
-        rule("bounded", "scatter", "no pixel gets lighter or darker than all there are", SUMMED, KERNELS, _bounded),
-        *(
-            rule(
-                f"energy-{radius:g}",
-                "scatter",
-                f"a light on a plane blurred by {radius:g} pixels keeps its energy",
-                SUMMED + "; compiled, the rim below exp(-12)",
-                KERNELS,
-                partial(_energy, radius=radius),
-            )
-            for radius in (0.5, 3.0, 12.0)
+        scatter.case("bounded", "no pixel gets lighter or darker than all there are", SUMMED, _bounded),
+        *scatter.each(
+            "energy-{radius:g}",
+            "a light on a plane blurred by {radius:g} pixels keeps its energy",
+            SUMMED + "; compiled, the rim below exp(-12)",
+            _energy,
+            radius=(0.5, 3.0, 12.0),
         ),
-        rule("linear", "scatter", "the blur of a sum is the sum of the blurs", SUMMED + ", twice", KERNELS, _linear),
-        rule(
+        scatter.case("linear", "the blur of a sum is the sum of the blurs", SUMMED + ", twice", _linear),
+        defocused.case(
             "lens-and-scene-times-4",
-            "defocus",
             "scene and lens four times as large: the same photograph",
             EXACT,
-            SINGLE_ON_CPU,
-            partial(_lens_and_scene, factor=4.0),
+            _lens_and_scene,
+            factor=4.0,
         ),
-        rule(
+        defocused.case(
             "lens-and-scene-times-370",
-            "defocus",
             "scene and lens 370 times as large: the same photograph",
             "rounding depth once more, as the radius and the formula make of it",
-            SINGLE_ON_CPU,
-            partial(_lens_and_scene, factor=370.0),
+            _lens_and_scene,
+            factor=370.0,
         ),
-        *(
-            rule(
-                name,
-                "scatter",
-                f"a picture {name} is blurred likewise",
-                SUMMED + ", twice",
-                KERNELS,
-                partial(_moved, change=change),
-            )
-            for name, change in turns.items()
+        *scatter.each(
+            "{change_label}", "a picture {change_label} is blurred likewise", SUMMED + ", twice", _moved, change=turns
         ),
-        rule(
+        scatter.case(
             "shifted",
-            "scatter",
             "shifting the picture shifts the result, away from the borders",
             SUMMED + "; compiled, what lies below exp(-12)",
-            KERNELS,
             _shifted,
         ),
-        *(
-            rule(
-                f"forms-{radius:g}",
-                "scatter",
-                f"direct and linear form are one, for radii to {radius / 2:g} pixels",
-                "twice a form's own bound",
-                COMPILED,
-                partial(_forms, radius=radius),
-            )
-            for radius in (2.0, 40.0, 1000.0)
+        *compiled.each(
+            "forms-{radius:g}",
+            "direct and linear form are one, for radii to {radius_label} pixels",
+            "twice a form's own bound",
+            _forms,
+            radius={"1": 2.0, "20": 40.0, "500": 1000.0},
         ),
     )
 

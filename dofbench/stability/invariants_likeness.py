@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
-from dofbench.stability.case import (
-    KERNELS,
-    Case,
-    Found,
-    Setting,
-    off,
-    values,
-)
+from dofbench.stability.case import KERNELS, Case, Found, Setting, off
+from dofbench.stability.comparisons import l1_ssim, sweep
 from dofbench.stability.oracle import ROUNDINGS
-from dofbench.stability.samples import (
-    picture,
-)
+from dofbench.stability.samples import picture
+from dofbench.stability.subject import Subject
+
+BY_ONE = (-1.0, 0.0)  # a source that is shifted by the disparity
 
 
-def _same_image(setting: Setting, value: np.ndarray) -> Found:
-    image = setting.tensor(value)
-    loss = setting.kernel("ssim", "l1_ssim")(image, image, ssim_weight=0.2)
-    likeness = setting.kernel("ssim")(image, image)
-    return Found(max(abs(float(loss)), abs(float(likeness) - 1)), ROUNDINGS * setting.eps)
+def _same_image(setting: Setting, image: np.ndarray) -> Found:
+    given = setting.tensor(image)
+    likeness = setting.kernel("ssim")(given, given)
+    return Found(max(abs(float(l1_ssim(setting, given, given))), abs(float(likeness) - 1)), ROUNDINGS * setting.eps)
 
 
 def _symmetric(setting: Setting) -> Found:
@@ -41,74 +33,51 @@ def _channels(setting: Setting) -> Found:
     )
 
 
-def _sweep(setting: Setting, reference: np.ndarray, source: np.ndarray, planes: np.ndarray) -> np.ndarray:
-    """Scores (H, W, D) of a source shifted by the disparity."""
-    maps = np.array([[[1.0, 0, 0, -1.0], [0, 1, 0, 0], [0, 0, 1, 0]]])
-    return values(
-        setting.kernel("stereo")(
-            setting.tensor(reference),
-            setting.tensor(source[None]),
-            setting.tensor(maps),
-            setting.tensor(planes),
-            radius=2,
-            best=1,
-        )
-    )
-
-
 def _brightness(setting: Setting) -> Found:
     grey = picture()[..., 0] * 0.5 + 0.2
     planes = np.array([0.0, 1.0, 2.0])
-    plain, found = (_sweep(setting, grey, other, planes) for other in (grey, 0.7 * grey + 0.05))
+    plain, found = (sweep(setting, grey, other, BY_ONE, planes) for other in (grey, 0.7 * grey + 0.05))
     # The floor of 2e-5 on variances of 0.02 counts once more where one of them is half as large; that is no rounding.
     return Found(off(found, plain, 1.0), 2e-5 / (0.49 * 0.005) + 64 * setting.eps / 0.005)
 
 
 def _correlation(setting: Setting) -> Found:
     grey = picture(40, 48)[..., 0]
-    scores = _sweep(setting, grey, np.roll(grey, -3, axis=1), np.array([0.0, 3.0, 5.0]))
+    scores = sweep(setting, grey, np.roll(grey, -3, axis=1), BY_ONE, np.array([0.0, 3.0, 5.0]))
     beyond = max(0.0, float(np.abs(scores).max()) - 1)
     missed = float(np.count_nonzero(scores[6:-6, 6:-6].argmax(axis=2) != 1))
     return Found(missed + beyond, 64 * setting.eps / 0.005, f"{missed:.0f} pixels at another plane")
 
 
 def _cases() -> tuple[Case, ...]:
-    rule = partial(Case, "invariants")
+    ssim = Subject("invariants", "ssim", KERNELS)
+    stereo = Subject("invariants", "stereo", tuple(s for s in KERNELS if s.device == "cpu"))
+    images = {"textured": picture(), "black": np.zeros((24, 32, 3)), "bright": 1e3 * picture()}
     return (
-        *(
-            rule(
-                f"ssim-of-itself-{name}",
-                "ssim",
-                f"an image is like itself: {name}",
-                "16 roundings",
-                KERNELS,
-                partial(_same_image, value=value),
-            )
-            for name, value in (("textured", picture()), ("black", np.zeros((24, 32, 3))), ("bright", 1e3 * picture()))
+        *ssim.each(
+            "ssim-of-itself-{image_label}",
+            "an image is like itself: {image_label}",
+            "16 roundings",
+            _same_image,
+            image=images,
         ),
-        rule(
+        ssim.case(
             "ssim-symmetric",
-            "ssim",
             "which image comes first doesn't matter",
             "128 roundings: variances are differences of sums",
-            KERNELS,
             _symmetric,
         ),
-        rule("ssim-channels", "ssim", "three channels are the mean of each", "128 roundings", KERNELS, _channels),
-        rule(
+        ssim.case("ssim-channels", "three channels are the mean of each", "128 roundings", _channels),
+        stereo.case(
             "stereo-brightness",
-            "stereo",
             "another exposure matches as well",
             "the variances' floor, and their rounding",
-            tuple(s for s in KERNELS if s.device == "cpu"),
             _brightness,
         ),
-        rule(
+        stereo.case(
             "stereo-shift",
-            "stereo",
             "scores lie in -1 ... 1, and are best at the true plane",
             "rounding of a variance of 0.005",
-            tuple(s for s in KERNELS if s.device == "cpu"),
             _correlation,
         ),
     )

@@ -3,51 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
-from dofbench.core.cameras import Camera
-from dofbench.stability.case import (
-    KERNELS,
-    Case,
-    Found,
-    Setting,
-    differing,
-    off,
-    values,
-)
-from dofbench.stability.comparisons import EXACT
+from dofbench.stability.case import KERNELS, Case, Found, Setting, differing, off, values
+from dofbench.stability.comparisons import EXACT, Scene, render
 from dofbench.stability.oracle import ROUNDINGS
-from dofbench.stability.samples import (
-    camera,
-    gaussians,
-    single,
-    straight,
-    together,
-)
+from dofbench.stability.samples import camera, gaussians, single, straight, together
+from dofbench.stability.subject import Subject
 
 
-def _render(setting: Setting, scene: dict[str, np.ndarray], view: Camera, **options):
-    return setting.kernel("rasterize")(
-        **{name: setting.tensor(value) for name, value in scene.items()}, camera=view, **options
-    )
-
-
-def _permuted(scene: dict[str, np.ndarray], order: np.ndarray) -> dict[str, np.ndarray]:
+def _permuted(scene: Scene, order: np.ndarray) -> Scene:
     return {name: value[order] for name, value in scene.items()}
 
 
 def _order(setting: Setting) -> Found:
     scene = gaussians()
-    plain = _render(setting, scene, camera(), geometry="full")
-    found = _render(setting, _permuted(scene, np.random.default_rng(0).permutation(40)), camera(), geometry="full")
+    plain = render(setting, scene, camera=camera(), geometry="full")
+    found = render(
+        setting, _permuted(scene, np.random.default_rng(0).permutation(40)), camera=camera(), geometry="full"
+    )
     if setting.backend == "reference":  # torch's vector instructions round the last few of a batch otherwise
         return Found(max(off(a, b) for a, b in zip(found[:5], plain[:5], strict=True)), 64 * setting.eps)
     return Found(sum(differing(a, b) for a, b in zip(found[:5], plain[:5], strict=True)), 0.0)
 
 
-def _coplanar() -> dict[str, np.ndarray]:
+def _coplanar() -> Scene:
     colours = ((1.0, 0.1, 0.1), (0.1, 1.0, 0.1), (0.1, 0.1, 1.0))
     return together(
         *(single(mean=(0.05 * k, 0.0, 4.0), scale=0.3, logit=1.0, colour=colour) for k, colour in enumerate(colours))
@@ -61,24 +42,24 @@ def _equal_depth_index(setting: Setting) -> Found:
     for k in (1, 2):
         nudged["means"][k, 2] = np.nextafter(nudged["means"][k - 1, 2], np.float32(9))
     return Found(
-        off(_render(setting, scene, straight()).color, _render(setting, nudged, straight()).color),
+        off(render(setting, scene, camera=straight()).color, render(setting, nudged, camera=straight()).color),
         64 * float(np.finfo(np.float32).eps),
     )
 
 
 def _equal_depth_any(setting: Setting) -> Found:
     scene = _coplanar()
-    found = _render(setting, _permuted(scene, np.array([2, 0, 1])), straight()).color
-    return Found(off(found, _render(setting, scene, straight()).color), 64 * setting.eps)
+    found = render(setting, _permuted(scene, np.array([2, 0, 1])), camera=straight()).color
+    return Found(off(found, render(setting, scene, camera=straight()).color), 64 * setting.eps)
 
 
 def _tiles(setting: Setting) -> Found:
     # A window of the view, whose tiles begin elsewhere; the Jacobian is held at other places, so all stay inside.
     scene, view = gaussians(60, log_scale=-2.5), straight(70, 50)
-    whole = _render(setting, scene, view, geometry="full")
+    whole = render(setting, scene, camera=view, geometry="full")
     top, left, height, width = 7, 5, 36, 53
     window = replace(view, width=width, height=height, cx=view.cx - left, cy=view.cy - top)
-    part = _render(setting, scene, window, geometry="full")
+    part = render(setting, scene, camera=window, geometry="full")
     area = (slice(top, top + height), slice(left, left + width))
     error = max(off(a, b[area]) for a, b in zip(part[:5], whole[:5], strict=True))
     # Offsets from a pixel lose what its coordinate is larger; their square counts, times up to 2 log 255.
@@ -92,8 +73,8 @@ def _scaled_scene(setting: Setting, factor: float) -> Found:
     larger["log_scales"] = (larger["log_scales"] + np.log(factor)).astype(np.float32)
     pose = view.world_to_camera.copy()
     pose[:3, 3] *= factor
-    plain = _render(setting, scene, view, geometry="depth")
-    found = _render(setting, larger, replace(view, world_to_camera=pose), geometry="depth", near=0.2 * factor)
+    plain = render(setting, scene, camera=view, geometry="depth")
+    found = render(setting, larger, camera=replace(view, world_to_camera=pose), geometry="depth", near=0.2 * factor)
     # log_scales of size log(factor) are rounded to float32 and exponentiated: that is their relative error.
     eps = float(np.finfo(np.float32).eps)
     bound = 64 * (abs(np.log(factor)) + 8) * eps
@@ -109,7 +90,7 @@ def _layers_of_one_colour(setting: Setting) -> Found:
     scene, background = gaussians(), np.array([0.3, 0.6, 0.1])
     scene["sh_rest"] = np.zeros((40, 0, 3), np.float32)
     scene["sh_dc"] = np.broadcast_to(((background - 0.5) * 2 * np.sqrt(np.pi)), (40, 3)).astype(np.float32)
-    found = _render(setting, scene, camera(), background=setting.tensor(background))
+    found = render(setting, scene, camera=camera(), background=setting.tensor(background))
     return Found(
         off(found.color, np.broadcast_to(background, found.color.shape)),
         (40 + ROUNDINGS) * float(np.finfo(np.float32).eps),
@@ -117,57 +98,40 @@ def _layers_of_one_colour(setting: Setting) -> Found:
 
 
 def _cases() -> tuple[Case, ...]:
-    rule = partial(Case, "invariants")
+    rasterize = Subject("invariants", "rasterize", KERNELS)
     return (
-        rule(
+        rasterize.case(
             "order",
-            "rasterize",
             "the order that Gaussians are stored in doesn't matter",
             EXACT + "; by torch, 64 roundings",
-            KERNELS,
             _order,
         ),
-        rule(
+        rasterize.case(
             "order-at-equal-depth-is-stored",
-            "rasterize",
             "at equal depth what is stored first is in front",
             "64 roundings of float32: a nudge by the last digit",
-            KERNELS,
             _equal_depth_index,
         ),
-        rule(
-            "order-at-equal-depth",
-            "rasterize",
-            "at equal depth the stored order doesn't matter",
-            "64 roundings",
-            KERNELS,
-            _equal_depth_any,
+        rasterize.case(
+            "order-at-equal-depth", "at equal depth the stored order doesn't matter", "64 roundings", _equal_depth_any
         ),
-        rule(
+        rasterize.case(
             "tiles",
-            "rasterize",
             "a window of the view is rendered as the whole, wherever its tiles begin",
             "what pixel coordinates of 70 lose, times twice the largest exponent",
-            KERNELS,
             _tiles,
         ),
-        *(
-            rule(
-                f"scene-times-{factor:g}",
-                "rasterize",
-                f"everything {factor:g} times as large looks the same",
-                "what float32 keeps of the logarithms of the scales, 64 times",
-                KERNELS,
-                partial(_scaled_scene, factor=factor),
-            )
-            for factor in (4.0, 1e3, 1e-3)
+        *rasterize.each(
+            "scene-times-{factor:g}",
+            "everything {factor:g} times as large looks the same",
+            "what float32 keeps of the logarithms of the scales, 64 times",
+            _scaled_scene,
+            factor=(4.0, 1e3, 1e-3),
         ),
-        rule(
+        rasterize.case(
             "one-colour",
-            "rasterize",
             "Gaussians of the background's colour can't be seen",
             "one rounding of float32 a Gaussian, and 16",
-            KERNELS,
             _layers_of_one_colour,
         ),
     )

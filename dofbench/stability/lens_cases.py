@@ -20,29 +20,21 @@ from dofbench.stability.case import (
     Found,
     Setting,
     differing,
-    not_finite,
     off,
     refuses,
     values,
 )
-from dofbench.stability.comparisons import EXACT, NAMED, SCATTERED, against_formula, scatter_bound
+from dofbench.stability.comparisons import EXACT, NAMED, SCATTERED, against_formula, scatter_bound, within_the_image
 from dofbench.stability.oracle import ROUNDINGS, dense_scatter
 from dofbench.stability.samples import HEIGHT, WIDTH, disparity, picture, radii, single, straight
+from dofbench.stability.subject import Subject
 
 FORMULA = "the result is the formula's in a finer precision"
 
 
-def _formula(name: str, radius: np.ndarray, *, image: np.ndarray | None = None, what: str = "", **options: Any) -> Case:
-    light = picture(*radius.shape) if image is None else image
-    forms = options.pop("settings", KERNELS)
-    return Case(
-        "lens",
-        name,
-        "scatter",
-        f"{what or name}: {FORMULA}",
-        SCATTERED,
-        forms,
-        lambda setting: against_formula(setting, light, radius, **options),
+def _formula(scatter: Subject, name: str, what: str, radius: np.ndarray, **options: Any) -> Case:
+    return scatter.case(
+        name, f"{what}: {FORMULA}", SCATTERED, against_formula, image=picture(), radius=radius, **options
     )
 
 
@@ -158,15 +150,9 @@ def _through_focus(setting: Setting) -> Found:
     return Found(max(off(steps[0], steps[1]), off(steps[2], steps[1])), 4 * 4.0 * small + ROUNDINGS * setting.eps)
 
 
-def _rim_on_pixels(alpha: float) -> Case:
+def _distances_of_pixels() -> np.ndarray:
     cycle = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 10.0], np.float32)  # 5 and 10 are also hypot(3, 4) and hypot(6, 8)
-    radius = cycle[np.random.default_rng(3).integers(0, len(cycle), (HEIGHT, WIDTH))]
-    return _formula(
-        f"rim-on-pixels-alpha-{alpha:g}",
-        radius,
-        alpha=alpha,
-        what=f"radii that are exactly the distance to other pixels, alpha {alpha:g}",
-    )
+    return cycle[np.random.default_rng(3).integers(0, len(cycle), (HEIGHT, WIDTH))]
 
 
 def _refused(setting: Setting, value: float) -> Found:
@@ -206,15 +192,11 @@ def _layered_plane(setting: Setting, radius: float) -> Found:
     return Found(differing(layered_blur(image, plane, scatter), scatter(image, plane)), 0.0)
 
 
-def _layered_bounded(setting: Setting, radius: np.ndarray) -> Found:
-    image = picture()
-    found = values(layered_blur(setting.tensor(image), setting.tensor(radius), setting.kernel("scatter")))
-    if not_finite(found):
-        return Found(np.inf, 0.0, "not finite")
-    return Found(max(0.0, float(image.min() - found.min()), float(found.max() - image.max())), 64 * setting.eps)
-
-
 def _cases() -> tuple[Case, ...]:
+    scatter, linear = (Subject("lens", "scatter", settings) for settings in (KERNELS, SINGLE_ON_CPU[-1:]))
+    defocused, layered = (Subject("lens", subject, SINGLE_ON_CPU) for subject in ("defocus", "layered"))
+    ranges, rasterize = Subject("lens", "lens", NUMPY64), Subject("lens", "rasterize", KERNELS)
+    formula = partial(_formula, scatter)
     far_out = radii(0.5).copy()
     far_out[5, 7] = 1e7
     away = radii(0.5).copy()
@@ -236,174 +218,120 @@ def _cases() -> tuple[Case, ...]:
     polygon = ApertureShape(blades=3, rotation=0.3)
     stopped = ApertureShape(blades=5, curvature=0.4, obstruction=0.95)
     mixed = np.where(disparity() > 0.5, np.float32(0.0), np.float32(200.0))
-    kinds = {"0": 0.0, "negative": -2.0, "nan": np.nan, "infinite": np.inf}
-    blurred = partial(Case, "lens")
+    bounded = {
+        "focus-10": (radii(10.0), "focus ten ranges away"),
+        "aperture-huge": (halves, "radii of 10^4 pixels beside sharp ones"),
+        "outlier": (far_out, "one pixel 10^6 times nearer"),
+    }
     return (
-        *(_formula(name, radii(focus), what=what) for name, (focus, what) in foci.items()),
-        blurred(
-            "aperture-0",
-            "defocus",
-            "the sharp image comes back bit for bit, and so does its gradient",
-            EXACT,
-            SINGLE_ON_CPU,
-            _closed,
+        *(formula(name, what, radii(focus)) for name, (focus, what) in foci.items()),
+        defocused.case(
+            "aperture-0", "the sharp image comes back bit for bit, and so does its gradient", EXACT, _closed
         ),
-        blurred(
-            "aperture-0-layered",
-            "layered",
-            "the sharp image comes back bit for bit",
-            EXACT,
-            SINGLE_ON_CPU,
-            _closed_layered,
-        ),
-        blurred(
+        layered.case("aperture-0-layered", "the sharp image comes back bit for bit", EXACT, _closed_layered),
+        defocused.case(
             "aperture-to-0",
-            "defocus",
             "radii of 5e-7 pixels leave the image sharp",
             "what the rim's slope makes of such radii, and 16 roundings",
-            SINGLE_ON_CPU,
             _nearly_closed,
         ),
-        *(_formula(name, radii(0.5, size), what=what) for name, (size, what) in apertures.items()),
-        _formula("aperture-huge-beside-sharp", halves, what="radii of 10^4 pixels beside 0"),
+        *(formula(name, what, radii(0.5, size)) for name, (size, what) in apertures.items()),
+        formula("aperture-huge-beside-sharp", "radii of 10^4 pixels beside 0", halves),
         *(
-            _formula(f"alpha-{alpha:g}", radii(0.5), alpha=alpha, what=f"an edge of alpha {alpha:g}")
+            formula(f"alpha-{alpha:g}", f"an edge of alpha {alpha:g}", radii(0.5), alpha=alpha)
             for alpha in (0.1, 1.0, 4.0, 100.0, 1e3, 1e4)
         ),
-        _formula("without-area-term", radii(0.5), energy="algorithm1", what="Algorithm 1 as printed"),
-        *(
-            blurred(
-                f"depth-{name}",
-                "defocus",
-                f"a depth of {value} counts as infinitely far",
-                SCATTERED,
-                SINGLE_ON_CPU,
-                partial(_unknown_depth, value=value),
-            )
-            for name, value in kinds.items()
+        formula("without-area-term", "Algorithm 1 as printed", radii(0.5), energy="algorithm1"),
+        *defocused.each(
+            "depth-{value_label}",
+            "a depth of {value} counts as infinitely far",
+            SCATTERED,
+            _unknown_depth,
+            value={"0": 0.0, "negative": -2.0, "nan": np.nan, "infinite": np.inf},
         ),
-        blurred(
-            "depth-all-equal-in-focus",
-            "defocus",
-            "a plane exactly in focus stays sharp",
-            "16 roundings",
-            SINGLE_ON_CPU,
-            _plane_in_focus,
+        defocused.case(
+            "depth-all-equal-in-focus", "a plane exactly in focus stays sharp", "16 roundings", _plane_in_focus
         ),
-        _formula("depth-all-equal", np.full((HEIGHT, WIDTH), 6.3), what="a plane out of focus"),
-        _formula("outlier-near", far_out, what="one pixel 10^6 times nearer than the rest"),
+        formula("depth-all-equal", "a plane out of focus", np.full((HEIGHT, WIDTH), 6.3)),
+        formula("outlier-near", "one pixel 10^6 times nearer than the rest", far_out),
         _formula(
-            "outlier-near-linear",
-            far_out,
-            form="linear",
-            settings=SINGLE_ON_CPU[-1:],
-            what="one pixel 10^6 times nearer, in the linear form",
+            linear, "outlier-near-linear", "one pixel 10^6 times nearer, in the linear form", far_out, form="linear"
         ),
-        _formula("outlier-far", away, what="one pixel 10^6 times farther than the rest"),
-        *(
-            blurred(
-                f"outlier-range-{name}",
-                "lens",
-                f"one pixel {name} by 10^6 leaves the disparity range as it is",
-                "two ranks of the percentiles",
-                NUMPY64,
-                partial(_outlier_range, factor=factor),
-            )
-            for name, factor in (("near", 1e-6), ("far", 1e6))
+        formula("outlier-far", "one pixel 10^6 times farther than the rest", away),
+        *ranges.each(
+            "outlier-range-{factor_label}",
+            "one pixel {factor_label} by 10^6 leaves the disparity range as it is",
+            "two ranks of the percentiles",
+            _outlier_range,
+            factor={"near": 1e-6, "far": 1e6},
         ),
-        blurred(
+        ranges.case(
             "range-degenerate",
-            "lens",
             "equal, single and unusable depths give a range with an extent, or are refused",
             "0: every one",
-            NUMPY64,
             _degenerate_ranges,
         ),
-        blurred(
+        ranges.case(
             "units-there-and-back",
-            "lens",
             "a lens in scene units and back is the same lens",
             "4 roundings times the condition of taking q_min away",
-            NUMPY64,
             _units,
         ),
-        blurred(
+        rasterize.case(
             "no-gaussians",
-            "rasterize",
             "an image without Gaussians is background, without depth, blurred or not",
             EXACT + "; blurred, 32 roundings",
-            KERNELS,
             _no_gaussians,
         ),
-        blurred(
-            "depth-is-focus-sign", "scatter", "as far before the focus as behind it blurs alike", EXACT, KERNELS, _sign
-        ),
-        blurred(
+        scatter.case("depth-is-focus-sign", "as far before the focus as behind it blurs alike", EXACT, _sign),
+        scatter.case(
             "depth-is-focus-continuous",
-            "scatter",
             "nothing jumps where depth passes the focus",
             "4 alpha times the step, and 16 roundings",
-            KERNELS,
             _through_focus,
         ),
-        _rim_on_pixels(4.0),
-        _rim_on_pixels(1e4),
-        blurred(
+        *(
+            formula(
+                f"rim-on-pixels-alpha-{alpha:g}",
+                f"radii that are exactly the distance to other pixels, alpha {alpha:g}",
+                _distances_of_pixels(),
+                alpha=alpha,
+            )
+            for alpha in (4.0, 1e4)
+        ),
+        scatter.case(
             "aperture-1e30",
-            "scatter",
             "radii whose squares float32 doesn't hold are refused by name; float64 holds them",
             NAMED + "; in float64 as above",
-            KERNELS,
             _overflowing,
         ),
-        *(
-            blurred(
-                f"radius-{name}",
-                "scatter",
-                f"a radius of {value} is refused by name",
-                NAMED,
-                KERNELS,
-                partial(_refused, value=value),
-            )
-            for name, value in (("nan", np.nan), ("infinite", np.inf), ("minus-infinite", -np.inf))
-        ),
-        blurred(
-            "radius-nan-layered",
-            "layered",
-            "a radius of NaN is refused by name",
+        *scatter.each(
+            "radius-{value_label}",
+            "a radius of {value} is refused by name",
             NAMED,
-            SINGLE_ON_CPU,
-            _layered_refused,
+            _refused,
+            value={"nan": np.nan, "infinite": np.inf, "minus-infinite": -np.inf},
         ),
-        _formula("polygon-huge-and-sharp", mixed, shape=polygon, what="a triangle of 200 pixels beside sharp pixels"),
-        _formula(
-            "stop-huge-and-sharp", mixed, shape=stopped, what="a stopped pentagon of 200 pixels beside sharp ones"
-        ),
-        *(
-            blurred(
-                f"layered-plane-{radius:g}",
-                "layered",
-                f"a plane blurred by {radius:g} pixels is the scatter's",
-                EXACT,
-                SINGLE_ON_CPU,
-                partial(_layered_plane, radius=radius),
-            )
-            for radius in (0.25, 6.3, 1e4)
+        layered.case("radius-nan-layered", "a radius of NaN is refused by name", NAMED, _layered_refused),
+        formula("polygon-huge-and-sharp", "a triangle of 200 pixels beside sharp pixels", mixed, shape=polygon),
+        formula("stop-huge-and-sharp", "a stopped pentagon of 200 pixels beside sharp ones", mixed, shape=stopped),
+        *layered.each(
+            "layered-plane-{radius:g}",
+            "a plane blurred by {radius:g} pixels is the scatter's",
+            EXACT,
+            _layered_plane,
+            radius=(0.25, 6.3, 1e4),
         ),
         *(
-            blurred(
+            layered.case(
                 f"layered-{name}",
-                "layered",
                 f"{what}: finite, and no lighter or darker than any pixel",
                 "64 roundings",
-                SINGLE_ON_CPU,
-                partial(_layered_bounded, radius=radius),
+                within_the_image,
+                image=picture(),
+                radius=radius,
             )
-            for name, what, radius in (
-                ("focus-10", "focus ten ranges away", radii(10.0)),
-                ("aperture-huge", "radii of 10^4 pixels beside sharp ones", halves),
-                ("outlier", "one pixel 10^6 times nearer", far_out),
-            )
+            for name, (radius, what) in bounded.items()
         ),
     )
 

@@ -24,12 +24,12 @@ from dofbench.stability.case import (
     refuses,
     values,
 )
-from dofbench.stability.comparisons import EXACT, NAMED
-from dofbench.stability.oracle import ROUNDINGS, dense_scatter
+from dofbench.stability.comparisons import EXACT, NAMED, summed
+from dofbench.stability.oracle import POWER, ROUNDINGS, dense_scatter
 from dofbench.stability.samples import HEIGHT, WIDTH, picture, radii
+from dofbench.stability.subject import Subject
 
 GAMMAS = (1.0, 2.2, 4.0)
-POWER = 3e-6  # the compiled powers' stated relative error (kernels/tone/cpu.py)
 
 
 def _blurred(setting: Setting, image: np.ndarray, gamma: float = 2.2) -> np.ndarray:
@@ -57,7 +57,7 @@ def _white(setting: Setting) -> Found:
     )
 
 
-def _highlight(setting: Setting, form: str, brightness: float = 1e6) -> Found:
+def _highlight(setting: Setting, form: str = "auto", brightness: float = 1e6) -> Found:
     image, radius = picture(), radii(0.5, 25.0 if form == "linear" else 10.0)
     image[8, 13] = brightness
     found = setting.kernel("scatter")(setting.tensor(image), setting.tensor(radius), form=form)
@@ -77,7 +77,7 @@ def _scaled(setting: Setting, factor: float) -> Found:
     image = picture()
     plain = values(scatter(setting.tensor(image), radius))
     light = values(scatter(setting.tensor(image * np.float32(factor)), radius)) / factor
-    return Found(off(light, plain), (ROUNDINGS + radius.numel() / 2) * setting.eps)
+    return Found(off(light, plain), summed(setting, radius.numel()))
 
 
 def _not_a_number(setting: Setting, value: float) -> Found:
@@ -168,7 +168,7 @@ def _half_lit(setting: Setting, gamma: float) -> Found:
     found = defocus(setting.tensor(checks), radius, Blur(gamma), backend=setting.backend)
     return Found(
         off(found, np.full(checks.shape, 0.5 ** (1 / gamma))),
-        (ROUNDINGS + HEIGHT * WIDTH / 2) * setting.eps + POWER * (setting.backend == "cpu"),
+        summed(setting) + POWER * (setting.backend == "cpu"),
     )
 
 
@@ -193,171 +193,83 @@ def _nan_level(setting: Setting, bits: int) -> Found:
 
 
 def _cases() -> tuple[Case, ...]:
-    light = partial(Case, "light")
+    scatter, tone = (Subject("light", subject, KERNELS) for subject in ("scatter", "tone"))
+    defocused, linear = Subject("light", "defocus", SINGLE_ON_CPU), Subject("light", "scatter", SINGLE_ON_CPU[-1:])
+    images = Subject("light", "images", NUMPY)
     relative = "half an eps of each number between, of which the largest is a weight's logarithm, and exp(-12) / 4"
     power = "eps times e log2 x, the number whose power is taken; compiled, 3e-6, which the kernel states"
+    own_digits = "every pixel is right to its own digits"
     return (
-        light("black", "defocus", "black stays black", EXACT, SINGLE_ON_CPU, _black),
+        defocused.case("black", "black stays black", EXACT, _black),
+        *defocused.each(
+            "black-gradient-gamma-{gamma:g}",
+            "black pixels leave the gradient finite",
+            "0: every number",
+            _black_gradient,
+            gamma=GAMMAS,
+        ),
+        defocused.case("white", "white stays white", "32 roundings and one a pixel; compiled powers 6e-6", _white),
+        scatter.case("highlight-1e6", f"one pixel 10^6 times as bright: {own_digits}", relative, _highlight),
+        linear.case("highlight-1e6-linear", "the same in the linear form", relative, _highlight, form="linear"),
         *(
-            light(
-                f"black-gradient-gamma-{gamma:g}",
-                "defocus",
-                "black pixels leave the gradient finite",
-                "0: every number",
-                SINGLE_ON_CPU,
-                partial(_black_gradient, gamma=gamma),
+            scatter.case(
+                f"highlight-1e{exponent}",
+                f"one pixel 10^{exponent} times as bright: {own_digits}",
+                relative,
+                _highlight,
+                brightness=10.0**exponent,
             )
-            for gamma in GAMMAS
-        ),
-        light(
-            "white",
-            "defocus",
-            "white stays white",
-            "32 roundings and one a pixel; compiled powers 6e-6",
-            SINGLE_ON_CPU,
-            _white,
-        ),
-        light(
-            "highlight-1e6",
-            "scatter",
-            "one pixel 10^6 times as bright: every pixel is right to its own digits",
-            relative,
-            KERNELS,
-            partial(_highlight, form="auto"),
-        ),
-        light(
-            "highlight-1e6-linear",
-            "scatter",
-            "the same in the linear form",
-            relative,
-            SINGLE_ON_CPU[-1:],
-            partial(_highlight, form="linear"),
-        ),
-        light(
-            "highlight-1e12",
-            "scatter",
-            "one pixel 10^12 times as bright: every pixel is right to its own digits",
-            relative,
-            KERNELS,
-            partial(_highlight, form="auto", brightness=1e12),
-        ),
-        light(
-            "highlight-1e30",
-            "scatter",
-            "one pixel 10^30 times as bright: every pixel is right to its own digits",
-            relative,
-            KERNELS,
-            partial(_highlight, form="auto", brightness=1e30),
-        ),
-        light(
-            "dim-2^-100",
-            "scatter",
-            "light of 2^-100 is blurred as any other",
-            "16 roundings and one a pixel",
-            KERNELS,
-            partial(_scaled, factor=2.0**-100),
-        ),
-        light(
-            "bright-2^100",
-            "scatter",
-            "light of 2^100 is blurred as any other",
-            "16 roundings and one a pixel",
-            KERNELS,
-            partial(_scaled, factor=2.0**100),
+            for exponent in (12, 30)
         ),
         *(
-            light(
-                f"{name}-in-the-image",
-                "scatter",
-                f"{value} in one channel comes out there, and in no other channel",
-                "0: neither swallowed nor spread",
-                KERNELS,
-                partial(_not_a_number, value=value),
+            scatter.case(
+                f"{name}-2^{exponent}",
+                f"light of 2^{exponent} is blurred as any other",
+                "16 roundings and one a pixel",
+                _scaled,
+                factor=2.0**exponent,
             )
-            for name, value in (("nan", np.nan), ("inf", np.inf))
+            for name, exponent in (("dim", -100), ("bright", 100))
         ),
-        *(
-            light(
-                f"decode-gamma-{gamma:g}",
-                "tone",
-                "decoding is the power, and its toe a line through 0",
-                power,
-                KERNELS,
-                partial(_decoded, gamma=gamma),
-            )
-            for gamma in GAMMAS
+        *scatter.each(
+            "{value:g}-in-the-image",
+            "{value:g} in one channel comes out there, and in no other channel",
+            "0: neither swallowed nor spread",
+            _not_a_number,
+            value=(np.nan, np.inf),
         ),
-        *(
-            light(
-                f"round-trip-gamma-{gamma:g}",
-                "tone",
-                "decoding and encoding give every tone back",
-                power,
-                KERNELS,
-                partial(_round_trip, gamma=gamma),
-            )
-            for gamma in GAMMAS
+        *tone.each(
+            "decode-gamma-{gamma:g}",
+            "decoding is the power, and its toe a line through 0",
+            power,
+            _decoded,
+            gamma=GAMMAS,
         ),
-        *(
-            light(
-                f"slope-at-0-gamma-{gamma:g}",
-                "tone",
-                "encoding's infinite slope at 0 is the toe's",
-                power + "; 2e-5 for where on the curve the slope is taken",
-                KERNELS,
-                partial(_slope_at_zero, gamma=gamma),
-            )
-            for gamma in GAMMAS
+        *tone.each(
+            "round-trip-gamma-{gamma:g}",
+            "decoding and encoding give every tone back",
+            power,
+            _round_trip,
+            gamma=GAMMAS,
         ),
-        *(
-            light(
-                f"toe-gamma-{gamma:g}",
-                "tone",
-                "no jump where the toe begins",
-                power,
-                KERNELS,
-                partial(_continuous_toe, gamma=gamma),
-            )
-            for gamma in GAMMAS
+        *tone.each(
+            "slope-at-0-gamma-{gamma:g}",
+            "encoding's infinite slope at 0 is the toe's",
+            power + "; 2e-5 for where on the curve the slope is taken",
+            _slope_at_zero,
+            gamma=GAMMAS,
         ),
-        light(
-            "negative",
-            "tone",
-            "light below 0 passes through decoding and encoding",
-            "8 roundings",
-            KERNELS,
-            _negative,
+        *tone.each("toe-gamma-{gamma:g}", "no jump where the toe begins", power, _continuous_toe, gamma=GAMMAS),
+        tone.case("negative", "light below 0 passes through decoding and encoding", "8 roundings", _negative),
+        *defocused.each(
+            "mean-gamma-{gamma:g}",
+            "black and white in equal parts blur to half the light",
+            "16 roundings and one a pixel; compiled powers 3e-6",
+            _half_lit,
+            gamma=GAMMAS,
         ),
-        *(
-            light(
-                f"mean-gamma-{gamma:g}",
-                "defocus",
-                "black and white in equal parts blur to half the light",
-                "16 roundings and one a pixel; compiled powers 3e-6",
-                SINGLE_ON_CPU,
-                partial(_half_lit, gamma=gamma),
-            )
-            for gamma in GAMMAS
-        ),
-        light(
-            "levels",
-            "images",
-            "levels saturate, and those of 8 and 16 bits come back as they were",
-            EXACT,
-            NUMPY,
-            _levels,
-        ),
-        *(
-            light(
-                f"nan-{bits}-bit",
-                "images",
-                "NaN is no level: refused by name",
-                NAMED,
-                NUMPY,
-                partial(_nan_level, bits=bits),
-            )
-            for bits in (8, 16)
-        ),
+        images.case("levels", "levels saturate, and those of 8 and 16 bits come back as they were", EXACT, _levels),
+        *images.each("nan-{bits}-bit", "NaN is no level: refused by name", NAMED, _nan_level, bits=(8, 16)),
     )
 
 

@@ -14,6 +14,7 @@ STOP_OPACITY = 0.999  # of a central stop (kernels/scatter/reference.py)
 # How far the compiled scatter follows a soft edge (kernels/scatter/cpu_pack.py): to exp(-12) of a full weight, farther
 # where most sources spread far beyond the image; a sharp source's to exp(-18).
 BAND_EXPONENT, FOCUS_EXPONENT = 12.0, 18.0
+POWER = 3e-6  # the compiled powers' stated relative error (kernels/tone/cpu.py)
 
 
 def dense_scatter(

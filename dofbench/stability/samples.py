@@ -17,9 +17,9 @@ def picture(height: int = HEIGHT, width: int = WIDTH, channels: int = 3, seed: i
     return np.random.default_rng(seed).uniform(0.05, 1, (height, width, channels)).astype(np.float32)
 
 
-def size_name(size: tuple[int, int]) -> str:
-    """(H, W) as a picture's size is written: width x height."""
-    return f"{size[1]}x{size[0]}"
+def by_size(*sizes: tuple[int, int]) -> dict[str, tuple[int, int]]:
+    """Pictures' sizes (H, W) by how they are written: width x height."""
+    return {f"{width}x{height}": (height, width) for height, width in sizes}
 
 
 def disparity(height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:

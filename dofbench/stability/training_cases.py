@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from dofbench.core.contracts import Budget, TrainingSet
+from dofbench.core.contracts import Budget, FitOutcome, NonFinite, TrainingSet
 from dofbench.core.errors import Status
 from dofbench.gaussians.gaussian_method import GaussianMethod
 from dofbench.gaussians.trainer import Trainer
 from dofbench.running.method_cards import MethodEntry, find_method, method_files
 from dofbench.stability.case import COMPILED, Case, Found, Setting
 from dofbench.stability.short_trainings import SHORT, STEPS, End, Watch, faster, options_of, run
+from dofbench.stability.subject import Subject
 from dofbench.stability.training_scene import VIEWS, black, noise, nothing_but_noise, scene, spoiled, wrong_pose
 
 RATES = ("means_lr", "means_lr_final", "sh_dc_lr", "sh_rest_lr", "opacity_lr", "scale_lr", "rotation_lr")
@@ -82,59 +83,56 @@ def _usual(setting: Setting, method: str) -> Found:
     return Found(1 - good / len(ends), 0.0, _summary(ends, learns))
 
 
-def _planted(setting: Setting, method: str, what: str, value: float) -> Found:
-    """A number that isn't finite, put into the training after step 7: step 8 must say so, and where."""
+def _spoilt(
+    method: str, steps: int, spoil: Callable[[Trainer], None], right: Callable[[NonFinite, int], bool]
+) -> Found:
+    """That a training spoilt after step 7 ends as diverged. right: whether what it found then, after so many steps,
+    is what was spoilt."""
     entry = find_method(method)
     made = entry.create(options_of(entry), 0, "cpu")
     assert isinstance(made, GaussianMethod)
     trainer = Trainer(scene(), made.options, 0)
+    try:
+        outcome = trainer.fit(Budget(steps=steps), Watch(lambda step: spoil(trainer) if step == 7 else None))
+    except Exception as error:
+        return Found(1.0, 0.0, f"no status: {type(error).__name__}: {error}"[:120])
+    return _diverged(outcome, right)
 
-    def plant(step: int) -> None:
-        if step != 7:
-            return
+
+def _diverged(outcome: FitOutcome, right: Callable[[NonFinite, int], bool]) -> Found:
+    event = outcome.nonfinite[0] if outcome.nonfinite else None
+    said = outcome.status is Status.DIVERGED and event is not None and right(event, outcome.steps)
+    return Found(0.0 if said else 1.0, 0.0, f"{outcome.status}: {outcome.message}"[:120])
+
+
+def _planted(setting: Setting, method: str, what: str, value: float) -> Found:
+    """A number that isn't finite, put into the training after step 7: step 8 must say so, and where."""
+
+    def plant(trainer: Trainer) -> None:
         if what == "lens":
             trainer.lenses.spoil(value)
         else:
             with torch.no_grad():
                 trainer.gaussians.parameters[what].view(len(trainer.gaussians), -1)[11, 0] = value
 
-    try:
-        outcome = trainer.fit(Budget(steps=20), Watch(plant))
-    except Exception as error:
-        return Found(1.0, 0.0, f"no status: {type(error).__name__}: {error}"[:120])
-    event = outcome.nonfinite[0] if outcome.nonfinite else None
-    right = (
-        outcome.status is Status.DIVERGED
-        and event is not None
-        and (outcome.steps, event.step) == (8, 8)
-        and event.view in {view.name for view in scene().views}
-    )
-    return Found(0.0 if right else 1.0, 0.0, f"{outcome.status}: {outcome.message}"[:120])
+    views = {view.name for view in scene().views}
+    return _spoilt(method, 20, plant, lambda event, steps: (steps, event.step) == (8, 8) and event.view in views)
 
 
 def _vanished(setting: Setting, method: str, what: str) -> Found:
     """Gaussians that all fade, or all get behind the cameras: the step that finds none left must say so."""
-    entry = find_method(method)
-    made = entry.create(options_of(entry), 0, "cpu")
-    assert isinstance(made, GaussianMethod)
-    trainer = Trainer(scene(), made.options, 0)
 
-    def vanish(step: int) -> None:
+    def vanish(trainer: Trainer) -> None:
         with torch.no_grad():
-            if step == 7 and what == "faded":
+            if what == "faded":
                 trainer.gaussians.parameters["opacity_logits"][:] = -20.0
-            elif step == 7:
+            else:
                 trainer.gaussians.parameters["means"][:, 2] = -5.0
 
-    try:
-        outcome = trainer.fit(Budget(steps=STEPS), Watch(vanish))
-    except Exception as error:
-        return Found(1.0, 0.0, f"no status: {type(error).__name__}: {error}"[:120])
-    event = outcome.nonfinite[0] if outcome.nonfinite else None
     # The first look that density control takes, every so many steps.
-    right = outcome.status is Status.DIVERGED and event is not None and event.step == outcome.steps
-    right = right and outcome.steps % SHORT["densify_every"] == 0
-    return Found(0.0 if right else 1.0, 0.0, f"{outcome.status}: {outcome.message}"[:120])
+    return _spoilt(
+        method, STEPS, vanish, lambda event, steps: event.step == steps and steps % SHORT["densify_every"] == 0
+    )
 
 
 def _bad_photograph(setting: Setting, method: str, value: float) -> Found:
@@ -147,24 +145,26 @@ def _bad_photograph(setting: Setting, method: str, value: float) -> Found:
 
     entry = find_method(method)
     outcome = entry.create(options_of(entry), 0, "cpu").fit(spoiled(scene(), 3, spoil), Budget(steps=STEPS), Watch())
-    event = outcome.nonfinite[0] if outcome.nonfinite else None
-    right = (
-        outcome.status is Status.DIVERGED
-        and event is not None
-        and event.view == "v3"
-        and event.step == outcome.steps <= VIEWS
-    )
-    return Found(0.0 if right else 1.0, 0.0, f"{outcome.status}: {outcome.message}"[:120])
+    return _diverged(outcome, lambda event, steps: event.view == "v3" and event.step == steps <= VIEWS)
 
 
 def cases_of(method: str) -> tuple[Case, ...]:
     """The cases of one method. Those that set options are there only for methods of this project's trainer."""
     entry = find_method(method)
     learns, ours = entry.card.capabilities.learns_lens, isinstance(entry.create({}, 0, "cpu"), GaussianMethod)
+    training = Subject("training", method, COMPILED)
 
-    def trained(name: str, holds: str, bound: str, measure: Callable[..., Found], **arguments: Any) -> Case:
-        return Case(
-            "training", f"{method}-{name}", method, holds, bound, COMPILED, partial(measure, method=method, **arguments)
+    def each(name: str, holds: str, bound: str, measure: Callable[..., Found], **options: Any) -> tuple[Case, ...]:
+        return training.each(f"{method}-{name}", holds, bound, measure, method=(method,), **options)
+
+    def fast(name: str, what: str, rates: tuple[str, ...], factors: tuple[float, ...]) -> tuple[Case, ...]:
+        return each(
+            f"{name}-x{{factor:g}}",
+            f"{what} times {{factor:g}}: {SANE}",
+            SANE_BOUND,
+            _fast,
+            names=(rates,),
+            factor=factors,
         )
 
     makers: Mapping[str, tuple[str, Callable[[], TrainingSet]]] = {
@@ -176,122 +176,75 @@ def cases_of(method: str) -> tuple[Case, ...]:
         "one-black": ("one black photograph", partial(black, 3)),
         "all-black": ("black photographs", partial(black, None)),
     }
-    found = [trained(name, f"{what}: {SANE}", SANE_BOUND, _hard, make=make) for name, (what, make) in makers.items()]
-    found += [
-        trained(
-            f"photograph-{name}",
-            f"{name} in a photograph: diverged at the first step that looks at it, by name",
-            "0: the right step and view",
-            _bad_photograph,
-            value=value,
-        )
-        for name, value in (("nan", np.nan), ("inf", np.inf))
-    ]
+    found: list[Case] = []
     if ours:
-        found.insert(
-            0,
-            trained(
-                "usual",
-                "the scene as it is, the preset cut short: the loss falls, the lens is found",
-                "0: the share that doesn't",
-                _usual,
-            ),
+        found += each(
+            "usual",
+            "the scene as it is, the preset cut short: the loss falls, the lens is found",
+            "0: the share that doesn't",
+            _usual,
         )
-        found += [
-            trained(
-                f"rates-x{factor:g}",
-                f"all learning rates of the scene times {factor:g}: {SANE}",
-                SANE_BOUND,
-                _fast,
-                names=RATES,
-                factor=factor,
-            )
-            for factor in (10.0, 100.0, 1e4)
-        ]
-        planted = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
-        found += [
-            trained(
-                f"planted-nan-{what}",
-                f"NaN in {what} after step 7 is found at step 8",
-                "0: the right step",
-                _planted,
-                what=what,
-                value=np.nan,
-            )
-            for what in planted
-        ]
-        found += [
-            trained(
-                "planted-inf-means",
-                "infinity in means after step 7 is found at step 8",
-                "0: the right step",
-                _planted,
-                what="means",
-                value=np.inf,
-            )
-        ]
+    for name, (what, make) in makers.items():
+        found += each(name, f"{what}: {SANE}", SANE_BOUND, _hard, make=(make,))
+    found += each(
+        "photograph-{value}",
+        "{value} in a photograph: diverged at the first step that looks at it, by name",
+        "0: the right step and view",
+        _bad_photograph,
+        value=(np.nan, np.inf),
+    )
     if ours:
-        found += [
-            trained(
+        found += fast("rates", "all learning rates of the scene", RATES, (10.0, 100.0, 1e4))
+        found += each(
+            "planted-nan-{what}",
+            "NaN in {what} after step 7 is found at step 8",
+            "0: the right step",
+            _planted,
+            what=("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest"),
+            value=(np.nan,),
+        )
+        found += each(
+            "planted-inf-means",
+            "infinity in means after step 7 is found at step 8",
+            "0: the right step",
+            _planted,
+            what=("means",),
+            value=(np.inf,),
+        )
+        for what, how in (("faded", "fade"), ("behind", "get behind the cameras")):
+            found += each(
                 f"vanished-{what}",
                 f"Gaussians that all {how} end as diverged, at the step that finds out",
                 "0: the right step",
                 _vanished,
-                what=what,
+                what=(what,),
             )
-            for what, how in (("faded", "fade"), ("behind", "get behind the cameras"))
-        ]
     if ours and learns:
-        found += [
-            trained(
-                "one-plane",
-                f"all photographs focused on one plane: {SANE}",
-                SANE_BOUND,
-                _hard,
-                make=partial(scene, one_plane=True),
-                one_plane=True,
-            ),
-            *(
-                trained(
-                    f"lens-rates-x{factor:g}",
-                    f"the lens's learning rate times {factor:g}: {SANE}",
-                    SANE_BOUND,
-                    _fast,
-                    names=LENS_RATES,
-                    factor=factor,
-                )
-                for factor in (10.0, 100.0)
-            ),
-            *(
-                trained(
-                    f"all-rates-x{factor:g}",
-                    f"all learning rates times {factor:g}: {SANE}",
-                    SANE_BOUND,
-                    _fast,
-                    names=RATES + LENS_RATES,
-                    factor=factor,
-                )
-                for factor in (10.0, 100.0)
-            ),
-            trained("bad-starts", f"A from 0.5 to 6, F from -0.5 to 1.5 at the start: {SANE}", SANE_BOUND, _starts),
-            trained(
-                "bad-starts-found",
-                "and from each of them the lens is found: half the error of one that learns nothing",
-                "0: the share that doesn't",
-                _starts_found,
-            ),
-            *(
-                trained(
-                    f"planted-{name}-lens",
-                    f"{name} in the lens after step 7 is found at step 8",
-                    "0: the right step",
-                    _planted,
-                    what="lens",
-                    value=value,
-                )
-                for name, value in (("nan", np.nan), ("inf", np.inf))
-            ),
-        ]
+        found += each(
+            "one-plane",
+            f"all photographs focused on one plane: {SANE}",
+            SANE_BOUND,
+            _hard,
+            make=(partial(scene, one_plane=True),),
+            one_plane=(True,),
+        )
+        found += fast("lens-rates", "the lens's learning rate", LENS_RATES, (10.0, 100.0))
+        found += fast("all-rates", "all learning rates", RATES + LENS_RATES, (10.0, 100.0))
+        found += each("bad-starts", f"A from 0.5 to 6, F from -0.5 to 1.5 at the start: {SANE}", SANE_BOUND, _starts)
+        found += each(
+            "bad-starts-found",
+            "and from each of them the lens is found: half the error of one that learns nothing",
+            "0: the share that doesn't",
+            _starts_found,
+        )
+        found += each(
+            "planted-{value}-lens",
+            "{value} in the lens after step 7 is found at step 8",
+            "0: the right step",
+            _planted,
+            what=("lens",),
+            value=(np.nan, np.inf),
+        )
     return tuple(found)
 
 

@@ -1,0 +1,45 @@
+"""How a group's cases are made: one, or one for each value of what varies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from typing import Any
+
+from dofbench.stability.case import Case, Found, Setting
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What cases of a group are about. The fields are those of `Case`, and every case made here has them."""
+
+    group: str
+    subject: str
+    settings: tuple[Setting, ...]
+
+    def case(self, name: str, holds: str, bound: str, measure: Callable[..., Found], /, **options: Any) -> Case:
+        """One case. Its measure is called with the setting and these options."""
+        run = partial(measure, **options) if options else measure
+        return Case(self.group, name, self.subject, holds, bound, self.settings, run)
+
+    def each(
+        self, name: str, holds: str, bound: str, measure: Callable[..., Found], /, **options: Collection[Any]
+    ) -> tuple[Case, ...]:
+        """A case for every combination of the options' values, the last option's varying fastest.
+
+        options: the values of each, or values by label. name, holds: formatted with the case's own values, and with
+        its labels: "{gamma:g}" is the option gamma, "{gamma_label}" is what its value is called.
+        """
+        made = []
+        for chosen in product(*(_labelled(values) for values in options.values())):
+            one = {option: value for option, (_, value) in zip(options, chosen, strict=True)}
+            labels = {f"{option}_label": label for option, (label, _) in zip(options, chosen, strict=True)}
+            words = (text.format(**one, **labels) for text in (name, holds))
+            made.append(self.case(*words, bound, measure, **one))
+        return tuple(made)
+
+
+def _labelled(values: Collection[Any]) -> tuple[tuple[str, Any], ...]:
+    return tuple(values.items()) if isinstance(values, Mapping) else tuple((str(value), value) for value in values)
