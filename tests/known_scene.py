@@ -25,9 +25,7 @@ class Known:
         if lens is not None and not self._lens:
             raise ValueError("no lens here")
         self.rendered.append(camera.width)
-        x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
-        y = (np.arange(camera.height) + 0.5 - camera.cy) / camera.fy
-        u, v = np.meshgrid(x, y)
+        u, v = np.meshgrid(*camera.rays(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5))
         waves = [np.sin(40 * u + 9 * v + c) * np.cos(33 * v - (7 + 4 * c) * u) for c in range(3)]
         image = (0.5 + 0.4 * np.stack(waves, axis=2)).astype(np.float32)
         disparity = 0.2 + 0.6 * (u - u.min()) / (u.max() - u.min())

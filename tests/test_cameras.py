@@ -74,3 +74,20 @@ def test_a_camera_is_its_own_and_cannot_be_changed():
         view.world_to_camera[0, 3] = 1.0
     with pytest.raises(ValueError, match=r"expected shape \(4, 4\), found \(3, 4\)"):
         Camera(64, 48, 50.0, 50.0, 32.0, 24.0, np.eye(4)[:3])
+
+
+@given(st.integers(0, 1000))
+def test_a_ray_is_what_its_pixel_sees(seed):
+    view = camera(seed)
+    x, y = view.rays(*view.pixels(np.array([0.3, -1.0]), np.array([0.1, 2.0]), np.array([2.0, 5.0])))
+    np.testing.assert_allclose(x, [0.15, -0.2], atol=FLOAT64_VALUE)
+    np.testing.assert_allclose(y, [0.05, 0.4], atol=FLOAT64_VALUE)
+
+
+def test_binning_makes_a_pixel_of_every_whole_cell():
+    view = camera(width=65, height=49)
+    coarse = view.binned(4)
+    assert (coarse.width, coarse.height) == (16, 12)
+    points = in_front(view)
+    np.testing.assert_allclose(coarse.project(points)[0] * 4, view.project(points)[0], rtol=FLOAT64_VALUE)
+    assert coarse.world_to_camera.tolist() == view.world_to_camera.tolist()

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
-    """A pinhole camera without distortion.
+class Calibration:
+    """Image size, focal lengths and principal point: what all cameras have, with a pose or with distortion.
 
-    width, height: image size, pixels. fx, fy, cx, cy: pixels; pixel (row 0, column 0) has its
-    centre at image coordinate (0.5, 0.5). world_to_camera: (4, 4) float64, rigid; camera axes are
-    OpenCV's (x right, y down, z forward). Raises ValueError for a matrix of another shape.
+    width, height: image size, pixels. fx, fy: focal lengths, cx, cy: principal point, pixels; pixel (row 0, column 0)
+    has its centre at image coordinate (0.5, 0.5). Coordinates given to a method may be numbers, NumPy arrays or
+    tensors, and what comes back is the same.
     """
 
     width: int
@@ -22,6 +23,47 @@ class Camera:
     fy: float
     cx: float
     cy: float
+
+    @property
+    def parameters(self) -> tuple[float, float, float, float]:
+        """(fx, fy, cx, cy), pixels: the order of COLMAP's PINHOLE camera."""
+        return self.fx, self.fy, self.cx, self.cy
+
+    @property
+    def intrinsics(self) -> np.ndarray:
+        """(3, 3) calibration matrix, pixels."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    def resized(self, width: int, height: int) -> Self:
+        """The same view with another number of pixels; each axis is scaled by its own factor."""
+        sx, sy = width / self.width, height / self.height
+        return replace(
+            self, width=width, height=height, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy
+        )
+
+    def binned(self, factor: int) -> Self:
+        """The same view whose pixels are cells of factor x factor pixels; what is left over is cut off."""
+        fx, fy, cx, cy = (value / factor for value in self.parameters)
+        return replace(self, width=self.width // factor, height=self.height // factor, fx=fx, fy=fy, cx=cx, cy=cy)
+
+    def pixels(self, x: Any, y: Any, z: Any) -> tuple[Any, Any]:
+        """Image coordinates of points in the camera's frame, scene units, without distortion."""
+        return self.fx * x / z + self.cx, self.fy * y / z + self.cy
+
+    def rays(self, column: Any, row: Any) -> tuple[Any, Any]:
+        """(x / z, y / z) of what is seen at image coordinates, pixels, without distortion."""
+        return (column - self.cx) / self.fx, (row - self.cy) / self.fy
+
+
+@dataclass(frozen=True, eq=False)
+class Camera(Calibration):
+    """A pinhole camera without distortion.
+
+    width, height: image size, pixels. fx, fy, cx, cy: pixels; pixel (row 0, column 0) has its
+    centre at image coordinate (0.5, 0.5). world_to_camera: (4, 4) float64, rigid; camera axes are
+    OpenCV's (x right, y down, z forward). Raises ValueError for a matrix of another shape.
+    """
+
     world_to_camera: np.ndarray
 
     def __post_init__(self) -> None:
@@ -45,24 +87,6 @@ class Camera:
         """(3,) camera position in world coordinates."""
         return self.camera_to_world[:3, 3]
 
-    @property
-    def intrinsics(self) -> np.ndarray:
-        """(3, 3) calibration matrix, pixels."""
-        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
-
-    def resized(self, width: int, height: int) -> Camera:
-        """The same view with another number of pixels; each axis is scaled by its own factor."""
-        sx, sy = width / self.width, height / self.height
-        return replace(
-            self,
-            width=width,
-            height=height,
-            fx=self.fx * sx,
-            fy=self.fy * sy,
-            cx=self.cx * sx,
-            cy=self.cy * sy,
-        )
-
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Project world points (P, 3). Returns image coordinates (P, 2), pixels, and depth (P,).
 
@@ -71,6 +95,6 @@ class Camera:
         local = points @ self.world_to_camera[:3, :3].T + self.world_to_camera[:3, 3]
         depth = local[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):
-            xy = np.stack([self.fx * local[:, 0] / depth + self.cx, self.fy * local[:, 1] / depth + self.cy], axis=1)
+            xy = np.stack(self.pixels(local[:, 0], local[:, 1], depth), axis=1)
         xy[depth <= 0] = np.nan
         return xy, depth

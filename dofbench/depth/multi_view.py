@@ -165,7 +165,8 @@ def _compare(camera: Camera, depth: np.ndarray, other: Camera, other_depth: np.n
 
 def _lift(camera: Camera, rows: np.ndarray, columns: np.ndarray, z: np.ndarray) -> np.ndarray:
     """World points (P, 3) at depth z behind the centres of pixels."""
-    local = np.stack([(columns + 0.5 - camera.cx) / camera.fx * z, (rows + 0.5 - camera.cy) / camera.fy * z, z], axis=1)
+    x, y = camera.rays(columns + 0.5, rows + 0.5)
+    local = np.stack([x * z, y * z, z], axis=1)
     return (local - camera.world_to_camera[:3, 3]) @ camera.world_to_camera[:3, :3]
 
 

@@ -83,8 +83,7 @@ class Gaussians:
             world_to_camera = means.new_tensor(np.array(camera.world_to_camera))
             local = means @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]
             depth = local[:, 2]
-            u = camera.fx * local[:, 0] / depth + camera.cx
-            v = camera.fy * local[:, 1] / depth + camera.cy
+            u, v = camera.pixels(local[:, 0], local[:, 1], depth)
             w, h = camera.width, camera.height
             seen = (depth > _NEAR) & (u > -0.15 * w) & (u < 1.15 * w) & (v > -0.15 * h) & (v < 1.15 * h)
             size = depth / max(camera.fx, camera.fy) * math.sqrt(FILTER_3D_VARIANCE)

@@ -33,8 +33,8 @@ def normals_from_depth(depth: Tensor, camera: Camera) -> Tensor:
     Back-projects z-depth (H, W) through the pixel centres.
     """
     height, width = depth.shape
-    x = (torch.arange(width, dtype=depth.dtype, device=depth.device) + 0.5 - camera.cx) / camera.fx
-    y = (torch.arange(height, dtype=depth.dtype, device=depth.device) + 0.5 - camera.cy) / camera.fy
+    columns, rows = (torch.arange(size, dtype=depth.dtype, device=depth.device) for size in (width, height))
+    x, y = camera.rays(columns + 0.5, rows + 0.5)
     points = torch.stack([x * depth, y[:, None] * depth, depth], dim=-1)
     along_x = points[1:-1, 2:] - points[1:-1, :-2]
     along_y = points[2:, 1:-1] - points[:-2, 1:-1]

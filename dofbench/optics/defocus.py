@@ -6,6 +6,7 @@ synthesis, methods and evaluation, so that all of them mean the same lens.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -71,10 +72,18 @@ def defocus_by_radius(
         return encoded.numpy(), linear.numpy()
 
 
+def scatter_of(blur: Blur, backend: str = "auto", form: str = "auto") -> Callable[[Tensor, Tensor], Tensor]:
+    """The scatter of this blur: from linear light (H, W, C) and signed radii (H, W), pixels, to (H, W, C) blurred.
+
+    backend, form: of `kernels/scatter/reference.py`, whose errors are raised by what comes back.
+    """
+    kernel = load("scatter", backend)
+    return partial(kernel, alpha=blur.alpha, shape=blur.shape, energy=blur.energy, form=form)
+
+
 def _blurred(image: Tensor, radius: Tensor, blur: Blur, backend: str, form: str) -> tuple[Tensor, Tensor]:
     """(encoded, linear) blurred image."""
-    kernel = load("scatter", backend)
-    scatter = partial(kernel, alpha=blur.alpha, shape=blur.shape, energy=blur.energy, form=form)
+    scatter = scatter_of(blur, backend, form)
     linear = fast_decode(image, blur.gamma, backend)
     if blur.renderer == "layered":
         linear = layered_blur(linear, radius, scatter, layers=blur.layers)

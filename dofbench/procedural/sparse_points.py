@@ -34,7 +34,7 @@ def triangulate(cameras: Sequence[Camera], names: Sequence[str], images: Path, w
     database = work / "database.db"
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = "PINHOLE"
-    reader.camera_params = ",".join(repr(value) for value in (first.fx, first.fy, first.cx, first.cy))
+    reader.camera_params = ",".join(repr(value) for value in first.parameters)
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.num_threads = 1
     pycolmap.extract_features(
@@ -98,7 +98,7 @@ def _posed(cameras: Sequence[Camera], names: Sequence[str], found: Any) -> Any:
         model="PINHOLE",
         width=first.width,
         height=first.height,
-        params=[first.fx, first.fy, first.cx, first.cy],
+        params=list(first.parameters),
     )
     model.add_camera_with_trivial_rig(camera)
     tracks: dict[int, list[tuple[int, int]]] = {}

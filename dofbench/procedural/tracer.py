@@ -119,7 +119,7 @@ class Tracer:
         import mitsuba as mi
 
         x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
-        local = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], axis=-1)
+        local = np.stack([*camera.rays(x, y), np.ones_like(x)], axis=-1)
         local = local.reshape(-1, 3)
         length = np.linalg.norm(local, axis=1)
         world = (local / length[:, None]) @ camera.world_to_camera[:3, :3]

@@ -40,7 +40,7 @@ def write_colmap(root: Path, file_names: Sequence[str], cameras: Sequence[Camera
     lens_ids: dict[tuple, int] = {}
     sightings = _sightings(points, len(cameras))
     for index, (name, camera) in enumerate(zip(file_names, cameras, strict=True)):
-        lens = (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
+        lens = (camera.width, camera.height, *camera.parameters)
         if lens not in lens_ids:
             lens_ids[lens] = len(lens_ids) + 1
             model.add_camera_with_trivial_rig(

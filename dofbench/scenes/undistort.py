@@ -7,12 +7,12 @@ integers. So no OpenCV camera function is called: distortion is computed here in
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from dofbench.core.cameras import Camera
+from dofbench.core.cameras import Calibration, Camera
 from dofbench.core.errors import InputError
 
 _NEWTON_STEPS = 30
@@ -22,19 +22,13 @@ _BAND = 256
 
 
 @dataclass(frozen=True)
-class Intrinsics:
-    """A camera without pose, with distortion.
+class Intrinsics(Calibration):
+    """A camera without pose, with distortion, which has no unit: it stays at another number of pixels.
 
-    width, height: pixels. fx, fy, cx, cy: pixels, pixel centres at half-integers. distortion: in
-    OpenCV's order, `k1 k2 p1 p2 k3 k4 k5 k6` (missing ones are 0), or with fisheye `k1 k2 k3 k4`.
+    width, height, fx, fy, cx, cy: of `Calibration`. distortion: in OpenCV's order, `k1 k2 p1 p2 k3 k4 k5 k6` (missing
+    ones are 0), or with fisheye `k1 k2 k3 k4`.
     """
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
     distortion: tuple[float, ...] = ()
     fisheye: bool = False
 
@@ -43,18 +37,11 @@ class Intrinsics:
         """Whether the image differs from a pinhole's."""
         return self.fisheye or any(self.distortion)
 
-    def resized(self, width: int, height: int) -> Intrinsics:
-        """The same lens with another number of pixels; distortion has no unit and stays."""
-        sx, sy = width / self.width, height / self.height
-        return replace(
-            self, width=width, height=height, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy
-        )
-
     def camera(self, world_to_camera: np.ndarray) -> Camera:
         """The pinhole camera at a pose; ValueError while there is distortion."""
         if self.distorted:
             raise ValueError("a distorted camera has no pinhole; take undistorted() first")
-        return Camera(self.width, self.height, self.fx, self.fy, self.cx, self.cy, world_to_camera)
+        return Camera(self.width, self.height, *self.parameters, world_to_camera)
 
 
 def distort(intrinsics: Intrinsics, xy: np.ndarray) -> np.ndarray:
@@ -97,7 +84,7 @@ def undistort_points(intrinsics: Intrinsics, pixels: np.ndarray) -> np.ndarray:
 
     Raises InputError where the distortion can't be inverted (it folds the image over).
     """
-    target = (pixels - (intrinsics.cx, intrinsics.cy)) / (intrinsics.fx, intrinsics.fy)
+    target = np.stack(intrinsics.rays(pixels[:, 0], pixels[:, 1]), axis=1)
     rays = target.copy()
     if not intrinsics.distorted:
         return rays
@@ -159,8 +146,7 @@ def source_coordinates(intrinsics: Intrinsics, target: Intrinsics) -> np.ndarray
     """
     if target.distorted:
         raise ValueError("target must be a pinhole")
-    x = (np.arange(target.width) + 0.5 - target.cx) / target.fx
-    y = (np.arange(target.height) + 0.5 - target.cy) / target.fy
+    x, y = target.rays(np.arange(target.width) + 0.5, np.arange(target.height) + 0.5)
     coordinates = np.empty((target.height, target.width, 2), dtype=np.float32)
     # By bands of rows: float64 intermediates of a whole photograph would take a gigabyte.
     for start in range(0, target.height, _BAND):

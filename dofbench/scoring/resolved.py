@@ -39,8 +39,7 @@ class ResolvedCircles:
         depth = np.asarray(self._method.render(camera, None).depth, np.float64)
         there = np.isfinite(depth) & (depth > 0)
         z = np.where(there, depth, 1.0)
-        x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
-        y = (np.arange(camera.height) + 0.5 - camera.cy) / camera.fy
+        x, y = camera.rays(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
         local = np.stack([x * z, y[:, None] * z, z, np.ones_like(z)], axis=-1)
         world = (local.reshape(-1, 4) @ camera.camera_to_world.T)[:, :3]
         smallest = np.full(len(world), math.inf)

@@ -28,7 +28,7 @@ def source_record(scene: Scene, found: ResolvedScene, with_depth: bool) -> Sourc
                     "name": view.name,
                     "split": view.split,
                     "size": [camera.width, camera.height],
-                    "intrinsics": [camera.fx, camera.fy, camera.cx, camera.cy],
+                    "intrinsics": list(camera.parameters),
                     "world_to_camera": camera.world_to_camera.tolist(),
                 }
             ).encode()

@@ -73,7 +73,7 @@ def blurred_again(
     """
     import torch
 
-    from dofbench.kernels import load
+    from dofbench.optics.defocus import scatter_of
 
     width = sharp.shape[1]
     radius = record.physical(width).signed_radius(disparity_of(depth), width)
@@ -90,12 +90,9 @@ def blurred_again(
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        blurred = load("scatter", "reference")(
+        blurred = scatter_of(blur, "reference")(
             torch.from_numpy(decode(sharp[around].astype(np.float64), blur.gamma)),
             torch.from_numpy(np.ascontiguousarray(radius[around])),
-            alpha=blur.alpha,
-            shape=blur.shape,
-            energy=blur.energy,
         ).numpy()
     finally:
         torch.set_num_threads(threads)

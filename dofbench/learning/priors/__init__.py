@@ -152,10 +152,8 @@ def with_surface_points(training_set: TrainingSet, prior: Prior, count: int, see
         if wanted:
             chosen = np.sort(random.choice(len(depth), wanted, replace=False, p=weight / weight.sum()))
         rows, columns, z = samples.rows.numpy()[chosen], samples.columns.numpy()[chosen], depth[chosen]
-        local = np.stack(
-            [(columns + 0.5 - camera.cx) / camera.fx * z, (rows + 0.5 - camera.cy) / camera.fy * z, z, np.ones_like(z)],
-            axis=1,
-        )
+        x, y = camera.rays(columns + 0.5, rows + 0.5)
+        local = np.stack([x * z, y * z, z, np.ones_like(z)], axis=1)
         xyz.append((local @ camera.camera_to_world.T)[:, :3])
         rgb.append(view.image[rows, columns])
     every, colours = np.concatenate(xyz), np.concatenate(rgb).astype(np.float32)

@@ -83,9 +83,9 @@ def _places(folder: Path, model: Model, views: tuple[TrainingView, ...]) -> list
 
 def _camera(model: Model, index: int) -> Camera:
     lens = model.intrinsics[index]
-    if any(lens.distortion):
+    if lens.distorted:
         raise InputError(model.folder, f"a distorted camera for {model.names[index]}", "undistorted images")
-    return Camera(lens.width, lens.height, lens.fx, lens.fy, lens.cx, lens.cy, model.world_to_camera[index])
+    return lens.camera(model.world_to_camera[index])
 
 
 def _scale(folder: Path, views: tuple[TrainingView, ...], cameras: list[Camera]) -> float:
@@ -147,8 +147,8 @@ def _fused(points: np.ndarray, camera: Camera, depth: np.ndarray) -> np.ndarray:
 
 def _at_training_view(depth: np.ndarray, camera: Camera, goal: Camera) -> DepthMap:
     """The map at the training view's pixels: the same centre and axes, but intrinsics of its own."""
-    x = (np.arange(goal.width) + 0.5 - goal.cx) / goal.fx * camera.fx + camera.cx
-    y = (np.arange(goal.height) + 0.5 - goal.cy) / goal.fy * camera.fy + camera.cy
+    x, y = goal.rays(np.arange(goal.width) + 0.5, np.arange(goal.height) + 0.5)
+    x, y = x * camera.fx + camera.cx, y * camera.fy + camera.cy
     inside = ((y >= 0) & (y < camera.height))[:, None] & ((x >= 0) & (x < camera.width))
     columns = np.clip(x, 0, camera.width - 1).astype(np.int64)
     rows = np.clip(y, 0, camera.height - 1).astype(np.int64)

@@ -139,7 +139,7 @@ def _known_camera(photograph: Prepared) -> Any:
         model="PINHOLE",
         width=photograph.width,
         height=photograph.height,
-        params=[known.fx, known.fy, known.cx, known.cy],
+        params=list(known.parameters),
     )
     camera.has_prior_focal_length = True
     return camera

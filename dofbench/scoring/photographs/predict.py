@@ -135,7 +135,7 @@ class LensSearch:
         self._method, self._camera, self._photograph, self._tiles = method, camera, photograph, tiles
         self._lens, self._steps = lens, steps
         factor = max(1, round(camera.width / REDUCED))
-        self._factor, self._small = factor, _reduced(camera, factor)
+        self._factor, self._small = factor, camera.binned(factor)
         self._grid = [(at, self._render(self._small, lens(at))) for at in starts]
 
     def prediction(self, effort: Effort, start: float) -> Prediction:
@@ -224,7 +224,7 @@ def frame_of(depth: np.ndarray, camera: Camera, learned: Mapping[str, PhysicalLe
 
 def refusal(method: Method, camera: Camera, frame: Frame) -> str:
     """Why the method can't render through a lens, by its own words, or ""."""
-    small = _reduced(camera, max(1, round(camera.width / REDUCED)))
+    small = camera.binned(max(1, round(camera.width / REDUCED)))
     try:
         method.render(small, PhysicalLens(0.0, frame.disparities.q_min, small.width))
     except ValueError as error:
@@ -240,19 +240,6 @@ def median_lens(learned: Mapping[str, PhysicalLens] | None) -> PhysicalLens | No
     apertures = [lens.aperture * width / lens.width for lens in learned.values()]
     focuses = [lens.focus_disparity for lens in learned.values()]
     return PhysicalLens(float(np.median(apertures)), float(np.median(focuses)), width)
-
-
-def _reduced(camera: Camera, factor: int) -> Camera:
-    """The camera whose pixels are cells of factor x factor pixels; what is left over is cut off."""
-    return replace(
-        camera,
-        width=camera.width // factor,
-        height=camera.height // factor,
-        fx=camera.fx / factor,
-        fy=camera.fy / factor,
-        cx=camera.cx / factor,
-        cy=camera.cy / factor,
-    )
 
 
 def checked_image(image: np.ndarray, camera: Camera) -> np.ndarray:
