@@ -8,30 +8,20 @@ from pathlib import Path
 import numpy as np
 
 from dofbench.core.errors import InputError
-from dofbench.core.files import sha256_file
 from dofbench.dataset.dataset import Dataset, DatasetView
 from dofbench.results.collecting import Entry
+from dofbench.running.load_run import LoadedRun
 from dofbench.scoring.evaluate import Kind
 
 
 def find_dataset(entries: Iterable[Entry]) -> tuple[Dataset | None, str]:
     """(the dataset that these runs of one board were scored on, "") or (None, why it isn't to be had)."""
     reason = "no run says where its dataset is"
-    for entry in entries:
-        if entry.result is None:
-            continue
-        folder = Path(entry.result.data)
-        if not (folder / "dataset.json").is_file():
-            reason = f"the dataset {entry.spec.dataset} isn't where its results say"
-            continue
+    for run in filter(None, map(_loaded, entries)):
         try:
-            dataset = Dataset.load(folder)
+            return run.dataset, ""
         except InputError as error:
-            reason = f"the dataset can't be read: {error}"
-            continue
-        if dataset.checksum == entry.spec.dataset_checksum:
-            return dataset, ""
-        reason = f"the dataset {entry.spec.dataset} is another one by now: its checksum isn't that of the results"
+            reason = f"the dataset {run.result.spec.dataset} isn't to be had: {error}"
     return None, reason
 
 
@@ -52,9 +42,12 @@ def true_picture(dataset: Dataset, kind: Kind, view: DatasetView) -> np.ndarray:
 def prediction_file(entry: Entry, folder: str, view: str) -> Path | None:
     """The PNG of a prediction or of its error map, by folder below predictions/; None where it isn't there, or not with
     the checksum that the result has."""
-    if entry.result is None:
+    run = _loaded(entry)
+    try:
+        return None if run is None else run.prediction(folder, view)
+    except InputError:
         return None
-    relative = f"predictions/{folder}/{view}.png"
-    path = entry.folder / relative
-    known = entry.result.predictions.get(relative)
-    return path if known is not None and path.is_file() and sha256_file(path) == known else None
+
+
+def _loaded(entry: Entry) -> LoadedRun | None:
+    return None if entry.result is None else LoadedRun(entry.folder, entry.result, Path(entry.result.data))

@@ -364,11 +364,12 @@ def test_a_truth_or_prediction_that_changed_is_not_shown(boards: list, monkeypat
         picture.write_bytes((entry.folder / "predictions/refocus/v1.png").read_bytes())
         (shown,) = packed(gallery(fern)).data
         kinds = shown["views"][0]["kinds"]
-        assert kinds["all_in_focus"]["truth"] is None and "checksum isn't that" in kinds["all_in_focus"]["reason"]
+        assert kinds["all_in_focus"]["truth"] is None and "that it was run on" in kinds["all_in_focus"]["reason"]
         assert "refocus" not in kinds or kinds["refocus"]["runs"][0]["reason"] == NOT_THERE
         manifest.unlink()
         (shown,) = packed(gallery(fern)).data
-        assert "isn't where its results say" in shown["views"][0]["kinds"]["all_in_focus"]["reason"]
+        reason = shown["views"][0]["kinds"]["all_in_focus"]["reason"]
+        assert "fern_small isn't to be had" in reason and "found no dataset.json" in reason
     finally:
         manifest.write_text(before)
         picture.write_bytes(pixels)
