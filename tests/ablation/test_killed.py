@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-import time
+import signal
 from pathlib import Path
 
 import pytest
-from harness_fakes import write_method
-
-from dofbench.core.content import content_folder
-from dofbench.synthesis import make_dataset
-from dofbench.synthesis.dataset_options import MakeDataset
+from called import called, dofbench, fake_method_and_data, killed
 
 TABLES = """\
 method = "fake"
@@ -35,17 +28,12 @@ set = { pause = 1.5 }
 label = "killed"
 set = { trouble = "killed" }
 """
-LIMIT = 120  # seconds, for a run to begin at all on a busy machine
 
 
 @pytest.fixture
 def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """`dofbench ablate` on a small dataset, with a method that costs nothing, two runs at a time."""
-    make_dataset(
-        MakeDataset(scene=str(content_folder("datasets") / "thinlens" / "foliage"), width=64, out=tmp_path / "data")
-    )
-    methods = write_method(tmp_path / "methods")
-    behaviour = methods / "fake" / "behaviour.py"
+    behaviour = fake_method_and_data(tmp_path, monkeypatch, width=64) / "behaviour.py"
     behaviour.write_text(
         behaviour.read_text().replace(
             "    match options",
@@ -54,37 +42,20 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
         )
     )
     (tmp_path / "tables.toml").write_text(TABLES)
-    monkeypatch.setenv("DOFBENCH_METHODS", str(methods))
-    # The fake method is written with the help of this folder.
-    path = [str(Path(__file__).parent.parent), *filter(None, [os.environ.get("PYTHONPATH")])]
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path))
     options = {"data": "data", "tables": "tables.toml", "results": "results", "out": "out"}
-    return [
-        sys.executable,
-        "-m",
-        "dofbench",
-        "ablate",
-        "--seeds",
-        "1",
-        "--jobs",
-        "2",
-        *(word for name, value in options.items() for word in (f"--{name}", str(tmp_path / value))),
-    ]
+    words = (word for name, value in options.items() for word in (f"--{name}", tmp_path / value))
+    return dofbench("ablate", "--seeds", 1, "--jobs", 2, *words)
 
 
 @pytest.mark.slow
 def test_killed_in_the_middle_it_goes_on(command: list[str], tmp_path: Path) -> None:
     results = tmp_path / "results"
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        limit = time.monotonic() + LIMIT
-        while not list(results.rglob("result.json")):
-            assert time.monotonic() < limit and process.poll() is None
-            time.sleep(0.02)
-        process.kill()
+    done = killed(command, lambda: bool(list(results.rglob("result.json"))))
+    assert done.returncode == -signal.SIGKILL, done.stdout
     (kept,) = results.rglob("result.json")
     before = kept.stat().st_mtime_ns, kept.read_bytes()
 
-    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT)
+    done = called(command)
     # One row's process dies without a word each time; the others are whole, and what was finished wasn't run again.
     assert done.returncode == 1, done.stderr
     assert "3 runs; 1 of them are finished" in done.stdout

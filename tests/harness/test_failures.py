@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
 
 import pytest
+from called import killed
 from harness_fakes import text_console
 
 from dofbench.core.errors import InputError, Status
@@ -113,17 +112,18 @@ def test_a_killed_process_leaves_a_trace(call, tmp_path: Path) -> None:
         "import json, sys, time\nfrom pathlib import Path\nfrom dofbench.results.run_lease import run_lease\n"
         "from dofbench.results.result import Spec\n"
         "with run_lease(Path(sys.argv[1]), Spec(**json.loads(sys.argv[2])), 'waves', 'noon'):\n"
-        "    print('ready', flush=True)\n    time.sleep(60)\n"
+        "    Path(sys.argv[3]).touch()\n    time.sleep(60)\n"
     )
-    folder = tmp_path / "killed"
-    process = subprocess.Popen(
-        [sys.executable, "-c", script, str(folder), json.dumps(spec.model_dump())], stdout=subprocess.PIPE, text=True
-    )
-    assert process.stdout.readline() == "ready\n"
-    assert is_running(folder)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    process.stdout.close()
+    folder, ready = tmp_path / "killed", tmp_path / "ready"
+    command = [sys.executable, "-c", script, str(folder), json.dumps(spec.model_dump()), str(ready)]
+    seen = []
+
+    def locked_there() -> bool:
+        there = ready.is_file()
+        seen.append(there and is_running(folder))
+        return there
+
+    assert killed(command, locked_there).returncode == -signal.SIGKILL and seen[-1]
     deadline = time.monotonic() + 5
     while is_running(folder) and time.monotonic() < deadline:
         time.sleep(0.01)

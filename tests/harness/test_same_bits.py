@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from called import called, dofbench
 
 from dofbench.core.content import content_folder
 from dofbench.results.result import Result, read_result
@@ -15,29 +13,14 @@ from dofbench.synthesis import make_dataset
 from dofbench.synthesis.dataset_options import MakeDataset
 
 TIMED = {"train_s", "train_cpu_s", "cold_start_s", "render_fps", "peak_mb"}
-LIMIT = 600  # seconds, with kernels that must be compiled, on a busy machine
 
 
 def trained(folder: Path, threads: int) -> Path:
     """The result's folder of one run of 60 steps in a process of its own, with all that the default preset does."""
-    command = [
-        sys.executable,
-        "-m",
-        "dofbench",
-        "run",
-        "--method",
-        "dofgaussian",
-        "--preset",
-        "cpu",
-        "--budget",
-        "60it",
-        "--data",
-        str(folder / "data"),
-        "--out",
-        str(folder / f"on-{threads}"),
-    ]
-    environment = os.environ | {"OMP_NUM_THREADS": str(threads), "NUMBA_NUM_THREADS": str(threads)}
-    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT, env=environment)
+    options = {"method": "dofgaussian", "preset": "cpu", "budget": "60it", "data": folder / "data"}
+    words = (word for name, value in options.items() for word in (f"--{name}", value))
+    command = dofbench("run", *words, "--out", folder / f"on-{threads}")
+    done = called(command, OMP_NUM_THREADS=str(threads), NUMBA_NUM_THREADS=str(threads))
     assert done.returncode == 0, done.stderr
     (file,) = (folder / f"on-{threads}").rglob("result.json")
     return file.parent

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from called import called, dofbench, killed
 from tolerances import MOTION_BASELINE, MOTION_FOCAL, MOTION_ROTATION_DEG, TRIANGULATED_DEPTH
 
 from dofbench import cli
@@ -86,17 +84,12 @@ def test_a_finished_scene_is_left_as_it_is(
 
 def test_killed_it_goes_on_and_gives_the_same_bytes(made: Path, photographs: Path, tmp_path: Path) -> None:
     out = tmp_path / "again"
-    command = [sys.executable, "-m", "dofbench", "reconstruct", str(photographs), "--out", str(out)]
+    command = dofbench("reconstruct", photographs, "--out", out)
     # Another number of threads, too.
-    process = subprocess.Popen(command, env=os.environ | {"OMP_NUM_THREADS": "2"}, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 60
-    while not (out / ".work/pairs.txt").is_file() and time.monotonic() < deadline:
-        time.sleep(0.01)
-    process.send_signal(signal.SIGKILL)
-    assert process.wait() == -signal.SIGKILL
+    done = killed(command, (out / ".work/pairs.txt").is_file, environment={"OMP_NUM_THREADS": "2"})
+    assert done.returncode == -signal.SIGKILL, done.stdout
     assert (out / ".work/database.db").is_file() and not (out / "reconstruct.json").exists()
-    one = os.environ | {"OMP_NUM_THREADS": "1"}
-    done = subprocess.run(command, capture_output=True, text=True, env=one, timeout=120)
+    done = called(command, OMP_NUM_THREADS="1")
     assert done.returncode == 0, done.stderr
     assert "6 of 6 photographs have poses" in done.stdout and "features: 6 of 6" in done.stderr
     assert result_files(out) == result_files(made)

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from called import dofbench, killed
 from tolerances import FLOAT16_VALUE, FLOAT64_VALUE, LEVEL_8BIT
 
 from dofbench import cli
@@ -119,16 +116,12 @@ def test_depth_bits_round_to_nearest(made: Path, variant: str, tmp_path: Path) -
 @pytest.mark.slow
 def test_a_killed_run_goes_on(made: Path, tmp_path: Path, repository: Path) -> None:
     """SIGTERM ends with one line, SIGKILL with none; what is there at the end is the same."""
-    command = [sys.executable, "-m", "dofbench", "make-scene", "corridor", "--out", str(tmp_path / "s"), *SMALL.split()]
-    environment = os.environ | {"PYTHONPATH": str(repository)}
+    command = dofbench("make-scene", "corridor", "--out", tmp_path / "s", *SMALL.split())
+    path = {"PYTHONPATH": str(repository)}
     for number, image in ((signal.SIGTERM, "images/view_000.png"), (signal.SIGKILL, "lens/view_000_a1_f0.2.exr")):
-        process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
-        while not (tmp_path / "s" / image).is_file() and process.poll() is None:
-            time.sleep(0.02)
-        process.send_signal(number)
-        _, err = process.communicate(timeout=120)
-        if number == signal.SIGTERM and process.returncode:
-            assert process.returncode == 128 + signal.SIGTERM and "goes on from what is finished" in err
+        done = killed(command, (tmp_path / "s" / image).is_file, number=number, environment=path)
+        if number == signal.SIGTERM and done.returncode:
+            assert done.returncode == 128 + signal.SIGTERM and "goes on from what is finished" in done.stdout
     assert call(tmp_path / "s") == 0
     assert (tmp_path / "s" / "SHA256SUMS").read_text() == (made / "SHA256SUMS").read_text()
 

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 
 import pytest
-from harness_fakes import write_method
+from called import PATIENCE, called, dofbench, fake_method_and_data
 
-from dofbench.core.content import content_folder
 from dofbench.results.result import read_result
-from dofbench.synthesis import make_dataset
-from dofbench.synthesis.dataset_options import MakeDataset
-
-LIMIT = 240  # seconds, for a call on a busy machine
 
 # What the fake does is written down; where a file says so, its command is killed there, and its process with it.
 MOMENTS = """
@@ -65,36 +58,15 @@ class Watched(Fake):
 @pytest.fixture
 def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """`dofbench run` with three seeds on a small dataset, with a method that costs nothing, two runs at a time."""
-    make_dataset(
-        MakeDataset(scene=str(content_folder("datasets") / "thinlens" / "foliage"), width=48, out=tmp_path / "data")
-    )
-    methods = write_method(tmp_path / "methods")
-    trainer = methods / "fake" / "trainer.py"
+    method = fake_method_and_data(tmp_path, monkeypatch, width=48)
+    trainer = method / "trainer.py"
     trainer.write_text(trainer.read_text() + MOMENTS)
-    card = methods / "fake" / "method.toml"
+    card = method / "method.toml"
     card.write_text(card.read_text().replace("trainer:Fake", "trainer:Watched"))
     (tmp_path / "log").mkdir()
-    monkeypatch.setenv("DOFBENCH_METHODS", str(methods))
     monkeypatch.setenv("FAKE_LOG", str(tmp_path / "log"))
-    # The fake method is written with the help of this folder.
-    path = [str(Path(__file__).parent.parent), *filter(None, [os.environ.get("PYTHONPATH")])]
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path))
-    return [
-        sys.executable,
-        "-m",
-        "dofbench",
-        "run",
-        "--method",
-        "fake",
-        "--data",
-        str(tmp_path / "data"),
-        "--seeds",
-        "3",
-        "--jobs",
-        "2",
-        "--out",
-        str(tmp_path / "results"),
-    ]
+    data, results = tmp_path / "data", tmp_path / "results"
+    return dofbench("run", "--method", "fake", "--data", data, "--seeds", 3, "--jobs", 2, "--out", results)
 
 
 def counts(folder: Path) -> Counter[str]:
@@ -114,7 +86,7 @@ def test_killed_at_every_moment_it_goes_on(command: list[str], tmp_path: Path) -
     calls = 0
     while True:
         calls += 1
-        done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT)
+        done = called(command)
         now = finished(tmp_path)
         assert kept.items() <= now.items()  # what was finished stays as it was
         kept = now
@@ -128,14 +100,14 @@ def test_killed_at_every_moment_it_goes_on(command: list[str], tmp_path: Path) -
         assert sorted(path.name for path in file.parent.iterdir()) == ["model", "predictions", "result.json"]
     # A training that was over and kept isn't repeated: seed 1 died after its model was saved but not yet noted down.
     assert counts(tmp_path)["trained 2"] == 1
-    again = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT)
+    again = called(command)
     assert again.returncode == 0 and "3 of them are finished" in again.stdout and finished(tmp_path) == kept
 
 
 @pytest.mark.slow
 def test_two_commands_at_once_share_the_work(command: list[str], tmp_path: Path) -> None:
     both = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) for _ in range(2)]
-    said = [process.communicate(timeout=LIMIT)[0] for process in both]
+    said = [process.communicate(timeout=PATIENCE)[0] for process in both]
     assert [process.returncode for process in both] == [0, 0], said
     assert {name: count for name, count in counts(tmp_path).items() if name.startswith("trained")} == {
         "trained 0": 1,
@@ -151,10 +123,10 @@ def test_a_run_whose_process_is_killed_is_named(command: list[str], tmp_path: Pa
     methods = tmp_path / "methods" / "fake" / "trainer.py"
     methods.write_text(methods.read_text().replace("os.kill(os.getppid(), signal.SIGKILL)", "pass"))
     (tmp_path / "log" / "kill-begun-1").touch()
-    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT)
+    done = called(command)
     assert done.returncode == 1
     (line,) = [line for line in done.stdout.splitlines() if line.startswith("failed: ")]
     assert "fake-quick-seed1-" in line and line.endswith("its process was killed by signal 9 (SIGKILL)")
     assert len(finished(tmp_path)) == 2
-    assert subprocess.run(command, capture_output=True, timeout=LIMIT).returncode == 0
+    assert called(command).returncode == 0
     assert counts(tmp_path)["trained 0"] == counts(tmp_path)["trained 1"] == 1

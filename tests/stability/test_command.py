@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import csv
-import subprocess
-import sys
 from importlib import import_module
 
 import pytest
+from called import called, dofbench
 
 from dofbench.cli import main
 from dofbench.kernels import load
@@ -24,9 +23,7 @@ def table(out):
 
 
 def test_one_kernel_of_one_group_as_a_user_runs_it(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-m", "dofbench", *CALL, "--out", str(tmp_path)], capture_output=True, text=True
-    )
+    done = called(dofbench(*CALL, "--out", tmp_path))
     assert done.returncode == 0, done.stderr
     header, rows = table(tmp_path)
     assert header == HEADER

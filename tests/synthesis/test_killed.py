@@ -4,22 +4,15 @@ from __future__ import annotations
 
 import os
 import random
-import subprocess
-import sys
-import time
+import signal
 
 import pytest
+from called import called, dofbench, killed
 
 from dofbench import cli
 from dofbench.synthesis import check_dataset
 
 LENSES = ("--assign", "fixed", "--focus", "0.2,0.8", "--aperture", "1")
-LIMIT = 120  # seconds, for a run to begin at all on a busy machine
-
-
-def start(*arguments):
-    command = [sys.executable, "-m", "dofbench", "make-dataset", *map(str, arguments)]
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
 def count(folder):
@@ -33,19 +26,14 @@ def kill_and_repeat(out, arguments, kills, seed, total):
 
     Returns how often it was killed while it was at work.
     """
-    generator = random.Random(seed)
+    generator, command = random.Random(seed), dofbench("make-dataset", *arguments)
     hit = 0
     for _ in range(kills):
-        limit, enough = time.monotonic() + LIMIT, generator.randint(min(count(out) + 1, total), total)
-        with start(*arguments) as process:
-            while count(out) < enough and process.poll() is None:
-                assert time.monotonic() < limit
-                time.sleep(0.002)
-            time.sleep(generator.uniform(0, 0.03))
-            hit += process.poll() is None
-            process.kill()
-    with start(*arguments) as process:
-        assert process.wait() == 0
+        enough = generator.randint(min(count(out) + 1, total), total)
+        done = killed(command, lambda enough=enough: count(out) >= enough, delay=generator.uniform(0, 0.03))
+        hit += done.returncode == -signal.SIGKILL
+    done = called(command)
+    assert done.returncode == 0, done.stderr
     return hit
 
 

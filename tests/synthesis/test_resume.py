@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import subprocess
 import sys
-import time
 
 import pytest
+from called import killed
 
 from dofbench.core.errors import InputError
 from dofbench.core.progress import Silent
@@ -60,16 +58,9 @@ def test_another_seed_is_another_dataset(scene, dataset_folder, tmp_path, conten
 
 def test_killed_and_started_again(scene, dataset_folder, tmp_path, contents):
     out = tmp_path / "out"
-    process = subprocess.Popen([sys.executable, "-c", SLOW, str(scene), str(out)])
-    try:
-        limit = time.monotonic() + 60
-        while len(list(out.glob("images/v*.png"))) < 2:
-            assert process.poll() is None and time.monotonic() < limit
-            time.sleep(0.02)
-        os.kill(process.pid, signal.SIGKILL)
-    finally:
-        process.kill()
-        process.wait()
+    command = [sys.executable, "-c", SLOW, str(scene), str(out)]
+    done = killed(command, lambda: len(list(out.glob("images/v*.png"))) >= 2)
+    assert done.returncode == -signal.SIGKILL, done.stdout
     assert not (out / "dataset.json").exists()
     # What a kill in the middle of a write leaves.
     (out / "images" / ".v03.abc.png").write_bytes(b"half")

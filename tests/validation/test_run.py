@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 import signal
-import subprocess
-import sys
-import time
 
 import numpy as np
 import pytest
+from called import called, dofbench, killed
 from rich.console import Console
 
 from dofbench.core.errors import InputError
@@ -166,34 +163,18 @@ def test_half_a_file_of_scores_counts_as_none(rendered, tmp_path, counted):
 
 def test_killed_at_any_moment_it_goes_on(blb, tmp_path):
     """As a user calls it, ended by SIGKILL once something is kept, and called again."""
-    call = [
-        sys.executable,
-        "-m",
-        "dofbench",
-        "validate-renderer",
-        str(blb / "277"),
-        "--no-planes",
-        "--no-pictures",
-        "--out",
-        str(tmp_path / "out"),
-    ]
-    process = subprocess.Popen(call, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-    until = time.monotonic() + 120
-    while not list((tmp_path / "out" / FOLDER).glob("*.json")) and time.monotonic() < until:
-        time.sleep(0.02)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
+    call = dofbench("validate-renderer", blb / "277", "--no-planes", "--no-pictures", "--out", tmp_path / "out")
+    done = killed(call, lambda: bool(list((tmp_path / "out" / FOLDER).glob("*.json"))))
+    assert done.returncode == -signal.SIGKILL, done.stdout
     kept = {file.name: file.stat().st_mtime_ns for file in (tmp_path / "out" / FOLDER).glob("*.json")}
     assert kept
-    done = subprocess.run(call, capture_output=True, text=True)
+    done = called(call)
     assert done.returncode == 0, done.stderr
     assert len({(row["name"], row["aperture"], row["focus"]) for row in rows(tmp_path / "out")}) == 4
 
 
 def test_a_wrong_folder_is_one_line_and_status_2(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-m", "dofbench", "validate-renderer", str(tmp_path)], capture_output=True, text=True
-    )
+    done = called(dofbench("validate-renderer", tmp_path))
     assert done.returncode == 2 and done.stderr.count("\n") == 1 and "scene.json" in done.stderr
 
 
