@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_up import cloud, frontal
 from rich.console import Console
 
 from dofbench.core.budget import parse_budget
@@ -110,8 +111,8 @@ def write_dataset(
         if view not in flat:
             write_exr(layout.depth_path(folder, view), depth)
     images = [layout.relative(layout.shallow_path, view) for view in names]
-    cloud = _points(len(cameras)) if points else None
-    export.write_colmap(folder, [Path(file).name for file in images], cameras, cloud)
+    sparse = _points(len(cameras)) if points else None
+    export.write_colmap(folder, [Path(file).name for file in images], cameras, sparse)
     export.write_transforms(folder / layout.TRANSFORMS, images, cameras, splits=splits)
     write_json(folder / LENS_FILE, as_json(_lens_file(dict(zip(names, splits, strict=True)), unknown, flat)))
     files = {
@@ -147,9 +148,7 @@ def write_dataset(
 
 
 def _camera(index: int) -> Camera:
-    pose = np.eye(4)
-    pose[0, 3] = index
-    return Camera(WIDTH, HEIGHT, 200.0, 200.0, WIDTH / 2, HEIGHT / 2, pose)
+    return frontal(WIDTH, HEIGHT, 200.0, (-index, 0.0, 0.0))
 
 
 def _lens(index: int) -> Lens:
@@ -160,8 +159,7 @@ def _points(views: int) -> PointCloud:
     """Far away, so that every view sees them all: enough of them to say how blurred the photographs are."""
     across, down = np.meshgrid(np.linspace(-10.0, 10.0, 16), np.linspace(-10.0, 10.0, 10))
     xyz = np.stack([across.ravel() - 2.5, down.ravel(), np.full(across.size, 100.0)], axis=1)
-    grey, exact = np.full((len(xyz), 3), 0.5, np.float32), np.zeros(len(xyz), np.float32)
-    return PointCloud(xyz, grey, exact, tuple(np.arange(views) for _ in xyz))
+    return cloud(xyz, [np.arange(views) for _ in xyz], rgb=np.full(xyz.shape, 0.5))
 
 
 def _lens_file(splits: dict[str, Split], unknown: Sequence[str], flat: Sequence[str]) -> LensFile | UnknownLensFile:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from made_up import frontal
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Rendering
@@ -10,7 +11,7 @@ from dofbench.core.lens import PhysicalLens
 from dofbench.optics.defocus import defocus_numpy
 
 WIDTH, HEIGHT = 96, 80
-CAMERA = Camera(WIDTH, HEIGHT, 90.0, 90.0, WIDTH / 2, HEIGHT / 2, np.eye(4))
+CAMERA = frontal(WIDTH, HEIGHT, 90.0)
 TRUE = PhysicalLens(aperture=7.0, focus_disparity=0.35, width=WIDTH)  # circles up to 3.2 px
 
 

@@ -2,48 +2,29 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from made_up import cloud, frontal
 
 from dofbench.core.cameras import Camera
-from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
+from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.gaussians.gaussian_options import GaussianOptions
 
 WIDTH, HEIGHT = 48, 36
 
 
-class Recorder:
-    """An observer that keeps every loss and can stop after some steps."""
-
-    def __init__(self, stop_after=None):
-        self.losses, self._stop_after = [], stop_after
-
-    def seconds(self):
-        return 0.0
-
-    def after_step(self, step, loss):
-        self.losses.append(loss)
-        return self._stop_after is None or step < self._stop_after
-
-    def stage(self, name, done, total):
-        pass
-
-
-def cameras():
+def cameras() -> list[Camera]:
     """Three cameras that look along z."""
-    found = []
-    for x, y in [(-0.3, 0.0), (0.3, 0.1), (0.0, -0.2)]:
-        pose = np.eye(4)
-        pose[:2, 3] = -x, -y
-        found.append(Camera(WIDTH, HEIGHT, 45.0, 45.0, WIDTH / 2, HEIGHT / 2, pose))
-    return found
+    return [frontal(WIDTH, HEIGHT, 45.0, (x, y, 0.0)) for x, y in [(-0.3, 0.0), (0.3, 0.1), (0.0, -0.2)]]
 
 
-def training_set(bad_view=None):
+def training_set(bad_view: int | None = None) -> TrainingSet:
     """Coloured points on two planes, seen by three cameras; images are splats of those points."""
     random = np.random.default_rng(0)
     depth = np.where(random.uniform(size=250) < 0.5, 3.0, 6.0)
     xyz = np.stack([random.uniform(-0.5, 0.5, 250) * depth, random.uniform(-0.4, 0.4, 250) * depth, depth], axis=1)
-    points = PointCloud(xyz, random.uniform(size=(250, 3)).astype(np.float32), np.zeros(250, np.float32))
+    points = cloud(xyz, rgb=random.uniform(size=(250, 3)))
     views = []
     for index, camera in enumerate(cameras()):
         image = np.full((HEIGHT, WIDTH, 3), 0.3, dtype=np.float32)
@@ -57,7 +38,7 @@ def training_set(bad_view=None):
     return TrainingSet(tuple(views), points)
 
 
-def options(**overrides):
+def options(**overrides: Any) -> GaussianOptions:
     """A short schedule."""
     return GaussianOptions().with_overrides(
         {
@@ -70,3 +51,13 @@ def options(**overrides):
             **overrides,
         }
     )
+
+
+def noise() -> TrainingSet:
+    """Two views, a and b, whose one photograph is noise, and 300 points of any colour."""
+    random = np.random.default_rng(1)
+    xyz = np.stack([random.uniform(-2, 2, 300), random.uniform(-1.5, 1.5, 300), random.uniform(3, 6, 300)], axis=1)
+    points = cloud(xyz, rgb=random.uniform(size=(300, 3)))
+    image = random.uniform(size=(30, 40, 3)).astype(np.float32)
+    a, b = (TrainingView(name, frontal(40, 30, 40.0, (x, 0.0, 0.0)), image) for name, x in (("a", 0.0), ("b", -0.2)))
+    return TrainingSet((a, b), points)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_up import cloud, frontal
 from tolerances import CONSISTENCY_BIAS, FLOAT32_SCALAR, FLOAT64_VALUE
 
 from dofbench.core.cameras import Camera
@@ -18,9 +19,7 @@ RANGE = DisparityRange(1 / FAR, 1 / NEAR)
 
 
 def camera(x: float) -> Camera:
-    pose = np.eye(4)
-    pose[0, 3] = -x
-    return Camera(WIDTH, HEIGHT, 100.0, 100.0, WIDTH / 2, HEIGHT / 2, pose)
+    return frontal(WIDTH, HEIGHT, 100.0, (x, 0.0, 0.0))
 
 
 CAMERAS = [camera(0.15 * index) for index in range(6)]
@@ -91,7 +90,7 @@ def test_the_difference_in_pixels_of_blur():
 
 
 def test_views_that_share_nothing_have_none():
-    away = [CAMERAS[0], Camera(WIDTH, HEIGHT, 100.0, 100.0, 60, 45, np.diag([-1.0, 1.0, -1.0, 1.0]))]
+    away = [CAMERAS[0], replace(CAMERAS[0], world_to_camera=np.diag([-1.0, 1.0, -1.0, 1.0]))]
     assert consistencies(["a", "b"], away, lambda index: MAPS[0], None, RANGE) == [None, None]
     assert found([MAPS[0]]) == [None]
     assert found([MAPS[0], np.zeros_like(MAPS[1])]) == [None, None]
@@ -100,8 +99,7 @@ def test_views_that_share_nothing_have_none():
 
 def test_neighbours_share_points_or_stand_near():
     tracks = tuple(np.array(track) for track in ((0, 5), (0, 5), (0, 1)))
-    cloud = PointCloud(np.ones((3, 3)), np.ones((3, 3), np.float32), np.ones(3, np.float32), tracks)
-    assert neighbours(CAMERAS, cloud)[0][:3] == [5, 1, 2]
+    assert neighbours(CAMERAS, cloud(np.ones((3, 3)), tracks))[0][:3] == [5, 1, 2]
     assert neighbours(CAMERAS, None)[0] == [1, 2, 3, 4]
     assert neighbours(CAMERAS[:1], None) == [[]]
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_up import cloud, frontal, scene_of
 from onnx_networks import mean_of_channels, write_network
 from tolerances import (
     COMPLETED_SCALE,
@@ -16,18 +17,17 @@ from tolerances import (
     SFM_DISPARITY,
 )
 
-from dofbench.core.cameras import Camera
 from dofbench.core.content import content_folder
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.depth.sightings import scene_sightings
 from dofbench.scenes import load_scene
-from dofbench.scenes.scene import Scene, SceneView
+from dofbench.scenes.scene import Scene
 from dofbench.synthesis.depth_sources import open_source
 
 WIDTH, HEIGHT = 64, 48
 NEAR, FAR = 1.0, 4.0
-CAMERAS = [Camera(WIDTH, HEIGHT, 60.0, 60.0, WIDTH / 2, HEIGHT / 2, np.eye(4)) for _ in range(3)]
+CAMERAS = [frontal(WIDTH, HEIGHT, 60.0)] * 3
 
 
 def ramp() -> np.ndarray:
@@ -41,17 +41,14 @@ def points(count: int, seen_by: tuple[int, ...] | None, seed: int = 0) -> PointC
     z = 1 / np.interp(x, np.arange(WIDTH) + 0.5, np.linspace(1 / FAR, 1 / NEAR, WIDTH))
     xyz = np.stack([(x - WIDTH / 2) / 60 * z, (y - HEIGHT / 2) / 60 * z, z], axis=1)
     tracks = None if seen_by is None else tuple(np.array(seen_by) for _ in range(count))
-    return PointCloud(xyz, np.zeros((count, 3), np.float32), np.full(count, 0.5, np.float32), tracks)
+    return cloud(xyz, tracks, error=0.5)
 
 
-def scene(cloud: PointCloud | None, image: np.ndarray | None = None) -> Scene:
+def scene(points: PointCloud | None, image: np.ndarray | None = None) -> Scene:
     """Three views of the ramp, whose brightness is a scale and shift of its disparity unless told."""
     bright = 0.1 + 0.6 / ramp()
     picture = np.repeat(bright[..., None], 3, axis=2).astype(np.float32) if image is None else image
-    views = tuple(
-        SceneView(f"v{index}", camera, lambda: picture, Path(f"v{index}.png")) for index, camera in enumerate(CAMERAS)
-    )
-    return Scene("ramp", Path("ramp"), "made up", views, cloud)
+    return scene_of(CAMERAS, image=picture, points=points, name="ramp")
 
 
 def opened(kind, there: Scene, tmp_path: Path, network: Path | None = None):

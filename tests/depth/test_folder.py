@@ -7,19 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_up import frontal, scene_of
 from tolerances import FLOAT32_SCALAR
 
-from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
 from dofbench.core.images import write_exr
 from dofbench.depth.given import with_folder_depth
-from dofbench.scenes.scene import Scene, SceneView
 from dofbench.synthesis.depth_sources import open_source
 
-CAMERA = Camera(4, 3, 4.0, 4.0, 2.0, 1.5, np.eye(4))
 DEPTH = (1 + np.arange(12, dtype=np.float32).reshape(3, 4)) / 4
-VIEW = SceneView("v0", CAMERA, lambda: np.zeros((3, 4, 3), np.float32), Path("v0.JPG"))
-SCENE = Scene("scene", Path("scene"), "made up", (VIEW,), None)
+SCENE = scene_of([frontal(4, 3, 4.0)], suffix=".JPG")
 
 
 def write_colmap(path: Path, depth: np.ndarray) -> None:

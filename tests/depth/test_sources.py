@@ -6,30 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_up import frontal, scene_of
 
 from dofbench import gaussians
 from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
 from dofbench.gaussians.scene_fit import Surface
-from dofbench.scenes.scene import Scene, SceneView
+from dofbench.scenes.scene import Scene
 from dofbench.synthesis.depth_sources import open_source, source_for
-
-CAMERA = Camera(4, 3, 4.0, 4.0, 2.0, 1.5, np.eye(4))
 
 
 def scene(*maps: np.ndarray | None) -> Scene:
     """A scene with one view per depth map; None is a view without one."""
-    views = tuple(
-        SceneView(
-            f"v{index}",
-            CAMERA,
-            lambda: np.zeros((3, 4, 3), np.float32),
-            Path(f"v{index}.png"),
-            depth=None if depth is None else lambda depth=depth: depth,
-        )
-        for index, depth in enumerate(maps)
-    )
-    return Scene("scene", Path("scene"), "made up", views, None)
+    return scene_of([frontal(4, 3, 4.0)] * len(maps), maps)
 
 
 PLANE = np.full((3, 4), 2.0, np.float32)

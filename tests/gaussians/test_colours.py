@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 import torch
-from small_scene import Recorder, options, training_set
+from made_up import Recorder
+from small_scene import options, training_set
 from tolerances import FLOAT32_VALUE, GAIN_LEARNED, RESPONSE_GRADIENT
 
 from dofbench.core.contracts import Budget

@@ -3,10 +3,9 @@ import math
 import numpy as np
 import pytest
 import torch
+from made_up import cloud, frontal
 
 from dofbench.compute.raster import ViewStatistics
-from dofbench.core.cameras import Camera
-from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.gaussians.density import DensityControl, DensityOptions, rotate
 from dofbench.gaussians.model import PARAMETERS, Gaussians, scene_extent
@@ -15,11 +14,7 @@ from dofbench.gaussians.optimiser import GaussianOptimiser, RateOptions
 
 def _setup(count=12, **overrides):
     generator = np.random.default_rng(3)
-    points = PointCloud(
-        generator.normal(size=(count, 3)),
-        generator.uniform(size=(count, 3)).astype(np.float32),
-        np.zeros(count, np.float32),
-    )
+    points = cloud(generator.normal(size=(count, 3)), rgb=generator.uniform(size=(count, 3)))
     gaussians = Gaussians.from_points(points, 1)
     options = DensityOptions(**{"densify_from": 0.0, "densify_every": 1, "reset_every": 0.0, **overrides})
     optimiser = GaussianOptimiser(gaussians, RateOptions(), 1.0)
@@ -102,16 +97,8 @@ def test_rotate_is_the_rotation_matrix():
 
 
 def test_filter_3d_is_the_finest_sampling_of_the_views_that_see_a_gaussian():
-    gaussians = Gaussians.from_points(
-        PointCloud(
-            np.array([[0, 0, 2.0], [0, 0, 8.0], [0.1, 0, 4.0], [50.0, 0, 4.0]]),
-            np.zeros((4, 3), np.float32),
-            np.zeros(4, np.float32),
-        ),
-        0,
-    )
-    cameras = [Camera(20, 20, 10.0, 10.0, 10, 10, np.eye(4)), Camera(40, 40, 20.0, 20.0, 20, 20, np.eye(4))]
-    gaussians.update_filter_3d(cameras)
+    gaussians = Gaussians.from_points(cloud([(0, 0, 2.0), (0, 0, 8.0), (0.1, 0, 4.0), (50.0, 0, 4.0)]), 0)
+    gaussians.update_filter_3d([frontal(20, 20, 10.0), frontal(40, 40, 20.0)])
     finest = np.array([2, 8, 4, 8]) / 20 * math.sqrt(0.2)  # the unseen one gets the largest of the others
     assert np.allclose(gaussians.filter_3d.numpy(), finest)
 
@@ -140,4 +127,4 @@ def test_no_points_is_the_users_mistake():
 
 
 def test_extent_of_a_single_camera_is_one():
-    assert scene_extent([Camera(2, 2, 1.0, 1.0, 1, 1, np.eye(4))]) == 1.0
+    assert scene_extent([frontal(2, 2, 1.0)]) == 1.0

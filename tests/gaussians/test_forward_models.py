@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 from dofbench.methods.dofgaussian.method import DoFGaussian
-from small_scene import Recorder, cameras, options, training_set
+from made_up import Recorder
+from small_scene import cameras, options, training_set
 
 from dofbench.core.contracts import Budget
 from dofbench.core.lens import PhysicalLens

@@ -7,7 +7,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from small_scene import Recorder
+from made_up import Recorder
 from small_scene import options as _options
 from small_scene import training_set as _training_set
 from tolerances import FLOAT32_SCALAR, PSNR_OF_FLOAT32

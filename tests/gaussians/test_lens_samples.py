@@ -5,11 +5,11 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from made_up import cloud
 from tolerances import FLOAT32_VALUE, FLOAT64_VALUE, LENS_GRADIENT, LENS_MOVED_CAMERA, LENS_SMEAR, SAMPLED_PLANE
 
 from dofbench.compute.raster import ViewStatistics
 from dofbench.core.cameras import Camera
-from dofbench.core.contracts import PointCloud
 from dofbench.core.lens import DisparityRange, Lens
 from dofbench.gaussians.exposure import StillRasteriser, render_view
 from dofbench.gaussians.forward import lens_samples
@@ -57,7 +57,7 @@ def _scene(depths, count=3000, seed=0):
     xyz = np.stack([random.uniform(-0.7, 0.7, count) * depth, random.uniform(-0.6, 0.6, count) * depth, depth], axis=1)
     pose = _camera().world_to_camera
     colours = random.uniform(0.2, 0.9, (count, 3)).astype(np.float32)
-    gaussians = Gaussians.from_points(PointCloud(xyz - pose[:3, 3], colours, np.zeros(count, np.float32)), 0)
+    gaussians = Gaussians.from_points(cloud(xyz - pose[:3, 3], rgb=colours), 0)
     with torch.no_grad():
         gaussians.parameters["opacity_logits"] += 4
         gaussians.parameters["log_scales"][:] = torch.log(torch.from_numpy(depth).float() * 0.03)[:, None]

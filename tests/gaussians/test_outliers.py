@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from small_scene import Recorder, options, training_set
+from made_up import Recorder
+from small_scene import options, training_set
 
 from dofbench.core.contracts import Budget, TrainingSet
 from dofbench.gaussians.trainer import Trainer

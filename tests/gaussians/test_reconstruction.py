@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from made_up import frontal
 from tolerances import FLOAT32_GRADIENT
 
-from dofbench.core.cameras import Camera
 from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.scene_fit import OPTIONS, Reconstruction
 
-CAMERA = Camera(16, 12, 12.0, 12.0, 8.0, 6.0, np.eye(4))
+CAMERA = frontal(16, 12, 12.0)
 
 
 def reconstruction(depths: list[float], opacities: list[float]) -> Reconstruction:

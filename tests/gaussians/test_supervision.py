@@ -1,17 +1,9 @@
 import numpy as np
+from made_up import cloud, frontal
 
-from dofbench.core.cameras import Camera
-from dofbench.core.contracts import PointCloud
 from dofbench.learning.supervision import sparse_depth
 
-CAMERA = Camera(100, 80, 90.0, 90.0, 50.0, 40.0, np.eye(4))
-
-
-def _cloud(xyz, views=None):
-    count = len(xyz)
-    return PointCloud(
-        np.asarray(xyz, dtype=np.float64), np.zeros((count, 3), np.float32), np.zeros(count, np.float32), views
-    )
+CAMERA = frontal(100, 80, 90.0)
 
 
 def _on_grid(depth, pixels):
@@ -21,14 +13,14 @@ def _on_grid(depth, pixels):
 def test_tracks_decide_where_they_are_known():
     xyz = _on_grid(5.0, [(10.5, 10.5), (60.5, 30.5), (90.5, 70.5)])
     tracks = (np.array([0, 1]), np.array([1]), np.array([0]))
-    found = sparse_depth(_cloud(xyz, tracks), CAMERA, 0)
+    found = sparse_depth(cloud(xyz, tracks), CAMERA, 0)
     assert found.columns.tolist() == [10, 90] and found.rows.tolist() == [10, 70]
     assert np.allclose(found.depth, 5.0)
 
 
 def test_points_behind_the_camera_and_outside_the_image_are_left_out():
     xyz = [(0, 0, -3.0), (100.0, 0, 5.0), (0, 0, 5.0)]
-    found = sparse_depth(_cloud(xyz), CAMERA, 0)
+    found = sparse_depth(cloud(xyz), CAMERA, 0)
     assert found.columns.tolist() == [50] and found.rows.tolist() == [40]
 
 
@@ -37,6 +29,6 @@ def test_without_tracks_points_behind_a_surface_are_left_out():
     front = _on_grid(4.0, grid)
     behind = _on_grid(9.0, [(50.2, 40.2), (45.2, 36.2)])
     elsewhere = _on_grid(9.0, [(u + 0.5, 70.5) for u in range(5, 95, 3)])
-    found = sparse_depth(_cloud(front + behind + elsewhere), CAMERA, 0)
+    found = sparse_depth(cloud(front + behind + elsewhere), CAMERA, 0)
     assert len(found.depth) == len(front) + len(elsewhere)
     assert int((found.depth > 5).sum()) == len(elsewhere)

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from small_scene import HEIGHT, WIDTH, Recorder
+from made_up import Recorder
+from small_scene import HEIGHT, WIDTH
 from small_scene import cameras as _cameras
 from small_scene import options as _options
 from small_scene import training_set as _training_set

@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
-from small_scene import Recorder, options, training_set
+from made_up import Recorder
+from small_scene import options, training_set
 
 from dofbench.core.contracts import Budget
 from dofbench.core.errors import InputError, Status

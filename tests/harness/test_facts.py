@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from made_up import cloud, frontal
 from scipy.ndimage import gaussian_filter
 from tolerances import DIFFERENCE_BLUR, EDGE_BLUR, GAIN_BY_MEDIANS, MEASURED_NOISE
 
-from dofbench.core.cameras import Camera
 from dofbench.core.content import content_folder
 from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.core.exif import Exif
@@ -96,12 +96,10 @@ def _plain(change: float) -> TrainingSet:
     points = np.stack([random.uniform(-1, 1, 800), random.uniform(-0.4, 0.4, 800), np.full(800, 2.0)], axis=1)
     views = []
     for number in range(6):
-        pose = np.eye(4)
-        pose[0, 3] = 0.05 * number  # 5 pixels at fx 200 and z 2
-        camera = Camera(160, 120, 200.0, 200.0, 80.0, 60.0, pose)
+        camera = frontal(160, 120, 200.0, (-0.05 * number, 0.0, 0.0))  # 5 pixels at z 2
         image = wall[40:160, 120 - 5 * number : 280 - 5 * number] + change * number / 5 / 255
         views.append(TrainingView(f"v{number}", camera, from_8bit(to_8bit(image.astype(np.float32)))))
-    return TrainingSet(tuple(views), PointCloud(points, np.zeros((800, 3), np.float32), np.zeros(800, np.float32)))
+    return TrainingSet(tuple(views), cloud(points))
 
 
 def test_a_wall_that_looks_alike_from_everywhere_is_seen_to() -> None:
@@ -153,6 +151,6 @@ def test_without_points_nothing_is_told() -> None:
 
 
 def test_points_that_nothing_sees_tell_nothing() -> None:
-    behind = PointCloud(np.full((50, 3), -1.0), np.zeros((50, 3), np.float32), np.zeros(50, np.float32))
+    behind = cloud(np.full((50, 3), -1.0))
     facts = facts_of(TrainingSet(_plain(0.0).views, behind), one_lens=False)
     assert (facts.points, facts.blur_px, facts.view_dependence) == (50, None, None)

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from made_up import frontal
 from tolerances import FLOAT32_VALUE
 
-from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Rendering
 from dofbench.core.lens import PhysicalLens
 from dofbench.scoring.resolved import ResolvedCircles, resolved_map, resolved_share
@@ -13,9 +13,7 @@ NEAR, FAR, WIDTH, HEIGHT = 2.0, 4.0, 40, 30
 
 
 def _camera(x=0.0):
-    pose = np.eye(4)
-    pose[0, 3] = -x
-    return Camera(WIDTH, HEIGHT, 30.0, 30.0, WIDTH / 2, HEIGHT / 2, pose)
+    return frontal(WIDTH, HEIGHT, 30.0, (x, 0.0, 0.0))
 
 
 class Planes:

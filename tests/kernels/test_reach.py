@@ -10,12 +10,11 @@ from dofbench.kernels.rasterize import cpu_layout as layout
 from dofbench.kernels.scatter.cpu_pack import BLOCK, geometry, pack_sources
 from hypothesis import given
 from hypothesis import strategies as st
+from made_up import frontal
 from random_gaussians import cpu, reference
 
-from dofbench.core.cameras import Camera
-
 ALPHA, HEIGHT, WIDTH = 4.0, 40, 64
-CAMERA = Camera(96, 80, 100.0, 100.0, 48.0, 40.0, np.eye(4))
+CAMERA = frontal(96, 80, 100.0)
 
 
 # ---- the scatter's windows ----

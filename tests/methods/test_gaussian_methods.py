@@ -4,49 +4,30 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_up import Recorder
+from small_scene import noise
 from tolerances import FLOAT32_VALUE
 
-from dofbench.core.cameras import Camera
-from dofbench.core.contracts import Budget, PointCloud, TrainingSet, TrainingView
+from dofbench.core.contracts import Budget, TrainingSet
 from dofbench.core.errors import InputError
 from dofbench.core.lens import PhysicalLens
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.rendering_options import RENDERING
 from dofbench.running.method_cards import find_method
 
-CAMERA = Camera(40, 30, 40.0, 40.0, 20.0, 15.0, np.eye(4))
+CAMERA = noise().views[0].camera
 LENS = PhysicalLens(aperture=8.0, focus_disparity=0.2, width=40)
-
-
-class Silent:
-    """An observer that never stops training."""
-
-    def seconds(self):
-        return 0.0
-
-    def after_step(self, step, loss):
-        return True
-
-    def stage(self, name, done, total):
-        pass
 
 
 @pytest.fixture(scope="module")
 def training_set():
-    random = np.random.default_rng(1)
-    xyz = np.stack([random.uniform(-2, 2, 300), random.uniform(-1.5, 1.5, 300), random.uniform(3, 6, 300)], axis=1)
-    points = PointCloud(xyz, random.uniform(size=(300, 3)).astype(np.float32), np.zeros(300, np.float32))
-    image = random.uniform(size=(30, 40, 3)).astype(np.float32)
-    shifted = np.eye(4)
-    shifted[0, 3] = 0.2
-    other = Camera(40, 30, 40.0, 40.0, 20.0, 15.0, shifted)
-    return TrainingSet((TrainingView("a", CAMERA, image), TrainingView("b", other, image)), points)
+    return noise()
 
 
 def _trained(name, training_set, **options):
     entry = find_method(name)
     method = entry.create({**entry.card.presets["smoke"], "steps": 6, **options}, 0, "cpu")
-    method.fit(training_set, Budget(steps=6), Silent())
+    method.fit(training_set, Budget(steps=6), Recorder())
     return entry, method
 
 
@@ -188,4 +169,4 @@ def test_no_points_is_the_users_mistake(training_set):
     entry = find_method("dofgaussian")
     method = entry.create(entry.card.presets["smoke"], 0, "cpu")
     with pytest.raises(InputError, match="sparse points"):
-        method.fit(TrainingSet(training_set.views, None), Budget(steps=1), Silent())
+        method.fit(TrainingSet(training_set.views, None), Budget(steps=1), Recorder())

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 from harness_fakes import METHOD_TOML, write_method
+from made_up import Recorder
+from small_scene import noise
 
 from dofbench import kernels
 from dofbench.compute import devices
-from dofbench.core.cameras import Camera
-from dofbench.core.contracts import Budget, PointCloud, TrainingSet, TrainingView
+from dofbench.core.contracts import Budget
 from dofbench.core.errors import InputError
 from dofbench.running.method_cards import find_method, method_files
 
@@ -67,35 +67,11 @@ def test_every_shipped_method_can_run_where_its_card_says() -> None:
                 kernels.require(op, device, entry.id)
 
 
-class Silent:
-    """An observer that never stops training."""
-
-    def seconds(self) -> float:
-        return 0.0
-
-    def after_step(self, step: int, loss: float) -> bool:
-        return True
-
-    def stage(self, name: str, done: int, total: int) -> None:
-        pass
-
-
 @pytest.mark.parametrize("name", ["dofgaussian", "mipsplatting"])
 def test_a_shipped_method_calls_no_kernel_that_its_card_leaves_out(name: str, monkeypatch) -> None:
-    random = np.random.default_rng(1)
-    xyz = np.stack([random.uniform(-2, 2, 300), random.uniform(-1.5, 1.5, 300), random.uniform(3, 6, 300)], axis=1)
-    points = PointCloud(xyz, random.uniform(size=(300, 3)).astype(np.float32), np.zeros(300, np.float32))
-    poses = [np.eye(4) for _ in range(2)]
-    poses[1][0, 3] = 0.2
-    views = tuple(
-        TrainingView(
-            str(i), Camera(40, 30, 40.0, 40.0, 20.0, 15.0, pose), random.uniform(size=(30, 40, 3)).astype(np.float32)
-        )
-        for i, pose in enumerate(poses)
-    )
     called, function = set(), kernels._function
     monkeypatch.setattr(kernels, "_function", lambda op, *which: (called.add(op), function(op, *which))[1])
     entry = find_method(name)
     method = entry.create({**entry.card.presets["smoke"], "steps": 3, "depth_prior": "stereo"}, 0, "cpu")
-    method.fit(TrainingSet(views, points), Budget(steps=3), Silent())
+    method.fit(noise(), Budget(steps=3), Recorder())
     assert {"rasterize", "ssim", "stereo"} <= called <= set(entry.card.kernels)

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from known_scene import CAMERA, HEIGHT, TRUE, WIDTH, Known
+from made_up import cloud
 from tolerances import FITTED_FOCUS
 
 from dofbench.core.cameras import Camera
-from dofbench.core.contracts import PointCloud
 from dofbench.core.lens import PhysicalLens
 from dofbench.scoring.photographs.across import FOCUS_EFFORT, predict_across
 from dofbench.scoring.photographs.image_tiles import Tiles, masked_psnr
@@ -75,9 +75,7 @@ def wall(blurred_from: float, camera: Camera) -> np.ndarray:
 def test_where_the_training_photographs_are_blurred() -> None:
     random = np.random.default_rng(1)
     plane = random.uniform(-0.45, 0.45, (600, 2))
-    points = PointCloud(
-        np.concatenate([plane, np.ones((600, 1))], axis=1), np.zeros((600, 3), np.float32), np.zeros(600, np.float32)
-    )
+    points = cloud(np.concatenate([plane, np.ones((600, 1))], axis=1))
     training = [(CAMERA, 0.5 * wall(WIDTH / 2, CAMERA))] * 3  # half as bright, which doesn't count
     test = [(CAMERA, wall(WIDTH, CAMERA))] * 3
     ratio = sharpness_ratio(points, training, test)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_up import cloud
 
 from dofbench.core.content import content_folder
-from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.core.exif import Exif
 from dofbench.scenes import load_scene
@@ -27,12 +27,7 @@ def scene() -> Scene:
         replace(view, exif=None if number is None else Exif(f_number=number))
         for view, number in zip(whole.views, numbers, strict=False)
     )
-    points = PointCloud(
-        np.arange(18.0).reshape(6, 3),
-        np.zeros((6, 3), np.float32),
-        np.zeros(6, np.float32),
-        tuple(np.array([index]) for index in range(6)),
-    )
+    points = cloud(np.arange(18.0), [np.array([index]) for index in range(6)])
     return replace(whole, views=views, points=points)
 
 

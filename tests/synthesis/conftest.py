@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from made_up import cloud, frontal
 
 from dofbench.core.cameras import Camera
-from dofbench.core.contracts import PointCloud
 from dofbench.core.images import write_exr, write_png
 from dofbench.core.progress import Silent
 from dofbench.scenes import export
@@ -22,9 +22,7 @@ TEST_VIEWS, SEEN_BY = (0, 3), (0, 1, 2, 4)
 
 
 def _camera(index: int) -> Camera:
-    world_to_camera = np.eye(4)
-    world_to_camera[:3, 3] = (0.25 - 0.1 * index, 0.02 * index, 0.1)
-    return Camera(WIDTH, HEIGHT, 120.0, 120.0, WIDTH / 2, HEIGHT / 2, world_to_camera)
+    return frontal(WIDTH, HEIGHT, 120.0, (0.1 * index - 0.25, -0.02 * index, -0.1))
 
 
 def _texture(x: np.ndarray, y: np.ndarray, plane: np.ndarray) -> np.ndarray:
@@ -40,7 +38,8 @@ def _render(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
     def plane_at(world_z: float) -> tuple[np.ndarray, np.ndarray, float]:
         z = world_z - offset[2]
-        return (columns - camera.cx) / camera.fx * z + offset[0], (rows - camera.cy) / camera.fy * z + offset[1], z
+        x, y = camera.rays(columns, rows)
+        return x * z + offset[0], y * z + offset[1], z
 
     near_x, near_y, near = plane_at(NEAR)
     far_x, far_y, far = plane_at(FAR)
@@ -76,10 +75,8 @@ def write_scene() -> Callable[..., Path]:
         xyz = np.column_stack([xy, np.full(20, NEAR)])
         # Points 0 ... 3 are seen by test views alone.
         tracks = tuple(np.array(TEST_VIEWS if index < 4 else SEEN_BY) for index in range(20))
-        cloud = PointCloud(
-            xyz=xyz, rgb=np.full((20, 3), 0.5, np.float32), error=np.full(20, 0.5, np.float32), views=tracks
-        )
-        export.write_colmap(folder, [Path(name).name for name in names], cameras, cloud if points else None)
+        points_of = cloud(xyz, tracks, np.full((20, 3), 0.5), error=0.5)
+        export.write_colmap(folder, [Path(name).name for name in names], cameras, points_of if points else None)
         export.write_transforms(
             folder / "transforms.json",
             names,

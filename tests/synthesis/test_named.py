@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_up import frontal
 
 from dofbench import cli
-from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
 from dofbench.core.images import write_png
 from dofbench.core.progress import Silent
@@ -52,7 +52,7 @@ def test_a_named_scene_becomes_a_dataset_that_its_own_command_makes_again(
 
 def write_poses(root: Path, count: int) -> None:
     root.mkdir(parents=True)
-    cameras = [Camera(4032, 3024, 3500.0, 3500.0, 2016.0, 1512.0, np.eye(4)) for _ in range(count)]
+    cameras = [frontal(4032, 3024, 3500.0)] * count
     write_poses_bounds(root / "poses_bounds.npy", cameras, np.tile([1.0, 9.0], (count, 1)))
 
 
