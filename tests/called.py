@@ -33,6 +33,13 @@ def called(command: Sequence[str], **environment: str) -> subprocess.CompletedPr
     )
 
 
+def imported_by(code: str) -> set[str]:
+    """The modules that are loaded after this Python code, in a process of its own."""
+    done = called([sys.executable, "-c", f"{code}\nimport sys\nprint(*sys.modules)"])
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.splitlines()[-1].split())
+
+
 def killed(
     command: Sequence[str],
     when: Callable[[], bool],

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from called import called
 from harness_fakes import write_method
 
 from dofbench import cli
@@ -159,5 +159,6 @@ def test_the_program_lists_them_without_loading_any() -> None:
         "print('loaded', [name for name in ('torch', 'numba', 'cv2', 'pycolmap') if name in sys.modules])\n"
         "sys.exit(status)"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    done = called([sys.executable, "-c", script])
+    assert done.returncode == 0, done.stderr
     assert "dofgaussian" in done.stdout and done.stdout.splitlines()[-1] == "loaded []"

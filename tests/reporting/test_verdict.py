@@ -2,31 +2,31 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+from pathlib import Path
 
 import pytest
 
 from dofbench.core.errors import Status
 from dofbench.reporting.summary import Line, Statistic
 from dofbench.reporting.verdict import verdict
+from dofbench.results.collecting import Entry
+from dofbench.results.result import Result, Spec, ViewScores
 
-A, B, C = ("a",), ("b",), ("c",)
-
-
-def entry(variant: tuple[str, ...], seed: int, views: list[float], status: Status = Status.OK) -> SimpleNamespace:
-    """A run, as far as a verdict looks at it: its refocus PSNR by view."""
-    mean = sum(views) / len(views)
-    return SimpleNamespace(
-        variant=variant,
-        spec=SimpleNamespace(seed=seed),
-        status=status,
-        scores={"psnr": mean},
-        result=SimpleNamespace(),
-        views={f"v{index}": {"psnr": value} for index, value in enumerate(views)},
-    )
+NOBODY = dict.fromkeys(("preset", "budget", "dataset", "dataset_checksum", "protocol", "device", "code"), "")
 
 
-def lines(entries: list[SimpleNamespace]) -> dict[tuple[str, ...], Line]:
+def entry(method: str, seed: int, views: list[float], status: Status = Status.OK) -> Entry:
+    """A run with as much of a result as a verdict looks at: its refocus PSNR by view."""
+    spec = Spec(method=method, seed=seed, overrides={}, options={}, **NOBODY)
+    scored = [ViewScores(name=f"v{index}", scores={"psnr": value}) for index, value in enumerate(views)]
+    result = Result.model_construct(scores={"psnr": sum(views) / len(views)}, views=scored)
+    return Entry(Path(), spec, "", status, "", result)
+
+
+A, B, C = (entry(method, 0, [0.0]).variant for method in "abc")
+
+
+def lines(entries: list[Entry]) -> dict[tuple[str, ...], Line]:
     """Their means over seeds."""
     found = {}
     for variant in dict.fromkeys(one.variant for one in entries):
@@ -41,8 +41,8 @@ VIEWS = [30.0, 31.0, 32.0, 28.0, 29.5, 33.0, 30.5, 31.5]
 
 def test_views_are_compared_in_pairs() -> None:
     ahead = [0.9, 1.1, 1.0, 0.8, 1.2, 1.0, 0.95, 1.05]
-    entries = [entry(B, seed, VIEWS) for seed in range(3)]
-    entries += [entry(A, seed, [v + d for v, d in zip(VIEWS, ahead, strict=True)]) for seed in range(3)]
+    entries = [entry("b", seed, VIEWS) for seed in range(3)]
+    entries += [entry("a", seed, [v + d for v, d in zip(VIEWS, ahead, strict=True)]) for seed in range(3)]
     found = verdict(lines(entries), entries)
     assert (found.best, found.second, found.sure.kind) == (A, B, "sure") and found.ahead == pytest.approx(1.0)
     # All eight differences have one sign: of 2 ** 8 choices of signs, two are as extreme.
@@ -52,26 +52,26 @@ def test_views_are_compared_in_pairs() -> None:
 
 def test_what_the_test_does_not_bear_is_not_called_better() -> None:
     off = (3, -2, 1, -1, 2, -1, 0.5, -0.5)
-    entries = [entry(B, 0, VIEWS), entry(A, 0, [v + d for v, d in zip(VIEWS, off, strict=True)])]
+    entries = [entry("b", 0, VIEWS), entry("a", 0, [v + d for v, d in zip(VIEWS, off, strict=True)])]
     found = verdict(lines(entries), entries)
     assert found.best == A and found.sure.kind == "unsure" and found.sure.below == "not told apart"
 
 
 def test_few_views_tell_nothing_apart_and_one_seed_is_said() -> None:
-    entries = [entry(A, 0, [30.0, 33.0, 29.0]), entry(B, 0, [29.0, 31.0, 28.0])]
+    entries = [entry("a", 0, [30.0, 33.0, 29.0]), entry("b", 0, [29.0, 31.0, 28.0])]
     found = verdict(lines(entries), entries)
     assert found.best == A and found.sure.kind == "unsure"
     assert found.sure.text.startswith("over 3 test views, one seed: what another would change is unknown; +1.33")
 
 
 def test_a_failed_run_is_not_tested() -> None:
-    entries = [entry(A, 0, VIEWS), entry(B, 0, [v - 1 for v in VIEWS], Status.CRASHED)]
+    entries = [entry("a", 0, VIEWS), entry("b", 0, [v - 1 for v in VIEWS], Status.CRASHED)]
     found = verdict(lines(entries), entries)
     assert found.sure.kind == "untested" and found.sure.text.startswith("not tested")
 
 
 def test_the_second_is_the_next_best_and_a_gap_is_no_rival() -> None:
-    entries = [entry(A, 0, [20.0]), entry(B, 0, [30.0]), entry(C, 0, [29.5])]
+    entries = [entry("a", 0, [20.0]), entry("b", 0, [30.0]), entry("c", 0, [29.5])]
     found = lines(entries)
     found[A] = Line("a", "", "", {"psnr": Statistic(None, failure="crashed"), "aif_psnr": Statistic(None)})
     told = verdict(found, entries)
