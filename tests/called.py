@@ -33,6 +33,14 @@ def called(command: Sequence[str], **environment: str) -> subprocess.CompletedPr
     )
 
 
+def holding(imports: str, context: str) -> subprocess.Popen[str]:
+    """A process of its own that is inside the context manager of this expression until its input ends."""
+    code = f"import sys\n{imports}\nwith {context}:\n    print('held', flush=True)\n    sys.stdin.read()"
+    other = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert other.stdout is not None and other.stdout.readline() == "held\n"
+    return other
+
+
 def imported_by(code: str) -> set[str]:
     """The modules that are loaded after this Python code, in a process of its own."""
     done = called([sys.executable, "-c", f"{code}\nimport sys\nprint(*sys.modules)"])

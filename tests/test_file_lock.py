@@ -4,19 +4,13 @@ from __future__ import annotations
 
 import errno
 import os
-import subprocess
-import sys
 
 import pytest
+from called import holding
 
 from dofbench.core import file_lock
 from dofbench.core.errors import InputError
 from dofbench.core.file_lock import Lock, ask, only_writer
-
-HOLD = (
-    "import sys\nfrom pathlib import Path\nfrom dofbench.core.file_lock import only_writer\n"
-    "with only_writer(Path(sys.argv[1])):\n    print('held', flush=True)\n    sys.stdin.read()\n"
-)
 
 
 def without_locks(number):
@@ -27,10 +21,8 @@ def without_locks(number):
 
 
 def test_another_process_is_kept_out_as_long_as_one_writes(tmp_path):
-    other = subprocess.Popen(
-        [sys.executable, "-c", HOLD, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
-    assert other.stdout.readline() == "held\n"
+    imports = "from pathlib import Path\nfrom dofbench.core.file_lock import only_writer"
+    other = holding(imports, f"only_writer(Path({str(tmp_path)!r}))")
     with pytest.raises(InputError, match="another run that is writing it"), only_writer(tmp_path):
         pass
     handle = os.open(tmp_path, os.O_RDONLY)

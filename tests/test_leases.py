@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
 
 import pytest
+from called import holding
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -19,20 +19,13 @@ from dofbench.core.errors import InputError
 from dofbench.core.file_lock import Lock
 from dofbench.core.leases import EXPIRES_AFTER, at_work, leased, leased_folders, left_note
 
-HOLD = (
-    "import sys\nfrom pathlib import Path\nfrom dofbench.core.leases import leased\n"
-    "with leased(Path(sys.argv[1]), {'what': 'mine'}):\n    print('held', flush=True)\n    sys.stdin.read()\n"
-)
 NO_LOCKS = pytest.mark.parametrize("locks", [True, False], ids=["locks", "no locks"])
 
 
 def hold(folder: Path) -> subprocess.Popen[str]:
     """A process that holds the folder's lease until its input ends."""
-    other = subprocess.Popen(
-        [sys.executable, "-c", HOLD, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
-    assert other.stdout is not None and other.stdout.readline() == "held\n"
-    return other
+    imports = "from pathlib import Path\nfrom dofbench.core.leases import leased"
+    return holding(imports, f"leased(Path({str(folder)!r}), {{'what': 'mine'}})")
 
 
 def file_of_another_machine(folder: Path, age: float, name: str = "running.lock") -> Path:
