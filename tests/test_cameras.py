@@ -91,3 +91,9 @@ def test_binning_makes_a_pixel_of_every_whole_cell():
     points = in_front(view)
     np.testing.assert_allclose(coarse.project(points)[0] * 4, view.project(points)[0], rtol=FLOAT64_VALUE)
     assert coarse.world_to_camera.tolist() == view.world_to_camera.tolist()
+
+
+def test_inside_are_the_coordinates_of_pixels():
+    view = Camera(64, 48, 50.0, 50.0, 32.0, 24.0, np.eye(4))
+    xy = np.array([[0.0, 0.0], [63.9, 47.9], [64.0, 5.0], [5.0, 48.0], [-0.1, 5.0], [np.nan, np.nan]])
+    assert view.inside(xy).tolist() == [True, True, False, False, False, False]

@@ -50,6 +50,11 @@ class Calibration:
         """Image coordinates of points in the camera's frame, scene units, without distortion."""
         return self.fx * x / z + self.cx, self.fy * y / z + self.cy
 
+    def inside(self, xy: np.ndarray) -> np.ndarray:
+        """(P,) bool: which image coordinates (P, 2) fall on a pixel; NaN, of a point behind the camera, on none."""
+        with np.errstate(invalid="ignore"):
+            return (xy >= 0).all(axis=1) & (xy[:, 0] < self.width) & (xy[:, 1] < self.height)
+
     def rays(self, column: Any, row: Any) -> tuple[Any, Any]:
         """(x / z, y / z) of what is seen at image coordinates, pixels, without distortion."""
         return (column - self.cx) / self.fx, (row - self.cy) / self.fy

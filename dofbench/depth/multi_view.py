@@ -176,8 +176,7 @@ def _look_up(
     """Which world points (P, 3) fall on a pixel of known depth, (P,) bool; and of those the row, column and z."""
     xy, z = camera.project(world)
     xy = xy + _BORDER
-    with np.errstate(invalid="ignore"):
-        inside = (z > 0) & (xy >= 0).all(axis=1) & (xy[:, 0] < camera.width) & (xy[:, 1] < camera.height)
+    inside = camera.inside(xy)
     row, column = xy[inside, 1].astype(int), xy[inside, 0].astype(int)
     known = depth[row, column] > 0
     seen = inside.copy()

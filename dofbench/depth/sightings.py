@@ -91,8 +91,7 @@ def _tracked(points: PointCloud, view: int) -> np.ndarray:
 
 def _of_view(points: PointCloud, camera: Camera, chosen: np.ndarray, usual: float) -> Sightings:
     xy, depth = camera.project(points.xyz[chosen])
-    with np.errstate(invalid="ignore"):
-        inside = (depth > 0) & (xy >= 0).all(axis=1) & (xy[:, 0] < camera.width) & (xy[:, 1] < camera.height)
+    inside = camera.inside(xy)
     if points.views is None:
         inside[inside] = ~hidden(xy[inside], depth[inside], camera.width)
     error = np.nan_to_num(points.error[chosen].astype(np.float64), nan=usual)

@@ -30,8 +30,7 @@ def visible(points: PointCloud, camera: Camera, view: int) -> Seen:
     With tracks, those whose track names the view. Without tracks, those inside the image that aren't `hidden`.
     """
     xy, depth = camera.project(points.xyz)
-    with np.errstate(invalid="ignore"):
-        seen = (depth > 0) & (xy >= 0).all(axis=1) & (xy[:, 0] < camera.width) & (xy[:, 1] < camera.height)
+    seen = camera.inside(xy)
     if points.views is not None:
         seen &= points.seen_from(view)
     index = np.nonzero(seen)[0]

@@ -45,8 +45,7 @@ class ResolvedCircles:
         smallest = np.full(len(world), math.inf)
         for other, lens, surface in self._seen:
             xy, distance = other.project(world)
-            with np.errstate(invalid="ignore"):
-                inside = (distance > 0) & (xy >= 0).all(axis=1) & (xy[:, 0] < other.width) & (xy[:, 1] < other.height)
+            inside = other.inside(xy)
             column, row = np.where(inside[:, None], xy, 0).astype(np.int64).T
             with np.errstate(divide="ignore", invalid="ignore"):
                 same = inside & (np.abs(surface[row, column] / distance - 1) < SAME_SURFACE)

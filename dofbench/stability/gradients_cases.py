@@ -19,7 +19,7 @@ from dofbench.optics.defocus import defocus
 from dofbench.stability.case import DOUBLE, SINGLE, Case, Found, Setting, values
 from dofbench.stability.comparisons import l1_ssim
 from dofbench.stability.oracle import POWER
-from dofbench.stability.samples import VIEW_WIDTH, gaussians, single, straight, together
+from dofbench.stability.samples import VIEW_WIDTH, gaussians, harmonic, single, straight, together
 from dofbench.stability.samples import disparity as _disparity
 from dofbench.stability.samples import picture as _picture
 from dofbench.stability.samples import radii as _radii
@@ -227,7 +227,7 @@ def _stack(count: int) -> Inputs:
 def _dark(colour: float) -> Inputs:
     """Colours so far from the clamp at 0."""
     scene = _threshold(0.5)
-    scene["sh_dc"][0] = (colour - 0.5) * 2 * math.sqrt(math.pi)
+    scene["sh_dc"][0] = harmonic(colour)
     return scene
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from dofbench.stability.case import KERNELS, Case, Found, Setting, differing, off, values
 from dofbench.stability.comparisons import EXACT, Scene, render
 from dofbench.stability.oracle import ROUNDINGS
-from dofbench.stability.samples import camera, gaussians, single, straight, together
+from dofbench.stability.samples import camera, gaussians, harmonic, single, straight, together
 from dofbench.stability.subject import Subject
 
 
@@ -89,7 +89,7 @@ def _scaled_scene(setting: Setting, factor: float) -> Found:
 def _layers_of_one_colour(setting: Setting) -> Found:
     scene, background = gaussians(), np.array([0.3, 0.6, 0.1])
     scene["sh_rest"] = np.zeros((40, 0, 3), np.float32)
-    scene["sh_dc"] = np.broadcast_to(((background - 0.5) * 2 * np.sqrt(np.pi)), (40, 3)).astype(np.float32)
+    scene["sh_dc"] = np.broadcast_to(harmonic(background), (40, 3)).astype(np.float32)
     found = render(setting, scene, camera=camera(), background=setting.tensor(background))
     return Found(
         off(found.color, np.broadcast_to(background, found.color.shape)),

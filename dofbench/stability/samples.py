@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -64,6 +65,11 @@ def gaussians(
     return {name: value.astype(np.float32) for name, value in made.items()}
 
 
+def harmonic(colour: np.ndarray | Sequence[float] | float) -> np.ndarray:
+    """The coefficient of the constant spherical harmonic that shows this colour."""
+    return (np.asarray(colour) - 0.5) * 2 * math.sqrt(math.pi)
+
+
 def single(
     *,
     mean: tuple[float, float, float] = (0.0, 0.0, 4.0),
@@ -78,7 +84,7 @@ def single(
         "log_scales": [np.log(np.broadcast_to(scale, 3))],
         "quaternions": [quaternion],
         "opacity_logits": [logit],
-        "sh_dc": [(np.array(colour) - 0.5) * 2 * math.sqrt(math.pi)],
+        "sh_dc": [harmonic(colour)],
         "sh_rest": np.zeros((1, 0, 3)),
     }
     return {name: np.array(value, dtype=np.float32) for name, value in made.items()}

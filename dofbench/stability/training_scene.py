@@ -19,6 +19,7 @@ from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.core.lens import DisparityRange, Lens
 from dofbench.kernels import load
 from dofbench.optics.defocus import defocus
+from dofbench.stability.samples import harmonic
 
 WIDTH, HEIGHT, VIEWS = 64, 48, 6
 NEAR, FAR = 2.0, 6.0
@@ -55,7 +56,7 @@ def scene(views: int = VIEWS, one_plane: bool = False, textureless: bool = False
         "log_scales": tensor(np.log(0.035 * depth)[:, None].repeat(3, 1)),
         "quaternions": tensor([[1.0, 0, 0, 0]]).repeat(count, 1),
         "opacity_logits": torch.full((count,), 3.0),
-        "sh_dc": tensor((colour - 0.5) * 2 * math.sqrt(math.pi)),
+        "sh_dc": tensor(harmonic(colour)),
         "sh_rest": torch.zeros(count, 0, 3),
     }
     background, taken = tensor([0.5, 0.5, 0.5] if textureless else [0.15, 0.2, 0.3]), []

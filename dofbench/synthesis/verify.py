@@ -25,6 +25,7 @@ from dofbench.dataset.schema import (
     read_manifest,
 )
 from dofbench.depth.disparity import disparity_of
+from dofbench.metrics.psnr import psnr as psnr_of
 from dofbench.optics.tone import decode, encode
 from dofbench.synthesis import write
 from dofbench.synthesis.depth_record import check_depth
@@ -203,7 +204,7 @@ def _check_blur(folder: Path, lenses: LensFile) -> list[str]:
         again = blurred_again(sharp, depth, record, lenses, rows, columns)
     else:
         again = shallow_image(to_8bit(sharp), depth, record, _shared(lenses, record))[0][rows, columns]
-    psnr = _psnr(np.clip(again, 0, 1), shallow[rows, columns])  # noise goes beyond white, a PNG doesn't
+    psnr = psnr_of(np.clip(again, 0, 1), shallow[rows, columns])  # noise goes beyond white, a PNG doesn't
     if psnr < RECOMPUTED_PSNR:
         return [f"images/{record.name}.png: {psnr:.1f} dB from the blur computed again, expected {RECOMPUTED_PSNR:g}"]
     return []
@@ -223,7 +224,7 @@ def _check_thin_lens(folder: Path, record: ViewRecord, lenses: LensFile, rows: s
         sharp = read_image(layout.sharp_path(folder, record.name))
         depth = read_exr(layout.depth_path(folder, record.name))
         scattered = blurred_again(sharp, depth, record, lenses, rows, columns)
-        nearer, farther = _psnr(np.clip(scattered, 0, 1), shallow), _psnr(sharp[rows, columns], shallow)
+        nearer, farther = psnr_of(np.clip(scattered, 0, 1), shallow), psnr_of(sharp[rows, columns], shallow)
         if nearer < SCATTERED_PSNR or nearer < farther:
             return [
                 f"{file}: {nearer:.1f} dB from the scatter and {farther:.1f} dB from the sharp image, "
@@ -235,17 +236,12 @@ def _check_thin_lens(folder: Path, record: ViewRecord, lenses: LensFile, rows: s
     whole = np.zeros((camera.height, camera.width, 3), np.float32)
     whole[rows, columns] = shot.linear
     again = exposed(whole, record.name, lenses.sensor.sensor(), lenses.blur.gamma)[0][rows, columns]
-    psnr = _psnr(np.clip(again, 0, 1), shallow)
+    psnr = psnr_of(np.clip(again, 0, 1), shallow)
     # Two renders differ by the noise of both, 3 dB more than one has; as much again for a noise that is only estimated.
     expected = min(RECOMPUTED_PSNR, shot.noise_psnr - 6)
     if psnr < expected:
         return [f"{file}: {psnr:.1f} dB from the lens rendered again, expected {expected:.1f}, as its noise allows"]
     return []
-
-
-def _psnr(one: np.ndarray, other: np.ndarray) -> float:
-    squared = np.mean((one - other) ** 2)
-    return math.inf if squared == 0 else -10 * math.log10(squared)
 
 
 def _middle(size: int) -> slice:

@@ -132,8 +132,7 @@ def _fused(points: np.ndarray, camera: Camera, depth: np.ndarray) -> np.ndarray:
     since a point that was fused of pixels of several views falls between the pixels of each.
     """
     xy, z = camera.project(points)
-    with np.errstate(invalid="ignore"):
-        seen = (z > 0) & (xy >= 0).all(axis=1) & (xy[:, 0] < camera.width) & (xy[:, 1] < camera.height)
+    seen = camera.inside(xy)
     columns, rows = xy[seen].astype(np.int64).T
     kept = np.zeros(depth.shape, dtype=bool)
     for down in (-1, 0, 1):

@@ -136,14 +136,7 @@ def choose_sources(training_set: TrainingSet, most: int = SOURCES) -> list[list[
         if points.views is not None:
             seen[index] = points.seen_from(index)
         else:
-            xy, depth = view.camera.project(points.xyz)
-            with np.errstate(invalid="ignore"):
-                seen[index] = (
-                    (depth > 0)
-                    & (xy >= 0).all(axis=1)
-                    & (xy[:, 0] < view.camera.width)
-                    & (xy[:, 1] < view.camera.height)
-                )
+            seen[index] = view.camera.inside(view.camera.project(points.xyz)[0])
         rays[index] = points.xyz - view.camera.centre
         rays[index] /= np.linalg.norm(rays[index], axis=1, keepdims=True)
     worth = np.full((count, count), -np.inf)
