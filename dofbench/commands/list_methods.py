@@ -1,4 +1,4 @@
-"""`dofbench methods`: the methods that are found, and what can be chosen of one."""
+"""`dofbench methods`: the methods that are found, and the presets and options of one of them."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from dofbench.core.contracts import ListsOptions, MethodOption
 from dofbench.core.errors import InputError
 from dofbench.running.method_cards import Card, Claims, MethodEntry, find_method, method_files
 
-_WIDTH = 110  # characters a line, where the output is no terminal
+_WIDTH = 110  # characters per line, where the output isn't a terminal
 _NARROWEST = 60
 _HEADINGS = ("option", "default", "unit", "type")
 
 
 def print_methods(method: str | None = None) -> bool:
-    """Print one line for each method, or all that can be chosen of one.
+    """Print one line for each method, or all presets and options of one method.
 
-    False when a method's card or class can't be read, which is said in its place. Raises InputError for an unknown id,
-    or when the one method's card can't be read.
+    False when a method's card or class can't be read; a message is printed instead of it. Raises InputError for an
+    unknown id, or when the card of the method that was asked for can't be read.
     """
     lines, whole = _every_method() if method is None else _one_method(find_method(method))
     print("\n".join(lines))
@@ -68,7 +68,7 @@ def _one_method(entry: MethodEntry) -> tuple[list[str], bool]:
 
 
 def _presets(entry: MethodEntry) -> Iterator[str]:
-    """Every preset with when it is taken, its budget, and the options that it sets."""
+    """Every preset: when it is the default, its budget, and the options that it sets."""
     card = entry.card
     for name, declared in card.presets.items():
         _, _, budget = entry.preset(name)
@@ -84,7 +84,7 @@ def _presets(entry: MethodEntry) -> Iterator[str]:
 
 
 def _left_out(card: Card) -> list[str]:
-    """Which options the plan sets to leave a stage out; no line where it leaves none out."""
+    """Lines with the options that the plan sets to leave out a stage; none if the method has no such stage."""
     switches = {name: stage.switch for name, stage in card.stages_in_order() if stage.switch is not None}
     if not switches:
         return []
@@ -93,7 +93,7 @@ def _left_out(card: Card) -> list[str]:
 
 
 def _options(entry: MethodEntry) -> tuple[list[str], bool]:
-    """Every option of the method's class, by what it steers; False when the class can't be loaded."""
+    """Every option of the method's class, grouped by what it steers; False when the class can't be loaded."""
     try:
         kind = entry.method_class()
     except (ImportError, InputError) as error:
@@ -115,7 +115,7 @@ def _columns_of(option: MethodOption) -> tuple[str, str, str]:
 
 
 def _claims(claims: Claims) -> list[str]:
-    """The figures as a table, and where they stand."""
+    """The published figures as a table, and their source."""
     metrics = list(dict.fromkeys(metric for row in claims.rows.values() for metric in row))
     rows = [("  measured on", *metrics)]
     rows += [
@@ -130,7 +130,7 @@ def _pairs(options: Mapping[str, Any]) -> str:
 
 
 def _value(value: Any) -> str:
-    """As `--set` takes it."""
+    """The value in the form that `--set` takes."""
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:.6g}" if isinstance(value, float) else str(value) or '""'

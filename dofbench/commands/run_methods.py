@@ -1,4 +1,4 @@
-"""`dofbench run`: make the built-in dataset where the call names none and it isn't there, then run."""
+"""`dofbench run`: make the built-in dataset, if no dataset is given and it doesn't exist yet, then run."""
 
 from __future__ import annotations
 
