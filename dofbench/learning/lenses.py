@@ -58,7 +58,7 @@ class LensOptions:
             raise InputError(
                 "option lens_init_aperture",
                 str(self.lens_init_aperture),
-                "more than 0: a closed lens blurs nothing, so nothing would open it",
+                "more than 0: a closed lens blurs nothing, so its aperture would get no gradient",
             )
         if self.lens_range == "render" and self.lens_per not in ("view", "scene"):
             raise InputError(

@@ -39,9 +39,9 @@ def added_inconsistencies(added: Added, result: Result) -> Iterator[str]:
         if column.removeprefix(AIF_PREFIX) not in METRICS:
             yield f"added {column}: no such metric"
         if column in result.scores:
-            yield f"added {column}: the result has that score itself"
+            yield f"added {column}: the result itself has this score"
         if set(score.views) != views:
-            yield f"added {column}: of other views than the result's"
+            yield f"added {column}: its views aren't those of the result"
         elif score.views:
             yield from differing(f"added {column}", score.value, arithmetic_mean(list(score.views.values())))
 

@@ -52,7 +52,7 @@ def _ssim(setting: Setting, size: tuple[int, int]) -> Found:
     double = Setting("reference", "float64")
     exact = float(load("ssim", "reference", function="l1_ssim")(double.tensor(a), double.tensor(b), ssim_weight=0.2))
     found = float(setting.kernel("ssim", "l1_ssim")(setting.tensor(a), setting.tensor(b), ssim_weight=0.2))
-    # Variances are differences of numbers up to 1; their sum with C2 = 9e-4 is what is divided by.
+    # Variances are differences of numbers up to 1; the division is by their sum with C2 = 9e-4.
     return Found(abs(found - exact), ROUNDINGS * setting.eps / (0.03 + 9e-4))
 
 
@@ -79,7 +79,7 @@ def _stereo(setting: Setting, size: tuple[int, int]) -> Found:
         )
 
     exact = sweep(load("stereo", "reference"), Setting("reference", "float64"))
-    # A correlation's error: coordinates of up to 33 pixels rounded, and variances down to the floor of 2e-5.
+    # The error of a correlation: rounded coordinates of up to 33 pixels, and variances down to the floor of 2e-5.
     return Found(off(sweep(setting.kernel("stereo"), setting), exact, 1.0), 33 * setting.eps / math.sqrt(2e-5))
 
 
@@ -89,7 +89,8 @@ def _channels(setting: Setting, count: int) -> Found:
     apart = np.concatenate(
         [values(scatter(setting.tensor(image[..., k : k + 1]), radius)) for k in range(count)], axis=2
     )
-    # How far the compiled kernel follows an edge depends on the brightest pixel of all channels done together.
+    # How far the compiled kernel follows an edge depends on the brightest pixel of all channels that it processes
+    # together.
     return Found(off(together, apart), (ROUNDINGS + radius.numel() / 2) * setting.eps + 2 * math.exp(-12.0))
 
 

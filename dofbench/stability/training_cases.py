@@ -1,4 +1,4 @@
-"""Training on scenes and with options that are too hard for it: what converges, what is found out, what goes wrong."""
+"""Training on difficult scenes and with extreme options: what converges, and whether failures are detected."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _usual(setting: Setting, method: str) -> Found:
 
 
 def _planted(setting: Setting, method: str, what: str, value: float) -> Found:
-    """A number that isn't finite, put into the training after step 7: step 8 must say so, and where."""
+    """Put a number that isn't finite into the training after step 7: step 8 must report it, and its place."""
     entry = find_method(method)
     made = entry.create(options_of(entry), 0, "cpu")
     assert isinstance(made, GaussianMethod)
@@ -113,7 +113,7 @@ def _planted(setting: Setting, method: str, what: str, value: float) -> Found:
 
 
 def _vanished(setting: Setting, method: str, what: str) -> Found:
-    """Gaussians that all fade, or all get behind the cameras: the step that finds none left must say so."""
+    """Make all Gaussians fade, or move all behind the cameras: the step that finds none left must report it."""
     entry = find_method(method)
     made = entry.create(options_of(entry), 0, "cpu")
     assert isinstance(made, GaussianMethod)
@@ -131,14 +131,14 @@ def _vanished(setting: Setting, method: str, what: str) -> Found:
     except Exception as error:
         return Found(1.0, 0.0, f"no status: {type(error).__name__}: {error}"[:120])
     event = outcome.nonfinite[0] if outcome.nonfinite else None
-    # The first look that density control takes, every so many steps.
+    # Density control looks only every few steps; its first look must find it.
     right = outcome.status is Status.DIVERGED and event is not None and event.step == outcome.steps
     right = right and outcome.steps % SHORT["densify_every"] == 0
     return Found(0.0 if right else 1.0, 0.0, f"{outcome.status}: {outcome.message}"[:120])
 
 
 def _bad_photograph(setting: Setting, method: str, value: float) -> Found:
-    """A photograph with a number that isn't finite: the first step that looks at it must say so."""
+    """Put a number that isn't finite into a photograph: the first step that uses the photograph must report it."""
 
     def spoil(image: np.ndarray) -> np.ndarray:
         image = image.copy()
@@ -158,7 +158,7 @@ def _bad_photograph(setting: Setting, method: str, value: float) -> Found:
 
 
 def cases_of(method: str) -> tuple[Case, ...]:
-    """The cases of one method. Those that set options are there only for methods of this project's trainer."""
+    """The cases of one method. Cases that set options exist only for methods that use this project's trainer."""
     entry = find_method(method)
     learns, ours = entry.card.capabilities.learns_lens, isinstance(entry.create({}, 0, "cpu"), GaussianMethod)
 

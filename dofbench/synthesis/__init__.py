@@ -41,7 +41,7 @@ def make_datasets(settings: MakeDatasets) -> bool:
         return _make_again(settings)
     datasets, missing = planned(settings)
     for scene in missing:
-        print(f"left out, as it isn't here: {scene.label}: {scene.missing}", file=sys.stderr)
+        print(f"left out, because it is missing: {scene.label}: {scene.missing}", file=sys.stderr)
     if len(datasets) == 1:
         make_dataset(datasets[0])
         return True

@@ -62,8 +62,8 @@ def read_scene(found: ResolvedScene, settings: MakeDataset) -> tuple[Scene, Make
         if settings.photographs == "auto" and scene.photographs != "shallow":
             raise InputError(
                 "--train-f-number",
-                f"{scene.name}, whose photographs are all in focus, for all one knows",
-                "--photographs shallow too, where a lens took them as they are",
+                f"{scene.name}, whose photographs count as all in focus",
+                "--photographs shallow as well, if its photographs are shallow already",
             )
         scene = split_by_f_number(
             scene, settings.train_f_number, settings.test_f_number, test_points=settings.test_points

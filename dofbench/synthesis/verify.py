@@ -168,7 +168,7 @@ def _check_photographs(lenses: LensFile | UnknownLensFile, manifest: Manifest) -
     for view in lenses.views:
         unknown, taken = isinstance(view, UnknownLens), photograph.get(view.name)
         if unknown is (taken is None):
-            said = "a photograph as it was taken" if taken else "no photograph as it was taken"
+            said = "a real photograph" if taken else "no real photograph"
             problems.append(
                 f"lens.json: view {view.name}: lens {'unknown' if unknown else 'known'}, and in {MANIFEST} {said}"
             )

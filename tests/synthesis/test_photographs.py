@@ -331,7 +331,7 @@ def test_how_to_blur_is_no_question(
             lambda folder: edit(
                 folder / "dataset.json", lambda content: content["source"]["images"][1].pop("photograph")
             ),
-            "view v01: lens unknown, and in dataset.json no photograph as it was taken",
+            "view v01: lens unknown, and in dataset.json no real photograph",
         ),
     ],
 )

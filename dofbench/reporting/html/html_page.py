@@ -24,7 +24,7 @@ _MARK = re.compile(r"\{\{(\w+)\}\}")
 
 @dataclass(frozen=True)
 class _Section:
-    """id: of the anchor. short: in the navigation."""
+    """A section of the page. id: of its anchor. short: its name in the navigation."""
 
     id: str
     short: str
@@ -129,7 +129,7 @@ lines are the levels of the table below.</p>
 
 
 def _curve(index: int, curve: CurveView, notes: Footnotes) -> str:
-    """Times to reach levels, and who holds the front; the script shows those of one plot."""
+    """Tables of times to reach levels and of the Pareto front; the script shows those of the selected plot."""
     no_level, no_front = (
         "No level to reach: no score moved while training.",
         "No Pareto front: a seed of every row failed.",
@@ -175,5 +175,5 @@ def _template(name: str) -> str:
 
 
 def _script_data(data: object) -> str:
-    """JSON that can stand inside a script element: no tag can end it early."""
+    """JSON for a script element, escaped so that no tag inside can end the element."""
     return json.dumps(data, ensure_ascii=False, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
