@@ -31,11 +31,11 @@ from dofbench.synthesis.dataset_options import MakeDataset
 WIDTH = 504  # px: small enough to train in minutes on two cores, and the width at which LLFF's scores are published
 HOLD = 8  # one photograph in HOLD is held back, to be predicted and scored
 
-# Seconds on two cores of a shared machine (docs/own-photographs.md): another one may take half, or twice.
-_PHOTOGRAPH, _MEGAPIXEL = 0.5, 2.5  # features, mapping and undistortion of a photograph, and of its pixels
-_PAIR = 0.03  # two photographs compared
-_FRAME_MEGAPIXEL = 0.015  # a frame of a video, decoded and looked at
-_DATASET_MEGAPIXEL = 0.3  # a photograph of the dataset, made smaller
+# Seconds on two cores of a shared machine (docs/own-photographs.md): other machines may take half or twice as long.
+_PHOTOGRAPH, _MEGAPIXEL = 0.5, 2.5  # features, mapping and undistortion: per photograph, and per megapixel
+_PAIR = 0.03  # matching two photographs
+_FRAME_MEGAPIXEL = 0.015  # per megapixel of a video frame: decoding it and measuring its sharpness
+_DATASET_MEGAPIXEL = 0.3  # per megapixel of a photograph of the dataset: resizing it
 _COMPILING = "the first run on a machine compiles kernels besides, about a minute"
 
 

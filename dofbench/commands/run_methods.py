@@ -16,7 +16,7 @@ from dofbench.synthesis.dataset_options import MakeDataset
 
 
 def run_methods(settings: Runs, console: Console | None = None, executor: Executor | None = None) -> bool:
-    """Make the runs that the settings name; False when one failed.
+    """Carry out the runs that the settings name; False when a run failed.
 
     Raises InputError when the call is wrong, before anything is made or run.
     """

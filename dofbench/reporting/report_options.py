@@ -24,7 +24,7 @@ class Report:
     """Levels for the tables of time to reach a score, comma-separated: psnr=30,delta_f=0.01. For other scores, levels
     are chosen from the data."""
     ablation: Path | None = None
-    """Folder of tables, as `dofbench ablate` writes them, to be shown in report.html too."""
+    """Folder of tables written by `dofbench ablate`, which are shown in report.html too."""
     merge: tuple[Path, ...] = ()
     """Further folders of results, as other machines made them. A run that lies in several counts once."""
 

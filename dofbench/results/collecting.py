@@ -107,7 +107,7 @@ def collect(*folders: Path) -> Collection:
                 unreadable.append(str(error))
                 continue
             first = results.setdefault(found[1].key, found)
-            if first is not found:  # counted twice, a run would be a second seed without any spread
+            if first is not found:  # a copy would look like a second seed with exactly the same scores
                 better, other = (found, first) if _rank(found[1]) > _rank(first[1]) else (first, found)
                 results[better[1].key] = better
                 doubles.append(other[0])
@@ -115,7 +115,7 @@ def collect(*folders: Path) -> Collection:
     for folder, result in results.values():
         try:
             entries.append(entry_of(folder, result))
-        except InputError as error:  # what was added can't be read; what was there before can
+        except InputError as error:  # the added scores can't be read, but the result itself can
             unreadable.append(str(error))
             entries.append(Entry(folder, result.spec, result.scene, result.status, result.message, result))
     running: list[Path] = []

@@ -19,10 +19,11 @@ from dofbench.core.import_closure import Sources, closure_digest, own_sources
 
 _PACKAGE = Path(dofbench.__file__).resolve().parent
 _METHOD = "method"  # the name under which a method's own folder is read
-# What turns a dataset and options into a model and its scores. What decides the options isn't among it: they are part
-# of a run's key themselves.
+# The code that turns a dataset and options into a model and scores. The code that chooses the options isn't included,
+# because the options themselves are part of a run's key.
 _MAKES_SCORES = ("dofbench.running.execution:Execution", "dofbench.scoring.evaluate:Evaluator")
-_STEERS = ("class", "capabilities")  # entries of a card that do; its presets and stages decide options alone
+# Entries of a method's card that affect scores directly; presets and stages only choose options
+_STEERS = ("class", "capabilities")
 
 
 def code_version(method_folder: Path) -> str:
