@@ -45,7 +45,7 @@ def wrong(row: Row, rule: str) -> str:
 
 
 def wrongly_shared(row: Row) -> str:
-    """The mistake: "shared" if more is shared than is true, "apart" if nothing is shared although it could be; else ""."""
+    """The mistake: "shared" if more is shared than is true, "apart" if nothing is shared but could be; else ""."""
     if not row["share"] or not row["shared"] or row["shared"] in FITTING[row["share"]]:
         return ""
     return "apart" if row["shared"] == "view" else "shared"

@@ -1,4 +1,4 @@
-"""The command as a user calls it: processes of its own, and killed in the middle."""
+"""The command as a user calls it, in processes of its own, killed in the middle and called again."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ set = { pause = 1.5 }
 label = "killed"
 set = { trouble = "killed" }
 """
-LIMIT = 120  # seconds, for a run to begin at all on a busy machine
+LIMIT = 120  # seconds for a run to begin on a busy machine
 
 
 @pytest.fixture
@@ -85,7 +85,7 @@ def test_killed_in_the_middle_it_goes_on(command: list[str], tmp_path: Path) -> 
     before = kept.stat().st_mtime_ns, kept.read_bytes()
 
     done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT)
-    # One row's process dies without a word each time; the others are whole, and what was finished wasn't run again.
+    # The process of one row is killed each time; the other rows are complete, and finished runs weren't repeated.
     assert done.returncode == 1, done.stderr
     assert "3 runs; 1 of them are finished" in done.stdout
     assert "killed by signal 9" in done.stderr

@@ -112,7 +112,8 @@ def test_filter_3d_is_the_finest_sampling_of_the_views_that_see_a_gaussian():
     )
     cameras = [Camera(20, 20, 10.0, 10.0, 10, 10, np.eye(4)), Camera(40, 40, 20.0, 20.0, 20, 20, np.eye(4))]
     gaussians.update_filter_3d(cameras)
-    finest = np.array([2, 8, 4, 8]) / 20 * math.sqrt(0.2)  # the unseen one gets the largest of the others
+    # The Gaussian that no view sees gets the largest size of the others
+    finest = np.array([2, 8, 4, 8]) / 20 * math.sqrt(0.2)
     assert np.allclose(gaussians.filter_3d.numpy(), finest)
 
 

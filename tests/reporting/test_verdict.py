@@ -1,4 +1,4 @@
-"""Which row is best, by how much, and how sure: by the test of the differences, view by view."""
+"""The best row, its lead, and whether the lead is significant by the test of per-view differences."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ A, B, C = ("a",), ("b",), ("c",)
 
 
 def entry(variant: tuple[str, ...], seed: int, views: list[float], status: Status = Status.OK) -> SimpleNamespace:
-    """A run, as far as a verdict looks at it: its refocus PSNR by view."""
+    """A run with the only scores that a verdict needs: its refocus PSNR by view."""
     mean = sum(views) / len(views)
     return SimpleNamespace(
         variant=variant,
