@@ -90,9 +90,9 @@ class Collection:
 
 
 def collect(*folders: Path) -> Collection:
-    """Every run below the folders, once: what several machines made, each below a folder of its own, is merged by key.
+    """All runs below the folders. Results that several machines made in separate folders are merged by key.
 
-    Of results with one key the one that went best counts. Raises InputError when there is none.
+    Of several results with one key only the best counts (`_rank`). Raises InputError without any result.
     """
     results: dict[str, tuple[Path, Result]] = {}
     unreadable: list[str] = []
@@ -128,7 +128,7 @@ def collect(*folders: Path) -> Collection:
             except InputError as error:
                 unreadable.append(str(error))
                 continue
-            # Where another machine has finished the run since, or died of it too, it is one run still.
+            # If another machine has finished this run since, or died in it too, it counts only once.
             if dead is not None and dead.spec.key not in {entry.spec.key for entry in entries}:
                 entries.append(dead)
     if not entries and not unreadable:
@@ -139,7 +139,7 @@ def collect(*folders: Path) -> Collection:
 
 
 def _rank(result: Result) -> tuple[bool, bool]:
-    """Higher is better: a run that went well, before one that would go as badly again, before one cut short."""
+    """Higher is better: successful runs, then runs that would fail in the same way again, then interrupted ones."""
     return result.status is Status.OK, result.finished
 
 
@@ -149,7 +149,7 @@ def entry_of(folder: Path, result: Result) -> Entry:
 
 
 def dead_entry(folder: Path) -> Entry | None:
-    """The run that died in `folder` before it could write a result; None where none has begun.
+    """The run that died in `folder` before it could write a result; None if no run has begun there.
 
     Raises InputError for a damaged lease.
     """
@@ -157,7 +157,7 @@ def dead_entry(folder: Path) -> Entry | None:
     if left is None:
         return None
     spec, scene, started = left
-    message = f"started {started}, and the process died without a word (killed, or out of memory)"
+    message = f"started {started}, and the process died without a message (killed, or out of memory)"
     return Entry(folder, spec, scene, Status.CRASHED, message, None)
 
 

@@ -92,5 +92,5 @@ def test_killed_in_the_middle_it_goes_on(command: list[str], tmp_path: Path) -> 
     assert (kept.stat().st_mtime_ns, kept.read_bytes()) == before
     assert len(list(results.rglob("result.json"))) == 2
     page = (tmp_path / "out" / "pauses.md").read_text()
-    assert "crashed[^" in page and "the process died without a word" in page
+    assert "crashed[^" in page and "the process died without a message" in page
     assert page.count("–") > 0 and "Difference from none" in page
