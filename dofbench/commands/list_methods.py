@@ -39,7 +39,7 @@ def _every_method() -> tuple[list[str], bool]:
             continue
         source = card.claims.source if card.claims is not None else "-"
         rows.append((method, card.name, ", ".join(card.devices), ", ".join(_preset_names(card)), source))
-    ending = "What can be chosen of one: dofbench methods METHOD. * is its default preset."
+    ending = "Presets and options of a method: dofbench methods METHOD. * marks the default preset."
     return [*aligned(rows), *problems, "", ending], not problems
 
 
@@ -62,7 +62,7 @@ def _one_method(entry: MethodEntry) -> tuple[list[str], bool]:
     lines += ["", "Presets (--preset NAME)", *_presets(entry)]
     lines += _left_out(card)
     options, whole = _options(entry)
-    lines += ["", "Options (--set NAME=VALUE)", *options, "", "What the authors claim, on their own data"]
+    lines += ["", "Options (--set NAME=VALUE)", *options, "", "Figures published by the authors, on their own data"]
     lines += ["  nothing"] if card.claims is None else _claims(card.claims)
     return lines, whole
 
@@ -89,7 +89,7 @@ def _left_out(card: Card) -> list[str]:
     if not switches:
         return []
     lines = aligned([(f"  {stage}", _pairs(options)) for stage, options in switches.items()])
-    return ["", "What the plan sets where a dataset doesn't need a stage (not with --force-all)", *lines]
+    return ["", "Options that the plan sets if a dataset doesn't need a stage (not with --force-all)", *lines]
 
 
 def _options(entry: MethodEntry) -> tuple[list[str], bool]:
@@ -99,10 +99,10 @@ def _options(entry: MethodEntry) -> tuple[list[str], bool]:
     except (ImportError, InputError) as error:
         return [f"  can't be listed: {' '.join(str(error).split())}"], False
     if not isinstance(kind, ListsOptions):
-        return ["  its class lists none (it has no available_options); the presets above name some"], True
+        return ["  unknown, since its class has no available_options; the presets above name some"], True
     every = kind.available_options()
     table = aligned([_HEADINGS, *((option.name, *_columns_of(option)) for option in every)])
-    lines = [f"    {table[0]}", "    each with its meaning and where it comes from"]
+    lines = [f"    {table[0]}", "    each with its meaning and source"]
     for group, options in itertools.groupby(zip(every, table[1:], strict=True), key=lambda pair: pair[0].group):
         lines += ["", f"  {group}"]
         for option, line in options:
