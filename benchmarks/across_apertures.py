@@ -1,5 +1,5 @@
-"""Photographs of one aperture predicted from those of another, and learned apertures against EXIF, beside their aims:
-across-apertures.csv and across-apertures.md, of finished runs.
+"""Scores of finished runs, compared with their aims: photographs of one aperture predicted from those of another, and
+learned apertures against EXIF. Writes across-apertures.csv and across-apertures.md.
 
     dofbench make-dataset SCENES/shallow_blowtorch --photographs shallow --layout colmap --width 530 \\
         --train-f-number 6.3 --test-f-number 14 --out data/across
@@ -39,15 +39,15 @@ FIELDS = (
     "fit_s",
     "key",
 )
-AIMS = {"exif_spread": 15.0, "exif_ratio": 10.0}  # per cent, at most
-AHEAD = 2.0  # dB above a method without a lens, in the column BLURRED
+AIMS = {"exif_spread": 15.0, "exif_ratio": 10.0}  # largest values that reach the aim, per cent
+AHEAD = 2.0  # dB by which a method with a lens is to exceed one without, in the column BLURRED
 BLURRED = "across_blurred_psnr"
 Key = tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What to write of which runs."""
+    """Which runs to read, and where to write."""
 
     results: Path
     """Folder of results."""
@@ -56,7 +56,8 @@ class Settings:
 
 
 def row_of(entry: Entry, options: str) -> dict[str, object]:
-    """One run. exif_deviation: sample standard deviation over mean, per cent, beside the robust spread."""
+    """The CSV row of one run. exif_deviation: sample standard deviation over mean, per cent, in addition to the robust
+    spread."""
     spec, result = entry.spec, entry.result
     errors = exif_errors([(view.aperture, view.f_number) for view in result.apertures])
     return {
@@ -71,8 +72,8 @@ def row_of(entry: Entry, options: str) -> dict[str, object]:
 
 
 def markdown(boards: dict[Key, dict[str, list[Entry]]]) -> str:
-    """The tables, means over seeds, and how far the aims were reached. boards: by what runs must share to be compared,
-    the seeds of each variant."""
+    """The tables of means over seeds, and which aims were reached. boards: board of comparable runs -> variant -> its
+    seeds."""
     notes = Footnotes()
     lines = [
         "# One aperture predicted from another, and apertures against EXIF",

@@ -1,12 +1,14 @@
-"""How much could a lens win at all in predicting one aperture from another? across-limit.csv, of finished runs.
+"""An upper limit of how much a lens can improve the prediction of one aperture from another: across-limit.csv, of
+finished runs.
 
     python benchmarks/across_limit.py --data data/across --results results --out reports/photographs
 
-Each sharper test photograph is blurred by the lens that was learned of its nearest training view, on the learned depth.
-What that changes is the error that the training photographs' blur, painted on the scene, makes by itself; a perfect
-lens takes it away. `gain` is what the picture predicted without a lens gains, dB, when just this is put back, and
-`correlation` how alike both errors are. `most_gain` is what it would gain if they were alike in every pixel: two errors
-of these sizes can't give more. Pixels are those where the training photographs are most blurred, as in the protocol.
+Each sharper test photograph is blurred by the learned lens of its nearest training view, on the learned depth. The
+change is the error that arises if the blur of the training photographs becomes part of the scene's colours; a perfect
+lens would avoid it. `gain` is the improvement in dB of the picture predicted without a lens when this error is
+subtracted from it, and `correlation` is the correlation of this error with the prediction's error. `most_gain` is the
+improvement if the two errors were perfectly correlated: errors of these sizes can't give more. Only the pixels where
+the training photographs are most blurred are used, as in the protocol.
 """
 
 from __future__ import annotations
@@ -39,18 +41,19 @@ class Settings:
     data: Path
     """The dataset, made with --train-f-number and --test-f-number."""
     results: Path
-    """Folder of results: of every seed a run of dofgaussian and one of mipsplatting."""
+    """Folder of results, with a run of dofgaussian and one of mipsplatting for every seed."""
     out: Path
     """Folder for across-limit.csv."""
 
 
 def trained(entry: Entry) -> Method:
-    """The method as it was saved."""
+    """The trained method, as the run saved it."""
     return load_run(entry.folder).method
 
 
 def gains(predicted: np.ndarray, blurred: np.ndarray, photograph: np.ndarray) -> dict[str, float]:
-    """What the error of a prediction and that of a blur have to do with each other. All (N, 3), of the same pixels."""
+    """The columns that compare the error of a prediction with that of a blur. All arguments are (N, 3), for the same
+    pixels."""
     whole, lost = ((image - photograph).astype(np.float64) for image in (predicted, blurred))
     size, least = np.sqrt(np.square(whole).mean()), np.sqrt(np.square(lost).mean())
     left = np.sqrt(np.square(whole - lost).mean())
@@ -78,7 +81,8 @@ def blurred_as_in_training(method: Method, dataset: Dataset, view: DatasetView) 
 
 
 def rows(dataset: Dataset, seed: int, with_lens: Method, without: Path) -> list[dict[str, object]]:
-    """One for each test view, and their mean. without: predictions of the method without a lens."""
+    """A row for each test view, and one for their mean. without: folder with the predictions of the method without a
+    lens."""
     found, thirds = [], blurred_thirds(dataset)
     for view in dataset.test_views():
         mask = thirds[view.name] == BLURRED

@@ -1,10 +1,12 @@
-"""Which weight of defocus-to-focus adaptation does what the paper's text promises: emphasis on what is in focus.
+"""Which weight of defocus-to-focus adaptation has the effect that the paper's text describes: emphasis on pixels in
+focus.
 
     python benchmarks/adaptation.py DATASET [--steps 1500] [--seeds 3]
 
 Trains with each weight of the loss and prints a table: the share of the loss' weight that falls on pixels which the
-photograph shows in focus (true circle of confusion below a pixel), and how well the all-in-focus rendering of the
-training views is there, where the photograph is out of focus (above two pixels), and at the test views.
+photograph shows in focus (true circle of confusion below a pixel), and the PSNR of the all-in-focus rendering of the
+training views in these pixels, in pixels where the photograph is out of focus (above two pixels), and of the test
+views.
 """
 
 from __future__ import annotations
@@ -95,7 +97,7 @@ def _measured(trainer: Trainer, dataset: Dataset) -> tuple[float, float, float, 
 
 @torch.no_grad()
 def _weight(trainer: Trainer, camera: Camera, index: int) -> np.ndarray:
-    """(H, W): what the loss of a training view is weighted by at the end of the training."""
+    """(H, W): the weight of a training view's loss at the end of the training."""
     raster = rasterise(trainer.gaussians, camera, trainer.options.appearance)
     shot = Shot(camera, trainer.lenses.ranges[index], *trainer.lenses.forward(index))
     weight = trainer.options.adaptation.loss_weight(shot.out_of_focus(surface_disparity(raster.depth, raster.alpha)))

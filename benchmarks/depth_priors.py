@@ -1,10 +1,10 @@
-"""How far each depth prior is from the truth, and what it is worth in training: tables for reports/notes/priors.md.
+"""The error of each depth prior, and its effect on training: tables for reports/notes/priors.md.
 
     PYTHONPATH=tests python benchmarks/depth_priors.py DATASET ... [--train-steps 1500 --seeds 0,1,2 --out DIR]
 
 DATASET is a folder that make-dataset made of a scene with exact depth. The row `colmap` reads a workspace in COLMAP's
-format that is written from that exact depth, so it says what perfect depth would be worth, not how good COLMAP is. With
---out each prior is trained on too, by the method's preset `cpu`; results are kept there and reused.
+format that is written from that exact depth, so it shows the effect of perfect depth, not the accuracy of COLMAP. With
+--out there is a training with each prior too, by the method's preset `cpu`; its results are stored there and reused.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ class Settings:
     datasets: tyro.conf.Positional[tuple[Path, ...]]
     """Datasets with exact depth."""
     priors: str = "none,sparse,stereo,network,tuned,colmap"
-    """Priors, comma-separated; none is for training alone, and so is PRIOR:N, which starts from N of its points too."""
+    """Priors, comma-separated. For training only: none, and PRIOR:N, which also starts from N points of the prior."""
     loss: str = "squared"
     """Form of Eq. 8."""
     inputs: Literal["shallow", "all-in-focus"] = "shallow"
-    """Photographs that priors are made of in the first table."""
+    """Photographs from which the priors of the first table are made."""
     seeds: str = "0"
-    """Of training, comma-separated."""
+    """Seeds of the trainings, comma-separated."""
     train_steps: int = 1500
     """Length of training."""
     out: Path | None = None
@@ -131,7 +131,7 @@ def _train(folder: Path, prior: str, settings: Settings) -> None:
             ]
         )
     mean, spread = np.mean(rows, axis=0), np.std(rows, axis=0)
-    # Where depth isn't exact, nothing is said of its errors.
+    # Errors of depth are left out if the dataset's depth isn't exact.
     cells = [
         f"{value:.4g} ± {around:.2g}" if np.isfinite(value) else "–"
         for value, around in zip(mean[:-2], spread[:-2], strict=True)
@@ -140,7 +140,7 @@ def _train(folder: Path, prior: str, settings: Settings) -> None:
 
 
 def _files(dataset: Dataset, prior: str, folder: Path) -> dict[str, str]:
-    """The workspace that a prior reads, written from exact depth."""
+    """The option for the workspace that a prior reads, which is written from exact depth."""
     if prior != "colmap":
         return {}
     views = dataset.training_views()

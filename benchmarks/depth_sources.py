@@ -1,8 +1,9 @@
-"""How far each depth source is from the truth, where that is known: a table for reports/notes/depth.md.
+"""The error of each depth source on scenes with exact depth: a table for reports/notes/depth.md.
 
     python benchmarks/depth_sources.py --work DIR [--scenes DIR ...] [--sources sfm,onnx,splat]
 
-Truth is the scene's own exact depth. A reconstruction is kept in the work folder, so that a second run doesn't train.
+Truth is the scene's own exact depth. Reconstructions are stored in the work folder, so that a second run doesn't train
+again.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from dofbench.scenes import load_scene
 from dofbench.scenes.scene import Scene
 from dofbench.synthesis.depth_sources import open_source
 
-THINNED = 7  # every so manieth pixel is ranked
+THINNED = 7  # one pixel in so many is used for rank correlation
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Settings:
     work: Path
     """Folder for reconstructions and network maps."""
     scenes: tuple[Path, ...] = ()
-    """Scenes with exact depth beside the built-in one."""
+    """Scenes with exact depth, in addition to the built-in one."""
     sources: str = "given,sfm,onnx,splat"
     """Sources, comma-separated."""
     steps: int = 3000
@@ -44,7 +45,7 @@ class Settings:
 
 
 def main(settings: Settings) -> None:
-    """Print a row a scene and source."""
+    """Print one row per scene and source."""
     print(
         "| scene | source | AbsRel | within 1.25 | CoC error at A = 1, mean / median (px) | views differ by | "
         "views flagged | confidence: rank correlation | error, surest / least sure quarter (px) | s a view |"
@@ -101,9 +102,9 @@ def _measure(scene: Scene, source_id: SourceId, settings: Settings) -> None:
 def _errors(
     estimate: DepthEstimate, truth: np.ndarray, pixels: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of the pixels with a surface: relative error of depth, whether within 1.25, error in CoC pixels, confidence.
+    """For the pixels with a surface: relative error of depth, whether within 1.25, error in CoC pixels, confidence.
 
-    Depth that the source doesn't know counts as infinitely far, as it does for the blur; its relative error as 1.
+    Depth that the source doesn't know counts as infinitely far, as in the blur; its relative error counts as 1.
     """
     there = truth > 0
     true = 1 / truth[there].astype(np.float64)

@@ -6,8 +6,8 @@
 Parts, in processes of their own: `photograph` (an 8-bit image and its depth through the dataset builder's own
 function: decode, scatter, encode; peak memory of the process), `layered` (the same by the layered renderer; slow),
 `energy` (HDR highlights of 1e6 against float64 sums at every pixel of their discs), `cost` (both forms against radius
-and against pixels). Writes a CSV for each into --out and draws cost.png there. Wall time is only the program's where
-nothing else runs; processor time is nearly so anywhere.
+and against pixels). Writes a CSV for each into --out and draws cost.png there. Wall time is meaningful only if nothing
+else runs on the machine; processor time is less affected.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ import numpy as np  # noqa: E402
 PARTS = ("photograph", "layered", "energy", "cost")
 KINDS = ("waves", "edges", "plane")
 HIGHLIGHT = 1e6
-DISPARITIES = 0.1, 1.0  # of the photographed scene, 1 / scene unit
+DISPARITIES = 0.1, 1.0  # disparity range of the photographed scene, 1 / scene unit
 MILLION = 1e6
 
 
@@ -58,7 +58,7 @@ def disparity(kind: str, height: int, width: int) -> np.ndarray:
 
 
 def picture(height: int, width: int) -> np.ndarray:
-    """(H, W, 3) uint8: noise, which no form finds easier or harder than a photograph."""
+    """(H, W, 3) uint8: noise, for which both forms take as long as for a photograph."""
     return np.random.default_rng(1).integers(0, 256, (height, width, 3), dtype=np.uint8)
 
 
@@ -81,7 +81,7 @@ def peak_memory() -> float:
 
 
 def photograph(kind: str, renderer: str, width: int, height: int, radius: float) -> dict:
-    """One photograph, in this process, whose memory this should be all of."""
+    """Make one photograph in this process, which should do nothing else, since its peak memory is measured."""
     from dofbench.core.blur import Blur
     from dofbench.core.lens import DisparityRange, Lens
     from dofbench.dataset.schema import ViewRecord
@@ -102,7 +102,8 @@ def photograph(kind: str, renderer: str, width: int, height: int, radius: float)
     )
     shared = Photography(DisparityRange(low, high), per_view=False, blur=Blur(renderer=renderer))
     corner = depth[:40, :40].copy()
-    corner[0, 0] = 1 / high  # reaches as far as the whole, so that the same form is loaded, or compiled
+    # The corner has the same largest radius as the whole image, so that the same form is loaded or compiled
+    corner[0, 0] = 1 / high
     shallow_image(sharp[:40, :40].copy(), corner, record, shared)
     prepared, watch = peak_memory(), Stopwatch()
     encoded, linear = shallow_image(sharp, depth, record, shared)
@@ -141,7 +142,7 @@ def exact(image: np.ndarray, radius: np.ndarray, rows: np.ndarray, columns: np.n
                 for x in range(max(0, columns[i] - reach), min(width, columns[i] + reach + 1)):
                     size = float(radius[y, x])
                     rest = float((y - rows[i]) ** 2 + (x - columns[i]) ** 2)
-                    if rest > (size + 6.0) ** 2:  # exp(-48): lost even in float64
+                    if rest > (size + 6.0) ** 2:  # below exp(-48) a weight is negligible even in float64
                         continue
                     weight = 1.0 / (size * size + AREA_EPSILON)
                     if size < 6.0 or rest > (size - 6.0) ** 2:
@@ -168,7 +169,7 @@ def energy(kind: str, width: int, height: int, radius: float) -> dict:
     radii = np.float32(radius) * disparity(kind, height, width)
     near = np.zeros(radii.shape, dtype=bool)
     rows, columns = np.ogrid[:height, :width]
-    for share in (0.0, 0.5, 1.0):  # one at the corner of the image, one inside, one at the opposite corner
+    for share in (0.0, 0.5, 1.0):  # highlights at one corner, inside, and at the opposite corner
         y, x = int(share * (height - 1)), int(share * (width - 1))
         image[y, x], radii[y, x] = HIGHLIGHT, radius
         near |= (rows - y) ** 2 + (columns - x) ** 2 < (radius + 3) ** 2
@@ -245,7 +246,8 @@ def cost(kind: str, form: str, cases: list[tuple[int, int, float]], repeats: int
 
 
 def measure_cost(width: int, height: int, radius: float, repeats: int) -> list[dict]:
-    """By radius at an eighth of the width, by pixels at two radii; not what takes the direct form minutes."""
+    """Cost against radius at an eighth of the width, and against pixels at two radii, without cases that take the
+    direct form minutes."""
     radii = (4.0, 8.0, 12.0, 16.0, 18.0, 24.0, 32.0, 48.0, 64.0, 96.0, 120.0, 180.0, 240.0)
     rows = []
     for kind in ("waves", "edges"):
@@ -296,7 +298,7 @@ def draw(rows: list[dict], path: Path) -> None:
 
 
 def in_new_process(part: str, **case):
-    """What the function of this name returns, in a fresh process: memory, and caches of a case before, are its own."""
+    """Call the function of this name in a new process, so that memory and caches of earlier cases don't count."""
     command = [sys.executable, __file__, "--child", part, json.dumps(case)]
     result = subprocess.run(command, stdout=subprocess.PIPE, check=True, text=True)
     found = json.loads(result.stdout.splitlines()[-1])

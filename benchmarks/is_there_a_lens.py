@@ -3,10 +3,10 @@
     python benchmarks/is_there_a_lens.py --work DIR --scenes SCENES --out reports/lens [--seconds 3600]
 
 Makes the datasets of `lens_cases.py` in DIR, small ones, and trains on each case until preset cpu's trials
-(`dofbench/gaussians/trials.py`) have decided: one row of is-there-a-lens.csv a case and length of training, written as
-soon as it is known; what has a row isn't measured again. With --cost, cases are trained to the end with a lens a
-photograph, without one, and with one that photographs share, for what a mistake costs: is-there-a-lens-costs.csv.
-is-there-a-lens-table.md sums up both files.
+(`dofbench/gaussians/trials.py`) have decided: one row of is-there-a-lens.csv per case and length of training, written
+as soon as it is known; a case with a row isn't measured again. With --cost, cases are trained to the end with a lens
+for each photograph, without a lens, and with a shared lens, to measure the cost of a wrong decision:
+is-there-a-lens-costs.csv. is-there-a-lens-table.md sums up both files.
 """
 
 from __future__ import annotations
@@ -61,19 +61,19 @@ COLUMNS = (
     "status",
 )
 COST_COLUMNS = ("case", "way", "steps", "held_back_psnr", "aif_psnr", "ms_a_step", "status")
-# What a case is trained with for its cost: a lens a photograph, none, one aperture with a focus each, one lens.
+# Trainings for the cost of decisions: a lens for each photograph, no lens, one aperture with a focus each, one lens.
 WAYS: dict[str, dict[str, object]] = {
     "on": {"lens_per": "view"},
     "off": {"lens": False},
     "aperture": {"lens_per": "aperture"},
     "scene": {"lens_per": "scene"},
 }
-_PIXELS, _VIEWS = 0.95, 0.9  # quantiles, as `Trainer.widest_circle` has them
+_PIXELS, _VIEWS = 0.95, 0.9  # the quantiles of `Trainer.widest_circle`
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What to measure, and where everything is."""
+    """What to measure, and the folders."""
 
     work: Path
     """Folder of the datasets."""
@@ -82,15 +82,15 @@ class Settings:
     scenes: Path | None = None
     """Folder of the real scenes; without it, no dataset is made."""
     only: str = ""
-    """Scenes of which datasets are made, comma-separated; without it, all."""
+    """Scenes from which datasets are made, comma-separated; without it, all."""
     steps: int = 500
-    """Length of the training whose decisions are looked at; it ends when they have fallen."""
+    """Length of the training whose decisions are measured; the training ends when they are made."""
     seconds: float = 0.0
-    """Begin no further case after so many seconds; 0 for no limit."""
+    """Start no further case after so many seconds; 0 for no limit."""
     cases: str = ""
     """Names of cases, comma-separated; without it, all whose dataset is there."""
     cost: bool = False
-    """Train to the end, in each way that could be decided."""
+    """Train to the end with each possible decision."""
 
 
 def main(settings: Settings) -> None:
@@ -118,7 +118,7 @@ def main(settings: Settings) -> None:
 
 
 def read(file: Path) -> list[dict[str, str]]:
-    """The rows of a table; none where there is no such file."""
+    """The rows of a table; none if the file doesn't exist."""
     return list(csv.DictReader(file.open())) if file.is_file() else []
 
 
@@ -129,7 +129,8 @@ def fill(
     measure: Callable[[dict[str, str], Case], dict[str, object]],
     late: Callable[[], bool],
 ) -> None:
-    """Add the rows that a table lacks, each written at once, until it is late. A row is found by its key."""
+    """Add the missing rows to a table, writing each at once, until `late()` is true. Rows are identified by their
+    key."""
     rows = read(file)
     for key, case in wanted:
         if late():
@@ -154,7 +155,7 @@ def options(settings: Settings, **changes: object) -> GaussianOptions:
 
 
 def decided(case: Case, settings: Settings) -> dict[str, object]:
-    """What the trials decide on a case, with the truth beside it."""
+    """The decisions of the trials on a case, together with the truth."""
     dataset, training_set, chosen = load(case, settings.work)
     circle = true_circle(case, dataset, chosen)
     lens = case.lens or ("faint" if circle < FAINT else "yes")
@@ -193,7 +194,7 @@ def _found(decisions: Sequence[Decision], lens_per: str) -> dict[str, object]:
 
 
 def true_circle(case: Case, dataset: Dataset, chosen: Sequence[int]) -> float | None:
-    """`Trainer.widest_circle` of the true lenses on the true depth, pixels; None where nobody knows them."""
+    """`Trainer.widest_circle` of the true lenses on the true depth, pixels; None if they are unknown."""
     if case.lens == "no":
         return 0.0
     views = [dataset.training_views()[i] for i in chosen]
@@ -219,7 +220,7 @@ class Clock:
         return time.perf_counter() - self._start
 
     def worked(self) -> float:
-        """Processor seconds from the first step to the last, which others' work on the machine doesn't lengthen."""
+        """Processor seconds from the first step to the last, which other work on the machine doesn't increase much."""
         return self._worked[-1] - self._worked[0] if self._worked else 0.0
 
     def after_step(self, step: int, loss: float) -> bool:
@@ -232,7 +233,7 @@ class Clock:
 
 
 def cost(case: Case, way: str, settings: Settings) -> dict[str, object]:
-    """Train to the end in one way and score what is held back, and the sharp test views where known."""
+    """Train to the end with one of WAYS; score held-back pixels, and the sharp test views if they are known."""
     dataset, training_set, _ = load(case, settings.work)
     trainer = Trainer(training_set, options(settings, lens_trials="", held_back=HELD_BACK, **WAYS[way]), 0)
     clock = Clock()

@@ -1,10 +1,10 @@
-"""What leaving out saves, and what it costs: leaving-out.md and leaving-out.csv.
+"""How much time is saved by leaving out stages, and what it costs in quality: leaving-out.md and leaving-out.csv.
 
     python benchmarks/leaving_out.py DATASET... --out reports/leaving-out [--seeds 3] [--budget 1000it]
 
-Every dataset is looked at twice, by its shallow photographs and by its sharp ones. Where the plan leaves something out
-that no row above has, the method is trained as planned and with --force-all, from the same seeds; where it leaves
-nothing out, the table says why.
+Every dataset is used twice, with its shallow photographs and with its sharp ones. If the plan leaves out a stage that
+no earlier row has, the method is trained as planned and with --force-all, with the same seeds; if the plan leaves out
+nothing, the table says why.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Settings:
     out: Path
     """Folder for the table."""
     results: Path = Path("results")
-    """Folder of results; what is finished there isn't trained again."""
+    """Folder of results; runs that are finished there aren't repeated."""
     method: str = "dofgaussian"
     """Method."""
     preset: str | None = None
@@ -53,7 +53,7 @@ class Settings:
 
 
 def main(settings: Settings) -> None:
-    """Train what isn't trained yet and write the table."""
+    """Carry out the runs that aren't finished and write the table."""
     configure_threads()
     rows, lines, measured = [], [], set()
     for data in settings.data:
@@ -72,7 +72,7 @@ def main(settings: Settings) -> None:
 
 
 def _compared(settings: Settings, data: Path, inputs: str, measured: set[str]) -> tuple[list[dict], str]:
-    """Rows and a line; what is left out is added to `measured`."""
+    """CSV rows and a line of the table for one dataset; the left-out stages are added to `measured`."""
     call = Run(
         method=settings.method,
         data=data,

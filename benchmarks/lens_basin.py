@@ -1,12 +1,13 @@
-"""From which starts each way of learning a lens converges to the true one: basin.csv, basin.md and basin.png.
+"""From which initial values each parameterisation of a lens converges to the true lens: basin.csv, basin.md and
+basin.png.
 
     python benchmarks/lens_basin.py --out reports/lens
 
-With the scene known (`known`): sharp image and exact depth of the built-in scene's first view are given, only the
-lens is learned, from a grid of starts and for several true lenses, against the photograph blurred by the same
-renderer. That shows the shape of the problem without the geometry's share in it. With an unknown scene (`joint`):
-Gaussians and lenses are trained together from a coarser grid of starts, on the dataset given by --data; its errors
-are the leaderboard's.
+With a known scene (`known`): sharp image and exact depth of the built-in scene's first view are given, and only the
+lens is learned, from a grid of initial values and for several true lenses, against the photograph blurred by the same
+renderer. This shows the problem without the influence of geometry. With an unknown scene (`joint`): Gaussians and
+lenses are trained together from a coarser grid of initial values, on the dataset given by --data; errors are those of
+the leaderboard.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from dofbench.running.method_cards import find_method
 from dofbench.scenes import load_scene
 
 ACTIVATIONS = ("relu", "log", "ends")
-SHRUNK = 2  # the known scene's image is made smaller by this
+SHRUNK = 2  # factor by which the known scene's image is shrunk
 FOUND = 0.02  # |A - A'| and |F - F'| below this count as converged to the true lens
 TRUE = tuple(Lens(aperture, focus) for aperture in (0.5, 1.0) for focus in (0.2, 0.5, 0.8))
 APERTURES = (0.03, 0.1, 0.25, 0.5, 1.0, 1.5, 2.0)
@@ -57,17 +58,17 @@ class Settings:
     out: Path
     """Folder for basin.csv, basin.md and basin.png; a row that is in basin.csv isn't measured again."""
     steps: int = 200
-    """Steps of the lens alone."""
+    """Steps of learning the lens alone."""
     data: Path | None = None
     """Dataset for the joint training; without it that part is left out."""
     joint_steps: int = 600
     """Steps of the joint training."""
     joint_starts: str = "0.1:0.5,0.5:0.0,0.5:0.5,0.5:1.0,1.5:0.5"
-    """Starts of the joint training, A:F, comma-separated."""
+    """Initial values of the joint training, A:F, comma-separated."""
 
 
 def main(settings: Settings) -> None:
-    """Measure what isn't measured yet and write the table and the picture."""
+    """Measure the missing rows, and write the table and the picture."""
     configure_threads()
     settings.out.mkdir(parents=True, exist_ok=True)
     file = settings.out / "basin.csv"
@@ -120,7 +121,7 @@ def _learned_alone(image, disparity, camera, bounds: DisparityRange, true: Lens,
         loss = reconstruction(model.spread(image, disparity, shot), photograph, 0.2, None)
         if loss.requires_grad:
             loss.backward()
-        if lenses.gradient() is None:  # exactly in focus everywhere: nothing tells the lens where to go
+        if lenses.gradient() is None:  # exactly in focus everywhere, so the lens gets no gradient
             break
         lenses.step(0, step / steps)
     aperture, focus = lenses.aperture_and_focus(0)
@@ -162,7 +163,7 @@ def _number(row, field: str) -> float:
 
 
 def _write_table(rows, path: Path) -> None:
-    """The known scene by shares of starts, the joint training start by start."""
+    """Write the table: the known scene by shares of converged starts, the joint training for each start."""
     lines = [
         f"Scene known, {len(TRUE)} true lenses; converged is within {FOUND} in A and in F:",
         "",
@@ -200,7 +201,7 @@ def _write_table(rows, path: Path) -> None:
 
 
 def _plot(rows, path: Path) -> None:
-    """Share of the true lenses found from each start, a panel for each way of learning."""
+    """Plot the share of the true lenses found from each start, with a panel for each parameterisation."""
     figure = new_figure(3.2 * len(ACTIVATIONS), 3.4)
     panels = figure.subplots(1, len(ACTIVATIONS), sharey=True)
     for axes, activation in zip(panels, ACTIVATIONS, strict=True):

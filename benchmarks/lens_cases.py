@@ -1,8 +1,8 @@
-"""The cases of `is_there_a_lens.py`: datasets, small ones, and which photographs of them are looked at.
+"""The cases of `is_there_a_lens.py`: small datasets, and which of their photographs are used.
 
 A case is a dataset, some of its training photographs, shallow or sharp, and the truth: whether there is a lens, and
-whether the photographs share it. Cases of one kind stand in a random order, and kinds take turns, so that any beginning
-of the list is a fair sample of it.
+whether the photographs share it. Cases of one kind are in random order, and kinds alternate, so that the first part of
+the list is a representative sample of it.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from dofbench.synthesis.builder import make
 from dofbench.synthesis.dataset_options import MakeDataset
 
 FEW = 6  # photographs of the smallest subsets
-FAINT = 0.75  # px: with true circles below it, it doesn't matter what is decided
+FAINT = 0.75  # px: with smaller true circles of confusion, either decision counts as right
 LOW_CONTRAST = 0.15
 ALL_BUT_SHARP = 11.0  # f-number from which on blowtorch is "all but sharp" by its README
 
-# Lenses that photographs are made with: options of make-dataset.
+# Lenses of the photographs, as options of make-dataset.
 LENSES = {
     "multi": {"aperture": (0.5, 1.0)},
     "a0.1": {"aperture": (0.1,)},
@@ -51,10 +51,10 @@ THINLENS = ("fence", "foliage", "night")
 class Case:
     """Some training photographs of a dataset.
 
-    folder: of the dataset, under the folder of all. subset: "all", "half", "few" or "f/N", the photographs at that
-    f-number. contrast: the photographs' is multiplied by it. lens: "yes", "no", "faint", or None where the true lens
-    and depth say. share: what all photographs have in common, "scene" (the lens), "aperture", "exif" (aperture times
-    f-number) or "view" (nothing); None where nobody knows or there is no lens.
+    folder: of the dataset, below the folder of all datasets. subset: "all", "half", "few" or "f/N", the photographs at
+    that f-number. contrast: factor on the photographs' contrast. lens: "yes", "no", "faint", or None if it follows from
+    the true lens and depth. share: what all photographs have in common, "scene" (the lens), "aperture", "exif"
+    (aperture times f-number) or "view" (nothing); None if unknown or without a lens.
     """
 
     kind: str
@@ -67,7 +67,7 @@ class Case:
 
     @property
     def name(self) -> str:
-        """What the case is called in the table."""
+        """The case's name in the table."""
         parts = (
             self.folder,
             self.inputs if self.inputs != "shallow" else "",
@@ -78,7 +78,7 @@ class Case:
 
 
 def cases() -> list[Case]:
-    """All cases, kinds taking turns."""
+    """All cases, with alternating kinds."""
     kinds: dict[str, list[Case]] = {}
     for case in _every():
         kinds.setdefault(case.kind, []).append(case)
@@ -101,7 +101,7 @@ def _every() -> Iterator[Case]:
         large = scene in WIDTHS
         for subset in ("all", "half", "few"):
             if not large and subset == "half":
-                continue  # half of ten photographs are the few
+                continue  # left out, because half of ten photographs is about the subset "few"
             yield Case("sharp", f"{scene}/multi", "all-in-focus", subset, lens="no")
             for lens in LARGE if large else SMALL:
                 share = {"multi": "view", "one0.5": "scene", "one1": "scene", "noise0": None}.get(lens, "aperture")
@@ -142,7 +142,7 @@ def chosen_views(subset: str, f_numbers: list[float | None]) -> list[int]:
         elif word == "half":
             chosen = chosen[::2]
         elif word == "few":
-            # Neighbours, of the whole set: six photographs far apart would share nothing.
+            # Neighbouring photographs are chosen, since six that are far apart would show no common surface.
             middle = max(0, (len(chosen) - FEW) // 2)
             chosen = chosen[middle : middle + FEW]
     return chosen
@@ -153,7 +153,7 @@ def _faded(view, contrast: float):
 
 
 def make_datasets(data: Path, work: Path, say: Callable[[str], None], only: str = "") -> None:
-    """Make what the cases need and isn't there yet.
+    """Make the datasets that the cases need and that don't exist yet.
 
     data: the folder of real scenes. only: names of scenes, comma-separated; without it, all.
     """

@@ -13,12 +13,12 @@ Row = dict[str, str]
 
 
 def by_points(row: Row) -> bool:
-    """Whether there is a lens, by the estimate from sparse points alone."""
+    """The decision whether there is a lens, by the estimate from sparse points alone."""
     return not row["points_px"] or float(row["points_px"]) >= NEEDLESS_BLUR
 
 
 def by_trial(row: Row) -> bool:
-    """Whether there is a lens, by what was tried while training."""
+    """The decision whether there is a lens, by the trial while training."""
     return row["tried"] == "yes"
 
 
@@ -28,8 +28,8 @@ def by_both(row: Row) -> bool:
 
 
 RULES: dict[str, Callable[[Row], bool]] = {"points": by_points, "trial": by_trial, "both": by_both}
-# What may be shared where that is true: an aperture is shared by whoever shares the lens, and at one f-number
-# aperture times f-number says the same.
+# Truth -> decisions that count as right: photographs that share the lens also share an aperture, and photographs at one
+# f-number that share an aperture also share aperture times f-number.
 FITTING = {
     "scene": ("scene", "aperture", "exif"),
     "aperture": ("aperture", "exif"),
@@ -39,13 +39,13 @@ FITTING = {
 
 
 def wrong(row: Row, rule: str) -> str:
-    """ "no lens" or "lens" where that was decided and isn't so; else, and of faint lenses, ""."""
+    """The wrong decision, "no lens" or "lens"; "" if the decision is right or the lens is faint."""
     said = RULES[rule](row)
     return {("yes", False): "no lens", ("no", True): "lens"}.get((row["lens"], said), "")
 
 
 def wrongly_shared(row: Row) -> str:
-    """ "shared" where more is shared than is true, "apart" where nothing is although it could be; else ""."""
+    """The mistake: "shared" if more is shared than is true, "apart" if nothing is shared but could be; else ""."""
     if not row["share"] or not row["shared"] or row["shared"] in FITTING[row["share"]]:
         return ""
     return "apart" if row["shared"] == "view" else "shared"

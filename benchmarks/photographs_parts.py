@@ -1,11 +1,12 @@
-"""What each part of a photograph's model is worth on pixels held back from training: parts.csv and parts-table.md.
+"""How much each part of a photograph's model contributes, on pixels held back from training: parts.csv and
+parts-table.md.
 
     python benchmarks/photographs_parts.py DATASET... --variants base,gain,affine --out reports/photographs
 
-One row a dataset, variant and seed; a row that is in parts.csv isn't measured again. PSNR and SSIM are over the
-held-back tiles of the training photographs, made again with their learned lens and colour; where the dataset knows the
-sharp test views, aif_psnr is their all-in-focus PSNR. NAME=PATH names a dataset; some variants change the training set:
-wrong poses and moving things, which are put there with a fixed seed.
+One row per dataset, variant and seed; rows that are in parts.csv aren't measured again. PSNR and SSIM are over the
+held-back tiles of the training photographs, rendered with their learned lens and colour; if the dataset has sharp test
+views, aif_psnr is their all-in-focus PSNR. NAME=PATH names a dataset. The training set can be changed by wrong poses or
+moving things, inserted with a fixed seed.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ from dofbench.metrics.psnr import psnr
 from dofbench.reporting.csv_writer import write_csv
 from dofbench.running.method_cards import find_method
 
-SHARE = 0.1  # of the tiles is held back
-WRONG, DEGREES = 3, 3.0  # views whose pose is wrong, and by how much they are turned
-# Share of the views with a thing that the others don't show, and its side by the image's height.
+SHARE = 0.1  # share of the tiles that is held back
+WRONG, DEGREES = 3, 3.0  # number of views whose pose is made wrong, and by how many degrees they are turned
+# Share of the views with a thing that the others don't show, and its side as a share of the image's height.
 MOVING = {"moving": (0.3, 0.2), "moving-more": (0.6, 0.4)}
 VARIANTS: dict[str, dict[str, object]] = {
     "base": {},
@@ -76,9 +77,9 @@ class Settings:
     out: Path
     """Folder of parts.csv and parts-table.md."""
     variants: str = "base"
-    """Comma-separated; a name of the list, or option=value pairs joined by +."""
+    """Variants, comma-separated: a name of the list, or option=value pairs joined by +."""
     harm: str = "none"
-    """What is done to the training set: none, poses, poses-removed, moving or moving-more."""
+    """Change of the training set: none, poses, poses-removed, moving or moving-more."""
     inputs: Literal["shallow", "all-in-focus"] = "shallow"
     """Which of a dataset's photographs to train on."""
     seeds: str = "0"
@@ -92,7 +93,7 @@ class Settings:
 
 
 def main(settings: Settings) -> None:
-    """Train what isn't in the table yet, and write it after every row."""
+    """Train for the missing rows, and write the table after every row."""
     configure_threads()
     file = settings.out / "parts.csv"
     rows = list(csv.DictReader(file.open())) if file.is_file() else []
@@ -153,7 +154,7 @@ def _measured(dataset: Dataset, variant: str, settings: Settings, seed: int) -> 
 
 
 class _Trainer(Trainer):
-    """Has the depth prior, which no variant changes and which takes longest, made once for a dataset and seed."""
+    """Computes the depth prior, which no variant changes and which takes longest, only once per dataset and seed."""
 
     priors: ClassVar[dict[tuple, Prior | None]] = {}
 
@@ -188,7 +189,7 @@ def _harmed(training_set: TrainingSet, harm: str) -> TrainingSet:
 
 
 def _turned(camera: Camera, random: np.random.Generator) -> Camera:
-    """The camera turned about its own place by DEGREES, about a random axis."""
+    """The camera rotated by DEGREES about a random axis through its centre."""
     axis = random.normal(size=3)
     axis *= math.radians(DEGREES) / np.linalg.norm(axis)
     x, y, z = axis / np.linalg.norm(axis)
@@ -200,7 +201,7 @@ def _turned(camera: Camera, random: np.random.Generator) -> Camera:
 
 
 def _write_table(rows: list[dict], file: Path) -> None:
-    """Means over seeds, with the standard deviation where there are several."""
+    """Write means over seeds, with the standard deviation if there are several."""
     groups: dict[tuple, list[dict]] = {}
     for row in rows:
         groups.setdefault((row["dataset"], row["data"], row["steps"], row["variant"]), []).append(row)

@@ -1,12 +1,12 @@
-"""Does `photographs-v1` rank methods as the truth does? runs.csv, ranks.csv and ranks.md, where the truth is known.
+"""Whether the protocol `photographs-v1` ranks methods as the ground truth does: runs.csv, ranks.csv and ranks.md.
 
     python benchmarks/photographs_score.py --data DATASET ... --out reports/photographs-score
 
 Methods, presets and options of varying quality (`VARIANTS`) are trained for a few steps on each dataset, and scored
-twice: by the truth (test views through their true lens, and all in focus), and by photographs-v1 as if nobody knew it.
-How far both agree is Spearman's and Kendall's rank correlation over the variants, with the interval in which 95 % of
-resamplings of the variants fall: over all of them, and over those alone that the truth puts within 2 dB of the best,
-which are harder to tell apart.
+twice: by the ground truth (test views through their true lens, and all in focus), and by photographs-v1 as if it were
+unknown. Their agreement is measured by Spearman's and Kendall's rank correlation over the variants, with the interval
+of 95 % of resamplings of the variants: over all variants, and over those within 2 dB of the best by ground truth, which
+are harder to distinguish.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from dofbench.scoring.photographs.predict import predict
 from dofbench.scoring.photographs.search import THOROUGH
 
 STEPS = 500
-# name -> (method, preset, options): what each is worth is for the scores to say.
+# name -> (method, preset, options): variants of different quality.
 VARIANTS: dict[str, tuple[str, str, dict[str, object]]] = {
     "mipsplatting": ("mipsplatting", "cpu", {}),
     "dofgaussian": ("dofgaussian", "cpu", {}),
@@ -71,9 +71,9 @@ class Settings:
     out: Path
     """Folder for runs.csv, ranks.csv and ranks.md; a row that is in runs.csv isn't measured again."""
     steps: int = STEPS
-    """Training steps of the variants that don't say their own."""
+    """Training steps of the variants that don't set their own."""
     only_rank: bool = False
-    """Measure nothing more: rank what runs.csv has."""
+    """Only rank the rows of runs.csv, without further measurements."""
 
 
 def trained(name: str, dataset: Dataset, steps: int) -> tuple[Method, float]:
@@ -91,8 +91,8 @@ def trained(name: str, dataset: Dataset, steps: int) -> tuple[Method, float]:
 
 
 def row_of(name: str, dataset: Dataset, steps: int) -> dict[str, object]:
-    """One variant on one dataset: means over the test views. psnr of a variant without a lens: of its rendering all in
-    focus against the shallow photograph, as that is all it can offer."""
+    """One variant on one dataset: means over the test views. psnr of a variant without a lens compares its all-in-focus
+    rendering with the shallow photograph, as it has no other."""
     method, seconds = trained(name, dataset, steps)
     learned = method.lens_estimates()
     rows, spent = [], 0.0
@@ -121,7 +121,7 @@ def row_of(name: str, dataset: Dataset, steps: int) -> dict[str, object]:
 def rank_rows(rows: list[dict[str, str]]) -> Iterator[dict[str, object]]:
     """Rank correlation of every estimated score with every true one, per dataset, with its 95 % interval.
 
-    Variants are resampled; resamplings of fewer than three different ones say nothing and are drawn again.
+    Variants are resampled; a resampling with fewer than three different variants is drawn again.
     """
     from scipy.stats import kendalltau, spearmanr
 
@@ -200,7 +200,7 @@ def markdown(rows: list[dict[str, str]], ranks: list[dict[str, object]]) -> str:
 
 
 def read_rows(path: Path) -> list[dict[str, str]]:
-    """The rows of runs.csv; none where it isn't there."""
+    """The rows of runs.csv; none if the file doesn't exist."""
     if not path.is_file():
         return []
     with path.open(newline="") as file:
@@ -208,7 +208,7 @@ def read_rows(path: Path) -> list[dict[str, str]]:
 
 
 def main(settings: Settings) -> None:
-    """Measure what is missing, then rank."""
+    """Measure the missing rows, then rank."""
     configure_threads()
     runs = settings.out / "runs.csv"
     for folder in () if settings.only_rank else settings.data:

@@ -1,12 +1,13 @@
-"""What a rebuild must not change, pinned: bytes of datasets, bits of trainings, scores, tables of stored results.
+"""Pins of results that a refactoring must not change: bytes of datasets, bits of trainings, scores, tables of stored
+results.
 
     python benchmarks/pins.py make PINS --code CHECKOUT [--scenes SCENES]     # some five minutes
     python benchmarks/pins.py compare PINS --code CHECKOUT [--scenes SCENES]
 
-`make` calls the command line of one checkout and keeps in the folder PINS what it gave; `compare` calls that of another
-and prints what differs, and ends with status 1 if anything does. Both on one machine: bits aren't promised across two.
-A part that is in PINS (or in its comparison) already isn't made again, so either goes on where it stopped.
-Standard library alone, and only `dofbench` commands are called, so this file runs beside any checkout.
+`make` runs commands of one checkout and stores their results in the folder PINS; `compare` runs the commands of another
+checkout, prints what differs, and ends with status 1 if anything does. Run both on one machine, because bits may differ
+between machines. Parts that are in PINS (or in its comparison) aren't made again, so an interrupted call can be
+repeated. This file uses only the standard library and `dofbench` commands, so it works with any checkout.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-# Measured by a clock, or a state of the machine: never the same twice.
+# Columns that depend on a clock or on the state of the machine, and so differ in every run.
 TIMED = {"train_s", "train_cpu_s", "cold_start_s", "render_fps", "peak_mb", "fit_s"}
 SMALL = ("--width", "96", "--depth", "sfm")
 # name -> options of make-dataset after the scene; {scenes} is the folder of real scenes.
@@ -78,7 +79,8 @@ GROUPS = ("lens", "light", "invariants", "gaussians", "images", "files", "datase
 
 @dataclass(frozen=True)
 class Place:
-    """code: the checkout that is called. work: where it writes. scenes: of real ones, or None."""
+    """The checkout and the folders of a call. code: the checkout. work: the folder to write to. scenes: the folder of
+    real scenes, or None."""
 
     code: Path
     work: Path
@@ -136,7 +138,7 @@ def _training(place: Place, name: str, dataset: str, words: tuple[str, ...]) -> 
 
 
 def reports(place: Place, kept: Path) -> Iterator[tuple[str, Callable[[], dict[str, object]]]]:
-    """The CSVs that the results give which `make` kept: a stored set, whatever code reads it."""
+    """The CSVs of a report of the results that `make` stored, so that both checkouts report on the same results."""
 
     def report() -> dict[str, object]:
         out = place.work / "report"
@@ -174,7 +176,7 @@ def _files(folder: Path, skip: frozenset[str] | set[str] = frozenset()) -> dict[
 
 
 def made(place: Place, file: Path, kept: Path) -> dict[str, dict[str, object]]:
-    """All parts, each written to the file as soon as it is known; what is there isn't made again."""
+    """All parts, each written to the file as soon as it is finished; parts that are in the file aren't made again."""
     found = json.loads(file.read_text()) if file.is_file() else {}
     place.work.mkdir(parents=True, exist_ok=True)
     for name, part in (*datasets(place), *trainings(place), *reports(place, kept), *stability(place)):
@@ -187,7 +189,7 @@ def made(place: Place, file: Path, kept: Path) -> dict[str, dict[str, object]]:
 
 
 def differences(before: dict[str, dict[str, object]], after: dict[str, dict[str, object]]) -> list[str]:
-    """One line for everything that isn't the same; NaN is the same as NaN."""
+    """One line for each difference; NaN equals NaN."""
     lines = []
     for part in (*before, *(name for name in after if name not in before)):
         one, two = before.get(part, {}), after.get(part, {})

@@ -1,11 +1,11 @@
-"""How good are poses from shallow photographs? `dofbench reconstruct` against cameras that are known.
+"""Accuracy of poses from shallow photographs: `dofbench reconstruct` compared with known cameras.
 
     python benchmarks/poses.py --data SCENES --rendered RENDERED --out reports/poses/poses.csv
 
-Cases are named SET/PHOTOGRAPHS. Of the two real shallow sets the reference is the model that came with them, from the
-same photographs: it says how far two reconstructions differ, not how far either is off. Of fern and flower it is
-LLFF's, from sharp photographs at eight times the size; `shallow` is made here from the sharp ones. RENDERED holds
-scenes by `make-scene` in RENDERED/scenes/NAME and datasets of them by `make-dataset --renderer thinlens` in
+Cases are named SET/PHOTOGRAPHS. For the two real shallow sets the reference is the model that came with them, made from
+the same photographs, so errors are the difference of two reconstructions. For fern and flower the reference is LLFF's,
+from sharp photographs of eight times the size; their shallow photographs are made here from the sharp ones. RENDERED
+holds scenes by `make-scene` in RENDERED/scenes/NAME and datasets of them by `make-dataset --renderer thinlens` in
 RENDERED/lens/NAME; their cameras are exact.
 """
 
@@ -51,7 +51,7 @@ COLUMNS = (
     "focal_percent",
     "seconds",
 )
-# What else is tried on the sets that a real lens took: case, what it is called, options of `measure`.
+# Variants measured on the real shallow sets: case, name, options of `measure`.
 VARIED = {
     "shallow_chessking": (
         ("four-octaves", "four octaves, as COLMAP has them", {"octaves": 4}),
@@ -64,8 +64,9 @@ VARIED = {
 def pose_errors(found: Mapping[str, Camera], true: Mapping[str, Camera]) -> tuple[np.ndarray, np.ndarray]:
     """(N,) rotation errors, degrees, and (N,) position errors, shares of the cameras' extent, after a similarity.
 
-    The rotation is the mean of the views' own (chordal), which cameras in a line don't leave open as their positions
-    would; scale and shift are least squares. Extent: the largest distance of a true centre from their mean.
+    The rotation of the similarity is the chordal mean of the views' rotations, which is determined even for cameras in
+    a line, unlike a fit to positions; scale and shift are least squares. Extent: the largest distance of a true centre
+    from the mean centre.
     """
     names = sorted(found)
     ours = np.stack([found[name].camera_to_world for name in names])
@@ -81,7 +82,7 @@ def pose_errors(found: Mapping[str, Camera], true: Mapping[str, Camera]) -> tupl
 
 
 def focal_lengths(root: Path, scene: Scene) -> dict[str, float]:
-    """Focal length over width, by view: with distortion, as the layout's own camera has it."""
+    """View -> focal length over width, of the layout's own camera, before undistortion."""
     folder = find_model(root) if scene.layout == "colmap" else None
     if folder is None:
         return {view.name: view.camera.fx / view.camera.width for view in scene.views}
@@ -94,7 +95,7 @@ def measure(
 ) -> dict:
     """Reconstruct the photographs in `root` with their poses ignored, and compare with `truth`.
 
-    octaves: of the features' scale space; None for what the command takes by itself.
+    octaves: of the features' scale space; None for the command's default.
     """
     out = work / case.replace("/", "-")
     settings = Reconstruct(source=root, out=out, poses="ignore", **options)
@@ -134,7 +135,7 @@ def measure(
 def cases(
     data: Path, rendered: Path | None, work: Path, width: int | None, wanted: Callable[[str], bool]
 ) -> Iterator[tuple[str, Path, Scene, dict, dict]]:
-    """(case, folder, truth, columns, options) of everything that is there and wanted."""
+    """(case, folder, truth, columns, options) of all cases that exist and are wanted."""
     for name, usual in (("shallow_chessking", 1000), ("shallow_blowtorch", 530)):
         size = width or usual
         if (data / name).is_dir() and wanted(f"{name}/as-they-are"):
@@ -186,7 +187,7 @@ def cases(
 
 
 def main() -> None:
-    """Measure the cases, adding a line to the table after each; those that the table has are passed over."""
+    """Measure the cases, adding a line to the table after each; cases that are in the table are skipped."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--rendered", type=Path)

@@ -1,9 +1,9 @@
-"""The rasteriser's time by stage, and its blending against a plain C++ program on the same Gaussians.
+"""The rasteriser's time by stage, and its blending compared with a plain C++ program on the same Gaussians.
 
     python benchmarks/rasterize.py
 
 Needs g++ for the comparison (rasterize_peer.cpp). Every figure is the median of interleaved runs, in milliseconds;
-on a machine that does other things too, only the ratios mean anything.
+on a busy machine only their ratios are meaningful.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ RUNS = 15
 # Gaussians, width, height, standard deviation in pixels: about 42, 80 and 178 thousand intersections with tiles.
 PEER_SIZES = ((10_000, 256, 192, 2.9), (30_000, 256, 192, 1.7), (50_000, 504, 384, 2.3))
 STAGE_SIZES = ((10_000, 504, 378, 4.0), (50_000, 504, 378, 2.3), (100_000, 504, 378, 1.8))
-# px**2: none given, none anywhere, discs up to 4 and up to 16 pixels across.
+# Largest variance of blur, px**2: no argument, all zero, discs of up to 4 and up to 16 pixels in diameter.
 BLURS = (None, 0.0, 1.0, 16.0)
 STAGES = ("project", "depth_order", "fill_tiles", "blend", "blend_backward", "project_backward")
 
@@ -59,7 +59,7 @@ def scene(n: int, width: int, height: int, pixels: float, seed: int = 0) -> tupl
 
 
 class Clock:
-    """Stands in for the stages that `cpu` calls, and notes how long each takes."""
+    """Wraps the stages that `cpu` calls, and records how long each takes."""
 
     def __init__(self) -> None:
         self.times: dict[str, list[float]] = {name: [] for name in (*STAGES, "forward", "backward")}
@@ -91,7 +91,7 @@ class Clock:
         self.times["backward"].append(perf_counter() - start)
 
     def take(self) -> dict[str, float]:
-        """Median milliseconds by name; starts anew."""
+        """Median milliseconds by stage; clears the records."""
         medians = {name: 1e3 * float(np.median(times)) for name, times in self.times.items()}
         for times in self.times.values():
             times.clear()
@@ -127,7 +127,7 @@ def tile_lists(order, gaussians, width, height):
 
 
 class Peer:
-    """The C++ program, fed with the records that our projection made."""
+    """The C++ program, which gets the records made by our projection."""
 
     def __init__(self, library, records, order, camera: Camera) -> None:
         self.library, self.camera = library, camera
@@ -198,7 +198,7 @@ def build_peer(folder: Path) -> ctypes.CDLL:
 
 
 def compare(clock: Clock, library: ctypes.CDLL) -> None:
-    """Print blending times beside the C++ program's."""
+    """Print blending times and those of the C++ program."""
     print("| scene | intersections (C++ 16 x 16) | forward | C++ | ratio | backward | C++ | ratio |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     for n, width, height, pixels in PEER_SIZES:
@@ -238,7 +238,7 @@ def by_stage(clock: Clock) -> None:
 
 
 def by_blur(clock: Clock) -> None:
-    """Print the same with blur of each Gaussian's own, spread evenly from 0 to a largest variance."""
+    """Print the times with a blur for each Gaussian, with variances spread evenly from 0 to a largest one."""
     names = (*STAGES, "forward", "backward")
     print(f"| largest blur, px**2 | intersections | {' | '.join(names)} |")
     print("| --- " * (len(names) + 2) + "|")

@@ -1,4 +1,4 @@
-"""Error and time of the scatter's two forms by the largest radius, and where the linear one overtakes.
+"""Error and time of the scatter's two forms by the largest radius, and from which radius on the linear form is faster.
 
     python benchmarks/scatter.py [--width 504] [--height 378] [--repeats 9] [--radii 4,8,16,32,64,128]
 
@@ -30,7 +30,7 @@ scatter = load("scatter", "cpu")
 
 
 def surfaces(rng, height: int, width: int) -> np.ndarray:
-    """Smooth waves with a depth edge across them, [0, 1]: what a disparity map looks like."""
+    """Smooth waves with a depth edge across them, [0, 1], similar to a disparity map."""
     rows, columns = np.mgrid[:height, :width] / width
     waves = sum(
         np.cos(2 * np.pi * (rng.uniform(-3, 3) * rows + rng.uniform(-3, 3) * columns + rng.random())) for _ in range(6)
@@ -40,7 +40,7 @@ def surfaces(rng, height: int, width: int) -> np.ndarray:
 
 
 def run(function, image, radius, gradient):
-    """(forward ms, backward ms, blurred, gradient by image, gradient by radius)."""
+    """(forward ms, backward ms, blurred, gradient with respect to image, gradient with respect to radius)."""
     image, radius = (t.detach().requires_grad_() for t in (image, radius))
     start = time.perf_counter()
     blurred = function(image, radius)
@@ -51,16 +51,16 @@ def run(function, image, radius, gradient):
 
 
 def weights(radius, distance):
-    """Weight and its derivative by the radius, float64."""
+    """Weight and its derivative with respect to the radius, float64."""
     soft = 1 / (1 + np.exp(np.clip(2 * ALPHA * (distance - radius), -700, 700)))
     share = 1 / (radius**2 + AREA_EPSILON)
     return soft * share, 2 * ALPHA * soft * (1 - soft) * share - 2 * radius * share**2 * soft
 
 
 def errors(image, radius, gradient, outputs, rng) -> list[float]:
-    """Of values, gradient by image and gradient by radius."""
+    """Errors of values, gradient with respect to image, and gradient with respect to radius."""
     image, radius, gradient = (t.detach().double().numpy() for t in (image, radius, gradient))
-    # What the way back starts from; its own error is the first column's.
+    # The backward pass starts from these sums; their error is that of the first column.
     blurred, total = (a.astype(np.float64) for a in outputs[0].grad_fn.sums)
     by_sum = gradient / total[..., None]
     rows, columns = np.mgrid[: radius.shape[0], : radius.shape[1]]
@@ -82,7 +82,8 @@ def errors(image, radius, gradient, outputs, rng) -> list[float]:
 
 
 def table(kind: str, disparity: np.ndarray, radii: list[float], repeats: int, rng) -> None:
-    """Print times and errors by largest radius; both forms interleaved, so that they share the machine's moods."""
+    """Print times and errors by largest radius; both forms are interleaved, so that changes of the machine's speed
+    affect both."""
     image, gradient = (torch.from_numpy(rng.random((*disparity.shape, 3)).astype(np.float32)) for _ in range(2))
     print(f"\n{kind}\n")
     heads = [f"{form} {column}" for form in FORMS for column in ("fwd ms", "bwd ms", "error", "by c", "by R")]

@@ -1,9 +1,10 @@
-"""What the stereo prior finds by how blurred a surface is in every photograph: a table for reports/notes/priors.md.
+"""How much depth the stereo prior finds, by the blur of a surface in its sharpest photograph: a table for
+reports/notes/priors.md.
 
     python benchmarks/stereo_blur.py DATASET ... [--coarser 0,1,2]
 
-DATASET is a folder that make-dataset made of a scene with depth. A pixel's blur is the radius of its circle of
-confusion through that one of the training views' lenses that shows its depth sharpest.
+DATASET is a folder that make-dataset made of a scene with depth. A pixel's blur is the smallest radius of its circle of
+confusion through any of the training views' lenses.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ class Settings:
     datasets: tyro.conf.Positional[tuple[Path, ...]]
     """Datasets with depth."""
     coarser: str = "0,1,2"
-    """How often to look again at half the size, comma-separated."""
+    """How many times to repeat at half the previous size, comma-separated."""
 
 
 def main(settings: Settings) -> None:

@@ -1,8 +1,9 @@
-"""Time and memory of the stereo prior on a scene's photographs, beside another checkout's: a table for priors.md.
+"""Time and memory of the stereo prior on a scene's photographs, compared with another checkout: a table for priors.md.
 
     python benchmarks/stereo_speed.py SCENES/shallow_blowtorch --width 504 --views 54 [--old CHECKOUT --repeats 3]
 
-One process a checkout, with the same photographs; the two take turns, after a call on three views that compiles.
+One process per checkout, with the same photographs. The two processes alternate, after a call on three views that
+compiles.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ class Settings:
     width: int = 504
     """Width of the photographs, pixels."""
     views: int = 54
-    """How many of the scene's views, evenly from all."""
+    """How many of the scene's views to use, evenly spaced."""
     old: Path | None = None
     """Another checkout, to compare with."""
     repeats: int = 3
@@ -91,7 +92,8 @@ def _ask(worker: subprocess.Popen) -> dict:
 
 
 def _work(scene: Path, width: int, count: int) -> None:
-    """Answer a line with the size of the task, and every further one with what a call took."""
+    """The worker process: answers the first line of input with the size of the task, and every further line with the
+    cost of a call."""
     from dofbench.core.contracts import TrainingSet, TrainingView
     from dofbench.learning.priors.stereo import stereo_depth
     from dofbench.scenes import load_scene
@@ -127,7 +129,7 @@ def _work(scene: Path, width: int, count: int) -> None:
 
 
 def _resident() -> float:
-    """MB of this process in memory."""
+    """Resident memory of this process, MB."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 2**20
 
 

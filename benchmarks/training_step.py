@@ -1,11 +1,10 @@
-"""Time of a whole training step, and how much of it is kernels.
+"""Time of a whole training step, and the share of kernels in it.
 
     python benchmarks/training_step.py SCENE [--width 504] [--steps 60]
 
-SCENE is an all-in-focus scene with sparse points. Its photographs are trained on directly (what
-the pixels show doesn't change the cost), from the sparse points, with the lens on: everything
-that a step does is in the figure. A circle of confusion of realistic size comes from setting the
-aperture to `--aperture` and leaving it there.
+SCENE is an all-in-focus scene with sparse points. Training uses its photographs directly (their content doesn't affect
+the time), starts from the sparse points, and has a lens, so the time includes everything that a step does. For circles
+of confusion of realistic size the aperture is fixed to `--aperture`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""An observer for trainings that a bench runs by itself: it keeps the time and never ends a training."""
+"""An observer for trainings in benchmarks: it measures time and never ends a training."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import time
 
 
 class Unobserved:
-    """Implements `dofbench.core.contracts.Observer`; the clock begins when it is made."""
+    """Implements `dofbench.core.contracts.Observer`; the clock starts when the object is created."""
 
     def __init__(self) -> None:
         self._start = time.perf_counter()
 
     def seconds(self) -> float:
-        """Wall seconds since it was made."""
+        """Wall seconds since the object was created."""
         return time.perf_counter() - self._start
 
     def after_step(self, step: int, loss: float) -> bool:
-        """Go on."""
+        """Continue training: always True."""
         return True
 
     def stage(self, name: str, done: int, total: int) -> None:
-        """Nobody looks."""
+        """Ignored."""

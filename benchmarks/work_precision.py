@@ -1,11 +1,12 @@
-"""Error against time of renderers and kernels over their knobs: work-precision.csv, .md and .png.
+"""Error against time of renderers and kernels for different quality settings: work-precision.csv, .md and .png.
 
     python benchmarks/work_precision.py --out reports/work-precision
 
-Everything is measured in one run on one thread pool, the variants of a panel in turns, medians of several. Panels:
-scatter by the width of its soft band, both forms, against float64 sums over the whole image; photographs by their
-resolution, against full size; the thin lens of training by its number of points, against 469; the rasteriser's float32
-kernel, against float64. Layers and rays of the dataset builder are in `dofbench validate-renderer`, against optics.
+Everything is measured in one run on one thread pool; the variants of a panel alternate, and medians of several rounds
+are reported. Panels: scatter by the width of its soft band, both forms, against float64 sums over the whole image;
+photographs by their resolution, against full size; the thin lens of training by its number of points, against 469; the
+rasteriser's float32 kernel, against float64. Layers and rays of the dataset builder are in `dofbench
+validate-renderer`, against optics.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ from dofbench.reporting.figures import look, new_figure, save  # noqa: E402
 from dofbench.scenes import load_scene  # noqa: E402
 
 WIDTH, HEIGHT = 504, 378
-PIXELS = 60  # at which the scatter is compared with sums over the whole image
+PIXELS = 60  # number of pixels at which the scatter is compared with sums over the whole image
 
 
 @dataclass(frozen=True)
@@ -54,12 +55,12 @@ class Settings:
     out: Path
     """Folder for the table and the plot."""
     repeats: int = 7
-    """Rounds; medians are published."""
+    """Number of rounds, of which medians are reported."""
 
 
 @dataclass(frozen=True)
 class Point:
-    """One measured variant. error: as `unit` says. seconds: median, the way there alone."""
+    """One measured variant. error: in the unit `unit`. seconds: median time of the forward pass."""
 
     panel: str
     line: str
@@ -83,7 +84,7 @@ def main(settings: Settings) -> None:
 
 
 def _medians(variants: dict, repeats: int) -> dict:
-    """Seconds of each call, taken in turns after one round that compiles."""
+    """Median seconds of each variant; the variants alternate, after one round that compiles."""
     times: dict = {name: [] for name in variants}
     for round_ in range(repeats + 1):
         for name, call in variants.items():
@@ -95,7 +96,7 @@ def _medians(variants: dict, repeats: int) -> dict:
 
 
 def _bands(repeats: int) -> list[Point]:
-    """Scatter: e to minus this exponent is where the soft band ends."""
+    """The scatter by the width of its soft band, which ends where the weight is e to minus an exponent."""
     rng = np.random.default_rng(0)
     scatter, usual = load("scatter", "cpu"), cpu_pack.BAND_EXPONENT
     disparity = surfaces(rng, HEIGHT, WIDTH)
@@ -142,7 +143,7 @@ def _exact(image, radius, rng) -> dict:
 
 
 def _resolutions(repeats: int) -> list[Point]:
-    """The whole photograph, worked out at a share of its size and enlarged, against full size."""
+    """The whole photograph, computed at a share of its size and enlarged, compared with full size."""
     scene = load_scene(content_folder("datasets") / "tabletop")
     view = scene.views[0]
     image, depth = view.image(), view.depth()
@@ -176,7 +177,7 @@ def _resolutions(repeats: int) -> list[Point]:
 
 
 def _scene() -> tuple[Gaussians, object, DisparityRange]:
-    """Gaussians on the built-in scene's own points: no training is needed to compare renderings."""
+    """Gaussians at the built-in scene's sparse points; renderings can be compared without training."""
     scene = load_scene(content_folder("datasets") / "tabletop")
     view = scene.views[0]
     disparity = 1 / view.depth()
@@ -217,7 +218,8 @@ def _lens_points(repeats: int) -> list[Point]:
 
 @torch.no_grad()
 def _rasteriser(repeats: int) -> list[Point]:
-    """The kernel against the definition, in float32 and in float64, at a size that the definition can do."""
+    """The kernel and the definition in float32, compared with the definition in float64, at a size that the definition
+    can process."""
     gaussians, camera, _ = _scene()
     camera = camera.resized(camera.width // 4, camera.height // 4)
     options = AppearanceOptions(sh_degree=0)

@@ -2,9 +2,9 @@
 
     python docs/draw_packages.py
 
-The order is that of pyproject.toml, the arrows are the imports that stand in the sources. Only those are drawn that
-no other path implies: where a imports b and c, and b imports c, the arrow from a to c is left out. A test compares the
-file with what this script makes.
+The order is that of pyproject.toml; the arrows are the imports in the sources. Arrows that follow from others are left
+out: if a imports b and c, and b imports c, there is no arrow from a to c. A test compares the file with the script's
+output.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 
 from import_walk import arrows, modules, package_of  # noqa: E402 - its folder has to be on the path first
 
-BOX, ROW, GAP = (118, 34), 78, 22  # pixels: a box, from a row to the next, between boxes
+BOX, ROW, GAP = (118, 34), 78, 22  # pixels: size of a box, distance between rows, gap between boxes
 
 
 def packages(root: Path) -> dict[str, set[str]]:
@@ -35,7 +35,7 @@ def packages(root: Path) -> dict[str, set[str]]:
 
 
 def reached(below: dict[str, set[str]], start: str) -> set[str]:
-    """All that a package imports from, at any distance."""
+    """All packages that a package imports from, directly or indirectly."""
     found: set[str] = set()
     waiting = set(below[start])
     while waiting:
@@ -46,7 +46,7 @@ def reached(below: dict[str, set[str]], start: str) -> set[str]:
 
 
 def reduced(below: dict[str, set[str]]) -> dict[str, set[str]]:
-    """The same without arrows that another path implies."""
+    """The imports without those that follow from others."""
     return {
         name: {there for there in direct if not any(there in reached(below, other) for other in direct - {there})}
         for name, direct in below.items()

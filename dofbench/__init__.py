@@ -1,8 +1,7 @@
 """dofbench: datasets with a known lens, and a benchmark of depth-of-field-aware view synthesis.
 
-`__all__` is the public list: what programs outside may use, and what `examples/` use. A name is loaded when it is
-first asked for, so `import dofbench` costs next to nothing. Modules below may change without a word in CHANGELOG.md;
-these names don't.
+`__all__` lists the public names, which other programs and `examples/` may use. A name is loaded when it is first used,
+so `import dofbench` is fast. Modules may change without an entry in CHANGELOG.md; these names don't.
 """
 
 from __future__ import annotations

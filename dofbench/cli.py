@@ -1,7 +1,7 @@
-"""The command line: options and their help come from the settings classes, nowhere else.
+"""The command line. Options and their help are declared in the settings classes alone.
 
-Exit status: 0 done, 1 something failed (each failure is named), 2 the call is wrong, 128 + n ended by signal n.
-Nothing heavy is imported before a command is known, so that help appears at once.
+Exit status: 0 done, 1 something failed (each failure is named), 2 the call is wrong, 128 + n ended by signal n. Modules
+that are slow to import are loaded only once the command is known, so that help appears at once.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Scenes:
 
 @dataclass(frozen=True)
 class Check:
-    """Check a dataset or results: schema, checksums, protocol. Is this what it says it is?"""
+    """Check a dataset or results: schema, checksums, protocol, and whether all parts agree with each other."""
 
     path: Annotated[Path, tyro.conf.Positional]
     """Dataset folder, result folder, or a folder of results."""
@@ -62,8 +62,8 @@ class Check:
 
 @dataclass(frozen=True)
 class Score:
-    """Score finished runs again from the pictures and the model that they kept, and add the metrics that they lack:
-    without training, and into a file of its own (added.json); what they have must come out again."""
+    """Score finished runs again, without training, from the pictures and the model that they stored, and add missing
+    metrics in a file of its own (added.json). Scores that a result already has must come out the same again."""
 
     results: Annotated[tuple[Path, ...], tyro.conf.Positional] = (Path("results"),)
     """Results, or folders of results."""
@@ -100,7 +100,7 @@ Command = (
 
 
 def parse(arguments: Sequence[str]) -> Command:
-    """The settings that the command line means. Raises InputError, or SystemExit after printing help or an error."""
+    """The settings that the command line gives. Raises InputError, or SystemExit after printing help or an error."""
     commands = {
         "make-dataset": MakeDatasets,
         "make-scene": MakeScene,
@@ -129,7 +129,7 @@ def parse(arguments: Sequence[str]) -> Command:
 
 
 def _refuse_twice(arguments: Sequence[str]) -> None:
-    """The parser would keep the last of two equal options without a word, and drop what the first said."""
+    """Raise InputError for an option that is given twice: the parser would silently ignore its first values."""
     seen: set[str] = set()
     for word in arguments:
         option = word.partition("=")[0].replace("_", "-")
@@ -205,8 +205,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         settings = parse(arguments)
         if isinstance(settings, MakeDatasets | MakeScene | Reconstruct | Runs | Ablate | Score | Check | Stability):
-            # Its import puts a handler of its own on SIGTERM, which prints a stack and dies. These commands need
-            # it anyway, so it comes first and ours replaces it.
+            # Importing pycolmap installs a handler for SIGTERM that prints a stack trace and aborts. These commands
+            # need pycolmap anyway, so it is imported first and our handler replaces the other one.
             with loading.running():
                 import pycolmap  # noqa: F401
         with _signals_as_exceptions():
@@ -217,7 +217,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         number = stop.number if isinstance(stop, Interrupted) else signal.SIGINT
         return _end(128 + number, "interrupted; the same command goes on from what is finished")
     except BrokenPipeError:
-        # The reader of our output left (`| head`). Python would complain once more when it flushes at exit.
+        # The reader of our output has closed the pipe (`| head`). Without this line Python would print an error at
+        # exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
     except OSError as refusal:
@@ -229,9 +230,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def console() -> None:
     """The installed program: `main`, then an end without the interpreter's clean-up.
 
-    OpenImageIO's binding counts, at the very end, the objects that colour-science still holds, and
-    prints a page about them that no user can do anything about. Nothing here waits for that end:
-    every file is closed or renamed by then.
+    When the interpreter exits, OpenImageIO's binding prints a page about objects that colour-science still holds, which
+    means nothing to a user. Skipping the clean-up loses nothing: every file is closed or renamed by then.
     """
     status = main()
     sys.stdout.flush()
@@ -246,7 +246,8 @@ def _end(status: int, message: str) -> int:
 
 @contextmanager
 def _input_errors_unframed() -> Iterator[None]:
-    """Let an InputError from a settings class out of tyro, which frames every ValueError and exits."""
+    """Let an InputError from a settings class pass through tyro, which would print any ValueError in a frame and
+    exit."""
     text = io.StringIO()
     try:
         with redirect_stderr(text):

@@ -9,12 +9,12 @@ import dofbench
 
 
 def main(out: Path = Path("data/example"), width: int = 160) -> None:
-    """out: the dataset's folder. width: of its images, pixels."""
+    """out: the dataset's folder. width: width of its images, pixels."""
     options = dofbench.MakeDataset(width=width, out=out)  # every option of `dofbench make-dataset` by its name
-    folder = dofbench.make_dataset(options)  # goes on where a call that was cut off stopped
+    folder = dofbench.make_dataset(options)  # continues where an interrupted call stopped
 
-    problems = dofbench.check_dataset(folder)  # every checksum, every lens, and a piece of the blur computed again
-    print(f"{folder} is what it says it is" if not problems else "\n".join(problems))
+    problems = dofbench.check_dataset(folder)  # checks all checksums and lenses, and recomputes a part of the blur
+    print(f"{folder} is a valid dataset" if not problems else "\n".join(problems))
 
 
 if __name__ == "__main__":

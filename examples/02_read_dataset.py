@@ -1,4 +1,4 @@
-"""Read a dataset: what a method may see, and the truth beside it. Made by 01_make_dataset.py.
+"""Read the dataset made by 01_make_dataset.py: the part that a method may see, and the ground truth.
 
 python examples/02_read_dataset.py
 """
@@ -16,7 +16,7 @@ def main(folder: Path = Path("data/example")) -> None:
     camera = seen.views[0].camera
     print(f"{len(seen.views)} photographs of {camera.width}x{camera.height} pixels and {len(seen.points)} points")
 
-    for view in dataset.test_views():  # what only who scores may look at
+    for view in dataset.test_views():  # test views are for scoring only
         sharp, depth = dataset.all_in_focus(view), dataset.depth(view)  # (H, W, 3) encoded; (H, W) scene units
         nearest = depth[depth > 0].min()
         print(f"{view.name}: aperture {view.lens.aperture:g}, focus {view.lens.focus:g}", end=", ")

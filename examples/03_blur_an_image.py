@@ -1,4 +1,4 @@
-"""Blur a sharp image by its depth: first through the lens that the dataset says, then through one of our own.
+"""Blur a sharp image by its depth: first through the lens in the dataset, then through a lens of our own.
 
 python examples/03_blur_an_image.py
 """

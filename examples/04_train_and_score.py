@@ -1,4 +1,4 @@
-"""Train a method on a dataset for a moment, and look at its scores. Data by 01_make_dataset.py.
+"""Train a method briefly on the dataset made by 01_make_dataset.py, and look at its scores.
 
 python examples/04_train_and_score.py
 """
@@ -9,7 +9,7 @@ import dofbench
 
 
 def main(data: Path = Path("data/example"), out: Path = Path("results"), steps: int = 200) -> None:
-    """data: a dataset. out: the folder of results. steps: of the training."""
+    """data: a dataset. out: the folder of results. steps: number of training steps."""
     budget = dofbench.Budget(steps=steps)  # or seconds, or both
     asked = dofbench.Run(method="dofgaussian", data=data, budget=budget, out=out)
     end = dofbench.run(asked)  # a finished result of the same request is reused

@@ -1,4 +1,4 @@
-"""Compare finished runs: a line for each, and a report of them all. Results by 04_train_and_score.py.
+"""Compare finished runs, such as that of 04_train_and_score.py: one line for each, and a report of all.
 
 python examples/05_read_results.py
 """
@@ -9,7 +9,7 @@ import dofbench
 
 
 def main(results: Path = Path("results"), out: Path = Path("reports/example")) -> None:
-    """results: a folder of results. out: where the report goes."""
+    """results: a folder of results. out: the report's folder."""
     for file in sorted(results.rglob("result.json")):
         result = dofbench.read_result(file)
         spec = result.spec
@@ -18,7 +18,7 @@ def main(results: Path = Path("results"), out: Path = Path("reports/example")) -
         )
         print(f"{spec.dataset}, {spec.method} {spec.preset}, seed {spec.seed}: {result.status}, {scores}")
 
-    written = dofbench.report(dofbench.Report(results=results, out=out))  # tables, curves, and one page of everything
+    written = dofbench.report(dofbench.Report(results=results, out=out))  # tables, curves, and one page with everything
     print(f"{len(written.files)} files, {out / 'report.html'} first")
 
 

@@ -1,4 +1,4 @@
-"""Score pictures that another program made of a dataset's test views. Here they are the photographs themselves.
+"""Score pictures of a dataset's test views made by another program. Here the photographs themselves are scored.
 
 python examples/06_score_pictures.py
 """

@@ -1,4 +1,4 @@
-"""Headless Chromium for tests of pages, over the DevTools protocol: what a page asks for, says and shows."""
+"""Headless Chromium for tests of pages, over the DevTools protocol: a page's requests, console and content."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _FLAGS = (
     "--no-default-browser-check",
     "--remote-debugging-port=0",
 )
-_PATIENCE = 240.0  # s, for a start or an answer on a machine that is busy with other work; nothing is timed by it
+_PATIENCE = 240.0  # s, timeout for a start or an answer on a busy machine
 
 
 class Page:
@@ -49,7 +49,7 @@ class Page:
             self.call(f"{domain}.enable")
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """One command of the protocol, and its answer; what happens meanwhile is noted."""
+        """Send one command of the protocol and return its answer; events in between are recorded."""
         number = next(self._numbers)
         self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
         while True:
@@ -73,20 +73,20 @@ class Page:
         return found["result"].get("value")
 
     def wait(self, condition: str) -> None:
-        """Until an expression is true."""
+        """Wait until an expression is true."""
         end = time.monotonic() + _PATIENCE
         while not self.run(condition):
             assert time.monotonic() < end, f"never true: {condition}"
             time.sleep(0.02)
 
     def size(self, width: int, height: int, *, dark: bool = False, phone: bool = False) -> None:
-        """The window, CSS pixels."""
+        """Set the size of the window, CSS pixels."""
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=phone)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.call("Emulation.setEmulatedMedia", features=[scheme])
 
     def mouse(self, kind: str, x: float, y: float) -> None:
-        """kind: moved, pressed or released, with the left button."""
+        """A mouse event; kind: moved, pressed or released, with the left button."""
         pressed = kind != "moved"
         self.call(
             "Input.dispatchMouseEvent",
@@ -123,7 +123,7 @@ class Page:
 
 
 def find_chromium() -> str:
-    """The program. Skips the test where there is none, or no client for its protocol."""
+    """The program. Skips the test without Chromium, or without a client for its protocol."""
     pytest.importorskip("websockets", reason="websockets isn't installed, which talks to Chromium")
     for name in _NAMES:
         if (program := shutil.which(name)) is not None:

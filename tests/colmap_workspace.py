@@ -1,4 +1,4 @@
-"""A dense workspace as COLMAP lays it out, written from depth that is known, since making one takes CUDA."""
+"""A dense workspace in COLMAP's layout, written from known depth, since COLMAP needs CUDA to make one."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def write_fused(file: Path, points: np.ndarray) -> None:
 def write_workspace(
     folder: Path, names: Sequence[str], cameras: Sequence[Camera], depths: Sequence[np.ndarray], fused: np.ndarray
 ) -> None:
-    """The whole: sparse/ without a numbered folder, geometric maps of NAME.png, fused.ply."""
+    """Write the whole workspace: sparse/ without a numbered folder, geometric maps of NAME.png, fused.ply."""
     write_colmap(folder, [f"{name}.png" for name in names], cameras, None)
     for file in (folder / "sparse/0").iterdir():
         file.replace(folder / "sparse" / file.name)

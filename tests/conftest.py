@@ -1,4 +1,4 @@
-"""What every test shares: thread counts, hypothesis settings, and the way to the real scenes."""
+"""Setup for all tests: thread counts, hypothesis settings, and the location of real scenes."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ configure_threads()  # before any test imports torch or numba
 
 import torch  # noqa: E402 - after the thread counts are set
 
-# A first call compiles a kernel, so one example's time says nothing: no deadline. In CI the examples
-# are the same every time, so that a red run is red because of the change.
+# No deadline for an example, since the first call of a kernel compiles it. In CI the examples are the same every time,
+# so that a failure is due to the change.
 hypothesis.settings.register_profile("dofbench", deadline=None, max_examples=25, derandomize="CI" in os.environ)
 hypothesis.settings.load_profile("dofbench")
 

@@ -1,4 +1,4 @@
-"""What stands in a page of Markdown: links, headings, blocks of code with their marks, command lines."""
+"""The content of a Markdown page: links, headings, code blocks with their marks, command lines."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def commands(page: Path) -> Iterator[list[str]]:
             for call in line.split("&&"):
                 try:
                     words = shlex.split(call, comments=True)
-                except ValueError:  # no shell: a formula, say
+                except ValueError:  # not a shell command, for example a formula
                     continue
                 if words and words[0].removeprefix(".venv/bin/") == "dofbench":
                     yield words[1:]

@@ -52,7 +52,7 @@ RANGE = DisparityRange(0.1, 0.6)
 
 
 def smooth_image(seed: int, camera: Camera) -> np.ndarray:
-    """What the scene looks like from a camera through a lens: smooth waves, darker from every second camera."""
+    """The fake scene seen by a camera through a lens: smooth waves, darker for every second camera."""
     return from_8bit(to_8bit(_light(camera) * _waves(seed, camera)))
 
 
@@ -156,7 +156,7 @@ def _lens(index: int) -> Lens:
 
 
 def _points(views: int) -> PointCloud:
-    """Far away, so that every view sees them all: enough of them to say how blurred the photographs are."""
+    """Points far away, so that every view sees all, and numerous enough to estimate the blur of the photographs."""
     across, down = np.meshgrid(np.linspace(-10.0, 10.0, 16), np.linspace(-10.0, 10.0, 10))
     xyz = np.stack([across.ravel() - 2.5, down.ravel(), np.full(across.size, 100.0)], axis=1)
     return cloud(xyz, [np.arange(views) for _ in xyz], rgb=np.full(xyz.shape, 0.5))
@@ -387,7 +387,7 @@ def fake_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Run
     methods = write_method(folder / "methods")
     write_method(methods, "pinhole", refocus=False, learns_lens=False)
     monkeypatch.setenv("DOFBENCH_METHODS", str(methods))
-    # FLIP takes a third of a second however small the image; what it says is tested elsewhere.
+    # FLIP takes a third of a second even for small images; its values are tested elsewhere.
     quick = replace(METRICS["flip"], function=lambda prediction, truth: float(np.abs(prediction - truth).mean()))
     monkeypatch.setitem(METRICS, "flip", quick)
     data = write_dataset(folder / "data")

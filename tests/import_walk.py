@@ -6,7 +6,7 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-CONTENT = ("kernels", "methods")  # folders behind a bridge of the same name
+CONTENT = ("kernels", "methods")  # content folders, each reached through the package of the same name
 
 
 def modules(root: Path) -> dict[str, Path]:

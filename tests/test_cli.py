@@ -1,4 +1,4 @@
-"""The command line: what is typed, what it means, how it ends, and that help loads nothing heavy."""
+"""The command line: parsing, exit status, and that help loads no slow modules."""
 
 from __future__ import annotations
 
@@ -237,7 +237,7 @@ def test_sigterm_unwinds_after_pycolmap_was_loaded(arguments: list[str]) -> None
 
 
 def test_a_reader_that_leaves_is_no_failure() -> None:
-    """`dofbench scenes | head` must not end in a complaint."""
+    """`dofbench scenes | head` must not end with an error message."""
     script = (
         "import sys; from dofbench import cli\n"
         "def execute(settings):\n"

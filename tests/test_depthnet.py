@@ -1,4 +1,4 @@
-"""The shipped network: its file, what it is worth on the built-in scene, and the parts that trained it."""
+"""The shipped network: its file, its accuracy on the built-in scene, and its training code."""
 
 from __future__ import annotations
 

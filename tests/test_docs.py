@@ -1,4 +1,5 @@
-"""The pages say what holds: links lead somewhere, commands parse, what a page tells to do works when it is done."""
+"""The pages are right: links are valid, commands can be parsed, and the instructions of a page work when they are
+carried out."""
 
 from __future__ import annotations
 
@@ -99,7 +100,7 @@ CALLS = [pytest.param(words, id=f"{name(page)}: {' '.join(words)}") for page in 
 
 @pytest.mark.parametrize("words", CALLS)
 def test_command_lines_parse(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """None is run. Words in capitals stand for what the user has."""
+    """The commands aren't run. Words in capitals stand for the user's own names."""
     if words in (["COMMAND", "--help"], ["--version"]):
         return
     shown = [word.strip("[]").replace("$scene", "fence") for word in words if word not in ("...", "...]", "…")]

@@ -72,7 +72,7 @@ def test_it_is_short_and_uses_the_public_list_alone(file: Path) -> None:
 
 def test_make_dataset(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main_of("01_make_dataset.py")(place / "data", width=64)  # again: it is complete
-    assert "is what it says it is" in capsys.readouterr().out
+    assert "is a valid dataset" in capsys.readouterr().out
 
 
 def test_read_dataset(place: Path, capsys: pytest.CaptureFixture[str]) -> None:

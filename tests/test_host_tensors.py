@@ -1,9 +1,9 @@
-"""What computes stays on the device of its tensors: no tensor goes to the CPU, or is made there, without a reason.
+"""Computations stay on the device of their tensors: no tensor is moved to the CPU, or made there, without a reason.
 
 Read from the sources, without running anything: in `dofbench.optics`, `learning` and `gaussians`, and in the kernels'
-definitions. Each place that may do so stands in `ALLOWED`, under its reason and with how often it does; a place that
-doesn't any more has to leave the list, so that it can only shrink. What can't be seen here: `float(tensor)`, which is
-spelled as `float` of a number is, and a tensor that a function called elsewhere made.
+definitions. Each place that may do so is listed in `ALLOWED` under its reason, with the number of occurrences; an entry
+that is no longer needed must be removed, so that the list can only shrink. The test doesn't detect `float(tensor)`,
+which looks like `float` of a number, nor tensors made by functions elsewhere.
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ def fetch_or_make(node: ast.Call) -> str:
         return ""
     of_torch = isinstance(function.value, ast.Name) and function.value.id == "torch"
     if of_torch and function.attr in MAKES:
-        # `**options` may hold a device; whoever hands it over is taken at his word.
+        # `**options` may contain a device, which can't be checked here.
         named = any(keyword.arg in ("device", None) for keyword in node.keywords)
         return "" if named else f"torch.{function.attr}"
     return f".{function.attr}()" if function.attr in FETCHES and not node.args and not of_torch else ""

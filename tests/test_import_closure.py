@@ -1,4 +1,4 @@
-"""What outdates what is kept: exactly a change of what it used."""
+"""Stored results are outdated by exactly those changes of code that they depend on."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_a_file_may_have_another_name_and_place(tree) -> None:
 
 
 def test_two_names_that_change_places_are_seen(tree) -> None:
-    """The same definitions are reached, but the arithmetic is another."""
+    """The same definitions are reached, but their arithmetic is different."""
     code = "from dofbench.low.a import {} as p\nfrom dofbench.low.a import {} as q\ndef wanted(x): return p(x) - q(x)"
     twice = {"low/a.py": "def f(x): return x\ndef g(x): return 2 * x"}
     before = tree({"low/entry.py": code.format("f", "g"), **twice})

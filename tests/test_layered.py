@@ -66,10 +66,10 @@ def psnr(image: np.ndarray, truth: np.ndarray) -> float:
     return -10 * math.log10(np.mean((image[inside] - truth[inside]) ** 2))
 
 
-# In focus behind, in focus in front, the focus between: dB that knowing what hides what is worth at least. Where
-# neither side is sharp, the plain scatter's bleeding shows less.
-# Measured: 4.6, 6.8 and 0.4 dB. Repeating the nearest colour behind an edge gained over 5.0 and 0.5 in the first and
-# the last, as these textures are smooth; on the planes of reports/renderer it was 3 dB worse beside depth edges.
+# Focus behind, in front, and in between: least gain of occlusion in dB. Where neither side is sharp, the bleeding of
+# the plain scatter is less visible. Measured: 4.6, 6.8 and 0.4 dB. Repeating the nearest colour behind an edge gained
+# over 5.0 and 0.5 in the first and the last, as these textures are smooth; on the planes of reports/renderer it was 3
+# dB worse beside depth edges.
 @pytest.mark.parametrize(("front", "back", "gain"), [(6.0, 0.0, 4.0), (0.0, -6.0, 6.0), (3.0, -3.0, 0.2)])
 def test_it_is_closer_to_a_thin_lens_than_the_plain_scatter(front, back, gain):
     sharp = torch.from_numpy(seen_through_pinhole().astype(np.float32))

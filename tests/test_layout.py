@@ -1,4 +1,5 @@
-"""What keeps the tree as docs/architecture.md says: content folders, the bridge, docstrings, declared packages."""
+"""Checks of the rules in docs/architecture.md: content folders and how they are reached, docstrings, declared
+packages."""
 
 from __future__ import annotations
 
@@ -203,7 +204,7 @@ def test_nothing_is_left_for_later() -> None:
     found = []
     for path in tracked_files():
         content = path.read_bytes()
-        if b"\0" not in content and words.search(content):  # in an image any three letters turn up by chance
+        if b"\0" not in content and words.search(content):  # binary files contain any three letters by chance
             found.append(str(path))
     assert found == []
 

@@ -1,4 +1,4 @@
-"""Leases: one owner at a time, on one machine and on several, and nobody waits for the dead."""
+"""Leases: one owner at a time, on one machine and on several, and no waiting for dead owners."""
 
 from __future__ import annotations
 

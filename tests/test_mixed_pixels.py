@@ -1,4 +1,4 @@
-"""Pixels that show two surfaces: the share that is put in comes out, and both parts together are the pixel."""
+"""Pixels that show two surfaces: the known share is recovered, and both parts together give the pixel."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_both_parts_together_are_the_pixel(seed, brightness):
     share = found.share[:, None]
     together = share * found.near + (1 - share) * found.far
     pixel = image[found.rows, found.columns]
-    # But for a colour that would have to be negative.
+    # Except for a colour that would have to be negative.
     positive = (found.near > 0).all(axis=1) & (found.far > 0).all(axis=1)
     assert len(share) > 10 and positive.mean() > 0.5
     assert np.abs(together - pixel)[positive].max() < FLOAT32_VALUE * max(1.0, pixel.max())

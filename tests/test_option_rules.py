@@ -1,4 +1,5 @@
-"""Rules that stand beside an option: each refuses what it says, by the names that are typed, and nothing else."""
+"""Rules declared beside an option: each refuses exactly the values that it describes, naming options as they are
+typed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The declared order of packages: imports run down only, in no circle, and a module has one idea and one name."""
+"""The declared order of packages: imports only from earlier packages, no import cycles, and unique module names."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from import_walk import arrows, modules, package_of
 
 ROOT = Path(__file__).resolve().parent.parent
 ORDER: list[str] = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["dofbench"]["packages"]
-# Two modules may have one name where the name is the idea: the same part of different things.
+# Names that several modules may have, because they are the same part of different things.
 SAME_NAMES = {"cpu", "reference", "schema", "method"}
 
 
 def upward(root: Path, order: list[str]) -> list[str]:
-    """Each arrow that runs up or between packages that aren't declared, with what to do about it."""
+    """Each import from a later or an undeclared package, with what to do about it."""
     wrong = []
     known = modules(root)
     for name, target in sorted(set(arrows(known))):
@@ -35,7 +35,7 @@ def upward(root: Path, order: list[str]) -> list[str]:
 
 
 def circle(root: Path) -> str:
-    """The modules of a circle of imports, or "" where there is none."""
+    """The modules of an import cycle, or "" without one."""
     below: dict[str, set[str]] = defaultdict(set)
     known = modules(root)
     for name, target in arrows(known, checked_only=True):

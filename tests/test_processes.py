@@ -18,7 +18,7 @@ from dofbench.core.processes import LocalProcesses, machine_memory_mb
 
 
 class Log:
-    """Keeps what it is told."""
+    """Records its calls."""
 
     def __init__(self):
         self.events = []

@@ -1,4 +1,4 @@
-"""The public list of `dofbench`: light to import, whole, and documented by shape, unit and error."""
+"""The public names of `dofbench`: fast to import, complete, and documented with shapes, units and errors."""
 
 from __future__ import annotations
 

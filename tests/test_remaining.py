@@ -1,4 +1,4 @@
-"""The time left that progress announces, by a made-up clock: honest from the first line on."""
+"""The time left that progress shows, with a simulated clock: realistic from the first line on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Eight lanes against numpy, and the cache that knows its sources."""
+"""The eight-lane vectors against numpy, and the kernel cache, which depends on the sources."""
 
 import os
 import subprocess

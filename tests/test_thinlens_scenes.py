@@ -1,4 +1,5 @@
-"""The shipped scenes with photographs through a real lens: whole, consistent, and near to what the scatter makes."""
+"""The shipped scenes with photographs through a real lens: complete, consistent, and similar to the scatter's
+result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Thread counts: the user's word, then the container's quota, then the machine's cores."""
+"""Thread counts: the user's setting, else the container's quota, else the machine's cores."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The type checker passes the packages that pyproject.toml names, with its settings there."""
+"""The type checker finds no error in the packages that pyproject.toml names, with the settings there."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 # float32 kernel against the float64 reference: relative to the largest magnitude of the compared array.
 FLOAT32_VALUE = 2e-5
-# The same of a sum of squared differences, which doubles the relative error.
+# The same for a sum of squared differences, whose relative error is twice as large.
 FLOAT32_DISTORTION = 5e-5
 FLOAT32_GRADIENT = 2e-4
 # float64 against float64, or against an exact identity.
@@ -54,8 +54,8 @@ BUILT_IN_SILHOUETTE = 5e-3
 BUILT_IN_RENDER_PSNR = 36.0
 # Sums of scatter weights are published with two decimals (docs/published-methods.md, "Scatter").
 SCATTER_ENERGY = 6e-3
-# Gradient by the radius where it is all but zero (a pixel alone, radii beyond the image): float32 noise of terms of
-# order 1 that cancel, as a share of the incoming gradient.
+# Gradient with respect to the radius where it is nearly zero (a single pixel, radii beyond the image): float32 noise of
+# terms of order 1 that cancel, as a share of the incoming gradient.
 SCATTER_DARK = 1e-2
 # Every pixel around a highlight 1e6 times as bright, relative to itself.
 HIGHLIGHT = 1e-4
@@ -64,7 +64,7 @@ HALF_LIT = 1e-2
 # A plane's depth by an expression affine in the pixel: second order in the angle, up to 5 pixels of 1/400 at
 # 50 degrees.
 PLANE_DEPTH = 5e-4
-# The light of a lone Gaussian of opacity 0.1 to 0.3 before and after it is blurred: a sum over pixels, with a rim at
+# The light of a single Gaussian of opacity 0.1 to 0.3 before and after blur: a sum over pixels, with a rim at
 # 1/255 that falls between them. The worst of 4000 drawn ones differed by 0.013, the middle one by 0.001.
 BLUR_INTEGRAL = 0.03
 # Gradient by the blur of needles 40 pixels long, a third of a pixel wide: second moments in float32 keep their digits
@@ -86,7 +86,7 @@ EIGHT_LANES = 1.5e-7
 PLANE_NORMAL = 1e-12
 # A handful of float32 operations on numbers of order 1, relative.
 FLOAT32_SCALAR = 1e-6
-# Where Adam with a falling rate comes to rest around the lens it is led to.
+# How near Adam with a falling learning rate comes to the true lens.
 LENS_FOUND = 0.01
 # Two planes at depths 3 and 6: the median of what 90 steps rebuild lies between their surroundings.
 ROUGH_DEPTH = 2.0
@@ -139,8 +139,8 @@ SHIPPED_POINT_DEPTH = 0.06
 SHIPPED_SURFACE = 0.01
 # The scatter against them, dB, whole: bleeding at depth edges, least in `night`.
 SHIPPED_SCATTER = 20.0
-# And where nothing out of focus reaches, median error of encoded values: a disc of up to a pixel against a soft one,
-# and noise.
+# In regions that blur from surfaces out of focus doesn't reach, median error of encoded values: a disc of up to a pixel
+# against a soft one, and noise.
 SHIPPED_SCATTER_IN_FOCUS = 0.006
 # A network whose weights were rounded to eleven bits, relative to the largest output.
 HALF_WEIGHTS = 5e-3
@@ -218,7 +218,7 @@ LENS_FLOOR = 2e-4
 EVEN_BLUR = 1e-3
 # PSNR in dB of a constant error of 0.1 in float32 pictures, whose rounding of 1e-7 is 1e-5 dB.
 PSNR_OF_FLOAT32 = 1e-4
-# An aperture found in a search that is cut short, or told from the median of others: that it is that one, not another.
+# An aperture found by a shortened search, or by the median of others: exact enough to distinguish it from wrong ones.
 ROUGH_APERTURE = 0.2
 # Standard deviation of one Gaussian blur, pixels, fitted to half of a photograph blurred by 1.7.
 FITTED_SIGMA = 0.1

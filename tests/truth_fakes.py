@@ -1,4 +1,4 @@
-"""Two walls seen through a lens, as the folders of truths in these tests hold them."""
+"""Two walls seen through a lens, from which the tests' folders of ground truth are made."""
 
 from __future__ import annotations
 

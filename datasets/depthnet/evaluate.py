@@ -1,9 +1,9 @@
-"""How good depthnet is, beside a constant per view and the completed sparse points.
+"""Accuracy of depthnet, compared with a constant per view and with completed sparse points.
 
     python datasets/depthnet/evaluate.py --rooms WORK/held --scenes fern=DIR flower=DIR
 
-On held-out rooms and the built-in scene against exact depth; on other scenes against sparse points that no estimate has
-seen, every fifth one. Prints a Markdown table.
+Held-out rooms and the built-in scene are compared with exact depth; other scenes with every fifth sparse point, which
+the estimates don't use. Prints a Markdown table.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from dofbench.scenes import load_scene
 from dofbench.scenes.scene import Scene
 from dofbench.synthesis.depth_sources import open_source
 
-HELD_OUT = 5  # every fifth point
-ALIGNING = 300  # pixels of a held-out room that the network is aligned to, as sparse points would be
+HELD_OUT = 5  # one point in so many is held out
+ALIGNING = 300  # number of pixels of a held-out room to which the network is aligned, in place of sparse points
 
 
 @dataclass(frozen=True)
@@ -39,20 +39,20 @@ class Settings:
     scenes: tuple[str, ...] = ()
     """NAME=FOLDER of scenes with sparse points."""
     network: str = "depthnet"
-    """The network: a file, or the shipped one's name."""
+    """The network: a file, or the name of the shipped one."""
     width: int = 504
-    """Width at which those scenes are read, pixels."""
+    """Width at which the scenes are read, pixels."""
 
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Of some pixels: disparities estimated and true, (P,) each."""
+    """Estimated and true disparities of some pixels, (P,) each."""
 
     found: np.ndarray
     true: np.ndarray
 
     def row(self) -> list[str]:
-        """AbsRel of depth, share within 1.25, median relative error of disparity."""
+        """Cells with AbsRel of depth, share within 1.25, median relative error of disparity."""
         found, true = np.maximum(self.found, 0.1 * np.percentile(self.true, 1)), self.true
         ratio = np.maximum(found / true, true / found)
         return [
@@ -81,7 +81,8 @@ def _print(scene: str, results: dict[str, list[Errors]]) -> None:
 
 
 def _rooms(folder: Path, file: Path) -> dict[str, list[Errors]]:
-    """Every view aligned to some hundred pixels of its own depth; the constant is their median."""
+    """Errors on rooms, with every view aligned to some hundred pixels of its true depth; the constant is their
+    median."""
     network, rng = Network(file), np.random.default_rng(0)
     results: dict[str, list[Errors]] = {"constant per view": [], "depthnet": []}
     for path in sorted(folder.glob("*.npz")):
@@ -100,7 +101,7 @@ def _rooms(folder: Path, file: Path) -> dict[str, list[Errors]]:
             every = np.stack([columns + 0.5, rows + 0.5], axis=1)
             true = 1 / depth[rows, columns]
             constant = np.full(len(true), np.median(truth))
-            # Where it can't be aligned, nothing better than the constant is left.
+            # If the network can't be aligned, the constant is used.
             everywhere = sampled(output, every, width, height)
             found = constant if alignment is None else alignment.disparity(everywhere, "disparity")
             results["constant per view"].append(Errors(constant, true))

@@ -1,10 +1,10 @@
-"""Render the training images of depthnet: many small rooms with exact depth, and make-scene's scenes by other seeds.
+"""Render the training images of depthnet: many small rooms with exact depth, and make-scene's scenes with other seeds.
 
     python datasets/depthnet/render.py --out WORK/rooms --minutes 15
 
-Needs the extra `render` (mitsuba). One .npz a room: images (V, H, W, 3) uint8, encoded; depth (V, H, W) float16,
-scene units, 0 = no surface. Run again, it goes on with the rooms that are missing. Rooms from number 1000000 on are
-held out: no training seed reaches there.
+Needs the extra `render` (mitsuba). Writes one .npz per room: images (V, H, W, 3) uint8, encoded; depth (V, H, W)
+float16, scene units, 0 = no surface. A second call renders the rooms that are missing. Rooms from number 1000000 on are
+held out, and no training room has such a number.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from dofbench.procedural.tracer import Tracer
 from dofbench.procedural.variant import choose_variant
 
 WIDTH, HEIGHT = 256, 192
-RECIPES = 3  # every third room is one of make-scene's, of a seed that no shipped scene has
-SAMPLES = 32  # rays a pixel: noise is an augmentation, and the sensor's is added anyway
+RECIPES = 3  # every third room is a make-scene recipe, with a seed that no shipped scene has
+SAMPLES = 32  # rays per pixel: few, since noise is an augmentation, and sensor noise is added anyway
 BANK_ROOMS = 24  # rooms that share one bank of textures
 
 
@@ -39,17 +39,17 @@ class Settings:
     out: Path
     """Folder for the rooms."""
     rooms: int = 1000
-    """Rooms at most."""
+    """Largest number of rooms."""
     first: int = 0
-    """Number, and seed, of the first room; 1000000 for the held-out ones."""
+    """Number of the first room, which is also its seed; 1000000 for held-out rooms."""
     views: int = 12
-    """Views a room."""
+    """Views per room."""
     minutes: float = 15.0
-    """Stop after so long."""
+    """Stop after so many minutes."""
 
 
 def main(settings: Settings) -> None:
-    """Render until the rooms or the minutes are used up."""
+    """Render until the number of rooms or the time is reached."""
     choose_variant()
     start = time.perf_counter()
     bank, banked = [], -1

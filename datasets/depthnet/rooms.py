@@ -1,7 +1,7 @@
-"""Random rooms to train on, of make-scene's shapes and textures.
+"""Random rooms to train on, made of make-scene's shapes and textures.
 
-A room has a floor, perhaps walls, and things of every size at every distance. Nothing is where a network could learn to
-expect it, but that what is lower in the picture tends to be nearer.
+A room has a floor, perhaps walls, and things of every size at every distance. Positions are random, so a network can't
+learn to expect a thing at a certain place; only things lower in the picture tend to be nearer.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ NEAREST, FARTHEST = 0.7, 14.0  # distance of things from the camera, scene units
 
 
 def texture_bank(rng: np.random.Generator, rounds: int) -> list[np.ndarray]:
-    """Some of every kind of texture, at sizes that render at about a texel a pixel."""
+    """Some textures of every kind, of sizes that give about one texel per rendered pixel."""
     bank = []
     for _ in range(rounds):
         bank += [
@@ -44,7 +44,7 @@ def texture_bank(rng: np.random.Generator, rounds: int) -> list[np.ndarray]:
 
 
 def room(rng: np.random.Generator, bank: list[np.ndarray]) -> Stage:
-    """What is seen along +y from about the origin; the floor is z = 0."""
+    """A room that is seen along +y from about the origin; the floor is z = 0."""
     things = [*_shell(rng, bank)]
     for _ in range(int(rng.integers(6, 36))):
         things.extend(_thing(rng, bank))
@@ -62,7 +62,8 @@ def room(rng: np.random.Generator, bank: list[np.ndarray]) -> Stage:
 
 
 def cameras(rng: np.random.Generator, count: int, width: int, height: int) -> list[Camera]:
-    """Cameras of any field of view, well apart, that look along +y more or less: compiling a room takes longest."""
+    """Cameras of any field of view, well apart, that look approximately along +y. A room has several, because compiling
+    it takes longer than rendering a view."""
     found = []
     for _ in range(count):
         eye = np.array([rng.normal(0, 0.6), rng.uniform(-1.2, 1.5), rng.uniform(0.25, 2.2)])
@@ -76,7 +77,7 @@ def cameras(rng: np.random.Generator, count: int, width: int, height: int) -> li
 
 
 def _shell(rng: np.random.Generator, bank: list[np.ndarray]) -> Iterator[Prop]:
-    """Floor, back wall, side walls, each of which may be missing; the floor is rarely."""
+    """Floor, back wall, side walls, each of which may be missing; the floor rarely is."""
     if rng.random() < 0.93:
         yield Prop(shapes.quad((-20, -4, 0), (40, 0, 0), (0, 34, 0), _repeat(rng, 12)), _paint(rng, bank, 0.2))
     wall = float(np.exp(rng.uniform(np.log(3.0), np.log(25.0))))
@@ -98,7 +99,7 @@ def _repeat(rng: np.random.Generator, most: int) -> tuple[int, int]:
 
 
 def _paint(rng: np.random.Generator, bank: list[np.ndarray], plain: float) -> np.ndarray | tuple[float, float, float]:
-    """A texture, or with the probability `plain` one colour, as walls often are."""
+    """A texture, or with probability `plain` a single colour, as walls often have."""
     colour = rng.uniform(0.1, 0.9, 3)
     if rng.random() < plain:
         return float(colour[0]), float(colour[1]), float(colour[2])

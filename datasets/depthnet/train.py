@@ -2,8 +2,8 @@
 
     python datasets/depthnet/train.py --rooms WORK/rooms --work WORK --minutes 35 --out datasets/depthnet/depthnet.onnx
 
-The learning rate follows the processor time used, so a run that is killed goes on from WORK/state.pt as if it
-hadn't been, and rooms that appear in the folder meanwhile are trained on too. Needs the extra `test` (onnx).
+The learning rate depends on the processor time used so far, so a run that was killed continues from WORK/state.pt
+without a difference. Rooms that are added to the folder in the meantime are used too. Needs the extra `test` (onnx).
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from torch import Tensor
 from dofbench.core.files import replacing
 from dofbench.depth.depthnet import MEAN, STD, DepthNet
 
-SIZES = ((128, 96), (192, 160))  # (width, height) trained at: small at first, since that is three times as fast
+SIZES = ((128, 96), (192, 160))  # (width, height) of training images: small ones first, which are three times as fast
 SWITCH = 0.75  # share of the budget at which the size changes
 BATCH, RATE, DECAY = 16, 2e-3, 2e-2
-AVERAGE = 0.998  # of the weights, over steps
+AVERAGE = 0.998  # decay of the moving average of the weights, per step
 GRADIENT, SCALES = 0.5, 4  # weight and number of scales of the gradient term
 SAVE_SECONDS = 60.0
 BACKGROUND = 0.0  # disparity where there is no surface: infinitely far
@@ -44,11 +44,11 @@ class Settings:
     minutes: float = 35.0
     """Processor time to train for."""
     seed: int = 0
-    """Of weights, order and augmentation."""
+    """Seed of initial weights, order and augmentation."""
 
 
 def main(settings: Settings) -> None:
-    """Train until the time is used up, then export the averaged weights."""
+    """Train for the given time, then export the averaged weights."""
     torch.manual_seed(settings.seed)
     rng = np.random.default_rng(settings.seed)
     net = DepthNet().to(memory_format=torch.channels_last)  # a fifth faster on a CPU
@@ -104,7 +104,7 @@ class Rooms:
         return len(self._images)
 
     def look_again(self) -> None:
-        """Read the rooms that are new."""
+        """Read rooms that have been added to the folder."""
         for file in sorted(self._folder.glob("[0-9]*.npz")):
             if file.name in self._seen:
                 continue
@@ -113,7 +113,8 @@ class Rooms:
                 images, depth = room["images"], room["depth"].astype(np.float32)
             disparity = np.where(depth > 0, 1 / np.maximum(depth, 1e-3), BACKGROUND)
             for image, one in zip(images, disparity, strict=True):
-                if one.std() > 1e-3 * one.mean() > 0:  # a wall that fills the picture teaches nothing
+                # Views of constant depth, such as a wall that fills the picture, are left out
+                if one.std() > 1e-3 * one.mean() > 0:
                     self._images.append(image)
                     self._disparity.append(one.astype(np.float16))
 
@@ -130,8 +131,9 @@ class Rooms:
 
 
 def relative_loss(predicted: Tensor, disparity: Tensor) -> Tensor:
-    """Scale- and shift-invariant: both are brought to median 0 and mean absolute deviation 1, then compared, with
-    their gradients at four scales (Ranftl et al., Towards Robust Monocular Depth Estimation, section 5)."""
+    """Scale- and shift-invariant loss: both disparities are normalised to median 0 and mean absolute deviation 1; then
+    they and their gradients at four scales are compared (Ranftl et al., Towards Robust Monocular Depth Estimation,
+    section 5)."""
     difference = _standard(predicted) - _standard(disparity)
     loss = difference.abs().mean()
     for scale in range(SCALES):
@@ -142,7 +144,7 @@ def relative_loss(predicted: Tensor, disparity: Tensor) -> Tensor:
 
 def export(net: torch.nn.Module, file: Path) -> None:
     """Write the network as ONNX with weights of half precision, which onnxruntime casts once on loading."""
-    import onnx  # of the extra `test`
+    import onnx  # from the extra `test`
 
     with replacing(file) as temporary:
         torch.onnx.export(
@@ -179,7 +181,8 @@ def _standard(x: Tensor) -> Tensor:
 def _cropped(
     rng: np.random.Generator, image: np.ndarray, disparity: np.ndarray, width: int, height: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A random part, at least half of each side, perhaps mirrored, resized: a view by another focal length."""
+    """A random crop of at least half of each side, perhaps mirrored, and resized: it looks like a view with another
+    focal length."""
     rows, columns = image.shape[:2]
     share = rng.uniform(0.5, 1.0) if rng.random() < 0.8 else 1.0
     h, w = int(rows * share * rng.uniform(0.85, 1)), int(columns * share * rng.uniform(0.85, 1))
@@ -193,7 +196,8 @@ def _cropped(
 
 
 def _recoloured(rng: np.random.Generator, image: np.ndarray) -> np.ndarray:
-    """Other light, other paint, some noise, some blur: colour says nothing about depth here, shading and size do."""
+    """Change light and colours and add some noise and blur, so that the network learns from shading and size, not from
+    colour."""
     image = image ** np.exp(rng.normal(0, 0.25)) * np.exp(rng.normal(0, 0.2)) * np.exp(rng.normal(0, 0.1, 3))
     if rng.random() < 0.3:
         image = image[..., rng.permutation(3)]

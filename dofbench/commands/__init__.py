@@ -1,1 +1,1 @@
-"""What one command composes of several packages."""
+"""Commands that combine several packages, one module each."""

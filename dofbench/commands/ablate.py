@@ -27,8 +27,8 @@ def make_tables(settings: Ablate, console: Console | None = None, executor: Exec
     """Make every run that isn't finished, and write `<out>/<table>.md`, `.json`, `.csv` and `-summary.csv` for each
     table: the page, the page as data for `dofbench report --ablation`, every run's scores, and their means.
 
-    The tables are written anew after every run, so that what there is can be read while the rest is at work.
-    executor: who makes the runs; processes of this machine unless one is given. False when a run failed. Raises
+    The tables are rewritten after every run, so that finished scores can be read while other runs are in progress.
+    executor: carries out the runs; by default processes of this machine. False when a run failed. Raises
     InputError when the call is wrong, before anything runs.
     """
     console = console or Console()

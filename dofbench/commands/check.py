@@ -16,10 +16,10 @@ from dofbench.synthesis.verify import check_dataset
 
 
 def check(path: Path, console: Console | None = None) -> bool:
-    """Check a dataset, a result, or every result below a folder; print what is wrong. True when nothing is.
+    """Check a dataset, a result, or every result below a folder; print what is wrong. True when nothing is wrong.
 
-    Below a folder also: runs that died, and results that are there twice. Raises InputError when there is neither a
-    dataset nor a result at `path`.
+    For a folder of results, also reports runs that died and results that are stored twice. Raises InputError when there
+    is neither a dataset nor a result at `path`.
     """
     console = console or Console()
     if not path.exists():

@@ -1,7 +1,7 @@
 """`dofbench run --photographs`: from a folder of photographs, or a video, to results, a page and a .ply in one command.
 
-The stages are those of the commands of their own, `reconstruct`, `make-dataset`, `run` and `report`, with their
-folders below OUT/photographs: what is finished isn't done again, and each can be looked at or replaced.
+The stages are those of the commands `reconstruct`, `make-dataset`, `run` and `report`, each with a folder below
+OUT/photographs. A finished stage isn't repeated, and each stage's output can be inspected or replaced.
 """
 
 from __future__ import annotations
@@ -28,21 +28,22 @@ from dofbench.scenes.reconstruction.photograph_source import find_source
 from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
 from dofbench.synthesis.dataset_options import MakeDataset
 
-WIDTH = 504  # px: what two cores train on in minutes, and the size at which LLFF's scores are published
-HOLD = 8  # every so many-th photograph is held back, to be predicted and scored
+WIDTH = 504  # px: small enough to train in minutes on two cores, and the width at which LLFF's scores are published
+HOLD = 8  # one photograph in HOLD is held back, to be predicted and scored
 
-# Seconds on two cores of a shared machine (docs/own-photographs.md): another one may take half, or twice.
-_PHOTOGRAPH, _MEGAPIXEL = 0.5, 2.5  # features, mapping and undistortion of a photograph, and of its pixels
-_PAIR = 0.03  # two photographs compared
-_FRAME_MEGAPIXEL = 0.015  # a frame of a video, decoded and looked at
-_DATASET_MEGAPIXEL = 0.3  # a photograph of the dataset, made smaller
+# Seconds on two cores of a shared machine (docs/own-photographs.md): other machines may take half or twice as long.
+_PHOTOGRAPH, _MEGAPIXEL = 0.5, 2.5  # features, mapping and undistortion: per photograph, and per megapixel
+_PAIR = 0.03  # matching two photographs
+_FRAME_MEGAPIXEL = 0.015  # per megapixel of a video frame: decoding it and measuring its sharpness
+_DATASET_MEGAPIXEL = 0.3  # per megapixel of a photograph of the dataset: resizing it
 _COMPILING = "the first run on a machine compiles kernels besides, about a minute"
 
 
 @dataclass(frozen=True)
 class Own:
-    """A user's photographs. kind: what they come as; a "scene" has poses and points already. views: how many, of a
-    video at most. size: the first one's (width, height). items: that have to be looked at to get the views."""
+    """A user's photographs. kind: the form of the input; a "scene" has poses and points already. views: their number;
+    for a video the largest possible one. size: (width, height) of the first one. items: photographs or frames that are
+    read to obtain the views."""
 
     source: Path
     place: Path
@@ -66,7 +67,7 @@ class Own:
 
 
 def find_own(source: Path, out: Path) -> Own:
-    """What there is in `source`; what is made of it goes below `out`.
+    """The photographs, video or scene in `source`; files made from it go below `out`.
 
     Raises InputError for a source that isn't there, isn't readable, or has too few photographs.
     """
@@ -86,7 +87,7 @@ def find_own(source: Path, out: Path) -> Own:
 
 
 def check_runs(runs: Sequence[Run]) -> None:
-    """Raise InputError for methods, presets or options that the runs can't have: before minutes are spent on poses."""
+    """Raise InputError for a method, preset or option that isn't possible, before minutes are spent on camera poses."""
     for run in runs:
         if run.inputs != "shallow":
             raise InputError(
@@ -99,7 +100,7 @@ def check_runs(runs: Sequence[Run]) -> None:
 
 
 def dataset_of_photographs(own: Own, width: int | None, console: Console) -> Path | None:
-    """The dataset of the photographs, made where it isn't there; None where no scene came of them.
+    """The folder of the photographs' dataset, made if it doesn't exist; None if no scene could be reconstructed.
 
     A folder that is a scene with poses and points already is taken as it is. Raises InputError for wrong input.
     """
@@ -119,7 +120,7 @@ def dataset_of_photographs(own: Own, width: int | None, console: Console) -> Pat
 
 
 def outlook(own: Own, runs: Sequence[Run], width: int | None) -> list[str]:
-    """What will be done with the photographs, and about how long each part takes."""
+    """Lines that tell what will be done with the photographs, and about how long each part takes."""
     lines, total = [], 0.0
     what = f"{_WHAT[own.kind]} of {'at most ' if own.kind == 'video' else ''}{own.views} photographs"
     if own.kind == "scene":
@@ -169,7 +170,7 @@ def _motion_seconds(own: Own) -> float:
 
 
 def _on_data(run: Run) -> Run:
-    """The run as one on data of the user's own, whose preset is the default one."""
+    """The run with a dataset given, as for a user's own data, so that the method's default preset is chosen."""
     return replace(run, data=run.out)
 
 

@@ -1,4 +1,4 @@
-"""`dofbench methods`: the methods that are found, and what can be chosen of one."""
+"""`dofbench methods`: the methods that are found, and the presets and options of one of them."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from dofbench.core.contracts import ListsOptions, MethodOption
 from dofbench.core.errors import InputError
 from dofbench.running.method_cards import Card, Claims, MethodEntry, find_method, method_files
 
-_WIDTH = 110  # characters a line, where the output is no terminal
+_WIDTH = 110  # characters per line, where the output isn't a terminal
 _NARROWEST = 60
 _HEADINGS = ("option", "default", "unit", "type")
 
 
 def print_methods(method: str | None = None) -> bool:
-    """Print one line for each method, or all that can be chosen of one.
+    """Print one line for each method, or all presets and options of one method.
 
-    False when a method's card or class can't be read, which is said in its place. Raises InputError for an unknown id,
-    or when the one method's card can't be read.
+    False when a method's card or class can't be read; a message is printed instead of it. Raises InputError for an
+    unknown id, or when the card of the method that was asked for can't be read.
     """
     lines, whole = _every_method() if method is None else _one_method(find_method(method))
     print("\n".join(lines))
@@ -39,7 +39,7 @@ def _every_method() -> tuple[list[str], bool]:
             continue
         source = card.claims.source if card.claims is not None else "-"
         rows.append((method, card.name, ", ".join(card.devices), ", ".join(_preset_names(card)), source))
-    ending = "What can be chosen of one: dofbench methods METHOD. * is its default preset."
+    ending = "Presets and options of a method: dofbench methods METHOD. * marks the default preset."
     return [*aligned(rows), *problems, "", ending], not problems
 
 
@@ -62,13 +62,13 @@ def _one_method(entry: MethodEntry) -> tuple[list[str], bool]:
     lines += ["", "Presets (--preset NAME)", *_presets(entry)]
     lines += _left_out(card)
     options, whole = _options(entry)
-    lines += ["", "Options (--set NAME=VALUE)", *options, "", "What the authors claim, on their own data"]
+    lines += ["", "Options (--set NAME=VALUE)", *options, "", "Figures published by the authors, on their own data"]
     lines += ["  nothing"] if card.claims is None else _claims(card.claims)
     return lines, whole
 
 
 def _presets(entry: MethodEntry) -> Iterator[str]:
-    """Every preset with when it is taken, its budget, and the options that it sets."""
+    """Every preset: when it is the default, its budget, and the options that it sets."""
     card = entry.card
     for name, declared in card.presets.items():
         _, _, budget = entry.preset(name)
@@ -84,25 +84,25 @@ def _presets(entry: MethodEntry) -> Iterator[str]:
 
 
 def _left_out(card: Card) -> list[str]:
-    """Which options the plan sets to leave a stage out; no line where it leaves none out."""
+    """Lines with the options that the plan sets to leave out a stage; none if the method has no such stage."""
     switches = {name: stage.switch for name, stage in card.stages_in_order() if stage.switch is not None}
     if not switches:
         return []
     lines = aligned([(f"  {stage}", _pairs(options)) for stage, options in switches.items()])
-    return ["", "What the plan sets where a dataset doesn't need a stage (not with --force-all)", *lines]
+    return ["", "Options that the plan sets if a dataset doesn't need a stage (not with --force-all)", *lines]
 
 
 def _options(entry: MethodEntry) -> tuple[list[str], bool]:
-    """Every option of the method's class, by what it steers; False when the class can't be loaded."""
+    """Every option of the method's class, grouped by what it steers; False when the class can't be loaded."""
     try:
         kind = entry.method_class()
     except (ImportError, InputError) as error:
         return [f"  can't be listed: {' '.join(str(error).split())}"], False
     if not isinstance(kind, ListsOptions):
-        return ["  its class lists none (it has no available_options); the presets above name some"], True
+        return ["  unknown, since its class has no available_options; the presets above name some"], True
     every = kind.available_options()
     table = aligned([_HEADINGS, *((option.name, *_columns_of(option)) for option in every)])
-    lines = [f"    {table[0]}", "    each with its meaning and where it comes from"]
+    lines = [f"    {table[0]}", "    each with its meaning and source"]
     for group, options in itertools.groupby(zip(every, table[1:], strict=True), key=lambda pair: pair[0].group):
         lines += ["", f"  {group}"]
         for option, line in options:
@@ -115,7 +115,7 @@ def _columns_of(option: MethodOption) -> tuple[str, str, str]:
 
 
 def _claims(claims: Claims) -> list[str]:
-    """The figures as a table, and where they stand."""
+    """The published figures as a table, and their source."""
     metrics = list(dict.fromkeys(metric for row in claims.rows.values() for metric in row))
     rows = [("  measured on", *metrics)]
     rows += [
@@ -130,7 +130,7 @@ def _pairs(options: Mapping[str, Any]) -> str:
 
 
 def _value(value: Any) -> str:
-    """As `--set` takes it."""
+    """The value in the form that `--set` takes."""
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:.6g}" if isinstance(value, float) else str(value) or '""'

@@ -1,4 +1,4 @@
-"""What a call of `dofbench methods` says."""
+"""The arguments of `dofbench methods`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import tyro
 
 @dataclass(frozen=True)
 class Methods:
-    """List the methods that can be trained; of one, its presets, options, devices, and what its authors claim."""
+    """List the methods that can be trained; or, of one method, its presets, options, devices and published figures."""
 
     method: Annotated[str | None, tyro.conf.Positional] = None
-    """Id of the method. Default: all of them, a line each."""
+    """Id of the method. Default: list all methods, one per line."""

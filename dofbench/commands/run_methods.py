@@ -1,4 +1,4 @@
-"""`dofbench run`: make the built-in dataset where the call names none and it isn't there, then run."""
+"""`dofbench run`: make the built-in dataset, if no dataset is given and it doesn't exist yet, then run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dofbench.synthesis.dataset_options import MakeDataset
 
 
 def run_methods(settings: Runs, console: Console | None = None, executor: Executor | None = None) -> bool:
-    """Make the runs that the settings name; False when one failed.
+    """Carry out the runs that the settings name; False when a run failed.
 
     Raises InputError when the call is wrong, before anything is made or run.
     """

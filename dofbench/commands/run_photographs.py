@@ -1,4 +1,4 @@
-"""`dofbench run --photographs`: everything from photographs to a page."""
+"""`dofbench run --photographs`: all stages from photographs to the report's page."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def run_photographs(
 ) -> bool:
     """Reconstruct the photographs in `source`, make a dataset of them, train on it and write a report.
 
-    False when a part of it failed. Raises InputError when the call is wrong, before anything runs.
+    False when one of these stages failed. Raises InputError when the call is wrong, before anything runs.
     """
     console = console or Console()
     cells = settings.cells()

@@ -1,1 +1,1 @@
-"""Threads, compiled code and its cache: what the kernels need of the machine."""
+"""What kernels are built on: threads, devices, compiled code and its cache on disk, SIMD vectors."""

@@ -1,4 +1,4 @@
-"""What one implementation of a kernel op says about itself."""
+"""What each implementation of a kernel op declares about itself."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ def _always() -> bool:
 
 @dataclass(frozen=True)
 class Backend:
-    """Declared as `BACKEND` in `kernels/<op>/<backend>.py`, beside the op's functions.
+    """An implementation of a kernel op, declared as `BACKEND` in `kernels/<op>/<backend>.py` beside the op's functions.
 
-    devices: kinds of device whose tensors it takes, as torch names them. dtypes: their element types, as torch names
-    them ("float32"), the best first. bits_repeat: whether the same call gives the same bits in every run, whatever the
-    number of threads.
-    warm_up: compiles what the op's calls need, by one small call and its gradient; options are the op's own, where they
-    decide what is compiled. is_warm: whether that was done before on this machine.
+    devices: kinds of device whose tensors the backend takes, as torch names them. dtypes: element types of those
+    tensors, as torch names them ("float32"), the preferred one first. bits_repeat: whether the same call gives the same
+    bits in every run, whatever the number of threads. warm_up: compiles the code that the op needs, by one small call
+    and its gradient; it takes those of the op's options that decide which code is compiled. is_warm: whether that code
+    was compiled before on this machine.
     """
 
     devices: tuple[str, ...]
@@ -33,7 +33,7 @@ class Backend:
     is_warm: Callable[[], bool] = _always
 
     def takes(self, device: str, dtype: str) -> bool:
-        """Whether it runs on tensors of this kind of device and element type."""
+        """Whether the backend takes tensors of this kind of device and element type."""
         return device in self.devices and dtype in self.dtypes
 
     def __str__(self) -> str:

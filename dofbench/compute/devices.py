@@ -1,4 +1,4 @@
-"""The devices that torch computes on: what a name means, what this machine has, and which one a call gets."""
+"""torch's devices: reading a device's name, listing this machine's devices, and choosing one for a call."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from dofbench.core.errors import InputError
 
-# torch's names for the kinds of device that are known here.
+# torch's names for the kinds of device that dofbench supports.
 KINDS = ("cpu", "cuda")
 
 
@@ -36,7 +36,7 @@ def kinds_here() -> tuple[str, ...]:
 
 
 def describe(name: str) -> str | None:
-    """What the device called `name` is by its maker's name; None for the CPU."""
+    """The product name of the device called `name`, as its maker calls it; None for the CPU."""
     if kind_of(name) == "cpu":
         return None
     import torch
@@ -45,10 +45,11 @@ def describe(name: str) -> str | None:
 
 
 def resolve(wanted: str, runs_on: Sequence[str], who: str) -> str:
-    """The device that a call gets who asks for `wanted`: a device's name, or "auto" for the best that serves.
+    """The device to use when `wanted` is asked for: a device's name, or "auto" for the best kind in `runs_on`.
 
-    runs_on: the kinds of device that serve, as a method's card lists them. who: what needs the device, for the message.
-    Raises InputError where the name is none, `who` doesn't run there, or this machine has no such device.
+    runs_on: kinds of device that can be used, as a method's card lists them. who: what needs the device, for the
+    message. Raises InputError if `wanted` isn't a device's name, isn't in `runs_on`, or this machine has no such
+    device.
     """
     if wanted == "auto":
         here = [kind for kind in reversed(KINDS) if kind in runs_on and count(kind)]

@@ -1,4 +1,4 @@
-"""Compiled kernels on disk, forgotten when any source that they are made of changes."""
+"""Compiled kernels on disk, recompiled when any source that they were compiled from changes."""
 
 from __future__ import annotations
 
@@ -33,16 +33,17 @@ def cached(dispatcher):
     """Keep an `njit` function's machine code on disk; a decorator to put above `njit`.
 
     Numba's own `cache=True` looks at the function's file only, and goes on using old code after a change in a module
-    that the function calls into or takes constants from. Here the code is forgotten when anything changes that the
-    function's source reaches. Where nothing can be written, the function is compiled in every process.
+    that the function calls into or takes constants from. Here a function is recompiled when anything changes that its
+    source reaches. Without a writable cache folder it is compiled in every process.
     """
-    with suppress(RuntimeError):  # numba's way to say that it found no writable folder
+    with suppress(RuntimeError):  # raised by numba when it finds no writable folder
         dispatcher._cache = _SourceCache(dispatcher.py_func, _sources_of(dispatcher.py_func))
     return dispatcher
 
 
 def _sources_of(function: Callable[..., object]) -> str:
-    """A digest of all that the function's source reaches; of one outside this project, modules beside it included."""
+    """A digest of all code that the function's source reaches; for a function outside this project, the modules in its
+    own folder count too."""
     if own_sources().file(function.__module__):
         return closure_digest([function])
     file = Path(function.__code__.co_filename)
@@ -51,14 +52,14 @@ def _sources_of(function: Callable[..., object]) -> str:
 
 
 def compiled() -> int:
-    """How many functions this process has compiled and put on disk, rather than found there."""
+    """How many functions this process has compiled and stored on disk, rather than loaded from there."""
     return _compiled
 
 
 def is_compiled(dispatcher) -> bool:
-    """Whether code of a `cached` function, made of the present sources for any types, lies on disk.
+    """Whether machine code of a `cached` function, compiled from the present sources, is on disk for any types.
 
-    Also true where nothing can be kept on disk: then no other process's work would help.
+    Also true where nothing can be stored on disk: compiling in another process would be of no use there.
     """
     cache = dispatcher._cache
     if not isinstance(cache, _SourceCache):

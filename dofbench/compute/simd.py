@@ -1,4 +1,5 @@
-"""Eight float32 lanes as one numba value, so that kernels are vectorised by construction, not by luck.
+"""Eight float32 lanes as one numba value: kernels are vectorised explicitly, whatever the compiler's auto-vectoriser
+does.
 
 `Float32x8` is LLVM's `<8 x float>`: one register with AVX, two with SSE or NEON. Values exist only
 inside compiled functions. `+ - * /`, unary minus, comparisons (giving a mask) and `& | ~` on masks
@@ -215,7 +216,7 @@ def store8(typing_context, array, index, value):
 
 @intrinsic
 def store_whole8(typing_context, array, index, value):
-    """array[index : index + 8] = value without its fraction, for a flat int32 array; no bounds are checked."""
+    """array[index : index + 8] = value truncated to integers, for a flat int32 array; no bounds are checked."""
     if not (_is_flat(array, types.int32) and isinstance(index, types.Integer) and value is float32x8):
         return None
 
@@ -229,7 +230,7 @@ def store_whole8(typing_context, array, index, value):
 
 @intrinsic
 def load1(typing_context, array, index):
-    """array[index] without the test for a negative index."""
+    """array[index] without numba's test for a negative index."""
     if not (_is_flat_float32(array) and isinstance(index, types.Integer)):
         return None
 
@@ -349,7 +350,7 @@ def lanes8(typing_context):
 
 @intrinsic
 def select8(typing_context, mask, yes, no):
-    """yes where the mask holds, else no; either may be a number."""
+    """`yes` in lanes where the mask is true, else `no`; either may be a scalar."""
     if mask is not mask8:
         return None
 
@@ -362,7 +363,7 @@ def select8(typing_context, mask, yes, no):
 
 @intrinsic
 def any8(typing_context, mask):
-    """Whether the mask holds in any lane."""
+    """Whether the mask is true in any lane."""
     if mask is not mask8:
         return None
 

@@ -1,4 +1,4 @@
-"""How many threads the numerical libraries may use: as many as this process has cores, unless told."""
+"""How many threads the numerical libraries may use: as many as this process has cores, unless the user sets it."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ def available_cores(cgroup: Path = _CGROUP) -> int:
 
 
 def configure_threads() -> None:
-    """Give torch, BLAS and numba `available_cores()` threads each, where the user has said nothing.
+    """Give torch, BLAS and numba `available_cores()` threads each, unless the user has set the environment variables.
 
-    The libraries read these variables when they are first imported, so call it before that.
+    The libraries read these variables when they are first imported, so this function must be called before.
     OMP_NUM_THREADS alone holds for all of them; NUMBA_NUM_THREADS overrides it for the kernels.
     """
     cores = os.environ.setdefault("OMP_NUM_THREADS", str(available_cores()))
     # OMP_NUM_THREADS may list a number for every nesting level ("4,2"); numba knows only one.
     os.environ.setdefault("NUMBA_NUM_THREADS", cores.split(",")[0])
-    # torch and numba each bring an OpenMP runtime of their own. After a parallel region its threads
-    # spin for a while by default, on the very cores that the other one wants next: a training step
-    # took 4 times as long beside other work, and some never came back. Sleeping costs microseconds.
+    # torch and numba each bring an OpenMP runtime of their own. After a parallel region its threads spin for a while by
+    # default, on the cores that the other runtime needs next: with other work on the machine a training step took 4
+    # times as long, and some never ended. With PASSIVE they sleep, which costs microseconds.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
@@ -40,5 +40,5 @@ def _cgroup_quota(cgroup: Path) -> float | None:
             quota = (cgroup / "cpu" / "cpu.cfs_quota_us").read_text().strip()
             period = (cgroup / "cpu" / "cpu.cfs_period_us").read_text().strip()
         return None if quota in ("max", "-1") else int(quota) / int(period)
-    except (OSError, ValueError):  # no Linux, no cgroup mounted here, or one that says something else
+    except (OSError, ValueError):  # not Linux, no cgroup mounted, or a file in another format
         return None

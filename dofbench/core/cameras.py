@@ -42,7 +42,7 @@ class Calibration:
         )
 
     def binned(self, factor: int) -> Self:
-        """The same view whose pixels are cells of factor x factor pixels; what is left over is cut off."""
+        """The same view whose pixels are cells of factor x factor pixels; remaining rows and columns are cut off."""
         fx, fy, cx, cy = (value / factor for value in self.parameters)
         return replace(self, width=self.width // factor, height=self.height // factor, fx=fx, fy=fy, cx=cx, cy=cy)
 

@@ -1,4 +1,4 @@
-"""Jobs: independent pieces of work, what each takes of a machine, and who may do them."""
+"""Jobs: independent pieces of work, the resources that each needs, and the interface of executors."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def _never() -> bool:
 
 @dataclass(frozen=True)
 class Resources:
-    """What a job takes of the machine that does it.
+    """The resources that a job needs.
 
-    device: what it computes on, as torch names it. memory_mb: its peak of resident memory, MB; None where nobody knows.
-    seconds: wall time; None where nobody knows.
+    device: as torch names it. memory_mb: peak of resident memory, MB; None if unknown. seconds: wall time; None if
+    unknown.
     """
 
     device: str = "cpu"
@@ -32,12 +32,12 @@ class Resources:
 
 @dataclass(frozen=True)
 class Job:
-    """Something to do, if need be in a process of its own or on another machine.
+    """A piece of work that can be done in another process or on another machine.
 
-    work: called with a function that sends a report; what it returns is the outcome's message. It must be possible to
-    pickle it, and its reports. after: the name of a job that must have ended, well or not, before. busy: whether it had
-    better be left for later, as things are now. insist: called in place of `work` when all that is left is busy; it
-    waits for the other process instead of raising `Busy`.
+    work: called with a function that sends a report; its return value is the outcome's message. The function and its
+    reports must be picklable. after: the name of a job that must have ended before, successfully or not. busy: whether
+    the job should be postponed at present. insist: called instead of `work` when all remaining jobs are busy; it waits
+    for the other process instead of raising `Busy`.
     """
 
     name: str
@@ -58,38 +58,38 @@ class Outcome:
 
 
 class Watcher(Protocol):
-    """Told what the jobs do."""
+    """Notified of the progress of jobs."""
 
     def started(self, name: str) -> None:
-        """The job is being done."""
+        """The job has started."""
 
     def reported(self, name: str, report: Any) -> None:
         """The job sent a report."""
 
     def put_off(self, name: str) -> None:
-        """The job was begun and is left for later."""
+        """The job was started and has been postponed."""
 
     def ended(self, outcome: Outcome) -> None:
-        """The job ended, well or not."""
+        """The job ended, successfully or not."""
 
 
 class Executor(Protocol):
-    """Does jobs somewhere: in this process, in processes of this machine, on a cluster."""
+    """Carries out jobs, for example in this process, in processes of this machine, or on a cluster."""
 
     @property
     def at_a_time(self) -> int:
-        """How many jobs it does at a time, at most."""
+        """The largest number of jobs at the same time."""
 
     def run(self, jobs: Sequence[Job], watcher: Watcher) -> list[Outcome]:
-        """Do the jobs and return their outcomes in the order given.
+        """Carry out the jobs and return their outcomes in the order of the jobs.
 
-        A job that fails doesn't stop the others. When the call is interrupted, no job goes on.
+        A job that fails doesn't stop the others. When the call is interrupted, all jobs are stopped.
         """
 
 
 class ThisProcess:
-    """Does jobs one after another in the process that asks for them. An error in one ends the call and goes to the
-    caller, as does Ctrl-C: for a single job, whose end is the call's."""
+    """Carries out jobs one after another in the calling process. An error in a job, or Ctrl-C, is raised to the caller;
+    meant for a single job."""
 
     at_a_time = 1
 

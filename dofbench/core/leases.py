@@ -1,13 +1,13 @@
-"""Who is at work on a folder: leases, which hold between the processes of one machine and between machines.
+"""Leases on folders: they show which process works on a folder, between processes of one machine and between machines.
 
-A lease is a file in the folder. Its owner holds the system's lock on that file, which ends with the process, and renews
-the file's time of change every few seconds, which ends with the machine. So another process of the same machine sees at
-once that an owner has died. A machine that shares the folder over a network, where locks often don't reach, sees it
-when the file has grown old.
+A lease is a file in the folder. Its owner holds the system's lock on the file, and updates the file's modification time
+every few seconds. The lock is released when the process dies, so other processes of the same machine notice this at
+once. Other machines, which often don't see locks over a network, notice it when the file hasn't been updated for some
+time.
 
-Files are numbered. Who finds the latest lease dead makes the file of the next number: every file system makes sure that
-a file is new for one process alone. A dead file is never renamed or overwritten, so a process that judged it long ago
-can't take away what another one has taken since.
+Files are numbered. A process that finds the owner of the latest lease dead creates the file with the next number, which
+on every file system succeeds for one process only. A dead file is never renamed or overwritten, so a process that
+judged it dead earlier can't take away the lease of another process since.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ from dofbench.core.file_lock import Lock, ask
 from dofbench.core.files import read_json
 
 RENEWED_EVERY = 15.0  # seconds
-EXPIRES_AFTER = 120.0  # seconds without renewal; more than a machine under load or a network's cache may be late
-_POLL = 0.25  # seconds between two looks of a process that waits
+EXPIRES_AFTER = 120.0  # seconds without renewal; longer than the delay of a busy machine or of a network's cache
+_POLL = 0.25  # seconds between two checks of a process that waits
 _NAME = re.compile(r"running(?:\.(\d+))?\.lock")
 PATTERN = "running*.lock"
-# What file systems say that have no second names for a file.
+# Errors of file systems without hard links.
 _NO_LINKS = {errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK}
 
 
 class HeldElsewhere(InputError):
-    """Another process is at work there."""
+    """Another process holds the folder's lease."""
 
 
 class Lease:
-    """One that this process holds."""
+    """A lease that this process holds."""
 
     def __init__(self, file: Path, stream: BinaryIO):
         self._file, self._stream, self._over = file, stream, threading.Event()
@@ -53,7 +53,7 @@ class Lease:
         self._renewing.start()
 
     def check(self) -> None:
-        """Raise InputError when another process has taken the lease over: what is about to be written is its own."""
+        """Raise InputError when another process has taken over the lease, so that this one must not write."""
         try:
             ours = os.path.samestat(os.fstat(self._stream.fileno()), self._file.stat())
         except FileNotFoundError:
@@ -66,34 +66,35 @@ class Lease:
             )
 
     def end(self) -> None:
-        """Give the lease back; a second time nothing happens."""
+        """Release the lease; a second call does nothing."""
         if self._over.is_set():
             return
         self._over.set()
         self._renewing.join()
-        with suppress(InputError):  # taken over: the file of that name, if there is one, is somebody else's
+        with suppress(InputError):  # if the lease was taken over, a file of that name belongs to another process
             self.check()
             self._file.unlink(missing_ok=True)
         self._stream.close()
 
     def _renew(self) -> None:
         while not self._over.wait(RENEWED_EVERY):
-            with suppress(OSError):  # a network that is away for a moment; `check` says what it came to
+            with suppress(OSError):  # a temporary network failure; `check` notices if the lease was lost
                 os.utime(self._stream.fileno() if os.utime in os.supports_fd else self._file)
 
 
 @contextmanager
 def leased(folder: Path, note: Mapping[str, Any], *, wait: bool = False) -> Iterator[Lease]:
-    """Hold the folder's lease during the block. note: what is being done, for whoever finds it when this process died.
+    """Hold the folder's lease during the block. note: a record of the work, for a process that finds it after this one
+    died.
 
-    While another process is at work there: waits, or raises HeldElsewhere, an InputError.
+    While another process holds the lease, this waits, or raises HeldElsewhere, an InputError.
     """
     folder.mkdir(parents=True, exist_ok=True)
     content = json.dumps({"process": os.getpid(), "host": platform.node(), "machine": _machine(), **note}).encode()
     tries = 0
     while (lease := _taken(folder, content)) is None:
         tries += 1
-        # Two processes that made files at one moment have both withdrawn; one of them comes first the next time.
+        # Two processes that created files at the same moment both withdraw; the next time one of them is first.
         if not wait and (tries > 3 or at_work(folder)):
             raise HeldElsewhere(folder, "another process at work on the same run", "to be alone")
         time.sleep(_POLL * random.uniform(0.5, 1.5) if wait else random.uniform(0.01, 0.1))
@@ -109,7 +110,7 @@ def at_work(folder: Path) -> bool:
 
 
 def left_note(folder: Path) -> tuple[Path, Any] | None:
-    """The file of the folder's latest lease and what it says; None where there is none.
+    """The file of the folder's latest lease and its record; None without a lease.
 
     Raises InputError for a damaged file.
     """
@@ -118,7 +119,7 @@ def left_note(folder: Path) -> tuple[Path, Any] | None:
 
 
 def leased_folders(root: Path) -> list[Path]:
-    """Folders at or below `root` in which a process is at work or has died."""
+    """Folders at or below `root` with a lease, whose process is working or has died."""
     return sorted({file.parent for file in root.rglob(PATTERN) if _NAME.fullmatch(file.name)})
 
 
@@ -133,22 +134,23 @@ def _number(file: Path) -> int:
 
 
 def _taken(folder: Path, content: bytes) -> Lease | None:
-    """A new lease; None where another process is at work, or is just about to be."""
+    """A new lease; None if another process holds one or is just acquiring one."""
     handle, name = tempfile.mkstemp(prefix=".lease.", dir=folder)
     stream, temporary = os.fdopen(handle, "wb"), Path(name)
     kept = False
     try:
         stream.write(content)
         stream.flush()
-        temporary.chmod(0o644)  # other users may share the folder, and have to see that somebody is at work
-        # Both ages are by the clock of the machine that has the disk: clocks of machines may differ by minutes.
+        temporary.chmod(0o644)  # other users who share the folder must be able to read the lease
+        # All ages are computed by the clock of the machine with the disk, since clocks of machines may differ by
+        # minutes.
         now = os.fstat(stream.fileno()).st_mtime
         found = _files(folder)
         if any(_alive(file, now) for file in found):
             return None
         number = _number(found[-1]) + 1 if found else 1
         target = folder / ("running.lock" if number == 1 else f"running.{number}.lock")
-        ask(stream.fileno())  # before anybody can see the file, so that nobody sees it without its lock
+        ask(stream.fileno())  # locked before the file gets its name, so that no other process sees it without the lock
         if not _named(temporary, target):
             return None
         others = [file for file in _files(folder) if file != target]
@@ -166,7 +168,7 @@ def _taken(folder: Path, content: bytes) -> Lease | None:
 
 
 def _named(temporary: Path, target: Path) -> bool:
-    """Give the file the name `target` unless there is one of that name. The whole file appears at once."""
+    """Give the file the name `target` unless a file of that name exists; the complete file appears at once."""
     try:
         os.link(temporary, target)
     except FileExistsError:
@@ -183,7 +185,7 @@ def _named(temporary: Path, target: Path) -> bool:
 
 
 def _alive(file: Path, now: float) -> bool:
-    """Whether the lease's owner works on, as of `now` by the clock of the file's disk."""
+    """Whether the lease's owner is alive at the time `now`, by the clock of the file's disk."""
     try:
         stream = file.open("rb")
     except FileNotFoundError:
@@ -192,23 +194,24 @@ def _alive(file: Path, now: float) -> bool:
         lock = ask(stream.fileno(), shared=True)
         if lock is not Lock.NONE and _of_this_machine(stream):
             return lock is Lock.THEIRS
-        # Of another machine a lock says little: a network may not carry it, or keep it when the machine is gone.
+        # Locks of other machines can't be relied on: a network may not transmit them, or keep them after the machine's
+        # end.
         return now - os.fstat(stream.fileno()).st_mtime < EXPIRES_AFTER
 
 
 def _of_this_machine(stream: BinaryIO) -> bool:
     try:
         note = json.loads(stream.read())
-        # Leases of before this entry held on one machine alone.
+        # Leases without this entry are older, and held on one machine only.
         return note.get("machine", _machine()) == _machine()
-    except (ValueError, AttributeError):  # damaged: by a process that died while it wrote
+    except (ValueError, AttributeError):  # damaged by a process that died while writing
         return True
 
 
 @cache
 def _machine() -> str:
-    """What processes share that can see each other's locks: one running system. A name isn't enough, as containers and
-    clones of machines have the same."""
+    """An id of the running system, which is equal for processes that see each other's locks. A host name isn't enough,
+    as containers and cloned machines may have the same."""
     try:
         return Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
     except OSError:  # not Linux

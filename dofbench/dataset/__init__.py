@@ -1,1 +1,1 @@
-"""A dataset's folder: its files, its schema, and the reader. Knows nothing of how a dataset is made."""
+"""A dataset's folder: its files, its schema, and the reader. How datasets are made is up to other packages."""

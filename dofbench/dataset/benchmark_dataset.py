@@ -16,8 +16,8 @@ from dofbench.scenes.scene import Split
 
 
 class BenchmarkView(Protocol):
-    """One view. Its lens, in the units of the dataset's disparity range and in scene units, is None where nobody knows
-    it. exif: what its camera wrote down, if it did."""
+    """One view. Its lens, in the units of the dataset's disparity range and in scene units, is None if it is unknown.
+    exif: what the camera recorded, None without."""
 
     @property
     def name(self) -> str:
@@ -29,48 +29,48 @@ class BenchmarkView(Protocol):
 
     @property
     def camera(self) -> Camera:
-        """At the size of its pictures."""
+        """The camera, at the size of the view's images."""
 
     @property
     def lens(self) -> Lens | None:
-        """In the units of the dataset's disparity range."""
+        """The lens in the units of the dataset's disparity range; None if it is unknown."""
 
     @property
     def physical_lens(self) -> PhysicalLens | None:
-        """In scene units."""
+        """The lens in scene units; None if it is unknown."""
 
     @property
     def has_all_in_focus(self) -> bool:
-        """Whether there is a sharp photograph of it."""
+        """Whether the dataset has a sharp photograph of this view."""
 
     @property
     def has_depth(self) -> bool:
-        """Whether there is depth of it."""
+        """Whether the dataset has depth of this view."""
 
     @property
     def exif(self) -> Exif | None:
-        """What its camera wrote down."""
+        """What the camera recorded when the photograph was taken; None without."""
 
 
 class BenchmarkDataset(Protocol):
-    """Views, split into training and test views, with what is known of each. Reading what is missing raises
-    InputError, or gives None where it says so."""
+    """Views, split into training and test views, with what is known of each. Reading missing data raises InputError, or
+    gives None where the function's docstring says so."""
 
     @property
     def name(self) -> str:
-        """What results call it; `checksum` tells apart two of one name."""
+        """The name under which results refer to the dataset; `checksum` distinguishes two datasets of one name."""
 
     @property
     def scene(self) -> str:
-        """The scene that it was made from."""
+        """The scene that the dataset was made from."""
 
     @property
     def checksum(self) -> str:
-        """sha256 over all that it holds, hexadecimal."""
+        """sha256 over all content of the dataset, hexadecimal."""
 
     @property
     def assign(self) -> Dealt:
-        """How its lenses were dealt over the views."""
+        """How the lenses were assigned to the views."""
 
     @property
     def views(self) -> tuple[BenchmarkView, ...]:
@@ -82,11 +82,11 @@ class BenchmarkDataset(Protocol):
 
     @property
     def has_exact_depth(self) -> bool:
-        """Whether all test views have depth, and it is the scene's own and no estimate."""
+        """Whether all test views have depth that is the scene's exact depth, not an estimate."""
 
     @property
     def disparity_range(self) -> DisparityRange | None:
-        """What `lens` of a view refers to; None where neither a lens nor any depth is known."""
+        """The disparity range that a view's `lens` refers to; None if neither a lens nor any depth is known."""
 
     def training_views(self) -> tuple[BenchmarkView, ...]:
         """The views to train on, by name."""
@@ -98,10 +98,10 @@ class BenchmarkDataset(Protocol):
         """The shallow photograph: (H, W, 3) float32, encoded, [0, 1], at 8-bit levels."""
 
     def all_in_focus(self, view: BenchmarkView, /) -> np.ndarray | None:
-        """The sharp photograph: (H, W, 3) float32, encoded, [0, 1], at 8-bit levels; None where there is none."""
+        """The sharp photograph: (H, W, 3) float32, encoded, [0, 1], at 8-bit levels; None without one."""
 
     def depth(self, view: BenchmarkView, /) -> np.ndarray | None:
-        """z-depth: (H, W) float32, scene units, 0 where unknown; None where there is none."""
+        """z-depth: (H, W) float32, scene units, 0 where unknown; None if the view has no depth."""
 
     def training_set(self, inputs: Inputs, /) -> TrainingSet:
         """All that a method may see: training photographs, cameras, points; no lens, no depth, no test view."""

@@ -37,9 +37,9 @@ from dofbench.scenes.scene import Split
 class DatasetView:
     """One view with its true lens: `lens` in the units of the scene's disparity range, `physical_lens` in scene units.
 
-    max_coc_px: largest CoC radius among its pixels. The three are None where nobody knows the lens: then the view is a
-    photograph as it was taken. has_all_in_focus, has_depth: whether the dataset has these of the view. exif: what its
-    camera wrote down, if it did.
+    max_coc_px: largest CoC radius among the view's pixels. These three are None if the lens is unknown: the view is
+    then a real photograph. has_all_in_focus, has_depth: whether the dataset has a sharp image and depth of the view.
+    exif: what the camera recorded, None without.
     """
 
     name: str
@@ -57,8 +57,8 @@ class DatasetView:
 class Dataset:
     """A dataset folder, as `make_dataset` writes it. Images and depth are read when asked for.
 
-    views: sorted by name, with their true lenses where these are known. points: sparse points, None without.
-    checksum: sha256 of the manifest, which has those of all other files.
+    views: sorted by name, with their true lenses where these are known. points: sparse points, None without. checksum:
+    sha256 of the manifest, which holds the sha256 of every other file.
     """
 
     folder: Path
@@ -115,33 +115,33 @@ class Dataset:
 
     @property
     def name(self) -> str:
-        """The dataset's name, which is its scene's; `checksum` tells apart datasets of one scene."""
+        """The dataset's name, which is its scene's; `checksum` distinguishes datasets of one scene."""
         return self.manifest.name
 
     @property
     def scene(self) -> str:
-        """Name of the scene that it was made from."""
+        """Name of the scene that the dataset was made from."""
         return self.manifest.source.scene
 
     @property
     def assign(self) -> Dealt:
-        """How its lenses were dealt over the views; unknown where no view's lens is known."""
+        """How the lenses were assigned to the views; "unknown" if no view's lens is known."""
         return self.manifest.settings.get("assign", "per-view") if self.lenses.known else "unknown"
 
     @property
     def has_exact_depth(self) -> bool:
-        """Whether all test views have depth, and that is the scene's own exact maps, and no estimate."""
+        """Whether all test views have depth that is the scene's exact depth, not an estimate."""
         given = self.manifest.depth is not None and self.manifest.depth.source == "given"
         return given and all(view.has_depth for view in self.test_views())
 
     @property
     def disparity_range(self) -> DisparityRange | None:
-        """What the views' aperture and focus refer to; None where neither a lens nor any depth is known."""
+        """The disparity range that apertures and foci refer to; None if neither a lens nor any depth is known."""
         return self.lenses.range()
 
     @property
     def blur(self) -> Blur | None:
-        """How the lens blurs, but for each view's aperture and focus; None where no lens is known."""
+        """How the lens blurs: all settings except each view's aperture and focus; None if no lens is known."""
         return self.lenses.blur if isinstance(self.lenses, LensFile) else None
 
     @property
@@ -165,22 +165,22 @@ class Dataset:
         return tuple(view for view in self.views if view.split == "test")
 
     def lens(self, view: BenchmarkView | str) -> Lens | None:
-        """The view's true lens, in the units of `disparity_range`; None where nobody knows it."""
+        """The view's true lens, in the units of `disparity_range`; None if it is unknown."""
         return self._view(view).lens
 
     def image(self, view: BenchmarkView | str) -> np.ndarray:
         """The shallow photograph: (H, W, 3) float32, encoded, [0, 1], at 8-bit levels.
 
-        Of a view whose lens nobody knows: its photograph as it was taken, which of a test view may be a sharp one.
+        For a view of unknown lens this is the real photograph, which may be a sharp one for a test view.
         """
         return read_image(layout.shallow_path(self.folder, _name(view)))
 
     def linear(self, view: BenchmarkView | str) -> np.ndarray | None:
-        """The shallow photograph before encoding: (H, W, 3) float32, linear; None of a view whose lens nobody knows."""
+        """The shallow photograph before encoding: (H, W, 3) float32, linear; None for a view of unknown lens."""
         return read_exr(layout.linear_path(self.folder, _name(view))) if self.lens(view) is not None else None
 
     def all_in_focus(self, view: BenchmarkView | str) -> np.ndarray | None:
-        """The sharp original: (H, W, 3) float32, encoded, [0, 1], at 8-bit levels; None where there is none."""
+        """The sharp original: (H, W, 3) float32, encoded, [0, 1], at 8-bit levels; None without one."""
         known = self._view(view).has_all_in_focus
         return read_image(layout.sharp_path(self.folder, _name(view))) if known else None
 
@@ -194,7 +194,7 @@ class Dataset:
             raise InputError(path, "a changed file", f"sha256 {record.sha256[:16]}, as the manifest says")
 
     def depth(self, view: BenchmarkView | str) -> np.ndarray | None:
-        """True z-depth: (H, W) float32, scene units, 0 where unknown; None where there is none."""
+        """True z-depth: (H, W) float32, scene units, 0 where unknown; None if the view has no depth."""
         return read_exr(layout.depth_path(self.folder, _name(view))) if self._view(view).has_depth else None
 
     def confidence(self, view: BenchmarkView | str) -> np.ndarray | None:

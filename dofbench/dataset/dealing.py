@@ -1,8 +1,8 @@
-"""How a dataset deals lenses to its views."""
+"""How the lenses of a dataset are assigned to its views."""
 
 from __future__ import annotations
 
 from typing import Literal
 
 Assign = Literal["per-view", "fixed", "held-out", "continuous"]
-Dealt = Assign | Literal["unknown"]  # unknown: real photographs, whose lens nobody knows
+Dealt = Assign | Literal["unknown"]  # unknown: real photographs, whose lens isn't known

@@ -1,4 +1,4 @@
-"""What stands where in a dataset folder."""
+"""The paths of the files in a dataset folder."""
 
 from __future__ import annotations
 
@@ -36,5 +36,5 @@ def confidence_path(root: Path, name: str) -> Path:
 
 
 def relative(place: Callable[[Path, str], Path], name: str) -> str:
-    """A view's file, by one of the functions above, relative to the dataset's folder."""
+    """The path of a view's file relative to the dataset's folder; place: one of the functions above."""
     return place(Path(), name).as_posix()

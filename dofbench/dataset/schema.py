@@ -16,8 +16,8 @@ from dofbench.dataset.sensor import Sensor
 from dofbench.scenes.scene import Photograph, Split
 
 SCHEMA = "dofbench-dataset"
-# 1: every view has its lens, its depth and its sharp image. 2: some of that may be unknown, and is then said to be.
-# Written is the lowest that can hold the dataset, so that older programs go on reading what they can.
+# Schema versions. 1: the lens, depth and sharp image of every view are known. 2: some may be unknown, and are marked
+# so. A dataset is written in the lowest version that can hold it, so that older programs can still read it.
 ALL_KNOWN, SOME_UNKNOWN = 1, 2
 VERSIONS = (ALL_KNOWN, SOME_UNKNOWN)
 MANIFEST = "dataset.json"
@@ -44,7 +44,7 @@ class ShapeRecord(_Record):
 
 
 class DealtRecord(_Record):
-    """Only with a per-view normaliser: the lens as it was dealt, and the range that it refers to."""
+    """Only with a per-view normaliser: the lens as it was assigned, and the disparity range that it refers to."""
 
     disparity_range: tuple[FiniteFloat, FiniteFloat]
     aperture: FiniteFloat
@@ -83,14 +83,14 @@ class ViewRecord(_Record):
 
 
 class UnknownLens(_Record):
-    """A view whose lens nobody knows: its image is a photograph, as it was taken."""
+    """A view of unknown lens: its image is a real photograph."""
 
     name: str
     split: Split
     lens: Literal["unknown"]
 
 
-# No names of fields: where something is wrong with a view, they are left out of what is said of it.
+# Tags by which pydantic chooses the kind of view. They aren't fields, so messages about a view leave them out.
 _KNOWN, _UNKNOWN = "(known)", "(unknown)"
 
 
@@ -115,7 +115,7 @@ class SensorRecord(_Record):
 
 
 class ThinLensRecord(_Record):
-    """What the photographs of the renderer "thinlens" are of: make-scene's recipe and seed; samples a pixel."""
+    """How the photographs of the renderer "thinlens" were made: make-scene's recipe and seed; samples per pixel."""
 
     recipe: str
     seed: int
@@ -127,7 +127,7 @@ class ThinLensRecord(_Record):
 class LensFile(_Record):
     """lens.json: all that is needed to blur the all-in-focus images again.
 
-    disparity_range: 1 / scene unit. layers: of the renderer "layered", thinlens: of "thinlens", else absent.
+    disparity_range: 1 / scene unit. layers: present with the renderer "layered" alone; thinlens: with "thinlens" alone.
     """
 
     disparity_range: tuple[FiniteFloat, FiniteFloat]
@@ -148,30 +148,32 @@ class LensFile(_Record):
 
     @property
     def blur(self) -> Blur:
-        """How the lens blurs, but for each view's aperture and focus. Raises InputError for an impossible one."""
+        """How the lens blurs: all settings except each view's aperture and focus. Raises InputError for an impossible
+        lens."""
         shape, layers = self.shape.shape(), LAYERS if self.layers is None else self.layers
         return Blur(self.gamma, self.alpha, shape, self.energy, self.renderer, layers)
 
     @staticmethod
     def of_blur(blur: Blur) -> dict[str, Any]:
-        """The fields that a blur fills, by name; those of a renderer that needs them not are absent."""
+        """The fields of this record that a blur determines, by name; without those that the blur's renderer doesn't
+        use."""
         fields = asdict(blur) | {"shape": ShapeRecord(**asdict(blur.shape))}
         return fields | {"layers": blur.layers if blur.renderer == "layered" else None}
 
     @property
     def known(self) -> tuple[ViewRecord, ...]:
-        """The views whose lens is known: all of them, but for test views that are photographs."""
+        """The views whose lens is known: all except test views that are real photographs."""
         return tuple(view for view in self.views if isinstance(view, ViewRecord))
 
 
 class UnknownLensFile(_Record):
-    """lens.json where no view's lens is known. disparity_range: of the views that have depth; absent without any."""
+    """lens.json if no view's lens is known. disparity_range: that of the views with depth; absent if none has depth."""
 
     disparity_range: tuple[FiniteFloat, FiniteFloat] | None = None
     views: tuple[UnknownLens, ...]
 
     def range(self) -> DisparityRange | None:
-        """The scene's disparity range, if depth tells it. Raises ValueError when it is empty."""
+        """The scene's disparity range, None if no view has depth. Raises ValueError when it is empty."""
         return None if self.disparity_range is None else DisparityRange(*self.disparity_range)
 
     @property
@@ -181,10 +183,10 @@ class UnknownLensFile(_Record):
 
 
 class SourceImage(_Record):
-    """The file that a view came from, by content.
+    """The file that a view was made from, identified by its content.
 
-    photograph: of a view that is that photograph, as it was taken, by a lens that nobody knows. Absent of a view that
-    was blurred from an all-in-focus image.
+    photograph: true if the view is that photograph itself, taken through an unknown lens. Absent if the view was
+    blurred from an all-in-focus image.
     """
 
     view: str
@@ -195,8 +197,8 @@ class SourceImage(_Record):
 class SourceRecord(_Record):
     """The scene that the dataset was made from. geometry: sha256 of its cameras, split and points.
 
-    licence: of its images, as their source states it; terms: more about that. citation: a reference each.
-    origin: where the images are from.
+    licence: the licence of the images, as their source states it; terms: details of the licence. citation: one
+    reference per entry. origin: where the images come from.
     """
 
     scene: str
@@ -210,7 +212,7 @@ class SourceRecord(_Record):
 
 
 class ConsistencyRecord(_Record):
-    """How far a view's depth agrees with its neighbours', as `dofbench.depth.multi_view.Consistency`, to six
+    """How well a view's depth agrees with its neighbours': `dofbench.depth.multi_view.Consistency` rounded to six
     decimals."""
 
     neighbours: tuple[str, ...]
@@ -222,10 +224,11 @@ class ConsistencyRecord(_Record):
 
 
 class DepthViewRecord(_Record):
-    """One view's depth. known: share of its pixels. confidence: mean over those, and the share of them above 1/2.
+    """One view's depth. known: share of pixels with depth. confidence: its mean over those pixels, and the share of
+    them where it is above 1/2.
 
-    These three are by the 8-bit map in confidence/. statistics: the source's own numbers, whose meaning the provenance
-    gives, to six digits. consistency: absent where no other view sees enough of the same.
+    These three are computed from the 8-bit map in confidence/. statistics: numbers that the depth source reports, to
+    six digits; their meaning is in the provenance. consistency: absent where no other view sees enough of the same.
     """
 
     view: str
@@ -250,7 +253,7 @@ class DepthRecord(_Record):
 
 
 class FileRecord(_Record):
-    """A file of the dataset by content: size in bytes."""
+    """A file of the dataset, identified by its content: size in bytes and sha256."""
 
     sha256: str = Checksum
     size: int = Field(ge=0)
@@ -259,8 +262,8 @@ class FileRecord(_Record):
 class Manifest(_Record):
     """dataset.json: written last, so that a folder with a manifest is complete.
 
-    identity: sha256 of everything that decides the content (settings, source, lens plan, version). depth: absent where
-    no view has any.
+    identity: sha256 of everything that decides the content (settings, source, lens plan, version). depth: absent if no
+    view has depth.
     """
 
     schema_name: Literal["dofbench-dataset"] = Field(alias="schema")

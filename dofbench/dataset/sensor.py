@@ -1,4 +1,4 @@
-"""What a camera adds behind its lens: shot and read noise, repeatable pixel by pixel."""
+"""Noise of the camera's sensor: shot and read noise, the same for each pixel whenever it is drawn again."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ import numpy as np
 class Sensor:
     """Noise of a sensor, in linear light whose full scale is 1.
 
-    photons: that a pixel at full scale collects, 0 for no shot noise. read_noise: standard deviation of what
-    is added to every pixel alike. seed: of the noise. Raises ValueError for a negative or non-finite number.
+    photons: number that a pixel at full scale collects, 0 for no shot noise. read_noise: standard deviation of the
+    noise that doesn't depend on the signal. seed: seed of the random numbers. Raises ValueError for a negative or
+    non-finite number.
 
     The variance at a signal x is x / photons + read_noise**2: the Gaussian approximation of shot noise (Foi et al.,
     Practical Poissonian-Gaussian Noise Modeling and Fitting, 2008, Eq. 4).
@@ -31,17 +32,18 @@ class Sensor:
 
     @property
     def is_noisy(self) -> bool:
-        """Whether it adds anything."""
+        """Whether the sensor adds any noise."""
         return self.photons > 0 or self.read_noise > 0
 
     def standard_noise(self, view: str, shape: tuple[int, ...]) -> np.ndarray:
-        """Standard normal numbers of a view's photograph of `shape`, float32; seed, name and shape decide them."""
+        """Standard normal numbers of `shape`, float32, for a view's photograph; they depend on seed, name and shape
+        alone."""
         digest = hashlib.sha256(f"{self.seed}/{view}".encode()).digest()
         generator = np.random.Generator(np.random.Philox(key=int.from_bytes(digest[:16], "little")))
         return generator.standard_normal(shape).astype(np.float32)
 
     def expose(self, linear: np.ndarray, standard_noise: np.ndarray) -> np.ndarray:
-        """Linear light with the noise on it; nothing below 0, as no sensor counts below.
+        """Linear light with noise added, cut at 0, since a sensor counts no negative light.
 
         linear: any shape; standard_noise: of the same shape, as `standard_noise` gives it.
         """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 def __getattr__(name: str):
-    # torch is loaded only when one of these is asked for.
+    # These names load torch, so they are imported only when they are used.
     if name in ("Reconstruction", "reconstruct"):
         from dofbench.gaussians import scene_fit
 

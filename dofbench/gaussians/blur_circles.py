@@ -1,4 +1,4 @@
-"""How wide the circles of confusion are that learned lenses give their own photographs, and how far lenses differ."""
+"""How wide the learned lenses' circles of confusion are in their own photographs, and how far the lenses differ."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from dofbench.gaussians.render import AppearanceOptions, rasterise
 from dofbench.learning.rendered_surface import surface_disparity
 
 _WIDE_PIXELS, _WIDE_VIEWS = 0.95, 0.9  # quantiles
-_MIDDLE = 0.25, 0.75  # of the lenses; those beyond may be badly learned
+_MIDDLE = 0.25, 0.75  # quantiles of the lenses; lenses outside them may be badly learned
 
 
 @torch.no_grad()
 def widest_circle(gaussians: Gaussians, shots: Sequence[Shot], appearance: AppearanceOptions) -> float:
-    """Radius, pixels: the 0.95 quantile over a view's pixels, and of these the 0.9 quantile over the views, some of
-    which may be in focus everywhere."""
+    """Radius of the widest circles of confusion, pixels: the 0.95 quantile over a view's pixels, then the 0.9 quantile
+    over the views, since some views may be in focus everywhere."""
     widest = []
     for shot in shots:
         raster = rasterise(gaussians, shot.camera, appearance, sh_degree=0)
@@ -31,8 +31,8 @@ def widest_circle(gaussians: Gaussians, shots: Sequence[Shot], appearance: Appea
 
 @torch.no_grad()
 def foci_apart(shots: Sequence[Shot], bounds: DisparityRange) -> float:
-    """Pixels: how much the circle of one and the same point changes from a lens to another, for the middle half of the
-    lenses, at the end of the range `bounds` where it changes more."""
+    """How much the circle of confusion of one point differs between lenses, pixels: the spread over the middle half of
+    the lenses, at that end of the disparity range `bounds` where the spread is larger."""
     ends = np.array(
         [[float(shot.radius(torch.tensor(disparity))) for shot in shots] for disparity in (bounds.q_min, bounds.q_max)]
     )

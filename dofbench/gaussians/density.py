@@ -1,4 +1,4 @@
-"""Density control: grow where the image asks for detail, prune what is transparent (3DGS)."""
+"""Density control: add Gaussians where the image lacks detail, remove transparent ones (3DGS)."""
 
 from __future__ import annotations
 
@@ -24,17 +24,18 @@ class DensityOptions:
     """When Gaussians are added and removed, and which."""
 
     max_gaussians: int = 1_000_000
-    """No Gaussians are added beyond so many. Unit: none. Source: own."""
+    """Number of Gaussians above which none are added. Unit: none. Source: own."""
     densify_from: float = 1 / 60
     """When Gaussians begin to be added and removed. Unit: share of the training. Source: 3DGS; 0.1 in the released
     code."""
     densify_until: float = 0.5
-    """When that ends. Unit: share of the training. Source: 3DGS; 2/3 in the released code."""
+    """When Gaussians cease to be added and removed. Unit: share of the training. Source: 3DGS; 2/3 in the released
+    code."""
     densify_every: int = 100
-    """How often it is done in between. Unit: steps. Source: 3DGS."""
+    """Interval at which Gaussians are added and removed. Unit: steps. Source: 3DGS."""
     grow_gradient: float = 2e-4
-    """Mean gradient of the loss by a Gaussian's place in the image from which on it is cloned or split. Unit: loss per
-    half image. Source: 3DGS; 3e-4 in the released code."""
+    """Mean gradient of the loss with respect to a Gaussian's position in the image above which it is cloned or split.
+    Unit: loss per half image. Source: 3DGS; 3e-4 in the released code."""
     grow_absolute: bool = False
     """Whether the gradient's absolute value is summed over the pixels. Unit: none. Source: AbsGS; off in the released
     code."""
@@ -42,13 +43,14 @@ class DensityOptions:
     """Size above which a Gaussian is split, and below which it is cloned. Unit: share of the scene's extent.
     Source: 3DGS."""
     clone_opacity: Literal["keep", "share"] = "keep"
-    """What a clone's opacity is: keep, its original's, which makes the two more opaque than the one was; share, divided
-    so that the rendering hardly changes. Unit: none. Source: keep: 3DGS; share: Rota Bulo et al., Revising
-    Densification in Gaussian Splatting."""
+    """Opacity of a clone: keep, that of the original, so that the two together are more opaque than the original was;
+    share, divided between the two so that the rendering hardly changes. Unit: none. Source: keep: 3DGS; share: Rota
+    Bulo et al., Revising Densification in Gaussian Splatting."""
     prune_opacity: float = 0.005
     """Opacity below which a Gaussian is removed. Unit: none. Source: 3DGS; 0.05 in the released code."""
     prune_depth_graded: bool = False
-    """Whether that threshold is divided by 1 (nearest) to 3 (farthest). Unit: none. Source: released code."""
+    """Whether prune_opacity is divided by 1 for the nearest Gaussian to 3 for the farthest. Unit: none. Source:
+    released code."""
     reset_every: float = 0.1
     """How often all opacities are reset; 0 for never. Unit: share of the training. Source: 3DGS."""
 
@@ -76,16 +78,17 @@ class DensityControl:
         self._visits = means.new_zeros(len(means))
 
     def state(self) -> tuple[Tensor, Tensor, float]:
-        """What was accumulated, to come back to."""
+        """A copy of the accumulated statistics, for `restore`."""
         return self._gradient_sum.clone(), self._visits.clone(), self._next_reset
 
     def restore(self, state: tuple[Tensor, Tensor, float]) -> None:
-        """Go on from a `state`."""
+        """Set the accumulated statistics to a copy of an earlier `state`."""
         gradient_sum, visits, self._next_reset = state
         self._gradient_sum, self._visits = gradient_sum.clone(), visits.clone()
 
     def record(self, statistics: ViewStatistics, width: int, height: int) -> None:
-        """Add the statistics of one photograph (width x height, pixels): gradients in 3DGS's NDC unit, by visits."""
+        """Add the statistics of one photograph (width x height, pixels): gradients in 3DGS's NDC unit, and a visit of
+        every visible Gaussian."""
         gradient_2d = statistics.abs_grad_2d if self._options.grow_absolute else statistics.grad_2d
         x, y = gradient_2d[:, 0] * (0.5 * width), gradient_2d[:, 1] * (0.5 * height)
         self._gradient_sum += torch.sqrt(x * x + y * y)
@@ -93,8 +96,8 @@ class DensityControl:
 
     @contextmanager
     def resting(self) -> Iterator[None]:
-        """Nothing is added, removed or reset; growing and pruning that falls due comes after the first step
-        thereafter."""
+        """A block in which nothing is added, removed or reset; growing and pruning that was due in the block happens
+        after the first step behind the block."""
         self._resting = True
         try:
             yield
@@ -102,7 +105,8 @@ class DensityControl:
             self._resting = False
 
     def after_step(self, step: int, progress: float) -> bool:
-        """Do what is due after step number `step`, at `progress`; True when Gaussians were added or removed."""
+        """Grow, prune or reset if it is due after step number `step`, at `progress`; True when Gaussians were added or
+        removed."""
         options = self._options
         due = step % options.densify_every == 0 or self._overdue
         self._overdue = self._resting and due
@@ -110,7 +114,7 @@ class DensityControl:
             return False
         if options.reset_every > 0 and progress >= self._next_reset and progress < options.densify_until:
             self._next_reset += options.reset_every
-            if progress > options.densify_from:  # the released code resets only while it densifies
+            if progress > options.densify_from:  # as in the released code: no reset before densification begins
                 self._reset_opacity()
         if not due or not options.densify_from <= progress < options.densify_until:
             return False
@@ -126,7 +130,7 @@ class DensityControl:
         grow = gradient >= options.grow_gradient
         room = options.max_gaussians - len(gaussians)
         if int(grow.sum()) > max(room, 0):
-            # Not all fit: those with the largest gradient first.
+            # Not all candidates fit below the limit: those with the largest gradient are taken.
             grow = torch.zeros_like(grow)
             if room > 0:
                 grow[torch.topk(gradient, room).indices] = True
@@ -142,7 +146,8 @@ class DensityControl:
         opacity = torch.sigmoid(parameters["opacity_logits"])
         transparent = opacity < threshold
         if options.clone_opacity == "share":
-            # Two copies of 1 - sqrt(1 - o) in front of each other let through as much light as one of o.
+            # Two Gaussians of opacity 1 - sqrt(1 - o), one behind the other, let as much light through as one of
+            # opacity o.
             shared = 1 - torch.sqrt(1 - opacity[clone])
             parameters["opacity_logits"][clone] = torch.logit(shared, eps=1e-6)
         cloned = {name: value[clone & ~transparent] for name, value in parameters.items()}
@@ -152,7 +157,7 @@ class DensityControl:
         self._optimiser.rebuild(kept, added)
 
     def _children(self, parents: dict[str, Tensor]) -> dict[str, Tensor]:
-        """Two children a parent, drawn from the parent's own density."""
+        """Two children of each parent, their means drawn from the parent's distribution."""
         children = {name: value.repeat(2, *[1] * (value.ndim - 1)) for name, value in parents.items()}
         scales = children["log_scales"].exp()
         offsets = torch.randn(scales.shape, generator=self._generator) * scales

@@ -15,7 +15,7 @@ class DistortionOptions:
     distortion_weight: float = 0.0
     """The weight of the loss; 0 switches it off. Unit: none. Source: own; 100 in the released code."""
     distortion_from: float = 0.5
-    """From when it acts. Unit: share of the training. Source: released code."""
+    """When the loss begins to act. Unit: share of the training. Source: released code."""
     distortion_near: float = 0.2
     """Near bound n of the depth's mapping to 0 to 1. Unit: scene units. Source: released code."""
     distortion_far: float = 100.0
@@ -23,13 +23,14 @@ class DistortionOptions:
 
 
 def distortion_loss(distortion: Tensor, alpha: Tensor, image: Tensor, near: float, far: float) -> Tensor:
-    """The released code's distortion loss (docs/published-methods.md, "Losses"): pulls a ray's Gaussians together.
+    """The released code's distortion loss (docs/published-methods.md, "Losses"): draws a ray's Gaussians together in
+    depth.
 
     The mean over the pixels of distortion / alpha^2, of depth mapped to [0, 1] by m = (f z - f n) / ((f - n) z), times
     exp(-g); g is the largest absolute difference of the photograph's colour, mean over its channels, to the four
-    neighbours, since depth may jump where colour does. Pixels at the border count as 0. distortion: (H, W),
-    1 / scene unit^2, the rasteriser's, of disparity; divided by alpha^2 it is the variance of disparity among
-    the pixel's Gaussians. image: (H, W, 3). near, far: scene units.
+    neighbours, since depth may jump where colour does. Pixels at the border count as 0. distortion: (H, W), 1 / scene
+    unit^2, the rasteriser's distortion of disparity; divided by alpha^2 it is the variance of disparity among the
+    pixel's Gaussians. image: (H, W, 3). near, far: scene units.
     """
     there = alpha.detach() > 0
     # m is affine in disparity: differences of m are this many times the differences of 1 / z.

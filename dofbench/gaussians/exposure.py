@@ -18,7 +18,8 @@ from dofbench.gaussians.render import AppearanceOptions, rasterise
 
 
 class StillRasteriser:
-    """The `Rasteriser` of rendering: all harmonics, no statistics, and points of the lens that don't turn."""
+    """The `Rasteriser` for rendering: all spherical harmonics, no statistics, and an unrotated pattern of lens
+    points."""
 
     def __init__(self, gaussians: Gaussians, appearance: AppearanceOptions):
         self.gaussians, self._appearance = gaussians, appearance
@@ -30,15 +31,14 @@ class StillRasteriser:
         return rasterise(self.gaussians, camera, self._appearance, geometry=geometry, means=means, blur=blur)
 
     def turn(self) -> float:
-        """0."""
+        """The rotation of the pattern of lens points: 0."""
         return 0.0
 
 
 class Exposures:
-    """Renders Gaussians that don't change any more, through one lens after another.
+    """Renders trained Gaussians through one lens after another.
 
-    Where a lens blurs the sharp view of one camera again and again, as a search for the lens does, the sharp view is
-    rasterised once.
+    While the camera stays the same, as in a search for its lens, the sharp view is rasterised once and kept.
     """
 
     def __init__(self, gaussians: Gaussians, options: GaussianOptions):
@@ -48,7 +48,7 @@ class Exposures:
 
     @torch.no_grad()
     def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
-        """Image and depth; all in focus, and rasterised anew, when `lens` is None."""
+        """Image and depth. When `lens` is None, the image is all in focus and is always rasterised anew."""
         if lens is None:
             raster = self._scene.rasterise(camera, "depth")
             return Rendering(image=raster.color.numpy(), depth=raster.depth.numpy())
@@ -56,7 +56,7 @@ class Exposures:
             self._kept = camera, SharpView(self._scene.rasterise(camera, "depth"))
         sharp = self._kept[1]
         image = self._model.photograph(self._scene, sharp, Shot.through(lens, camera))
-        # A copy of what is kept, since the caller may write into what it is given.
+        # A copy, since the sharp view is kept and the caller may write into the result.
         return Rendering(image=image.numpy(), depth=sharp.raster.depth.numpy().copy())
 
 

@@ -1,4 +1,4 @@
-"""The Method contract on top of the trainer; a Gaussian method adds only its options."""
+"""The `Method` contract implemented on the trainer; a Gaussian method adds only its options."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ _MODEL, _LENSES, _COLOURS = "gaussians.ply", "lenses.json", "colours.json"
 
 
 class GaussianMethod:
-    """A method of this project's trainer. `FORCED` are the options that make it what it is."""
+    """Base of the methods that use this project's trainer. `FORCED`: options that define the method and can't be
+    set."""
 
     FORCED: ClassVar[Mapping[str, Any]] = {}
 
@@ -40,7 +41,7 @@ class GaussianMethod:
         self._seed = seed
         self._gaussians: Gaussians | None = None
         self._trainer: Trainer | None = None
-        self._exposures: Exposures | None = None  # while nothing is being trained
+        self._exposures: Exposures | None = None  # renders the model while no training is running
         self._lenses: dict[str, PhysicalLens] | None = None
         self._colours: dict[str, np.ndarray] | None = None
 
@@ -51,7 +52,7 @@ class GaussianMethod:
 
     @property
     def options(self) -> GaussianOptions:
-        """The options in force: training may have revised those that the method was made with."""
+        """The current options, which training may have revised since the method was made."""
         return self._trainer.options if self._trainer else self._options
 
     def fit(self, training_set: TrainingSet, budget: Budget, observer: Observer) -> FitOutcome:
@@ -74,7 +75,8 @@ class GaussianMethod:
         return self._trainer.lens_estimates() if self._trainer else self._lenses
 
     def colour_estimates(self) -> dict[str, np.ndarray] | None:
-        """The learned colour of every training photograph, (3, 4) as in `photograph_colours.py`; None where none is."""
+        """The learned colour of every training photograph, (3, 4) as in `photograph_colours.py`; None if none is
+        learned."""
         return self._trainer.colour_estimates() if self._trainer else self._colours
 
     def describe(self) -> dict[str, float]:
@@ -82,10 +84,10 @@ class GaussianMethod:
         return {"gaussians": len(self._trained())}
 
     def save(self, folder: Path) -> None:
-        """Write the Gaussians as 3DGS' .ply, and the learned lenses with the options of rendering as JSON; the
-        photographs' colours too where they were learned.
+        """Write the Gaussians as 3DGS' .ply, the learned lenses and the rendering options as JSON, and the photographs'
+        colours if they were learned.
 
-        The 3D filter becomes part of the Gaussians, so what is read back renders the same but for rounding.
+        The 3D filter is merged into the Gaussians, so a model that is read back renders the same except for rounding.
         """
         write_splats(folder / _MODEL, self._trained())
         values = self.options.flat()
@@ -95,7 +97,7 @@ class GaussianMethod:
             write_colours(folder / _COLOURS, colours)
 
     def load(self, folder: Path) -> None:
-        """Read what `save` wrote; raises InputError when it isn't there or is damaged."""
+        """Read a model that `save` wrote; raises InputError when a file is missing or damaged."""
         gaussians = read_splats(folder / _MODEL)
         self._lenses, rendering = read_lenses(folder / _LENSES, RENDERING)
         self._options = self._options.with_overrides(rendering, f"{folder / _LENSES}: rendering")

@@ -1,4 +1,5 @@
-"""All options of the Gaussian trainer: each group is declared where it steers, and composed here."""
+"""All options of the Gaussian trainer. Each group of options is declared in the module that uses it; here they are
+combined."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ from dofbench.learning.training_schedule import ScheduleOptions
 
 @dataclass(frozen=True)
 class GaussianOptions(OptionGroups):
-    """What `method.toml` presets and `--set key=value` name of a Gaussian method, by concern."""
+    """The options of a Gaussian method that presets in `method.toml` and `--set key=value` can set, grouped by
+    purpose."""
 
     schedule: ScheduleOptions = ScheduleOptions()
     appearance: AppearanceOptions = AppearanceOptions()
@@ -53,5 +55,5 @@ class GaussianOptions(OptionGroups):
             raise InputError("option lens_blades", f"{self.scatter.lens_blades} with lens_model=samples", "0: a disc")
 
     def forward_models(self) -> ForwardSchedule:
-        """The forward models that a training with these options looks through."""
+        """The forward models of a training with these options."""
         return training_models(self.lens.lens, self.blur, self.scatter, self.samples)

@@ -72,10 +72,11 @@ class Gaussians:
 
     @torch.no_grad()
     def update_filter_3d(self, cameras: Sequence[Camera]) -> None:
-        """Mip-Splatting's 3D filter, (N,) scene units, from the finest sampling of any view that sees a Gaussian.
+        """Compute Mip-Splatting's 3D filter, (N,) scene units, from the finest sampling of the views that see each
+        Gaussian.
 
-        A view sees a Gaussian when it is in front of it and projects at most 15 % outside the image; a
-        Gaussian that no view sees gets the largest size of the others. Raises InputError where none is seen.
+        A view sees a Gaussian when it is in front of it and projects at most 15 % outside the image; a Gaussian that no
+        view sees gets the largest size of the others. Raises InputError if no Gaussian is seen.
         """
         means = self.parameters["means"].detach()
         finest = means.new_full((len(means),), math.inf)
@@ -95,9 +96,9 @@ class Gaussians:
         self.filter_3d = finest
 
     def save(self, path: Path) -> None:
-        """Write all parameters bit for bit as a compressed numpy archive, atomically: a file to go on from.
+        """Write all parameters bit for bit as a compressed numpy archive, atomically, to continue with later.
 
-        What others are to open is written by `splats.write_splats`.
+        A file for other programs is written by `splats.write_splats`.
         """
         arrays = {name: value.detach().numpy() for name, value in self.parameters.items()}
         if self.filter_3d is not None:
@@ -107,7 +108,7 @@ class Gaussians:
 
     @staticmethod
     def load(path: Path) -> Gaussians:
-        """Read what `save` wrote; raises InputError when it is something else."""
+        """Read a file that `save` wrote; raises InputError for any other file."""
         try:
             with np.load(path) as archive:
                 arrays = {name: torch.from_numpy(archive[name]) for name in archive.files}

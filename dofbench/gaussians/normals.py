@@ -13,22 +13,22 @@ from dofbench.core.cameras import Camera
 
 @dataclass(frozen=True)
 class NormalOptions:
-    """How strongly normals and depth are held together, and in which form."""
+    """How strongly normals are made consistent with depth, and in which form."""
 
     normal_weight: float = 0.05
     """w_n, the weight of the loss; 0 switches it off. Unit: none. Source: Eq. 12, supplement."""
     normal_from: float = 0.0
-    """From when it acts. Unit: share of the training. Source: paper; 0.5 in the released code."""
+    """When the loss begins to act. Unit: share of the training. Source: paper; 0.5 in the released code."""
     normal_median: float = 0.0
-    """Share of the median depth's normals; the rest are the expected depth's. Unit: share. Source: own; 0.6 in the
-    released code."""
+    """Weight of the normals of the median depth; those of the expected depth have the remaining weight. Unit: share.
+    Source: own; 0.6 in the released code."""
     normal_form: Literal["splats", "pixel"] = "splats"
-    """splats sums over a pixel's splats, pixel compares its one normal of unit length. Unit: none. Source: splats:
-    Eq. 12; pixel: released code."""
+    """splats: the sum over a pixel's splats; pixel: a comparison of the pixel's blended normal, at unit length. Unit:
+    none. Source: splats: Eq. 12; pixel: released code."""
 
 
 def normals_from_depth(depth: Tensor, camera: Camera) -> Tensor:
-    """(H-2, W-2, 3) unit normals in the camera's frame, towards it, by central differences.
+    """(H-2, W-2, 3) unit normals in the camera's frame, towards the camera, by central differences.
 
     Back-projects z-depth (H, W) through the pixel centres.
     """
@@ -50,10 +50,10 @@ def normal_consistency(
     median_share: float,
     form: Literal["splats", "pixel"] = "splats",
 ) -> Tensor:
-    """How far the rendered normals lie from the depth's, n^, averaged over the pixels within the border.
+    """Difference of the rendered normals from the normals n^ of the depth, averaged over the pixels within the border.
 
     "splats" is Eq. 12, the sum over a pixel's splats of w (1 - n . n^): alpha minus the blended normal along n^.
-    "pixel" is 1 - n . n^ for the blended normal brought to unit length (released code); 1 where there is nothing.
+    "pixel" is 1 - n . n^ for the blended normal n at unit length (released code); 1 where no surface is rendered.
     """
     if form == "pixel":
         there = alpha.detach()[..., None] > 0

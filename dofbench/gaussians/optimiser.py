@@ -1,4 +1,4 @@
-"""Adam over the Gaussians, with the surgery that density control needs."""
+"""Adam over the Gaussians' parameters, which density control can add rows to and remove rows from."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ class RateOptions:
     """Adam's step on each of the Gaussians' parameters (3DGS's names)."""
 
     means_lr: float = 1.6e-4
-    """On the means at the start. Unit: scene's extent, a step. Source: 3DGS."""
+    """Rate of the means at the start. Unit: scene's extent, a step. Source: 3DGS."""
     means_lr_final: float = 1.6e-6
-    """On the means at the end, with an exponential fall between. Unit: scene's extent, a step. Source: 3DGS."""
+    """Rate of the means at the end; it falls exponentially in between. Unit: scene's extent, a step. Source: 3DGS."""
     sh_dc_lr: float = 2.5e-3
-    """On the constant spherical harmonic of each colour. Unit: coefficient, a step. Source: 3DGS."""
+    """Rate of the constant spherical harmonic of each colour. Unit: coefficient, a step. Source: 3DGS."""
     sh_rest_lr: float = 1.25e-4
-    """On the other spherical harmonics. Unit: coefficient, a step. Source: 3DGS."""
+    """Rate of the other spherical harmonics. Unit: coefficient, a step. Source: 3DGS."""
     opacity_lr: float = 0.05
-    """On the opacities' logits. Unit: logit, a step. Source: 3DGS."""
+    """Rate of the opacities' logits. Unit: logit, a step. Source: 3DGS."""
     scale_lr: float = 5e-3
-    """On the scales' logarithms. Unit: logarithm, a step. Source: 3DGS."""
+    """Rate of the scales' logarithms. Unit: logarithm, a step. Source: 3DGS."""
     rotation_lr: float = 1e-3
-    """On the quaternions. Unit: component, a step. Source: 3DGS."""
+    """Rate of the quaternions. Unit: component, a step. Source: 3DGS."""
 
 
 class GaussianOptimiser:
-    """torch's fused Adam, one group a parameter, eps 1e-15 as in 3DGS."""
+    """torch's fused Adam, one group per parameter, eps 1e-15 as in 3DGS."""
 
     def __init__(self, gaussians: Gaussians, options: RateOptions, extent: float):
         self.gaussians = gaussians
@@ -59,11 +59,11 @@ class GaussianOptimiser:
         self._adam.zero_grad(set_to_none=True)
 
     def discard_gradients(self) -> None:
-        """Drop the gradients of a step that must not be taken."""
+        """Discard the gradients of a step that isn't carried out because a value isn't finite."""
         self._adam.zero_grad(set_to_none=True)
 
     def state(self) -> dict[str, dict[str, Tensor]]:
-        """Each parameter with its moments, copied, to come back to."""
+        """A copy of each parameter and its moments, for `restore`."""
         return {
             group["name"]: {
                 "value": group["params"][0].detach().clone(),
@@ -73,7 +73,7 @@ class GaussianOptimiser:
         }
 
     def restore(self, state: dict[str, dict[str, Tensor]]) -> None:
-        """Go on from a `state`, whatever has been added or removed since."""
+        """Set parameters and moments to an earlier `state`, even if Gaussians were added or removed since."""
         for group in self._adam.param_groups:
             kept = {key: value.clone() for key, value in state[group["name"]].items()}
             self._adam.state.pop(group["params"][0], None)

@@ -1,4 +1,4 @@
-"""From Gaussians to sharp images and depth: what training, evaluation and a loaded model share."""
+"""From Gaussians to sharp images and depth; used by training, evaluation and loaded models."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from dofbench.kernels import load
 
 @dataclass(frozen=True)
 class AppearanceOptions:
-    """How Gaussians look: their colours' dependence on direction, the filters against aliasing, the background."""
+    """How Gaussians are drawn: their colours' dependence on direction, the filters against aliasing, the background."""
 
     sh_degree: int = 3
     """Highest degree of the spherical harmonics. Unit: none. Source: 3DGS."""
     sh_every: float = 1 / 30
-    """After how much of the training one degree more is learned; 0 for all at once. Unit: share of the training.
-    Source: 3DGS, 1000 of 30 000 steps."""
+    """Interval at which one more degree of the spherical harmonics is learned; 0 for all degrees from the start. Unit:
+    share of the training. Source: 3DGS, 1000 of 30 000 steps."""
     background: float = 0.0
-    """What lies behind the scene, encoded, 0 for black. Unit: grey level. Source: 3DGS."""
+    """Colour behind the scene, encoded, 0 for black. Unit: grey level. Source: 3DGS."""
     filter_2d: float = 0.1
     """Mip-Splatting's 2D filter, added to every footprint's variance; 0 switches it off. Unit: px^2.
     Source: Mip-Splatting; 0 in the released code."""
@@ -47,8 +47,8 @@ def rasterise(
 ) -> Raster:
     """The rasteriser kernel with the method's filters and background.
 
-    Without `sh_degree` all harmonics count; those that training hasn't reached yet are zero. blur: (N,) px^2, each
-    Gaussian's own, as the kernel documents it. means: (N, 3) scene units, instead of the Gaussians' own.
+    Without `sh_degree` all spherical harmonics are used; those that training hasn't reached yet are zero. blur: (N,)
+    px^2, each Gaussian's own, as the kernel documents it. means: (N, 3) scene units, instead of the Gaussians' own.
     Gradients reach both.
     """
     degree = appearance.sh_degree if sh_degree is None else sh_degree

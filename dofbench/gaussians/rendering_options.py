@@ -1,4 +1,4 @@
-"""What lenses.json says, beside the lenses, of how a trained scene of Gaussians is rendered."""
+"""The options that lenses.json records beside the lenses: how a trained scene of Gaussians is rendered."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from dofbench.scenes.scene import Scene
 
 Progress = Callable[[int, int], None]
 
-# Depth is what counts here, so the points supervise it in disparity, where blur is linear.
+# This training is for depth, so the points supervise it, in disparity, because blur is linear in disparity.
 OPTIONS = GaussianOptions().with_overrides(
     {
         "lens": False,
@@ -83,9 +83,9 @@ class Reconstruction:
 
     @torch.no_grad()
     def surface(self, camera: Camera) -> Surface:
-        """What the camera sees of the reconstruction."""
+        """The surface of the reconstruction as the camera sees it."""
         raster = rasterise(self.gaussians, camera, self._options.appearance, sh_degree=0)
-        # The same blend of the Gaussians' disparity and its square in place of their colour.
+        # Rendered with disparity and its square as colours: their blends give mean and variance of disparity.
         pose = torch.from_numpy(np.array(camera.world_to_camera)).float()
         z = self.gaussians.parameters["means"] @ pose[2, :3] + pose[2, 3]
         disparity = 1 / z.clamp_min(1e-3 * float(z.max().clamp_min(1e-6)))
@@ -107,7 +107,7 @@ class Reconstruction:
         )
 
     def settings(self) -> Mapping[str, Any]:
-        """The options that made it, for a manifest."""
+        """The options of the training, for a manifest."""
         values = self._options.flat()
         return {name: values[name] for name in (*_LISTED, *(name for name in values if name not in _LISTED))}
 
@@ -117,7 +117,7 @@ class Reconstruction:
 
     @staticmethod
     def load(path: Path, *, steps: int) -> Reconstruction:
-        """Read what `save` wrote."""
+        """Read Gaussians that `save` wrote."""
         return Reconstruction(Gaussians.load(path), OPTIONS.with_overrides({"steps": steps}))
 
 
@@ -134,11 +134,12 @@ class _ProgressObserver:
         return True
 
     def stage(self, name: str, done: int, total: int) -> None:
-        """Nothing is shown of it."""
+        """Ignored: only the steps are shown."""
 
 
 def reconstruct(scene: Scene, *, steps: int, seed: int, progress: Progress | None = None) -> Reconstruction:
-    """Train on all views of an all-in-focus scene, test views too: this is the truth, not a method.
+    """Train on all views of an all-in-focus scene, test views too, since the depth is part of a dataset's truth and not
+    of a method under test.
 
     progress: called with (step, steps). Raises InputError when the scene has no points, and
     FloatingPointError when training meets a non-finite number.

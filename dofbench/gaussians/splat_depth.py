@@ -1,6 +1,6 @@
 """Depth from our own Gaussian reconstruction of the all-in-focus images.
 
-It is consistent between views, as no monocular estimate is. All views train it, test views too:
+This depth is consistent between views, which monocular estimates aren't. All views train it, test views too:
 the depth is part of the dataset's truth, not of any method.
 """
 

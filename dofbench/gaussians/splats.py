@@ -13,19 +13,20 @@ from dofbench.gaussians.model import Gaussians
 from dofbench.scenes.ply import read_vertices
 
 EXPECTED = "a .ply file of Gaussians as 3DGS writes it"
-_REST = 15  # coefficients a channel beyond the first, up to degree 3; some viewers demand them all
+_REST = 15  # coefficients per channel after the first, up to degree 3; some viewers require all of them
 _PLACE, _COLOUR = ("x", "y", "z"), ("f_dc_0", "f_dc_1", "f_dc_2")
 _FORM = ("opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3")
 _ALWAYS = (*_PLACE, *_COLOUR, *_FORM)
 _PROPERTIES = (*_PLACE, "nx", "ny", "nz", *_COLOUR, *(f"f_rest_{k}" for k in range(3 * _REST)), *_FORM)
-# An opacity of exactly 0 or 1 has no finite logit; at these it is either to more digits than float32 has.
+# An opacity of exactly 0 or 1 has no finite logit; logits of this size give 0 or 1 within float32's precision.
 _LARGEST_LOGIT = 30.0
 
 
 def write_splats(path: Path, gaussians: Gaussians) -> None:
     """Write N Gaussians as binary little-endian PLY of float32, atomically.
 
-    Mip-Splatting's 3D filter is made part of the scales and opacities, since no viewer knows of it. Scales are natural
+    Mip-Splatting's 3D filter is merged into the scales and opacities, since viewers don't support the filter. Scales
+    are natural
     logarithms of scene units, opacities logits, quaternions w first and of unit length; f_rest holds all of one
     channel's coefficients before the next one's, zero above the scene's degree; normals are zero.
     """
@@ -56,7 +57,7 @@ def write_splats(path: Path, gaussians: Gaussians) -> None:
 
 
 def _baked(log_scales: np.ndarray, logits: np.ndarray, filter_3d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Scales and opacities with the 3D filter in them (Mip-Splatting, section 4.1)."""
+    """Scales and opacities with the 3D filter merged into them (Mip-Splatting, section 4.1)."""
     with np.errstate(divide="ignore"):
         log_filter = np.log(filter_3d)[:, None]
     filtered = 0.5 * np.logaddexp(2 * log_scales, 2 * log_filter)
@@ -66,7 +67,7 @@ def _baked(log_scales: np.ndarray, logits: np.ndarray, filter_3d: np.ndarray) ->
 
 
 def _unit(quaternions: np.ndarray) -> np.ndarray:
-    """Of unit length; a zero quaternion means no rotation."""
+    """The quaternions scaled to unit length; a zero quaternion becomes the identity rotation."""
     length = np.linalg.norm(quaternions, axis=1, keepdims=True)
     return np.where(length > 0, quaternions / np.where(length > 0, length, 1), [1.0, 0.0, 0.0, 0.0])
 
@@ -74,7 +75,7 @@ def _unit(quaternions: np.ndarray) -> np.ndarray:
 def read_splats(path: Path) -> Gaussians:
     """Read Gaussians from 3DGS' PLY, binary or ASCII, with harmonics of degree 0 to 3, from any program.
 
-    Properties that 3DGS doesn't have are left alone but for Mip-Splatting's filter_3D. Raises InputError when the
+    Properties that 3DGS doesn't have are ignored, except Mip-Splatting's filter_3D. Raises InputError when the
     file isn't there, is damaged, or lacks a property.
     """
     rows = read_vertices(path, EXPECTED)

@@ -1,4 +1,4 @@
-"""Where the seconds of a training go, by part of the step."""
+"""The time of a training by part of the training step."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from contextlib import contextmanager
 
 
 class StageClock:
-    """Adds up seconds by stage. What is timed within another stage counts to its own alone."""
+    """Adds up seconds by stage. Time spent in a nested stage counts for the nested stage only."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
-        self._within = [0.0]  # of each open stage, what other stages in it have taken
+        self._within = [0.0]  # for each open stage, the seconds of the stages nested in it
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
-        """Counts the seconds of the block."""
+        """Adds the seconds of the block to the stage."""
         self._within.append(0.0)
         start = time.perf_counter()
         try:

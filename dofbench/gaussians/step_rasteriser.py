@@ -1,4 +1,4 @@
-"""What one training step rasterises: with statistics for density control, and with the graph of gradients cut."""
+"""The rasterisations of one training step: they keep statistics for density control, and cut the autograd graph."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ _STAGE = "rasterise"
 class StepRasteriser:
     """The `Rasteriser` of one training step at `progress`, 0 to 1.
 
-    What it gives out are leaves: gradients stop at them until `backward` passes them on to the Gaussians. So each part
-    of the step has its own time, and its numbers can be looked at before they do harm.
+    The rasters that it returns are leaves of the autograd graph: gradients stop there until `backward` passes them on
+    to the Gaussians. So each part of the step is timed by itself, and gradients are checked before they reach the
+    Gaussians.
     """
 
     def __init__(self, state: TrainingState, progress: float, place: Place, clock: StageClock):
@@ -35,7 +36,7 @@ class StepRasteriser:
     def rasterise(
         self, camera: Camera, geometry: Geometry, *, means: Tensor | None = None, blur: Tensor | None = None
     ) -> Raster:
-        """One sharp view, with gradient from all its outputs."""
+        """One sharp view, all outputs of which collect gradients."""
         statistics = ViewStatistics(want_abs=self._want_abs)
         with self._clock.timed(_STAGE), self._place.located(_STAGE):
             raster = rasterise(
@@ -54,11 +55,12 @@ class StepRasteriser:
         return Raster(*leaves)
 
     def turn(self) -> float:
-        """Any angle, radians."""
+        """A random angle by which the pattern of lens points is rotated, radians."""
         return self._random.uniform(0, 2 * math.pi)
 
     def backward(self) -> None:
-        """Pass the gradients that reached the leaves on to the Gaussians. Raises NonFiniteError for a bad one."""
+        """Pass the gradients at the leaves on to the Gaussians. Raises NonFiniteError for a gradient that isn't
+        finite."""
         reached = [(output, leaf.grad) for output, leaf in self._cut if leaf.grad is not None]
         for _, gradient in reached:
             self._place.check(gradient, "gradient by the rendering")
@@ -66,12 +68,12 @@ class StepRasteriser:
             torch.autograd.backward([output for output, _ in reached], [gradient for _, gradient in reached])
 
     def statistics(self) -> ViewStatistics:
-        """Of all that gradients passed through, as of one photograph."""
+        """Statistics of all rasterisations that gradients passed through, combined as if they were one photograph's."""
         return summed([one for one in self._statistics if one.grad_2d is not None])
 
 
 def summed(statistics: list[ViewStatistics]) -> ViewStatistics:
-    """Statistics of several renderings as those of one: gradients add up, as the photograph's does."""
+    """Statistics of several rasterisations of one photograph as those of one: their gradients are added."""
     whole = ViewStatistics(want_abs=statistics[0].want_abs)
     whole.visible = torch.stack([one.visible for one in statistics]).any(dim=0)
     whole.radii = torch.stack([one.radii for one in statistics]).amax(dim=0)

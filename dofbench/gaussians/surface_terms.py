@@ -1,4 +1,4 @@
-"""The terms of the loss that look at surfaces, not at colours: known depth, normals, distortion."""
+"""The terms of the loss that concern surfaces instead of colours: known depth, normals, distortion."""
 
 from __future__ import annotations
 
@@ -16,19 +16,21 @@ from dofbench.learning.training_views import Photograph
 
 
 class SurfaceTerm(Protocol):
-    """A term of the loss. reads: the geometry that the sharp view must hold for it."""
+    """A term of the loss. reads: the geometry that the term needs of the sharp view."""
 
     reads: Geometry
 
     def acts(self, progress: float, view: Photograph) -> bool:
-        """Whether it counts at `progress`, 0 to 1, on this photograph."""
+        """Whether the term is used at `progress`, 0 to 1, for this photograph."""
 
     def cost(self, sharp: SharpView, view: Photograph, progress: float, weight: Tensor | None) -> Tensor | None:
-        """What it adds to the loss, None for nothing. weight: (H, W), the adaptation's, or None."""
+        """The term's contribution to the loss, None for no contribution. weight: (H, W), that of the adaptation, or
+        None."""
 
 
 class KnownDepth:
-    """Eq. 9. extent: 1 / scene unit, that of the range which normalised disparity refers to."""
+    """Depth supervision, Eq. 9. extent: width of the disparity range that normalised disparity refers to, 1 / scene
+    unit."""
 
     reads: Geometry = "depth"
 
@@ -36,18 +38,18 @@ class KnownDepth:
         self._options, self._extent = options, extent
 
     def acts(self, progress: float, view: Photograph) -> bool:
-        """On photographs of which depth is known."""
+        """True for photographs with known depth."""
         return view.known is not None
 
     def cost(self, sharp: SharpView, view: Photograph, progress: float, weight: Tensor | None) -> Tensor | None:
-        """None where no known pixel has a surface yet."""
+        """The weighted depth loss; None while no pixel of known depth shows a surface."""
         raster = sharp.raster
         found = depth_loss(raster.depth, raster.alpha, view.known, self._options, self._extent, weight)
         return None if found is None else self._options.weight_at(progress) * found
 
 
 class Normals:
-    """Eq. 12."""
+    """Normal consistency, Eq. 12."""
 
     reads: Geometry = "full"
 
@@ -55,11 +57,11 @@ class Normals:
         self._options = options
 
     def acts(self, progress: float, view: Photograph) -> bool:
-        """From `normal_from` on."""
+        """True from `normal_from` on."""
         return progress >= self._options.normal_from
 
     def cost(self, sharp: SharpView, view: Photograph, progress: float, weight: Tensor | None) -> Tensor:
-        """Over the whole view, whatever is in focus."""
+        """The weighted loss over the whole view; the adaptation's weight isn't used."""
         options, raster = self._options, sharp.raster
         return options.normal_weight * normal_consistency(
             raster.normal,
@@ -73,7 +75,7 @@ class Normals:
 
 
 class Distortion:
-    """The released code's."""
+    """The distortion loss of the released code."""
 
     reads: Geometry = "distortion"
 
@@ -81,11 +83,11 @@ class Distortion:
         self._options = options
 
     def acts(self, progress: float, view: Photograph) -> bool:
-        """From `distortion_from` on."""
+        """True from `distortion_from` on."""
         return progress >= self._options.distortion_from
 
     def cost(self, sharp: SharpView, view: Photograph, progress: float, weight: Tensor | None) -> Tensor:
-        """Over the whole view, whatever is in focus."""
+        """The weighted loss over the whole view; the adaptation's weight isn't used."""
         options, raster = self._options, sharp.raster
         return options.distortion_weight * distortion_loss(
             raster.distortion, raster.alpha, view.image, options.distortion_near, options.distortion_far
@@ -95,7 +97,7 @@ class Distortion:
 def surface_terms(
     supervision: SupervisionOptions, normals: NormalOptions, distortion: DistortionOptions, extent: float
 ) -> list[SurfaceTerm]:
-    """The terms that have a weight, in the order in which they are added up. extent: as `KnownDepth` takes it."""
+    """The terms with a weight above 0, in the order in which they are added up. extent: see `KnownDepth`."""
     terms: list[tuple[float, SurfaceTerm]] = [
         (supervision.depth_weight, KnownDepth(supervision, extent)),
         (normals.normal_weight, Normals(normals)),
@@ -105,5 +107,5 @@ def surface_terms(
 
 
 def richest(geometries: Iterable[Geometry]) -> Geometry:
-    """The geometry that holds what all of these do."""
+    """The geometry that includes all of these."""
     return max(geometries, key=GEOMETRIES.index, default="none")

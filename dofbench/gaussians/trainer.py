@@ -58,17 +58,17 @@ class Trainer:
 
     @property
     def options(self) -> GaussianOptions:
-        """Those in force: trials may have revised the ones that training began with."""
+        """The current options, which trials may have revised since training began."""
         return self.state.options
 
     @property
     def gaussians(self) -> Gaussians:
-        """What is trained; the same object from the beginning to the end."""
+        """The Gaussians being trained; always the same object."""
         return self.state.gaussians
 
     @property
     def lenses(self) -> LearnedLenses | None:
-        """The lenses as learned so far; None for a training without."""
+        """The lenses as learned so far; None for a training without lenses."""
         return self.state.lenses
 
     @property
@@ -87,7 +87,8 @@ class Trainer:
         return self._clock.seconds
 
     def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
-        """Train until the budget or the observer ends it; a non-finite number, or nothing left to see, is diverged."""
+        """Train until the budget or the observer ends it. A non-finite value, or no Gaussian left in front of the
+        cameras, ends with the status "diverged"."""
         geometries = [geometry for model in possible_models(self.options) for geometry in model.rasterises]
         geometries += [term.reads for term in self.state.terms]
         compile_kernels(self.gaussians, self.state.cameras[0], self.options, geometries)
@@ -129,7 +130,7 @@ class Trainer:
         )
 
     def _prepare(self, steps: int, observer: Observer) -> None:
-        """Make the depth prior, and begin on its surfaces where the options say so."""
+        """Make the depth prior, and add starting points on its surfaces if the options ask for them."""
         self._prior, count = self._depth_prior(steps, observer), self.options.prior.start_points
         if self._prior is not None and count > 0:
             self.state.start_from(with_surface_points(self._training_set, self._prior, count, self._seed))
@@ -150,7 +151,8 @@ class Trainer:
         return all_photographs(self.views, options.schedule.sizes, supervisor, held_back, self._seed)
 
     def _decide(self, step: int, total: int, progress: float, observer: Observer) -> int:
-        """Hold the trials; returns the steps taken in all. The time of their steps counts to the steps' parts too."""
+        """Carry out the trials; returns the number of steps taken in all. A trial's steps are timed twice: as "trials"
+        and by part of the step."""
         start = time.perf_counter()
         step, self.decisions = self._trials.decide(step, total, progress, observer.stage)
         self.stages["trials"] = time.perf_counter() - start
@@ -158,12 +160,12 @@ class Trainer:
         return step
 
     def _next(self, step: int, progress: float) -> None:
-        """The step after so many, on the next photograph in a random order."""
+        """Take the step after step number `step`, on the next photograph of the random order."""
         state = self.state
         index = state.order.next(progress, state.random)
         views = self._photographs[self.options.schedule.size(progress)]
         if views[0].camera.width != state.cameras[0].width:
-            # The sampling interval of the 3D filter is that of the images trained on.
+            # The 3D filter depends on the sampling interval of the images that are trained on, which has just changed.
             state.cameras = [view.camera for view in views]
             update_filter(state, Place(step, views[index].name))
         state.loss = take_step(state, step + 1, progress, views[index], self._clock)
@@ -177,9 +179,11 @@ class Trainer:
         progress: float,
         tell: Callable[[int, int], None] = lambda done, of: None,
     ) -> None:
-        """Take so many steps more, after `step` of `total`, which nobody observes: a trial's. tell: how many are taken.
+        """Take `count` steps of a trial, after `step` of `total`, without telling the observer. tell: called with
+        progress.
 
-        Density control is put off: for some steps after it has split Gaussians, single views are decibels off.
+        Density control is postponed: for some steps after it has split Gaussians, single views are off by decibels,
+        which would distort the trial's scores.
         """
         with self.state.density.resting():
             for taken in range(count):
@@ -187,23 +191,24 @@ class Trainer:
                 self._next(step + taken, max(progress, (step + taken) / total))
 
     def snapshot(self) -> Snapshot:
-        """All that training changes, copied."""
+        """A copy of everything that training changes."""
         return self.state.snapshot()
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go on from there, as often as you like."""
+        """Set everything that training changes to a snapshot, which stays usable."""
         self.state.restore(snapshot)
 
     def revise(self, changes: Mapping[str, Any]) -> None:
-        """Go on with other options."""
+        """Change options; training continues with them."""
         self.state.revise(changes)
 
     def widest_circle(self) -> float:
-        """Of the lenses learned so far, pixels (`blur_circles.widest_circle`)."""
+        """Radius of the widest circles of confusion of the lenses learned so far, pixels
+        (`blur_circles.widest_circle`)."""
         return widest_circle(self.gaussians, self.state.shots(), self.options.appearance)
 
     def foci_apart(self) -> float:
-        """Of the lenses learned so far, pixels (`blur_circles.foci_apart`)."""
+        """How far the lenses learned so far differ, pixels (`blur_circles.foci_apart`)."""
         return foci_apart(self.state.shots(), self.state.range)
 
     def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
@@ -211,14 +216,15 @@ class Trainer:
         return render_view(self.gaussians, camera, self.options, lens=lens)
 
     def photograph(self, index: int) -> np.ndarray:
-        """Training view number `index` as it was photographed, by its learned lens and colour: (H, W, 3), encoded."""
+        """Training view number `index` rendered through its learned lens and with its learned colour: (H, W, 3),
+        encoded."""
         lens = None if self.lenses is None else self._lens_estimate(index)
         image = self.render(self.views[index].camera, lens).image
         return self.colours.apply(index, torch.from_numpy(image)).numpy()
 
     def held_back_scores(self, share: float | None = None) -> HeldBackScores:
-        """How well the training photographs are made again where training didn't look (option `held_back`, or the
-        share that trials hold back)."""
+        """Scores of the renderings of training photographs on held-back pixels. share: share of the tiles that trials
+        hold back; the option `held_back` counts if it is larger."""
         photographs = {view.name: view.image for view in self.views}
         share = max(self.options.reconstruction.held_back, share or 0)
         return held_back_scores(photographs, self.photograph, share, self._seed)

@@ -1,4 +1,4 @@
-"""All that a training of Gaussians changes, to go on from and to come back to."""
+"""The state of a training of Gaussians: everything that training changes, and its snapshots."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from dofbench.learning.view_order import OrderState, ViewOrder
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """A `TrainingState` at one moment, copied."""
+    """A copy of a `TrainingState` at one moment."""
 
     options: GaussianOptions
     optimiser: dict[str, dict[str, Tensor]]
@@ -48,11 +48,11 @@ class Snapshot:
 
 
 class TrainingState:
-    """Gaussians, what is learned of lenses and colours, their optimisers, and the random numbers to come.
+    """Gaussians, learned lenses and colours, their optimisers, and the random generators.
 
     random: draws the order of photographs and turns the points of the lens. generator: draws the children of Gaussians.
-    cameras: of the photographs at the size that they are trained at now. range: of the sparse points' disparities.
-    loss: of the last step.
+    cameras: those of the photographs at the current training size. range: the range of the sparse points' disparities.
+    loss: the loss of the last step.
     """
 
     def __init__(self, training_set: TrainingSet, options: GaussianOptions, seed: int):
@@ -84,26 +84,27 @@ class TrainingState:
         self.density = DensityControl(self.gaussians, self.optimiser, options.density, self._extent, self.generator)
 
     def start_from(self, points: PointCloud) -> None:
-        """Begin anew from these points, in the same `gaussians`, which others hold too."""
+        """Start again from these points. The object `gaussians` stays the same, since other objects refer to it."""
         self.gaussians.parameters = Gaussians.from_points(points, self.options.appearance.sh_degree).parameters
         self._optimise()
         self.gaussians.update_filter_3d(self.cameras)
 
     def learned(self) -> Mapping[str, LearnedLenses | LearnedColours]:
-        """What is learned of the photographs beside the scene, by what it is called."""
+        """Quantities learned for the photographs beside the scene, by name."""
         return {"colours": self.colours} if self.lenses is None else {"lens": self.lenses, "colours": self.colours}
 
     def adaptation(self, progress: float) -> AdaptationOptions:
-        """How the loss is adapted to what is in focus, which takes a lens."""
+        """The defocus-to-focus adaptation at `progress`, 0 to 1; none for a training without lenses."""
         return NO_ADAPTATION if self.lenses is None else self.options.adaptation.at(progress)
 
     def reads(self, adaptation: AdaptationOptions) -> Geometry:
-        """What the learned lens and the adaptation want of a sharp view."""
+        """The geometry that the learned lens and the adaptation need of a sharp view."""
         follows = self.lenses is not None and self.lenses.follows_rendering
         return "depth" if follows or adaptation.active else "none"
 
     def shot(self, view: Photograph, sharp: SharpView, adaptation: AdaptationOptions) -> Shot:
-        """How a photograph is taken by the lens as learned so far, for one step; a closed lens where there is none."""
+        """Camera and lens, as learned so far, of a photograph in one step; a lens of aperture 0 in a training without
+        lenses."""
         if self.lenses is None:
             return Shot(view.camera, self.range, 0.0, 0.0)
         if self.lenses.follows_rendering:
@@ -120,7 +121,7 @@ class TrainingState:
         return shots
 
     def revise(self, changes: Mapping[str, Any]) -> None:
-        """Go on with other options: without the lens, with one that photographs share, with another forward model."""
+        """Change options: leave out the lens, let photographs share one, or use another forward model."""
         before = self.options.lens
         self._use(self.options.with_overrides(changes))
         if not self.options.lens.lens:
@@ -129,7 +130,7 @@ class TrainingState:
             self.lenses = self.lenses.shared(lens_ties(self._views, self.options.lens.lens_per))
 
     def snapshot(self) -> Snapshot:
-        """All of it, copied."""
+        """A copy of the whole state."""
         return Snapshot(
             options=self.options,
             optimiser=self.optimiser.state(),
@@ -144,7 +145,7 @@ class TrainingState:
         )
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go on from there, as often as you like."""
+        """Set the state to a snapshot, which stays usable."""
         self._use(snapshot.options)
         self.optimiser.restore(snapshot.optimiser)
         self.density.restore(snapshot.density)

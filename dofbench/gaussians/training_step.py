@@ -20,9 +20,9 @@ _FILTER_3D_EVERY = 100  # steps; Mip-Splatting's interval
 
 
 def take_step(state: TrainingState, step: int, progress: float, view: Photograph, clock: StageClock) -> float:
-    """Take step number `step` (from 1) at `progress`, 0 to 1, on a photograph; returns its loss.
+    """Take step number `step` (from 1) at `progress`, 0 to 1, on a photograph; returns the loss.
 
-    Raises NonFiniteError at the first number that isn't finite, before it reaches what is learned.
+    Raises NonFiniteError at the first value that isn't finite, before it can change a learned parameter.
     """
     place, model, adaptation = Place(step, view.name), state.forward.at(progress), state.adaptation(progress)
     terms = [term for term in state.terms if term.acts(progress, view)]
@@ -59,7 +59,7 @@ def take_step(state: TrainingState, step: int, progress: float, view: Photograph
 
 
 def _colour_loss(state: TrainingState, view: Photograph, image: Tensor, weight: Tensor | None) -> Tensor:
-    """Eq. 7 of the photograph's colours, where a loss may look."""
+    """The reconstruction loss, Eq. 7, on the pixels that aren't held back."""
     options = state.options.reconstruction
     image = state.colours.forward(view.index, image)
     image = looked_at(image, view.image, view.held_back, options.clipped_white)
@@ -81,7 +81,8 @@ def _learn(state: TrainingState, progress: float, view: Photograph) -> None:
 
 
 def update_filter(state: TrainingState, place: Place) -> None:
-    """The 3D filter anew. Gaussians that all faded, or fled, are training's failure and not the user's mistake."""
+    """Compute the 3D filter again. If no Gaussian is left in front of a camera, training has failed, which isn't the
+    user's mistake: NonFiniteError."""
     try:
         state.gaussians.update_filter_3d(state.cameras)
     except InputError as error:

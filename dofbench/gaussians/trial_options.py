@@ -1,4 +1,4 @@
-"""What training may find out for itself (`trials.py`)."""
+"""Options of the trials by which training decides questions about the lens (`trials.py`)."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ QUESTIONS = ("lens", "share", "model")
 
 @dataclass(frozen=True)
 class TrialOptions:
-    """Which questions are tried out while training, when, and for how long."""
+    """Which questions are decided by trials while training, when, and how long a trial is."""
 
     lens_trials: str = ""
-    """What is decided by what explains held-back pixels: any of lens (is there one), share (do photographs share it)
-    and model (the forward model), with commas. Unit: none. Source: own."""
+    """Questions that trials decide by the scores on held-back pixels, comma-separated: lens (is there one), share (do
+    photographs share it), model (which forward model). Unit: none. Source: own."""
     lens_trials_at: float = 0.35
-    """When it is tried. Unit: share of the training. Source: own."""
+    """When the trials take place. Unit: share of the training. Source: own."""
     lens_trials_steps: float = 0.03
-    """How long each way is tried. Unit: share of the training. Source: own."""
+    """Length of each trial. Unit: share of the training. Source: own."""
 
     def __post_init__(self) -> None:
         unknown = sorted(set(filter(None, self.lens_trials.split(","))) - set(QUESTIONS))

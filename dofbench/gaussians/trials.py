@@ -1,14 +1,15 @@
-"""What explains the photographs better, tried out while training, and then kept or left out.
+"""Trials while training: which of two settings explains the photographs better.
 
-Whether there is a lens, whether photographs share it, and which forward model is right can't be told from sparse
-points: structure from motion finds points where a photograph is sharp. So training goes on a little in each of two
-ways, from one state and through the same photographs in the same order, and both are scored on tiles of the training
-photographs that no loss has looked at (`held_back.py`). Differences are paired by view. The state of the better
-way is kept, so only the other one's steps are lost. Afterwards the tiles are trained on like all others.
+Whether there is a lens, whether photographs share it, and which forward model is right can't be decided from sparse
+points, because structure from motion finds points where a photograph is sharp. So training continues for some steps
+with each of two settings, from the same state and on the same photographs in the same order, and both are scored on
+tiles of the training photographs that no loss has used (`held_back.py`). Differences are paired by view. The state of
+the better setting is kept, so only the steps of the other one are lost. Afterwards the tiles are used in training like
+all others.
 
-Figures of a decision: "WAY gain" and "WAY error", how much better WAY explains held-back pixels than what it was
-compared with, dB, and the standard error of that; "circle", what `Trainee.widest_circle` says, and "apart", what
-`Trainee.foci_apart` does, pixels.
+Figures of a decision: "NAME gain", by how many dB the setting NAME explains held-back pixels better than the setting
+that it was compared with, and "NAME error", the standard error of the gain; "circle", `Trainee.widest_circle`, and
+"apart", `Trainee.foci_apart`, both in pixels.
 """
 
 from __future__ import annotations
@@ -29,46 +30,50 @@ from dofbench.gaussians.trial_options import QUESTIONS
 from dofbench.learning.held_back import HeldBackScores
 
 HELD_BACK = 0.08  # share of the tiles
-VISITS = 2  # of each photograph in a trial, at least
-MOST = 0.06  # share of the training that a trial may take, at most
-NO_CIRCLE = 0.3  # px, radius: below it a photograph shows nothing of its lens
-SMALL_CIRCLE = 1.0  # px, radius: below it a lens must explain something to stay
-EXPLAINED = 0.01  # dB on held-back pixels: less is nothing; sharp photographs gave up to 0.003 (reports/lens)
-WORTH = 0.05  # dB on held-back pixels below which the simpler way is as good
-SURE = 2.0  # standard errors that what costs more must be better by
-FOCI_APART = 1.0  # px that the same point's circles differ by between photographs that can't share a focus
+VISITS = 2  # smallest number of visits of each photograph in a trial
+MOST = 0.06  # largest share of the training that a trial may take
+NO_CIRCLE = 0.3  # px, radius: smaller circles of confusion are invisible in a photograph
+SMALL_CIRCLE = 1.0  # px, radius: with smaller circles a lens is kept only if it explains held-back pixels better
+EXPLAINED = 0.01  # dB on held-back pixels: a smaller gain is noise; sharp photographs gave up to 0.003 (reports/lens)
+WORTH = 0.05  # dB on held-back pixels: with a smaller difference the simpler setting counts as equally good
+SURE = 2.0  # standard errors by which a setting that costs more must be better
+FOCI_APART = 1.0  # px: photographs in which a point's circles differ by more can't share a focus
 
 
 class Trainee(Protocol):
-    """A training that trials may be made with. Its snapshots are opaque: all that training changes, to come back to."""
+    """A training on which trials can be made. A snapshot holds everything that training changes; its type is up to the
+    trainee."""
 
     views: Sequence[TrainingView]
 
     def snapshot(self) -> Any:
-        """Where it is."""
+        """A copy of everything that training changes."""
 
     def restore(self, snapshot: Any) -> None:
-        """Go on from there, as often as you like."""
+        """Return to a snapshot, which stays usable."""
 
     def revise(self, changes: Mapping[str, Any]) -> None:
-        """Go on with other options."""
+        """Change options; training continues with them."""
 
     def train(self, step: int, count: int, total: int, progress: float, tell: Callable[[int, int], None]) -> None:
-        """Take `count` steps after `step` of `total`, at `progress` or later; tell: how many are taken."""
+        """Take `count` steps after `step` of `total`, at `progress` or later; tell: called with the number of steps
+        taken and `count`."""
 
     def held_back_scores(self, share: float) -> HeldBackScores:
-        """How well the training photographs are explained where that share of them was held back."""
+        """Scores of the renderings of the training photographs on their held-back tiles. share: share of the tiles."""
 
     def widest_circle(self) -> float:
-        """Of the lenses learned so far, pixels (`blur_circles.widest_circle`)."""
+        """Radius of the widest circles of confusion of the lenses learned so far, pixels
+        (`blur_circles.widest_circle`)."""
 
     def foci_apart(self) -> float:
-        """Of the lenses learned so far, pixels (`blur_circles.foci_apart`)."""
+        """How far the lenses learned so far differ, pixels (`blur_circles.foci_apart`)."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Attempt:
-    """A way that was tried: what it changes, where it ended, and PSNR on each view's held-back tiles."""
+    """A finished trial. changes: options that it changed. end: snapshot at its end. psnr: of each view's held-back
+    tiles, dB."""
 
     changes: Mapping[str, Any]
     end: Any
@@ -76,7 +81,7 @@ class _Attempt:
 
 
 class Trials:
-    """Tries what the option lens_trials leaves open, once."""
+    """Decides the questions of the option lens_trials by trials, once in a training."""
 
     def __init__(self, trainee: Trainee, options: GaussianOptions):
         self._trainee = trainee
@@ -85,21 +90,22 @@ class Trials:
 
     @property
     def open(self) -> bool:
-        """Whether something is still undecided."""
+        """Whether the trials are still to come."""
         return bool(self._open)
 
     def due(self, progress: float) -> bool:
-        """Whether now is the time."""
+        """Whether the trials are to take place now."""
         return self.open and progress >= self._at
 
     def length(self, total: int, views: int) -> int:
-        """Steps of one trial, of a training of `total` steps."""
+        """Steps of one trial, in a training of `total` steps on so many views."""
         return max(1, min(max(round(self._share * total), VISITS * views), round(MOST * total)))
 
     def decide(self, step: int, total: int, progress: float, tell: Progress = silent) -> tuple[int, list[Decision]]:
-        """Try, and leave the trainee in the state of the best; returns the steps taken in all, and what was decided.
+        """Carry out the trials and leave the trainee in the state of the best one; returns the number of steps taken in
+        all, and the decisions.
 
-        tell: told what is tried, and how many of its steps are taken.
+        tell: called with the name of a trial, the steps taken, and its length.
         """
         trainee, questions_open = self._trainee, self._open
         self._open = ()
@@ -134,8 +140,8 @@ class Trials:
             f"with the lens that was learned so far held-back pixels are {_signed(gain, error)} dB better, "
             f"and its circles of confusion reach {circle:.2f} px"
         )
-        # Wide circles that explain no more than painted blur would are no proof against a lens: of what all photographs
-        # saw blurred alike both are true.
+        # Wide circles without a gain don't speak against a lens: where all photographs show a surface equally blurred,
+        # a blurred texture explains them as well as a lens does.
         explains = gain > max(EXPLAINED, SURE * error)
         needless = circle < NO_CIRCLE or (not explains and circle < SMALL_CIRCLE) or gain < -WORTH - SURE * error
         decided = Decision(
@@ -153,7 +159,8 @@ class Trials:
         apart = self._trainee.foci_apart()
         ways = [("exif", "one aperture times f-number")] if known else []
         ways.append(("aperture", "one aperture"))
-        # Circles may be alike by chance, or too small to tell; f-numbers that differ can't be one lens.
+        # Circles may be alike by chance or too small to compare, but photographs with different f-numbers can't share
+        # one lens.
         if apart < FOCI_APART and not (known and len(stops) > 1):
             ways.insert(0, ("scene", "one lens"))
         told, found = [], {"apart": apart}
@@ -176,14 +183,14 @@ class Trials:
         )
 
 
-# Each Gaussian blurred by itself: as fast as the scatter, and knows what hides what.
+# Each Gaussian blurred by its own circle of confusion: as fast as the scatter, and with correct occlusion.
 _OWN_BLUR = {"lens_model": "samples", "lens_samples_from": 0.0, "lens_rings": 0}
-# The lens is sampled for the last fifth: several rasterisations a step, so not for longer.
+# Rings of lens points are used in the last fifth only, since they cost several rasterisations per step.
 _AFTER = {"samples": {"lens_rings": 1, "lens_rings_from": 0.8}}
 
 
 def questions(options: GaussianOptions) -> tuple[str, ...]:
-    """What lens_trials leaves open and the other options don't settle, in the order in which it is asked."""
+    """The questions in lens_trials that other options don't already answer, in the order of the trials."""
     asked = {word for word in options.trials.lens_trials.split(",") if word}
     settled = {
         "lens": not options.lens.lens,
@@ -194,7 +201,7 @@ def questions(options: GaussianOptions) -> tuple[str, ...]:
 
 
 def possible_models(options: GaussianOptions) -> tuple[ForwardModel, ...]:
-    """The forward models that a training may look through: those of its options, and what a trial may bring."""
+    """The forward models that a training may use: those of its options, and those that a trial may introduce."""
     models = options.forward_models().models
     if options.lens.lens and "model" in questions(options):
         models += options.with_overrides(_OWN_BLUR).forward_models().models
@@ -202,7 +209,7 @@ def possible_models(options: GaussianOptions) -> tuple[ForwardModel, ...]:
 
 
 def _gain(one: _Attempt, other: _Attempt) -> tuple[float, float]:
-    """(mean over the views of how much better the first is, its standard error), dB."""
+    """(mean over the views of the first attempt's PSNR minus the other's, standard error of the mean), dB."""
     differences = one.psnr - other.psnr
     spread = float(differences.std(ddof=1)) if len(differences) > 1 else math.inf
     return float(differences.mean()), spread / math.sqrt(len(differences))

@@ -1,7 +1,8 @@
-"""Compiling on two cores: a second process compiles the lens and the loss while this one does the rasteriser.
+"""Compiling on two cores: a second process compiles the kernels of lens and loss while this process compiles the
+rasteriser.
 
-Numba compiles behind one lock, so only processes run side by side; the cache on disk is how one's work reaches
-the other. On a machine that has compiled before nothing is started.
+Numba holds one lock while it compiles, so threads wouldn't help; the second process's code reaches this one through the
+cache on disk. If the cache already has the code, no process is started.
 """
 
 from __future__ import annotations
@@ -21,13 +22,14 @@ from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.render import rasterise
 from dofbench.kernels import is_warm, warm_up
 
-_PATIENCE = 300.0  # seconds for the other process; after that this one compiles for itself
+_PATIENCE = 300.0  # seconds to wait for the other process; after that this process compiles all kernels itself
 
 
 def compile_kernels(gaussians: Gaussians, camera: Camera, options: GaussianOptions, later: Iterable[Geometry]) -> None:
-    """Have the kernels of all training steps compiled, where no earlier process has done it; changes no argument.
+    """Compile the kernels of all training steps, unless an earlier process has done so; changes no argument.
 
-    later: what steps rasterise beside depth, which would otherwise be compiled in the middle of training, on its clock.
+    later: geometries other than "depth" that steps rasterise; without this they would be compiled in the middle of
+    training, within the time that is measured.
     """
     if not is_warm("rasterize"):
         _compile_side_by_side(gaussians, camera, options)
@@ -37,7 +39,7 @@ def compile_kernels(gaussians: Gaussians, camera: Camera, options: GaussianOptio
 
 def _rasterise_once(gaussians: Gaussians, camera: Camera, options: GaussianOptions, geometry: Geometry) -> None:
     statistics = ViewStatistics(want_abs=options.density.grow_absolute)
-    # Numbers that aren't finite are training's to report.
+    # Values that aren't finite are reported by training itself.
     with contextlib.suppress(FloatingPointError):
         raster = rasterise(gaussians, camera, options.appearance, geometry=geometry, statistics=statistics)
         total = torch.stack([output.sum() for output in raster if output is not None]).sum()
@@ -47,7 +49,7 @@ def _rasterise_once(gaussians: Gaussians, camera: Camera, options: GaussianOptio
 def _compile_side_by_side(gaussians: Gaussians, camera: Camera, options: GaussianOptions) -> None:
     others = ("ssim", *(("scatter", "tone") if options.lens.lens else ()))
     command = [sys.executable, "-P", "-m", "dofbench.gaussians.warmup", *others]
-    # A tenth of compiling is the garbage collector, which finds nothing.
+    # The garbage collector would take a tenth of the compile time and find nothing to free.
     collecting = gc.isenabled()
     with subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
@@ -57,7 +59,7 @@ def _compile_side_by_side(gaussians: Gaussians, camera: Camera, options: Gaussia
             _rasterise_once(gaussians, camera, options, "depth")
             other.wait(_PATIENCE)
         except subprocess.TimeoutExpired:
-            pass  # training compiles for itself what is missing
+            pass  # training itself compiles whatever is missing
         finally:
             other.kill()
             if collecting:

@@ -1,9 +1,9 @@
-"""The bridge to `kernels/<op>/<backend>.py`, and the registry of what lies there.
+"""The registry of kernel ops and their backends, which are the files `kernels/<op>/<backend>.py`.
 
 An op is a folder: one function of the op's name (`ssim` and `stereo` have more), with the same signature in every
-backend. A backend is a module of the folder without an underscore in its name, which declares in `BACKEND` what it runs
-on; its parts are called `<backend>_<part>.py`. `reference` is plain torch, the definition, and there for every op; any
-other backend may be there for one op alone. Adding one is adding its file.
+backend. A backend is a module of the folder without an underscore in its name, which declares in `BACKEND` the devices
+and types that it takes; its parts are called `<backend>_<part>.py`. `reference` is written in plain torch, defines the
+op, and exists for every op; another backend may exist for a single op. A backend is added by adding its file.
 
     blurred = load("scatter")(image, radius)      # the backend that suits the tensors
     exact = load("scatter", "reference")          # that backend
@@ -47,7 +47,7 @@ def backends(op: str) -> tuple[str, ...]:
 
 
 def backend_of(op: str, backend: str) -> Backend:
-    """What a backend of an op says about itself; imports it. Raises InputError for an unknown one."""
+    """What a backend of an op declares about itself; imports the backend. Raises InputError for an unknown backend."""
     declared: Backend = _module(op, backend).BACKEND
     return declared
 
@@ -55,11 +55,10 @@ def backend_of(op: str, backend: str) -> Backend:
 def load(op: str, backend: str = "auto", *, function: str | None = None) -> Callable[..., Any]:
     """The function of kernel `op`.
 
-    backend: "auto" chooses at each call by the tensors that are passed: the first backend that takes their device and
-    the first one's element type, and the reference if no other does. Or a backend's name.
-    function: another public function that the op has in every backend, as `l1_ssim` of "ssim".
-    Raises InputError for an unknown op or backend; so does a call with "auto" where no backend takes the tensors, or
-    where they lie on several devices.
+    backend: a backend's name, or "auto", which chooses at each call: the first backend that takes the tensors' device
+    and the first tensor's element type; the reference if no other backend takes them. function: name of another public
+    function that the op has in every backend, for example `l1_ssim` of "ssim". Raises InputError for an unknown op or
+    backend; so does a call with "auto" where no backend takes the tensors, or where they lie on several devices.
     """
     if backend != "auto":
         return _function(op, backend, function)
@@ -70,13 +69,13 @@ def load(op: str, backend: str = "auto", *, function: str | None = None) -> Call
 def runs_on(op: str, device: str) -> bool:
     """Whether any backend of the op takes tensors of this kind of device, of some element type.
 
-    Asks the reference first, which imports nothing but torch.
+    Asks the reference first, because importing it loads no more than torch.
     """
     return any(device in backend_of(op, name).devices for name in reversed(backends(op)))
 
 
 def require(op: str, device: str, who: str) -> None:
-    """Raise InputError unless `who`, who calls the op, can do so with tensors of this kind of device."""
+    """Raise InputError unless the op takes tensors of this kind of device. who: the caller, for the message."""
     if op not in ops():
         raise InputError(who, f"the kernel {op!r}", f"one of {', '.join(ops())}")
     if not runs_on(op, device):
@@ -84,12 +83,12 @@ def require(op: str, device: str, who: str) -> None:
 
 
 def warm_up(op: str, device: str = "cpu", dtype: str = "float32", **options: Any) -> None:
-    """Compile what calls of an op with such tensors need, where that isn't done; options: see `Backend.warm_up`."""
+    """Compile the code that an op needs for such tensors, if it isn't compiled yet; options: see `Backend.warm_up`."""
     backend_of(op, _chosen(op, device, dtype)).warm_up(**options)
 
 
 def is_warm(op: str, device: str = "cpu", dtype: str = "float32") -> bool:
-    """Whether a warm-up of this op found everything compiled, on this machine, by an earlier process."""
+    """Whether an earlier process on this machine has compiled all that a warm-up of this op would compile."""
     return backend_of(op, _chosen(op, device, dtype)).is_warm()
 
 
@@ -129,7 +128,7 @@ def _function(op: str, backend: str, function: str | None) -> Callable[..., Any]
 
 @cache
 def _found(roots: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
-    """Op -> its backends, the reference last, by the files in these folders."""
+    """Op -> its backends, the reference last, as the files in these folders name them."""
     names: dict[str, set[str]] = {}
     for root in roots:
         for file in Path(root).glob("*/*.py"):

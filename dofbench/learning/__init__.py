@@ -1,1 +1,2 @@
-"""What methods share, whatever they render with: learned lenses, depth supervision and priors, photographs' colours."""
+"""Parts of training that don't depend on the renderer: learned lenses, depth supervision and priors, photographs'
+colours."""

@@ -1,4 +1,4 @@
-"""Defocus-to-focus adaptation (DoF-Gaussian, Eq. 10, 11, 13): late in training, what is in focus counts more."""
+"""Defocus-to-focus adaptation (DoF-Gaussian, Eq. 10, 11, 13): late in training, pixels in focus get more weight."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class AdaptationOptions:
-    """How out-of-focus pixels are weighted down, and from when on."""
+    """How out-of-focus pixels are given less weight, and from when on."""
 
     adaptation: Literal["off", "psi", "one_minus_psi"] = "one_minus_psi"
     """How the L1 terms of the loss are weighted: off; psi, the printed Eq. 13; one_minus_psi, what the paper's text
     says. Unit: none. Source: Eq. 13; one_minus_psi: released code."""
     adaptation_from: float = 1 / 3
-    """When it begins. Unit: share of the training. Source: released code, 10 000 of 30 000 steps."""
+    """When the adaptation begins. Unit: share of the training. Source: released code, 10 000 of 30 000 steps."""
     adaptation_aperture: bool = False
-    """Whether the aperture is narrowed too where a pixel is in focus, A' = A psi. Unit: none. Source: Eq. 11; off in
+    """Whether the aperture is also narrowed for pixels in focus, A' = A psi. Unit: none. Source: Eq. 11; off in
     the released code."""
     adaptation_a: float = 15.0
     """Slope a of psi(x) = 1 / (1 + exp(-a (x - b))). Unit: 1 / normalised disparity. Source: Eq. 10, released code."""
@@ -33,15 +33,17 @@ class AdaptationOptions:
         return self.adaptation != "off" or self.adaptation_aperture
 
     def at(self, progress: float) -> AdaptationOptions:
-        """These options at `progress`, 0 to 1; before they begin, those that adapt nothing."""
+        """The options to use at `progress`, 0 to 1: these ones, or before `adaptation_from` options without
+        adaptation."""
         return self if progress >= self.adaptation_from else NO_ADAPTATION
 
     def psi(self, out_of_focus: Tensor) -> Tensor:
-        """Eq. 10's Psi after the switch, large where out of focus."""
+        """Psi of Eq. 10, as it is once the adaptation has begun; large where a pixel is out of focus."""
         return torch.sigmoid(self.adaptation_a * (out_of_focus - self.adaptation_b))
 
     def loss_weight(self, out_of_focus: Tensor) -> Tensor | None:
-        """(H, W) weight of the L1 terms, None for none; `out_of_focus` (H, W) is |normalised disparity - focus|.
+        """(H, W) weight of the L1 terms, None without a weight; `out_of_focus` (H, W) is |normalised disparity -
+        focus|.
 
         "psi" is Eq. 13 as printed. "one_minus_psi" is what the text describes; like the released code
         it first stretches x to [0, 1] within the image.

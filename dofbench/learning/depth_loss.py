@@ -1,4 +1,4 @@
-"""Depth supervision (DoF-Gaussian, Eq. 9): rendered depth against what is known of it."""
+"""Depth supervision (DoF-Gaussian, Eq. 9): the loss of rendered depth against known depth."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from dofbench.learning.supervision import DepthSamples
 
 @dataclass(frozen=True)
 class SupervisionOptions:
-    """How strongly known depth supervises the rendered one, and in which measure."""
+    """How strongly known depth supervises rendered depth, and how their difference is measured."""
 
     depth_weight: float = 0.01
     """w_d, the weight of depth supervision at the start; 0 switches it off. Unit: 1 / scene unit, or none in disparity.
     Source: Eq. 9, supplement."""
     depth_norm: Literal["l1", "l2"] = "l2"
-    """Of the differences over the known pixels: l2, the root of the mean square, or l1, the mean. Unit: none.
-    Source: l2: Eq. 9; l1: released code."""
+    """How the differences at the known pixels are averaged: l2, root of the mean square; l1, mean absolute value. Unit:
+    none. Source: l2: Eq. 9; l1: released code."""
     depth_space: Literal["depth", "disparity"] = "depth"
-    """What differences are taken of: z-depth, or normalised disparity, which sets the circle of confusion. Unit: none.
-    Source: depth: Eq. 9; disparity: own."""
+    """The quantity whose differences are taken: z-depth, or normalised disparity, in which the circle of confusion is
+    linear. Unit: none. Source: depth: Eq. 9; disparity: own."""
     depth_decay: float = 0.1
-    """Factor on the weight that is reached at the end, linearly. Unit: none. Source: supplement, released code."""
+    """Factor on depth_weight that is reached linearly at the end of the training. Unit: none. Source: supplement,
+    released code."""
 
     def weight_at(self, progress: float) -> float:
         """The weight of depth supervision at `progress`, 0 to 1: w_d, falling linearly (supplement; released code)."""
@@ -40,11 +41,11 @@ def depth_loss(
     disparity_extent: float,
     weight: Tensor | None,
 ) -> Tensor | None:
-    """Eq. 9 on the pixels whose depth is known; None when none of them has a surface yet.
+    """Eq. 9 on the pixels of known depth; None while no such pixel shows a rendered surface.
 
-    depth: (H, W) z, scene units. alpha: (H, W). weight: (H, W), or None. disparity_extent: 1 / scene unit, that of the
-    range which normalised disparity refers to. In "disparity" the difference is taken in normalised disparity, the
-    quantity that sets the circle of confusion; in "depth" in scene units, as published.
+    depth: (H, W) z, scene units. alpha: (H, W). weight: (H, W), or None. disparity_extent: width of the disparity range
+    that normalised disparity refers to, 1 / scene unit. With "disparity" the difference is taken in normalised
+    disparity, in which the circle of confusion is linear; with "depth" in scene units, as published.
     """
     there = alpha.detach()[truth.rows, truth.columns] > SURFACE_ALPHA
     if not bool(there.any()):

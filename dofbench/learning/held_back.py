@@ -1,9 +1,9 @@
-"""Pixels held back from training: tiles of the training photographs that no colour loss looks at, to score by.
+"""Pixels held back from training: tiles of the training photographs that no colour loss uses, kept for scoring.
 
-What explains the photographs best is told on pixels that weren't trained on. A tile is wide enough that most of its
-pixels aren't within a loss's window of a pixel that was looked at, and small enough that other views, and the light
-that a lens spreads, still say what lies there. Sparse points, a depth prior and the colours of the Gaussians to start
-from know the whole photographs all the same: compare like with like.
+Which setting explains the photographs best is decided on pixels that weren't used in training. A tile is so wide that
+most of its pixels are out of reach of the loss's window around the pixels used, and so small that other views, and the
+light that a lens spreads, still determine its content. Sparse points, depth priors and the Gaussians' initial colours
+come from the whole photographs, so only trainings with the same of these can be compared.
 """
 
 from __future__ import annotations
@@ -18,15 +18,16 @@ from torch import Tensor
 
 from dofbench.metrics.ssim import ssim_map
 
-TILE = 16  # px, of the whole photograph
-_WINDOW_REACH = 5  # px, of SSIM's window
+TILE = 16  # px, in the photograph at full size
+_WINDOW_REACH = 5  # px, half width of SSIM's window
 
 
 @dataclass(frozen=True)
 class HeldBackScores:
     """Scores on held-back pixels alone; means over the views. views: name -> (PSNR in dB, SSIM).
 
-    ssim is over the pixels whose window lies in held-back tiles; NaN, and left out of the mean, where a view has none.
+    ssim: over the pixels whose window lies in held-back tiles; NaN for a view without such pixels, which the mean
+    leaves out.
     """
 
     psnr: float
@@ -37,8 +38,8 @@ class HeldBackScores:
 def held_back_tiles(height: int, width: int, share: float, seed: int, view: int) -> np.ndarray:
     """(height, width) bool: the pixels of view number `view` that are held back.
 
-    `share` of its tiles, at least one, and never all of them, each tile as likely as any other. The draw depends on
-    seed and view alone.
+    A random choice of `share` of its tiles, at least one and never all of them. The choice depends on seed and view
+    alone.
     """
     rows, columns = -(-height // TILE), -(-width // TILE)
     count = rows * columns
@@ -49,7 +50,7 @@ def held_back_tiles(height: int, width: int, share: float, seed: int, view: int)
 
 
 def shrunk(mask: np.ndarray, width: int, height: int) -> np.ndarray:
-    """(height, width) bool: the pixels of the shrunk photograph into which any held-back pixel goes."""
+    """(height, width) bool: the pixels of the shrunk photograph that a held-back pixel contributes to."""
     rows, columns = mask.shape
     if (rows, columns) == (height, width):
         return mask
@@ -76,11 +77,11 @@ def held_back_mask(
 def held_back_scores(
     photographs: Mapping[str, np.ndarray], render: Callable[[int], np.ndarray], share: float, seed: int
 ) -> HeldBackScores:
-    """Score renderings of the training views, as they were photographed, on the pixels that were held back.
+    """Score renderings of the training views on the pixels that were held back.
 
     photographs: name -> (H, W, 3) encoded, in the training set's order. render: the rendering of a view by its
     number, (H, W, 3) encoded, with its learned lens and colour (`Trainer.photograph`). share, seed: as trained with.
-    Raises ValueError for a share of 0, which held nothing back.
+    Raises ValueError for a share of 0.
     """
     if share <= 0:
         raise ValueError(f"held-back scores: expected a share above 0, found {share}")
@@ -95,7 +96,7 @@ def held_back_scores(
 def tile_scores(prediction: np.ndarray, photograph: np.ndarray, mask: np.ndarray) -> tuple[float, float]:
     """(PSNR in dB, SSIM) over the pixels of `mask`, (H, W) bool; images (H, W, 3), encoded, [0, 1].
 
-    Photographs have eight bits: an error below a tenth of a level counts as that, so that no view weighs infinitely.
+    An error below a tenth of an 8-bit level counts as a tenth of a level, so that no view has an infinite PSNR.
     """
     from scipy.ndimage import binary_erosion
 

@@ -1,4 +1,4 @@
-"""What a prediction of a photograph costs (DoF-Gaussian, Eq. 7), and where no loss may look."""
+"""The loss of a predicted photograph (DoF-Gaussian, Eq. 7), and the pixels that it must not use."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ from torch import Tensor
 from dofbench.core.errors import InputError
 from dofbench.kernels import load
 
-WHITE = 254.5 / 255  # what an image of eight bits can't tell from white
+WHITE = 254.5 / 255  # least value that an 8-bit image stores as white
 
 
 @dataclass(frozen=True)
 class ReconstructionOptions:
-    """The reconstruction loss, and the pixels that it leaves out."""
+    """The weights of the reconstruction loss, and the pixels that it leaves out."""
 
     ssim_weight: float = 0.2
     """lambda of (1 - lambda) L1 + lambda (1 - SSIM). Unit: none. Source: Eq. 7; 3DGS."""
     held_back: float = 0.0
-    """Tiles of every photograph that no colour loss looks at, to score by. Unit: share of the tiles. Source: own."""
-    clipped_white: bool = False
-    """Whether a prediction above a photograph's white costs nothing, as the sensor clipped there. Unit: none.
+    """How many tiles of every photograph are kept from all colour losses, for scoring. Unit: share of the tiles.
     Source: own."""
+    clipped_white: bool = False
+    """Whether a prediction above white has no loss where the photograph is white, since the sensor clipped there. Unit:
+    none. Source: own."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.held_back < 1:
@@ -41,10 +42,11 @@ def looked_at(
     held_back: Tensor | None = None,
     clipped_white: bool = False,
 ) -> Tensor:
-    """The prediction with the target in its place where no loss may look: no difference there, and no gradient.
+    """The prediction, replaced by the target where no loss may be taken, so that loss and gradient are zero there.
 
-    prediction, target: (H, W, 3). held_back: (H, W) bool, or None for nothing held back. clipped_white: a channel at
-    white in the target is whatever the sensor clipped, so any prediction at or above it is as good.
+    prediction, target: (H, W, 3). held_back: (H, W) bool, or None if no pixel is held back. clipped_white: a channel
+    that is white in the target may have been clipped by the sensor, so any prediction at or above white counts as
+    right.
     """
     if clipped_white:
         prediction = torch.where((target >= WHITE) & (prediction >= target), target, prediction)

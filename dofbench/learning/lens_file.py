@@ -1,4 +1,4 @@
-"""lenses.json, beside a scene's .ply: every view's learned lens, and what else it takes to render as in training."""
+"""lenses.json, beside a scene's .ply: every view's learned lens, and the options needed to render as in training."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ def write_lenses(
     rendering: Mapping[str, int | float | bool | str],
     conventions: Mapping[str, str],
 ) -> None:
-    """Write the lens of every view by name, None for a scene without any.
+    """Write the lens of every view by name; None for a scene without lenses.
 
-    rendering: the options that the scene is rendered with. conventions: what these mean, in words.
+    rendering: the options that the scene is rendered with. conventions: the meaning of these options, in words.
     """
     write_json(
         path,
@@ -63,7 +63,7 @@ def write_lenses(
 def read_lenses(
     path: Path, known: Collection[str]
 ) -> tuple[dict[str, PhysicalLens] | None, dict[str, int | float | bool | str]]:
-    """The lenses, and what the file says of rendering: some of the `known` options.
+    """The lenses, None without, and the rendering options in the file, which must be among the `known` ones.
 
     Raises InputError when the file is missing, damaged, of another version, or has another option.
     """

@@ -1,8 +1,8 @@
-"""Which photographs share what of a lens.
+"""Which photographs share the aperture or the focus of their lenses.
 
 A lens of focal length f at f-number N has an opening f / N wide, and its circles of confusion in pixels grow with the
-focal length in pixels. So photographs of one sitting may share their aperture (pixels x scene unit), up to a factor
-that the camera wrote down, while each has a focus of its own.
+focal length in pixels. So photographs that were taken together may share their aperture (pixels x scene unit), up to a
+factor that EXIF states, while each has its own focus.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ LensPer = Literal["view", "aperture", "group", "exif", "scene"]
 
 @dataclass(frozen=True)
 class Ties:
-    """aperture, focus: per view, the number of the aperture and of the focus that it shares with others.
+    """aperture, focus: per view, the index of its aperture and of its focus; views with equal indices share it.
 
-    opening: per view, the factor on its shared aperture, so that what is shared means the same in all views.
+    opening: per view, the factor from the shared aperture to the view's own.
     """
 
     aperture: tuple[int, ...]
@@ -37,17 +37,17 @@ class Ties:
 
     @staticmethod
     def untied(count: int) -> Ties:
-        """A lens for each of so many views."""
+        """Ties of so many views that share nothing."""
         every = tuple(range(count))
         return Ties(every, every, (1.0,) * count)
 
 
 def lens_ties(views: Sequence[TrainingView], per: LensPer) -> Ties:
-    """What the views share.
+    """The ties of the views.
 
-    "view": nothing. "scene": all. "aperture": one aperture, as wide in all photographs, and a focus each. "group": an
-    aperture for each f-number. "exif": one aperture times f-number. Raises InputError where the last two meet a
-    photograph without f-number.
+    per: "view", nothing is shared; "scene", the whole lens; "aperture", one aperture for all photographs, and a focus
+    each; "group", an aperture for each f-number; "exif", one product of aperture and f-number. Raises InputError for
+    "group" and "exif" if a photograph has no f-number.
     """
     count = len(views)
     each, one = tuple(range(count)), (0,) * count
@@ -63,7 +63,7 @@ def lens_ties(views: Sequence[TrainingView], per: LensPer) -> Ties:
             f"{per}, and view {name} without an f-number",
             "EXIF with the f-number of every photograph, or lens_per=aperture",
         )
-    # Circles are learned in units of the image's width.
+    # Circles of confusion are learned in units of the image's width.
     widths = np.array([view.camera.fx / view.camera.width for view in views])
     if per == "exif":
         lengths = [1.0 if view.exif.focal_length is None else view.exif.focal_length for view in views]

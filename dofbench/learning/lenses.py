@@ -22,7 +22,7 @@ _EPSILON = 1e-15
 
 @dataclass(frozen=True)
 class LensOptions:
-    """What is learned of a lens, what photographs share of it, where it starts and how fast it is learned."""
+    """How a lens is parameterised, what photographs share of it, its initial value and its learning rate."""
 
     lens: bool = True
     """Whether there is a lens; without one a pinhole is trained. Unit: none. Source: section 4.1."""
@@ -30,21 +30,23 @@ class LensOptions:
     """The disparities that 0 and 1 stand for: points, fixed once by the sparse points; render, minimum and 95th
     percentile of each rendered view at each step. Unit: none. Source: points: own; render: released code."""
     lens_per: LensPer = "view"
-    """What photographs share: view, nothing; aperture, one aperture, with a focus each; group, one aperture for each
-    f-number; exif, one aperture x f-number; scene, the whole lens. Unit: none. Source: view: section 4.1; others:
-    own."""
+    """What photographs share of a lens: view, nothing; aperture, one aperture, with a focus each; group, one aperture
+    for each f-number; exif, one aperture x f-number; scene, the whole lens. Unit: none. Source: view: section 4.1;
+    others: own."""
     lens_activation: Literal["relu", "log", "ends"] = "relu"
     """What is learned: relu, aperture and focus above 0; log, the aperture's logarithm and the focus; ends, the signed
     circles of confusion at disparity 0 and 1. Unit: none. Source: relu: released code; others: own."""
     lens_update: Literal["view", "dense"] = "view"
-    """Whose moments Adam moves at a step: view, those of the view's lens; dense, those of all lenses. Unit: none.
+    """Whose moments Adam updates at a step: view, those of the view's lens; dense, those of all lenses. Unit: none.
     Source: view: own; dense: released code."""
     lens_lr: float = 5e-4
-    """Adam's step on what is learned of a lens at the start. Unit: what is learned, a step. Source: released code."""
+    """Adam's learning rate of the lens's parameters at the start. Unit: parameter, a step. Source: released code."""
     lens_lr_final: float = 5e-4
-    """The same at the end, with an exponential fall between. Unit: what is learned, a step. Source: released code."""
+    """The learning rate at the end; it falls exponentially in between. Unit: parameter, a step. Source: released
+    code."""
     lens_from: float = 0.0
-    """Before this the lens stays as it started. Unit: share of the training. Source: released code."""
+    """When learning the lens begins; before, it keeps its initial value. Unit: share of the training. Source: released
+    code."""
     lens_init_aperture: float = 0.5
     """Aperture that every lens starts from; 1 is a circle of 2 % of the width per unit of normalised disparity.
     Unit: normalised. Source: released code."""
@@ -56,7 +58,7 @@ class LensOptions:
             raise InputError(
                 "option lens_init_aperture",
                 str(self.lens_init_aperture),
-                "more than 0: a closed lens blurs nothing, so nothing would open it",
+                "more than 0: a closed lens blurs nothing, so its aperture would get no gradient",
             )
         if self.lens_range == "render" and self.lens_per not in ("view", "scene"):
             raise InputError(
@@ -69,16 +71,17 @@ class LensOptions:
 class LearnedLenses:
     """A lens per view, or lenses that views share in part (`lens_ties.py`), in the method's own normalised disparity d.
 
-    Whatever is learned, it means the signed circle of confusion `slope * d + offset`, in units of 2 % of the width:
+    Every parameterisation stands for the signed circle of confusion `slope * d + offset`, in units of 2 % of the width:
     with aperture A and focus F, slope = A and offset = -A F. Parameterisations (`lens_activation`):
 
-    "relu" (released): A and F are learned, both through a relu. "log": log A and F are, so A can't end at zero, where
-    no gradient would be left, and F may lie beyond the range. "ends": the signed circles at d = 0 and at d = 1, whose
-    pull on the image is alike in strength whatever A is, where F has none left when A is small; where views share an
-    aperture, that aperture and each view's circle at d = 1/2, which is the same in other coordinates.
+    "relu" (released code): A and F are learned, both through a relu. "log": log A and F are learned, so A can't become
+    zero, where its gradient would vanish, and F may lie outside the range. "ends": the signed circles at d = 0 and at d
+    = 1 are learned. They affect the image equally strongly whatever A is, while the effect of F vanishes when A is
+    small. Where views share an aperture, "ends" learns that aperture and each view's circle at d = 1/2, which is the
+    same lens in other coordinates.
 
-    The method's range comes from what it may see (its sparse points, or each rendered view); the
-    estimate leaves it in scene units, so nothing has to be fitted to compare it with the truth.
+    The disparity range comes from data that the method may see (its sparse points, or each rendered view). Estimates
+    are given in scene units, so they can be compared with the truth without a fit.
     """
 
     def __init__(self, count: int, disparity_range: DisparityRange, options: LensOptions, ties: Ties | None = None):
@@ -99,7 +102,7 @@ class LearnedLenses:
         return self._raw_of(self._options.lens_init_aperture, self._options.lens_init_focus)
 
     def _raw_of(self, aperture: float, focus: float, opening: float = 1.0) -> tuple[float, float]:
-        """What is learned of a lens: the shared aperture, and the focus of a view with that opening."""
+        """The raw parameters of a lens of this shared aperture, with the focus of a view of this opening."""
         match self._options.lens_activation:
             case "relu":
                 return aperture, focus
@@ -128,7 +131,7 @@ class LearnedLenses:
         return aperture, -aperture * focus
 
     def forward(self, view: int) -> tuple[Tensor, Tensor]:
-        """Differentiable (slope, offset) of view number `view`; remembers the leaf for `step`."""
+        """Differentiable (slope, offset) of view number `view`; keeps the parameters' leaf tensor for `step`."""
         self._leaf = self._of(view).requires_grad_()
         return self._coefficients(view, self._leaf)
 
@@ -140,16 +143,16 @@ class LearnedLenses:
         return abs(slope), -offset / slope
 
     def gradient(self) -> Tensor | None:
-        """(2,) gradient by the raw parameters of the view of the last `forward`."""
+        """(2,) gradient with respect to the raw parameters of the view of the last `forward`."""
         return None if self._leaf is None else self._leaf.grad
 
     @property
     def follows_rendering(self) -> bool:
-        """Whether each view's disparities are normalised by what was rendered of it, `follow`."""
+        """Whether each view's disparities are normalised by the range of its rendering; then call `follow`."""
         return self._options.lens_range == "render"
 
     def follow(self, view: int, disparity: Tensor, alpha: Tensor) -> None:
-        """Normalise view number `view` by the disparity (H, W), 1 / scene unit, and alpha (H, W) rendered of it."""
+        """Normalise view number `view` by the range of its rendered disparity (H, W), 1 / scene unit; alpha: (H, W)."""
         self.ranges[view] = rendered_range(disparity, alpha, self._first_range)
 
     def step(self, view: int, progress: float, cooldown: float = 1.0) -> None:
@@ -191,7 +194,7 @@ class LearnedLenses:
         )
 
     def shared(self, ties: Ties) -> LearnedLenses:
-        """The same lenses, as far as the ties allow it: what is shared is the median over its views."""
+        """These lenses under the given ties: a shared aperture or focus is the median over the views that share it."""
         pairs = np.array([self.aperture_and_focus(view) for view in range(len(self.ranges))])
         apertures, foci = pairs[:, 0] / np.array(ties.opening), pairs[:, 1]
         lenses = LearnedLenses(len(self.ranges), self._first_range, self._options, ties)
@@ -205,7 +208,7 @@ class LearnedLenses:
         return lenses
 
     def spoil(self, value: float) -> None:
-        """Set everything that is learned to `value`: the start of a case that must end with a typed status."""
+        """Set all parameters to `value`, such as NaN: for checks that training ends with the right status."""
         for raw in self._raw:
             raw.fill_(value)
 

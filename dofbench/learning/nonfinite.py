@@ -1,4 +1,4 @@
-"""NaNs and infinities in training: found at once, and named by step, view and stage."""
+"""NaNs and infinities in training: detected where they first appear, and reported with step, view and stage."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dofbench.core.contracts import NonFinite
 
 
 class NonFiniteError(FloatingPointError):
-    """A NaN or infinity, with the place where it appeared first."""
+    """Raised for a NaN or infinity; `event` says where it first appeared."""
 
     def __init__(self, event: NonFinite):
         self.event = event
@@ -23,18 +23,18 @@ class NonFiniteError(FloatingPointError):
 
 @dataclass(frozen=True)
 class Place:
-    """Where training is: which step, and the name of the view that it takes the step on."""
+    """Where training is: the number of the step, and the name of the view that the step is taken on."""
 
     step: int
     view: str
 
     def error(self, stage: str, detail: str) -> NonFiniteError:
-        """What to raise for something that isn't finite here."""
+        """The exception to raise for a value at this place that isn't finite."""
         return NonFiniteError(NonFinite(self.step, self.view, stage, detail))
 
     def check(self, tensor: Tensor | None, stage: str) -> None:
         """Raises NonFiniteError unless all values are finite."""
-        # A sum is non-finite when any element is, and is much cheaper than looking at each.
+        # A sum is non-finite when any element is, and is much cheaper than testing each element.
         if tensor is not None and not math.isfinite(float(tensor.detach().sum())):
             bad = int((~torch.isfinite(tensor)).sum())
             if bad:
@@ -42,7 +42,8 @@ class Place:
 
     @contextmanager
     def located(self, stage: str) -> Iterator[None]:
-        """Turns a kernel's complaint into one that names step, view and stage; the innermost stage is named."""
+        """Turn a kernel's FloatingPointError into a NonFiniteError with step, view and stage. Of nested blocks the
+        innermost names the stage."""
         try:
             yield
         except NonFiniteError:

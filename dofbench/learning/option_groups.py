@@ -1,15 +1,16 @@
-"""Options in groups: each group is a small frozen dataclass in the module that it steers, documented at the field.
+"""Options in groups: each group is a small frozen dataclass in the module that uses it, documented at the field.
 
-Below every field stands a docstring of one form, which programs read too (`listed_options`):
+Below every field stands a docstring of this form, which `listed_options` parses:
 
     colour_lr: float = 1e-2
     \"\"\"Adam's step on a photograph's colour at the start. Unit: 1 / step. Source: own.\"\"\"
 
-"Unit: none" where there is none. The source is an equation or section of the paper, "released code" (the authors'),
-another paper by its name, or "own": found by our own trainings.
+"Unit: none" for an option without a unit. The source is an equation or section of the paper, "released code" (that of
+the paper's authors), the name of another paper, or "own": found by our own trainings.
 
-A method's options are a frozen dataclass whose fields are groups, derived from `OptionGroups`. No two groups have an
-option of one name, so a user writes the name alone: `--set colour_lr=1e-2`, presets, `ablations.toml`, stored results.
+A method's options are a frozen dataclass whose fields are groups, derived from `OptionGroups`. Option names are unique
+over all groups, so `--set colour_lr=1e-2`, presets, `ablations.toml` and stored results name an option without its
+group.
 """
 
 from __future__ import annotations
@@ -31,10 +32,10 @@ _TYPES = {bool: "true or false", int: "whole number", float: "number", str: "tex
 
 @dataclass(frozen=True)
 class ListedOption:
-    """What there is to say of one option.
+    """The documentation of one option.
 
-    name: as a user writes it. group: the field of the method's options that it belongs to. type: in words; for an
-    option of a few choices these, with commas. default: as it is without a preset. unit: "" where there is none.
+    name: as a user writes it. group: the field of the method's options that holds it. type: in words; for an option
+    with a few choices, the choices, comma-separated. default: the value without a preset. unit: "" without a unit.
     """
 
     name: str
@@ -49,20 +50,20 @@ class ListedOption:
 class OptionGroups:
     """Base of a method's options: a frozen dataclass whose fields are groups, each with a default for every option.
 
-    Immutable; `of` and `with_overrides` make others. What doesn't fit together is refused by `__post_init__` of a group
-    or of the whole with an InputError.
+    Immutable; `of` and `with_overrides` make changed copies. Options that can't be combined raise InputError in
+    `__post_init__` of a group or of the derived class.
     """
 
     @classmethod
     def of(cls, **values: Any) -> Self:
-        """The defaults with some options replaced, by their names; raises as `with_overrides` does."""
+        """The defaults with some options replaced, given by name; raises the same errors as `with_overrides`."""
         return cls().with_overrides(values)
 
     def with_overrides(self, overrides: Mapping[str, Any], subject: str = "option") -> Self:
         """A copy with some options replaced; strings are converted to the option's type.
 
-        subject: what an error calls the option's place. Raises InputError for an unknown name, a value of another type,
-        or one that doesn't fit the others.
+        subject: what error messages call the option. Raises InputError for an unknown name, a value of another type, or
+        a value that can't be combined with the others.
         """
         places = _places(type(self))
         changes: dict[str, dict[str, Any]] = {}
@@ -72,7 +73,7 @@ class OptionGroups:
             group, kind = places[name]
             changes.setdefault(group, {})[name] = _converted(f"{subject} {name}", value, kind)
         groups = {group: replace(getattr(self, group), **values) for group, values in changes.items()}
-        return replace(self, **groups)  # type: ignore[type-var]  # what derives from this is a dataclass
+        return replace(self, **groups)  # type: ignore[type-var]  # derived classes are dataclasses
 
     def flat(self) -> dict[str, bool | int | float | str]:
         """Every option's value by its name."""
@@ -80,7 +81,7 @@ class OptionGroups:
 
 
 def listed_options(options: type[OptionGroups]) -> tuple[ListedOption, ...]:
-    """Every option of a method's options class, group by group, as the source documents it.
+    """Every option of a method's options class, group by group, with its documentation from the source.
 
     Raises ValueError for a field without the docstring that this module describes.
     """
@@ -110,7 +111,7 @@ def _places(options: type[OptionGroups]) -> dict[str, tuple[str, Any]]:
 
 @cache
 def _docstrings(group: type) -> dict[str, str]:
-    """Field -> the docstring below it, of a group's source."""
+    """Field -> the docstring below it in the source of the group."""
     (definition,) = ast.parse(textwrap.dedent(inspect.getsource(group))).body
     assert isinstance(definition, ast.ClassDef)
     found = {}

@@ -1,7 +1,7 @@
 """Photographs that don't belong to the scene, such as those whose pose is wrong.
 
-A photograph that the others contradict keeps a loss far above theirs, and is left out. Medians tell it, so a scene that
-is merely hard to learn has no outliers.
+A photograph that contradicts the others keeps a loss far above theirs, and is left out. Losses are compared with their
+median, so a scene that is hard to learn as a whole has no outliers.
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-VISITS = 2  # of a view that its loss is averaged over
-FAR = 4.0  # robust standard deviations of the losses' logarithms
-LEAST_RATIO = 1.4  # times the median loss, so that views that are all alike have no outlier
-MOST = 0.25  # share of the views that may be left out
-LEAST_VIEWS = 8  # for a median to mean something
+VISITS = 2  # number of latest visits of a view over which its loss is averaged
+FAR = 4.0  # distance from which a view is an outlier, in robust standard deviations of the losses' logarithms
+# Least ratio of an outlier's loss to the median, so that views of nearly equal losses have no outlier
+LEAST_RATIO = 1.4
+MOST = 0.25  # largest share of the views that may be left out
+LEAST_VIEWS = 8  # fewest views for which the median is meaningful
 
 
 @dataclass(frozen=True)
@@ -25,17 +26,17 @@ class OutlierOptions:
     outlier_views: bool = False
     """Whether views whose loss stays far above the others' are left out. Unit: none. Source: own."""
     outliers_from: float = 0.3
-    """When they are looked for. Unit: share of the training. Source: own."""
+    """When the search for such views begins. Unit: share of the training. Source: own."""
 
 
 class OutlierViews:
-    """Keeps each view's latest losses, and says which views are left out."""
+    """Keeps each view's latest losses, and finds the outliers among the views."""
 
     def __init__(self, count: int):
         self._losses: list[deque[float]] = [deque(maxlen=VISITS) for _ in range(count)]
 
     def record(self, view: int, loss: float) -> None:
-        """The loss of a step on view number `view`."""
+        """Add the loss of a step on view number `view`."""
         self._losses[view].append(loss)
 
     def found(self) -> set[int]:

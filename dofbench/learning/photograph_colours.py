@@ -1,13 +1,14 @@
-"""Exposure and white balance of every training photograph, learned beside the scene.
+"""Exposure and white balance of every training photograph, learned together with the scene.
 
-A photograph is the rendering through its lens, c, under a colour of its own. Encoded values are linear light to a
-power, so more exposure and another white balance, a factor a channel in linear light, are a factor a channel of encoded
-values too: "gain", exp(g) c. "affine" is (1 + D) c + e, which also knows a camera's mixing of channels, a veil of stray
-light and, roughly, another tone curve.
+A photograph is the rendering c through its lens, changed by a colour transform of its own. Exposure and white balance
+are a factor per channel in linear light. Encoded values are a power of linear light, so they are a factor per channel
+of encoded values too: "gain", exp(g) c. "affine" is (1 + D) c + e, which can also model mixing of channels, a veil of
+stray light and, roughly, another tone curve.
 
-The Gaussians' colours times any colour, and every photograph's divided by it, make the same photographs. This gauge is
-fixed after every step: the mean of g, or of D and e, over the photographs is zero. So the scene has the photographs'
-mean colour, which a new view is rendered with, and where all photographs are alike nothing is changed.
+Multiplying the scene's colours by a factor and dividing every photograph's transform by it gives the same photographs.
+This ambiguity is removed after every step by making the mean of g, or of D and e, over the photographs zero. So the
+scene has the photographs' mean colour, in which new views are rendered, and photographs of equal colour get no
+transform.
 """
 
 from __future__ import annotations
@@ -32,19 +33,21 @@ CONVENTION = "photograph = matrix[:, :3] @ rendering through the lens + matrix[:
 
 @dataclass(frozen=True)
 class ColourOptions:
-    """What is learned of a photograph's colour, and how fast."""
+    """Which colour transform is learned for each photograph, and how fast."""
 
     colour_per_view: Literal["off", "gain", "affine"] = "off"
-    """A colour learned for every photograph: gain, a factor a channel; affine, a matrix and an offset. Unit: none.
-    Source: own."""
+    """Colour transform learned for every photograph: off; gain, a factor per channel; affine, a matrix and an offset.
+    Unit: none. Source: own."""
     colour_lr: float = 1e-2
-    """Adam's step on a photograph's colour at the start. Unit: what is learned, a step. Source: own."""
+    """Adam's learning rate of the colour transforms at the start. Unit: parameter, a step. Source: own."""
     colour_lr_fall: float = 0.1
-    """Factor on it at the end, with an exponential fall between. Unit: none. Source: own."""
+    """Factor on colour_lr that is reached at the end; the rate falls exponentially in between. Unit: none. Source:
+    own."""
 
 
 class LearnedColours:
-    """A colour a photograph, `colour_per_view` "gain" or "affine", from identity; with "off" nothing is learned."""
+    """A colour transform for each photograph, starting from identity: `colour_per_view` "gain" or "affine"; with "off"
+    none is learned."""
 
     def __init__(self, count: int, options: ColourOptions):
         self._options = options
@@ -53,19 +56,21 @@ class LearnedColours:
 
     @property
     def learned(self) -> bool:
-        """Whether photographs have colours of their own."""
+        """Whether colour transforms are learned."""
         return self._kind != "off"
 
     def forward(self, view: int, image: Tensor) -> Tensor:
-        """The image (H, W, 3) as photograph number `view` shows it; differentiable by it and by the colour."""
+        """The image (H, W, 3) with the colour transform of photograph number `view`; differentiable with respect to
+        both."""
         return self._applied(self._table.leaf(view), image)
 
     def gradient(self) -> Tensor | None:
-        """Gradient by the raw parameters of the view of the last `forward`; None where nothing is learned."""
+        """Gradient with respect to the raw parameters of the view of the last `forward`; None if nothing is learned."""
         return self._table.gradient
 
     def step(self, view: int, progress: float, cooldown: float = 1.0) -> None:
-        """One Adam step on a view's colour, its rate times `cooldown`; then the gauge."""
+        """One Adam step on a view's colour transform, its rate times `cooldown`; then the mean over the views is made
+        zero again."""
         options = self._options
         rate = options.colour_lr * options.colour_lr_fall**progress * cooldown
         self._table.step(view, rate)
@@ -73,11 +78,11 @@ class LearnedColours:
 
     @torch.no_grad()
     def apply(self, view: int, image: Tensor) -> Tensor:
-        """As `forward`, without gradient."""
+        """The image as `forward` gives it, without gradient."""
         return self._applied(self._table.values[view], image)
 
     def matrix(self, view: int) -> np.ndarray:
-        """(3, 4) float32 of a photograph's colour: [M | e] of M c + e."""
+        """(3, 4) float32, a photograph's colour transform: [M | e] of M c + e."""
         raw = self._table.values[view].numpy()
         match self._kind:
             case "off":
@@ -97,7 +102,7 @@ class LearnedColours:
 
 
 def write_colours(path: Path, colours: Mapping[str, np.ndarray]) -> None:
-    """Write every photograph's colour, (3, 4), by name."""
+    """Write every photograph's colour transform, (3, 4), by name."""
     write_json(
         path,
         {
@@ -110,7 +115,8 @@ def write_colours(path: Path, colours: Mapping[str, np.ndarray]) -> None:
 
 
 def read_colours(path: Path) -> dict[str, np.ndarray]:
-    """What `write_colours` wrote: name -> (3, 4) float32. Raises InputError if it is damaged or of another version."""
+    """Read a file that `write_colours` wrote: name -> (3, 4) float32. Raises InputError if it is damaged or of another
+    version."""
     data = read_json(path)
     expected = f"colours of version {VERSION} beside a .ply: a 3 x 4 matrix a view"
     if not isinstance(data, dict) or (data.get("schema_name"), data.get("version")) != (SCHEMA, VERSION):

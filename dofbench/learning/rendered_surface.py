@@ -1,4 +1,4 @@
-"""The surface that a view was rendered with: its disparity, and the range of it."""
+"""The disparity of a rendered view's surface, and its range."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from torch import Tensor
 
 from dofbench.core.lens import DisparityRange
 
-# Below this accumulated opacity a pixel has no surface whose depth means anything.
+# A pixel with less accumulated opacity has no surface with a meaningful depth.
 SURFACE_ALPHA = 0.1
-_RANGE_QUANTILE = 0.95  # the released code's near end of the disparity range
+_RANGE_QUANTILE = 0.95  # near end of the disparity range in the released code
 
 
 def surface_disparity(depth: Tensor, alpha: Tensor) -> Tensor:
-    """(H, W) disparity, 1 / scene unit; a pixel without a surface takes the farthest one of the image.
+    """(H, W) disparity, 1 / scene unit; a pixel without a surface gets the farthest surface's disparity in the image.
 
-    The released code takes such pixels for the nearest of all, which blurs holes over their
-    surroundings; what shows through a hole lies behind.
+    The released code treats such pixels as the nearest of all, which spreads the blur of holes over their surroundings.
+    Here they count as far, since a hole shows what lies behind.
     """
     there = (alpha > SURFACE_ALPHA) & (depth > 0)
     disparity = 1 / torch.where(there, depth, 1.0)
@@ -28,8 +28,8 @@ def surface_disparity(depth: Tensor, alpha: Tensor) -> Tensor:
 
 
 def rendered_range(disparity: Tensor, alpha: Tensor, fallback: DisparityRange) -> DisparityRange:
-    """Minimum and 95th percentile of disparity (H, W) over the pixels that have a surface, as the released code scales
-    it; `fallback` where there is no such pixel, or no range."""
+    """Minimum and 95th percentile of disparity (H, W) over the pixels that have a surface, as in the released code;
+    `fallback` if there is no such pixel, or all have the same disparity."""
     known = disparity.detach()[alpha.detach() > SURFACE_ALPHA].numpy()
     if known.size == 0:
         return fallback

@@ -1,4 +1,4 @@
-"""Adam over a small table of which each training step sees one row."""
+"""Adam over a small table of parameters, of which each training step updates one row."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ _EPSILON = 1e-15
 
 
 class RowAdam:
-    """Parameters (rows, columns) from zero; a row's moments count its own visits (Kingma and Ba, 2015)."""
+    """Parameters (rows, columns), starting at zero; each row's moments depend on the steps on that row alone (Adam:
+    Kingma and Ba, 2015)."""
 
     def __init__(self, rows: int, columns: int):
         self.values = torch.zeros(rows, columns)
@@ -20,17 +21,17 @@ class RowAdam:
         self._leaf: Tensor | None = None
 
     def leaf(self, row: int) -> Tensor:
-        """(columns,) of a row, which gradient reaches; remembered for `step`."""
+        """(columns,) parameters of a row as a leaf tensor that collects gradients; kept for `step`."""
         self._leaf = self.values[row].clone().requires_grad_()
         return self._leaf
 
     @property
     def gradient(self) -> Tensor | None:
-        """(columns,) gradient by the row of the last `leaf`; None when nothing reached it."""
+        """(columns,) gradient with respect to the row of the last `leaf`; None if the loss didn't depend on it."""
         return None if self._leaf is None else self._leaf.grad
 
     def step(self, row: int, rate: float) -> None:
-        """One step on a row; does nothing when no gradient reached it."""
+        """One Adam step on a row; does nothing if the row has no gradient."""
         gradient = self.gradient
         self._leaf = None
         if gradient is None:

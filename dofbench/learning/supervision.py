@@ -1,4 +1,4 @@
-"""Depth of every view to supervise by (section 4.2): from the structure-from-motion points, or from a map."""
+"""Known depth of a view for depth supervision (section 4.2): at the structure-from-motion points, or as a map."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from dofbench.scenes.visibility import visible
 
 @dataclass(frozen=True, eq=False)
 class DepthSamples:
-    """rows, columns: (M,) int64 pixels; depth: (M,) float32 z in scene units. weight: (M,), or None: all alike."""
+    """rows, columns: (M,) int64 pixels; depth: (M,) float32 z in scene units. weight: (M,), or None for equal
+    weights."""
 
     rows: Tensor
     columns: Tensor
@@ -31,16 +32,16 @@ class DepthMap:
     weight: np.ndarray
 
     def with_samples(self, samples: DepthSamples) -> DepthMap:
-        """The same map with other depths, of full weight, in those pixels."""
+        """The map with the samples' depths, of weight 1, in the samples' pixels."""
         depth, weight = self.depth.copy(), self.weight.copy()
         at = samples.rows.numpy(), samples.columns.numpy()
         depth[at], weight[at] = samples.depth.numpy(), 1.0
         return DepthMap(depth, weight)
 
     def samples(self, camera: Camera) -> DepthSamples:
-        """What is known at the pixels of the same view at the camera's size.
+        """The known depth at the pixels of the same view at the camera's size.
 
-        The nearest pixel's: a mean of depths, or of depths and zeros, is no surface's depth.
+        Resampled by nearest neighbour, because a mean of depths, or of depths and zeros, lies on no surface.
         """
         height, width = self.depth.shape
         rows = ((np.arange(camera.height) + 0.5) * height / camera.height).astype(np.int64)
@@ -56,7 +57,7 @@ class DepthMap:
 
 
 def sparse_depth(points: PointCloud, camera: Camera, view: int) -> DepthSamples:
-    """The points that view number `view` sees (`scenes/visibility.py`), projected to pixels."""
+    """Depth of the points that view number `view` sees (`scenes/visibility.py`), at the pixels that they project to."""
     seen = visible(points, camera, view)
     pixels = seen.xy.astype(np.int64)
     return DepthSamples(

@@ -1,4 +1,4 @@
-"""Training photographs as the training loop wants them: at each size that it trains at, with what supervises them."""
+"""Training photographs as the training loop needs them: at each training size, with their known depth."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from dofbench.learning.supervision import DepthSamples
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
-    """One training view at one size: (H, W, 3) encoded image, the depth known of it, and (H, W) bool of the pixels that
-    no colour loss looks at; None for no such."""
+    """One training view at one size. image: (H, W, 3), encoded. known: its known depth, or None. held_back: (H, W)
+    bool, the pixels that no colour loss uses, or None."""
 
     index: int
     name: str
@@ -33,10 +33,10 @@ class Photograph:
 def all_photographs(
     views: Sequence[TrainingView], sizes: Sequence[int], prior: Prior | None, held_back: float, seed: int
 ) -> dict[int, list[Photograph]]:
-    """All training views at each of these sizes, factors that they are shrunk by, under the factor.
+    """Factor -> all training views shrunk by that factor, for each of the factors in `sizes`.
 
-    prior: what supervises depth, or None. held_back: the share of every photograph's tiles that no colour loss looks
-    at.
+    prior: the depth that supervises, or None. held_back: the share of every photograph's tiles that no colour loss
+    uses.
     """
     return {
         factor: [_photograph(view, index, factor, prior, held_back, seed) for index, view in enumerate(views)]

@@ -1,4 +1,5 @@
-"""In which order training looks at the photographs: all in random order, again and again, without the outliers."""
+"""The order in which training visits the photographs: rounds of all photographs in random order, without the
+outliers."""
 
 from __future__ import annotations
 
@@ -12,14 +13,14 @@ from dofbench.learning.outliers import OutlierOptions, OutlierViews
 
 @dataclass(frozen=True, eq=False)
 class OrderState:
-    """What is left of a round, and what is known of the losses, to come back to."""
+    """A copy of a `ViewOrder`'s state: the rest of the current round, and the losses."""
 
     left: list[int]
     outliers: OutlierViews
 
 
 class ViewOrder:
-    """Deals out the numbers of `count` photographs. left_out: those that were found not to belong to the scene."""
+    """Yields the numbers of `count` photographs in rounds. left_out: photographs found not to belong to the scene."""
 
     def __init__(self, count: int, options: OutlierOptions):
         self._count, self._options = count, options
@@ -27,7 +28,7 @@ class ViewOrder:
         self._outliers, self.left_out = OutlierViews(count), set()
 
     def next(self, progress: float, random: np.random.Generator) -> int:
-        """The next one at `progress`, 0 to 1; a new round is drawn where the last one is over."""
+        """The next photograph's number at `progress`, 0 to 1; a new round is drawn when the last one is over."""
         if not self._left:
             self._left = list(random.permutation(self._count))
             if self._options.outlier_views and progress >= self._options.outliers_from:
@@ -36,13 +37,13 @@ class ViewOrder:
         return self._left.pop()
 
     def record(self, view: int, loss: float) -> None:
-        """The loss of a step on view number `view`."""
+        """Add the loss of a step on view number `view`."""
         self._outliers.record(view, loss)
 
     def state(self) -> OrderState:
-        """Where the round and the losses are. A photograph that was found out stays left out."""
+        """A copy of the current round and the losses. `left_out` isn't part of it: outliers stay left out."""
         return OrderState(list(self._left), copy.deepcopy(self._outliers))
 
     def restore(self, state: OrderState) -> None:
-        """Go on from a `state`."""
+        """Return to an earlier `state`."""
         self._left, self._outliers = list(state.left), copy.deepcopy(state.outliers)

@@ -1,4 +1,4 @@
-"""The bridge to `methods/<id>/`."""
+"""Makes the method folders `methods/<id>/` importable as `dofbench.methods.<id>`."""
 
 from dofbench.core.content import method_folders
 

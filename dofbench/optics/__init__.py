@@ -1,1 +1,1 @@
-"""Blur of whole images by a known lens: encode and decode, scatter, layers, and where depth jumps."""
+"""Blur of whole images by a known lens: display encoding, scatter, layered rendering, depth edges."""

@@ -1,7 +1,7 @@
 """From a sharp encoded image and a signed radius to a photograph with shallow depth of field.
 
-Blur happens in linear light (DoF-Gaussian, Algorithm 1): decode, scatter, encode. One function for
-synthesis, methods and evaluation, so that all of them mean the same lens.
+Blur happens in linear light (DoF-Gaussian, Algorithm 1): decode, scatter, encode. Synthesis, methods and evaluation all
+use this module, so that a lens means the same in all of them.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ def defocus(
 ) -> Tensor:
     """Blur an encoded image (H, W, 3) by `signed_radius`, (H, W) pixels; encoded, (H, W, 3), not clipped.
 
-    Differentiable by both, so `blur` must be the scatter's: InputError for another renderer. Where every radius is zero
-    the image comes back bit for bit and no gradient reaches the radius: R = 0 through the kernel would leak 0.3 % to
-    the neighbours. backend, form: of `kernels/scatter/reference.py`, whose errors are raised here too.
+    Differentiable with respect to image and radius, so `blur` must name the renderer "scatter": InputError for another
+    one. If every radius is zero, the image is returned unchanged bit for bit and no gradient reaches the radius; the
+    kernel would leak 0.3 % of a pixel with R = 0 to its neighbours. backend, form: of `kernels/scatter/reference.py`,
+    whose errors are raised here too.
     """
     if blur.renderer != "scatter":
         raise InputError("renderer", blur.renderer, "scatter, the only one with a gradient")
@@ -43,8 +44,8 @@ def defocus_numpy(
 ) -> tuple[np.ndarray, np.ndarray]:
     """A photograph of a sharp image through `lens`: (encoded, linear), both (H, W, 3) float32.
 
-    image: (H, W, 3) float32, encoded. depth: (H, W), scene units; what is zero, negative or not
-    finite is unknown and counts as infinitely far. options: those of `defocus_by_radius`.
+    image: (H, W, 3) float32, encoded. depth: (H, W), scene units; values that are zero, negative or not finite are
+    unknown and count as infinitely far. options: those of `defocus_by_radius`.
     """
     known = np.isfinite(depth) & (depth > 0)
     disparity = np.where(known, 1.0 / np.where(known, depth, 1.0), 0.0)
@@ -57,9 +58,9 @@ def defocus_by_radius(
     """A photograph by the signed CoC radius, (H, W) pixels, positive nearer than the focus: (encoded, linear).
 
     image: (H, W, 3) float32, encoded; so are both results. With zero radius everywhere `encoded` is the image itself.
-    blur: of the renderers that need no more than this, "scatter", the paper's, or "layered", which knows occlusion
-    (`layered.py`); else InputError, unless the radius is zero. backend, form: of `kernels/scatter/reference.py`, whose
-    errors are raised here too.
+    blur: with the renderer "scatter", the paper's, or "layered", which handles occlusion (`layered.py`); InputError for
+    another renderer, unless the radius is zero. backend, form: of `kernels/scatter/reference.py`, whose errors are
+    raised here too.
     """
     radius = torch.from_numpy(signed_radius.astype(np.float32))
     with torch.no_grad():

@@ -1,20 +1,21 @@
-"""Where a picture's depth jumps, and what of the picture its blur brings together there."""
+"""Depth edges of a picture, and the region around them in which blur mixes near and far surfaces."""
 
 from __future__ import annotations
 
 import numpy as np
 
-JUMP = 1.0  # pixels of signed radius between neighbours: from there on one hides the other visibly
+JUMP = 1.0  # difference of the signed radii of neighbouring pixels, in pixels, from which on occlusion is visible
 
 
 def near_depth_edges(signed_radius: np.ndarray) -> np.ndarray:
-    """(H, W) mask of what lies within one circle of confusion, the larger one of its two sides, of a jump.
+    """(H, W) mask of the pixels within one circle of confusion of a depth edge; the larger circle of the edge's two
+    sides counts.
 
     signed_radius: (H, W) pixels.
     """
     import cv2
 
-    reach = np.zeros(signed_radius.shape)  # of every pixel beside a jump
+    reach = np.zeros(signed_radius.shape)  # circle of confusion of every pixel beside a depth edge
     for axis in (0, 1):
         length = signed_radius.shape[axis] - 1
         first, second = (np.take(signed_radius, range(start, length + start), axis) for start in (0, 1))
@@ -25,7 +26,7 @@ def near_depth_edges(signed_radius: np.ndarray) -> np.ndarray:
             place[axis] = slice(start, length + start)
             np.maximum(reach[tuple(place)], wide, out=reach[tuple(place)])
     near = np.zeros(signed_radius.shape, dtype=bool)
-    # Whole radii suffice: a region is a place to look, not a measurement.
+    # Radii rounded up to whole pixels are exact enough, since the mask only selects a region.
     for whole in np.unique(np.ceil(reach[reach > 0])):
         distance = cv2.distanceTransform((np.ceil(reach) != whole).astype(np.uint8), cv2.DIST_L2, 5)
         near |= distance <= whole

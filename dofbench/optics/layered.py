@@ -1,12 +1,12 @@
-"""Lens blur that knows what hides what: depth layers, each scattered by itself, composited back to front.
+"""Lens blur with occlusion: depth layers, each scattered by itself, composited back to front.
 
-The plain scatter adds up every pixel's light wherever it lands, so a blurred background shines through a focused
-foreground and nothing is known behind a blurred one. Here, within a circle of confusion of every depth edge, pixels are
-cut into layers by their signed radius. A layer goes on behind the nearer ones where its own pixels are the nearest
-visible ones, with their radius and a smooth continuation of its colours, so that something is there where a blurred
-foreground becomes transparent. A pixel on an outline belongs to two layers in part (`mixed_pixels.py`). The light and
-the opacity of a layer are scattered alike and laid over what is behind (the "over" of Porter and Duff, 1984). Away from
-depth edges nothing is hidden, and the result is the plain scatter's.
+The plain scatter adds up the light of all pixels, so a blurred background shines through a focused foreground, and
+nothing is visible behind a blurred foreground. Here, within a circle of confusion of every depth edge, pixels are
+cut into layers by their signed radius. A layer is continued behind nearer layers, where its pixels are the nearest
+visible ones, with the radius of these pixels and a smooth continuation of its colours, which fills the places where a
+blurred foreground is transparent. A pixel on an outline belongs to two layers in part (`mixed_pixels.py`). The light
+and the opacity of a layer are scattered in the same way, and composited over the layers behind ("over" of Porter and
+Duff, 1984). Away from depth edges nothing is hidden, and the result is that of the plain scatter.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dofbench.core.lens import LAYERS
 from dofbench.optics.depth_edges import near_depth_edges
 from dofbench.optics.mixed_pixels import MixedPixels, mixed_pixels
 
-_SEAM = 2  # pixels around the depth edges' reach over which the two results pass into each other
+_SEAM = 2  # pixels around the region of the depth edges over which the two results are blended
 
 
 def layered_blur(
@@ -29,9 +29,9 @@ def layered_blur(
 ) -> Tensor:
     """Blur `linear`, (H, W, 3) linear light, by `signed_radius`, (H, W) pixels, positive nearer; (H, W, 3).
 
-    scatter: blurs an (H, W, C) image by an (H, W) radius, normalised so that a constant stays one. layers: into which
-    the range of radii is cut evenly. No gradient. Raises ValueError for less than one layer, and what `scatter` does
-    for a radius that isn't finite.
+    scatter: blurs an (H, W, C) image by an (H, W) radius, normalised so that a constant image stays constant. layers:
+    number of equal intervals of the range of radii. Not differentiable. Raises ValueError for less than one layer, and
+    the error of `scatter` for a radius that isn't finite.
     """
     if layers < 1:
         raise ValueError(f"layers: expected at least 1, found {layers}")
@@ -55,7 +55,7 @@ def _composited(
     mixed = mixed_pixels(linear, radius)
     near_layer, far_layer = layer_of(mixed.near_radius), layer_of(mixed.far_radius)
     mixed, near_layer = mixed.where(near_layer != far_layer), near_layer[near_layer != far_layer]
-    # A mixed pixel is its far surface, and has the near one before it in part.
+    # A mixed pixel is treated as its far surface, partly covered by the near one.
     linear, radius = linear.copy(), radius.copy()
     linear[mixed.rows, mixed.columns], radius[mixed.rows, mixed.columns] = mixed.far, mixed.far_radius
     label = layer_of(radius)
@@ -82,16 +82,16 @@ def _layer(
     own[before.rows, before.columns] = before.near_radius
     member[before.rows, before.columns] = True
     if not member.all():
-        # Where the layer isn't, empty space is spread as wide as the layer beside it: opacity is then the
-        # share of the circle of confusion that the layer covers.
+        # Pixels outside the layer are transparent and get the radius of the nearest pixel of the layer. The scattered
+        # opacity is then the share of the circle of confusion that the layer covers.
         own = own.reshape(-1)[_nearest(member)]
     return light.astype(linear.dtype, copy=False), np.ascontiguousarray(own)
 
 
 def _continued(image: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """The image with what isn't known filled in smoothly: means over ever larger squares of what is.
+    """The image with unknown pixels filled in smoothly, by means of the known pixels over ever larger squares.
 
-    A pyramid, down and up again (Gortler, Grzeszczuk, Szeliski, Cohen, The Lumigraph, 1996: pull and push).
+    An image pyramid, down and up again (pull-push of Gortler, Grzeszczuk, Szeliski, Cohen, The Lumigraph, 1996).
     """
     import cv2
 
@@ -116,7 +116,7 @@ def _continued(image: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def _softened(mask: np.ndarray) -> np.ndarray:
-    """(H, W) share, 0 ... 1: one on the mask, and falling to zero within a few pixels around it."""
+    """(H, W) weight: 1 on the mask, falling to 0 within a few pixels around it."""
     import cv2
 
     distance = cv2.distanceTransform(np.logical_not(mask).astype(np.uint8), cv2.DIST_L2, 5)
@@ -124,7 +124,7 @@ def _softened(mask: np.ndarray) -> np.ndarray:
 
 
 def _nearest(chosen: np.ndarray) -> np.ndarray:
-    """(H, W) flat index of the chosen pixel that is nearest to each pixel; itself where it is chosen."""
+    """(H, W) flat index of the chosen pixel that is nearest to each pixel; a chosen pixel's own index."""
     import cv2
 
     places = np.flatnonzero(chosen)
@@ -133,7 +133,7 @@ def _nearest(chosen: np.ndarray) -> np.ndarray:
     _, labels = cv2.distanceTransformWithLabels(
         np.logical_not(chosen).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    # OpenCV numbers the chosen pixels in an order of its own.
+    # OpenCV labels the chosen pixels in an unspecified order.
     of_label = np.zeros(labels.max() + 1, dtype=np.int64)
     of_label[labels.reshape(-1)[places]] = places
     return of_label[labels]

@@ -1,9 +1,9 @@
-"""Pixels of a sharp picture that show two surfaces, taken apart.
+"""Separates pixels of a sharp picture that show two surfaces into the two surfaces' colours.
 
-A pixel on the outline of something is a mixture of it and of what is behind, while its depth is that of one of the
-two: blurred as a whole it leaves a seam. Its share of the nearer surface is found from the colours on either side, by
-the compositing equation C = a F + (1 - a) B (Porter and Duff, 1984) and least squares; the two colours are then
-chosen so that the mixture is the pixel again.
+A pixel on an outline mixes the colours of the near and the far surface, but has the depth of one of them; blurred as a
+whole it would leave a seam. Its share of the near surface is estimated from the colours on either side, by the
+compositing equation C = a F + (1 - a) B (Porter and Duff, 1984) and least squares; the two colours are then adjusted so
+that their mixture is exactly the pixel.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import numpy as np
 
 from dofbench.optics.depth_edges import JUMP
 
-_REACH = 2  # pixels: how far the pure colours are looked for
-_WHITE = 1.0  # a highlight beside an outline is no reason to expect another one on it
-_UNEXPLAINED = 0.25  # of the difference of the two colours: what is farther off is no mixture of them
-_PURE = 0.1  # what has less of one of the two is the other
-_DISTINCT = 1e-3  # of linear light, squared: what differs less can't be told apart
+_REACH = 2  # pixels: distance within which the colours of the two surfaces are sampled
+_WHITE = 1.0  # colours are cut at white, so that a highlight beside an outline doesn't distort the estimate
+_UNEXPLAINED = 0.25  # share of the two colours' difference: a pixel farther from their mixtures is left as it is
+_PURE = 0.1  # a pixel with a smaller share of one surface counts as the other surface alone
+_DISTINCT = 1e-3  # squared difference in linear light: colours that differ less aren't separated
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,15 +37,15 @@ class MixedPixels:
     far_radius: np.ndarray
 
     def where(self, chosen: np.ndarray) -> MixedPixels:
-        """Those pixels alone."""
+        """The chosen pixels alone."""
         return MixedPixels(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
 
 
 def mixed_pixels(linear: np.ndarray, signed_radius: np.ndarray) -> MixedPixels:
     """The pixels beside a jump of the signed radius, (H, W) pixels, that are a mixture of the surfaces on both sides.
 
-    linear: (H, W, 3), linear light. What lies between two jumps, as a wire one pixel wide, is left out, and so is
-    what no mixture explains.
+    linear: (H, W, 3), linear light. Pixels between two jumps, such as a wire one pixel wide, are left out, and so are
+    pixels that aren't a mixture of the two colours.
     """
     import cv2
 
@@ -79,7 +79,8 @@ def mixed_pixels(linear: np.ndarray, signed_radius: np.ndarray) -> MixedPixels:
     explained = (left <= _UNEXPLAINED**2 * length) & (length >= _DISTINCT) & (share > _PURE) & (share < 1 - _PURE)
     found = MixedPixels(rows, columns, share, front, back, front_radius, back_radius).where(explained)
     colour, share, front, back = colour[explained], found.share[:, None], found.near, found.far
-    # What the mean colours leave goes to both: together they are then the pixel, and neither changes more than it must.
+    # The remaining difference is distributed over both colours: the smallest change after which their mixture is
+    # exactly the pixel.
     left_over = (colour - share * front - (1 - share) * back) / (share**2 + (1 - share) ** 2)
     front, back = np.maximum(front + share * left_over, 0), np.maximum(back + (1 - share) * left_over, 0)
     return replace(found, near=front, far=back)

@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 def make_scene(settings: MakeScene, *, progress: Progress | None = None) -> list[Path]:
     """Render the scenes that `settings` asks for and return their folders.
 
-    A run that was killed goes on where it stopped, image by image. progress: None shows it on standard
-    error, and the folders on standard output. Raises InputError for wrong input, without mitsuba,
-    or when a folder holds something else.
+    A run that was killed continues where it stopped, image by image. progress: None shows the progress on standard
+    error, and the folders on standard output. Raises InputError for wrong input, without mitsuba, or when a folder
+    holds something else.
     """
     from dofbench.core.progress import Terminal
     from dofbench.procedural.scene_builder import make

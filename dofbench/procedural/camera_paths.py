@@ -27,8 +27,8 @@ def cameras(points: Viewpoints, kind: PathKind, count: int, width: int, height: 
 
 
 def _spiral(points: Viewpoints, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count, 3): a sunflower spiral, so every prefix and every stride of it covers the same ellipse and no test
-    view lies far outside the training views.
+    """(count, 3) positions on a sunflower spiral. Its first n points, or every n-th point, cover the same ellipse, so
+    no test view lies far outside the training views.
     """
     index = np.arange(count)
     radius = np.sqrt((index + 0.5) / count)
@@ -38,7 +38,8 @@ def _spiral(points: Viewpoints, count: int, rng: np.random.Generator) -> np.ndar
 
 
 def _arc(points: Viewpoints, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count, 3): evenly around the vertical through the target, at the eye's distance; heights by turns."""
+    """(count, 3) positions, evenly spaced around the vertical axis through the target, at the eye's distance; heights
+    alternate."""
     eye, target = np.array(points.eye), np.array(points.target)
     angle = np.radians(points.arc) * ((np.arange(count) + 0.5) / count - 0.5)
     start = eye - target
@@ -55,7 +56,7 @@ def _look(eye: np.ndarray, target: np.ndarray, roll: float) -> np.ndarray:
 def world_to_camera(eye: np.ndarray, forward: np.ndarray, roll: float) -> np.ndarray:
     """(4, 4) OpenCV axes, of a camera at `eye` that looks along `forward`, a unit vector.
 
-    The world's z is upwards in the picture but for `roll` radians.
+    The world's z axis points up in the picture, apart from a roll of `roll` radians.
     """
     right = np.cross(forward, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)

@@ -1,8 +1,8 @@
 """Drawing on float images with numpy alone: strokes, discs, rectangles and a stroke alphabet.
 
-An imaging library may draw other pixels in its next version, and the scene would change with it.
-Positions are (x, y) in pixels, x to the right, y down; everything draws in place with a soft,
-one-pixel edge, and what falls outside the image is left out.
+No imaging library is used, since its next version might draw other pixels and so change the scenes. Positions are (x,
+y) in pixels, x to the right, y down; everything draws in place with a soft, one-pixel edge, and what falls outside the
+image is left out.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 Colour = tuple[float, float, float]
 Point = tuple[float, float]
 
-# Letters on a grid 4 wide and 6 tall, y down: one string a stroke, two digits (x, y) a corner.
+# Letters on a grid 4 wide and 6 tall, y down: one string per stroke, two digits (x, y) per corner.
 _LETTERS = {
     "A": ("062046", "1333"),
     "B": ("0006", "003041423303", "3344453606"),
@@ -105,7 +105,7 @@ def frame(image: np.ndarray, margin: int, width: int, colour: Colour) -> None:
 def text(
     image: np.ndarray, words: str, box: tuple[float, float, float, float], colour: Colour, weight: float = 0.17
 ) -> None:
-    """Capital letters that fill box = (x, y, width, height), pixels; weight: stroke width as a part of the height."""
+    """Capital letters that fill box = (x, y, width, height), pixels; weight: stroke width as a share of the height."""
     x, y, width, height = box
     pen = min(weight * height, 0.8 * width / (6 * len(words)))
     step = (width - pen) / (6 * len(words) - 2)
@@ -123,7 +123,8 @@ def text(
 def print_lines(
     rng: np.random.Generator, image: np.ndarray, box: tuple[int, int, int, int], pitch: int, colour: Colour
 ) -> None:
-    """Small print that fills box = (x, y, width, height): words of random letters, ragged right. pitch: of lines."""
+    """Small print that fills box = (x, y, width, height): words of random letters, ragged right. pitch: distance
+    between lines."""
     x0, y0, width, height = box
     letters = sorted(set(_LETTERS) - {" "})
     advance = 0.55 * pitch

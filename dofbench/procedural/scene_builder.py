@@ -1,4 +1,4 @@
-"""The run of make-scene: depth and pinhole images of all views, points, then photographs through lenses."""
+"""The stages of make-scene: depth and pinhole images of all views, points, then photographs through lenses."""
 
 from __future__ import annotations
 
@@ -33,10 +33,11 @@ Tick = Callable[[], None]
 
 
 def make(settings: MakeScene, progress: Progress) -> list[Path]:
-    """Make the scenes, or finish them, or find that they are complete; returns their folders.
+    """Make the scenes, or what is missing of them; returns their folders.
 
-    With several scenes each gets its views and one photograph through a lens before the others follow, so
-    that what is there early can be used. Raises InputError as `choose_variant` and `SceneFolder` do.
+    With several scenes, the views and one photograph through a lens of every scene are made first and the other
+    photographs afterwards, so that every scene can be used early. Raises the InputErrors of `choose_variant` and
+    `SceneFolder`.
     """
     variant, remark = choose_variant(settings.variant)
     if remark:
@@ -72,9 +73,9 @@ class _Shot:
 
 
 class _Rendering:
-    """One scene on its way into its folder. The stage is built when it is first needed."""
+    """Renders one scene into its folder. The stage is built when it is first needed."""
 
-    _loaded: tuple[object, Tracer] | None = None  # the last one alone: stages are large
+    _loaded: tuple[object, Tracer] | None = None  # only the last tracer is kept, because stages are large
 
     def __init__(self, folder: SceneFolder, how: Recipe, settings: MakeScene):
         self.folder, self._how, self._settings = folder, how, settings
@@ -87,7 +88,7 @@ class _Rendering:
         return pinhole * sum(not self.folder.has_image(name) for name in self._names) + lens * len(self._open())
 
     def views(self, tick: Tick) -> None:
-        """Depth, pinhole images, cameras and points, as far as they aren't there."""
+        """Make depth, pinhole images, cameras and points, as far as they are missing."""
         record = self.folder.record
         missing = [index for index, name in enumerate(self._names) if not self.folder.has_image(name)]
         if not missing and "sparse" in record:
@@ -117,7 +118,7 @@ class _Rendering:
             self.folder.save()
 
     def lenses(self, tick: Tick, most: int | None = None) -> None:
-        """Photographs through lenses that aren't there yet, `most` at most."""
+        """Make the missing photographs through lenses, at most `most` of them."""
         asked = self._settings.lens_samples
         for shot in self._open()[:most]:
             self.folder.unseal()
@@ -130,7 +131,7 @@ class _Rendering:
             )
 
     def seal(self) -> None:
-        """Close the folder, unless it is closed."""
+        """Mark the folder as complete, unless it is marked."""
         if not (self.folder.root / SUMS).is_file():
             self.folder.seal(readme(self.folder.record, self._settings))
 
@@ -166,7 +167,7 @@ class _Rendering:
         return (read_exr(self.folder.depth_path(name)) for name in self._names)
 
     def _points(self, views: list[Camera]) -> dict[str, float | str | int]:
-        """Write sparse/0, and say what is in it."""
+        """Write sparse/0; returns the record of its content."""
         output = self.folder.root / SPARSE
         with tempfile.TemporaryDirectory() as work:
             files = [f"{name}.png" for name in self._names]

@@ -1,4 +1,4 @@
-"""A rendered scene's folder: what stands where, its record scene.json, and going on with one that was begun."""
+"""A rendered scene's folder: the paths of its files, its record scene.json, and resuming an unfinished scene."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ class SceneFolder:
     """The folder of one scene. `record` is scene.json; it is written after every image, so a kill costs one image."""
 
     def __init__(self, root: Path, recipe: str, title: str, settings: MakeScene, variant: str):
-        """Open the folder, new or begun with the same settings. Raises InputError when it holds anything else."""
+        """Open the folder, which is new or was begun with the same settings. Raises InputError for any other
+        content."""
         self.root = root
         self._half = settings.linear == "exr-half"
         self._bits = settings.depth_bits
@@ -93,16 +94,16 @@ class SceneFolder:
         write_json(self.root / RECORD, self.record)
 
     def depth_path(self, view: str) -> Path:
-        """z at the pixels' centres, scene units, 0 where there is no surface."""
+        """Path of the depth map: z at the pixels' centres, scene units, 0 where there is no surface."""
         return self.root / "depth" / f"{view}.exr"
 
     def has_image(self, view: str) -> bool:
-        """Whether the view's pinhole image is there."""
+        """Whether the view's pinhole image exists."""
         files = (self.root / "images" / f"{view}.png", self.root / "images_linear" / f"{view}.exr")
         return any(entry["view"] == view for entry in self.record["images"]) and all(path.is_file() for path in files)
 
     def has_lens_image(self, view: str, aperture: float, focus: float, samples: int) -> bool:
-        """Whether the photograph through that lens, with so many samples, is there."""
+        """Whether the photograph through that lens, with so many samples, exists."""
         return any(
             (entry["view"], entry["aperture"], entry["focus"], entry["samples"]) == (view, aperture, focus, samples)
             and (self.root / entry["image"]).is_file()
@@ -110,11 +111,11 @@ class SceneFolder:
         )
 
     def keep_depth(self, view: str, depth: np.ndarray) -> None:
-        """Write a depth map, with the bits of its fraction that the settings keep."""
+        """Write a depth map, with its floats' fractions rounded to as many bits as the settings say."""
         dropped = 23 - self._bits
         if dropped:
             bits = np.ascontiguousarray(depth, np.float32).view(np.uint32)
-            # To nearest: a half of the last bit kept is added before the rest is cut off.
+            # Rounded to nearest: half of the last kept bit is added before the lower bits are cut off.
             depth = ((bits + (1 << (dropped - 1))) >> dropped << dropped).view(np.float32)
         write_exr(self.depth_path(view), depth)
 
@@ -168,7 +169,7 @@ class SceneFolder:
         write_text(self.root / SUMS, "".join(lines))
 
     def unseal(self) -> None:
-        """Something is going to be added."""
+        """Remove SHA256SUMS before files are added: the scene isn't complete any more."""
         (self.root / SUMS).unlink(missing_ok=True)
 
     def _put(self, part: str, entry: dict[str, Any], key: Sequence[str]) -> None:

@@ -1,4 +1,4 @@
-"""The options of `make-scene`: what a user types, and what it means once checked."""
+"""The options of `make-scene`, and their checks."""
 
 from __future__ import annotations
 
@@ -19,13 +19,15 @@ NAMES = ("corridor", "fence", "foliage", "gloss", "macro", "meadow", "night", "t
 
 @dataclass(frozen=True)
 class MakeScene:
-    """Render a procedural scene whose truth is known: pinhole images, exact depth, images through a real thin lens."""
+    """Render a procedural scene with ground truth: pinhole images, exact depth, photographs through a real thin
+    lens."""
 
     recipe: Annotated[str, tyro.conf.Positional]
     """corridor, fence, foliage, gloss, macro, meadow, night, tabletop, tiles; or all of them."""
 
     out: Path | None = None
-    """Folder to write; without it, data/scenes/RECIPE. With all: the folder that gets one folder a scene."""
+    """Folder to write; without it, data/scenes/RECIPE. With the recipe all: the folder that gets one folder per
+    scene."""
 
     views: int = option(20, at_least(2))
     """Number of views."""
@@ -37,16 +39,16 @@ class MakeScene:
     """Image height, pixels."""
 
     path: Literal["forward", "orbit"] = "forward"
-    """Cameras side by side that look forward, or on an arc around the middle of the scene."""
+    """Camera path: side by side looking forward, or an arc around the middle of the scene."""
 
     samples: int = option(512, at_least(2))
-    """Rays a pixel of the pinhole images."""
+    """Rays per pixel of the pinhole images."""
 
     lens_views: int = option(2, at_least(0))
     """How many of the views are photographed through the lenses; 0 for none."""
 
     lens_samples: int = option(4096, at_least(2))
-    """Rays a pixel, and so lens points, of every photograph through a lens."""
+    """Rays per pixel, each through its own lens point, of every photograph through a lens."""
 
     focus: Annotated[tuple[float, ...], number_list("--focus")] = option((0.2, 0.5, 0.8), EachFrom(0, 1))
     """Focus of the lenses, comma-separated: normalised disparity, 0 far to 1 near."""
@@ -61,10 +63,10 @@ class MakeScene:
     """Format of the images in linear light."""
 
     depth_bits: int = option(23, at_least(1), Is(lambda bits: bits <= 23, "at most 23"))
-    """Bits kept of depth's fraction, 23 being all; fewer make smaller files."""
+    """Bits of the depth's fraction that are kept; 23 is all of them, fewer make smaller files."""
 
     variant: Variant = "auto"
-    """Mitsuba's variant: the vectorised one where a recent libLLVM is found, else the scalar one, or one by name."""
+    """Mitsuba's variant, by name; auto: the vectorised one if a recent libLLVM is found, else the scalar one."""
 
     def __post_init__(self) -> None:
         if self.recipe not in (ALL, *NAMES):
@@ -81,7 +83,7 @@ class MakeScene:
         return NAMES if self.recipe == ALL else (self.recipe,)
 
     def folder(self, recipe: str) -> Path:
-        """Where the scene of a recipe goes."""
+        """The folder for the scene of a recipe."""
         if self.out is None:
             return Path("data") / "scenes" / recipe
         return self.out / recipe if self.recipe == ALL else self.out

@@ -8,7 +8,7 @@ from dofbench.procedural.textures import fractal
 
 
 def directions(height: int) -> np.ndarray:
-    """(height, 2 height, 3) unit vectors of a sky map's pixels: first row the zenith, columns from x by way of y."""
+    """(height, 2 height, 3) unit vectors of a sky map's pixels: first row the zenith, columns from x through y."""
     polar = (np.arange(height) + 0.5)[:, None] / height * np.pi
     around = (np.arange(2 * height) + 0.5)[None, :] / height * np.pi
     return np.stack(
@@ -19,7 +19,7 @@ def directions(height: int) -> np.ndarray:
 def cloudy(rng: np.random.Generator, sun: tuple[float, float, float], height: int = 512) -> np.ndarray:
     """Blue with clouds, brighter towards the horizon and the sun; (height, 2 height, 3) linear, float32.
 
-    sun: direction; only its glow is in the map, since a disc half a degree wide is better a lamp.
+    sun: direction; the map has only the sun's glow, since a disc of half a degree is better rendered as a lamp.
     """
     way = directions(height)
     up = np.clip(way[..., 2], 0, 1)

@@ -1,6 +1,6 @@
 """Sparse points as structure from motion would find them: SIFT, matching and triangulation on the 8-bit images.
 
-The poses are the true ones and stay fixed; the points are found, with the errors that found points have.
+The true poses are given and stay fixed; the points are triangulated, with the errors that real triangulation has.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from dofbench.core.cameras import Camera
 
-# Limits in pixels and degrees, tighter than COLMAP's, which are meant for images ten times as wide.
+# Limits in pixels and degrees; COLMAP's defaults are larger, for images ten times as wide.
 _MATCH_ERROR = 1.0
 _REPROJECTION_ERROR = 1.0
 _ANGLE_ERROR = 0.5
@@ -22,9 +22,9 @@ _ANGLE_ERROR = 0.5
 def triangulate(cameras: Sequence[Camera], names: Sequence[str], images: Path, work: Path, output: Path) -> Any:
     """Write a COLMAP model with points and tracks to `output`; returns it (pycolmap.Reconstruction).
 
-    names: file names in the folder `images`, one a camera; all cameras share their intrinsics.
+    names: file names in the folder `images`, one per camera; all cameras share their intrinsics.
     work: a folder for the database. One thread and fixed seeds: the same images give the same points.
-    Keypoints that no point uses are left out.
+    Keypoints without a point are left out.
     """
     import pycolmap
 
@@ -88,7 +88,8 @@ def depth_errors(cameras: Sequence[Camera], model: Any, depths: Sequence[np.ndar
 
 
 def _posed(cameras: Sequence[Camera], names: Sequence[str], found: Any) -> Any:
-    """A model with the given poses, and with the points of `found` if there is one; ids count from 1 in order."""
+    """A model with the given poses, and with the points of the model `found` unless that is None; ids count from 1 in
+    order."""
     import pycolmap
 
     first = cameras[0]

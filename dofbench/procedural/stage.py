@@ -1,4 +1,4 @@
-"""What a scene is made of: plain data, no renderer.
+"""The content of a scene as plain data, independent of the renderer.
 
 World axes: x to the right, y away from the cameras, z up. Lengths are scene units.
 """
@@ -18,7 +18,8 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles. vertices: (V, 3). faces: (T, 3) indices. uv: (V, 2), u to the texture's right, v up; it repeats."""
+    """Triangles. vertices: (V, 3). faces: (T, 3) indices. uv: (V, 2), u to the texture's right, v up; the texture
+    repeats."""
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -48,8 +49,8 @@ class Tube:
 class Prop:
     """A shape and its surface. texture: encoded (H, W, 3), or one colour.
 
-    finish: "matt" is Lambert's; "glossy" has a varnish, "metal" reflects in the texture's colour, both with
-    `roughness`; "lamp" shines with `radiance` (linear light) times the texture, and lights nothing else.
+    finish: "matt" is Lambertian; "glossy" is varnished, "metal" reflects in the texture's colour, both with
+    `roughness`; "lamp" emits `radiance` (linear light) times the texture, but doesn't illuminate other props.
     """
 
     shape: Mesh | Sphere | Tube
@@ -73,8 +74,8 @@ class Lamp:
 class Viewpoints:
     """Where the cameras are. focal: pixels of focal length per pixel of width.
 
-    eye, target: middle of the path and what it looks at. extent: half-extents (right, forward, up) of the
-    forward-facing path. aim: jitter of the target. roll: degrees. arc: degrees that an orbit spans.
+    eye, target: middle of the path, and the point that the cameras look at. extent: half-extents (right, forward, up)
+    of the forward-facing path. aim: jitter of the target. roll: degrees. arc: degrees that an orbit spans.
     """
 
     eye: Vector
@@ -91,7 +92,7 @@ class Stage:
     """Everything the renderer needs.
 
     sky: linear radiance from all around at infinity, one number, or a map (H, 2 H, 3) whose first row is the zenith
-    and whose columns go round from x by way of y.
+    and whose columns go round from x through y.
     """
 
     props: tuple[Prop, ...]

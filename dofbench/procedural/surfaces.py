@@ -1,4 +1,4 @@
-"""From the plain data of a stage to mitsuba's scene."""
+"""Converts the plain data of a stage to a mitsuba scene."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def load_stage(stage: Stage) -> Any:
             "emitter": {"type": "area", "radiance": {"type": "rgb", "value": lamp.radiance}},
         }
     if isinstance(stage.sky, np.ndarray):
-        # Mitsuba's maps have y at the zenith and go round from -z by way of x: after a quarter turn
-        # about x that is the world's z, and from y by way of x. Ours go round from x by way of y.
+        # Mitsuba's maps have y at the zenith and go round from -z through x. After a quarter turn about x the zenith is
+        # the world's z, and they go round from y through x. Ours go round from x through y.
         turned = np.ascontiguousarray(np.roll(stage.sky[:, ::-1], stage.sky.shape[1] // 4, axis=1), np.float32)
         parts["sky"] = {
             "type": "envmap",
@@ -33,8 +33,8 @@ def load_stage(stage: Stage) -> Any:
         }
     elif stage.sky > 0:
         parts["sky"] = {"type": "constant", "radiance": {"type": "rgb", "value": stage.sky}}
-    # Loaded in parallel, or with meshes merged, which goes by their addresses, the lamps come in an order that
-    # changes from run to run, and with it what the random numbers mean.
+    # Parallel loading, and merging of meshes, which depends on memory addresses, would put the lamps in another order
+    # in every run, so that the same random numbers would choose other lamps.
     return mi.load_dict({"type": "scene", **parts}, parallel=False, optimize=False)
 
 
@@ -70,7 +70,8 @@ def _look(prop: Prop, top_down: bool = True) -> dict[str, Any]:
     if not top_down and linear.ndim == 3:
         linear = linear[::-1]
     if prop.finish == "lamp":
-        # Never aimed at, and `Tracer` follows no ray from surface to surface in such a stage: it lights nothing.
+        # A sampling weight of 0 means that rays are never aimed at the lamp, and in a stage with lamps `Tracer` doesn't
+        # sample reflected rays either: so the lamp doesn't illuminate other props.
         light = {"type": "area", "radiance": _paint(linear * prop.radiance), "sampling_weight": 0.0}
         return {"surface": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}, "light": light}
     paint = _paint(linear)

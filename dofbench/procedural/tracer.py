@@ -16,19 +16,19 @@ from dofbench.optics.tone import encode
 from dofbench.procedural.stage import Stage
 from dofbench.procedural.surfaces import load_stage
 
-# Samples of one call, a pixel: jittered on a grid of 8 x 8 over the pixel and, each by itself, over the lens and the
-# lights. More at once would gain little, need more memory, and keep a signal waiting.
+# Samples per pixel of one call: jittered on a grid of 8 x 8 over the pixel and, independently, over the lens and the
+# lights. Larger sets would gain little, need more memory, and delay the reaction to a signal.
 _GRID = 8
-_SQUARE = 1e-3  # relative difference of the focal lengths that is let pass: a fifth of a pixel at an image's edge
+_SQUARE = 1e-3  # tolerated relative difference of the focal lengths: a fifth of a pixel at an image's edge
 
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
-    """linear: (H, W, 3) float32, linear light, not clipped. samples: rays a pixel.
+    """A rendered photograph. linear: (H, W, 3) float32, linear light, not clipped. samples: rays per pixel.
 
     noise_rms: standard deviation of `linear`, over all pixels and channels, from two independent halves of the samples.
-    noise_psnr: the same between the image, encoded and clipped, and what infinitely many samples would
-    give, in dB; inf where the halves are equal.
+    noise_psnr: estimated PSNR in dB of the image, encoded and clipped, against one with infinitely many samples; inf if
+    the halves are equal.
     """
 
     linear: np.ndarray
@@ -38,10 +38,10 @@ class Photograph:
 
     @property
     def noise(self) -> dict[str, float]:
-        """The two numbers as records have them; an infinite one as 200 dB.
+        """The two numbers as scene.json records them, an infinite PSNR as 200 dB.
 
-        Rounded: where a ray meets the edge that two triangles share, the tracer takes either, not always the same one,
-        so that a few pixels of an image differ in the last bit of float32 from one run to the next.
+        They are rounded, because at an edge that two triangles share the tracer may hit either of them, so a few pixels
+        differ between runs in the last bit of float32.
         """
         return {
             "noise_rms_linear": float(f"{self.noise_rms:.3g}"),
@@ -58,15 +58,16 @@ def sets_of(samples: int) -> tuple[int, int]:
 class Tracer:
     """Renders one stage. A variant must have been chosen (`choose_variant`).
 
-    Lighting is direct: lamps and sky, with shadows; what bounces from prop to prop is left out.
+    Lighting is direct: lamps and sky, with shadows; light reflected from one prop to another is left out.
     """
 
     def __init__(self, stage: Stage):
         import mitsuba as mi
 
         self._scene = load_stage(stage)
-        # Beside an aimed ray, one where the surface reflects most, for gloss and the wide sky. It would hit
-        # props that shine, by rare and bright chance, so there they light nothing.
+        # In addition to a ray aimed at a light, one ray is sampled where the surface reflects most, for gloss and the
+        # wide sky. It would hit shining props rarely and give bright outliers, so it is left out in stages with such
+        # props.
         shining = any(prop.finish == "lamp" for prop in stage.props)
         self._integrator = mi.load_dict({"type": "direct", "emitter_samples": 1, "bsdf_samples": int(not shining)})
 
@@ -80,12 +81,13 @@ class Tracer:
         window: tuple[slice, slice] | None = None,
         tick: Callable[[], None] = lambda: None,
     ) -> Photograph:
-        """What the camera sees; each pixel is the mean over its square.
+        """The image that the camera sees; each pixel is the mean over its square.
 
-        samples: rays a pixel, rounded up to whole sets (`sets_of`). key: text that fixes the random numbers. lens: None
-        or of aperture 0 is a pinhole. window: (rows, columns) of the image to render alone, with other random
-        numbers than the whole has. tick: called after each set. Raises ValueError for a lens focused at infinity or
-        beyond, and for a camera with pixels that aren't square or its principal point off the middle.
+        samples: rays per pixel, rounded up to whole sets (`sets_of`). key: text that fixes the random numbers. lens:
+        None
+        or of aperture 0 is a pinhole. window: (rows, columns), the part of the image to render; its random numbers
+        differ from those of the whole image. tick: called after each set. Raises ValueError for a lens focused at
+        infinity or beyond, and for a camera with pixels that aren't square or its principal point off the middle.
         """
         import mitsuba as mi
 
@@ -95,12 +97,12 @@ class Tracer:
         halves = np.zeros((2, rows.stop - rows.start, columns.stop - columns.start, 3))
         for index in range(count):
             digest = hashlib.sha256(f"{key}/{index}".encode()).digest()
-            # Not mi.render, which turns a signal's exception into another.
+            # mi.render isn't used, since it replaces the exception that a signal raises by another one.
             image = self._integrator.render(self._scene, sensor, seed=int.from_bytes(digest[:4], "little"), spp=size)
             halves[index % 2] += np.array(image, dtype=np.float64)
             tick()
         halves /= count / 2
-        # The standard deviation of the mean of two is half of that of their difference.
+        # The standard deviation of the mean of two halves is half of that of their difference.
         noise = float(np.sqrt(np.mean((halves[0] - halves[1]) ** 2))) / 2
         shown = [encode(np.clip(half, 0, 1)) for half in halves]
         squared = float(np.mean((shown[0] - shown[1]) ** 2)) / 4
@@ -114,7 +116,7 @@ class Tracer:
     def depth(self, camera: Camera) -> np.ndarray:
         """z-depth (H, W) float32 of the first surface behind each pixel's centre, scene units; 0 where there is none.
 
-        The renderer's own depth output is the ray's length averaged over the pixel, which is neither.
+        The renderer's own depth output isn't used: it is the ray's length instead of z, and averaged over the pixel.
         """
         import mitsuba as mi
 
@@ -144,7 +146,7 @@ class Tracer:
             camera.height / 2,
         ):
             raise ValueError("camera: expected square pixels and the principal point in the middle")
-        # Mitsuba's camera looks along +z with x to the left and y up: OpenCV's with x and y turned round.
+        # Mitsuba's camera looks along +z with x to the left and y up: OpenCV's axes with the signs of x and y changed.
         to_world = camera.camera_to_world @ np.diag([-1.0, -1.0, 1.0, 1.0])
         sensor = {
             "type": "perspective",
@@ -171,8 +173,8 @@ class Tracer:
             return sensor
         if not lens.focus_disparity > 0:
             raise ValueError(f"focus: expected a plane in front of the lens, found disparity {lens.focus_disparity}")
-        # A point at depth z and a lens point u off the axis are seen fx u (1 / focus - 1 / z) pixels from
-        # where the pinhole sees it: the radius is fx times the lens's, times that difference.
+        # Through a lens point at distance u from the axis, a point at depth z is seen fx u (1 / focus - 1 / z) pixels
+        # from where a pinhole sees it. So the blur's radius is fx times the lens's radius times that difference.
         return sensor | {
             "type": "thinlens",
             "aperture_radius": lens.aperture * (camera.width / lens.width) / camera.fx,

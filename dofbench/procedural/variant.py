@@ -1,4 +1,4 @@
-"""Which of mitsuba's variants runs here, found out without risking this process."""
+"""Chooses the mitsuba variant that works on this machine, by a trial in another process, which may crash."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 from dofbench.core.errors import InputError
 
 VECTORISED, SCALAR = "llvm_ad_rgb", "scalar_rgb"
-# Older versions load, then abort the whole process at the first render.
+# Older versions of LLVM load, but abort the whole process at the first render.
 _LLVM_OLDEST = 17
 _LIBRARY_FOLDERS = (
     "/usr/lib/x86_64-linux-gnu",
@@ -28,11 +28,11 @@ _PROBE = (
 
 
 def choose_variant(wanted: str = "auto") -> tuple[str, str]:
-    """Select mitsuba's variant: the vectorised one if it survives a trial in another process. (variant, remark).
+    """Select mitsuba's variant: the vectorised one if a trial in another process succeeds. Returns (variant, remark).
 
-    wanted: "auto" or a variant's name. The remark says why it is the slow one, or is empty. Sets
-    DRJIT_LIBLLVM_PATH when a library was found by search. Raises InputError without mitsuba, for
-    a variant that it doesn't have, and for the vectorised one by name where no LLVM library works.
+    wanted: "auto" or a variant's name. The remark says why the slow scalar variant was selected, or is empty. Sets
+    DRJIT_LIBLLVM_PATH when a library was found by search. Raises InputError without mitsuba, for a variant that mitsuba
+    doesn't have, and for the vectorised one by name where no LLVM library works.
     """
     try:
         import mitsuba as mi

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:  # importing this package must stay cheap: the command line does it for its help
+if TYPE_CHECKING:  # importing this package must be fast, because the command line imports it for its help
     from dofbench.reporting.report_files import Written
     from dofbench.reporting.report_options import Report
 

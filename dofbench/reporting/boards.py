@@ -1,4 +1,4 @@
-"""Results by board: one dataset under one protocol, with its rows; and their means over several."""
+"""Results grouped into boards, which hold the runs on one dataset under one protocol; and means over several boards."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ Variant = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Board:
-    """name: the dataset's, told apart from its other versions. kind: boards of one kind may be averaged. lenses: what
-    it was trained on, in words, "" where no result says. variants: variant -> its seeds. lines: variant -> its scores
-    and costs. nothing: the predictor that learns nothing."""
+    """One dataset under one protocol. name: the dataset's, distinguished from other versions of the dataset. kind:
+    boards of one kind may be averaged. lenses: those of the training views, in words, "" if no result states them.
+    variants: variant -> its seeds. lines: variant -> its scores and costs. nothing: the line of the predictor that
+    learns nothing."""
 
     key: tuple[str, ...]
     name: str
@@ -33,12 +34,12 @@ class Board:
 
     @property
     def protocol(self) -> str:
-        """The protocol under which all of it was scored."""
+        """The protocol under which all runs of the board were scored."""
         return self.key[2]
 
     @property
     def checksum(self) -> str:
-        """The dataset's, shortened."""
+        """The dataset's checksum, shortened."""
         return self.key[1][:16]
 
     @property
@@ -48,31 +49,31 @@ class Board:
 
     @property
     def members(self) -> tuple[Entry, ...]:
-        """Its runs."""
+        """The runs of the board."""
         return tuple(entry for seeds in self.variants.values() for entry in seeds)
 
     @property
     def trained_on(self) -> str:
-        """As "shallow photographs of F 0.2, 0.8 and A 1; the test views ask for F 0.5 and A 0"."""
+        """A text such as "shallow photographs of F 0.2, 0.8 and A 1; the test views ask for F 0.5 and A 0"."""
         if self.sharp:
             return "sharp originals"
         return "shallow photographs" + (f" of {self.lenses.removeprefix('trained on ')}" if self.lenses else "")
 
 
 def score_columns(entries: Sequence[Entry]) -> list[str]:
-    """The scores of a page about these runs: those of every run, then those that were added to any."""
+    """The columns of a page about these runs: scores that all runs have, then scores added to at least one run."""
     return [*SCORES, *added_columns(entries)]
 
 
 def gather(entries: Sequence[Entry]) -> list[Board]:
-    """The boards in their order."""
+    """The boards of these runs, in the order of the page."""
     every = tuple(entries)
     names, boards, columns = variant_names(every), board_names(every), score_columns(every)
     return [_board(key, boards[key], members, names, columns) for key, members in grouped(every, "board").items()]
 
 
 def by_kind(boards: Sequence[Board]) -> dict[str, list[Board]]:
-    """The boards that may stand in one table and be averaged."""
+    """Kind -> the boards of this kind, which may stand in one table and be averaged."""
     found: dict[str, list[Board]] = {}
     for board in boards:
         found.setdefault(board.kind, []).append(board)
@@ -80,8 +81,8 @@ def by_kind(boards: Sequence[Board]) -> dict[str, list[Board]]:
 
 
 def mean_lines(boards: Sequence[Board], columns: Sequence[str]) -> dict[Variant, Line]:
-    """Means over several boards of one kind, only where every board has a score; the spread is that of this mean over
-    seeds that all boards have."""
+    """Means over several boards of one kind, for variants that have a score on every board. The spread is the standard
+    deviation of this mean over seeds that all boards have."""
     scenes = [board.name for board in boards]
     means = {}
     for variant in sorted({variant for board in boards for variant in board.lines}):

@@ -1,4 +1,4 @@
-"""From results to a report as plain data, once for all writers."""
+"""Builds a report from results as plain data, which all writers use."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dofbench.reporting.report_view import ReportView
 from dofbench.reporting.view import Document, Items, Picture
 from dofbench.results.collecting import Collection, variant_names
 
-Key = tuple[str, ...]  # of a board
+Key = tuple[str, ...]  # identifies a board
 
 
 def build_report(
@@ -27,8 +27,8 @@ def build_report(
     ablations: Sequence[Document] = (),
     pictures: tuple[BoardPictures, ...] | None = None,
 ) -> ReportView:
-    """Everything that a report of these results says. boards: of them, as `gather` gives. drawn: (board, score) -> its
-    curves. strips: board -> its strip. pictures: those of test views, None for a report without."""
+    """The content of a report of these results. boards: as `gather` gives them. drawn: (board, score) -> picture of the
+    curves. strips: board -> strip of pictures. pictures: those of test views, None for a report without pictures."""
     entries = collection.entries
     columns, names = score_columns(entries), variant_names(entries)
     pairs = {board.key: board_pairs(board.members) for board in boards}

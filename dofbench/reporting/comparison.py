@@ -13,14 +13,14 @@ from dofbench.reporting.figures import new_figure, save
 from dofbench.reporting.gallery import BoardPictures, KindPictures
 from dofbench.scoring.error_maps import FULL_SCALE
 
-_PANEL = 2.6  # inches wide
-_LINE, _TITLE = 28, 40  # characters a line: in the place of a picture, and above one
+_PANEL = 2.6  # width of a panel, inches
+_LINE, _TITLE = 28, 40  # characters per line of a text in place of a picture, and above a picture
 
 
 def write_strip(path: Path, pictures: BoardPictures) -> str | None:
     """Write the strip of one board as PNG: its first test view that has pictures.
 
-    Returns None when it was written, else one line that says why it couldn't be.
+    Returns None when the strip was written, else one line with the reason.
     """
     if not pictures.views:
         return pictures.trouble

@@ -12,14 +12,14 @@ from dofbench.reporting.records import Records
 
 
 def write_records(folder: Path, records: Records) -> Path:
-    """Write `folder`/`records.name`, whole or not at all, and return its path."""
+    """Write `folder`/`records.name` atomically and return its path."""
     path = folder / records.name
     write_csv(path, records.columns, records.rows)
     return path
 
 
 def write_csv(path: Path, columns: tuple[str, ...], rows: Iterable[Mapping[str, object]]) -> None:
-    """Write rows, column -> value, whole or not at all; a column that a row lacks is empty."""
+    """Write rows, column -> value, atomically; a column that a row lacks is empty."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(columns)

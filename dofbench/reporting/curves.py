@@ -36,7 +36,7 @@ def _figure(plot: Plot):
     lines = sum(label.count("\n") + 1 for label in labels) + (len(plot.front) > 1) + (plot.nothing is not None)
     figure = new_figure(7.0, 3.9 + _LEGEND_LINE * lines)
     axes = figure.add_subplot()
-    if len(plot.front) > 1:  # below the curves, so that it hides none
+    if len(plot.front) > 1:  # drawn below the curves, so that it hides none of them
         axes.step(
             [point.time for point in plot.front],
             [point.score for point in plot.front],
@@ -57,7 +57,8 @@ def _figure(plot: Plot):
     axes.set_title(f"{plot.dataset}, {plot.protocol}")
     axes.grid(True, which="both", alpha=0.3)
     axes.xaxis.set_major_formatter("{x:g}")
-    figure.legend(fontsize=8, loc="outside lower left")  # below: options can make a label longer than the plot
+    # Below the plot, since options can make a label longer than the plot is wide
+    figure.legend(fontsize=8, loc="outside lower left")
     return figure
 
 
@@ -75,10 +76,10 @@ def _several(series: Series) -> bool:
 
 
 def _draw(axes, series: Series, label: str, style: dict[str, str]) -> None:
-    """A run as its scored moments; several as thin lines and their median, which is a step as no score is
-    interpolated."""
+    """Draw one run as its scored moments; several runs as thin lines, and their median as a step function, because no
+    score is interpolated."""
     several = _several(series)
-    unnamed = not several  # one label a series; matplotlib leaves those with an underscore out of the legend
+    unnamed = not several  # one label per series: matplotlib leaves labels with an underscore out of the legend
     for run in series.runs:
         if not run.points:
             continue

@@ -1,4 +1,4 @@
-"""Differences between runs, column by column: which values are paired, and what may be said of the difference."""
+"""Differences between runs, column by column: which values are paired, and the verdict on the difference."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Side = Sequence[Entry]  # the seeds of one variant on one dataset
 
 @dataclass(frozen=True)
 class Compared:
-    """Two sides in one column. difference: None where there is none, for the `reason`."""
+    """Comparison of two sides in one column. difference: None if it can't be computed, for the `reason`."""
 
     column: str
     difference: Difference | None
@@ -26,7 +26,8 @@ class Compared:
 
     @property
     def verdict(self) -> str:
-        """better or worse, of a cost more or less; "" where nothing can be said. No other rule says better anywhere."""
+        """better or worse (for a cost, more or less), or "" if the difference isn't significant. All verdicts come from
+        this rule."""
         if self.difference is None or not self.difference.telling:
             return ""
         up, known = self.difference.mean > 0, COLUMNS[self.column]
@@ -36,10 +37,10 @@ class Compared:
 
 
 def compare(groups: Sequence[tuple[Side, Side]], column: str) -> Compared:
-    """One side's runs against the other's in a column, paired by view; for a cost, which has no views, by seed.
+    """Compare one side's runs with the other's in a column, paired by view; for a cost, which has no views, by seed.
 
-    groups: the two sides' seeds on each dataset. There is no difference over an incomplete set: every run must have
-    gone well, and have the score of the same views.
+    groups: the two sides' seeds on each dataset. Every run must have ended well and have the score for the same views;
+    otherwise there is no difference.
     """
     pairs: list[Group] = []
     for one, other in groups:
@@ -48,13 +49,13 @@ def compare(groups: Sequence[tuple[Side, Side]], column: str) -> Compared:
             return Compared(column, None, found)
         pairs.append(found)
     difference = grouped_difference(pairs)
-    if column in COST:  # there the seeds are what is paired
+    if column in COST:  # costs are paired by seed
         difference = replace(difference, seeds=min(len(one) for one, _ in groups))
     return Compared(column, difference)
 
 
 def adjusted(compared: Sequence[Compared]) -> list[Compared]:
-    """The same with p adjusted for their number."""
+    """The comparisons with p adjusted for their number."""
     p = holm([one.difference.p if one.difference else None for one in compared])
     return [
         one if one.difference is None else replace(one, difference=replace(one.difference, p=value))
@@ -89,7 +90,7 @@ def _by_seed(one: Side, other: Side, column: str) -> Group | str:
 
 
 def _values(entry: Entry, column: str) -> dict[str, float] | None:
-    """View -> value of a run; None where it hasn't a value of every view."""
+    """View -> value of a run; None unless it has a value for every view."""
     if entry.status is not Status.OK or entry.result is None or column not in COLUMNS:
         return None
     if column in LENS_COLUMNS:

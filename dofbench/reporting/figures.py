@@ -1,4 +1,4 @@
-"""What every figure shares: colours, deterministic files, names."""
+"""Helpers for all figures: colours, deterministic files, file names."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from dofbench.core.files import replacing
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Okabe and Ito's palette, told apart under every kind of colour blindness (yellow left out: too pale
-# on white). Line styles change too, so that a grey print can be read, and ten methods can be shown.
+# Okabe and Ito's palette, which can be distinguished with every kind of colour blindness (yellow is left out: too pale
+# on white). Line styles change too, for grey prints and for more than seven methods.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", "--", "-.", ":")
 NEUTRAL = "#767676"
@@ -33,7 +33,7 @@ def look(index: int) -> dict[str, str]:
 
 
 def file_name(*parts: str) -> str:
-    """A file name of these parts that every file system takes and a Markdown link needs no escaping for."""
+    """A file name of these parts that is valid on every file system and needs no escaping in a Markdown link."""
     return "-".join(re.sub(r"[^A-Za-z0-9._@-]+", "_", part) for part in parts)
 
 
@@ -47,7 +47,8 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure, inches; without pyplot, which keeps figures alive and wants a display."""
+    """An empty figure; width, height: inches. Made without pyplot, which keeps figures in memory and needs a
+    display."""
     import matplotlib
     from matplotlib.figure import Figure
 

@@ -1,4 +1,4 @@
-"""Footnotes of a page: each reason once, numbered in the order of appearance."""
+"""Footnotes of a page: each reason appears once, and they are numbered in order of appearance."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ class Footnotes:
         self._numbers: dict[str, int] = {}
 
     def number(self, reason: str) -> int:
-        """The number to set behind a cell; the same reason has the same number."""
+        """The footnote number for a reason; equal reasons have one number."""
         return self._numbers.setdefault(one_line(reason), len(self._numbers) + 1)
 
     def reasons(self) -> tuple[tuple[int, str], ...]:
@@ -19,5 +19,5 @@ class Footnotes:
 
 
 def one_line(text: str) -> str:
-    """Without line breaks, which no cell and no note can hold."""
+    """The text without line breaks, which cells and footnotes can't contain."""
     return " ".join(text.split())

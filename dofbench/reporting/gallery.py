@@ -1,4 +1,4 @@
-"""Which pictures of test views there are: truths, predictions and error maps, by reference; and why one isn't there."""
+"""Lists the pictures of test views by file: truths, predictions and error maps; with the reason if one is missing."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _SHOWN = ("psnr", "ssim", "flip")
 
 @dataclass(frozen=True)
 class Truth:
-    """What the predictions of a view were compared with."""
+    """The picture that the predictions of a view were compared with."""
 
     dataset: Dataset
     kind: Kind
@@ -41,8 +41,8 @@ class Truth:
 
 @dataclass(frozen=True)
 class RunPictures:
-    """Of one run and view. picture, error, resolved: PNG files, None where there is none. reason: why there is no
-    picture. scores: (heading, value) as shown."""
+    """The pictures of one run and view. picture, error, resolved: PNG files, or None. reason: why there is no picture.
+    scores: (heading, value) as shown."""
 
     name: str
     picture: Path | None
@@ -54,7 +54,7 @@ class RunPictures:
 
 @dataclass(frozen=True)
 class KindPictures:
-    """One kind of prediction of a view. truth: None for the `reason`."""
+    """One kind of prediction of a view. truth: None if it is missing, for the `reason`."""
 
     kind: Kind
     title: str
@@ -65,7 +65,7 @@ class KindPictures:
 
 @dataclass(frozen=True)
 class ViewPictures:
-    """One test view. lens: as "F 0.2, A 1", "" where nobody knows it."""
+    """One test view. lens: a text such as "F 0.2, A 1", "" if it is unknown."""
 
     name: str
     lens: str
@@ -74,7 +74,7 @@ class ViewPictures:
 
 @dataclass(frozen=True)
 class BoardPictures:
-    """The test views of one board that have any picture. trouble: why none has one."""
+    """The test views of one board that have a picture. trouble: the reason if no view has one."""
 
     board: str
     views: tuple[ViewPictures, ...]
@@ -82,7 +82,7 @@ class BoardPictures:
 
 
 def gallery(boards: Sequence[Board]) -> tuple[BoardPictures, ...]:
-    """The pictures of every board: of the first seed of each row that ended well."""
+    """The pictures of every board, by the first seed of each row whose run ended well."""
     return tuple(_board(board) for board in boards)
 
 
@@ -109,7 +109,7 @@ def _views(board: Board, shown: list[tuple[str, Entry]]) -> Iterator[ViewPicture
 
 
 def _shown(board: Board) -> list[tuple[str, Entry]]:
-    """(name, its first seed that ended well) of each variant."""
+    """(name, first seed whose run ended well) of each variant."""
     found = []
     for variant, seeds in board.variants.items():
         good = [entry for entry in seeds if entry.status is Status.OK and entry.result and entry.result.views]
@@ -134,7 +134,7 @@ def _run(name: str, entry: Entry, kind: Kind, view: str) -> RunPictures:
         picture,
         "" if picture else entry.left_out.get(f"{PREFIX[kind]}psnr", NOT_THERE),
         prediction_file(entry, f"{kind}_error", view),
-        # Of the view, whatever the kind: once is enough, beside what is judged by it.
+        # The resolved map depends on the view alone, so it is shown only once, not beside the refocused prediction.
         prediction_file(entry, "resolved", view) if kind != "refocus" else None,
         _scores(entry, kind, view),
     )

@@ -1,4 +1,4 @@
-"""A focus that no training view has: its own table, by what the test views ask for."""
+"""The table for datasets whose test views have a focus that no training view has, by the test views' lenses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dofbench.reporting.view import Section
 from dofbench.results.collecting import Entry
 from dofbench.results.protocol import AIF_PREFIX, arithmetic_mean
 
-COLUMNS_SHOWN = ("psnr", "ssim", "flip")  # that are scored all in focus too
+COLUMNS_SHOWN = ("psnr", "ssim", "flip")  # metrics that all-in-focus renderings have too
 ASKED_HEADING = "Held-out focus, by what the test views ask for"
 ALL_IN_FOCUS = "A 0, all in focus"
 _BESIDE = Beside(
@@ -22,9 +22,9 @@ _BESIDE = Beside(
 
 
 def asked_section(groups: Iterable[tuple[str, str, list[Entry]]], dataset: str) -> Section | None:
-    """Scores by the lens that the test views ask for, and all in focus. groups: (method, preset, its seeds).
+    """Scores by the lens of the test views, and all in focus. groups: (method, preset, its seeds).
 
-    A group with a run that failed is left out: the table of all scores has it. None where no group is left.
+    A group with a failed run is left out here, as the table of all scores shows it. None if no group is left.
     """
     lines = [line for method, preset, seeds in groups for line in _lines(method, preset, seeds)]
     if not lines:
@@ -39,7 +39,7 @@ def _lines(method: str, preset: str, seeds: list[Entry]) -> list[Line]:
         return []
     asked: dict[tuple[float, float], list[str]] = {}
     for view, lens in results[0].plan["lenses"]["test"].items():
-        if lens is not None:  # else nobody knows it
+        if lens is not None:  # None: an unknown lens
             asked.setdefault((lens[1], lens[0]), []).append(view)
     rows = [
         (f"F {focus:g}, A {aperture:g}", views, "")

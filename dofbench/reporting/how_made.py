@@ -16,8 +16,8 @@ _UNKNOWN = "unknown"
 
 
 def run_table(entries: Sequence[Entry], boards: Sequence[Board]) -> tuple[Table, Items]:
-    """(command, code and machine of every run; the machines, by the number that they have there). The rest is in each
-    run's result.json."""
+    """(table of command, code and machine of every run; list of the machines by their number in the table). Further
+    details are in each run's result.json."""
     by_key = {board.key: board for board in boards}
     machines: dict[str, int] = {}
     rows = []
@@ -54,7 +54,7 @@ def run_table(entries: Sequence[Entry], boards: Sequence[Board]) -> tuple[Table,
 
 
 def stage_table(entries: Sequence[Entry], boards: Sequence[Board]) -> Table:
-    """Where the time of each run went."""
+    """The time of each run by stage."""
     by_key = {board.key: board for board in boards}
     timed = [(entry, entry.result) for entry in entries if entry.result is not None]
     stages = list(dict.fromkeys(stage for _, result in timed for stage in result.stages))
@@ -105,11 +105,11 @@ def _seed(entry: Entry) -> Cell:
 
 
 def _runs(result: Result | None) -> str:
-    """What was decided to run, by the plan or while training, with its reason."""
+    """Which stages the plan or the training decided to run or leave out, with the reasons."""
     stages = result.plan.get("stages", ()) if result else ()
     return "; ".join(f"{stage['name']}: {stage['reason']}" for stage in stages if stage["runs"])
 
 
 def _minute(moment: str) -> str:
-    """2026-11-21T19:37:27+00:00 as 2026-11-21 19:37; results are in UTC."""
+    """A time such as 2026-11-21T19:37:27+00:00 in the form 2026-11-21 19:37; results have UTC."""
     return moment[:16].replace("T", " ")

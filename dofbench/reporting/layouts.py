@@ -1,4 +1,4 @@
-"""The paper's table layouts, filled with what was measured here; its own figures stand in columns of their own."""
+"""The paper's table layouts, filled with scores measured here; the paper's figures are in separate columns."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from dofbench.results.columns import COLUMNS, COST
 from dofbench.running.method_cards import find_method, method_files
 
 _CHANGED = "the paper's figures are of the method as it is, not with these options"
-_HERE, _THEIRS = "measured here", "the paper's, on other data"  # above their columns
-_SIDEWAYS = 6  # methods; with more of them the table of scenes has a row for each method
+_HERE, _THEIRS = "measured here", "the paper's, on other data"  # group headings of the columns
+_SIDEWAYS = 6  # number of methods above which the table of scenes has a row instead of columns for each method
 
 
 @dataclass(frozen=True)
 class Layout:
-    """One of the paper's tables. sharp: of methods trained on sharp photographs. columns: that it shows. scene_columns:
-    that its table of scenes shows."""
+    """One of the paper's tables. sharp: for methods trained on sharp photographs. columns: scores that it shows.
+    scene_columns: scores that its table of scenes shows."""
 
     id: str
     title: str
@@ -35,8 +35,8 @@ class Layout:
 
 @dataclass(frozen=True)
 class _Over:
-    """What a table's cells are of: a single board, over its seeds, or a mean over several. unchanged: variants in which
-    the user changed no option."""
+    """What the cells of a table average over: the seeds of a single board, or several boards. unchanged: variants in
+    which the user changed no option."""
 
     single: bool
     words: str
@@ -90,7 +90,7 @@ LAYOUTS = (
 
 
 def layout_sections(boards: Sequence[Board]) -> tuple[Section, ...]:
-    """The sections, one for each layout and kind of board that has any of its scores."""
+    """One section for each layout and each kind of board that has scores for it."""
     sections = []
     for layout in LAYOUTS:
         for kind, members in by_kind([board for board in boards if board.sharp is layout.sharp]).items():
@@ -119,7 +119,7 @@ def _section(layout: Layout, kind: str, boards: list[Board]) -> Section:
 
 
 def _time_section(kind: str, boards: list[Board]) -> Section:
-    """Processing time and frames a second, as the supplement has them; CPU time, cold start and memory beside it."""
+    """Processing time and frames per second, as in the paper's supplement; also CPU time, cold start and memory."""
     figures, over = paper_figures()["time"], _over(boards)
     said = "Training is wall time with the clock stopped while scoring. Peak memory is the whole process's."
     caption = f"Processing time, {kind}: {over.words}"
@@ -139,7 +139,8 @@ def _variants(boards: Sequence[Board]) -> list[Variant]:
 
 
 def _lines(boards: list[Board], columns: Sequence[str]) -> dict[Variant, Line]:
-    """A line for each variant: its own on one board; its mean over several, with how many of them it was run on."""
+    """A line for each variant: for one board its scores; for several boards the means, with the number of boards that
+    it was run on."""
     if len(boards) == 1:
         return boards[0].lines
     counts = {variant: sum(variant in board.lines for board in boards) for variant in _variants(boards)}
@@ -170,8 +171,8 @@ def _mean_table(
     where: str,
     caption: str,
 ) -> Table:
-    """Rows are methods; the paper's figures, of the methods that it has, come behind ours. They are of the methods as
-    they are, so a row with options changed has none."""
+    """A table whose rows are methods. The paper's figures stand behind ours, for the methods that the paper has; rows
+    with changed options have none, because the paper's figures are for the unchanged methods."""
     lines = list(means.values())
     empty = empty_columns(lines, columns)
     shown = [column for column in columns if column not in empty]
@@ -215,8 +216,8 @@ def _mean_table(
 
 
 def _scene_table(layout: Layout, boards: list[Board], figures: Figures) -> Table:
-    """The paper's table of scenes: a row for each scene and columns for each method; the other way round where there
-    are many methods."""
+    """The paper's table of scenes: a row for each scene and columns for each method; with many methods, rows and
+    columns are exchanged."""
     variants = _variants(boards)
     empty = empty_columns([line for board in boards for line in board.lines.values()], layout.scene_columns)
     shown = [column for column in layout.scene_columns if column not in empty]
@@ -241,7 +242,7 @@ def _methods_by_scene(
     cell: Callable[[Board, Variant, str], Cell],
     below: tuple[str, ...],
 ) -> Table:
-    """A row for each method, and columns for each scene."""
+    """A table with a row for each method and columns for each scene."""
     some = {variant: board.lines[variant] for board in boards for variant in board.lines}
     absent = {board.name: empty_columns(list(board.lines.values()), shown) for board in boards}
     kept = [(board, column) for board in boards for column in shown if column not in absent[board.name]]
@@ -271,7 +272,7 @@ def _scenes_by_method(
     below: tuple[str, ...],
     figures: Figures,
 ) -> Table:
-    """A row for each scene, and columns for each method, ours and then the paper's."""
+    """A table with a row for each scene and columns for each method: those measured here, then the paper's."""
     some = {variant: board.lines[variant] for board in boards for variant in board.lines}
     theirs = {board.name: figures.of_scene(board.scene) for board in boards}
     printed = list(
@@ -313,7 +314,7 @@ def _scenes_by_method(
 
 
 def _has(boards: list[Board], variant: Variant, column: str) -> bool:
-    """Whether a method has a score, or a failure in its place, on any board."""
+    """Whether a method has a score, or a failure instead of one, on any board."""
     cells = [board.lines[variant].cells[column] for board in boards if variant in board.lines]
     return any(cell.value is not None or cell.failure for cell in cells)
 
@@ -323,7 +324,7 @@ def _paper_note(figures: Figures, where: str) -> str:
 
 
 def _sorted(lines: list[Line], shown: Sequence[str]) -> list[Line]:
-    """Best of the first score first; costs by the least."""
+    """The lines sorted by the first column, the best first; a cost is best when it is least."""
     if not shown:
         return lines
     down = bool(COLUMNS[shown[0]].higher_is_better)
@@ -338,5 +339,5 @@ def _sorted(lines: list[Line], shown: Sequence[str]) -> list[Line]:
 
 
 def _card_name(method: str) -> str:
-    """What the method's card calls it; its id where it isn't installed here."""
+    """The method's name by its card; its id if the method isn't installed here."""
     return find_method(method).card.name if method in method_files() else method

@@ -1,4 +1,4 @@
-"""Every score by dataset and as means over scenes, and what the authors say of their methods."""
+"""All scores by dataset and as means over scenes, and the figures that authors published."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def board_view(
     curves: tuple[CurveView, ...],
     strip: Picture | None,
 ) -> BoardView:
-    """One board: its scores, what is drawn of it, and how its rows compare."""
+    """The view of one board: its scores, its pictures, and the comparison of its rows."""
     lines = [*board.lines.values(), *([board.nothing] if board.nothing is not None else [])]
     trained = "trained on the sharp originals" if board.sharp else board.lenses
     about = f"Scene {board.scene}; dataset checksum {board.checksum}{'; ' if board.lenses else ''}"
@@ -44,7 +44,7 @@ def board_view(
 
 
 def mean_sections(boards: Sequence[Board], columns: Sequence[str], names: Names) -> tuple[Section, ...]:
-    """Means over the boards of a kind, where there are several."""
+    """Means over the boards of each kind that has several."""
     sections = []
     for kind, scenes in by_kind(boards).items():
         if len(scenes) < 2:
@@ -59,7 +59,8 @@ def mean_sections(boards: Sequence[Board], columns: Sequence[str], names: Names)
 
 
 def claims_section(entries: Sequence[Entry]) -> Section | None:
-    """What the authors say of their methods; a table of its own, as data and metrics aren't ours."""
+    """The figures that authors published for their methods, in a separate table because data and metrics differ from
+    ours."""
     installed = method_files()
     used = sorted({entry.spec.method for entry in entries})
     cards = {method: find_method(method).card for method in used if method in installed}
@@ -103,6 +104,6 @@ def added_section(entries: Sequence[Entry]) -> Section | None:
 
 
 def column_section(columns: Sequence[str]) -> Section:
-    """What each score says."""
+    """Section that explains each score."""
     known = [COLUMNS[column] for column in columns]
     return Section("What the columns say", (Items(tuple(f"{one.label} ({one.id}): {one.note}." for one in known)),))

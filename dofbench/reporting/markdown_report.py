@@ -1,4 +1,4 @@
-"""leaderboard.md: the parts of a report that it has, in their order."""
+"""leaderboard.md: which parts of a report it contains, and in which order."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ is what a predictor of the lens scores that learns nothing; an error above it is
 
 
 def leaderboard_markdown(view: ReportView) -> str:
-    """The page. What times and fronts mean stands with the first board's curves."""
+    """The page. The explanation of times and Pareto fronts stands with the first board's curves."""
     blocks: list[Block] = [Paragraph(_INTRODUCTION)]
     for index, board in enumerate(view.boards):
         blocks.append(_board(board, (view.curve_rules,) if index == 0 else ()))

@@ -1,4 +1,4 @@
-"""Blocks of a report as Markdown. Nothing is computed here."""
+"""Writes blocks of a report as Markdown. All values come from the report's data; nothing is computed here."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left:
 
 
 def plain(text: str) -> str:
-    """Text that can stand in a cell."""
+    """The text escaped for a table cell."""
     return text.replace("|", "\\|")
 
 
 def _parts(block: Block, level: int, notes: Footnotes) -> list[str]:
-    """What stands between empty lines, of a block whose title would be of this level."""
+    """The parts of a block that are separated by empty lines. level: heading level of the block's title."""
     match block:
         case Paragraph():
             return [block.text]

@@ -1,4 +1,5 @@
-"""The report's first screen: what was run, on what, how long it took, which is best, by how much and how sure."""
+"""The report's first screen: methods, datasets, times, and the best row of each board with its lead and how sure that
+is."""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ _PHOTOGRAPHS = "of photographs, fitted on half of each"
 
 
 def duration(seconds: float) -> str:
-    """As "2 h 05 min", "12 min" or "48 s"."""
+    """A duration such as "2 h 05 min", "12 min" or "48 s"."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60)
@@ -29,7 +30,7 @@ def duration(seconds: float) -> str:
 
 
 def headline(collection: Collection) -> str:
-    """The page in one line."""
+    """A summary of the page in one line."""
     entries = collection.entries
     methods, datasets = {entry.spec.method for entry in entries}, {entry.board[:2] for entry in entries}
     parts = [
@@ -82,7 +83,8 @@ def best_table(boards: Sequence[Board]) -> Table:
 
 
 def facts(collection: Collection, boards: Sequence[Board]) -> tuple[tuple[str, tuple[str, ...]], ...]:
-    """What was run, on what, how long it took, what failed: (term, lines), those left out that have nothing to say."""
+    """(term, lines) on what was run, on which datasets, how long it took, and what failed; terms without lines are left
+    out."""
     entries = collection.entries
     failed = [entry for entry in entries if entry.status is not Status.OK]
     found = [

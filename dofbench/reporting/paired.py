@@ -1,10 +1,10 @@
-"""Whether one run is really better than another: paired differences, their interval and their test.
+"""Statistics of the difference between two runs: paired differences, their confidence interval and their test.
 
-Scores of two methods on one test view rise and fall together, as views are easy or hard, so they are compared view by
-view. Views are few, their errors have no known distribution, and a mean over them is all that a table shows: so the
-test is a permutation test that flips the signs of the per-view differences (Fisher, The Design of Experiments, 1935,
-section 21), which takes nothing for granted but that without a difference either sign was as likely. It is exact for
-any number of views, and says nothing where they are too few: with n of them p is never below 2 ^ (1 - n).
+Scores of two methods are correlated over test views, since some views are easy and others hard, so they are compared
+view by view. The views are few and the distribution of their errors is unknown, so the mean difference is tested by a
+permutation test that flips the signs of the per-view differences (Fisher, The Design of Experiments, 1935, section 21).
+It only assumes that, if there is no difference, both signs are equally likely. The test is exact for any number of
+views, but can't be significant with too few: with n views p is never below 2 ^ (1 - n).
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ import numpy as np
 from dofbench.results.protocol import arithmetic_mean
 
 SIGNIFICANT = 0.05
-FEWEST = 6  # pairs of which p can be below `SIGNIFICANT`: 2 ** (1 - 6) = 0.031
-CONFIDENCE = 0.95  # of the interval
-_EXACT = 16  # pairs of which every choice of signs is looked at: 65536
-_FLIPS = 10_000  # choices of signs at a time for more pairs
+FEWEST = 6  # fewest pairs for which p can be below `SIGNIFICANT`: 2 ** (1 - 6) = 0.031
+CONFIDENCE = 0.95  # confidence level of the interval
+_EXACT = 16  # largest number of pairs for which all choices of signs are tested: 65536
+_FLIPS = 10_000  # number of random choices of signs for more pairs
 _TIMES = 10
-_RESAMPLES = 5_000  # of the bootstrap
-_SEED = 0  # the same results give the same report
-_TIE = 1e-12  # relative, of two sums in another order
+_RESAMPLES = 5_000  # samples of the bootstrap
+_SEED = 0  # fixed, so that the same results give the same report
+_TIE = 1e-12  # relative difference up to which sums taken in different order count as equal
 
-# What a page says beside such differences.
+# The explanation that a page prints with such differences.
 EXPLANATION = (
     "A difference is the mean over the same views of both, seeds averaged first. In brackets: its 95 % interval by the "
     "bootstrap, which draws views and, where there are several, seeds anew; below six views it would be too narrow, "
@@ -43,10 +43,10 @@ Group = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Difference:
-    """Of paired values, one's minus the other's. mean: over groups of the means over their pairs. spread: sample
-    standard deviation of the differences, None for a single one. p: of the sign-flip test, None where there is nothing
-    to test: no difference at all, or one that isn't finite. low, high: ends of the bootstrap's interval, None below
-    `FEWEST` pairs. seeds: the fewer of the two sides' trainings."""
+    """Statistics of the differences of paired values. mean: mean over groups of the mean over each group's pairs.
+    spread: sample standard deviation of the differences, None for a single pair. p: of the sign-flip test, None if all
+    differences are zero or one isn't finite. low, high: ends of the bootstrap's interval, None below `FEWEST` pairs.
+    seeds: number of trainings on the side that has fewer."""
 
     pairs: int
     mean: float
@@ -58,7 +58,7 @@ class Difference:
 
     @property
     def telling(self) -> bool:
-        """Whether the test and the interval bear a word such as better."""
+        """Whether test and interval both justify a verdict such as better."""
         return (
             self.p is not None
             and self.p < SIGNIFICANT
@@ -72,8 +72,8 @@ def grouped_difference(groups: Sequence[Group]) -> Difference:
     """Compare paired values, group by group (a scene's views, say). A group is (values, reference): (S, n) and (T, n)
     arrays of S and T trainings on the same n units, in the same order.
 
-    Every group weighs the same in the mean, as in a mean over scenes. Raises ValueError for no pair at all, or two
-    sides of different units.
+    All groups have the same weight in the mean, as in a mean over scenes. Raises ValueError without any pair, or if the
+    two sides have different units.
     """
     for values, reference in groups:
         if values.ndim != 2 or reference.ndim != 2 or values.shape[1] != reference.shape[1]:
@@ -83,10 +83,10 @@ def grouped_difference(groups: Sequence[Group]) -> Difference:
         raise ValueError("paired difference: expected at least one pair, found none")
     count = sum(values.shape[1] for values, _ in groups)
     seeds = min(min(len(values), len(reference)) for values, reference in groups)
-    with np.errstate(invalid="ignore"):  # an infinity less another is no number, and is shown as what it is
+    with np.errstate(invalid="ignore"):  # the difference of two infinities is NaN, and is shown as NaN
         differences = [values.mean(axis=0) - reference.mean(axis=0) for values, reference in groups]
     mean = arithmetic_mean([arithmetic_mean(one.tolist()) for one in differences])
-    # So weighted, the plain mean over all pairs is the mean over groups.
+    # With these weights the plain mean over all pairs is the mean over groups.
     weighted = np.concatenate([one * (count / (len(groups) * len(one))) for one in differences])
     if not np.isfinite(weighted).all():
         return Difference(count, mean, None, None, seeds=seeds)
@@ -98,8 +98,9 @@ def grouped_difference(groups: Sequence[Group]) -> Difference:
 
 
 def sign_flip(differences: np.ndarray) -> float:
-    """Two-sided p of the mean of (n,) differences being zero: the share of choices of their signs of which the sum is
-    as far from zero. All choices up to 16 differences, else many random ones, the one found among them."""
+    """Two-sided p of the mean of (n,) differences being zero: the share of sign choices for which the sum is at least
+    as far from zero. All choices are tested up to 16 differences, else many random ones together with the observed
+    one."""
     found = abs(math.fsum(differences)) * (1 - _TIE)
     if len(differences) <= _EXACT:
         sums = np.zeros(1)
@@ -115,7 +116,7 @@ def sign_flip(differences: np.ndarray) -> float:
 
 
 def holm(values: Sequence[float | None]) -> list[float | None]:
-    """p values adjusted for being several (Holm, Scandinavian Journal of Statistics 1979); None stays None."""
+    """p values adjusted for multiple comparisons (Holm, Scandinavian Journal of Statistics 1979); None stays None."""
     known = sorted((p, index) for index, p in enumerate(values) if p is not None)
     adjusted: list[float | None] = [None] * len(values)
     largest = 0.0
@@ -126,13 +127,14 @@ def holm(values: Sequence[float | None]) -> list[float | None]:
 
 
 def _interval(groups: Sequence[Group]) -> tuple[float, float]:
-    """Percentile bootstrap (Efron 1979): units are drawn within their group, seeds on each side by themselves."""
+    """Percentile bootstrap interval (Efron 1979): units are resampled within their group, seeds on each side
+    independently."""
     random = np.random.default_rng(_SEED)
     means = np.zeros(_RESAMPLES)
     for values, reference in groups:
         units = random.integers(0, values.shape[1], (_RESAMPLES, values.shape[1]))
         for side, sign in ((values, 1.0), (reference, -1.0)):
-            # Mean over drawn seeds of every unit, then over the drawn units.
+            # Mean over the resampled seeds of every unit, then over the resampled units.
             seeds = random.integers(0, len(side), (_RESAMPLES, len(side)))
             shares = np.stack([np.mean(seeds == seed, axis=1) for seed in range(len(side))], axis=1)
             means += sign * np.take_along_axis(shares @ side, units, axis=1).mean(axis=1) / len(groups)

@@ -1,4 +1,4 @@
-"""Every method of a board against every other: how much better, and how sure that is."""
+"""Pairwise comparison of a board's methods: differences and their significance."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dofbench.results.collecting import Entry, grouped
 from dofbench.results.columns import ALL_IN_FOCUS, COLUMNS, DEPTH, LENS, PHOTOGRAPH, REFOCUS
 from dofbench.results.protocol import arithmetic_mean
 
-Seeds = dict[Variant, list[Entry]]  # of one dataset
+Seeds = dict[Variant, list[Entry]]  # the seeds of each variant on one dataset
 
 COMPARED = (
     "psnr",
@@ -34,7 +34,8 @@ COMPARED = (
     "delta_f",
     "disparity_error",
 )
-EVERY_PAIR = 8  # variants of which every pair is compared; of more, each with the first, or a page would be all pairs
+# Up to so many variants every pair is compared; with more, each only with the first, to keep the page short
+EVERY_PAIR = 8
 HEADING = "Compared view by view"
 TESTED = "How differences are tested"
 FILE_COLUMNS = (
@@ -58,7 +59,7 @@ FILE_COLUMNS = (
 
 @dataclass(frozen=True)
 class Pair:
-    """Two variants and what their differences are, by column."""
+    """Two variants, and their differences by column."""
 
     one: Variant
     other: Variant
@@ -66,7 +67,8 @@ class Pair:
 
 
 def pairwise(datasets: Sequence[Seeds], order: Sequence[Variant]) -> list[Pair]:
-    """Compare the variants that every dataset has, in this order, in every score; p adjusted over a column's pairs."""
+    """Compare the variants that every dataset has, in the given order, in every score; p is adjusted over the pairs of
+    a column."""
     whole = [variant for variant in order if all(variant in seeds for seeds in datasets)]
     pairs = list(itertools.combinations(whole, 2))
     if len(whole) > EVERY_PAIR:
@@ -91,7 +93,7 @@ def scene_pairs(scenes: Sequence[Seeds]) -> list[Pair]:
 
 
 def _ranked(datasets: Sequence[Seeds]) -> list[Variant]:
-    """As lines are ranked: best refocus PSNR first, then by all-in-focus PSNR."""
+    """The variants in the order of table lines: best refocus PSNR first, then by all-in-focus PSNR."""
 
     def place(variant: Variant) -> tuple:
         means = []
@@ -105,7 +107,7 @@ def _ranked(datasets: Sequence[Seeds]) -> list[Variant]:
 
 
 def pairwise_section(pairs: Sequence[Pair], names: dict[Variant, tuple[str, str]], caption: str) -> Section | None:
-    """The pairs as a table; None where there is no pair, or no score that two have. caption: of which boards."""
+    """The pairs as a table; None without a pair, or without a score that both have. caption: names the boards."""
     columns = [column for column in COMPARED if any(pair.compared[column].difference for pair in pairs)]
     if not columns:
         return None
@@ -135,12 +137,12 @@ def pairwise_section(pairs: Sequence[Pair], names: dict[Variant, tuple[str, str]
 
 
 def explanation() -> Section:
-    """What the tables of differences say, once for a page."""
+    """The section that explains tables of differences, once per page."""
     return Section(TESTED, (Paragraph(EXPLANATION),))
 
 
 def comparison_records(boards: Sequence[tuple[str, str, list[Pair]]], names: dict[Variant, tuple[str, str]]) -> Records:
-    """One row a pair and score. boards: (dataset, protocol, pairs)."""
+    """One row per pair and score. boards: (dataset, protocol, pairs)."""
     rows = []
     for dataset, protocol, pairs in boards:
         for pair in pairs:

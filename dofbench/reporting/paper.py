@@ -1,4 +1,4 @@
-"""What the authors of the method printed, by layout: never mixed with what was measured here."""
+"""The figures printed in the paper, by table layout; they are kept apart from scores measured here."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Figures:
-    """One printed table. means, scenes: method -> score -> value, for what is printed and no more."""
+    """One printed table. means: method -> score -> value; scenes: the same by scene. Only printed values are
+    included."""
 
     source: str
     data: str
@@ -26,23 +27,24 @@ class Figures:
     scenes: dict[str, dict[str, dict[str, float]]]
 
     def of_scene(self, scene: str) -> dict[str, dict[str, float]]:
-        """Their figures of the scene that a dataset was made from, method -> score -> value."""
+        """The paper's figures for the scene that a dataset was made from, method -> score -> value."""
         return of_scene(self.scenes, scene)
 
 
-# Of a layout that the paper has no table of.
+# For a layout without a table in the paper.
 NOTHING_PRINTED = Figures("", "", (), {}, {})
 
 
 def of_scene(scenes: Mapping[str, dict[str, T]], scene: str) -> dict[str, T]:
-    """What is printed of the scene that a dataset was made from: fern's for llff_fern or llff/fern; empty for none."""
+    """The entry of `scenes` for the scene that a dataset was made from: that of fern for llff_fern or llff/fern; empty
+    without one."""
     words = set(re.split(r"[^a-z0-9]+", scene.lower()))
     return next((found for name, found in scenes.items() if name.lower() in words), {})
 
 
 @cache
 def paper_figures() -> dict[str, Figures]:
-    """Layout -> what was printed of it."""
+    """Layout -> the paper's figures."""
     data = tomllib.loads((content_folder("reports/templates") / "paper.toml").read_text(encoding="utf-8"))
     source = data.pop("source")
     return {layout: _figures(source, table) for layout, table in data.items()}
@@ -63,7 +65,7 @@ def _by_column(columns: tuple[str, ...], values: list[float]) -> dict[str, float
 
 
 def _means(columns: tuple[str, ...], scenes: dict[str, dict[str, dict[str, float]]]) -> dict[str, dict[str, float]]:
-    """Over all scenes, for the methods that have every one."""
+    """Means over all scenes, for the methods that have a value for every scene."""
     methods = dict.fromkeys(method for found in scenes.values() for method in found)
     return {
         method: {

@@ -11,8 +11,8 @@ from dofbench.reporting.series import Point, Series
 
 @dataclass(frozen=True)
 class FrontPoint:
-    """A scored moment that no other one beats: none is as early and as good, and earlier or better. series: its
-    index."""
+    """A scored moment on the Pareto front: no other moment is at least as early and as good, and earlier or better.
+    series: index of its series."""
 
     time: float
     score: float
@@ -20,7 +20,7 @@ class FrontPoint:
 
 
 def pareto_front(curves: Sequence[Sequence[Point]], *, higher_is_better: bool) -> tuple[FrontPoint, ...]:
-    """The front over all points of all curves, by time; points that are equal in both are all on it."""
+    """The front over all points of all curves, by time; of points with equal time and score all are on the front."""
     sign = 1.0 if higher_is_better else -1.0
     points = sorted((time, -sign * score, index) for index, curve in enumerate(curves) for time, score in set(curve))
     front: list[FrontPoint] = []
@@ -36,7 +36,7 @@ def pareto_front(curves: Sequence[Sequence[Point]], *, higher_is_better: bool) -
 
 @dataclass(frozen=True)
 class Span:
-    """A stretch of the front that one series holds: its first and last point there."""
+    """A stretch of the front that belongs to one series, by its first and last point."""
 
     series: int
     first: Point
@@ -44,7 +44,7 @@ class Span:
 
 
 def spans(front: Sequence[FrontPoint]) -> tuple[Span, ...]:
-    """The front as who holds it from when on."""
+    """The front as stretches of one series each, by time."""
     held = []
     for series, group in groupby(front, key=lambda point: point.series):
         points = list(group)
@@ -53,5 +53,5 @@ def spans(front: Sequence[FrontPoint]) -> tuple[Span, ...]:
 
 
 def front_of(series: Sequence[Series], *, higher_is_better: bool) -> tuple[FrontPoint, ...]:
-    """The front of the medians over seeds; a series without one, as a seed failed, is not on it."""
+    """The front of the medians over seeds; a series without a median, because a seed failed, is left out."""
     return pareto_front([one.median for one in series], higher_is_better=higher_is_better)

@@ -1,4 +1,4 @@
-"""Every pair of score and scene as one plot against training time: curves, Pareto front, levels to reach."""
+"""One plot against training time for every score and board: curves, Pareto front, levels to reach."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from dofbench.results.columns import COLUMNS, Column
 
 @dataclass(frozen=True)
 class Plot:
-    """One score on one board. dataset: the board's name. levels: to be reached, in the unit of the score; chosen: by
-    the user. nothing: what a predictor of the lens scores that learns nothing."""
+    """The plot of one score on one board. dataset: the board's name. levels: scores for which times are reported;
+    chosen: whether the user chose them. nothing: the score of a lens predictor that learns nothing."""
 
     board: tuple[str, ...]
     dataset: str
@@ -29,17 +29,17 @@ class Plot:
 
     @property
     def protocol(self) -> str:
-        """The protocol under which all of it was scored."""
+        """The protocol under which the board's runs were scored."""
         return self.board[2]
 
     @property
     def score(self) -> Column:
-        """What is plotted."""
+        """The column that is plotted."""
         return COLUMNS[self.column]
 
     @property
     def higher_is_better(self) -> bool:
-        """Which way is up."""
+        """Whether higher scores are better."""
         return bool(self.score.higher_is_better)
 
 
@@ -49,8 +49,8 @@ def make_plots(
     boards: dict[tuple[str, ...], str],
     wanted: dict[str, tuple[float, ...]],
 ) -> tuple[Plot, ...]:
-    """The plots of every board, for the scores that its curves have. wanted: score -> levels, in place of chosen
-    ones."""
+    """The plots of every board, for the scores that its curves have. wanted: score -> levels, which replace
+    automatically chosen ones."""
     return tuple(
         plot
         for board, members in grouped(list(entries), "board").items()

@@ -1,4 +1,5 @@
-"""Time to reach a score: levels, the first moment that shows one, and what that is over seeds."""
+"""Training time to reach a score: the levels, the first moment at which a run reaches one, and median and range over
+seeds."""
 
 from __future__ import annotations
 
@@ -22,13 +23,14 @@ LEVEL_RULE = (
     "any method shows (median over its seeds), each rounded to the easier side"
 )
 _SHARES = (0.5, 0.8, 0.95)
-_STEPS_A_WAY = 20  # a level is rounded to a step of 1, 2 or 5 times a power of ten, at most this part of the way
+_STEPS_A_WAY = 20  # a level is rounded to a step of 1, 2 or 5 times a power of ten, of at most 1 / this of the way
 
 
 @dataclass(frozen=True)
 class Reached:
     """One run. time: training seconds at the first scored moment at the level or better; None when there is none.
-    before: the moment scored before it, 0 for none. held: whether the last score is still at the level."""
+    before: the moment that was scored before that one, 0 if there is none. held: whether the last score still reaches
+    the level."""
 
     time: float | None
     before: float = 0.0
@@ -37,8 +39,8 @@ class Reached:
 
 @dataclass(frozen=True)
 class ReachCell:
-    """Over the seeds of a series. median, low, high: infinite where the level wasn't reached. count: seeds that
-    reached it. lost: of those, the seeds whose last score is worse again."""
+    """Times over the seeds of a series. median, low, high: infinite if the level wasn't reached. count: number of seeds
+    that reached it. lost: how many of these have a worse score at the end."""
 
     median: float
     low: float
@@ -49,7 +51,7 @@ class ReachCell:
 
     @property
     def text(self) -> str:
-        """As "42.1 s (40.0 to 45.2)", "42.1 s (40.0 to not reached)" or "not reached"."""
+        """A text such as "42.1 s (40.0 to 45.2)", "42.1 s (40.0 to not reached)" or "not reached"."""
         if not math.isfinite(self.median):
             return "not reached" + (f" ({self.count} of {self.seeds} seeds did)" if self.count else "")
         text = seconds_text(self.median)
@@ -62,7 +64,7 @@ class ReachCell:
 
 
 def reached(points: Sequence[Point], level: float, *, higher_is_better: bool) -> Reached:
-    """When a curve first shows the level."""
+    """The first moment at which a curve reaches the level."""
     before = 0.0
     for time, score in points:
         if at_least(score, level, higher_is_better):
@@ -72,7 +74,7 @@ def reached(points: Sequence[Point], level: float, *, higher_is_better: bool) ->
 
 
 def run_reached(run: Run, level: float, *, higher_is_better: bool) -> Reached:
-    """As `reached`; a run that failed leaves no model, so it reaches nothing."""
+    """`reached` for a run; a run that failed has no model, so it reaches no level."""
     if run.status is not Status.OK:
         return Reached(None)
     return reached(run.points, level, higher_is_better=higher_is_better)
@@ -93,7 +95,7 @@ def reach_cell(series: Series, level: float, *, higher_is_better: bool) -> Reach
 
 
 def levels(series: Sequence[Series], *, higher_is_better: bool) -> tuple[float, ...]:
-    """Levels chosen by `LEVEL_RULE`; none where there is no way to go."""
+    """Levels chosen by `LEVEL_RULE`; none if no run improves its score."""
     firsts = [run.points[0][1] for one in series for run in one.runs if run.points]
     shown = [score for one in series for _, score in one.median]
     if not firsts or not shown:
@@ -104,7 +106,7 @@ def levels(series: Sequence[Series], *, higher_is_better: bool) -> tuple[float, 
         return ()
     step = round_step(abs(way) / _STEPS_A_WAY)
     easier = math.floor if higher_is_better else math.ceil
-    # A number of steps is rounded before it is cut, so that 0.3 / 0.1 is 3.
+    # The number of steps is rounded to six decimals before floor or ceil, so that 0.3 / 0.1 counts as 3.
     found = [easier(round((worst + share * way) / step, 6)) * step for share in _SHARES]
     digits = max(0, -math.floor(math.log10(step)))
     return tuple(dict.fromkeys(round(level, digits) for level in found))
@@ -117,19 +119,19 @@ def round_step(largest: float) -> float:
 
 
 def at_least(score: float, level: float, higher_is_better: bool) -> bool:
-    """Whether a score is as good as the level; a NaN is as good as nothing."""
+    """Whether a score is at least as good as the level; False for NaN."""
     return score >= level if higher_is_better else score <= level
 
 
 def level_text(column: str, level: float) -> str:
-    """As "PSNR ≥ 30 dB" or "δ_F ≤ 0.01"."""
+    """A text such as "PSNR ≥ 30 dB" or "δ_F ≤ 0.01"."""
     known = COLUMNS[column]
     unit = f" {known.unit}" if known.unit else ""
     return f"{known.label} {'≥' if known.higher_is_better else '≤'} {level:g}{unit}"
 
 
 def seconds_text(seconds: float) -> str:
-    """Seconds with three digits that say something, and no more than one behind the point."""
+    """Seconds with three significant digits, and at most one decimal."""
     digits = 0 if seconds >= 100 else 1 if seconds >= 1 else 2
     return f"{seconds:.{digits}f} s"
 

@@ -1,4 +1,4 @@
-"""Rows of values for a CSV file: nothing rounded away, nothing laid out."""
+"""Rows of values for a CSV file, neither rounded nor formatted."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Records:
-    """name: of the file. rows: column -> value; a column that a row lacks, or has None of, is empty in the file."""
+    """The content of a CSV file. name: of the file. rows: column -> value; a column that a row lacks, or whose value is
+    None, is empty in the file."""
 
     name: str
     columns: tuple[str, ...]

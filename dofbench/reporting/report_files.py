@@ -1,4 +1,4 @@
-"""The whole report as files: read the results, draw, build what is said, and hand it to the writers."""
+"""Writes the whole report: reads the results, draws plots, builds the report's data, and calls the writers."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from dofbench.results.columns import COLUMNS
 
 @dataclass(frozen=True)
 class Written:
-    """files: what was written, in order. unreadable: one line for each result that was skipped.
-    Iterates over the files; true when every result could be read."""
+    """The outcome of `write_report`. files: the files written, in order. unreadable: one line for each result that was
+    skipped. Iterates over the files; true when every result could be read."""
 
     files: tuple[Path, ...]
     unreadable: tuple[str, ...]
@@ -98,7 +98,7 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
 def _strips(
     out: Path, boards: Sequence[Board], pictures: Sequence[BoardPictures], tell: Callable[[str], None]
 ) -> dict[Key, Path]:
-    """Board -> its strip of pictures; one that can't be made is named."""
+    """Board -> its strip of pictures. A strip that can't be made is reported through `say`."""
     strips = {}
     for board, shown in zip(boards, pictures, strict=True):
         strip = out / "comparison" / f"{file_name(board.name, board.protocol)}.png"

@@ -1,4 +1,4 @@
-"""What a call of `dofbench report` says."""
+"""The options of `dofbench report`."""
 
 from __future__ import annotations
 
@@ -18,24 +18,25 @@ class Report:
     out: Path = Path("reports/leaderboard")
     """Folder to write to."""
     pictures: bool = True
-    """Strips of photographs and predictions; leave them out of a board that is published where the
-    photographs may not be."""
+    """Write strips of photographs and predictions; --no-pictures leaves them out, for example if the photographs may
+    not be published."""
     reach: str = ""
-    """Levels for the tables of time to reach a score, comma-separated: psnr=30,delta_f=0.01. Scores without one get
-    levels chosen from the data."""
+    """Levels for the tables of time to reach a score, comma-separated: psnr=30,delta_f=0.01. For other scores, levels
+    are chosen from the data."""
     ablation: Path | None = None
-    """Folder of tables, as `dofbench ablate` writes them, to be shown in report.html too."""
+    """Folder of tables written by `dofbench ablate`, which are shown in report.html too."""
     merge: tuple[Path, ...] = ()
     """Further folders of results, as other machines made them. A run that lies in several counts once."""
 
     def __post_init__(self) -> None:
-        self.levels  # noqa: B018 - a wrong level is named before anything is read
+        self.levels  # noqa: B018 - raises InputError for a wrong level before any result is read
 
     @property
     def levels(self) -> dict[str, tuple[float, ...]]:
         """Score -> levels of `reach`."""
         if not self.reach:
             return {}
-        from dofbench.reporting.reach import parse_levels  # here, as it brings numpy, which help doesn't need
+        # Imported here because it loads numpy, which the help doesn't need
+        from dofbench.reporting.reach import parse_levels
 
         return parse_levels(self.reach)

@@ -1,4 +1,4 @@
-"""What stands in the CSV files of a report: every number of every run, nothing averaged."""
+"""The content of a report's CSV files: every number of every run, without averages."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ VIEW_COLUMNS = (
 
 
 def run_records(entries: tuple[Entry, ...]) -> Records:
-    """One row a run. A cell is empty when the run has no such score; the pages say why."""
+    """One row per run. A cell is empty when the run lacks the score; the pages give the reason."""
     rows = tuple({**who, **entry.scores} for entry, who in zip(entries, _identities(entries), strict=True))
     return Records("leaderboard.csv", (*IDENTITY, *FILE_SCORES, *added_columns(entries)), rows)
 
@@ -101,7 +101,8 @@ def time_records(entries: tuple[Entry, ...]) -> Records:
 
 
 def _identities(entries: tuple[Entry, ...]) -> list[dict[str, object]]:
-    """The identity columns of each entry; the dataset's name carries its checksum where one name means two."""
+    """The identity columns of each entry; the dataset's name includes its checksum if two datasets have the same
+    name."""
     boards = board_names(entries)
     return [
         {

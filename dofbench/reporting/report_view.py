@@ -1,4 +1,4 @@
-"""A whole report as plain data: what every writer is given."""
+"""A whole report as plain data, from which every writer works."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from dofbench.reporting.view import Document, Items, Paragraph, Picture, Section
 
 @dataclass(frozen=True)
 class CurveView:
-    """One score against training time. plot: what is drawn. picture: the drawing, None where there is none.
-    front_words: who holds the Pareto front, in a sentence, "" where there is no front. reach: times to reach levels,
-    None where no score moved. front: the front as a table."""
+    """One score against training time. plot: the data. picture: the drawing, or None. front_words: a sentence on which
+    series form the Pareto front, "" without a front. reach: times to reach levels, None if no score changed. front: the
+    front as a table."""
 
     title: str
     plot: Plot
@@ -27,7 +27,7 @@ class CurveView:
 @dataclass(frozen=True)
 class BoardView:
     """One dataset under one protocol. about: scene, the dataset's version and its lenses. differences: its rows
-    compared with each other. asked: its rows by what the test views ask for, of a held-out focus. strip: truth,
+    compared with each other. asked: its rows by the test views' lenses, if their focus was held out. strip: truth,
     predictions and errors as one picture."""
 
     title: str
@@ -41,15 +41,17 @@ class BoardView:
 
 @dataclass(frozen=True)
 class ReportView:
-    """Everything that a report says.
+    """The whole content of a report.
 
-    headline: the whole in one line. best: the best row of each board, by how much, and how sure that is. facts: what
-    was run, on what, how long it took, what failed: (term, lines). boards, means: every score, by dataset and as means
-    over scenes. layouts: tables as the paper lays them out. tested: how differences are tested. claims: what authors
-    say of their methods. columns: what every score says. added: which scores were computed after their runs.
-    runs, stages: how each run was made, and where its time went. machines: the machines that `runs` numbers.
-    unreadable: results that can't be read. curve_rules: how times, levels and fronts are meant. gallery: pictures of
-    the test views; None where none are wanted. ablations: tables of `dofbench ablate`. records: the CSV files.
+    headline: a summary in one line. best: the best row of each board, its lead, and how sure that is. facts: what was
+    run, on which datasets, how long it took, what failed: (term, lines). boards, means: every score, by dataset and as
+    means
+    over scenes. layouts: tables as the paper lays them out. tested: how differences are tested. claims: figures that
+    authors published for their methods. columns: explanations of the scores. added: which scores were computed after
+    their runs. runs, stages: how each run was made, and its time by stage. machines: the machines, by their number in
+    `runs`. unreadable: results that can't be read. curve_rules: explanation of times, levels and fronts. gallery:
+    pictures of the test views; None for a report without pictures. ablations: tables of `dofbench ablate`. records: the
+    CSV files.
     """
 
     headline: str

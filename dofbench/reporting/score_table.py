@@ -1,4 +1,4 @@
-"""Lines of scores as a table: the best marked, gaps with their reason, no column that is empty throughout."""
+"""Tables of scores: the best values are marked, gaps have their reason, and empty columns are left out."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dofbench.results.columns import COLUMNS
 
 @dataclass(frozen=True)
 class Beside:
-    """Columns beside the scores. cells: of a line, as many as headings."""
+    """Columns beside the scores. cells: gives a line's cells, as many as there are headings."""
 
     headings: tuple[Heading, ...] = ()
     cells: Callable[[Line], Sequence[Cell]] = lambda line: ()
@@ -36,7 +36,8 @@ def score_table(
     after: Beside = NOTHING_BESIDE,
     group: str = "",
 ) -> Table:
-    """The lines in their order, and below them which columns no line has, and why. group: above the scores."""
+    """A table of the lines in their order; below it, the columns that no line has, and why. group: heading above the
+    scores."""
     empty = empty_columns(lines, columns)
     shown = [column for column in columns if column not in empty]
     best = best_texts(lines, shown)
@@ -61,8 +62,8 @@ def score_table(
 
 
 def not_shown(empty: Mapping[str, str], said: str = "Not shown, as no row has it") -> tuple[str, ...]:
-    """A line that says which columns a table leaves out, and why; none where it has all. empty: column -> reason, ""
-    where nothing is to be said."""
+    """A line on which columns a table leaves out, and why; none if it has all columns. empty: column -> reason, "" for
+    columns that aren't mentioned."""
     reasons: dict[str, list[str]] = {}
     for column, reason in empty.items():
         if reason:

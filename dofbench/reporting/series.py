@@ -17,7 +17,7 @@ Point = tuple[float, float]  # (training seconds, score)
 @dataclass(frozen=True)
 class Run:
     """One seed. points: every scored moment with a finite score, by time. dropped: moments whose score isn't finite,
-    which can't be drawn and reach nothing."""
+    which can't be drawn and reach no level."""
 
     seed: int
     status: Status
@@ -27,7 +27,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Series:
-    """The seeds of one variant. median: of its seeds; empty where a seed failed or has no point."""
+    """The seeds of one variant. median: the median curve over its seeds; empty if a seed failed or has no point."""
 
     variant: tuple[str, ...]
     method: str
@@ -42,7 +42,7 @@ class Series:
 
     @property
     def failures(self) -> str:
-        """How runs of it failed; empty where none did."""
+        """How runs of this variant failed; empty if none did."""
         return ", ".join(sorted({str(run.status) for run in self.runs if run.status is not Status.OK}))
 
 
@@ -55,7 +55,7 @@ def curve_columns(entries: Sequence[Entry]) -> list[str]:
 def series_of(
     entries: Sequence[Entry], column: str, names: dict[tuple[str, ...], tuple[str, str]]
 ) -> tuple[Series, ...]:
-    """The series of one board, those without any point left out."""
+    """The series of one board, without series that have no point."""
     found = []
     for variant, seeds in grouped(list(entries), "variant").items():
         runs = tuple(run_of(entry, column) for entry in seeds)
@@ -68,7 +68,7 @@ def series_of(
 
 
 def run_of(entry: Entry, column: str) -> Run:
-    """One run's curve in one score."""
+    """One run's curve of one score."""
     scored = [
         (point.train_s, point.scores[column])
         for point in (entry.result.curve if entry.result else ())
@@ -79,10 +79,10 @@ def run_of(entry: Entry, column: str) -> Run:
 
 
 def median_curve(curves: Sequence[Sequence[Point]]) -> tuple[Point, ...]:
-    """Median over seeds at every moment when any of them was scored, once all of them have been.
+    """Median over seeds, at every moment when a seed was scored, from the time on when every seed has a score.
 
-    Between two scored moments a seed's score is the last one that was measured: no value is interpolated. Of an even
-    number of seeds it is the mean of the two in the middle. Raises ValueError for a curve without a point.
+    Between two scored moments a seed's score is the last measured one: no value is interpolated. For an even number of
+    seeds the median is the mean of the two middle values. Raises ValueError for a curve without a point.
     """
     if not curves or not all(curves):
         raise ValueError("median curve: expected at least one point a seed, found none")
@@ -94,7 +94,7 @@ def median_curve(curves: Sequence[Sequence[Point]]) -> tuple[Point, ...]:
 
 
 def last_score(curve: Sequence[Point], time: float) -> float:
-    """The score measured last, at `time` or before. Raises ValueError where there was none yet."""
+    """The last score measured at `time` or before. Raises ValueError if there was none yet."""
     known = [score for moment, score in curve if moment <= time]
     if not known:
         raise ValueError(f"last score: expected one by {time:g} s, the first is of {curve[0][0]:g} s")

@@ -1,4 +1,5 @@
-"""From runs to the numbers of a table: means over seeds, means over scenes, failures and gaps by name."""
+"""The numbers of a table from its runs: means over seeds, means over scenes, and failures and gaps with their
+reasons."""
 
 from __future__ import annotations
 
@@ -17,10 +18,10 @@ DO_NOTHING = "do nothing (Â = F̂ = 0.5)"
 
 @dataclass(frozen=True)
 class Statistic:
-    """A score over several runs. value: a number, or None with the failure or the reason that stands in its place.
+    """A score over several runs. value: a number, or None with a failure or a reason.
 
-    spread: sample standard deviation over seeds, None for a single seed. failure: a status to be
-    shown by name. reason: for the footnote.
+    spread: sample standard deviation over seeds, None for a single seed. failure: a status, shown by its name. reason:
+    text of the footnote.
     """
 
     value: float | None
@@ -31,7 +32,7 @@ class Statistic:
 
 @dataclass(frozen=True)
 class Line:
-    """One line of a table: cells by column. competes: whether it can be the best."""
+    """One line of a table: cells by column. competes: whether the line can be the best."""
 
     method: str
     preset: str
@@ -46,8 +47,7 @@ class Line:
 
 
 def seed_mean(entries: list[Entry], column: str) -> Statistic:
-    """One column over the seeds of one variant. Seeds that failed aren't left out of a mean: then
-    there is no mean."""
+    """One column over the seeds of one variant. If a seed failed, there is no mean; failed seeds aren't left out."""
     failed = [entry for entry in entries if entry.status is not Status.OK]
     if failed:
         kinds = ", ".join(sorted({str(entry.status) for entry in failed}))
@@ -61,7 +61,7 @@ def seed_mean(entries: list[Entry], column: str) -> Statistic:
 
 
 def mean_and_spread(values: Sequence[float], reason: str = "") -> Statistic:
-    """Mean and sample standard deviation of one value a seed; a gap with the reason where there is none."""
+    """Mean and sample standard deviation of one value per seed; a gap with the reason if there are no values."""
     if not values:
         return Statistic(None, reason=reason)
     spread = statistics.stdev(values) if len(values) > 1 and all(map(math.isfinite, values)) else None
@@ -73,13 +73,13 @@ def _no_reason(entry: Entry, column: str) -> str:
     if protocol is not None and column in DEPTH_COLUMNS and not protocol.depth:
         return f"{protocol.id} has no such score"
     if column in EXIF:
-        return ""  # of made photographs, whose lens is known
+        return ""  # the protocol scores photographs of known lens, which don't have these columns
     if (
         protocol is not None
         and column in (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH)
         and column not in (*protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.photograph)
     ):
-        return ""  # of another protocol, whose tables are others: nothing that is missing here
+        return ""  # the column belongs to another protocol with other tables, so it isn't missing here
     if column not in SCORES:
         return "not computed: `dofbench score` adds it"
     return "the result holds no such score, nor a reason"
@@ -93,12 +93,12 @@ def variant_line(entries: list[Entry], names: dict[tuple[str, ...], tuple[str, s
 
 
 def seeds_text(seeds: Sequence[int]) -> str:
-    """As "0, 1, 2 (n = 3)"; a single one by itself."""
+    """A text such as "0, 1, 2 (n = 3)"; a single seed without the count."""
     return ", ".join(map(str, seeds)) + (f" (n = {len(seeds)})" if len(seeds) > 1 else "")
 
 
 def do_nothing_line(entries: list[Entry], columns: list[str]) -> Line | None:
-    """What a predictor of the lens scores that learns nothing; None where no result has it."""
+    """The line of a lens predictor that learns nothing; None if no result has its scores."""
     known = next((entry.result.do_nothing for entry in entries if entry.result and entry.result.do_nothing), None)
     if known is None:
         return None
@@ -108,8 +108,8 @@ def do_nothing_line(entries: list[Entry], columns: list[str]) -> Line | None:
 
 
 def sorted_lines(lines: list[Line]) -> list[Line]:
-    """Best refocus PSNR first; then those without one, by all-in-focus PSNR; failures at the end. On photographs of
-    unknown lens, which have neither, by theirs."""
+    """The lines sorted: best refocus PSNR first; then lines without it, by all-in-focus PSNR; failures at the end.
+    Results on photographs of unknown lens, which have neither, are sorted by the PSNR of the photographs."""
 
     def place(line: Line) -> tuple:
         refocus, sharp = (line.cells[column].value for column in ("psnr", "aif_psnr"))
@@ -136,7 +136,7 @@ def sorted_lines(lines: list[Line]) -> list[Line]:
 
 
 def best_texts(lines: Sequence[Line], columns: Sequence[str]) -> dict[str, str | None]:
-    """For each column the best value as it is shown, so that what looks equal is marked equally."""
+    """For each column the best value in its rounded form, so that values that look equal are all marked."""
     return {
         column: COLUMNS[column].best(
             [value for line in lines if line.competes and (value := line.cells[column].value) is not None]
@@ -146,8 +146,8 @@ def best_texts(lines: Sequence[Line], columns: Sequence[str]) -> dict[str, str |
 
 
 def empty_columns(lines: Sequence[Line], columns: Sequence[str]) -> dict[str, str]:
-    """The columns in which no line that competes has a value or a failure, with the reasons; "" where the protocol has
-    no such score, and nothing is to be said."""
+    """The columns in which no competing line has a value or a failure, with the reasons; the reason is "" for a column
+    that the protocol doesn't have, which isn't mentioned."""
     empty = {}
     for column in columns:
         cells = [line.cells[column] for line in lines if line.competes]
@@ -157,14 +157,14 @@ def empty_columns(lines: Sequence[Line], columns: Sequence[str]) -> dict[str, st
 
 
 def scene_mean(lines: dict[str, Line], scenes: list[str], column: str) -> Statistic:
-    """Mean over scenes of one variant (scene -> its line), only where every scene has a value."""
+    """Mean over scenes of one variant (scene -> its line); a gap unless every scene has a value."""
     missing = [scene for scene in scenes if scene not in lines or lines[scene].cells[column].value is None]
     if missing:
         gaps = {
             (cell.failure, cell.reason) for scene in missing if scene in lines if (cell := lines[scene].cells[column])
         }
         if len(missing) == len(scenes) and len(gaps) == 1:
-            failure, reason = gaps.pop()  # it has no such score anywhere, for one reason
+            failure, reason = gaps.pop()  # the score is missing on all scenes for the same reason
             return Statistic(None, failure=failure, reason=reason)
         return Statistic(
             None, reason=f"no mean over an incomplete set: {', '.join(missing)} missing of {len(scenes)} scenes"
@@ -174,8 +174,8 @@ def scene_mean(lines: dict[str, Line], scenes: list[str], column: str) -> Statis
 
 
 def scene_spread(seeds: Sequence[list[Entry]], column: str) -> float | None:
-    """Sample standard deviation over seeds of the mean over scenes. seeds: a variant's on every scene; None unless they
-    are the same on all of them, and several."""
+    """Sample standard deviation over seeds of the mean over scenes. seeds: the variant's runs on every scene. None
+    unless there are several seeds and they are the same on all scenes."""
     by_scene = [{entry.spec.seed: entry.scores.get(column) for entry in own} for own in seeds]
     common = sorted(by_scene[0])
     if len(common) < 2 or any(sorted(own) != common for own in by_scene):

@@ -1,4 +1,4 @@
-"""Cells and headings of the tables: how a score, a gap, a difference and a printed figure read."""
+"""Cells and headings of tables, for scores, gaps, differences and published figures."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from dofbench.reporting.summary import Statistic
 from dofbench.reporting.view import GAP, Cell, DifferenceTest, Heading
 from dofbench.results.columns import COLUMNS, Column
 
-_PUBLISHED_DIGITS = 3  # of a printed SSIM
+_PUBLISHED_DIGITS = 3  # decimals of a printed SSIM
 
 
 def words(text: str) -> Cell:
-    """Text, sorted by itself."""
+    """A cell of text, sorted by the text."""
     return Cell(text, sort=text.lower())
 
 
 def number(value: float, text: str) -> Cell:
-    """A number as `text`, sorted by its value; a NaN last."""
+    """A number shown as `text` and sorted by its value; NaN sorts last."""
     return Cell(text, "number", None if math.isnan(value) else value)
 
 
 def gap(reason: str) -> Cell:
-    """No number, and why not."""
+    """A cell without a number, with the reason."""
     return Cell(GAP, "gap", reason=reason)
 
 
 def score(found: Statistic, column: Column, best: str | None = None) -> Cell:
-    """A score with its spread. best: the best of its column, as it is shown."""
+    """A score with its spread. best: the best value of its column, in rounded form."""
     if found.value is None:
         return Cell(found.failure, "failed", reason=found.reason) if found.failure else gap(found.reason)
     text = column.text(found.value)
@@ -38,16 +38,16 @@ def score(found: Statistic, column: Column, best: str | None = None) -> Cell:
 
 
 def published(value: float | None, column: Column, silent: str) -> Cell:
-    """A figure that authors printed, with no more digits than they print; a gap with the reason `silent` for None."""
+    """A figure that authors published, with as many digits as published; for None, a gap with the reason `silent`."""
     if value is None:
         return gap(silent)
     return Cell(f"{value:.{min(column.digits, _PUBLISHED_DIGITS)}f}", "published", value)
 
 
 def difference(compared: Compared) -> Cell:
-    """A difference with its interval, its p and its verdict; a gap where there is none.
+    """A difference with its interval, its p and its verdict; a gap if there is no difference.
 
-    A difference that can't be seen with the column's digits has no verdict here, whatever the test says.
+    A difference that is zero at the column's digits has no verdict here, whatever the test says.
     """
     found, column = compared.difference, COLUMNS[compared.column]
     if found is None:
@@ -70,7 +70,7 @@ def difference(compared: Compared) -> Cell:
 
 
 def score_heading(column: Column, group: str = "", *, published: bool = False) -> Heading:
-    """The heading of a score, with its unit, which way is better, and how it is measured."""
+    """The heading of a score, with its unit, whether higher or lower is better, and how it is measured."""
     return Heading(column.heading, group, column.note, bool(column.higher_is_better), published=published)
 
 

@@ -1,4 +1,4 @@
-"""Error against run time: who holds the Pareto front, times to reach a score, and both as records."""
+"""Error against run time: the Pareto front and times to reach a score, as parts of the page and as CSV records."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ FRONT_COLUMNS = ("dataset", "protocol", "score", "train_s", "value", "method", "
 
 
 def curve_view(plot: Plot, picture: Picture | None) -> CurveView:
-    """A plot with what stands below it: the front, and the times to reach its levels."""
+    """A plot with the tables below it: the Pareto front, and the times to reach its levels."""
     title = f"{plot.score.label} on {plot.dataset}, {plot.protocol}"
     front = plot.front
     return CurveView(
@@ -50,14 +50,14 @@ def curve_view(plot: Plot, picture: Picture | None) -> CurveView:
 
 
 def curve_rules(plots: Iterable[Plot]) -> Paragraph:
-    """How times, levels and fronts are meant."""
+    """A paragraph that explains times, levels and fronts."""
     chosen = any(plot.chosen for plot in plots)
     levels = f"{LEVEL_RULE}; where `--reach` gave levels, they are those." if chosen else f"{LEVEL_RULE}."
     return Paragraph(f"{TIME_RULE}. {RULE} {levels} {FRONT_RULE}.")
 
 
 def _front_words(plot: Plot) -> str:
-    """As "Pareto front: A from 0.2 s (12.1 dB), B from 31 s (25.0 dB) to 412 s (31.2 dB)."."""
+    """A sentence such as "Pareto front: A from 0.2 s (12.1 dB), B from 31 s (25.0 dB) to 412 s (31.2 dB)."."""
     held = spans(plot.front)
     unit = f" {plot.score.unit}" if plot.score.unit else ""
     parts = [
@@ -111,7 +111,7 @@ def _front_table(plot: Plot, title: str) -> Table:
 
 
 def reach_records(plots: Iterable[Plot]) -> Records:
-    """One row for every run and level. reached_s is empty where the level wasn't reached; the true time lies between
+    """One row for every run and level. reached_s is empty if the level wasn't reached; the true time lies between
     not_before_s and reached_s."""
     return Records("reach.csv", REACH_COLUMNS, tuple(row for plot in plots for row in _reach_rows(plot)))
 

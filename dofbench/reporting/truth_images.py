@@ -1,4 +1,5 @@
-"""The pictures that a run was scored against and made: only those that are still what the result says."""
+"""The pictures that a run was scored against, and those that it made, if their checksums are still those in the
+result."""
 
 from __future__ import annotations
 
@@ -15,23 +16,24 @@ from dofbench.scoring.evaluate import Kind
 
 
 def find_dataset(entries: Iterable[Entry]) -> tuple[Dataset | None, str]:
-    """(the dataset that these runs of one board were scored on, "") or (None, why it isn't to be had)."""
+    """(the dataset that these runs of one board were scored on, "") or (None, why it can't be used)."""
     reason = "no run says where its dataset is"
     for run in filter(None, map(_loaded, entries)):
         try:
             return run.dataset, ""
         except InputError as error:
-            reason = f"the dataset {run.result.spec.dataset} isn't to be had: {error}"
+            reason = f"the dataset {run.result.spec.dataset} can't be used: {error}"
     return None, reason
 
 
 def require_truth(dataset: Dataset, kind: Kind, view: DatasetView) -> None:
-    """Raises InputError when what a prediction of this kind was compared with isn't what the manifest says."""
+    """Raise InputError when the picture that predictions of this kind were compared with has changed since."""
     dataset.require_intact(view, "all_in_focus" if kind == "all_in_focus" else "image")
 
 
 def true_picture(dataset: Dataset, kind: Kind, view: DatasetView) -> np.ndarray:
-    """What a prediction of this kind was compared with, (H, W, 3), encoded. Raises InputError as `require_truth`."""
+    """The picture that predictions of this kind were compared with, (H, W, 3), encoded. Raises InputError without
+    one."""
     require_truth(dataset, kind, view)
     picture = dataset.all_in_focus(view) if kind == "all_in_focus" else dataset.image(view)
     if picture is None:
@@ -40,8 +42,8 @@ def true_picture(dataset: Dataset, kind: Kind, view: DatasetView) -> np.ndarray:
 
 
 def prediction_file(entry: Entry, folder: str, view: str) -> Path | None:
-    """The PNG of a prediction or of its error map, by folder below predictions/; None where it isn't there, or not with
-    the checksum that the result has."""
+    """The PNG of a prediction or of its error map, by folder below predictions/; None if it is missing, or its checksum
+    isn't the one in the result."""
     run = _loaded(entry)
     try:
         return None if run is None else run.prediction(folder, view)

@@ -1,4 +1,4 @@
-"""Which row is best, by how much, and how sure that is."""
+"""The best row of a board, its lead over the second, and whether the lead is significant."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ from dofbench.reporting.summary import Line
 from dofbench.reporting.view import Cell
 from dofbench.results.collecting import Entry
 
-HEADLINES = ("psnr", "aif_psnr", "photo_psnr", "across_psnr")  # the first of these that any row has
+# Boards are ranked by the first of these columns that a row has
+HEADLINES = ("psnr", "aif_psnr", "photo_psnr", "across_psnr")
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """best, second: variants by the mean of `column`; second is None without a rival. ahead: by how much, positive.
-    sure: what bears it: sure or unsure where the two were tested view by view, else untested."""
+    """The best variant of a board. best, second: variants by the mean of `column`; second is None if there is only one.
+    ahead: their difference, positive. sure: a cell of kind sure or unsure if the two were tested view by view, else
+    untested."""
 
     column: str
     best: tuple[str, ...]
@@ -28,7 +30,7 @@ class Verdict:
 
 
 def verdict(lines: dict[tuple[str, ...], Line], entries: Sequence[Entry]) -> Verdict | None:
-    """Of one board's variants; None where none has a score."""
+    """The verdict on one board's variants; None if none has a score."""
     for column in HEADLINES:
         known = {variant: line.cells[column].value for variant, line in lines.items() if column in line.cells}
         ranked = sorted(
@@ -50,7 +52,7 @@ def _of(entries: Sequence[Entry], variant: tuple[str, ...]) -> list[Entry]:
 
 
 def _sure(column: str, best: Sequence[Entry], second: Sequence[Entry]) -> Cell:
-    """By the test that the tables of differences have, over the test views of both."""
+    """The significance of the lead, by the test of the tables of differences over the test views of both variants."""
     compared = compare([(best, second)], column)
     found = compared.difference
     if found is None:

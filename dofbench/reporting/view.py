@@ -1,8 +1,8 @@
-"""What a report says, before anybody has decided how it looks: tables, lists and sections as plain data.
+"""The content of a report independent of its format: tables, lists and sections as plain data.
 
-Everything in here is settled when it is built: numbers are text with their digits, verdicts are words, the best of a
-column is marked, a gap has its reason. The writers (`markdown_writer`, `html`, `csv_writer`) lay it out and compute
-nothing, so no two of them can say different things.
+The data are final: numbers are rounded text, verdicts are words, the best of a column is marked, a gap has its reason.
+The writers (`markdown_writer`, `html`, `csv_writer`) only format them and compute nothing, so their contents always
+agree.
 
 The text of a `Paragraph`, of `Items` and of the lines below a table may hold `code`, *emphasis* and **strong**; every
 other text is plain.
@@ -15,17 +15,18 @@ from typing import Literal
 
 GAP = "–"
 
-# number: a figure. gap: none, for a reason. failed: none, as a run failed. words: text. published: a figure that
-# authors printed. sure, unsure, untested: words that a test bears, doesn't bear, or doesn't reach.
+# Kinds of cells. number: a figure. gap: no figure, with a reason. failed: no figure, because a run failed. words: text.
+# published: a figure that authors published. sure, unsure, untested: a statement that a test confirms, doesn't confirm,
+# or that wasn't tested.
 Kind = Literal["number", "gap", "failed", "words", "published", "sure", "unsure", "untested"]
 
 
 @dataclass(frozen=True)
 class DifferenceTest:
-    """What stands behind a difference. interval: as "[+0.12, +0.50]", "" where views are too few. p: as "p = 0.003", ""
-    where there is nothing to test. verdict: better, worse, more, less, or "" where nothing can be said. one_seed:
-    whether either side was trained only once. pairs: how many differences it is the mean of. spread: their sample
-    standard deviation, "" for a single one."""
+    """The statistics of a difference, as text. interval: such as "[+0.12, +0.50]", "" with too few views. p: such as "p
+    = 0.003", "" if there is nothing to test. verdict: better, worse, more, less, or "" if the difference isn't
+    significant. one_seed: whether one of the sides was trained only once. pairs: number of paired differences. spread:
+    their sample standard deviation, "" for a single pair."""
 
     interval: str
     p: str
@@ -39,10 +40,10 @@ class DifferenceTest:
 class Cell:
     """One cell of a table.
 
-    text: as it is shown. sort: what it sorts by; None sorts last, whichever way. spread: what stands behind ±, "" for
-    none. best: whether it is the best of its column. reason: why there is no number, of a gap or a failure. code: shown
-    as code in place of the text. unit: behind the spread, where the heading doesn't say it. below: a second line, in
-    small print. test: of a difference.
+    text: as shown. sort: sort key; None sorts last in both directions. spread: the number after ±, "" without. best:
+    whether the cell is the best of its column. reason: why a gap or failure has no number. code: shown as code instead
+    of the text. unit: shown after the spread if the heading doesn't have it. below: a second line in small print. test:
+    statistics of a difference.
     """
 
     text: str
@@ -59,9 +60,9 @@ class Cell:
 
 @dataclass(frozen=True)
 class Heading:
-    """The heading of a column. group: the heading above it, shared with its neighbours. note: what the column says.
-    largest_first: how it is sorted first. words: whether its cells are text. published: whether its figures are printed
-    ones. wide: whether it stands only where there is room for many columns."""
+    """The heading of a column. group: a heading above it, shared with neighbouring columns. note: explanation of the
+    column. largest_first: direction of the first sort. words: whether its cells are text. published: whether its
+    figures were published by authors. wide: whether the column is shown only by writers with room for many columns."""
 
     text: str
     group: str = ""
@@ -74,8 +75,8 @@ class Heading:
 
 @dataclass(frozen=True)
 class Table:
-    """names: how many of the first cells name a row. below: lines that stand below it, such as the columns that it
-    leaves out."""
+    """A table. names: number of leading cells that name a row. below: lines below the table, such as those on columns
+    that it leaves out."""
 
     caption: str
     headings: tuple[Heading, ...]
@@ -111,7 +112,7 @@ class Command:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture by reference. file: relative to the report's folder. says: what it shows."""
+    """A picture by its file. file: relative to the report's folder. says: description of the picture."""
 
     file: str
     says: str
@@ -120,7 +121,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Section:
-    """A title and what stands below it."""
+    """A title with its blocks."""
 
     title: str
     blocks: tuple[Block, ...]
@@ -132,7 +133,7 @@ Block = Table | Paragraph | Items | Command | Picture | Section
 
 @dataclass(frozen=True)
 class Document:
-    """A page of its own. id: what its files are called."""
+    """A complete page. id: stem of its file names."""
 
     id: str
     title: str

@@ -1,1 +1,1 @@
-"""A finished run on disk: what was asked, where it comes from, its scores; and collecting many of them."""
+"""Finished runs on disk: their settings, provenance and scores; and collecting many of them."""

@@ -16,9 +16,9 @@ ADDED_VERSION = 1
 
 
 class AddedScore(Stored):
-    """One column. value: mean of `views`, test view -> value. of: what it was computed from, the kept "predictions" or
-    a rendering of the kept "model". note: the metric's choices. code: `provenance.code_version` of the code that
-    computed it. scored: when."""
+    """The score of one column. value: mean of `views`, which maps test view -> value. of: the data that the score was
+    computed from, the stored "predictions" or a rendering of the stored "model". note: the metric's settings. code:
+    `provenance.code_version` of the code that computed the score. scored: time of the computation."""
 
     value: float
     views: dict[str, float]
@@ -30,8 +30,8 @@ class AddedScore(Stored):
 
 
 class Added(Stored):
-    """key: the result's. result_sha256: of the result.json that these belong to. scores: by column. left_out: column ->
-    why it couldn't be had."""
+    """The content of added.json. key: the result's key. result_sha256: sha256 of the result.json that the scores belong
+    to. scores: by column. left_out: column -> why it couldn't be computed."""
 
     schema_version: int
     key: str
@@ -46,7 +46,7 @@ def write_added(folder: Path, added: Added) -> None:
 
 
 def read_added(folder: Path) -> Added | None:
-    """What was added to the result in `folder`; None where nothing was.
+    """The scores added to the result in `folder`; None if there are none.
 
     Raises InputError for a file that is damaged, or that belongs to another result.json than the one beside it.
     """

@@ -1,4 +1,4 @@
-"""Finding results, and saying which of them belong together."""
+"""Finding results, and grouping those that can be compared."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from dofbench.results.run_spec import option_words
 
 @dataclass(frozen=True)
 class Entry:
-    """One run. result: None when the process died before it could write one. added: scores of later (`dofbench score`),
-    None where there are none."""
+    """One run. result: None when the process died before it could write one. added: scores computed later by `dofbench
+    score`, None without."""
 
     folder: Path
     spec: Spec
@@ -32,18 +32,18 @@ class Entry:
 
     @property
     def scores(self) -> dict[str, float]:
-        """Column -> value of what was measured, then or later."""
+        """Column -> value, of scores measured by the run or added later."""
         later = {column: score.value for column, score in self.added.scores.items()} if self.added else {}
         return {**later, **self.result.scores} if self.result else {}
 
     @property
     def left_out(self) -> dict[str, str]:
-        """Column -> why it wasn't measured."""
+        """Column -> why the score wasn't measured."""
         return {**(self.added.left_out if self.added else {}), **self.result.left_out} if self.result else {}
 
     @property
     def views(self) -> dict[str, dict[str, float]]:
-        """Test view -> column -> value, measured then or later."""
+        """Test view -> column -> value, measured by the run or added later."""
         later = self.added.scores.items() if self.added else ()
         return {
             view.name: {
@@ -55,13 +55,13 @@ class Entry:
 
     @property
     def preset(self) -> str:
-        """The preset, with the options that the user changed: without them a number says nothing."""
+        """The preset, followed by the options that the user changed, without which a score can't be interpreted."""
         return " ".join([self.spec.preset, *option_words(self.spec.overrides)])
 
     @property
     def lenses(self) -> dict[str, Any] | None:
-        """How the dataset deals its lenses, as `dofbench.running.plan.dealt_lenses`; None where the result is of
-        before that was stored."""
+        """How the dataset assigns its lenses to views, as `dofbench.running.plan.dealt_lenses` gives it; None for an
+        old result that doesn't store it."""
         return self.result.plan.get("lenses") if self.result else None
 
     @property
@@ -71,17 +71,17 @@ class Entry:
 
     @property
     def variant(self) -> tuple[str, ...]:
-        """What runs must share to be called seeds of one another."""
+        """The settings that runs must share to count as runs of one configuration with different seeds."""
         spec = self.spec
-        # The options too: --force-all changes them, and nothing else.
+        # The options are compared besides the overrides, because --force-all changes options but no overrides.
         chosen = canonical_json(spec.overrides), canonical_json(spec.options)
         return spec.method, spec.preset, *chosen, spec.budget, spec.device, spec.code
 
 
 @dataclass(frozen=True)
 class Collection:
-    """entries: sorted. unreadable: one line for each result that can't be read. running: folders at
-    work right now, which are no result yet. doubles: copies of a run that is counted already."""
+    """The runs found below a folder. entries: sorted. unreadable: one line for each result that can't be read. running:
+    folders of runs that are in progress and have no result yet. doubles: copies of a run that is in entries already."""
 
     entries: tuple[Entry, ...]
     unreadable: tuple[str, ...]
@@ -90,9 +90,9 @@ class Collection:
 
 
 def collect(*folders: Path) -> Collection:
-    """Every run below the folders, once: what several machines made, each below a folder of its own, is merged by key.
+    """All runs below the folders. Results that several machines made in separate folders are merged by key.
 
-    Of results with one key the one that went best counts. Raises InputError when there is none.
+    Of several results with one key only the best counts (`_rank`). Raises InputError without any result.
     """
     results: dict[str, tuple[Path, Result]] = {}
     unreadable: list[str] = []
@@ -107,7 +107,7 @@ def collect(*folders: Path) -> Collection:
                 unreadable.append(str(error))
                 continue
             first = results.setdefault(found[1].key, found)
-            if first is not found:  # counted twice, a run would be a second seed without any spread
+            if first is not found:  # a copy would look like a second seed with exactly the same scores
                 better, other = (found, first) if _rank(found[1]) > _rank(first[1]) else (first, found)
                 results[better[1].key] = better
                 doubles.append(other[0])
@@ -115,7 +115,7 @@ def collect(*folders: Path) -> Collection:
     for folder, result in results.values():
         try:
             entries.append(entry_of(folder, result))
-        except InputError as error:  # what was added can't be read; what was there before can
+        except InputError as error:  # the added scores can't be read, but the result itself can
             unreadable.append(str(error))
             entries.append(Entry(folder, result.spec, result.scene, result.status, result.message, result))
     running: list[Path] = []
@@ -128,7 +128,7 @@ def collect(*folders: Path) -> Collection:
             except InputError as error:
                 unreadable.append(str(error))
                 continue
-            # Where another machine has finished the run since, or died of it too, it is one run still.
+            # If another machine has finished this run since, or died in it too, it counts only once.
             if dead is not None and dead.spec.key not in {entry.spec.key for entry in entries}:
                 entries.append(dead)
     if not entries and not unreadable:
@@ -139,17 +139,17 @@ def collect(*folders: Path) -> Collection:
 
 
 def _rank(result: Result) -> tuple[bool, bool]:
-    """Higher is better: a run that went well, before one that would go as badly again, before one cut short."""
+    """Higher is better: successful runs, then runs that would fail in the same way again, then interrupted ones."""
     return result.status is Status.OK, result.finished
 
 
 def entry_of(folder: Path, result: Result) -> Entry:
-    """The run that left this result in `folder`. Raises InputError when what was added to it can't be read."""
+    """The run that wrote this result into `folder`. Raises InputError when its added scores can't be read."""
     return Entry(folder, result.spec, result.scene, result.status, result.message, result, read_added(folder))
 
 
 def dead_entry(folder: Path) -> Entry | None:
-    """The run that died in `folder` before it could write a result; None where none has begun.
+    """The run that died in `folder` before it could write a result; None if no run has begun there.
 
     Raises InputError for a damaged lease.
     """
@@ -157,12 +157,12 @@ def dead_entry(folder: Path) -> Entry | None:
     if left is None:
         return None
     spec, scene, started = left
-    message = f"started {started}, and the process died without a word (killed, or out of memory)"
+    message = f"started {started}, and the process died without a message (killed, or out of memory)"
     return Entry(folder, spec, scene, Status.CRASHED, message, None)
 
 
 def added_columns(entries: Sequence[Entry]) -> tuple[str, ...]:
-    """Columns that no run measures by itself and that were added to any of these (`dofbench score`)."""
+    """Columns that runs don't measure themselves and that `dofbench score` added to at least one of these."""
     found = dict.fromkeys(column for entry in entries if entry.added for column in entry.added.scores)
     return tuple(column for column in COLUMNS if column in found and column not in SCORES)
 
@@ -176,7 +176,7 @@ def grouped(entries: tuple[Entry, ...] | list[Entry], attribute: str) -> dict[tu
 
 
 def board_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], str]:
-    """A name for each board's dataset: its own, with the checksum where one name means two datasets."""
+    """A name for each board's dataset: the dataset's name, with the checksum if two datasets have the same name."""
     boards = list(grouped(entries, "board"))
     checksums: dict[str, set[str]] = {}
     for dataset, checksum, _ in boards:
@@ -185,8 +185,8 @@ def board_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], str]:
 
 
 def variant_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], tuple[str, str]]:
-    """(method, preset) to show for each variant, with what was left out, budget, device or code added to the preset
-    where two variants would otherwise look alike."""
+    """(method, preset) to show for each variant. If two variants would look alike, their left-out stages, budget,
+    device or code is added to the preset."""
     first = {variant: found[0] for variant, found in grouped(entries, "variant").items()}
     names = {variant: (entry.spec.method, entry.preset) for variant, entry in first.items()}
     details_of: tuple[Callable[[Entry], str], ...] = (

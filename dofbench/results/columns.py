@@ -1,4 +1,4 @@
-"""The leaderboard's columns: what they are called, which way is better, how many digits say something."""
+"""The leaderboard's columns: their labels, units, whether higher is better, and how many digits are meaningful."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ PHOTOGRAPH = (*PHOTOGRAPH_COLUMNS, *ACROSS_COLUMNS)
 EXIF = EXIF_COLUMNS
 COST = ("train_s", "train_cpu_s", "cold_start_s", "steps", "render_fps", "peak_mb", "gaussians", "resolved")
 SCORES = (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH, *LENS, *EXIF, *DEPTH, *COST)
-_NEW_IN_FILES = (*DEPTH, "train_cpu_s", "cold_start_s", *PHOTOGRAPH, *EXIF, "resolved")  # last in files
+# Columns added later, which come last in files
+_NEW_IN_FILES = (*DEPTH, "train_cpu_s", "cold_start_s", *PHOTOGRAPH, *EXIF, "resolved")
 FILE_SCORES = (*(column for column in SCORES if column not in _NEW_IN_FILES), *_NEW_IN_FILES)
 
 _DIGITS = {
@@ -75,7 +76,7 @@ _HALVES = (
     "of held-out photographs: fitted on half of the tiles, scored on the other half, and the other way round; "
     "colours by an affine map fitted likewise"
 )
-# label, unit, whether higher is better, note
+# column -> (label, unit, whether higher is better, note)
 _PHOTOGRAPHS = {
     "photo_psnr": (
         "photograph PSNR",
@@ -128,7 +129,7 @@ _PHOTOGRAPHS |= {
 
 @dataclass(frozen=True)
 class Column:
-    """higher_is_better: None where neither way is better by itself. note: how it is measured."""
+    """One column. higher_is_better: None if neither direction is better by itself. note: how the score is measured."""
 
     id: str
     label: str
@@ -139,7 +140,7 @@ class Column:
 
     @property
     def heading(self) -> str:
-        """Label with unit and an arrow that points the better way."""
+        """Label with unit and an arrow: up if higher is better, down if lower is."""
         arrow = {True: " ↑", False: " ↓", None: ""}[self.higher_is_better]
         return self.label + (f" [{self.unit}]" if self.unit else "") + arrow
 
@@ -148,7 +149,7 @@ class Column:
         return f"{value:.{self.digits}f}" if math.isfinite(value) else str(value)
 
     def best(self, values: list[float]) -> str | None:
-        """The best of several values as `text` shows it; None where there is no best."""
+        """The best of several values, in the form of `text`; None if there is no best value."""
         finite = [value for value in values if not math.isnan(value)]
         if self.higher_is_better is None or len(finite) < 2:
             return None
@@ -173,7 +174,7 @@ def _column(column: str) -> Column:
     return Column(column, label, entry.unit, entry.higher_is_better, digits, note)
 
 
-# What `dofbench score` can add beyond what every run measures.
+# Columns that `dofbench score` can add to those that every run measures.
 _ADDABLE = tuple(
     prefix + metric.id
     for prefix in ("", AIF_PREFIX)

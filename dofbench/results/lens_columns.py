@@ -1,16 +1,16 @@
-"""What a dataset's views were made with, in words."""
+"""The lenses of a dataset's views, in words."""
 
 from __future__ import annotations
 
 from typing import Any
 
 HELD_OUT = "held-out"
-_LISTED = 6  # values; more are given as a range
+_LISTED = 6  # largest number of values that are listed; more are given as a range
 
 
 def lens_words(lenses: dict[str, Any]) -> str:
-    """As "trained on F 0.2, 0.8 and A 0.5, 1; the test views ask for F 0.5 and A 0". lenses: of a run's plan, where
-    a view whose lens nobody knows has None."""
+    """A text such as "trained on F 0.2, 0.8 and A 0.5, 1; the test views ask for F 0.5 and A 0". lenses: those of a
+    run's plan, in which a view of unknown lens has None."""
     asked = "no test views"
     if lenses["test"]:
         known = any(lens is not None for lens in lenses["test"].values())

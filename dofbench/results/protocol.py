@@ -1,4 +1,4 @@
-"""Named, versioned sets of choices under which results may stand side by side in one table."""
+"""Protocols: named, versioned ways of scoring. Only results of one protocol may stand in one table."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ AIF_PREFIX, PHOTO_PREFIX, ACROSS_PREFIX = "aif_", "photo_", "across_"
 LENS_COLUMNS = ("delta_a", "delta_f", "delta_r")
 DEPTH_COLUMNS = ("disparity_error", "depth_rel")
 PHOTOGRAPH_COLUMNS = ("photo_psnr", "photo_ssim", "photo_blur_psnr")
-# By the learned aperture scaled, the same unscaled, and all in focus; over all scored pixels, and over the thirds in
-# which the training photographs are most and least blurred.
+# Predictions by the learned aperture scaled to the test photograph's f-number, by the aperture unscaled, and all in
+# focus; scored over all pixels, and over the thirds in which the training photographs are most and least blurred.
 ACROSS_COLUMNS = (
     "across_psnr",
     "across_ssim",
@@ -27,24 +27,23 @@ ACROSS_COLUMNS = (
     "in_focus_blurred_psnr",
 )
 EXIF_COLUMNS = ("exif_spread", "exif_ratio")
-# Scores of photographs that compare a lens with less: none for a method without one.
+# Scores of predictions for comparison with those by the learned lens; a method without a lens has none of these.
 OF_LENSES = ("photo_blur_psnr", "unscaled_psnr", "unscaled_blurred_psnr")
 BY_BLUR = "photographs are predicted by one Gaussian blur in place of a lens"
 
 
 @dataclass(frozen=True)
 class Protocol:
-    """How a result is scored. Any change of a choice is a new version, hence a new id.
+    """How a result is scored. Any change is a new version with a new id.
 
-    id: name and version. inputs: what the method trains on. split: who says which views are test
-    views. levels: predictions are rounded to so many levels before scoring, as a PNG keeps them.
-    refocus: metrics of predictions rendered with the test view's true lens, against its shallow
-    photograph. all_in_focus: metrics of predictions rendered without a lens, against the sharp
-    original; their columns carry `aif_`. lens: errors of the learned lens, over the training
-    views, in the units of the dataset's disparity range. depth: errors of the depth rendered at the test views,
-    where the dataset's own is exact. photograph: scores of test views that are photographs of unknown lens: what isn't
-    known is fitted on half of each and the other half is scored (`dofbench.scoring.photographs`). mean: how images
-    make one number.
+    id: name and version. inputs: what the method trains on. split: what decides which views are test views. levels:
+    number of levels to which predictions are rounded before scoring, as in a PNG. refocus: metrics of predictions
+    rendered with the test view's true lens, against its shallow photograph. all_in_focus: metrics of predictions
+    rendered without a lens, against the sharp original; their columns carry `aif_`. lens: errors of the learned lens,
+    over the training views, in the units of the dataset's disparity range. depth: errors of the depth rendered at the
+    test views, if the dataset's depth is exact. photograph: scores of test views that are photographs of unknown lens:
+    lens and colours are fitted on half of each photograph and the other half is scored
+    (`dofbench.scoring.photographs`). mean: how the values of several images are averaged.
     """
 
     id: str
@@ -69,7 +68,7 @@ class Protocol:
         return tuple(AIF_PREFIX + metric for metric in self.all_in_focus)
 
     def as_data(self) -> dict[str, Any]:
-        """Plain data, for the result."""
+        """The protocol as plain data, for the result."""
         return asdict(self)
 
 
@@ -89,7 +88,7 @@ PHOTOGRAPHS = Protocol(
     **{**_SHARED, "refocus": (), "all_in_focus": ()},
 )
 
-# Sharp photographs carry no lens to be learned, so there is none to be compared.
+# Sharp photographs contain no information about a lens, so protocols that train on them have no lens errors.
 PROTOCOLS: dict[str, Protocol] = {
     protocol.id: protocol
     for protocol in (
@@ -105,9 +104,10 @@ PROTOCOLS: dict[str, Protocol] = {
 
 
 def arithmetic_mean(values: Sequence[float]) -> float:
-    """How values make one number. A NaN stays one, and so do infinities of both signs: none is left out.
+    """The mean of the values. It is NaN if a value is NaN, or if there are infinities of both signs: no value is left
+    out.
 
-    Raises ValueError for no value at all.
+    Raises ValueError without values.
     """
     if not values:
         raise ValueError("mean: expected at least one value, found none")
@@ -120,11 +120,10 @@ def arithmetic_mean(values: Sequence[float]) -> float:
 
 
 def protocol_for(inputs: Inputs, *, photographs: tuple[str, ...] = ()) -> Protocol:
-    """The newest protocol for what a method trains on. Raises InputError for unknown inputs.
+    """The newest protocol for a method's inputs. Raises InputError for unknown inputs.
 
-    photographs: where test views are photographs of unknown lens, and there is no sharp one of any, the columns that
-    they are scored by: `PHOTOGRAPH_COLUMNS`, or `ACROSS_COLUMNS` where they are of another aperture than the training
-    views.
+    photographs: the columns by which test views are scored that are photographs of unknown lens, none of them with a
+    sharp image: `PHOTOGRAPH_COLUMNS`, or `ACROSS_COLUMNS` if they have another aperture than the training views.
     """
     found = [
         protocol

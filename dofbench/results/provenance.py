@@ -1,4 +1,4 @@
-"""Where a result comes from: code, commit, machine, packages; and how much memory it took."""
+"""Where a result comes from: code, commit, machine, packages; and the peak memory of the process."""
 
 from __future__ import annotations
 
@@ -19,18 +19,19 @@ from dofbench.core.import_closure import Sources, closure_digest, own_sources
 
 _PACKAGE = Path(dofbench.__file__).resolve().parent
 _METHOD = "method"  # the name under which a method's own folder is read
-# What turns a dataset and options into a model and its scores. What decides the options isn't among it: they are part
-# of a run's key themselves.
+# The code that turns a dataset and options into a model and scores. The code that chooses the options isn't included,
+# because the options themselves are part of a run's key.
 _MAKES_SCORES = ("dofbench.running.execution:Execution", "dofbench.scoring.evaluate:Evaluator")
-_STEERS = ("class", "capabilities")  # entries of a card that do; its presets and stages decide options alone
+# Entries of a method's card that affect scores directly; presets and stages only choose options
+_STEERS = ("class", "capabilities")
 
 
 def code_version(method_folder: Path) -> str:
     """`<package version>+<sha256>` over all code that can change a score.
 
-    That is what training and scoring reach in dofbench and its kernels (`dofbench.core.import_closure`), all code in
-    the method's own folder, and which class its card names. So comments, documentation, reports, what an error says
-    and the place of files don't matter.
+    That is the code that training and scoring reach in dofbench and its kernels (`dofbench.core.import_closure`), all
+    code in the method's own folder, and the class that its card names. Comments, documentation, reports, the text of
+    errors and the location of files aren't included.
     """
     sources = Sources({**own_sources().roots, _METHOD: method_folder})
     card = tomllib.loads((method_folder / "method.toml").read_text(encoding="utf-8"))
@@ -39,7 +40,7 @@ def code_version(method_folder: Path) -> str:
 
 
 def git_state() -> dict[str, str | bool] | None:
-    """{"commit": …, "dirty": …} of the checkout that this package runs from; None when it's none."""
+    """{"commit": …, "dirty": …} of the checkout that this package runs from; None outside a checkout."""
     root = _PACKAGE.parent
     if not (root / ".git").exists():
         return None
@@ -79,7 +80,7 @@ def _threads(cores: int) -> int:
 
 
 def package_versions() -> dict[str, str]:
-    """Versions of dofbench and of what it declares to need, as installed."""
+    """Installed versions of dofbench and of the packages that it depends on."""
     versions = {"dofbench": dofbench.__version__}
     for requirement in importlib.metadata.requires("dofbench") or []:
         name = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
@@ -91,9 +92,9 @@ def package_versions() -> dict[str, str]:
 
 
 def reset_peak_memory() -> None:
-    """Forget the process's peak, where the system allows it (Linux), so that a second run in the
-    same process doesn't report the first one's."""
-    with suppress(OSError):  # not Linux, or not permitted: the peak is then the whole process's
+    """Reset the process's peak memory, if the system allows it (Linux), so that a second run in the same process
+    doesn't report the peak of the first."""
+    with suppress(OSError):  # not Linux, or not permitted: the peak then includes earlier runs of this process
         Path("/proc/self/clear_refs").write_text("5")
 
 

@@ -1,6 +1,6 @@
-"""The schema of result.json: what was run, what came out, and where it came from.
+"""The schema of result.json: the settings of a run, its scores, and its provenance.
 
-Non-finite numbers are kept (as NaN, Infinity, -Infinity): a score that is NaN must be seen.
+Non-finite numbers are stored as NaN, Infinity and -Infinity, so that a score of NaN stays visible.
 """
 
 from __future__ import annotations
@@ -17,16 +17,18 @@ from dofbench.core.files import canonical_json, sha256_text, write_json
 
 SCHEMA_VERSION = 3
 RESULT_FILE = "result.json"
-MODEL_FOLDER, PREDICTIONS_FOLDER = "model", "predictions"  # beside it: what the method saved, and pictures
+# Folders beside result.json: files that the method saved, and predicted pictures
+MODEL_FOLDER, PREDICTIONS_FOLDER = "model", "predictions"
 
-# Version -> function that turns a result of that version into one of the next: the plain JSON data
-# goes in and out. Whoever raises SCHEMA_VERSION adds the step here, so that old results stay readable.
+# Version -> function that converts the plain JSON data of a result of that version to the next version. Every increase
+# of SCHEMA_VERSION needs an entry here, so that old results stay readable.
 MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
 
 
 def _from_1(data: dict[str, Any]) -> dict[str, Any]:
     """Version 2 has CPU seconds and cold start as scores, CPU seconds along the curve, the model's checksums, and how
-    many kernels were compiled. The stages held CPU seconds before; what nobody measured is left out, with the reason.
+    many kernels were compiled. Stages had CPU seconds before; scores that version 1 didn't measure are listed in
+    left_out with the reason.
     """
     training = data["stages"].get("train")
     scores = data["scores"] | ({"train_cpu_s": training["cpu"]} if training else {})
@@ -39,8 +41,8 @@ MIGRATIONS[1] = _from_1
 
 
 def _from_2(data: dict[str, Any]) -> dict[str, Any]:
-    """Version 3 has what was fitted to predict photographs of unknown lens, and learned apertures beside the f-number:
-    scores that no run had before."""
+    """Version 3 adds the fits by which photographs of unknown lens are predicted, and learned apertures with their
+    f-numbers; older results have none of these."""
     return data | {"fits": [], "apertures": []}
 
 
@@ -48,17 +50,18 @@ MIGRATIONS[2] = _from_2
 
 
 class Stored(BaseModel):
-    """A part of a file: every key is known, nothing changes, NaN and infinities are numbers."""
+    """Base of the records in stored files: unknown keys are refused, records are immutable, NaN and infinities are
+    allowed."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True, protected_namespaces=())
 
 
 class Spec(Stored):
-    """Everything that decides a result, and nothing else; its hash is the cache key.
+    """Exactly the settings that decide a result; their hash is the cache key.
 
-    options: the preset's with the plan's and the user's changes; overrides: the user's alone.
-    budget: as `--budget` takes it. dataset: its name. dataset_checksum: sha256 over its files.
-    code: `<version>+<sha256>` of the sources (`provenance.code_version`).
+    options: those of the preset with the changes of plan and user; overrides: the user's changes. budget: in the form
+    of `--budget`. dataset: its name. dataset_checksum: sha256 over its files. code: `<version>+<sha256>` of the sources
+    (`provenance.code_version`).
     """
 
     method: str
@@ -80,7 +83,7 @@ class Spec(Stored):
 
     @property
     def folder(self) -> Path:
-        """Where the result of this spec stands, relative to the folder of results."""
+        """The folder of this spec's result, relative to the folder of results."""
         return Path(self.dataset) / f"{self.method}-{self.preset}-seed{self.seed}-{self.key[:8]}"
 
 
@@ -94,9 +97,8 @@ class StageTime(Stored):
 class CurvePoint(Stored):
     """Scores (column -> value) at one moment of training.
 
-    train_s, train_cpu_s: training seconds, wall and CPU, evaluation excluded; the second is None in results of before
-    schema version 2. loss: mean of the training loss since the point
-    before; None if no step was taken since.
+    train_s, train_cpu_s: training seconds, wall and CPU, evaluation excluded; train_cpu_s is None in results older than
+    schema version 2. loss: mean training loss since the previous point; None if no step was taken in between.
     """
 
     train_s: float
@@ -127,10 +129,10 @@ class ViewLens(Stored):
 
 
 class HalfFitted(Stored):
-    """What was fitted on one half of a photograph (0 or 1) to predict the other. aperture: pixels * scene unit at the
-    photograph's width; focus_disparity: 1 / scene unit; both None of a method without a lens. sigma: px, of the one
-    Gaussian blur in its place, or to compare with, None where there is none. renders: how many renderings it took.
-    error: mean squared error on the half that was fitted on, encoded."""
+    """The fit on one half of a photograph (0 or 1), by which the other half is predicted. aperture: pixels * scene unit
+    at the photograph's width; focus_disparity: 1 / scene unit; both None for a method without a lens. sigma: px, of the
+    Gaussian blur that replaces the lens or is compared with it, None without. renders: number of renderings. error:
+    mean squared error on the fitted half, encoded."""
 
     fitted_on: int
     aperture: float | None
@@ -141,7 +143,8 @@ class HalfFitted(Stored):
 
 
 class ViewFit(Stored):
-    """Of one test view that is a photograph of unknown lens. seconds: wall, of the fit, no part of the training."""
+    """The fits of one test view that is a photograph of unknown lens. seconds: wall time of the fits, which isn't
+    training time."""
 
     name: str
     seconds: float
@@ -149,7 +152,7 @@ class ViewFit(Stored):
 
 
 class ViewAperture(Stored):
-    """Learned aperture of one training view, pixels * scene unit, and the f-number that its camera wrote down."""
+    """Learned aperture of one training view, pixels * scene unit, and the f-number in its EXIF."""
 
     name: str
     aperture: float
@@ -157,7 +160,7 @@ class ViewAperture(Stored):
 
 
 class Event(Stored):
-    """A NaN or infinity: the step and the place where it appeared."""
+    """A NaN or infinity, with the step and the stage in which it appeared."""
 
     step: int
     view: str
@@ -166,7 +169,7 @@ class Event(Stored):
 
 
 class Git(Stored):
-    """Commit of the checkout, and whether it had changes that no commit holds."""
+    """Commit of the checkout, and whether it had uncommitted changes."""
 
     commit: str
     dirty: bool
@@ -177,12 +180,12 @@ class Result(Stored):
 
     scores: the leaderboard's columns that were measured, column -> value. left_out: the columns
     that were not, column -> reason. left_out_stages: parts of the method that were switched off or
-    not needed, with the reason. do_nothing: errors of a predictor that always says A = F = 0.5.
+    not needed, with the reason. do_nothing: errors of a predictor that always estimates A = F = 0.5.
     stages: the harness's stages; method_stages: the method's own, wall seconds within "train".
-    kernels_compiled: during the run, 0 where all lay on disk; None where nobody counted (before schema version 2).
-    predictions, model: file, relative to the result's folder -> sha256; model is empty before version 2. data: the
-    dataset's folder, as it was given. plan, protocol: as plain data. fits, apertures: empty before
-    version 3. git is None outside a checkout.
+    kernels_compiled: number of kernels compiled during the run, 0 if all were cached on disk; None before schema
+    version 2. predictions, model: file, relative to the result's folder -> sha256; model is empty before version 2.
+    data: the dataset's folder as the user gave it. plan, protocol: as plain data. fits, apertures: empty before version
+    3. git is None outside a checkout.
     """
 
     schema_version: int
@@ -220,8 +223,8 @@ class Result(Stored):
 
     @property
     def finished(self) -> bool:
-        """Whether the outcome belongs to the spec, so that running again would only repeat it. A
-        crash, or too little memory or time, may be the machine's."""
+        """Whether the spec alone decided the outcome, so that another run would only repeat it. A crash, or a lack of
+        memory or time, may be due to the machine."""
         return self.status in (Status.OK, Status.DIVERGED)
 
 
@@ -231,9 +234,9 @@ def write_result(folder: Path, result: Result) -> None:
 
 
 def read_result(path: Path) -> Result:
-    """Read a result.json (or the one in a folder), bringing an older schema up to date.
+    """Read a result.json, or the one in a folder; an older schema is migrated.
 
-    Raises InputError when the file is missing, no JSON, of a newer schema or incomplete.
+    Raises InputError when the file is missing, incomplete, not JSON, or of a newer schema.
     """
     path = Path(path)
     path = path / RESULT_FILE if path.is_dir() else path
@@ -251,7 +254,7 @@ def read_result(path: Path) -> Result:
 
 
 def migrate(data: Any, path: Path) -> dict[str, Any]:
-    """Apply `MIGRATIONS` until the data are of `SCHEMA_VERSION`. Raises InputError if that can't be."""
+    """Apply `MIGRATIONS` until the data are of `SCHEMA_VERSION`. Raises InputError if that isn't possible."""
     version = data.get("schema_version") if isinstance(data, dict) else None
     expected = f"schema_version 1 ... {SCHEMA_VERSION}"
     if not isinstance(version, int):

@@ -1,4 +1,4 @@
-"""The lease on a result's folder: one process at a time, on whatever machine, and a trace of one that died."""
+"""The lease on a result's folder, which admits one process at a time on any machine, and shows if a process died."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from dofbench.results.result import Spec
 
 @contextmanager
 def run_lease(folder: Path, spec: Spec, scene: str, started: str, *, wait: bool = False) -> Iterator[Lease]:
-    """Hold the folder's lease, and say in its file what is being run.
+    """Hold the folder's lease, and record in its file which run is in progress.
 
-    When the process dies the file stays behind, and says that a run died here. While another process has it: waits, or
-    raises InputError.
+    If the process dies, the file stays and shows that a run died here. While another process holds the lease, this
+    waits, or raises InputError.
     """
     note = {"started": started, "scene": scene, "spec": spec.model_dump()}
     with leased(folder, note, wait=wait) as lease:
@@ -31,7 +31,7 @@ def is_running(folder: Path) -> bool:
 
 
 def read_lease(folder: Path) -> tuple[Spec, str, str] | None:
-    """(spec, scene, start time) of the run whose lease lies in `folder`; None where there is none.
+    """(spec, scene, start time) of the run whose lease is in `folder`; None without a lease.
 
     Raises InputError for a damaged file.
     """

@@ -1,4 +1,4 @@
-"""What a call says of its runs, declared once for one run, a matrix of runs and tables of runs."""
+"""The options of runs, declared once for a single run, a matrix of runs and ablation tables."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from dofbench.dataset.inputs import Inputs
 
 @dataclass(frozen=True, kw_only=True)
 class CallOptions:
-    """What every call that makes runs says."""
+    """Options of every command that makes runs."""
 
     set: tuple[str, ...] = ()
     """Options that replace the preset's, as key=value with a TOML value: --set sh_degree=1 lens_lr=1e-3."""
     device: str = "auto"
-    """cpu, cuda, or auto: cuda where there is one."""
+    """cpu, cuda, or auto: cuda if the machine has such a device and the method runs on it, else cpu."""
     dry_run: bool = False
-    """Print what would be done and left out, which runs are finished, and an estimate of the time; stop there."""
+    """Only print what would be done and left out, which runs are finished, and an estimate of the time."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SeveralOptions:
-    """What a call that makes several runs says of how it makes them."""
+    """Options of commands that make several runs."""
 
     jobs: int = 1
     """Runs at the same time, each in a process of its own with its share of the threads."""
@@ -41,34 +41,35 @@ class SeveralOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class WhichMethods:
-    """Which method, or which ones."""
+    """Options that choose the methods."""
 
     method: str
     """Ids of methods, comma-separated: folders in methods/ or in a folder that DOFBENCH_METHODS lists."""
     preset: str | None = None
-    """Presets of the methods' method.toml, comma-separated. Default: the one that the file calls default_preset, or
-    builtin_preset on the built-in dataset."""
+    """Presets of the methods' method.toml, comma-separated. Default: the file's default_preset, or its builtin_preset
+    on the built-in dataset."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions(CallOptions, WhichMethods):
-    """What one run and a matrix of runs have in common; of one run `method` and `preset` are a single one."""
+    """Options that a single run and a matrix of runs have in common; in a single run `method` and `preset` name one
+    each."""
 
     seed: int = 0
-    """Seed of everything random in the method; with --seeds the first of them."""
+    """Seed of everything random in the method; with --seeds, the first seed."""
     inputs: Inputs = "shallow"
-    """Train on the shallow photographs, or on the sharp originals: that is a protocol of its own."""
+    """Train on the shallow photographs, or on the sharp originals, which are scored under a protocol of their own."""
     force_all: bool = False
-    """Do also what the plan would leave out because the dataset doesn't need it."""
+    """Also carry out the stages that the plan would leave out because the dataset doesn't need them."""
     rerun: bool = False
-    """Run again although a finished result of the same key is there."""
+    """Run again even if a finished result of the same key exists."""
     out: Path = Path("results")
     """Folder of results; a run writes to OUT/DATASET/METHOD-PRESET-seedN-KEY/, alone or in a matrix."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Run(RunOptions):
-    """One run (`dofbench.running.run_options` has the call, which may name many).
+    """One run. (The command's options, which may name many runs, are in `dofbench.running.run_options`.)
 
     data: the dataset's folder, None for the built-in dataset. budget: None for the preset's.
     """
@@ -77,12 +78,13 @@ class Run(RunOptions):
     budget: Budget | None = None
 
     def command(self) -> str:
-        """The command line that says the same, with what is not the default; paths as they were given."""
+        """The command line of this run, with the options that differ from their defaults; paths as the user gave
+        them."""
         return command_line("run", self, without=("rerun", "dry_run"))
 
 
 def command_line(command: str, options: Any, *, without: Collection[str] = ()) -> str:
-    """The call of `dofbench` that says the same as `options`, a dataclass, but for what is the default or `without`."""
+    """The command line of `dofbench` for `options`, a dataclass; defaults and the fields in `without` are left out."""
     words = ["dofbench", command]
     for field in fields(options):
         value = getattr(options, field.name)
@@ -97,14 +99,14 @@ def command_line(command: str, options: Any, *, without: Collection[str] = ()) -
 
 
 def option_words(options: Mapping[str, Any]) -> list[str]:
-    """Each option as "key=value", the way that `--set` takes it and tables show it."""
+    """Each option as "key=value", the form of `--set` and of tables."""
     return [f"{key}={value if isinstance(value, str) else json.dumps(value)}" for key, value in options.items()]
 
 
 def parse_overrides(pairs: tuple[str, ...]) -> dict[str, Any]:
     """Read key=value pairs. A value that isn't TOML (a bare word) is a string.
 
-    Numbers are read here and not kept as text, so that 1e-3 and 0.001 are the same run.
+    Numbers are parsed instead of kept as text, so that 1e-3 and 0.001 are the same run.
     Raises InputError for a pair without "=", an empty key, or a key given twice.
     """
     overrides: dict[str, Any] = {}
@@ -124,5 +126,5 @@ def _value(text: str) -> Any:
         document = tomllib.loads(f"value = {text}")
     except tomllib.TOMLDecodeError:
         return text
-    # "1\nother = 2" would be TOML too, but no value.
+    # "1\nother = 2" would be valid TOML too, but isn't a single value.
     return document["value"] if len(document) == 1 else text

@@ -1,1 +1,2 @@
-"""Scores of a method on a dataset: predictions against truth, photographs without truth, lenses, consistency."""
+"""Scores of a method on a dataset: predictions against ground truth, photographs of unknown lens, learned lenses, and
+the consistency of results."""

@@ -1,10 +1,10 @@
-"""Error maps: where a prediction is wrong, as a picture."""
+"""Error maps: pictures that show where a prediction is wrong."""
 
 from __future__ import annotations
 
 import numpy as np
 
-FULL_SCALE = 0.25  # mean absolute error over RGB, encoded, that gets the brightest colour; larger ones too
+FULL_SCALE = 0.25  # mean absolute error over RGB, encoded, from which on the brightest colour is used
 COLOURS = "magma"  # perceptually uniform and readable without colour vision
 
 

@@ -1,4 +1,4 @@
-"""Scoring a method on a dataset's test views: quickly along the curve, fully at the end."""
+"""Scoring a method on a dataset's test views: quickly during training, fully at the end."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ from dofbench.scoring.ground_truth import missing_truth
 from dofbench.scoring.photograph_scores import NO_STRATA, Scored, scored_photographs
 from dofbench.scoring.resolved import RESOLVED_COLUMN, ResolvedCircles, photographs_of, resolved_map, resolved_share
 
-CURVE_METRICS = ("psnr", "ssim")  # cheap enough to be taken a dozen times during training
+CURVE_METRICS = ("psnr", "ssim")  # cheap enough to be computed a dozen times during training
 SPEED_VIEWS = 8  # test views that are rendered to measure the speed
-SPEED_REPEATS = 3  # renderings of each of them
+SPEED_REPEATS = 3  # renderings of each of these views
 
 Item = TypeVar("Item")
 Kind = Literal["refocus", "all_in_focus", "photograph", "across"]
@@ -53,13 +53,13 @@ PREFIX: dict[Kind, str] = {
     "photograph": PHOTO_PREFIX,
     "across": ACROSS_PREFIX,
 }
-# Of which every pixel is scored, by any metric; of a photograph of unknown lens only some are.
+# Kinds of prediction of which every pixel is scored, by any metric. Of a photograph of unknown lens only some are.
 WHOLE: tuple[Kind, ...] = ("refocus", "all_in_focus")
 
 
 @dataclass(eq=False)
 class Evaluation:
-    """What the final scoring found: means by column, per-view values, what was fitted, files by name with sha256."""
+    """The outcome of the final scoring: means by column, per-view values, fits, and files by name with sha256."""
 
     scores: dict[str, float] = field(default_factory=dict)
     views: list[ViewScores] = field(default_factory=list)
@@ -94,8 +94,8 @@ class Evaluator:
         self._refused: str | None = None
 
     def quick(self) -> dict[str, float]:
-        """Mean PSNR and SSIM of the kinds that are scored, and the lens errors, by column; of photographs of unknown
-        lens the means of a few, by a shorter search."""
+        """Mean PSNR and SSIM of the kinds of prediction that are scored, and the lens errors, by column. Of photographs
+        of unknown lens only a few are scored, by a shorter search."""
         scores: dict[str, float] = {}
         for kind in self._possible_kinds():
             metrics = [metric for metric in CURVE_METRICS if metric in self._metrics(kind)]
@@ -115,14 +115,14 @@ class Evaluator:
     def final(self, folder: Path, progress: Progress = silent) -> Evaluation:
         """Score everything that the plan names; write predictions and error maps to `folder`/predictions.
 
-        progress: told of every picture that is scored, as a photograph of unknown lens takes seconds to minutes.
+        progress: called for every picture that is scored, since a photograph of unknown lens takes seconds to minutes.
         """
         found = Evaluation()
         rows: dict[str, dict[str, float]] = {view.name: {} for view in self._test}
         kinds = self._possible_kinds()
         of_depth = any(column in self._columns for column in DEPTH_COLUMNS)
         lenses = self._method.lens_estimates()
-        # Photographs are a stage of their own: what one of them takes says nothing about the others' pictures.
+        # Photographs are a stage of their own in the progress, because they take much longer than other pictures.
         if self._photographs():
             self._score_photographs(folder, rows, found, _Counted(progress, "predict photographs", len(self._test)))
         pictures = _Counted(progress, "score", (len(kinds) + of_depth + (lenses is not None)) * len(self._test))
@@ -154,7 +154,7 @@ class Evaluator:
         return found
 
     def _resolved(self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation, pictures: _Counted) -> None:
-        """How much of each test view the training photographs resolve, as a score and as a map."""
+        """Score and map of the share of each test view that the training photographs resolve."""
         lenses = self._method.lens_estimates() if self._test else None
         if lenses is None:
             found.left_out[RESOLVED_COLUMN] = "no test views" if not self._test else "the method has no learned lenses"
@@ -181,8 +181,8 @@ class Evaluator:
         found.left_out |= reasons
 
     def do_nothing(self) -> dict[str, float]:
-        """Lens errors of a predictor that always says A = F = 0.5, by column; none if the protocol has none, or the
-        true lenses aren't known."""
+        """Lens errors of a predictor that always estimates A = F = 0.5, by column; empty if the protocol has no lens
+        errors, or the true lenses aren't known."""
         if not self._protocol.lens or missing_truth(self._dataset).lens:
             return {}
         errors = do_nothing_errors(self._true_lenses(), self._dataset.disparity_range, self._width(), self._depths())
@@ -206,8 +206,9 @@ class Evaluator:
         return 1.0 / max(statistics.median(seconds), time.get_clock_info("perf_counter").resolution)
 
     def _possible_kinds(self) -> list[Kind]:
-        """The kinds to be scored. A method without a lens, by its options or because training left it out, says so by
-        ValueError (`Method.render`): then its refocus scores are left out, with its words as the reason."""
+        """The kinds of prediction to be scored. A method without a lens, by its options or because training left it
+        out, raises ValueError in `Method.render`; refocus scores are then left out, with the error's text as the
+        reason."""
         kinds: list[Kind] = [kind for kind in WHOLE if self._metrics(kind) and self._test]
         if "refocus" in kinds and self._refused is None:
             try:
@@ -229,7 +230,7 @@ class Evaluator:
     def _score_photographs(
         self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation, pictures: _Counted
     ) -> None:
-        """Predict the test views that are photographs of unknown lens, and score them."""
+        """Predict and score the test views that are photographs of unknown lens."""
         kind, refused = self._photograph_kind(), ""
         for scored in pictures.each(self._scored_photographs(quick=False)):
             view, prediction = scored.view, scored.prediction
@@ -267,7 +268,7 @@ class Evaluator:
         return self._method.render(view.camera, view.physical_lens if kind == "refocus" else None)
 
     def _predict(self, kind: Kind, view: BenchmarkView) -> np.ndarray:
-        """Rendering rounded to 8 bits, (H, W, 3) float32; as it is where it isn't finite."""
+        """Rendering rounded to 8 bits, (H, W, 3) float32; not rounded if a value isn't finite."""
         image = np.asarray(self._rendered(kind, view).image)
         expected = (view.camera.height, view.camera.width, 3)
         if image.shape != expected:
@@ -295,7 +296,7 @@ class Evaluator:
             found.predictions[relative] = sha256_file(folder / relative)
 
     def _lens_errors(self, with_radius: bool) -> tuple[dict[str, float], list[ViewLens]]:
-        """(means by column, per view). with_radius: delta_r too, which needs every training view's depth."""
+        """(means by column, per view). with_radius: also compute delta_r, which needs every training view's depth."""
         if not any(column in self._columns for column in LENS_COLUMNS):
             return {}, []
         estimated = self._method.lens_estimates()
@@ -339,7 +340,7 @@ class Evaluator:
 
 
 class _Counted:
-    """Tells how many of `total` pictures are done, over several loops."""
+    """Reports how many of `total` pictures are done, over several loops."""
 
     def __init__(self, progress: Progress, stage: str, total: int):
         self._progress, self._stage, self._total, self._done = progress, stage, total, 0
@@ -347,7 +348,7 @@ class _Counted:
             progress(stage, 0, total)
 
     def each(self, items: Iterable[Item]) -> Iterator[Item]:
-        """The items, each counted when the loop has done with it."""
+        """The items; each is counted when the loop asks for the next one."""
         for item in items:
             yield item
             self._done += 1
@@ -361,6 +362,6 @@ def depth_scores(depth: np.ndarray, truth: np.ndarray, disparity_range: Disparit
 
 
 def _means(rows: list[dict[str, float]]) -> dict[str, float]:
-    """Mean of each column over the views. A NaN stays in it: a view that failed isn't left out."""
+    """Mean of each column over the views; NaN if a view's value is NaN, since a view that failed isn't left out."""
     columns = list(rows[0]) if rows else []
     return {column: arithmetic_mean([row[column] for row in rows]) for column in columns}

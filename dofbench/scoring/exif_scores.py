@@ -1,4 +1,4 @@
-"""Learned apertures against EXIF: what of a dataset can be compared, and the comparison."""
+"""Comparison of learned apertures with EXIF, and whether a dataset allows it."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from dofbench.results.result import ViewAperture
 
 
 def asked_by_exif(dataset: BenchmarkDataset, inputs: str) -> bool:
-    """Whether EXIF is a truth here at all: the method trains on photographs whose lens nobody knows."""
+    """Whether apertures are to be compared with EXIF: the method trains on photographs of unknown lens."""
     train = dataset.training_views()
     return inputs == "shallow" and bool(train) and all(view.lens is None for view in train)
 
 
 def missing_exif(dataset: BenchmarkDataset) -> str:
-    """Why learned apertures can't be compared with EXIF, one line; "" where they can."""
+    """Why learned apertures can't be compared with EXIF, one line; "" if they can."""
     known = [
         view.exif
         for view in dataset.views
@@ -37,7 +37,8 @@ def missing_exif(dataset: BenchmarkDataset) -> str:
 
 
 def learned_apertures(dataset: BenchmarkDataset, estimated: Mapping[str, PhysicalLens]) -> list[ViewAperture]:
-    """Of the training views whose f-number is known; apertures at the width of the first of them."""
+    """The learned apertures of the training views with a known f-number, all for the image width of the first of these
+    views."""
     views = [
         view
         for view in dataset.views
@@ -55,7 +56,7 @@ def learned_apertures(dataset: BenchmarkDataset, estimated: Mapping[str, Physica
 
 
 def exif_scores(apertures: Iterable[ViewAperture]) -> tuple[dict[str, float], dict[str, str]]:
-    """(scores, reasons where there is none), by column of `EXIF_COLUMNS`."""
+    """(scores, reasons for missing scores), by column of `EXIF_COLUMNS`."""
     found = exif_errors([(view.aperture, view.f_number) for view in apertures])
     values = dict(zip(EXIF_COLUMNS, (found.spread, found.ratio), strict=True))
     reasons = dict(zip(EXIF_COLUMNS, (found.no_spread, found.no_ratio), strict=True))

@@ -1,5 +1,5 @@
-"""Which truth a dataset has to score against. A score is a mean over all test views, or all training views, so it takes
-the truth of every one of them: a mean over those that happen to have it would stand for no set that anyone named."""
+"""Which ground truth a dataset has. A score is a mean over all test views, or all training views, so it needs the
+ground truth of every view: a mean over some of the views couldn't be compared with other results."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ NO_EXACT_DEPTH = "the dataset's own depth is an estimate, no truth to compare wi
 
 @dataclass(frozen=True)
 class MissingTruth:
-    """Why a kind of score can't be had, one line; empty where it can.
+    """Why a kind of score isn't possible, one line each; empty if it is possible.
 
-    refocus: through test views' lenses. all_in_focus: against test views' sharp photographs. lens: of the training
-    views' learned lenses. depth: of the depth rendered at test views.
+    refocus: predictions through the test views' lenses. all_in_focus: comparison with the test views' sharp
+    photographs. lens: errors of the training views' learned lenses. depth: errors of the depth rendered at test views.
     """
 
     refocus: str
@@ -30,7 +30,7 @@ class MissingTruth:
 
 
 def missing_truth(dataset: BenchmarkDataset) -> MissingTruth:
-    """Look at what the dataset has of its views."""
+    """Find out which ground truth the dataset's views have."""
     train = dataset.training_views()
     test = dataset.test_views()
     lens = _lacking("true lens", train, [view for view in train if view.lens is None], "training")
@@ -46,22 +46,24 @@ def missing_truth(dataset: BenchmarkDataset) -> MissingTruth:
 
 
 def of_photographs(dataset: BenchmarkDataset) -> bool:
-    """Whether the test views are photographs of unknown lens, and there is no sharp one of any: the photographs
-    themselves are all that there is to score against. False without test views."""
+    """Whether all test views are photographs of unknown lens without a sharp image, so that only the photographs
+    themselves can be scored against. False without test views."""
     test = dataset.test_views()
     return bool(test) and not any(view.lens is not None or view.has_all_in_focus for view in test)
 
 
 def photograph_columns(dataset: BenchmarkDataset) -> tuple[str, ...]:
-    """The columns that test views of unknown lens are scored by; none where they have a lens or a sharp photograph."""
+    """The columns by which test views of unknown lens are scored; none if test views have a lens or a sharp
+    photograph."""
     if not of_photographs(dataset):
         return ()
     return ACROSS_COLUMNS if training_f_number(dataset) is not None else PHOTOGRAPH_COLUMNS
 
 
 def training_f_number(dataset: BenchmarkDataset) -> float | None:
-    """The f-number of all training views, where it is one, and every test view has another one, by the EXIF of each;
-    else None. Aperture is to be carried from the ones to the others, so focal lengths must not be known to differ."""
+    """The f-number of the training views, if by EXIF they all have the same one and every test view has a different
+    one; else None. None too if focal lengths are known to differ, since apertures are then not in the ratio of the
+    f-numbers."""
     numbers: dict[str, list[float]] = {"train": [], "test": []}
     lengths = set()
     for view in dataset.views:
@@ -79,7 +81,7 @@ def training_f_number(dataset: BenchmarkDataset) -> float | None:
 
 
 def _lacking(what: str, views: Sequence[BenchmarkView], without: Sequence[BenchmarkView], split: str) -> str:
-    """As "no test lens", or "no test lens of 2 of 5 test views: v1, v3"."""
+    """A text such as "no test lens", or "no test lens of 2 of 5 test views: v1, v3"."""
     if not without:
         return ""
     if len(without) == len(views):

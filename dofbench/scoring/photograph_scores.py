@@ -1,4 +1,4 @@
-"""The scores of held-out photographs of unknown lens, by column, and what was fitted to get them."""
+"""The scores of held-out photographs of unknown lens, by column, and the fits behind them."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from dofbench.scoring.photographs.predict import Prediction, predict
 from dofbench.scoring.photographs.search import QUICK, THOROUGH
 from dofbench.scoring.photographs.strata import sharpness_ratio, thirds
 
-CURVE_VIEWS = 4  # test views that are predicted during training, evenly over all: a search takes seconds
-BLURRED, CLEAR = 0, 2  # of the thirds of a view
+CURVE_VIEWS = 4  # test views, evenly spaced, that are predicted during training: few, because a search takes seconds
+BLURRED, CLEAR = 0, 2  # indices of the thirds of a view (`strata.thirds`)
 NO_STRATA = "too few sparse points lie in photographs of both apertures to tell where these are blurred"
 
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """One test view. prediction: its picture, or why there is none. scores: by column; of columns that can't be had,
-    none."""
+    """One scored test view. prediction: its picture, or why there is none. scores: by column, without columns that
+    can't be computed."""
 
     view: BenchmarkView
     photograph: np.ndarray
@@ -36,7 +36,7 @@ class Scored:
 
     @property
     def fit(self) -> ViewFit:
-        """What was fitted, for the result."""
+        """The fit in the form that the result stores."""
         return ViewFit(
             name=self.view.name,
             seconds=self.prediction.seconds,
@@ -62,8 +62,8 @@ def scored_photographs(
     no_lens: str,
     quick: bool,
 ) -> Iterator[Scored]:
-    """The test views, predicted and scored. columns: the protocol's. no_lens: why the method has no lens, if that is
-    known. quick: a shorter search, of a few views only."""
+    """The test views, predicted and scored. columns: those of the protocol. no_lens: why the method has no lens, if
+    that is known. quick: only a few views, with a shorter search."""
     test = dataset.test_views()
     views = test[:: max(1, math.ceil(len(test) / CURVE_VIEWS))] if quick else test
     if tuple(columns) == ACROSS_COLUMNS:
@@ -86,7 +86,7 @@ def picture_scores(picture: np.ndarray, photograph: np.ndarray, prefix: str = PH
 
 
 def prediction_scores(found: Prediction, photograph: np.ndarray) -> dict[str, float]:
-    """`PHOTOGRAPH_COLUMNS` of one view, the last one only where the method has a lens; NaN where a rendering wasn't
+    """`PHOTOGRAPH_COLUMNS` of one view, the last column only if the method has a lens; NaN if a rendering wasn't
     finite."""
     if found.picture is None:
         columns = ("photo_psnr", "photo_ssim", *(() if found.refused else ("photo_blur_psnr",)))
@@ -140,7 +140,8 @@ def _across(
 
 
 def blurred_thirds(dataset: BenchmarkDataset) -> dict[str, np.ndarray]:
-    """By test view, its thirds by how blurred the training photographs are there; empty unless every one has them."""
+    """Test view -> map of its thirds by the blur of the training photographs (`strata.thirds`); empty unless every test
+    view has such a map."""
     if dataset.points is None:
         return {}
     shots = {

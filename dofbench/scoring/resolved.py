@@ -1,8 +1,8 @@
-"""How much of a picture the training photographs resolve, so that nobody takes an invention for a measurement.
+"""How much of a picture the training photographs resolve: which details of a rendering were seen, and which invented.
 
-What no photograph saw through a small circle of confusion, many sharp scenes explain alike; an all-in-focus rendering
-shows one of them. So for every pixel of a view the smallest circle is looked for with which any training photograph
-saw its surface, by the method's own depth and its own learned lenses.
+A surface that every photograph shows through a large circle of confusion can be explained by many sharp scenes; an
+all-in-focus rendering shows just one of them. So for every pixel of a view the smallest circle of confusion is computed
+with which any training photograph saw its surface, by the method's own depth and learned lenses.
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ from dofbench.core.contracts import Method
 from dofbench.core.lens import PhysicalLens
 
 RESOLVED_COLUMN = "resolved"
-RESOLVED = 1.0  # px, radius: a circle up to this wide hides no detail that its photograph's pixels could show
+# Px, radius: a circle of confusion up to this size hides no detail that the photograph's pixels could show
+RESOLVED = 1.0
 SAME_SURFACE = 0.03  # relative difference of z up to which two views see one surface
-FULL_SCALE = 10.0  # px, radius of the circle with the darkest colour, and larger ones
+FULL_SCALE = 10.0  # px, radius of the circle of confusion from which on the darkest colour is used
 COLOURS = "viridis"
 
 
 class ResolvedCircles:
-    """The training photographs' circles of confusion, to be looked up from any camera.
+    """The training photographs' circles of confusion, for the surfaces seen by any camera.
 
     photographs: each one's camera and learned lens.
     """
@@ -34,8 +35,8 @@ class ResolvedCircles:
         self._seen = [(camera, lens, np.asarray(method.render(camera, None).depth)) for camera, lens in photographs]
 
     def smallest(self, camera: Camera) -> np.ndarray:
-        """(H, W) px of the photographs: radius of the smallest circle with which any of them saw the pixel's surface;
-        infinite where none saw it, NaN where the method renders no surface."""
+        """(H, W), in px of the photographs: radius of the smallest circle of confusion with which a photograph saw the
+        pixel's surface; infinite if none saw it, NaN where the method renders no surface."""
         depth = np.asarray(self._method.render(camera, None).depth, np.float64)
         there = np.isfinite(depth) & (depth > 0)
         z = np.where(there, depth, 1.0)
@@ -56,13 +57,14 @@ class ResolvedCircles:
 
 def resolved_share(circles: np.ndarray) -> float:
     """Per cent of the pixels with a surface that some photograph saw through a circle of at most `RESOLVED`; NaN
-    without any surface. circles: as `ResolvedCircles.smallest`."""
+    without any surface. circles: as `ResolvedCircles.smallest` gives them."""
     there = ~np.isnan(circles)
     return 100 * float((circles[there] <= RESOLVED).mean()) if there.any() else math.nan
 
 
 def resolved_map(circles: np.ndarray) -> np.ndarray:
-    """uint8 (H, W, 3): light where the photographs resolve, dark where they don't, black where there is nothing."""
+    """uint8 (H, W, 3): light where the photographs resolve the surface, dark where they don't, black without a
+    surface."""
     from matplotlib import colormaps
 
     shade = 1 - np.clip(np.nan_to_num(circles, nan=FULL_SCALE, posinf=FULL_SCALE) / FULL_SCALE, 0, 1)

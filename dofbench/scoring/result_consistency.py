@@ -1,4 +1,4 @@
-"""Does a result agree with itself? What can be told without its pictures and its dataset, one line a fault."""
+"""Checks whether a result is consistent in itself, as far as possible without its pictures and its dataset."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from dofbench.results.protocol import AIF_PREFIX, DEPTH_COLUMNS, EXIF_COLUMNS, L
 from dofbench.results.result import Result
 from dofbench.scoring.exif_scores import exif_scores
 
-MEAN_AGREEMENT = 1e-9  # relative, between a mean and the values that it was taken of
+MEAN_AGREEMENT = 1e-9  # tolerated relative difference between a mean and the mean of its values
 _PLANNED = ("method", "preset", "dataset", "protocol", "budget", "seed", "device", "options")
 
 
 def inconsistencies(result: Result) -> list[str]:
-    """Every fault."""
+    """All inconsistencies of the result, one line each."""
     return [
         *_identity(result),
         *_columns(result),
@@ -31,7 +31,7 @@ def inconsistencies(result: Result) -> list[str]:
 
 
 def added_inconsistencies(added: Added, result: Result) -> Iterator[str]:
-    """Faults of the scores that were added to the result."""
+    """Inconsistencies of the scores that were added to the result, one line each."""
     if added.key != result.key:
         yield f"added scores of the key {added.key[:8]}…, the result's is {result.key[:8]}…"
     views = {view.name for view in result.views}
@@ -39,15 +39,15 @@ def added_inconsistencies(added: Added, result: Result) -> Iterator[str]:
         if column.removeprefix(AIF_PREFIX) not in METRICS:
             yield f"added {column}: no such metric"
         if column in result.scores:
-            yield f"added {column}: the result has that score itself"
+            yield f"added {column}: the result itself has this score"
         if set(score.views) != views:
-            yield f"added {column}: of other views than the result's"
+            yield f"added {column}: its views aren't those of the result"
         elif score.views:
             yield from differing(f"added {column}", score.value, arithmetic_mean(list(score.views.values())))
 
 
 def differing(column: str, stored: float | None, mean: float) -> list[str]:
-    """One line where `stored` isn't the mean of the values below it."""
+    """One line if `stored` isn't the mean of its per-view values, else none."""
     if stored is None:
         return [f"{column}: no mean, though there are per-view values"]
     same = stored == mean or (math.isnan(stored) and math.isnan(mean))
@@ -64,7 +64,8 @@ def _identity(result: Result) -> Iterator[str]:
         yield f"unknown protocol {result.spec.protocol!r}, expected one of {', '.join(PROTOCOLS)}"
     else:
         said = known.as_data()
-        # Through JSON, lists came of tuples; a protocol that has grown a part since says nothing of it.
+        # JSON turned tuples into lists. Parts that the protocol has gained since are missing in the result and aren't
+        # compared.
         changed = [
             name
             for name, value in result.protocol.items()
@@ -80,7 +81,7 @@ def _identity(result: Result) -> Iterator[str]:
 
 
 def _columns(result: Result) -> Iterator[str]:
-    """Every planned score is there, or a reason why it isn't, and never both."""
+    """Every planned score must have a value or a reason why it is left out, and never both."""
     for column in result.scores:
         if column in result.left_out:
             yield f"{column}: a score, and a reason why there is none"
@@ -94,7 +95,7 @@ def _columns(result: Result) -> Iterator[str]:
 
 
 def _means(result: Result) -> Iterator[str]:
-    """The table's numbers must be the means of the values below them."""
+    """Scores must be the means of their per-view values."""
     columns = list(result.views[0].scores) if result.views else []
     for column in columns:
         if any(column not in view.scores for view in result.views):
@@ -123,7 +124,7 @@ def _lenses(result: Result) -> Iterator[str]:
             if not math.isclose(getattr(view, column), error, rel_tol=MEAN_AGREEMENT, abs_tol=MEAN_AGREEMENT):
                 yield f"view {view.name}: {column} is {getattr(view, column):.6g}, its lenses differ by {error:.6g}"
     dealt = result.plan.get("lenses")
-    if dealt is None:  # of before that was stored
+    if dealt is None:  # an older result that doesn't store the lenses
         return
     for view in result.lens:
         if dealt["train"].get(view.name) != [view.aperture, view.focus]:
@@ -133,7 +134,7 @@ def _lenses(result: Result) -> Iterator[str]:
 
 
 def _apertures(result: Result) -> Iterator[str]:
-    """What EXIF says of learned apertures follows from the apertures."""
+    """Scores against EXIF must follow from the stored apertures."""
     scores, _ = exif_scores(result.apertures)
     for column in EXIF_COLUMNS:
         stored = result.scores.get(column)
@@ -144,7 +145,7 @@ def _apertures(result: Result) -> Iterator[str]:
 
 
 def _ending(result: Result) -> Iterator[str]:
-    """A number that isn't one is an event, and no run that saw one ended well."""
+    """A NaN score must be recorded as an event, and a run with such an event must not have the status ok."""
     scored = [(view.name, column, value) for view in result.views for column, value in view.scores.items()]
     lost = [f"view {name}: {column} is nan" for name, column, value in scored if math.isnan(value)]
     if result.status is Status.OK:

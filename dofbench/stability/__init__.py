@@ -1,4 +1,5 @@
-"""Stiff and extreme cases for every kernel, the image code and the methods, each with what must hold and a bound."""
+"""Stiff and extreme cases for every kernel, the image code and the methods; each states a property and an error
+bound."""
 
 from __future__ import annotations
 
@@ -6,7 +7,7 @@ __all__ = ["stability"]
 
 
 def __getattr__(name: str):
-    # torch is loaded only when this is asked for.
+    # This name loads torch, so it is imported only when it is used.
     if name in __all__:
         from dofbench.stability import measure
 

@@ -1,4 +1,5 @@
-"""What a case is: what must hold, where it is run, how far off it may be and why; and what was found."""
+"""Definition of a case: the property that must hold, its settings and its error bound; and the outcome of measuring
+it."""
 
 from __future__ import annotations
 
@@ -20,10 +21,10 @@ from dofbench.kernels import backend_of, backends, load, ops
 
 @dataclass(frozen=True)
 class Setting:
-    """Where a case is run.
+    """Backend, precision and device in which a case is run.
 
-    backend: a kernel's, or "numpy" for code without a kernel. precision: "float32" or "float64", of all that is
-    computed. device: torch's.
+    backend: a kernel's, or "numpy" for code without a kernel. precision: "float32" or "float64", that of the whole
+    computation. device: as torch names it.
     """
 
     backend: str
@@ -32,17 +33,17 @@ class Setting:
 
     @property
     def label(self) -> str:
-        """The backend, and the device where that isn't the CPU."""
+        """The backend, followed by the device unless that is the CPU."""
         return self.backend if self.device == "cpu" else f"{self.backend}-{self.device}"
 
     @property
     def eps(self) -> float:
-        """Distance of 1 to the next larger number: twice the largest relative error of one rounding."""
+        """Distance from 1 to the next larger number: twice the largest relative error of one rounding."""
         return float(np.finfo(self.precision).eps)
 
     @property
     def dtype(self) -> torch.dtype:
-        """The floating type as torch has it."""
+        """The precision as torch's type."""
         return torch.float64 if self.precision == "float64" else torch.float32
 
     def tensor(self, values: np.ndarray | float, *, gradient: bool = False) -> Tensor:
@@ -57,7 +58,8 @@ class Setting:
 
 @cache
 def kernel_settings(op: str) -> tuple[Setting, ...]:
-    """Every backend of a kernel's op, in every precision that it has, on every device here that it runs on."""
+    """All settings of a kernel's op on this machine: every backend, in each of its precisions, on each of its
+    devices."""
     return tuple(
         Setting(name, precision, device)
         for device in kinds_here()
@@ -67,9 +69,9 @@ def kernel_settings(op: str) -> tuple[Setting, ...]:
     )
 
 
-# Of all ops; a case leaves out those that its own op doesn't have.
+# The settings of all ops; a case leaves out settings that its own op doesn't have.
 KERNELS = tuple(dict.fromkeys(setting for op in ops() for setting in kernel_settings(op)))
-# The same in float32 alone, where the float64 reference is what is compared with.
+# The settings in float32 alone, for cases that are compared with the float64 reference.
 SINGLE = tuple(setting for setting in KERNELS if setting.precision == "float32")
 SINGLE_ON_CPU = tuple(setting for setting in SINGLE if setting.device == "cpu")
 COMPILED = (Setting("cpu", "float32"),)
@@ -81,7 +83,8 @@ DOUBLE = Setting("reference", "float64")
 
 @dataclass(frozen=True)
 class Found:
-    """What a case measured. error must be at most bound; NaN and infinity never are. note: one line, or nothing."""
+    """What a case measured. error must be at most bound; an error of NaN or infinity never is. note: one line, or
+    empty."""
 
     error: float
     bound: float
@@ -97,9 +100,9 @@ class Found:
 class Case:
     """A stiff or extreme case.
 
-    name: unique within its group. subject: the kernel's op, the method's id, or what else is under test. holds: what
-    must hold. bound: how far off it may be, and why. settings: where it is run; what isn't there is left out.
-    measure: runs it.
+    name: unique within its group. subject: the kernel's op, the method's id, or other code under test. holds: the
+    property that must hold. bound: the largest error, and where this bound comes from. settings: those in which the
+    case is run; settings that this machine lacks are left out. measure: runs the case.
     """
 
     group: str
@@ -116,7 +119,7 @@ class Case:
         return f"{self.group}/{self.name}"
 
     def __post_init__(self) -> None:
-        # A backend may be there for one op alone; a case of something else may need any op.
+        # A backend may exist for some ops only. A case whose subject isn't an op may need any of them.
         tested = (self.subject,) if self.subject in ops() else ops()
         missing = {setting for setting in KERNELS if any(setting not in kernel_settings(op) for op in tested)}
         object.__setattr__(self, "settings", tuple(setting for setting in self.settings if setting not in missing))
@@ -143,7 +146,7 @@ def off(found: Tensor | np.ndarray, expected: Tensor | np.ndarray, scale: float 
 
 
 def off_each(found: Tensor | np.ndarray, expected: Tensor | np.ndarray) -> float:
-    """Largest deviation of any number as a share of itself; where 0 is expected, nothing else will do."""
+    """Largest deviation of any number as a share of itself; infinite if 0 is expected and another number is found."""
     a, b = values(found), values(expected)
     if a.shape != b.shape or not np.isfinite(a).all():
         return math.inf
@@ -154,7 +157,7 @@ def off_each(found: Tensor | np.ndarray, expected: Tensor | np.ndarray) -> float
 
 
 def differing(found: Tensor | np.ndarray, expected: Tensor | np.ndarray) -> float:
-    """How many numbers aren't the very same; infinity for another shape. NaN is no number's equal."""
+    """How many numbers aren't exactly equal; infinity for another shape. NaN isn't equal to any number."""
     a, b = values(found), values(expected)
     return float(np.count_nonzero(~(a == b))) if a.shape == b.shape else math.inf
 
@@ -165,7 +168,7 @@ def not_finite(*arrays: Tensor | np.ndarray | None) -> float:
 
 
 def refuses(kind: type[Exception], call: Callable[[], object], *words: str) -> Found:
-    """That the call raises this kind of error with all these words in it: 0 if it does, 1 if not."""
+    """Measure whether the call raises this kind of error with all these words in its text: error 0 if so, else 1."""
     try:
         call()
     except kind as error:
@@ -176,7 +179,7 @@ def refuses(kind: type[Exception], call: Callable[[], object], *words: str) -> F
 
 
 def in_folder(measure: Callable[..., Found]) -> Callable[..., Found]:
-    """A measure that is given an empty folder of its own, in any setting."""
+    """A measure that ignores the setting and gets an empty temporary folder."""
 
     @wraps(measure)
     def run(setting: Setting, **options: Any) -> Found:

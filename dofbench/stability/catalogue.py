@@ -1,4 +1,4 @@
-"""All cases, and those that a call asks for."""
+"""All cases, and the selection that the options ask for."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def catalogue(method: str | None = None) -> tuple[Case, ...]:
 def chosen(settings: Stability) -> tuple[Case, ...]:
     """The cases that the settings ask for, in the catalogue's order.
 
-    Raises InputError for a name that doesn't exist, and where nothing is left.
+    Raises InputError for an unknown name, and if no case is left.
     """
     if settings.kernel is not None and settings.kernel not in ops():
         raise InputError("--kernel", repr(settings.kernel), f"one of {', '.join(ops())}")

@@ -1,4 +1,5 @@
-"""How groups of cases compare: the scatter with its formula, the rasteriser with its reference in float64."""
+"""Comparisons that several groups of cases use: the scatter with its formula, the rasteriser with its float64
+reference."""
 
 from __future__ import annotations
 
@@ -33,10 +34,10 @@ def summed(setting: Setting, count: int = HEIGHT * WIDTH) -> float:
 
 
 def scatter_bound(setting: Setting, image: np.ndarray, radius: np.ndarray, **options: Any) -> tuple[float, str]:
-    """How far off a scatter may be, as a share of the brightest pixel, and the condition number as a note.
+    """The error bound of a scatter, as a share of the brightest pixel, and the condition number as a note.
 
-    Rounding image and radii is half an eps; numbers that are added up one after another round once each, and where all
-    are alike, all to the same side.
+    Rounding image and radii is an error of half an eps. Each addition of a sum rounds once, and if the summands are
+    equal, all these errors have the same sign.
     """
     largest = float(np.abs(image).max())
     kind = np.longdouble if setting.precision == "float64" else np.float64
@@ -92,7 +93,7 @@ def render(setting: Setting, scene: Scene, **options: Any):
 def against_reference(setting: Setting, scene: Scene, filter_3d: float = 0.0, **options: Any) -> Found:
     """The rendering's error against the float64 reference, each output as a share of its largest magnitude.
 
-    filter_3d: scene units, of every Gaussian.
+    filter_3d: the 3D filter of every Gaussian, scene units.
     """
     options = {"camera": straight(), "geometry": GEOMETRY, **options}
     names, size = tuple(scene), np.full(len(scene["means"]), filter_3d)
@@ -119,6 +120,7 @@ def against_reference(setting: Setting, scene: Scene, filter_3d: float = 0.0, **
 
 
 def _stacked(raster) -> np.ndarray:
-    """Colour, alpha, and depth times alpha, (H, W, 5): depth alone jumps from 0 where there is next to nothing."""
+    """Colour, alpha, and depth times alpha, (H, W, 5). Depth itself isn't compared, since it jumps to 0 where alpha
+    vanishes."""
     alpha = values(raster.alpha)
     return np.dstack([values(raster.color), alpha, values(raster.depth) * alpha])

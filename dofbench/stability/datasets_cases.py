@@ -28,7 +28,7 @@ def _write_scene(
     photograph: Callable | None = None,
     depth: Callable | None = None,
 ) -> Path:
-    """A scene in nerfstudio's layout: pictures with one depth, by a camera that stays where it is."""
+    """Write a scene in nerfstudio's layout: pictures of constant depth, all by a camera at one place."""
     height, width = size
     frames = []
     for index in range(views):
@@ -58,7 +58,7 @@ def _make(scene: Path, out: Path, **options) -> Path:
 
 @in_folder
 def _dataset(folder: Path, size: tuple[int, int] = SIZE, depth: Callable | None = None, **options) -> Found:
-    """That the dataset is made, and is what it says: `dofbench check` recomputes its photographs."""
+    """Measure whether the dataset is made and passes `dofbench check`, which recomputes its photographs."""
     from dofbench.synthesis import check_dataset
 
     made = _make(_write_scene(folder / "scene", size, depth=depth), folder / "made", **options)

@@ -33,7 +33,7 @@ def _png(folder: Path, size: tuple[int, int], bits: int) -> Found:
     write_png(folder / "a.png", image, bits=bits)
     wrong = float(image_size(folder / "a.png") != (size[1], size[0]))
     steps = 2**bits - 1
-    # Half a level; and a float32 number near 1.
+    # Half a level, and the rounding of a float32 number near 1.
     return Found(math.inf if wrong else off(read_image(folder / "a.png"), image, 1.0), 0.5 / steps + 2e-7)
 
 
@@ -82,11 +82,11 @@ def _alpha(folder: Path, bits: int, grey: bool) -> Found:
     kind = np.uint8 if bits == 8 else np.uint16
     random = np.random.default_rng(0)
     colour, alpha = random.integers(0, steps + 1, (24, 32, 3)), random.integers(0, steps + 1, (24, 32, 1))
-    if grey:  # OpenCV writes no grey with alpha: a colour image of equal channels stands for it
+    if grey:  # OpenCV can't write grey with alpha, so a colour image with equal channels is used
         colour = np.repeat(colour[..., :1], 3, axis=2)
     cv2.imwrite(str(folder / "a.png"), np.concatenate([colour[..., ::-1], alpha], axis=2).astype(kind))
     expected = colour / steps * (alpha / steps)
-    # A product of two levels, rounded to one level by whoever reads it in the file's own depth.
+    # The product of two levels may be rounded to a level by a reader that works in the file's bit depth.
     return Found(off(read_image(folder / "a.png"), expected, 1.0), 1.0 / steps + 2e-7)
 
 

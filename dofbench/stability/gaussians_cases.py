@@ -1,4 +1,4 @@
-"""Gaussians at their ends: scales, needles, quaternions, opacities, the near plane, a million on a tile, none."""
+"""Extreme Gaussians: scales, needles, quaternions, opacities, the near plane, a million on one tile, none at all."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from dofbench.stability.comparisons import EXACT, GEOMETRY, NAMED, RASTERIZED, S
 from dofbench.stability.samples import VIEW_HEIGHT, VIEW_WIDTH, camera, gaussians, single, straight, together
 from dofbench.stability.subject import Subject
 
-NEAR = float(np.float32(0.2))  # a number that both precisions hold
+NEAR = float(np.float32(0.2))  # the near plane as a number that is exact in both precisions
 
 
 def _scale(setting: Setting, scale: float) -> Found:
@@ -36,7 +36,7 @@ def _too_large(setting: Setting) -> Found:
     scene = single()
     scene["log_scales"][:] = 100.0
     call = partial(render, setting, scene, camera=straight(), geometry=GEOMETRY)
-    if setting.backend == "reference":  # plain torch: may give NaN, never a number that looks right
+    if setting.backend == "reference":  # plain torch may give NaN, but must not give a plausible number
         raster = call()
         return Found(0.0 if not_finite(raster.color) or not values(raster.alpha).any() else 1.0, 0.0, "nothing drawn")
     return refuses(FloatingPointError, call, "log_scales")
@@ -72,7 +72,7 @@ def _quaternion_length(setting: Setting, length: float) -> Found:
     direction = np.array([0.5, -0.1, 0.7, 0.3])
     usual, other = (single(scale=(0.4, 0.1, 0.2), quaternion=tuple(direction * size)) for size in (1.0, length))
     a, b = (render(setting, scene, camera=camera(), geometry=GEOMETRY) for scene in (usual, other))
-    # Scaling by a power of ten rounds each entry; a rotation is quadratic in them.
+    # Scaling by a power of ten rounds each component of the quaternion, in which a rotation is quadratic.
     return Found(max(off(y, x) for x, y in zip(a[:5], b[:5], strict=True)), 64 * float(np.finfo(np.float32).eps))
 
 
@@ -93,8 +93,9 @@ def _drawn(setting: Setting, scene: Scene) -> Found:
 
 
 def _half_a_pixel(setting: Setting) -> Found:
-    # Half a pixel wide, anywhere between the centres of pixels: its light is its integral, to what sampling a Gaussian
-    # of variance 0.25 + 0.1 px^2 leaves out: 4 exp(-2 pi^2 0.35) = 4e-3, and the rim below 1/255 of its peak.
+    # A Gaussian half a pixel wide, at any place between pixel centres, adds its integral to the light. Two errors are
+    # allowed: that of sampling a Gaussian of variance 0.25 + 0.1 px^2, 4 exp(-2 pi^2 0.35) = 4e-3, and the rim below
+    # 1/255 of its peak, which isn't drawn.
     worst = 0.0
     for x, y in ((0.0, 0.0), (0.5, 0.5), (0.25, 0.4), (0.9, 0.1)):
         scene = single(mean=(x * 4 / VIEW_WIDTH, y * 4 / VIEW_WIDTH, 4.0), scale=0.5 * 4 / VIEW_WIDTH, logit=0.0)
@@ -113,7 +114,7 @@ def _many_on_a_tile(setting: Setting, count: int) -> Found:
     # Footprints of 10^5 pixels: opacity 0.005 everywhere. Blending goes on until the transmittance is under 1e-4.
     layers = min(count, math.ceil(math.log(1e-4) / math.log(1 - 0.005)))
     covered = 1 - (1 - 0.005) ** layers
-    bound = (layers + 64) * setting.eps + 0.005 * 1e-4  # one layer more or less where rounding decides the last
+    bound = (layers + 64) * setting.eps + 0.005 * 1e-4  # rounding may add or drop the last layer
     expected = np.broadcast_to(covered * np.array([0.2, 0.5, 0.8]), (16, 16, 3))
     return Found(
         max(off(raster.alpha, np.full((16, 16), covered)), off(raster.color, expected)),

@@ -1,6 +1,6 @@
-"""Gradients in float32 against the float64 reference, by direction and by magnitude; near the kinks and away from them.
+"""Gradients in float32 against the float64 reference, by direction and by magnitude; near kinks and away from them.
 
-The bound of each is its condition: what rounding every input once makes of the exact gradient.
+Each bound comes from the problem's condition: how much the exact gradient changes when every input is rounded once.
 """
 
 from __future__ import annotations
@@ -31,19 +31,21 @@ EPS = float(np.finfo(np.float32).eps)
 HEIGHT_WIDTH = (14, 18)
 picture, disparity = partial(_picture, *HEIGHT_WIDTH), partial(_disparity, *HEIGHT_WIDTH)
 radii = partial(_radii, height=HEIGHT_WIDTH[0], width=HEIGHT_WIDTH[1])
-# A gradient whose effect (times its input's largest number) is under this share of the largest one's is measured by it.
+# The effect of a gradient is its length times its input's largest number. A gradient whose effect is below this share
+# of the largest effect is measured relative to that share.
 LEAST = 1e-3
 ROUNDED = "8 times what rounding the inputs once makes of the exact gradient, and 64 roundings"
-# The compiled scatter follows a sharp pixel's edge to exp(-18), and a neighbour one pixel away has exp(-8): where that
-# is all there is of a gradient, the rest is missing.
+# The compiled scatter follows a sharp pixel's edge to a weight of exp(-18), and a neighbour one pixel away has exp(-8).
+# A gradient that comes from such neighbours alone lacks a share of exp(-10).
 TAIL = math.exp(-10.0)
-# By a sharp pixel's radius a gradient is a colour minus what is blurred there, which differ by what the four neighbours
-# leak, 4 exp(-8) / (1 / 2): so many digits cancel. Four operations of one eps.
+# The gradient with respect to a sharp pixel's radius is the difference of its colour and the blurred colour there.
+# These differ only by the light of the four neighbours, 4 exp(-8) / (1 / 2), so leading digits cancel. Four operations
+# of one eps each.
 CANCELLED = 4 * EPS / (8 * math.exp(-8.0))
 
 
 def gradient(setting: Setting, inputs: Inputs, loss: Loss) -> Inputs:
-    """The loss's gradient by every input, float64 on the host; zeros where there is none."""
+    """The loss's gradient with respect to every input, float64 on the host; zeros for an input without a gradient."""
     tensors = {name: setting.tensor(value, gradient=True) for name, value in inputs.items()}
     loss(setting, tensors).backward()
     return {
@@ -54,23 +56,24 @@ def gradient(setting: Setting, inputs: Inputs, loss: Loss) -> Inputs:
 def apart(found: np.ndarray, exact: np.ndarray, least: float) -> float:
     """The larger of the angle between two gradients, radians, and the relative difference of their lengths.
 
-    A gradient shorter than `least`, which symmetry may have made 0, is off by the difference as a share of that.
+    For a gradient shorter than `least` (symmetry may make it 0) it is the length of the difference as a share of
+    `least`.
     """
     a, b = float(np.linalg.norm(found)), float(np.linalg.norm(exact))
     if not math.isfinite(a):
         return math.inf
     if b <= least:
         return float(np.linalg.norm(found - exact)) / least if least > 0 else (0.0 if a == b else math.inf)
-    # Between unit vectors, since the cosine of a small angle loses half of its digits.
+    # The angle is computed from the distance of unit vectors, because a small angle's cosine loses half of its digits.
     chord = float(np.linalg.norm(found / max(a, 1e-300) - exact / b))
     return max(2 * math.asin(min(1.0, chord / 2)), abs(a / b - 1))
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A loss of some inputs. extra: added to the bound; compiled: added for the compiled kernels.
+    """A loss of some inputs. extra: added to the bound; compiled: added to the bound of compiled kernels.
 
-    whole: inputs that aren't rounded to find the condition, as their being exactly alike is the point.
+    whole: inputs that aren't rounded when the condition is computed, because the case needs their exactly equal values.
     """
 
     inputs: Inputs
@@ -81,7 +84,7 @@ class Problem:
 
     @cached_property
     def given(self) -> Inputs:
-        """The inputs as float32 holds them."""
+        """The inputs rounded to float32."""
         return {name: value.astype(np.float32).astype(np.float64) for name, value in self.inputs.items()}
 
     @cached_property
@@ -91,14 +94,14 @@ class Problem:
 
     @cached_property
     def least(self) -> dict[str, float]:
-        """By each input, the length of a gradient of too little effect to be measured by itself."""
+        """For each input, the length below which a gradient has too little effect to be measured relative to itself."""
         size = {name: float(np.abs(value).max(initial=1.0)) for name, value in self.given.items()}
         most = max(float(np.linalg.norm(self.exact[name])) * size[name] for name in size)
         return {name: LEAST * most / size[name] for name in size}
 
     @cached_property
     def moved(self) -> dict[str, float]:
-        """By each input, how far its gradient moves when all inputs are rounded once to float32, as `apart`."""
+        """For each input, how much its gradient changes, by `apart`, when all inputs are rounded once to float32."""
         moved = dict.fromkeys(self.given, 0.0)
         for draw in range(2):
             random = np.random.default_rng(draw)
@@ -141,19 +144,19 @@ def _weights(shape: tuple[int, ...], seed: int = 7) -> np.ndarray:
 
 
 def scatter_loss(setting: Setting, inputs: dict[str, Tensor], alpha: float = 4.0) -> Tensor:
-    """Random weights on the blurred image."""
+    """The blurred image, summed with random weights."""
     blurred = setting.kernel("scatter")(inputs["image"], inputs["radius"], alpha=alpha)
     return (blurred * setting.tensor(_weights(tuple(blurred.shape)))).sum()
 
 
 def defocus_loss(setting: Setting, inputs: dict[str, Tensor], gamma: float = 2.2) -> Tensor:
-    """Random weights on the blurred image, through decoding and encoding."""
+    """The decoded, blurred and encoded image, summed with random weights."""
     blurred = defocus(inputs["image"], inputs["radius"], Blur(gamma), backend=setting.backend)
     return (blurred * setting.tensor(_weights(tuple(blurred.shape)))).sum()
 
 
 def raster_loss(setting: Setting, inputs: dict[str, Tensor], geometry: str = "full") -> Tensor:
-    """Random weights on colour, alpha and what else `geometry` gives, depth times alpha."""
+    """Colour, alpha and the other outputs of `geometry`, with depth times alpha, summed with random weights."""
     raster = setting.kernel("rasterize")(**inputs, camera=straight(), geometry=geometry)
     parts = [raster.color, raster.alpha[..., None]]
     if raster.depth is not None:
@@ -165,7 +168,8 @@ def raster_loss(setting: Setting, inputs: dict[str, Tensor], geometry: str = "fu
 
 
 def photograph_loss(setting: Setting, inputs: dict[str, Tensor]) -> Tensor:
-    """What trains a lens: 3DGS' loss of a photograph by signed circles slope d + offset."""
+    """The loss that trains a lens: 3DGS' loss of a photograph blurred by the signed circles of confusion slope d +
+    offset."""
     radius = 8.0 * (inputs["slope"] * inputs["disparity"] + inputs["offset"])
     found = defocus(setting.tensor(picture()), radius, backend=setting.backend)
     return l1_ssim(setting, found, setting.tensor(_photograph()))
@@ -180,7 +184,8 @@ def _photograph() -> np.ndarray:
 def _of_itself(setting: Setting) -> Found:
     image = setting.tensor(picture(), gradient=True)
     ssim_loss(setting, {"image": image}, picture()).backward()
-    # In units of a pixel's share of the mean; 1 - SSIM's slope is a rounding over the variances and C2 = 9e-4.
+    # In units of one pixel's share of the mean. The slope of 1 - SSIM is a rounding error divided by variances plus C2
+    # = 9e-4.
     return Found(float(np.abs(values(image.grad)).max()) * image.numel(), 64 * setting.eps / 9e-4)
 
 
@@ -193,8 +198,8 @@ def ssim_loss(setting: Setting, inputs: dict[str, Tensor], target: np.ndarray) -
 
 
 def _threshold(opacity: float) -> Inputs:
-    """A Gaussian whose alpha at its middle, a pixel's centre, is so large, before another one."""
-    # The 2D filter, 0.1 px^2, takes its share of the opacity; 1.5 scene units are 12 px there.
+    """A Gaussian with this alpha at its middle, which is a pixel's centre, in front of another Gaussian."""
+    # The 2D filter of 0.1 px^2 reduces the opacity, which is compensated here; 1.5 scene units are 12 px at this depth.
     variance = (1.5 * VIEW_WIDTH / 4.0) ** 2
     share = math.sqrt((variance / (variance + 0.1)) ** 2 + 1e-6)
     logit = math.log(opacity / share / (1 - opacity / share))
@@ -202,7 +207,8 @@ def _threshold(opacity: float) -> Inputs:
 
 
 def _footprint(determinant: float) -> Inputs:
-    """A Gaussian whose footprint has this determinant, px^4, where 1e-6 is the least that is drawn; and another."""
+    """A Gaussian whose footprint has this determinant, px^4 (the smallest one that is drawn is 1e-6), and another
+    Gaussian."""
     return _before_another(scale=determinant**0.25 * 4.0 / VIEW_WIDTH, logit=6.0)
 
 
@@ -216,7 +222,8 @@ def _before_another(scale: float, logit: float) -> Inputs:
 
 
 def _stack(count: int) -> Inputs:
-    """Layers of opacity 0.6 that let through 0.4^count: the tenth is 1.05e-4, the eleventh isn't drawn."""
+    """Layers of opacity 0.6, behind which the transmittance is 0.4^count: 1.05e-4 after ten, so the eleventh isn't
+    drawn."""
     layers = [
         single(mean=(0.0, 0.0, 4.0 + 0.2 * k), scale=30.0, logit=math.log(1.5), colour=(0.1 + 0.08 * k, 0.5, 0.9))
         for k in range(count)
@@ -225,7 +232,7 @@ def _stack(count: int) -> Inputs:
 
 
 def _dark(colour: float) -> Inputs:
-    """Colours so far from the clamp at 0."""
+    """Gaussians whose colours are at this distance from the clamp at 0."""
     scene = _threshold(0.5)
     scene["sh_dc"][0] = harmonic(colour)
     return scene
@@ -255,7 +262,7 @@ _RATES = {
 def train(setting: Setting, *, off: float = 0.0, steps: int = STEPS) -> np.ndarray:
     """The loss of each step of a small training: Gaussians seen through a lens that is learned too, by Adam.
 
-    off: relative rounding of what it starts from.
+    off: relative error put on the initial values.
     """
     view = straight(10, 8)
     random = np.random.default_rng(11)
@@ -298,7 +305,7 @@ def _hundred_steps(setting: Setting) -> Found:
     rounded = _trained_exactly(setting.eps / 2)
     found = train(setting)
     error, moved = float(np.abs(found / exact - 1).max()), float(np.abs(rounded / exact - 1).max())
-    # Each step rounds all again, independently: a hundred of them add up to ten times one.
+    # Each step adds independent rounding errors, so a hundred steps add up to ten times one.
     return Found(
         error,
         8 * math.sqrt(STEPS) * moved + 64 * setting.eps,

@@ -40,7 +40,7 @@ def _rasterize(setting: Setting, size: tuple[int, int]) -> Found:
 def _ssim(setting: Setting, size: tuple[int, int]) -> Found:
     a, b = picture(*size), picture(*size, seed=1)
     exact, found = (float(l1_ssim(where, where.tensor(a), where.tensor(b))) for where in (DOUBLE, setting))
-    # Variances are differences of numbers up to 1; their sum with C2 = 9e-4 is what is divided by.
+    # Variances are differences of numbers up to 1; the division is by their sum with C2 = 9e-4.
     return Found(abs(found - exact), ROUNDINGS * setting.eps / (0.03 + 9e-4))
 
 
@@ -53,7 +53,7 @@ def _stereo(setting: Setting, size: tuple[int, int]) -> Found:
     grey, other = picture(*size)[..., 0], picture(*size, seed=3)[..., 0]
     planes = np.array([0.0, 1.0, 4.0])
     exact, found = (sweep(where, grey, other, (-0.7, 0.2), planes) for where in (DOUBLE, setting))
-    # A correlation's error: coordinates of up to 33 pixels rounded, and variances down to the floor of 2e-5.
+    # The error of a correlation: rounded coordinates of up to 33 pixels, and variances down to the floor of 2e-5.
     return Found(off(found, exact, 1.0), 33 * setting.eps / math.sqrt(2e-5))
 
 
@@ -63,7 +63,8 @@ def _channels(setting: Setting, count: int) -> Found:
     apart = np.concatenate(
         [values(scatter(setting.tensor(image[..., k : k + 1]), radius)) for k in range(count)], axis=2
     )
-    # How far the compiled kernel follows an edge depends on the brightest pixel of all channels done together.
+    # How far the compiled kernel follows an edge depends on the brightest pixel of all channels that it processes
+    # together.
     return Found(off(together, apart), summed(setting, radius.numel()) + 2 * math.exp(-12.0))
 
 

@@ -1,4 +1,5 @@
-"""What a blur must leave as it is: constants, energy, sums, place, mirror images, and the scale of lens and scene."""
+"""Invariants of blur: constant images, energy, linearity, translation, mirroring, and the common scale of lens and
+scene."""
 
 from __future__ import annotations
 
@@ -38,14 +39,15 @@ def _bounded(setting: Setting) -> Found:
 
 
 def _energy(setting: Setting, radius: float) -> Found:
-    # A plane, a light at its middle: away from the border every pixel's weights add up to the same.
+    # A plane with a light at its middle: away from the border the weights of every pixel have the same sum.
     side = 2 * int(radius + 10) + 1
     image = np.zeros((side, side, 3), np.float32)
     image[side // 2, side // 2] = (1.0, 7.0, 1e4)
     wide = np.pad(image, ((side, side), (side, side), (0, 0)))
     plane = setting.tensor(np.full(wide.shape[:2], radius))
     found = values(setting.kernel("scatter")(setting.tensor(wide), plane))
-    # The compiled edge ends at exp(-12): a rim of 2 pi R pixels, 1 / (2 alpha) wide, on pi R^2.
+    # The compiled edge ends at a weight of exp(-12): a rim of 2 pi R pixels, 1 / (2 alpha) wide, is missing from pi
+    # R^2.
     rim = np.exp(-12.0) * max(1.0, 2 / (8 * radius)) * (setting.backend != "reference")
     return Found(off(found.sum(axis=(0, 1)) / (1.0, 7.0, 1e4), np.ones(3)), summed(setting) + rim)
 
@@ -66,7 +68,7 @@ def _lens_and_scene(setting: Setting, factor: float) -> Found:
     _, expected = blur(depth, lens)
     _, found = blur((depth * np.float32(factor)).astype(np.float32), larger)
     radius = lens.signed_radius(1 / depth.astype(np.float64), WIDTH)
-    # The depth is rounded once more; a radius is a difference of disparities, of at most 0.5.
+    # The depth is rounded once more, and a radius is proportional to a difference of disparities of at most 0.5.
     bound, note = scatter_bound(setting, picture(), radius)
     bound += 4 * 4.0 * lens.aperture * 0.5 * setting.eps
     return Found(off(found, expected), 0.0 if np.log2(factor) % 1 == 0 else 2 * bound, note)

@@ -1,4 +1,4 @@
-"""What must stay as it is: the invariants of every kernel, as one group of cases."""
+"""The invariants of every kernel, as one group of cases."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What likeness must not depend on: SSIM's order of images and channels, stereo's exposure and shift."""
+"""Invariants of image similarity: SSIM under exchange of images and of channels, stereo under exposure and shift."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _same_image(setting: Setting, image: np.ndarray) -> Found:
 
 def _symmetric(setting: Setting) -> Found:
     a, b, ssim = setting.tensor(picture()), setting.tensor(picture(seed=1)), setting.kernel("ssim")
-    # Variances are differences of numbers near 1/4, here of 0.07 to 0.08: one digit less, in sums of 121.
+    # Variances of 0.07 to 0.08 are differences of numbers near 1/4, which costs one digit, in sums of 121 numbers.
     return Found(abs(float(ssim(a, b)) - float(ssim(b, a))), 8 * ROUNDINGS * setting.eps)
 
 
@@ -37,7 +37,7 @@ def _brightness(setting: Setting) -> Found:
     grey = picture()[..., 0] * 0.5 + 0.2
     planes = np.array([0.0, 1.0, 2.0])
     plain, found = (sweep(setting, grey, other, BY_ONE, planes) for other in (grey, 0.7 * grey + 0.05))
-    # The floor of 2e-5 on variances of 0.02 counts once more where one of them is half as large; that is no rounding.
+    # The floor of 2e-5 on variances of 0.02 has twice the effect on a variance of half the size; this isn't rounding.
     return Found(off(found, plain, 1.0), 2e-5 / (0.49 * 0.005) + 64 * setting.eps / 0.005)
 
 

@@ -1,4 +1,4 @@
-"""What must not change a rendering: the order of the Gaussians, where tiles begin, the scale of the scene."""
+"""Invariants of rendering: the order of the Gaussians, the position of tiles, the scale of the scene."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _order(setting: Setting) -> Found:
     found = render(
         setting, _permuted(scene, np.random.default_rng(0).permutation(40)), camera=camera(), geometry="full"
     )
-    if setting.backend == "reference":  # torch's vector instructions round the last few of a batch otherwise
+    if setting.backend == "reference":  # torch's vector instructions round the last elements of a batch differently
         return Found(max(off(a, b) for a, b in zip(found[:5], plain[:5], strict=True)), 64 * setting.eps)
     return Found(sum(differing(a, b) for a, b in zip(found[:5], plain[:5], strict=True)), 0.0)
 
@@ -36,7 +36,8 @@ def _coplanar() -> Scene:
 
 
 def _equal_depth_index(setting: Setting) -> Found:
-    # Nearest first means first stored first: nudging the later ones back by an ulp of depth must change nothing.
+    # Gaussians of equal depth are blended in stored order: moving later ones back by an ulp of depth must change
+    # nothing.
     scene = _coplanar()
     nudged = {name: value.copy() for name, value in scene.items()}
     for k in (1, 2):
@@ -54,7 +55,8 @@ def _equal_depth_any(setting: Setting) -> Found:
 
 
 def _tiles(setting: Setting) -> Found:
-    # A window of the view, whose tiles begin elsewhere; the Jacobian is held at other places, so all stay inside.
+    # A window of the view, whose tiles begin elsewhere. The Jacobian is clamped relative to the window, so all
+    # Gaussians lie inside it.
     scene, view = gaussians(60, log_scale=-2.5), straight(70, 50)
     whole = render(setting, scene, camera=view, geometry="full")
     top, left, height, width = 7, 5, 36, 53
@@ -62,7 +64,8 @@ def _tiles(setting: Setting) -> Found:
     part = render(setting, scene, camera=window, geometry="full")
     area = (slice(top, top + height), slice(left, left + width))
     error = max(off(a, b[area]) for a, b in zip(part[:5], whole[:5], strict=True))
-    # Offsets from a pixel lose what its coordinate is larger; their square counts, times up to 2 log 255.
+    # An offset from a pixel loses as many digits as the pixel's coordinate is larger; its square counts, times up to 2
+    # log 255.
     return Found(error, 70 * 16 * setting.eps)
 
 
@@ -75,7 +78,8 @@ def _scaled_scene(setting: Setting, factor: float) -> Found:
     pose[:3, 3] *= factor
     plain = render(setting, scene, camera=view, geometry="depth")
     found = render(setting, larger, camera=replace(view, world_to_camera=pose), geometry="depth", near=0.2 * factor)
-    # log_scales of size log(factor) are rounded to float32 and exponentiated: that is their relative error.
+    # log_scales of size log(factor) are rounded to float32 and exponentiated, which gives the scales this relative
+    # error.
     eps = float(np.finfo(np.float32).eps)
     bound = 64 * (abs(np.log(factor)) + 8) * eps
     return Found(

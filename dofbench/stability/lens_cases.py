@@ -1,4 +1,4 @@
-"""The lens at and beyond its ends: focus, aperture, alpha, depths that aren't any, and the kinks of its formula."""
+"""Extreme lenses: focus, aperture, alpha, invalid depths, and the kinks of the blur's formula."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _closed_layered(setting: Setting) -> Found:
     return Found(differing(encoded, picture()), 0.0)
 
 
-# ---- depths that aren't any ----
+# ---- invalid depths ----
 
 
 def _unknown_depth(setting: Setting, value: float) -> Found:
@@ -91,7 +91,7 @@ def _outlier_range(setting: Setting, factor: float) -> Found:
     usual = DisparityRange.of_disparity(1 / depth)
     depth[30, 40] *= factor
     found = DisparityRange.of_disparity(1 / depth)
-    # One pixel more beyond a percentile moves it by at most one rank.
+    # One more pixel above a percentile moves the percentile by at most one rank.
     ordered = np.sort(1 / depth.ravel())
     step = max(float(np.diff(ordered[40:56]).max()), float(np.diff(ordered[-56:-40]).max()))
     return Found(
@@ -116,7 +116,7 @@ def _units(setting: Setting) -> Found:
         for aperture, focus in ((0.5, 0.2), (1e-6, -3.0), (1e6, 7.0)):
             span = DisparityRange(low, low + extent)
             back = Lens.from_physical(Lens(aperture, focus).physical(span, 504), span)
-            # Taking q_min off again loses as many digits as it is larger than the extent.
+            # Subtracting q_min again loses as many digits as q_min is larger than the extent.
             condition = 1 + (abs(low) + extent) / span.extent * (1 + 1 / abs(focus))
             worst = max(worst, abs(back.aperture / aperture - 1) / 4, abs(back.focus / focus - 1) / condition)
     return Found(worst, 4 * setting.eps, "error as a share of the condition number")

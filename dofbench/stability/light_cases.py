@@ -1,4 +1,4 @@
-"""Light at its ends: black, white, one highlight, numbers that aren't any, and the display encoding near zero."""
+"""Extreme light: black, white, one highlight, NaN and infinity, and the display encoding near zero."""
 
 from __future__ import annotations
 
@@ -62,8 +62,9 @@ def _highlight(setting: Setting, form: str = "auto", brightness: float = 1e6) ->
     image[8, 13] = brightness
     found = setting.kernel("scatter")(setting.tensor(image), setting.tensor(radius), form=form)
     exact = dense_scatter(image, radius, kind=np.float64)
-    # Beside so bright a pixel its weight's own rounding counts: its logarithm is 2 alpha (R - l), up to 2 alpha times
-    # the radius and as far as the edge is followed, of which float32 keeps all but half an eps.
+    # Beside such a bright pixel, the rounding of its weight matters. The weight's logarithm, 2 alpha (R - l), is up to
+    # 2 alpha times the sum of the radius and the distance to which the edge is followed; float32 rounds it by half an
+    # eps.
     argument = 2 * 4.0 * (2 * float(np.abs(radius).max()) + 4)
     return Found(
         off_each(found, exact),
@@ -98,7 +99,7 @@ def _tones() -> np.ndarray:
 
 
 def _pair(setting: Setting):
-    """(decode, encode), as the backend has them."""
+    """(decode, encode) of the backend."""
     return partial(fast_decode, backend=setting.backend), partial(fast_encode, backend=setting.backend)
 
 
@@ -111,7 +112,7 @@ def _expected_decode(tones: np.ndarray, gamma: float) -> np.ndarray:
 
 
 def _power_bound(setting: Setting, exponent: float, largest: float = 1e4) -> float:
-    # x^e = 2^(e log2 x): the product is as large as e log2 x, and its rounding is the result's relative error.
+    # x^e = 2^(e log2 x): the rounding error of the product e log2 x becomes the relative error of the result.
     stated = POWER if setting.backend == "cpu" else 0.0
     return (4 + exponent * abs(np.log2(TOE)) + exponent * np.log2(largest)) * setting.eps + stated
 
@@ -126,7 +127,7 @@ def _round_trip(setting: Setting, gamma: float) -> Found:
     to_light, to_display = _pair(setting)
     tones = setting.tensor(_tones())
     back = to_display(to_light(tones, gamma), gamma)
-    # What decoding is off by counts 1 / gamma in encoding.
+    # A relative error of decoding becomes 1 / gamma of it in encoding.
     bound = _power_bound(setting, gamma) / gamma + _power_bound(setting, 1 / gamma, 1e4**gamma)
     return Found(off_each(back, tones), bound)
 
@@ -137,7 +138,7 @@ def _slope_at_zero(setting: Setting, gamma: float) -> Found:
     _pair(setting)[1](light, gamma).sum().backward()
     slope = values(light.grad)
     steepest = TOE ** (1 - gamma)
-    # Below the toe the line's slope; above, 1 / gamma of it.
+    # Expected is the line's slope below the toe, and 1 / gamma of it above.
     expected = np.where(near < TOE**gamma, steepest, steepest / gamma)
     return Found(
         off_each(slope, expected), _power_bound(setting, gamma) + 2e-5, f"slope {float(slope.max()):.4g}, finite"
@@ -161,7 +162,7 @@ def _negative(setting: Setting) -> Found:
 
 
 def _half_lit(setting: Setting, gamma: float) -> Found:
-    # Half of every disc's light is black, half white: gamma 1 means grey 0.5, others 0.5^(1 / gamma).
+    # Half of every disc is black and half white: with gamma 1 this gives grey 0.5, with other gammas 0.5^(1 / gamma).
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     checks = np.repeat(((x + y) % 2)[..., None], 3, axis=2).astype(np.float32)
     radius = setting.tensor(np.full((HEIGHT, WIDTH), 1e4, np.float32))

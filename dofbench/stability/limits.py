@@ -1,4 +1,4 @@
-"""The published list of known limits: cases whose bound isn't met somewhere, each with the reason (limits.toml)."""
+"""The list of known limits (limits.toml): cases whose bound isn't met in some settings, each with the reason."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class Limit:
     reason: str
 
     def covers(self, case: Case, setting: Setting) -> bool:
-        """Whether it is about this case in this setting."""
+        """Whether the limit applies to this case in this setting."""
         place = f"{setting.label} {setting.precision}"
         return self.case == case.id and ("all" in self.where or place in self.where)
 
 
 def read_limits(file: Path = FILE) -> tuple[Limit, ...]:
-    """Every known limit. Raises InputError for a file that isn't such a list."""
+    """All known limits. Raises InputError for a file that isn't such a list."""
     try:
         entries = tomllib.loads(file.read_text(encoding="utf-8"))["limit"]
         limits = tuple(
@@ -47,5 +47,5 @@ def read_limits(file: Path = FILE) -> tuple[Limit, ...]:
 
 
 def limit_of(case: Case, setting: Setting, limits: Sequence[Limit]) -> Limit | None:
-    """The limit that is about a case in a setting, if there is one."""
+    """The limit that applies to a case in a setting, or None."""
     return next((limit for limit in limits if limit.covers(case, setting)), None)

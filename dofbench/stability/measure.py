@@ -1,4 +1,4 @@
-"""The run of `dofbench stability`: every case in every setting, judged, kept as soon as it is done, and written."""
+"""The run of `dofbench stability`: measures and judges every case in every setting, and writes the tables."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ CSV, MARKDOWN = "stability.csv", "stability.md"
 def stability(settings: Stability, console: Console | None = None) -> bool:
     """Run the cases that are asked for and write stability.csv and stability.md to `out`.
 
-    What was measured by the same code in a run that was interrupted isn't measured again. True unless a bound isn't met
-    that isn't in the list of known limits. Raises InputError for a wrong call.
+    Measurements that an interrupted run of the same code has finished aren't repeated. False if a bound isn't met and
+    this isn't a known limit. Raises InputError for a wrong call.
     """
     console = console or Console(stderr=True)
     cases, limits = chosen(settings), read_limits()
@@ -48,9 +48,9 @@ def stability(settings: Stability, console: Console | None = None) -> bool:
 
 
 def measured(case: Case, setting: Setting) -> Found:
-    """Run a case in a setting. An error that it lets out is an infinite one, whatever the bound."""
+    """Run a case in a setting. If it raises an exception, its error is infinite."""
     try:
-        # Overflows and divisions by zero are what is asked for here; their results are looked at.
+        # Cases cause overflows and divisions by zero on purpose; their results are checked.
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             return case.measure(setting)
@@ -59,7 +59,8 @@ def measured(case: Case, setting: Setting) -> Found:
 
 
 def judged(case: Case, setting: Setting, found: Found, limits: Sequence[Limit]) -> Row:
-    """What was found, with its verdict; a known limit's note begins with its reason, also where its bound is met."""
+    """The row of a measurement, with its verdict. The note of a known limit begins with the limit's reason, even if the
+    bound is met here."""
     limit = limit_of(case, setting, limits)
     if limit is None:
         verdict, note = (MET if found.met else NOT_MET), found.note

@@ -1,4 +1,5 @@
-"""What results are compared with: the scatter's formula written once more, in long double; and conditioning."""
+"""Reference values for comparison: an independent implementation of the scatter's formula in long double; and condition
+numbers."""
 
 from __future__ import annotations
 
@@ -8,13 +9,13 @@ import numpy as np
 
 from dofbench.core.lens import ALPHA, AREA_EPSILON, ApertureShape
 
-# Roundings that a result may hold beside those of its inputs: a handful of operations, each of half an eps or one.
+# Roundings allowed in a result in addition to those of its inputs: a few operations, each of half an eps or one.
 ROUNDINGS = 16.0
-STOP_OPACITY = 0.999  # of a central stop (kernels/scatter/reference.py)
-# How far the compiled scatter follows a soft edge (kernels/scatter/cpu_pack.py): to exp(-12) of a full weight, farther
-# where most sources spread far beyond the image; a sharp source's to exp(-18).
+STOP_OPACITY = 0.999  # opacity of a central stop (kernels/scatter/reference.py)
+# How far the compiled scatter follows a soft edge (kernels/scatter/cpu_pack.py): to exp(-12) of a full weight, and
+# farther if most sources spread far beyond the image; the edge of a sharp source to exp(-18).
 BAND_EXPONENT, FOCUS_EXPONENT = 12.0, 18.0
-POWER = 3e-6  # the compiled powers' stated relative error (kernels/tone/cpu.py)
+POWER = 3e-6  # relative error that kernels/tone/cpu.py states for the compiled powers
 
 
 def dense_scatter(
@@ -26,7 +27,8 @@ def dense_scatter(
     area: bool = True,
     kind: type[np.floating] = np.longdouble,
 ) -> np.ndarray:
-    """Every pixel's weight on every pixel, in long double: (H, W, C). For small images: takes (H W)^2 numbers.
+    """The scatter by the weights of every pixel on every pixel, in long double: (H, W, C). Needs (H W)^2 numbers, so
+    only for small images.
 
     image: (H, W, C). radius: (H, W), pixels, signed. w = S(R rho - l) / (R^2 + 0.2), S(t) = 1/2 + 1/2 tanh(alpha t)
     (docs/conventions.md, "Lens").
@@ -39,7 +41,8 @@ def dense_scatter(
 def left_out(
     radius: np.ndarray, *, alpha: float = ALPHA, shape: ApertureShape = ApertureShape(), area: bool = True
 ) -> float:
-    """The largest share of a pixel's weights that lies beyond where the compiled scatter follows an edge."""
+    """The largest share of a pixel's weights that the compiled scatter leaves out, because it doesn't follow edges so
+    far."""
     weight, beyond = _weights(radius, alpha, shape, area, np.float64)
     spread = max(1.0, float(np.abs(radius).max()) ** 2 / radius.size)
     band = (BAND_EXPONENT + np.log(spread)) / (2 * alpha)
@@ -50,7 +53,7 @@ def left_out(
 def _weights(
     radius: np.ndarray, alpha: float, shape: ApertureShape, area: bool, kind: type[np.floating]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(targets, sources): weights, and how far each target lies beyond the source's radius, pixels."""
+    """Two arrays (targets, sources): the weights, and how far each target lies beyond the source's radius, pixels."""
     rows, columns = (index.reshape(-1) for index in np.mgrid[: radius.shape[0], : radius.shape[1]])
     dy, dx = rows[:, None] - rows, columns[:, None] - columns
     distance = np.sqrt((dx * dx + dy * dy).astype(kind))
@@ -79,10 +82,10 @@ def sensitivity(
     seed: int = 5,
     measure: Callable[[np.ndarray, np.ndarray], float] | None = None,
 ) -> float:
-    """How much a result moves when each number that goes in is off by up to eps, relative: what rounding must cost.
+    """How much a result changes when every input number has a relative error of up to eps, as unavoidable rounding has.
 
-    function: in a precision much finer than eps. measure: how far two results are apart, by default the largest
-    deviation. The largest of some random draws. Divided by eps it is a condition number.
+    The largest change of `draws` random perturbations. function: computes in a precision much finer than eps. measure:
+    distance of two results, by default the largest deviation. Divided by eps the change is a condition number.
     """
     random = np.random.default_rng(seed)
     apart = measure or (lambda a, b: float(np.abs(a - b).max()) if a.size else 0.0)

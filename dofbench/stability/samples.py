@@ -1,4 +1,5 @@
-"""Small inputs that cases share: pictures with disparity, Gaussians before a camera. All fit float32 exactly."""
+"""Small inputs that cases share: pictures with disparity, Gaussians before a camera. All numbers are exact in
+float32."""
 
 from __future__ import annotations
 
@@ -9,17 +10,17 @@ import numpy as np
 
 from dofbench.core.cameras import Camera
 
-HEIGHT, WIDTH = 16, 20  # pictures: a pixel's weights on all others are worked out in a few ways
-VIEW_HEIGHT, VIEW_WIDTH = 24, 32  # what a camera sees
+HEIGHT, WIDTH = 16, 20  # size of pictures: small, because the weights of all pairs of pixels are computed
+VIEW_HEIGHT, VIEW_WIDTH = 24, 32  # size of a camera's image
 
 
 def picture(height: int = HEIGHT, width: int = WIDTH, channels: int = 3, seed: int = 0) -> np.ndarray:
-    """Light between 0.05 and 1, (H, W, C) float32, a colour of its own in every pixel."""
+    """Light between 0.05 and 1, (H, W, C) float32, with a different colour in every pixel."""
     return np.random.default_rng(seed).uniform(0.05, 1, (height, width, channels)).astype(np.float32)
 
 
 def by_size(*sizes: tuple[int, int]) -> dict[str, tuple[int, int]]:
-    """Pictures' sizes (H, W) by how they are written: width x height."""
+    """The sizes (H, W) by their text: width x height."""
     return {f"{width}x{height}": (height, width) for height, width in sizes}
 
 

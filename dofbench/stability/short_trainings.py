@@ -1,4 +1,4 @@
-"""Short trainings, and what a method says afterwards that can't be."""
+"""Short trainings, and checks for impossible outputs of the trained method."""
 
 from __future__ import annotations
 
@@ -19,9 +19,11 @@ from dofbench.running.method_cards import MethodEntry
 from dofbench.stability.training_scene import FAR, VIEWS, WIDTH, true_lens, true_range
 
 STEPS = 240
-FOUND = 0.5  # of the error in circles of confusion that A = F = 0.5 has, the harness's predictor that learns nothing
+# A lens counts as found if its error is below this share of that of A = F = 0.5, the predictor that learns nothing
+FOUND = 0.5
 ABSURD_LIGHT, ABSURD_DEPTH = 10.0, 1e3 * FAR
-# What the schedule of thousands of steps becomes in a hundred, and no depth prior that takes longer than that.
+# The schedule for thousands of steps, adapted to a hundred, without depth priors that would take longer than the
+# training.
 SHORT = {
     "steps": STEPS,
     "depth_prior": "sparse",
@@ -37,30 +39,31 @@ SHORT_LENS = {"lens_lr": 0.2, "lens_lr_final": 0.025, "lens_init_aperture": 2.0}
 
 
 class Watch:
-    """An observer that keeps every loss, and may do something to the training after a step."""
+    """An observer that records every loss and may change the training after a step."""
 
     def __init__(self, meddle: Callable[[int], None] | None = None):
         self.losses: list[float] = []
         self._meddle, self._start = meddle, time.perf_counter()
 
     def seconds(self) -> float:
-        """Since the start."""
+        """Seconds since the start."""
         return time.perf_counter() - self._start
 
     def after_step(self, step: int, loss: float) -> bool:
-        """Go on, always."""
+        """Record the loss, and continue training."""
         self.losses.append(loss)
         if self._meddle is not None:
             self._meddle(step)
         return True
 
     def stage(self, name: str, done: int, total: int) -> None:
-        """Nothing is shown of it."""
+        """Ignored."""
 
 
 @dataclass(frozen=True)
 class End:
-    """How a run ended. wrong: what it said that can't be, if its status is ok, or that it has none."""
+    """How a run ended. wrong: an impossible output of a run with status ok, or the message that the run has no
+    status."""
 
     status: str
     wrong: str = ""
@@ -69,13 +72,13 @@ class End:
 
     @property
     def better(self) -> bool:
-        """Whether the loss fell to three quarters of where it began, an epoch's mean each."""
+        """Whether the loss fell to three quarters of its initial value, both averaged over an epoch."""
         epoch = min(VIEWS, max(1, len(self.losses) // 4))
         return bool(self.losses) and np.mean(self.losses[-epoch:]) < 0.75 * np.mean(self.losses[:epoch])
 
 
 def options_of(entry: MethodEntry, **changes: Any) -> dict[str, Any]:
-    """The method's default preset, cut short, with changes; a method of another trainer's as it is."""
+    """The method's default preset, shortened, with changes; unchanged for a method with another trainer."""
     _, options, _ = entry.preset(None)
     made = entry.create({}, 0, "cpu")
     if not isinstance(made, GaussianMethod):
@@ -93,12 +96,12 @@ def faster(entry: MethodEntry, names: tuple[str, ...], factor: float) -> dict[st
 def run(
     entry: MethodEntry, training_set: TrainingSet, seed: int = 0, *, one_plane: bool = False, **changes: Any
 ) -> End:
-    """Train for `STEPS` steps and look at everything that the method says afterwards."""
+    """Train for `STEPS` steps, then check all outputs of the method."""
     method = entry.create(options_of(entry, **changes), seed, "cpu")
     watch = Watch()
     try:
         outcome = method.fit(training_set, Budget(steps=STEPS), watch)
-    except Exception as error:  # what `run` of the harness would have to make a status of by itself
+    except Exception as error:  # `run` would have to turn such an exception into a status itself
         return End(
             "no status", f"{type(error).__name__}: {' '.join(str(error).split())}"[:100], losses=tuple(watch.losses)
         )
@@ -144,7 +147,8 @@ def _absurd(method: Method, training_set: TrainingSet, losses: list[float]) -> s
 
 
 def lens_found(method: Method, one_plane: bool) -> bool:
-    """Whether the learned lenses blur as the true ones do, to half the error of one that learns nothing."""
+    """Whether the learned lenses' error in circles of confusion is at most half of that of a predictor that learns
+    nothing."""
     lenses = method.lens_estimates()
     if lenses is None:
         return False

@@ -1,11 +1,11 @@
-"""What a call of `dofbench stability` says."""
+"""The options of `dofbench stability`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
 
-# A group of cases is a module of this name; and its heading in the table.
+# Group of cases -> its heading in the table; `<group>_cases` is the group's module.
 GROUPS = {
     "lens": "Lens",
     "light": "Light",
@@ -21,12 +21,12 @@ GROUPS = {
 
 @dataclass(frozen=True)
 class Stability:
-    """Run stiff and extreme cases and say which of their bounds are met: a table and an exit status."""
+    """Run stiff and extreme cases and report which error bounds are met: as a table, and by the exit status."""
 
     kernel: str | None = None
     """Only the cases of this kernel: rasterize, scatter, ssim or stereo."""
     method: str | None = None
-    """Only the training of this method. Without it, of every method that is found."""
+    """Only the training of this method. Without it, of every method found."""
     group: tuple[str, ...] = ()
     """Only these groups: lens, light, invariants, gaussians, images, files, datasets, training, gradients."""
     case: tuple[str, ...] = ()
@@ -34,4 +34,4 @@ class Stability:
     out: Path = Path("reports/stability")
     """Folder for stability.csv and stability.md."""
     dry_run: bool = False
-    """Print the cases, and what must hold in each, and run nothing."""
+    """Only print the cases and the property that must hold in each; run none."""

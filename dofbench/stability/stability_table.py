@@ -1,4 +1,4 @@
-"""What was found as CSV and Markdown."""
+"""The measurements as CSV and Markdown."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from dataclasses import asdict, dataclass
 from dofbench.reporting.markdown_writer import plain
 from dofbench.stability.stability_options import GROUPS
 
-# A known limit may differ by machine, as rounding decides what is close to its bound: where it is met, that is said.
+# Rounding may differ by machine, so a case close to its bound may meet it on one machine and not on another; a known
+# limit whose bound is met is reported as "met here".
 MET, NOT_MET, KNOWN, MET_HERE = "met", "not met", "known limit", "met here"
 FIELDS = ("case", "group", "backend", "precision", "error", "bound", "verdict", "note")
 
 
 @dataclass(frozen=True)
 class Row:
-    """A case in one setting, as the tables have it. note: what was found, or why the bound isn't met, or isn't met
+    """A case in one setting, as in the tables. note: details of the measurement, or why the bound isn't met here or
     elsewhere."""
 
     case: str
@@ -33,14 +34,14 @@ class Row:
 
 @dataclass(frozen=True)
 class Explained:
-    """What the Markdown says of a case: what must hold, and where its bound comes from."""
+    """The Markdown's explanation of a case: the property that must hold, and where its bound comes from."""
 
     holds: str
     bound: str
 
 
 def csv_text(rows: Sequence[Row]) -> str:
-    """One line a case and setting, under `FIELDS`."""
+    """One line per case and setting, with the columns `FIELDS`."""
     text = io.StringIO()
     writer = csv.DictWriter(text, FIELDS, lineterminator="\n")
     writer.writeheader()
@@ -50,7 +51,8 @@ def csv_text(rows: Sequence[Row]) -> str:
 
 
 def markdown(rows: Sequence[Row], explained: dict[str, Explained], heading: Sequence[str]) -> str:
-    """The tables by group, what must hold beside every case, and first what isn't met. heading: of what was run."""
+    """The tables by group, with the property of every case; bounds that aren't met come first. heading: lines on what
+    was run."""
     counts = Counter(row.verdict for row in rows)
     cases = len({(row.group, row.case) for row in rows})
     lines = [

@@ -1,4 +1,4 @@
-"""How a group's cases are made: one, or one for each value of what varies."""
+"""Making cases: a single one, or one for every value of an option."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dofbench.stability.case import Case, Found, Setting
 
 @dataclass(frozen=True)
 class Subject:
-    """What cases of a group are about. The fields are those of `Case`, and every case made here has them."""
+    """Makes the cases of one group that test one subject in the same settings. The fields are those of `Case`."""
 
     group: str
     subject: str

@@ -1,4 +1,4 @@
-"""Training on scenes and with options that are too hard for it: what converges, what is found out, what goes wrong."""
+"""Training on difficult scenes and with extreme options: what converges, and whether failures are detected."""
 
 from __future__ import annotations
 
@@ -86,8 +86,8 @@ def _usual(setting: Setting, method: str) -> Found:
 def _spoilt(
     method: str, steps: int, spoil: Callable[[Trainer], None], right: Callable[[NonFinite, int], bool]
 ) -> Found:
-    """That a training spoilt after step 7 ends as diverged. right: whether what it found then, after so many steps,
-    is what was spoilt."""
+    """Spoil a training after step 7, and measure whether it ends as diverged. right: whether the event that the
+    training reports, and the number of steps that it took, are those expected."""
     entry = find_method(method)
     made = entry.create(options_of(entry), 0, "cpu")
     assert isinstance(made, GaussianMethod)
@@ -106,7 +106,7 @@ def _diverged(outcome: FitOutcome, right: Callable[[NonFinite, int], bool]) -> F
 
 
 def _planted(setting: Setting, method: str, what: str, value: float) -> Found:
-    """A number that isn't finite, put into the training after step 7: step 8 must say so, and where."""
+    """Put a number that isn't finite into the training after step 7: step 8 must report it, and its place."""
 
     def plant(trainer: Trainer) -> None:
         if what == "lens":
@@ -120,7 +120,7 @@ def _planted(setting: Setting, method: str, what: str, value: float) -> Found:
 
 
 def _vanished(setting: Setting, method: str, what: str) -> Found:
-    """Gaussians that all fade, or all get behind the cameras: the step that finds none left must say so."""
+    """Make all Gaussians fade, or move all behind the cameras: the step that finds none left must report it."""
 
     def vanish(trainer: Trainer) -> None:
         with torch.no_grad():
@@ -129,14 +129,14 @@ def _vanished(setting: Setting, method: str, what: str) -> Found:
             else:
                 trainer.gaussians.parameters["means"][:, 2] = -5.0
 
-    # The first look that density control takes, every so many steps.
+    # Density control looks only every few steps; its first look must find it.
     return _spoilt(
         method, STEPS, vanish, lambda event, steps: event.step == steps and steps % SHORT["densify_every"] == 0
     )
 
 
 def _bad_photograph(setting: Setting, method: str, value: float) -> Found:
-    """A photograph with a number that isn't finite: the first step that looks at it must say so."""
+    """Put a number that isn't finite into a photograph: the first step that uses the photograph must report it."""
 
     def spoil(image: np.ndarray) -> np.ndarray:
         image = image.copy()
@@ -149,7 +149,7 @@ def _bad_photograph(setting: Setting, method: str, value: float) -> Found:
 
 
 def cases_of(method: str) -> tuple[Case, ...]:
-    """The cases of one method. Those that set options are there only for methods of this project's trainer."""
+    """The cases of one method. Cases that set options exist only for methods that use this project's trainer."""
     entry = find_method(method)
     learns, ours = entry.card.capabilities.learns_lens, isinstance(entry.create({}, 0, "cpu"), GaussianMethod)
     training = Subject("training", method, COMPILED)

@@ -1,7 +1,7 @@
-"""A tiny scene to train on, and what may be wrong with its photographs.
+"""A tiny scene to train on, and defects that can be put into its photographs.
 
-Rendered and blurred by the method's own model, so that nothing but the start, the rates and what was done to the
-photographs stands in the way.
+The scene is rendered and blurred by the method's own model, so that only the initial values, the learning rates and the
+defects can prevent success.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from dofbench.stability.samples import harmonic
 
 WIDTH, HEIGHT, VIEWS = 64, 48, 6
 NEAR, FAR = 2.0, 6.0
-# Wider than 0 ... 1: on so few pixels those would blur by one. A = 5 is 6.4 pixels.
+# Larger than the usual 0 ... 1, which would blur by one pixel at most in so small an image; A = 5 gives 6.4 pixels.
 TRUE_APERTURES, TRUE_FOCI = (3.0, 5.0), (0.2, 0.5, 0.8)
 
 
 @cache
 def true_range() -> DisparityRange:
-    """What F = 0 and F = 1 mean."""
+    """The disparity range that F = 0 and F = 1 refer to."""
     return DisparityRange(1 / FAR, 1 / NEAR)
 
 
 def true_lens(view: int, one_plane: bool = False) -> Lens:
-    """The lens that took a view; `one_plane`: all are focused at 0.5."""
+    """The true lens of a view; `one_plane`: all lenses are focused at 0.5."""
     focus = 0.5 if one_plane else TRUE_FOCI[view % len(TRUE_FOCI)]
     return Lens(TRUE_APERTURES[view % len(TRUE_APERTURES)], focus)
 
@@ -78,7 +78,7 @@ def scene(views: int = VIEWS, one_plane: bool = False, textureless: bool = False
 
 
 def spoiled(training_set: TrainingSet, index: int | None, change: Callable[[np.ndarray], np.ndarray]) -> TrainingSet:
-    """The set with the photograph of this index changed; of None, every photograph."""
+    """The training set with the photograph of this index changed; for None, with every photograph changed."""
     views = tuple(
         replace(view, image=change(view.image).astype(np.float32)) if index in (None, k) else view
         for k, view in enumerate(training_set.views)
@@ -87,24 +87,24 @@ def spoiled(training_set: TrainingSet, index: int | None, change: Callable[[np.n
 
 
 def noise(sigma: float) -> TrainingSet:
-    """Gaussian noise of this deviation on every photograph."""
+    """The scene with Gaussian noise of this standard deviation on every photograph."""
     random = np.random.default_rng(1)
     return spoiled(scene(), None, lambda image: np.clip(image + random.normal(0, sigma, image.shape), 0, 1))
 
 
 def nothing_but_noise() -> TrainingSet:
-    """Photographs of uniform noise, and of nothing else."""
+    """The scene with every photograph replaced by uniform noise."""
     random = np.random.default_rng(1)
     return spoiled(scene(), None, lambda image: random.uniform(0, 1, image.shape))
 
 
 def black(index: int | None) -> TrainingSet:
-    """The photograph of this index black; of None, every photograph."""
+    """The scene with the photograph of this index black; for None, with every photograph black."""
     return spoiled(scene(), index, np.zeros_like)
 
 
 def wrong_pose() -> TrainingSet:
-    """One camera turned by 0.2 radians."""
+    """The scene with one camera turned by 0.2 radians."""
     views = list(scene().views)
     turn, pose = 0.2, views[2].camera.world_to_camera.copy()
     rotation = np.array([[math.cos(turn), 0, math.sin(turn)], [0, 1, 0], [-math.sin(turn), 0, math.cos(turn)]])

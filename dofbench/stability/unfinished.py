@@ -1,4 +1,5 @@
-"""What a run that isn't finished has measured, so that the same command goes on; a finished run leaves nothing."""
+"""Measurements of an unfinished run on disk, so that the same command can continue; removed when the run is
+finished."""
 
 from __future__ import annotations
 
@@ -15,14 +16,14 @@ FILE = ".unfinished.jsonl"
 
 
 class Unfinished:
-    """What was found, in a folder, by case and setting, as far as the same code found it: a line of JSON each."""
+    """Measurements by case and setting in a folder, one line of JSON each; those by other code are ignored."""
 
     def __init__(self, out: Path):
         self._file = out / FILE
         self._code = {group: code_of(group) for group in GROUPS}
 
     def read(self) -> dict[str, Found]:
-        """What is kept; nothing of other code, and no line that was cut short."""
+        """The stored measurements, without those by other code and without a truncated line."""
         found = {}
         try:
             lines = self._file.read_text(encoding="utf-8").splitlines()
@@ -38,7 +39,7 @@ class Unfinished:
         return found
 
     def keep(self, name: str, found: Found) -> None:
-        """Add what was found under a name that begins with the group."""
+        """Store a measurement under a name that begins with the group's."""
         self._file.parent.mkdir(parents=True, exist_ok=True)
         entry = {"code": self._code[name.partition("/")[0]], "name": name, "found": asdict(found)}
         with self._file.open("a", encoding="utf-8") as stream:
@@ -50,7 +51,8 @@ class Unfinished:
 
 
 def code_of(group: str) -> str:
-    """A digest of all code that can change what a group's cases find: what they reach, and in training the methods."""
+    """A digest of all code that can change a group's measurements: the code that its cases reach, and for training the
+    methods."""
     found = (card.parent for root in method_folders() for card in sorted(root.glob("*/method.toml")))
     folders = list(found) if group == "training" else []
     methods = {f"method{index}": folder for index, folder in enumerate(folders)}

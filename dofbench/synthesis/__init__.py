@@ -1,4 +1,4 @@
-"""make-dataset: plan (plain data), render, write, verify; and the reader of what it writes."""
+"""make-dataset: plans lenses as plain data, renders the photographs, writes the dataset, and verifies it."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 def make_dataset(settings: MakeDataset, *, progress: Progress | None = None) -> Path:
     """Make the dataset that `settings` describes and return its folder.
 
-    The folder is as docs/datasets.md, "A dataset folder", lists it. A run that was killed goes on where it stopped; a
-    complete dataset of the same settings, scene and version is left as it is. progress: None shows
-    it on standard error, and the folder on standard output. Raises InputError for wrong input, or
-    when the folder holds something else.
+    The folder is as docs/datasets.md, "A dataset folder", lists it. A run that was killed continues where it stopped; a
+    complete dataset of the same settings, scene and version isn't changed. progress: None shows the progress on
+    standard error, and the folder on standard output. Raises InputError for wrong input, or when the folder has other
+    content.
     """
     from dofbench.core.progress import Terminal
     from dofbench.synthesis.builder import make
@@ -28,11 +28,11 @@ def make_dataset(settings: MakeDataset, *, progress: Progress | None = None) -> 
 
 
 def make_datasets(settings: MakeDatasets) -> bool:
-    """Make all datasets that `settings` describe, several at a time, and say where they are; False if one failed.
+    """Make all datasets that `settings` describe, several at a time, and print their folders; False if one failed.
 
-    One dataset alone is made in this process. Scenes of a named dataset that aren't here are named and left out. Raises
-    InputError before anything is made when a scene is unknown, and for one dataset as `make_dataset`. With `like`
-    it is False too when the dataset doesn't come out the same.
+    A single dataset is made in this process. Missing scenes of a named dataset are listed and left out. Raises
+    InputError before anything is made when a scene is unknown, and for a single dataset the errors of `make_dataset`.
+    With `like`, also False when the new dataset isn't the same.
     """
     from dofbench.compute.threads import available_cores
     from dofbench.synthesis.several_datasets import make_all, planned
@@ -41,7 +41,7 @@ def make_datasets(settings: MakeDatasets) -> bool:
         return _make_again(settings)
     datasets, missing = planned(settings)
     for scene in missing:
-        print(f"left out, as it isn't here: {scene.label}: {scene.missing}", file=sys.stderr)
+        print(f"left out, because it is missing: {scene.label}: {scene.missing}", file=sys.stderr)
     if len(datasets) == 1:
         make_dataset(datasets[0])
         return True
@@ -62,14 +62,14 @@ def _make_again(settings: MakeDatasets) -> bool:
 
 
 def builtin_folder() -> Path:
-    """Where `make_dataset()` of the built-in scene goes: data/<name>, below the current folder."""
+    """The folder of the built-in dataset: data/<name> below the current folder."""
     from dofbench.synthesis.builder import BUILT_IN, default_folder
 
     return default_folder(BUILT_IN)
 
 
 def __getattr__(name: str) -> Any:
-    # These bring pydantic, numpy and more: loaded only when asked for.
+    # These names load pydantic, numpy and more, so they are imported only when they are used.
     if name == "Dataset":
         from dofbench.dataset.dataset import Dataset
 

@@ -1,4 +1,4 @@
-"""The run of make-dataset: read the scene, then stage after stage, each keeping what is already there."""
+"""The stages of make-dataset. Each stage keeps files that an earlier run has finished."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ BUILT_IN = "tabletop"
 
 
 def find_scene(settings: MakeDataset) -> ResolvedScene:
-    """The scene that the settings ask for; without one, the built-in scene.
+    """The scene that the settings ask for; by default the built-in scene.
 
-    Raises InputError when there is none, or when the dataset named has several and one must be chosen.
+    Raises InputError when the scene doesn't exist, or when a named dataset with several scenes is given.
     """
     text = BUILT_IN if settings.scene is None else settings.scene
     scenes = [scene for scene in resolve(text, find_data_root(settings.data_root)) if not scene.missing]
@@ -54,15 +54,16 @@ def find_scene(settings: MakeDataset) -> ResolvedScene:
 
 
 def read_scene(found: ResolvedScene, settings: MakeDataset) -> tuple[Scene, MakeDataset]:
-    """Read the scene, and say in the settings what was taken from what is known of it; there it goes by its label."""
+    """Read the scene; returns it with settings that are completed by the named dataset's defaults, and name the scene
+    by its label."""
     asked = Reading(width=settings.width, images=settings.images, layout=settings.layout, hold=settings.hold)
     scene = found.load(**asked)
     if settings.train_f_number is not None and settings.test_f_number is not None:
         if settings.photographs == "auto" and scene.photographs != "shallow":
             raise InputError(
                 "--train-f-number",
-                f"{scene.name}, whose photographs are all in focus, for all one knows",
-                "--photographs shallow too, where a lens took them as they are",
+                f"{scene.name}, whose photographs count as all in focus",
+                "--photographs shallow as well, if its photographs are shallow already",
             )
         scene = split_by_f_number(
             scene, settings.train_f_number, settings.test_f_number, test_points=settings.test_points
@@ -73,18 +74,18 @@ def read_scene(found: ResolvedScene, settings: MakeDataset) -> tuple[Scene, Make
 
 
 def default_folder(scene_name: str) -> Path:
-    """Where the dataset of a scene goes when the user doesn't say."""
+    """The folder of a scene's dataset when the user doesn't give one."""
     return Path("data") / scene_name
 
 
 def make(
     settings: MakeDataset, progress: Progress, *, sibling: Path | None = None, expected: SourceRecord | None = None
 ) -> Path:
-    """Make the dataset, or finish it, or find that it is complete; returns its folder. See `make_dataset`.
+    """Make the dataset, or what is missing of it; returns its folder. See `make_dataset`.
 
-    sibling: a dataset of the same scene with another lens: if it is complete, its sharp images and depth are used.
-    expected: the scene that it must be; InputError for any other. Photographs that are shallow already are taken as
-    they are.
+    sibling: a dataset of the same scene with another lens; if it is complete, its sharp images and depth are copied.
+    expected: the scene that is required; InputError for any other scene. Photographs that are shallow already aren't
+    blurred.
     """
     found = find_scene(settings)
     scene, settings = read_scene(found, settings)
@@ -174,7 +175,7 @@ def _all_in_focus(scene: Scene, out: Path, progress: Progress) -> None:
 
 
 def _near_far(scene: Scene, out: Path, disparity_range: DisparityRange) -> np.ndarray:
-    """(N, 2) depth bounds of every view, scene units; the scene's where a view has no known pixel."""
+    """(N, 2) depth bounds of every view, scene units; the scene's bounds for a view without a known pixel."""
     bounds = []
     for view in scene.views:
         depth_map = read_exr(layout.depth_path(out, view.name))
@@ -219,9 +220,10 @@ def _shoot(
     half: bool,
     optics: Optics | None,
 ) -> ViewRecord:
-    """Write a view's photograph unless it is there; returns its record, with the noise of one through a real lens."""
+    """Write a view's photograph unless it exists; returns its record, which for a photograph through a real lens states
+    its noise."""
     linear_path, path = layout.linear_path(out, record.name), layout.shallow_path(out, record.name)
-    # The noise can't be told from the files.
+    # The noise can't be computed from the photograph's files, so it is kept in a file of its own.
     noise_path = out / WORK / "noise" / f"{record.name}.json"
     seen = optics is not None and record.aperture > 0
     if not (linear_path.is_file() and path.is_file() and (noise_path.is_file() or not seen)):

@@ -1,4 +1,4 @@
-"""The contact sheet: a few views side by side, to see at a glance what the dataset is."""
+"""The contact sheet: a few views of the dataset side by side, as an overview."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class SheetRow:
 @dataclass(frozen=True, eq=False)
 class PhotographRow:
     """One view of unknown lens. photograph, sharp: (H, W, 3) uint8, encoded; depth: (H, W) float32, scene units. sharp
-    and depth are None where there are none."""
+    and depth may be None."""
 
     name: str
     split: Split
@@ -42,9 +42,9 @@ class PhotographRow:
 
 
 def choose_rows(records: Sequence[ViewRecord], count: int = _ROWS) -> list[ViewRecord]:
-    """A few views that show different lenses: at most `count`, one of them a test view where there is any.
+    """A few views that show different lenses: at most `count`, among them a test view if there is one.
 
-    Greedy by novelty: first views whose (A, F) is new, in name order, then whatever is left.
+    First views whose (A, F) isn't among those chosen yet, in name order, then the remaining views.
     """
     training = [record for record in records if record.split == "train"]
     testing = [record for record in records if record.split == "test"]
@@ -61,7 +61,7 @@ def choose_rows(records: Sequence[ViewRecord], count: int = _ROWS) -> list[ViewR
 
 
 def choose_photographs(scene: Scene, count: int = _ROWS) -> list[SceneView]:
-    """A few views: at most `count`, evenly chosen of each split, half of them test views where there are so many."""
+    """A few views: at most `count`, evenly chosen from each split, half of them test views if there are enough."""
     chosen: list[SceneView] = []
     testing, training = ([view for view in scene.views if view.split == split] for split in ("test", "train"))
     for pool, room in ((testing, count // 2), (training, count)):
@@ -100,9 +100,9 @@ def contact_sheet(title: str, rows: Sequence[SheetRow], disparity_range: Dispari
 
 
 def photographs_sheet(title: str, rows: Sequence[PhotographRow], disparity_range: DisparityRange | None) -> np.ndarray:
-    """Draw the sheet of photographs whose lens nobody knows; (H, W, 3) uint8.
+    """Draw the sheet of photographs of unknown lens; (H, W, 3) uint8.
 
-    A column is there where any row has its picture; a picture that is missing in it is a grey one that says so.
+    A column is drawn if any row has a picture for it; a missing picture is drawn as a grey panel with a note.
     """
     columns = [Column("photograph, lens unknown")]
     drawn = [[Panel(row.photograph, f"{row.name}  ({row.split})")] for row in rows]

@@ -1,4 +1,4 @@
-"""The options of `make-dataset`: what a user types, and what it means once checked."""
+"""The options of `make-dataset`, their checks, and the values derived from them."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ Photographs = Literal["auto", "shallow", "shallow-train"]
 LinearFormat = Literal["exr-half", "exr-float"]
 
 
-# What an option is about. scene: what is read of a scene. blur: how its sharp images become shallow photographs; where
-# photographs are shallow already, none of these may be given. seed: what is drawn at random, which is nothing of such
-# photographs. place: where things are on this machine, which decides nothing of the content.
+# What an option is about. scene: what is read from a scene. blur: how sharp images become shallow photographs; these
+# options aren't allowed for photographs that are shallow already. seed: random choices, which don't affect such
+# photographs. place: locations on this machine, which don't affect the content.
 About = Literal["scene", "blur", "seed", "place"]
 
 _LISTS = ("focus", "aperture", "test_focus", "test_aperture")
@@ -54,7 +54,7 @@ _BOTH = "both: photographs to train on, and others to test with"
 
 
 def _disc_after_all(options: DatasetOptions) -> bool:
-    return options.aperture_shape.is_disc  # so is a polygon whose blades bulge to a disc
+    return options.aperture_shape.is_disc  # also true for a polygon whose blades are curved to a full disc
 
 
 _DISC = DefaultWith("renderer", "thinlens", "a disc, without obstruction", unless=_disc_after_all)
@@ -62,11 +62,11 @@ _DISC = DefaultWith("renderer", "thinlens", "a disc, without obstruction", unles
 
 @dataclass(frozen=True)
 class DatasetOptions:
-    """What holds for one dataset and for many.
+    """The options that making one dataset and making several have in common.
 
-    Beside each option stands what its value must be and beside which others it may stand (`core.option_rules`); what it
-    is about (`About`); sharp: whether the sharp images and the depth depend on it; kept_with: the option without which
-    it isn't in the recipe, as those of earlier datasets don't have it.
+    Each field declares the rules for its value and for its combination with other options (`core.option_rules`), and
+    what it is about (`About`). sharp: whether the sharp images and the depth depend on the option. kept_with: the
+    option is part of the recipe only if this other option is set, so that the recipes of older datasets stay the same.
     """
 
     data_root: Path | None = option(None, about="place")
@@ -86,7 +86,8 @@ class DatasetOptions:
     """Image width in pixels; without it, a named dataset's usual one, else the scene's own."""
 
     hold: int | None = option(None, at_least(2), about="scene", sharp=True)
-    """Every hold-th view, from the first, is a test view; without it, the named dataset's or the scene's own, or 8."""
+    """Every hold-th view, from the first, is a test view; without it, the named dataset's or the scene's own split, or
+    8."""
 
     depth: str = option("auto", about="scene", sharp=True)
     """Where depth comes from: the scene (given), maps of z-depth in a folder (folder:DIR), a reconstruction (splat),
@@ -103,7 +104,7 @@ class DatasetOptions:
     """Display encoding: linear light is the encoded image to this power."""
 
     alpha: float = option(ALPHA, about="blur")
-    """Hardness of the blur disc's edge, per pixel."""
+    """Steepness of the blur disc's edge, per pixel."""
 
     shape: str = option("disc", _DISC, about="blur")
     """Aperture shape: disc, or N-gon with N blades, such as 5-gon."""
@@ -121,22 +122,22 @@ class DatasetOptions:
     """Scatter weight: divided by the disc's area, or as printed in the paper's Algorithm 1."""
 
     renderer: SceneRenderer = option("scatter", about="blur")
-    """scatter: as in the paper, blind to what hides what; layered: depth layers composited from back to front;
-    thinlens: rendered anew through a real lens, for a scene of make-scene's, with mitsuba."""
+    """scatter: as in the paper, without occlusion; layered: depth layers composited from back to front; thinlens:
+    rendered again through a real lens with mitsuba, for scenes made by make-scene."""
 
     layers: int = option(LAYERS, about="blur")
     """Depth layers of --renderer layered."""
 
     lens_samples: int = option(4096, at_least(2), about="blur")
-    """Rays a pixel, and so lens points, of --renderer thinlens."""
+    """Rays per pixel of --renderer thinlens, each through its own lens point."""
 
     normaliser: Normaliser = option("scene", about="blur")
-    """What focus and aperture refer to: one disparity range for the scene, or one for every view."""
+    """The disparity range that focus and aperture refer to: one for the scene, or one for every view."""
 
     assign: Assign = option("per-view", about="blur")
-    """Deal the grid of focus and aperture over the views (per-view), give all views one lens, with a dataset for each
-    lens of the grid (fixed), deal the test views a grid of their own (held-out), or draw from the ranges that the
-    values span (continuous)."""
+    """How views get their lenses: per-view, the grid of focus and aperture values is distributed over the views; fixed,
+    all views have one lens, and a dataset is made for each lens of the grid; held-out, the test views have a grid of
+    their own; continuous, lenses are drawn from the ranges that the values span."""
 
     test_focus: Annotated[tuple[float, ...] | None, number_list("--test-focus")] = option(
         None,
@@ -145,7 +146,7 @@ class DatasetOptions:
         EachFrom(0, 1),
         about="blur",
     )
-    """Focus values of the test views, none of them a training view's, for --assign held-out."""
+    """Focus values of the test views for --assign held-out; they must differ from those of the training views."""
 
     test_aperture: Annotated[tuple[float, ...] | None, number_list("--test-aperture")] = option(
         None, OnlyWith("assign", "held-out"), EachFrom(0, 1), about="blur"
@@ -165,24 +166,25 @@ class DatasetOptions:
     """Format of the images before encoding."""
 
     seed: int = option(0, at_least(0), about="seed", sharp=True)
-    """Seed of the deal and of the reconstruction."""
+    """Seed of the assignment of lenses, and of the reconstruction."""
 
     images: str | None = option(None, about="scene", sharp=True)
-    """Folder of images inside the scene; without it, the one that the layout prefers."""
+    """Folder of images inside the scene; without it, the layout's usual folder."""
 
     layout: str = option("auto", about="scene", sharp=True)
-    """Layout of the scene folder: nerfstudio, llff, colmap, dofnerf, deblurnerf, or auto to find out. Where a folder is
-    in several, this chooses; auto passes over a transforms.json in another frame than the COLMAP model beside it."""
+    """Layout of the scene folder: nerfstudio, llff, colmap, dofnerf, deblurnerf, or auto to detect it. This option
+    decides if a folder has several layouts; auto ignores a transforms.json whose frame differs from that of the COLMAP
+    model beside it."""
 
     photographs: Photographs = option("auto", about="scene", kept_with="photographs")
-    """Whether the scene's photographs are shallow already, by a lens that nobody knows: as its layout says (auto), all
-    of them (shallow), or those to train on while those to test with are sharp (shallow-train). They are taken as they
-    are, and what isn't known of them is left out of the dataset."""
+    """Whether the scene's photographs are shallow already, by an unknown lens: auto, as the layout implies; shallow,
+    all of them; shallow-train, the training photographs, while the test photographs are sharp. Such photographs aren't
+    blurred, and unknown properties are left out of the dataset."""
 
     train_f_number: float | None = option(
         None, POSITIVE, Needs("test_f_number", _BOTH), _THE_SPLIT, about="scene", kept_with="train_f_number"
     )
-    """Train on the photographs that were taken at this f-number alone, by their EXIF; with --test-f-number. For
+    """Train only on the photographs taken at this f-number, by their EXIF; together with --test-f-number. For
     photographs that are shallow already."""
 
     test_f_number: float | None = option(
@@ -192,11 +194,11 @@ class DatasetOptions:
     aperture, scaled by the ratio of the two, predicts them."""
 
     test_points: int = option(100, at_least(0), about="scene", kept_with="train_f_number")
-    """With --test-f-number: leave out the photographs of it that share fewer sparse points with those to train on. What
-    no training photograph saw says nothing about an aperture."""
+    """With --test-f-number: leave out test photographs that share fewer sparse points with the training photographs,
+    because surfaces that no training photograph saw tell nothing about the aperture."""
 
     out: Path | None = option(None, about="place")
-    """Folder to write, or with several datasets the folder that they all go into; without it, data/<scene name>."""
+    """Folder to write, or with several datasets the folder that contains them all; without it, data/<scene name>."""
 
     def __post_init__(self) -> None:
         for name in _LISTS:
@@ -211,7 +213,8 @@ class DatasetOptions:
 
     @property
     def depth_source(self) -> tuple[DepthSource, Path | None]:
-        """The source's kind, and the folder of "folder" or the network of "onnx". Raises InputError for any other."""
+        """The source's kind, and the folder of "folder" or the network of "onnx". Raises InputError for any other
+        value."""
         kind, _, place = self.depth.partition(":")
         if kind in ("folder", "onnx") and place:
             return kind, Path(place)
@@ -221,7 +224,7 @@ class DatasetOptions:
 
     @property
     def values(self) -> Values:
-        """The focus and aperture values of the training views, and unless held out of the test views."""
+        """The focus and aperture values of the training views; also of the test views, unless --assign is held-out."""
         return Values(self.focus, self.aperture)
 
     @property
@@ -240,7 +243,8 @@ class DatasetOptions:
 
     @property
     def blur(self) -> Blur:
-        """How the photographs are blurred, but for aperture and focus. Raises InputError for what doesn't exist."""
+        """How the photographs are blurred: all settings except aperture and focus. Raises InputError for impossible
+        settings."""
         shape = self.aperture_shape
         try:
             return Blur(self.gamma, self.alpha, shape, self.energy, self.renderer, self.layers)
@@ -265,7 +269,8 @@ class DatasetOptions:
             raise _typed(error) from None
 
     def check_unblurred(self, scene: str) -> None:
-        """Raise InputError for an option that says how to blur: the photographs of this scene are shallow already."""
+        """Raise InputError if an option about blur is given, since the photographs of this scene are shallow
+        already."""
         for at in fields(DatasetOptions):
             if at.metadata["about"] == "blur" and given(self, at):
                 value = getattr(self, at.name)
@@ -283,12 +288,14 @@ class DatasetOptions:
             )
 
     def recipe(self) -> dict[str, object]:
-        """Everything that decides the dataset's content, as plain data: no path, nothing of this machine."""
+        """All settings that decide the dataset's content, as plain data without paths or other properties of this
+        machine."""
         kept = (at for at in fields(DatasetOptions) if at.metadata["about"] != "place" and self._is_kept(at))
         return {at.name: self._plain(at.name) for at in kept}
 
     def photograph_recipe(self) -> dict[str, object]:
-        """Of `recipe`, what decides a dataset of photographs that are shallow already, and that they are."""
+        """The part of `recipe` that decides a dataset of photographs that are shallow already, with the option that
+        says so."""
         about_scene = (at for at in fields(DatasetOptions) if at.metadata["about"] == "scene")
         return {at.name: self._plain(at.name) for at in about_scene if at.name == "photographs" or self._is_kept(at)}
 
@@ -298,7 +305,8 @@ class DatasetOptions:
 
     def _plain(self, name: str) -> object:
         if name == "depth":
-            # Not where the folder or the network is, but what is in it decides the content: the identity holds that.
+            # The path of the folder or network is left out, because its content matters; the identity has the content's
+            # hash.
             kind, place = self.depth_source
             return kind if place is None else f"{kind}:{place.name}"
         if name in ("test_focus", "test_aperture"):
@@ -308,7 +316,7 @@ class DatasetOptions:
         return list(value) if isinstance(value, tuple) else value
 
     def command(self, scene_name: str) -> str:
-        """The command line that makes this dataset, with the scene called by its name."""
+        """The command line that makes this dataset, with the scene's name in place of its path."""
         words = ["dofbench make-dataset", scene_name]
         default = MakeDataset().recipe()
         for key, value in self.recipe().items():
@@ -319,10 +327,10 @@ class DatasetOptions:
 
 @dataclass(frozen=True)
 class MakeDataset(DatasetOptions):
-    """One shallow depth-of-field dataset: its lens is known where the scene is all in focus, unknown where it isn't."""
+    """One shallow depth-of-field dataset. The lens is known if the scene is all in focus, else unknown."""
 
     scene: str | None = None
-    """As one of `MakeDatasets.scenes`."""
+    """The scene, in the form of an element of `MakeDatasets.scenes`."""
 
     def __post_init__(self) -> None:
         lenses = len(self.focus), len(self.aperture)
@@ -333,22 +341,23 @@ class MakeDataset(DatasetOptions):
 
 @dataclass(frozen=True)
 class MakeDatasets(DatasetOptions):
-    """Make shallow depth-of-field datasets whose lens is known from all-in-focus scenes, or of photographs that are
-    shallow already, by a lens that nobody knows."""
+    """Make shallow depth-of-field datasets: from all-in-focus scenes with a known lens, or from photographs that are
+    shallow already, whose lens is unknown."""
 
     scenes: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
-    """Scene folders in any supported layout, built-in scenes, scenes of named datasets, such as llff/fern, or named
-    datasets, which mean all their scenes; without any, the built-in scene."""
+    """Scene folders in any supported layout, built-in scenes, scenes of named datasets, such as llff/fern, or names of
+    datasets for all their scenes; without any, the built-in scene."""
 
     jobs: int | None = option(None, at_least(1))
     """Datasets to make at the same time, each in a process of its own; without it, one for each core."""
 
     like: Path | None = None
-    """Make again what a dataset's dataset.json describes, and compare every byte: its options hold, SCENE says where
-    its scene is, --out where to."""
+    """A dataset.json: make the dataset that it describes again, with its options, and compare every byte. SCENE says
+    where the scene is, --out where to write."""
 
     def lenses(self) -> tuple[tuple[str, float, float] | None, ...]:
-        """(name, focus, aperture) of every lens of --assign fixed, which makes a dataset of each; else one None."""
+        """(name, focus, aperture) of every lens of --assign fixed, each of which gets a dataset; without fixed, a
+        single None."""
         if self.assign != "fixed":
             return (None,)
         return tuple(
@@ -356,7 +365,7 @@ class MakeDatasets(DatasetOptions):
         )
 
     def one(self, scene: str | None, out: Path, lens: tuple[str, float, float] | None) -> MakeDataset:
-        """The settings of one of the datasets: of a scene, for a folder, by one of `lenses`."""
+        """The settings of one dataset: its scene, its folder, and one of `lenses`."""
         options = {field.name: getattr(self, field.name) for field in fields(DatasetOptions)}
         if lens is not None:
             options |= {"focus": (lens[1],), "aperture": (lens[2],)}
@@ -364,5 +373,5 @@ class MakeDatasets(DatasetOptions):
 
 
 def _typed(error: InputError) -> InputError:
-    """The error about a value, as one about the option that it was typed with."""
+    """The error about a value, changed to name the option that gave the value."""
     return InputError(f"--{error.subject.replace(' ', '-')}", error.found, error.expected)

@@ -1,4 +1,4 @@
-"""The README that goes into a dataset: what it is, how it was made, how to read it."""
+"""The README of a dataset: its content, how it was made, how to read it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dofbench.scenes.scene import Scene
 from dofbench.synthesis.dataset_options import MakeDataset
 from dofbench.synthesis.lens_plan import Values
 
-# What people call the file that says where a scene is from and under which terms.
+# Usual names of the file that states a scene's origin and terms.
 _NOTES = (
     "CITATION.cff",
     "LICENCE",
@@ -133,7 +133,8 @@ def readme_text(
     lost: Sequence[str],
     thinlens: ThinLensRecord | None = None,
 ) -> str:
-    """The text, without anything of the machine or the time. lost: what a layout can't hold of the cameras."""
+    """The README's text, without properties of the machine or the time. lost: what a layout can't represent of the
+    cameras."""
     sizes = sorted({(view.camera.width, view.camera.height) for view in scene.views})
     blur = settings.blur
     return _TEXT.format(
@@ -167,7 +168,7 @@ def readme_text(
 
 
 def licence_text(scene: Scene, source: SourceRecord) -> str:
-    """Under which terms the images are, where more about it stands, and whom to cite."""
+    """The terms of the images, where to find details, and whom to cite."""
     lines = [f"Licence of the images: {source.licence}{f' ({source.terms})' if source.terms else ''}."]
     notes = [f"`{name}`" for name in _NOTES if (scene.root / name).is_file()]
     if notes:

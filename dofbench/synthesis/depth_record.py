@@ -1,4 +1,4 @@
-"""Depth into a dataset: maps, confidence, what the manifest says of them, and whether the views agree."""
+"""A dataset's depth: maps, confidence, their record in the manifest, and the consistency between views."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from dofbench.synthesis import depth_sources
 from dofbench.synthesis.dataset_options import MakeDataset
 from dofbench.synthesis.work import DEPTH_RECORD, WORK
 
-_VIEWS = "depth"  # folder in the work folder: what is known of each finished view
-# What is found in floating point differs in its last digits by machine, and by how memory is aligned, so the manifest
-# states fewer. Shares of pixels often lie halfway between two that it can state: this moves them off.
+_VIEWS = "depth"  # folder in the work folder with the record of each finished view
+# Floating-point results differ in their last digits between machines and with the alignment of memory, so the manifest
+# rounds them. Shares of pixels often lie halfway between two rounded values; this factor moves them off the tie.
 _UNTIED = 1 + 1e-9
 _PREPARATION = {"splat": "reconstruction", "onnx": "network"}
 
@@ -42,7 +42,8 @@ def make_depth(
 ) -> tuple[DepthRecord, DisparityRange]:
     """Write depth and confidence of every view; returns their record and the disparity range of all views.
 
-    What an earlier run finished is kept. Raises InputError when the source can't give the depth, or no pixel is known.
+    Files that an earlier run finished are kept. Raises InputError when the source can't give the depth, or no pixel is
+    known.
     """
     kept = out / WORK / DEPTH_RECORD
     if kept.is_file() and all(_files_there(out, view) for view in scene.views):
@@ -93,7 +94,8 @@ def make_depth(
 
 
 def check_depth(dataset: Dataset) -> list[str]:
-    """The views of a dataset whose depth disagrees with their neighbours', or their confidence with it, one line each.
+    """Problems of a dataset's depth, one line each: views whose depth disagrees with their neighbours' or with their
+    confidence.
 
     Computed from the maps, not read from the manifest, so that older datasets are checked too.
     """
@@ -126,7 +128,7 @@ def _odd_confidence(dataset: Dataset, view: str) -> str | None:
 
 
 def _agreement(dataset: Dataset, measured: Sequence[int]) -> Sequence[Consistency | None]:
-    """Of the views that have depth, by index into the dataset's."""
+    """The consistency of the views that have depth; measured: their indices among the dataset's views."""
     if not measured:
         return []
     views = [dataset.views[index] for index in measured]
@@ -144,7 +146,7 @@ def _files_there(out: Path, view: SceneView) -> bool:
 
 
 def _one_view(source: DepthSource, view: SceneView, out: Path) -> DepthViewRecord:
-    """Estimate a view's depth and write it, or take what an earlier run left: its record is written last."""
+    """Estimate a view's depth and write it, unless an earlier run has finished it; the record is written last."""
     noted = out / WORK / _VIEWS / f"{view.name}.json"
     if noted.is_file() and _files_there(out, view):
         return DepthViewRecord.model_validate(read_json(noted))
@@ -157,9 +159,11 @@ def _one_view(source: DepthSource, view: SceneView, out: Path) -> DepthViewRecor
 
 
 def record_of_files(root: Path, view: str, statistics: Mapping[str, float]) -> DepthViewRecord:
-    """What the manifest says of a view's depth, but for its consistency, by the files in confidence/ and depth/.
+    """The manifest's record of a view's depth without its consistency, computed from the files in confidence/ and
+    depth/.
 
-    Whole numbers are summed, so that the same files give the same figures on every machine. statistics: the source's.
+    Sums are taken over integers, so that the same files give the same figures on every machine. statistics: from the
+    depth source.
     """
     known = read_exr(layout.depth_path(root, view)) > 0
     levels = to_8bit(read_image(layout.confidence_path(root, view))[..., 0])[known]
@@ -174,12 +178,13 @@ def record_of_files(root: Path, view: str, statistics: Mapping[str, float]) -> D
 
 
 def _stated(value: float) -> float:
-    """Whole numbers as they are, others to six digits."""
+    """The value, rounded to six digits unless it is a whole number."""
     return float(value) if float(value).is_integer() else float(f"{_UNTIED * value:.6g}")
 
 
 def _consistency_record(found: Consistency | None) -> ConsistencyRecord | None:
-    """To six decimals, as differences between views that agree lose their leading digits to cancellation."""
+    """The record, rounded to six decimals: small differences between views lose their leading digits by
+    cancellation."""
     if found is None:
         return None
     figures = {name: round(_UNTIED * value, 6) + 0.0 for name, value in asdict(found).items() if name != "neighbours"}

@@ -1,4 +1,4 @@
-"""Choosing a depth source for a scene, and opening it by its name."""
+"""Choosing and opening the depth source of a scene."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ def open_source(
     network: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> DepthSource:
-    """Make the source ready for all views of the scene.
+    """Prepare the source for all views of the scene.
 
-    steps, seed: of the reconstruction behind "splat"; network: the file behind "onnx"; work: a folder
-    that keeps what takes long, so that it is made once; progress: called with (done, all) while it is
-    made. Raises InputError when the scene lacks what the source needs.
+    steps, seed: of the reconstruction for "splat"; network: the file for "onnx"; work: a folder that keeps slow
+    results, so that they are computed once; progress: called with (done, total) meanwhile. Raises InputError when the
+    scene lacks what the source needs.
     """
     if source == "splat":
         from dofbench.gaussians.splat_depth import SplatDepth

@@ -1,4 +1,4 @@
-"""Which view gets which lens: plain data, decided before anything is rendered."""
+"""The lens of every view, planned as plain data before anything is rendered."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dofbench.scenes.scene import Split
 
 @dataclass(frozen=True)
 class PlannedView:
-    """A view and the lens that it will be blurred with, in the units of the chosen normaliser."""
+    """A view, and the lens of its photograph in the units of the chosen normaliser."""
 
     name: str
     split: Split
@@ -34,19 +34,19 @@ class Plan:
 
 @dataclass(frozen=True)
 class Values:
-    """Focus and aperture values to deal; two of each are the ends of a range when drawn from (`draw_plan`)."""
+    """Focus and aperture values of a grid; in `draw_plan`, two values of each are the ends of a range."""
 
     focus: tuple[float, ...]
     aperture: tuple[float, ...]
 
 
 def deal_plan(views: Sequence[tuple[str, Split]], values: Values, *, seed: int, held_out: Values | None = None) -> Plan:
-    """Deal the focus x aperture grid over the views, training views and test views each for themselves.
+    """Distribute the focus x aperture grid over the views, separately for training and test views.
 
-    views: (name, split) in name order. The cells are dealt in name order, round after round, so that
-    within a split the cells' counts differ by at most one, and so do the focus values' counts even
-    where there are fewer views than cells. The test views' deal goes on where the training views'
-    stopped; with `held_out` they are dealt that grid instead, from its start. The same arguments give
+    views: (name, split) in name order. The cells of the grid are assigned in this order, in rounds, so within a split
+    the cells' counts differ by at most one, and so do the focus values' counts even with fewer views than cells. The
+    test views continue where the training views stopped; with `held_out` they get that grid instead, from its start.
+    The same arguments give
     the same plan on every machine.
     """
     names = _by_split(views)
@@ -62,8 +62,9 @@ def deal_plan(views: Sequence[tuple[str, Split]], values: Values, *, seed: int, 
 def draw_plan(views: Sequence[tuple[str, Split]], values: Values, *, seed: int) -> Plan:
     """Draw every view's focus and aperture from the ranges that the least and the largest value span.
 
-    Of n views of a split, each n-th of a range gets exactly one (a Latin hypercube), so that few views cover
-    it too. Rounded to four decimals. The same arguments give the same plan on every machine.
+    A range is divided into as many parts as the split has views, and each part gets exactly one value (a Latin
+    hypercube), so that even few views cover the range. Rounded to four decimals. The same arguments give the same plan
+    on every machine.
     """
     generator = random.Random(seed)
     lens_of = {}
@@ -88,10 +89,10 @@ def _stratified(generator: random.Random, count: int, low: float, high: float) -
 
 
 def _shuffled_grid(values: Values, seed: int) -> list[Lens]:
-    """All cells in an order whose every stretch of as many cells as there are focus values has each focus once.
+    """All cells of the grid, in rounds in which every focus value occurs once.
 
-    Rounds over the shuffled focus values; the aperture moves on by one from cell to cell and from
-    round to round (a Latin square), so that the apertures spread too.
+    A round goes through the shuffled focus values; the aperture advances by one from cell to cell and from round to
+    round (a Latin square), so that the apertures are spread too.
     """
     generator = random.Random(seed)
     focus, aperture = list(values.focus), list(values.aperture)

@@ -1,4 +1,5 @@
-"""Photographs through a real thin lens, for scenes whose geometry can be built again: `--renderer thinlens`."""
+"""`--renderer thinlens`: photographs through a real thin lens, for make-scene's scenes, whose geometry can be
+rebuilt."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Optics:
-    """A scene of make-scene's, ready to be photographed; `record` says all that the photographs depend on.
+    """Renders photographs of a make-scene scene; `record` holds everything that the photographs depend on.
 
     The geometry is built when it is first needed. Raises InputError without mitsuba, and for an unknown recipe.
     """
@@ -49,7 +50,7 @@ class Optics:
         return cls(recipe, seed, samples)
 
     def photograph(self, camera: Camera, view: ViewRecord, *, window: tuple[slice, slice] | None = None) -> Photograph:
-        """The view through its lens; with a window, (rows, columns), that part alone, in other random numbers.
+        """The view through its lens. window: (rows, columns), to render only that part, with other random numbers.
 
         Raises InputError for a camera whose pixels aren't square or whose principal point is off the middle.
         """

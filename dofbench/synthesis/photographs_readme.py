@@ -1,4 +1,4 @@
-"""The README that goes into a dataset of photographs whose lens nobody knows."""
+"""The README of a dataset of photographs of unknown lens."""
 
 from __future__ import annotations
 
@@ -69,8 +69,8 @@ def photographs_readme(
     *,
     bounded: bool,
 ) -> str:
-    """The text, without anything of the machine or the time. lost: what a layout can't hold of the cameras. bounded:
-    whether there is a poses_bounds.npy."""
+    """The README's text, without properties of the machine or the time. lost: what a layout can't represent of the
+    cameras. bounded: whether there is a poses_bounds.npy."""
     views = scene.views
     sizes = sorted({(view.camera.width, view.camera.height) for view in views})
     sharp = [view.name for view in views if view.photograph == "all-in-focus"]
@@ -153,7 +153,7 @@ With one focal length and one sensor, the lens's opening is in proportion to 1 /
 
 
 def _exif_text(scene: Scene) -> str:
-    """A section with a line an f-number; nothing where no camera wrote anything down."""
+    """A section with one line per f-number; empty if no photograph has EXIF."""
     by_number: dict[float | None, list[Exif]] = {}
     for view in scene.views:
         record = view.exif or Exif()

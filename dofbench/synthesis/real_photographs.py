@@ -1,7 +1,7 @@
-"""A dataset of photographs that are shallow already, by a lens that nobody knows: taken as they are.
+"""Makes datasets of real photographs that are shallow already, by an unknown lens; the photographs aren't blurred.
 
-It has the layout of any other. What isn't known is left out, and lens.json and the manifest say so: no view's lens, a
-sharp image only where the scene has a sharp photograph, depth only where the scene has it.
+The dataset has the usual layout. Unknown properties are left out, and lens.json and the manifest mark them: no view has
+a lens, a view has a sharp image only if the scene has a sharp photograph, and depth only if the scene has depth.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ def make_of_photographs(
     *,
     expected: SourceRecord | None = None,
 ) -> Path:
-    """Make the dataset, or finish it, or find that it is complete; returns its folder.
+    """Make the dataset, or what is missing of it; returns its folder.
 
-    expected: the scene that it must be. Raises InputError for an option that says how to blur, and as `make` does.
+    expected: the scene that is required. Raises InputError for an option about blur, and the errors of `make`.
     """
     settings.check_unblurred(scene.name)
     scene = _with_depth(scene, settings)
@@ -131,8 +131,8 @@ def _depth(
 
 
 def _near_far(scene: Scene, out: Path, measured: set[str]) -> np.ndarray | None:
-    """(N, 2) depth bounds of every view, scene units: of its depth, else of the points that it sees, else of all the
-    views'. None where neither is known of any view: bounds that nobody measured would be made up."""
+    """(N, 2) depth bounds of every view, scene units: of its depth, else of the points that it sees, else of all views
+    together. None if no view has depth or points."""
     bounds = np.full((len(scene.views), 2), np.nan)
     for index, view in enumerate(scene.views):
         known = np.empty(0)

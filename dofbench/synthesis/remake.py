@@ -1,4 +1,4 @@
-"""A dataset made again from the manifest of one, and compared with it byte for byte."""
+"""Making a dataset again from its manifest, and comparing the two byte for byte."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dofbench.synthesis.dataset_options import DatasetOptions, MakeDataset, Make
 
 
 def make_again(settings: MakeDatasets, progress: Progress) -> list[str]:
-    """Make the dataset that the manifest `settings.like` describes; the names of the files that came out different.
+    """Make the dataset that the manifest `settings.like` describes; returns the names of the files that differ.
 
     Raises InputError when the scene isn't the one that the manifest is of, and for options that the manifest sets.
     """
@@ -39,7 +39,7 @@ def _settings(settings: MakeDatasets, manifest: Manifest) -> MakeDataset:
     options: dict[str, Any] = {}
     for field in fields(DatasetOptions):
         given = getattr(settings, field.name)
-        if field.metadata["about"] == "place":  # of the machine, and not in a manifest
+        if field.metadata["about"] == "place":  # locations on this machine aren't in a manifest
             options[field.name] = given
             continue
         stored = manifest.settings.get(field.name, field.default)

@@ -1,4 +1,4 @@
-"""One view: its lens in every unit, and its shallow photograph."""
+"""One view of a dataset: its lens in all units, and its shallow photograph."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ from dofbench.synthesis.lens_plan import PlannedView
 
 @dataclass(frozen=True)
 class Photography:
-    """What the photographs of all views of a dataset share, but for each view's aperture and focus.
+    """Settings that all photographs of a dataset share.
 
-    disparity_range: what focus and aperture refer to; per_view: whether they were dealt in each view's own instead.
-    thinlens: the geometry behind the renderer of that name. bits: per channel of what methods train on.
+    disparity_range: the range that focus and aperture refer to; per_view: whether they were assigned in each view's own
+    range instead. thinlens: the geometry for the renderer "thinlens". bits: bits per channel of the photographs that
+    methods train on.
     """
 
     disparity_range: DisparityRange
@@ -36,9 +37,9 @@ class Photography:
 def view_record(planned: PlannedView, depth: np.ndarray, shared: Photography) -> ViewRecord:
     """The planned view's lens in normalised, pixel and scene units.
 
-    depth: (H, W) float32, scene units, 0 where unknown. A lens dealt in the view's own units
-    (`shared.per_view`) is converted to the scene's, and kept beside. Raises ValueError when it has to
-    be converted and no depth is known.
+    depth: (H, W) float32, scene units, 0 where unknown. A lens assigned in the view's own units (`shared.per_view`) is
+    converted to the scene's units, and the original is recorded too. Raises ValueError for such a view without known
+    depth.
     """
     width = depth.shape[1]
     lens, dealt = planned.lens, None
@@ -68,9 +69,8 @@ def shallow_image(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Blur one view by its lens, in linear light, and add the sensor's noise.
 
-    sharp: (H, W, 3) uint8, encoded, exactly what the dataset keeps as all_in_focus, so that anyone
-    can recompute the result. depth: (H, W) float32, scene units. Returns (encoded, linear), both
-    (H, W, 3) float32.
+    sharp: (H, W, 3) uint8, encoded, exactly the image that the dataset stores as all_in_focus, so that anyone can
+    recompute the result. depth: (H, W) float32, scene units. Returns (encoded, linear), both (H, W, 3) float32.
     """
     physical = record.lens.physical(shared.disparity_range, sharp.shape[1])
     encoded, linear = defocus_numpy(from_8bit(sharp), depth, physical, shared.blur)

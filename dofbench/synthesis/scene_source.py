@@ -1,4 +1,4 @@
-"""The scene that a dataset is made of: what it is by content, and its images as the dataset keeps them."""
+"""The scene of a dataset: its record by content, and its images as the dataset stores them."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from dofbench.dataset.schema import SourceImage, SourceRecord
 from dofbench.scenes.named import ResolvedScene
 from dofbench.scenes.scene import Scene, SceneView
 
-NEAR_FAR = (0.1, 99.9)  # percentiles of depth that LLFF calls near and far
+NEAR_FAR = (0.1, 99.9)  # percentiles of depth that are LLFF's near and far bounds
 
 
 def source_record(scene: Scene, found: ResolvedScene, with_depth: bool) -> SourceRecord:
-    """The scene by content. with_depth: its depth maps belong to it."""
+    """The record of a scene's content. with_depth: whether its depth maps are part of it."""
     digest = hashlib.sha256()
     for view in scene.views:
         camera = view.camera
@@ -58,7 +58,7 @@ def source_record(scene: Scene, found: ResolvedScene, with_depth: bool) -> Sourc
 
 
 def encoded(view: SceneView) -> np.ndarray:
-    """The view's image in 8 bits. Raises InputError when it isn't encoded, in [0, 1], of its camera's size."""
+    """The view's image in 8 bits. Raises InputError unless it is encoded, in [0, 1], and of its camera's size."""
     image = view.image()
     size = (view.camera.height, view.camera.width, 3)
     if image.shape != size:

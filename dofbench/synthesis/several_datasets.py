@@ -1,4 +1,4 @@
-"""The datasets of one call: scenes x lenses, each made in a process of its own, several at a time."""
+"""The datasets of one command, scenes x lenses: each is made in a process of its own, several at a time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dofbench.synthesis.dataset_options import MakeDataset, MakeDatasets
 
 
 def planned(settings: MakeDatasets) -> tuple[list[MakeDataset], list[ResolvedScene]]:
-    """One dataset's settings for each scene and each lens of `--assign fixed`, and the scenes that aren't here.
+    """One dataset's settings for each scene and each lens of `--assign fixed`, and the scenes that are missing.
 
     Raises InputError for an unknown scene, and for two datasets that would go into one folder.
     """
@@ -29,7 +29,7 @@ def planned(settings: MakeDatasets) -> tuple[list[MakeDataset], list[ResolvedSce
             if scene.missing:
                 missing.append(scene)
             else:
-                # A folder's label doesn't lead back to it.
+                # A folder is kept as its path, because its label wouldn't be found again.
                 scenes.append((text if Path(text).is_dir() else scene.label, scene.name))
     lenses = settings.lenses()
     if len(scenes) * len(lenses) == 1:
@@ -50,8 +50,7 @@ def planned(settings: MakeDatasets) -> tuple[list[MakeDataset], list[ResolvedSce
 def make_all(datasets: Sequence[MakeDataset], workers: int) -> list[Outcome]:
     """Make the datasets, `workers` at a time. One that fails doesn't stop the others.
 
-    Of a scene with several lenses the first dataset is made before the others, which take over its sharp images and
-    depth.
+    For a scene with several lenses, the first dataset is made before the others, which copy its sharp images and depth.
     """
     first: dict[str | None, Path] = {}
     jobs = []
@@ -76,16 +75,16 @@ def _make_one(settings: MakeDataset, sibling: Path | None, report: Report) -> st
 
 
 class _Reported:
-    """Progress that goes to another process."""
+    """A `Progress` that reports to another process."""
 
     def __init__(self, report: Report):
         self._report, self.message = report, ""
 
     @contextmanager
     def stage(self, name: str, total: int) -> Iterator[Advance]:
-        """Report the items done."""
+        """Report the number of items done."""
         yield lambda done: self._report((name, done, total))
 
     def finished(self, folder: Path, message: str) -> None:
-        """Keep what is to be said at the end."""
+        """Keep the message that is printed at the end."""
         self.message = f"{folder}: {message}"

@@ -1,4 +1,4 @@
-"""Pictures in rows and columns on paper, with captions and colour bars."""
+"""Drawing of pictures in rows and columns, with captions and colour bars."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ _UNKNOWN = (190, 190, 190)
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """picture: (H, W, 3) uint8; None for one that there isn't, which is drawn grey. caption: the line below it."""
+    """One picture with its caption. picture: (H, W, 3) uint8; None for a missing picture, which is drawn grey. caption:
+    the line below."""
 
     picture: np.ndarray | None
     caption: str
@@ -29,7 +30,8 @@ class Panel:
 
 @dataclass(frozen=True)
 class Column:
-    """A heading; colours: an OpenCV map for a colour bar, whose ends mean `ends`."""
+    """A column. heading: its title. colours: an OpenCV colour map for a colour bar. ends: labels of the bar's two
+    ends."""
 
     name: str
     colours: int | None = None
@@ -37,7 +39,7 @@ class Column:
 
 
 def draw(title: str, columns: Sequence[Column], rows: Sequence[Sequence[Panel]]) -> np.ndarray:
-    """Draw the panels below their headings; (H, W, 3) uint8. The first panel's picture decides the size of all."""
+    """Draw the panels below their headings; (H, W, 3) uint8. All pictures get the size of the first panel's picture."""
     width, height = _thumb_size(rows[0][0].picture)
     sheet = np.empty(
         (
@@ -65,7 +67,8 @@ def draw(title: str, columns: Sequence[Column], rows: Sequence[Sequence[Panel]])
 
 
 def _thumb_size(picture: np.ndarray | None) -> tuple[int, int]:
-    """Width and height of the pictures: this one's aspect ratio, never above _THUMB, small views enlarged."""
+    """Width and height of all pictures: with this picture's aspect ratio and a longest side of _THUMB; small pictures
+    are enlarged."""
     assert picture is not None
     height, width = picture.shape[:2]
     scale = _THUMB / max(width, height)
@@ -81,7 +84,7 @@ def coloured(values: np.ndarray, known: np.ndarray, colours: int) -> np.ndarray:
 
 
 def _bar(sheet: np.ndarray, left: int, width: int, colours: int, low: str, high: str) -> None:
-    """A colour bar at the right of a column's heading, with what its ends mean."""
+    """A colour bar at the right of a column's heading, with the labels of its ends."""
     length, top = width // 4, 47
     right = left + width - _text_width(high, 0.38) - 4
     ramp = np.linspace(0, 1, length)[None].repeat(_BAR, axis=0)

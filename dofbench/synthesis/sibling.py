@@ -1,4 +1,4 @@
-"""Sharp images and depth from a dataset of the same scene with another lens, which has them already."""
+"""Copies sharp images and depth from a finished dataset of the same scene with another lens."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from dofbench.synthesis.work import DEPTH_RECORD, WORK
 
 
 def take_over(sibling: Path, out: Path, source: SourceRecord, settings: MakeDataset) -> None:
-    """Copy what is missing in `out` from the dataset `sibling`, where that is complete and of the same making."""
+    """Copy files missing in `out` from the dataset `sibling`, if it is complete and its sharp images and depth were
+    made in the same way."""
     if not (sibling / MANIFEST).is_file():
         return
     manifest = read_manifest(sibling)

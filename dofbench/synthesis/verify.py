@@ -1,4 +1,4 @@
-"""Is a dataset folder what it says it is? Schema, checksums, lens arithmetic, split, and the blur itself."""
+"""Verifies a dataset folder: schema, checksums, lens arithmetic, split, and the blur itself."""
 
 from __future__ import annotations
 
@@ -32,19 +32,21 @@ from dofbench.synthesis.depth_record import check_depth
 from dofbench.synthesis.lens_plan import PlannedView
 from dofbench.synthesis.render_views import Photography, shallow_image, view_record
 
-RECOMPUTED_PSNR = 55.0  # dB; rounding to 8 bits alone leaves 58.9
-SCATTERED_PSNR = 18.0  # dB, the scatter of a photograph through a real lens, at depth edges and with highlights
-_WINDOW = 64  # pixels, side of the part of a view that is blurred again
-_AGREEMENT = 1e-9  # relative, between the numbers of lens.json, which are float64
+# DB, least PSNR of a photograph against the recomputed blur; rounding to 8 bits alone gives 58.9
+RECOMPUTED_PSNR = 55.0
+# DB, least PSNR of a photograph through a real lens against the scatter, which differs at depth edges and highlights
+SCATTERED_PSNR = 18.0
+_WINDOW = 64  # pixels, side of the window of a view whose blur is recomputed
+_AGREEMENT = 1e-9  # tolerated relative difference between numbers of lens.json, which are float64
 
 
 def check_dataset(folder: Path) -> list[str]:
-    """Everything wrong with a dataset folder, one line each; empty when it is what it says.
+    """All problems of a dataset folder, one line each; empty for a valid dataset.
 
-    Every file is read and compared with its checksum; the lens of every view is computed again; a
-    part of the most blurred view is blurred again: scattered in float64, or by the renderer named; the
-    depth of every view is compared with its neighbours'. What isn't known of photographs must be said not to be.
-    Raises InputError only when there is no manifest to check against.
+    Every file is compared with its checksum; the lens of every view is recomputed; a part of the most blurred view is
+    blurred again, by the scatter in float64 or by the dataset's renderer; the depth of every view is compared with its
+    neighbours'. Unknown properties of real photographs must be marked as unknown. Raises InputError only if there is no
+    manifest.
     """
     folder = Path(folder)
     manifest = read_manifest(folder)
@@ -67,7 +69,7 @@ def check_dataset(folder: Path) -> list[str]:
 def blurred_again(
     sharp: np.ndarray, depth: np.ndarray, record: ViewRecord, lenses: LensFile, rows: slice, columns: slice
 ) -> np.ndarray:
-    """A window of a view's shallow photograph by the definition: float64, direct sum, straight from the files.
+    """A window of a view's shallow photograph, computed from its definition: a direct sum in float64.
 
     sharp: (H, W, 3) encoded, [0, 1]; depth: (H, W), scene units. Returns (h, w, 3) float64, encoded, unrounded.
     Only the sources that reach the window are summed.
@@ -83,11 +85,12 @@ def blurred_again(
     if record.aperture == 0:
         inside = sharp[rows, columns].astype(np.float64)
         return inside if noise is None else encode(sensor.expose(decode(inside, blur.gamma), noise), blur.gamma)
-    # Beyond its radius a source's weight falls by exp(-2 alpha) a pixel: 40 / (2 alpha) is out of sight.
+    # Beyond its radius a source's weight falls by exp(-2 alpha) per pixel; after 40 / (2 alpha) pixels it is
+    # negligible.
     reach = math.ceil(np.abs(radius).max() + 40 / (2 * blur.alpha))
     top, left = max(0, rows.start - reach), max(0, columns.start - reach)
     around = np.s_[top : rows.stop + reach, left : columns.stop + reach]
-    # Hundreds of sums over a small window: more threads only wait for each other, badly so on a busy machine.
+    # One thread, because in hundreds of sums over a small window more threads would mostly wait for each other.
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -138,7 +141,7 @@ def _check_lenses(folder: Path, lenses: LensFile | UnknownLensFile, manifest: Ma
 
 
 def _check_lens(record: ViewRecord, lenses: LensFile, depth: np.ndarray) -> list[str]:
-    """The view's numbers against each other, and its largest radius against its depth."""
+    """Check that the view's numbers agree with each other, and its largest radius with its depth."""
     dealt = record.dealt or record
     planned = PlannedView(record.name, record.split, Lens(dealt.aperture, dealt.focus))
     again = view_record(planned, depth, _shared(lenses, record))
@@ -156,13 +159,14 @@ def _shared(lenses: LensFile, record: ViewRecord) -> Photography:
 
 
 def _check_photographs(lenses: LensFile | UnknownLensFile, manifest: Manifest) -> list[str]:
-    """A view has no lens where, and only where, it is a photograph as it was taken; a sharp one is its own truth."""
+    """Exactly the views that are real photographs must have no lens; if such a photograph is sharp, it must also be the
+    view's all-in-focus image."""
     problems = []
     photograph = {image.view: image.photograph for image in manifest.source.images}
     for view in lenses.views:
         unknown, taken = isinstance(view, UnknownLens), photograph.get(view.name)
         if unknown is (taken is None):
-            said = "a photograph as it was taken" if taken else "no photograph as it was taken"
+            said = "a real photograph" if taken else "no real photograph"
             problems.append(
                 f"lens.json: view {view.name}: lens {'unknown' if unknown else 'known'}, and in {MANIFEST} {said}"
             )
@@ -179,7 +183,7 @@ def _check_photographs(lenses: LensFile | UnknownLensFile, manifest: Manifest) -
 
 
 def _check_split(lenses: LensFile | UnknownLensFile, manifest: Manifest) -> list[str]:
-    """No photograph, by content, may be on both sides of the split."""
+    """No photograph may be in both splits under two names; compared by content."""
     digest = {}
     for record in lenses.views:
         place = layout.shallow_path if isinstance(record, UnknownLens) else layout.sharp_path
@@ -204,14 +208,15 @@ def _check_blur(folder: Path, lenses: LensFile) -> list[str]:
         again = blurred_again(sharp, depth, record, lenses, rows, columns)
     else:
         again = shallow_image(to_8bit(sharp), depth, record, _shared(lenses, record))[0][rows, columns]
-    psnr = psnr_of(np.clip(again, 0, 1), shallow[rows, columns])  # noise goes beyond white, a PNG doesn't
+    psnr = psnr_of(np.clip(again, 0, 1), shallow[rows, columns])  # clipped like the PNG, since noise may exceed white
     if psnr < RECOMPUTED_PSNR:
         return [f"images/{record.name}.png: {psnr:.1f} dB from the blur computed again, expected {RECOMPUTED_PSNR:g}"]
     return []
 
 
 def _check_thin_lens(folder: Path, record: ViewRecord, lenses: LensFile, rows: slice, columns: slice) -> list[str]:
-    """Render the window again, with other random numbers; without mitsuba, blur it by the scatter, which is close."""
+    """Render the window again, with other random numbers; without mitsuba, compare with the scatter, which is
+    similar."""
     from dofbench.synthesis.photographing import Optics, exposed
 
     assert lenses.thinlens is not None
@@ -237,7 +242,7 @@ def _check_thin_lens(folder: Path, record: ViewRecord, lenses: LensFile, rows: s
     whole[rows, columns] = shot.linear
     again = exposed(whole, record.name, lenses.sensor.sensor(), lenses.blur.gamma)[0][rows, columns]
     psnr = psnr_of(np.clip(again, 0, 1), shallow)
-    # Two renders differ by the noise of both, 3 dB more than one has; as much again for a noise that is only estimated.
+    # The noise of two renderings adds up, which costs 3 dB; another 3 dB are allowed because the noise is an estimate.
     expected = min(RECOMPUTED_PSNR, shot.noise_psnr - 6)
     if psnr < expected:
         return [f"{file}: {psnr:.1f} dB from the lens rendered again, expected {expected:.1f}, as its noise allows"]

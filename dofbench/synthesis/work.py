@@ -1,4 +1,4 @@
-"""Starting, resuming and finishing a dataset folder, so that a killed run costs only its last view."""
+"""Starting, resuming and finishing a dataset folder, so that a killed run loses only its last view."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ _STATE = "state.json"
 
 @dataclass(frozen=True)
 class Identity:
-    """What decides a dataset's content. rest: digest of all of it but the images. images: sha256 by view.
+    """Everything that decides a dataset's content. rest: digest of everything except the images. images: sha256 by
+    view.
 
-    own_depth: whether a view's depth has nothing to do with the images.
+    own_depth: whether the depth doesn't depend on the images.
     """
 
     rest: str
@@ -36,12 +37,11 @@ class Identity:
 
 
 def prepare(root: Path, identity: Identity) -> Literal["complete", "open"]:
-    """Make `root` ready for the dataset `identity`, keeping what an earlier run of the same finished.
+    """Prepare `root` for the dataset `identity`, keeping files that an earlier run of the same dataset finished.
 
-    "complete" means that it is all there, by its manifest and the files' sizes. A finished dataset
-    that lost or damaged files is opened again with those files taken out. An unfinished one of which only images have
-    changed since, such as one that could not be read, loses what came of them. Raises InputError when the folder holds
-    anything else.
+    Returns "complete" if all files exist with the sizes in the manifest. In a finished dataset, damaged files are
+    removed so that they are made again. In an unfinished dataset whose source images have changed, the files made from
+    these images are removed. Raises InputError when the folder has other content.
     """
     work = root / WORK
     if (root / MANIFEST).is_file():
@@ -56,7 +56,7 @@ def prepare(root: Path, identity: Identity) -> Literal["complete", "open"]:
         ):
             return "complete"
         _begin(root, identity)
-        # Where the depth is whole, it need not be made again to say how it was made.
+        # The depth's record is kept, so that complete depth needn't be made again for its record.
         if manifest.depth is not None:
             write_json(work / DEPTH_RECORD, manifest.depth.model_dump(mode="json"))
         _drop_damaged(root, manifest)
@@ -71,7 +71,7 @@ def prepare(root: Path, identity: Identity) -> Literal["complete", "open"]:
             return "open"
         if [path for path in root.rglob("*") if path.is_file()] != [work / _STATE]:
             raise _holds_another(root)
-        # A run that ended before it finished anything, on an input that has been put right since.
+        # The earlier run ended before it finished a file, and its input has been corrected since.
         _begin(root, identity)
         return "open"
     if root.is_dir() and any(entry.name != WORK for entry in root.iterdir()):
@@ -81,7 +81,7 @@ def prepare(root: Path, identity: Identity) -> Literal["complete", "open"]:
 
 
 def finish(root: Path) -> None:
-    """Take the work folder away, the last step of all."""
+    """Remove the work folder; the last step."""
     shutil.rmtree(root / WORK)
 
 
@@ -90,7 +90,8 @@ def _begin(root: Path, identity: Identity) -> None:
 
 
 def _drop_outdated(root: Path, identity: Identity, before: Mapping[str, str]) -> None:
-    """Take out what came of images that are others now; of a depth made of images, the depth and the blur by it too."""
+    """Remove files made from images that have changed; if depth is made from the images, remove all depth and
+    photographs too."""
     changed = [view for view, digest in identity.images.items() if before.get(view) != digest]
     for view in changed:
         layout.sharp_path(root, view).unlink(missing_ok=True)
@@ -121,7 +122,7 @@ def _drop_damaged(root: Path, manifest: Manifest) -> None:
 
 
 def _drop_temporary_files(root: Path) -> None:
-    # A killed run leaves the hidden file, or folder, that it was writing; see files.replacing.
+    # A killed run leaves a hidden file or folder that it was writing; see files.replacing.
     for path in sorted(root.rglob(".*")):
         if path == root / WORK:
             continue

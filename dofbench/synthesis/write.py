@@ -1,4 +1,4 @@
-"""What stands where in a dataset folder, and the files that hold for all views. Every function is atomic a file."""
+"""Writes the files of a dataset that cover all views. Every file is written atomically."""
 
 from __future__ import annotations
 
@@ -57,14 +57,14 @@ def lens_file(root: Path, shared: Photography, records: Sequence[ViewRecord]) ->
 
 
 def unknown_lens_file(root: Path, scene: Scene, disparity_range: DisparityRange | None) -> None:
-    """Write lens.json of photographs whose lens nobody knows. disparity_range: of the depth, where there is any."""
+    """Write lens.json of photographs of unknown lens. disparity_range: that of the depth, None without depth."""
     ends = None if disparity_range is None else (disparity_range.q_min, disparity_range.q_max)
     views = tuple(UnknownLens(name=view.name, split=view.split, lens="unknown") for view in scene.views)
     write_json(root / LENS_FILE, as_json(UnknownLensFile(disparity_range=ends, views=views)))
 
 
 def exif_file(root: Path, scene: Scene) -> None:
-    """Write exif.json, of the views whose camera wrote something down; no file where none did."""
+    """Write exif.json with the views that have EXIF; no file if none has."""
     known = {view.name: view.exif for view in scene.views if view.exif is not None}
     if known:
         write_exif(root, known)
@@ -85,7 +85,7 @@ def sheet(root: Path, title: str, records: Sequence[ViewRecord], disparity_range
 
 
 def photographs_sheet(root: Path, scene: Scene, measured: Set[str], disparity_range: DisparityRange | None) -> None:
-    """Draw the contact sheet of photographs whose lens nobody knows. measured: the views that have depth."""
+    """Draw the contact sheet of photographs of unknown lens. measured: the views that have depth."""
     rows = []
     for view in choose_photographs(scene):
         sharp = view.photograph == "all-in-focus"
@@ -112,14 +112,15 @@ def readme(
     notes: Sequence[str],
     thinlens: ThinLensRecord | None,
 ) -> None:
-    """Write the dataset's own README. notes: what the layouts can't hold. thinlens: of the renderer of that name."""
+    """Write the dataset's README. notes: what the layouts can't represent. thinlens: record of the renderer "thinlens",
+    or None."""
     write_text(root / README, readme_text(scene, settings, source, depth, records, notes, thinlens))
 
 
 def expected_files(root: Path, source: SourceRecord, depth: DepthRecord | None) -> list[str]:
-    """Names, relative to the folder, of all files of a dataset of these views but the manifest; sorted.
+    """Names, relative to the folder, of all files of a dataset of these views except the manifest; sorted.
 
-    depth: says whether there are confidence maps, which older datasets have not, and which photographs have depth.
+    depth: tells whether there are confidence maps, which older datasets lack, and which photographs have depth.
     """
     measured = {record.view for record in depth.views} if depth is not None else set()
     views = []
@@ -140,7 +141,7 @@ def expected_files(root: Path, source: SourceRecord, depth: DepthRecord | None) 
             ]
         views += [pattern.format(image.view) for pattern in patterns]
     model = [path.relative_to(root).as_posix() for path in (root / layout.SPARSE).iterdir()]
-    # Photographs without points have no bounds of depth, and then no such file.
+    # Photographs without depth and points have no depth bounds, hence no poses_bounds.npy.
     unbounded = (
         all(image.photograph is not None for image in source.images) and not (root / layout.POSES_BOUNDS).is_file()
     )
@@ -159,7 +160,8 @@ def manifest(
     depth: DepthRecord | None,
     identity: str,
 ) -> None:
-    """Write dataset.json over all files there, which makes the dataset complete. recipe: the settings that are kept."""
+    """Write dataset.json with all files of the folder, which makes the dataset complete. recipe: the settings to
+    record."""
     files = {
         file: FileRecord(sha256=sha256_file(root / file), size=(root / file).stat().st_size)
         for file in expected_files(root, source, depth)
@@ -184,8 +186,8 @@ def manifest(
 def geometry(root: Path, scene: Scene, near_far: np.ndarray | None, measured: Set[str] | None = None) -> list[str]:
     """Write the cameras, at this size, and the points: a COLMAP model, poses_bounds.npy, transforms.json.
 
-    near_far: (N, 2), scene units, of the views in the scene's order; without it there is no poses_bounds.npy.
-    measured: the views that have depth, None for all. Returns what poses_bounds.npy can't hold.
+    near_far: (N, 2), scene units, of the views in the scene's order; None for no poses_bounds.npy. measured: the views
+    that have depth, None for all. Returns lines on what poses_bounds.npy can't represent.
     """
     cameras = [view.camera for view in scene.views]
     files = [layout.relative(layout.shallow_path, view.name) for view in scene.views]
@@ -202,6 +204,6 @@ def geometry(root: Path, scene: Scene, near_far: np.ndarray | None, measured: Se
     )
     if near_far is None:
         return []
-    # Rows belong to the sorted *files*: "a-b.png" comes before "a.png", though "a" comes before "a-b".
+    # Rows are in the order of sorted file names: "a-b.png" comes before "a.png", although "a" comes before "a-b".
     order = sorted(range(len(files)), key=files.__getitem__)
     return export.write_poses_bounds(root / layout.POSES_BOUNDS, [cameras[index] for index in order], near_far[order])

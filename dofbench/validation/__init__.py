@@ -1,1 +1,1 @@
-"""validate-renderer: the blur of our renderers against photographs whose blur is optical."""
+"""validate-renderer: comparison of our renderers' blur with optical blur."""

@@ -2,8 +2,8 @@
 
 A scene is a folder with info.json ("blur_parameters", K in pixels times scene unit, and "focus_distances"), image.exr,
 depth.exr and bokeh_KK_FF.exr, where KK and FF count the two lists from 00. Colours are linear light. The signed radius
-is K (1 / depth - 1 / focus distance) pixels, the disparity as it is, not normalised (the repository's README and its
-issue 4; the sky's depth is 65504).
+is K (1 / depth - 1 / focus distance) pixels, with disparity not normalised (the repository's README and its issue 4;
+the sky's depth is 65504).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def is_blb(folder: Path) -> bool:
 
 
 def blb_cases(folder: Path) -> list[Case]:
-    """The bokeh images of one scene. Raises InputError, one line, for what is missing or doesn't fit."""
+    """The bokeh images of one scene. Raises InputError, one line, for missing or inconsistent files."""
     info = read_json(folder / INFO)
     for key in _LISTS:
         values = info[key]

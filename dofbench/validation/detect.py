@@ -1,4 +1,4 @@
-"""Which truths a folder holds, told by its content."""
+"""Finds the photographs with known lens in a folder, whose layout is detected by its content."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _LAYOUTS: tuple[tuple[Callable[[Path], bool], Callable[[Path], list[Case]]], ...
 
 
 def cases_in(folder: Path) -> list[Case]:
-    """The photographs of a light field, a rendered scene, a BLB scene, or of a folder that holds some of these.
+    """The photographs of a light field, a rendered scene, a BLB scene, or of a folder that contains such folders.
 
-    Raises InputError, one line, for anything else, and for a folder of these that lacks something.
+    Raises InputError, one line, for any other folder, and for an incomplete one.
     """
     if not folder.is_dir():
         raise InputError(folder, "no folder" if not folder.exists() else "a file", "a folder")

@@ -1,7 +1,7 @@
-"""Scores that are kept as soon as they are done, so that the same command goes on from what is finished.
+"""Scores on disk, written as soon as they are computed, so that the same command continues after an interruption.
 
-One file a photograph, named after what it was made of and by: the photograph's content and the code. What was
-scored by other code is never read again, and removed.
+One file per photograph, named by a hash of the photograph's content and the code. Scores by other code are never read,
+and are removed.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Store:
                 file.unlink()
 
     def read(self, case: Case) -> dict[str, list[Score]]:
-        """The rows of each variant that is done; empty where none is, or where the file isn't whole."""
+        """The rows of each variant that is scored; empty if none is, or if the file is damaged."""
         try:
             kept = json.loads(self._file(case).read_text(encoding="utf-8"))
             return {name: [Score(**row) for row in rows] for name, rows in kept.items()}
@@ -36,7 +36,7 @@ class Store:
             return {}
 
     def write(self, case: Case, rows: dict[str, list[Score]]) -> None:
-        """Keep the rows of a photograph's variants, atomically; what was kept of it before is replaced."""
+        """Write the rows of a photograph's variants, atomically, in place of earlier ones."""
         write_json(self._file(case), {name: [asdict(row) for row in of_one] for name, of_one in rows.items()})
 
     def _file(self, case: Case) -> Path:

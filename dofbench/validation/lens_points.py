@@ -1,4 +1,4 @@
-"""Points that cover a lens evenly, as many as one likes."""
+"""Any number of points that cover a lens evenly."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 from dofbench.core.lens import ApertureShape
 
 # Steps of Roberts' R2 sequence: powers of the real root of x^3 = x + 1 (M. Roberts, The Unreasonable Effectiveness of
-# Quasirandom Sequences, 2018). Any stretch of it is even, so more points can follow those that were not enough.
+# Quasirandom Sequences, 2018). Any consecutive part of the sequence is evenly distributed, so more points can be added
+# later.
 _ROOT = 1.32471795724474602596
 _STEPS = np.array([1 / _ROOT, 1 / _ROOT**2])
 
@@ -17,7 +18,7 @@ _STEPS = np.array([1 / _ROOT, 1 / _ROOT**2])
 def lens_points(count: int, shape: ApertureShape = ApertureShape(), first: int = 0) -> np.ndarray:
     """(count, 2) float64 points (x, y) of a lens whose corners, or rim, are at radius 1.
 
-    first: how many points of the lens are passed over, so that lens_points(a + b) is lens_points(a) followed by
+    first: how many points of the sequence are skipped, so that lens_points(a + b) is lens_points(a) followed by
     lens_points(b, first=a).
     """
     chosen: list[np.ndarray] = []
@@ -33,6 +34,6 @@ def lens_points(count: int, shape: ApertureShape = ApertureShape(), first: int =
 
 
 def polygon_to_disc(shape: ApertureShape) -> float:
-    """Radius of the disc that lets as much light through as a regular polygon with a corner radius of 1."""
+    """Radius of the disc with the area of the aperture `shape`, a polygon whose corners are at radius 1."""
     angle = np.linspace(0, 2 * math.pi, 3600, endpoint=False)
     return math.sqrt(float(np.mean(shape.radius_factor(angle) ** 2)) * (1 - shape.obstruction**2))

@@ -1,10 +1,10 @@
 """Real photographs with a wide aperture: views of a light field, shifted and added over a round aperture.
 
 A point with disparity d, in pixels per step between views, is seen u steps away from the centre at x + d u. Shifted
-back by f u and averaged over |u| <= rho, what has d = f stays sharp and the rest is spread over a disc of radius
-rho |d - f|: a photograph through a lens as wide as the grid, with everything that hides and is hidden
-(Ng et al., Light Field Photography with a Hand-held Plenoptic Camera, 2005). The renderer gets the centre view and
-a disparity map found from all views by a plane sweep.
+back by f u and averaged over |u| <= rho, points with d = f stay sharp and others are spread over a disc of radius rho
+|d - f|. This is a photograph through a lens as wide as the grid, with correct occlusion (Ng et al., Light Field
+Photography with a Hand-held Plenoptic Camera, 2005). The renderer gets the centre view and a disparity map found from
+all views by a plane sweep.
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ from dofbench.validation.renderer_truth import Case, Truth
 
 GRID = "grid.json"
 _SWEEP_STEP = 0.02  # pixels per view step between two planes of the sweep
-_SWEEP_MARGIN = 0.15  # beyond the disparities that grid.json names
+_SWEEP_MARGIN = 0.15  # pixels per view step: extends the range of disparities in grid.json
 _GUIDE_RADIUS, _GUIDE_EPSILON = 5, 1e-4
-_NEIGHBOURHOOD = 4  # steps of the sweep around the best one that don't contest it
-_CLEAR_MARGIN = 0.01  # of encoded grey: what is better by more is taken as it is
-# Reaches 3 pixels from what is clear, 300 where nothing is. Edge: grey levels of 255.
+_NEIGHBOURHOOD = 4  # steps of the sweep around the best one that aren't compared with it
+_CLEAR_MARGIN = 0.01  # encoded grey: a disparity that is better than others by this margin gets full weight
+# With this smoothness the smoother reaches 3 pixels where the weight is 1, and 300 where it is least. Edge: grey levels
+# of 255.
 _SMOOTHNESS, _EDGE = 10.0, 6.0
 _FOCUS_PERCENTILES = (5.0, 50.0, 95.0)
 
@@ -55,14 +56,14 @@ class LightField:
 
     @property
     def steps(self) -> int:
-        """How far the grid goes from its centre in every direction."""
+        """Number of view steps from the grid's centre to its border."""
         return min(max(row for row, _ in self.views), max(column for _, column in self.views))
 
 
 def read_lightfield(folder: Path) -> LightField:
     """Read `views/RR_CC.*` and grid.json with "centre" and "disparity_px_per_view_step".
 
-    Raises InputError, one line, for what is missing or doesn't fit.
+    Raises InputError, one line, for missing or inconsistent files.
     """
     path = folder / GRID
     if not path.is_file():
@@ -129,11 +130,11 @@ def _depth(field: LightField) -> tuple[np.ndarray, int]:
 
 
 def _photograph(field: LightField, depth: Callable[[], tuple[np.ndarray, int]], rho: int, percentile: float) -> Truth:
-    """Views within `rho` steps, added; focused at a percentile of the disparity."""
+    """The mean of the views within `rho` steps, focused at a percentile of the disparity."""
     disparity, nearer = depth()
     focus = float(np.percentile(disparity, percentile))
     aperture = _aperture(rho)
-    # The disc of the same area as what the views stand for, one square step each.
+    # Radius of the disc whose area is that of the views, one square step each.
     radius = math.sqrt(len(aperture) / math.pi)
     whole, half = _added(field, aperture, focus), _added(field, aperture[::2], focus)
     error = float(np.mean((encode(whole) - encode(half)) ** 2))
@@ -149,19 +150,19 @@ def _photograph(field: LightField, depth: Callable[[], tuple[np.ndarray, int]], 
 def sweep(field: LightField) -> np.ndarray:
     """(H, W) float64 disparity of the centre view, pixels per step.
 
-    For each of many disparities, all views are shifted onto the centre; the difference, averaged over the
-    better half of the views (left or right, upper or lower: behind an edge only one side sees the point), is
-    smoothed along the centre view's own edges (Rhemann et al., Fast Cost-Volume Filtering, 2011), and
-    the least wins, refined by a parabola. Where no disparity is much better than others far from it, as on a wall
-    without texture, the value comes from around, up to the next edge in the picture (a fast global smoother,
-    Min et al., 2014, weighted by the square of how much better it is).
+    For each of many disparities, all views are shifted onto the centre view. Their difference from it is averaged over
+    the half of the views (left, right, upper or lower) that fits best, since beside an edge only one side sees the
+    point, and is smoothed along the centre view's edges (Rhemann et al., Fast Cost-Volume Filtering, 2011). The
+    disparity of least difference is taken, refined by a parabola. Where no disparity is clearly better than others far
+    from it, as on a wall without texture, the value is interpolated from the surroundings, up to the next edge in the
+    picture (a fast global smoother, Min et al., 2014, weighted by the square of how much better it is).
     """
     import cv2
 
     low, high = field.disparities[0] - _SWEEP_MARGIN, field.disparities[1] + _SWEEP_MARGIN
     candidates = np.arange(low, high + _SWEEP_STEP, _SWEEP_STEP)
     centre = field.centre
-    # Every second view is enough to find disparity by, at half of the time.
+    # Every second view is enough to find the disparity, in half of the time.
     chosen = [place for place in field.views if place != (0, 0) and (place[0] + place[1]) % 2 == 0]
     sides = [[place for place in chosen if sign * place[axis] >= 0] for axis in (0, 1) for sign in (1, -1)]
     costs = []
@@ -205,10 +206,10 @@ def _added(field: LightField, aperture: list[tuple[int, int]], focus: float) -> 
 
 
 def _shifted(view: np.ndarray, place: tuple[int, int], disparity: float) -> np.ndarray:
-    """The view of `place` at x + disparity * place, for every x of the centre view."""
+    """The view of `place`, sampled at x + disparity * place for every x of the centre view."""
     import cv2
 
-    # A filter, since OpenCV's warps round every position to 1/32 pixel: more than a step of the sweep.
+    # Filtered here, since OpenCV's warping rounds positions to 1/32 pixel, which is coarser than a step of the sweep.
     by_row, by_column = (_lanczos(disparity * step) for step in place)
     return cv2.sepFilter2D(view, -1, by_column, by_row, borderType=cv2.BORDER_REPLICATE)
 
@@ -222,10 +223,10 @@ def _lanczos(shift: float) -> np.ndarray:
 
 
 def _nearer_sign(field: LightField, disparity: np.ndarray) -> int:
-    """+1 where a larger disparity is nearer, else -1: told by which of two points hides the other.
+    """+1 if a larger disparity is nearer, else -1, decided by occlusion.
 
-    Two points of the centre view that land on one pixel of an outer view can't both be seen there; the one whose
-    colour the pixel has is the nearer.
+    Two points of the centre view that fall on one pixel of an outer view can't both be visible there; the one whose
+    colour the pixel has is nearer.
     """
     height, width = disparity.shape
     rows, columns = np.mgrid[:height, :width]

@@ -1,9 +1,9 @@
-"""Planes before an exact thin lens: truth whose noise is as small as one likes, depth that is known, no download.
+"""Planes before an exact thin lens: ground truth with arbitrarily little noise and known depth, without a download.
 
-Seen from the point u of a lens of unit radius, a point whose image through the lens' centre is p, with the signed
-radius s, lands on p + s u. For a plane s is affine in p, so what a pixel sees of it is found by one division, and a
-photograph is the mean over points that cover the lens evenly. Hidden parts are there, since every plane
-is a picture of its own.
+Let p be the image of a point through the centre of a lens of unit radius, and s its signed radius. Through the lens
+point u, the point is seen at p + s u. For a plane s is affine in p, so the point that a pixel sees is found by one
+division, and a photograph is the mean over points that cover the lens evenly. Occlusion is correct, since every plane
+has a complete picture of its own.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ from dofbench.validation.planes_lens import ALL, BARS, DISCS, LOWER_HALF, add_vi
 from dofbench.validation.renderer_truth import Case, Truth
 
 WIDTH, HEIGHT = 400, 300
-OWN_ERROR_DB = 50.0  # of a photograph, at least: twice as good as what is compared with it
-POINTS = (256, 1 << 13)  # to begin with, and at most: a bound of time, but the same truth on every machine
+# DB, least PSNR between photographs from half and from all lens points: well above that of the compared renderers
+OWN_ERROR_DB = 50.0
+POINTS = (256, 1 << 13)  # lens points at first, and at most: bounds the time, and is the same on every machine
 _TEXTURE = 1024  # pixels, side of a plane's picture; it repeats
 _STENCILS = {"all": ALL, "lower half": LOWER_HALF, "discs": DISCS, "bars": BARS}
 _HEXAGON = ApertureShape(6)
@@ -35,9 +36,9 @@ _HEXAGON = ApertureShape(6)
 class Plane:
     """A textured plane, cut out by a stencil.
 
-    texture: seed of its picture, whose finest detail is `detail` pixels. stencil: what of it is there. disparity:
-    at the image's centre, and its slope by x and y per half width, so that 0 is the farthest thing and 1 the nearest.
-    highlights: share of the picture that is `brightness` times as bright as white.
+    texture: seed of its picture, whose finest detail is `detail` pixels. stencil: the part of the plane that exists.
+    disparity: at the image's centre; slope: its change by x and y per half width. 0 is the farthest point of a scene
+    and 1 the nearest. highlights: share of the picture that is `brightness` times as bright as white.
     """
 
     texture: int
@@ -108,8 +109,8 @@ def photograph(
 ) -> Truth:
     """One scene through a lens of `radius` pixels per unit of disparity, focused at `focus`.
 
-    Points of the lens are added until the photograph from half of them is `own_error_db` from the one from all, or
-    there are so many that it would take minutes.
+    Lens points are added until the photograph from half of them has a PSNR of `own_error_db` against the one from all,
+    or their largest number is reached.
     """
     pinhole, signed_radius = seen(scene, radius, focus, np.zeros((1, 2)))
     halves = np.zeros((2, HEIGHT, WIDTH, 3))
@@ -125,7 +126,7 @@ def photograph(
         wanted = 2 * points
 
     def thin_lens(samples: int) -> np.ndarray:
-        # Other points than the photograph's own, or it would be compared with itself.
+        # Lens points that the photograph doesn't use, or the renderer would be compared with itself.
         others = lens_points(samples, shape, first=4 * POINTS[1])
         return _encoded(seen(scene, radius, focus, others)[0].sum(axis=0) / samples)
 
@@ -143,7 +144,7 @@ def photograph(
 def seen(scene: Scene, radius: float, focus: float, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(2, H, W, 3) linear light, summed over the even and the odd points of a lens, and the signed radius, (H, W).
 
-    points: (N, 2), x and y. The signed radius is that of what is seen from the last one.
+    points: (N, 2), x and y. The signed radius is that of the surfaces seen from the last point.
     """
     light, front = np.zeros((2, 3, HEIGHT, WIDTH)), np.zeros((HEIGHT, WIDTH))
     slopes = np.array([plane.slope for plane in scene]) * radius / (WIDTH / 2)
@@ -167,7 +168,8 @@ def _encoded(linear: np.ndarray) -> np.ndarray:
 
 @cache
 def _pictures(scene: Scene) -> np.ndarray:
-    """(P, 3, 1024, more) float32: each plane's picture, and again what a view reaches beyond its end."""
+    """(P, 3, 1024, 1024 + W + 1) float32: each plane's picture, repeated as far to the right as a row of a view
+    reaches."""
     pictures = np.stack([_picture(plane).transpose(2, 0, 1) for plane in scene])
     return np.ascontiguousarray(np.concatenate([pictures, pictures[..., : WIDTH + 1]], axis=3))
 
@@ -178,7 +180,7 @@ def _picture(plane: Plane) -> np.ndarray:
     generator = np.random.default_rng(plane.texture)
     fy, fx = np.meshgrid(np.fft.fftfreq(_TEXTURE), np.fft.fftfreq(_TEXTURE), indexing="ij")
     frequency = np.hypot(fy, fx)
-    # As much contrast in every octave up to the finest.
+    # Equal contrast in every octave up to the finest detail.
     spectrum = np.where(frequency > 0, 1 / np.maximum(frequency, 1 / _TEXTURE), 0) * np.exp(
         -((frequency * 2 * plane.detail) ** 2)
     )

@@ -10,7 +10,8 @@ from numba import njit, prange
 from dofbench.compute.kernel_cache import cached
 
 ALL, LOWER_HALF, DISCS, BARS = range(4)
-# Shares of the width and the height, and radii in pixels; shares of the width, half widths in pixels, slants.
+# Discs: centre as shares of width and height, radius in pixels. Bars: position as share of the width, half width in
+# pixels, slant.
 _DISCS = np.array([(0.28, 0.35, 42.0), (0.72, 0.55, 60.0), (0.45, 0.85, 30.0)])
 _BARS = np.array(
     [
@@ -83,7 +84,7 @@ def add_views(pictures, period, stencils, radii, points, light, front):
 
     pictures: (P, 3, period, period + W + 1) float32, far to near, repeating after `period`. stencils: (P,) integers.
     radii: (P, 3), the signed radius (a, bx, by) of a plane at p: a + bx px + by py pixels. points: (N, 2).
-    front: (H, W), becomes the signed radius of the nearest plane there, seen from the last point.
+    front: (H, W), set to the signed radius of the nearest plane at each pixel, seen from the last point.
     """
     planes = len(stencils)
     height, width = front.shape

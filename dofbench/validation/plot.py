@@ -1,4 +1,5 @@
-"""Error against run time: one panel for each kind of truth and region, one line for each renderer with a knob."""
+"""Plot of error against run time: one panel for each source of truth and region, one line for each renderer with a
+quality setting."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from dofbench.validation.renderer_tables import mean_psnr, seconds
 from dofbench.validation.variants import VARIANTS
 
 _PLOTTED = tuple(region for region in REGIONS if region != "frame")
-_LEAST_RANGE = 1.0  # dB up and down: less is no difference to look at
+_LEAST_RANGE = 1.0  # dB: smallest range of an axis, so that tiny differences aren't magnified
 _MARKERS = {"scatter": "D", "layered": "o", "thinlens": "s"}
 
 

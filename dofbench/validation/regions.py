@@ -1,4 +1,4 @@
-"""Where in a photograph a renderer is scored: in focus, blurred, beside a depth edge."""
+"""The regions of a photograph in which a renderer is scored: in focus, blurred, beside a depth edge."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ import numpy as np
 from dofbench.optics.depth_edges import near_depth_edges
 
 REGIONS = ("all", "in focus", "blurred", "depth edge", "frame")
-_SHARP = 0.5  # pixels of radius: below, no blur is seen
+_SHARP = 0.5  # pixels, radius below which blur is invisible
 
 
 def regions(signed_radius: np.ndarray, border: int) -> dict[str, np.ndarray]:
-    """(H, W) masks by name. `signed_radius`: (H, W) pixels; nothing within `border` pixels of the image's edges,
-    but for "frame".
+    """(H, W) masks by name. signed_radius: (H, W) pixels. All masks except "frame" leave out `border` pixels at the
+    image's edges.
 
-    "depth edge" is what lies within one circle of confusion (the larger one of its two sides) of a jump;
-    "in focus" and "blurred" are the rest. "frame" is the whole picture, also where light comes from beyond it.
+    "depth edge" has the pixels within one circle of confusion (the larger one of the two sides) of a depth edge; "in
+    focus" and "blurred" are the other pixels. "frame" is the whole picture, even where light comes from outside the
+    picture.
     """
     near_edge = near_depth_edges(signed_radius)
     inside = np.zeros(signed_radius.shape, dtype=bool)

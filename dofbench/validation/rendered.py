@@ -31,15 +31,16 @@ def is_rendered(folder: Path) -> bool:
 
 
 def rendered_cases(folder: Path) -> list[Case]:
-    """The lens images of one scene; none of one made without.
+    """The lens images of one scene; none if the scene was made without lens images.
 
-    Raises InputError, one line, for what is missing or doesn't fit.
+    Raises InputError, one line, for missing or inconsistent files.
     """
     scene = read_json(folder / SCENE)
     images = scene.get("lens_images")
     if not isinstance(images, list):
         raise InputError(folder / SCENE, "no lens_images", "a list of images through a thin lens")
-    # What thinlens makes of it depends on the code that rendered it.
+    # Renderings by the renderer "thinlens" depend on the code that renders scenes, so its digest belongs to the
+    # content.
     code = closure_digest([_photograph, *[thin_lens] * has_geometry(scene)])
     cases = []
     for index, lens in enumerate(images):
@@ -88,8 +89,9 @@ def _photograph(
     if not np.isfinite(depth).all() or (depth < 0).any():
         raise InputError(files["depth"], "depth that is negative or not finite", "z > 0, and 0 where there is nothing")
     if by_geometry is not None:
-        by_geometry(2)  # builds the stage and compiles its rendering, which no renderer's time is to count
-    # Nothing seen is infinitely far.
+        # Builds the stage and compiles its rendering beforehand, so that no renderer's time includes this
+        by_geometry(2)
+    # Pixels without a surface are infinitely far.
     disparity = np.divide(1.0, depth, out=np.zeros(depth.shape), where=depth > 0)
     signed = (numbers["aperture_scene"] * (disparity - 1 / numbers["focus_scene"])).astype(np.float32)
     return Truth(

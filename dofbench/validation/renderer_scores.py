@@ -15,9 +15,9 @@ from dofbench.validation.regions import regions
 from dofbench.validation.renderer_truth import Case, Truth
 from dofbench.validation.variants import Variant
 
-_LEAST_PIXELS = 200  # in a region: fewer say nothing
-_TIMED = 3  # calls of a renderer; the median counts
-_ENOUGH_SECONDS = 1.0  # what takes longer is timed once
+_LEAST_PIXELS = 200  # fewest pixels of a region that is scored
+_TIMED = 3  # timed calls of a renderer, of which the median is taken
+_ENOUGH_SECONDS = 1.0  # seconds: a renderer that takes longer is timed once
 _called: set[str] = set()
 
 
@@ -25,8 +25,8 @@ _called: set[str] = set()
 class Score:
     """One row of renderer.csv.
 
-    aperture, focus: as the source has them. radius: the largest, pixels. seconds_per_megapixel: of one render.
-    truth_psnr: dB, of the photograph's own noise; NaN where its maker doesn't say.
+    aperture, focus: in the source's units. radius: largest radius of the photograph, pixels. seconds_per_megapixel:
+    time of one render. truth_psnr: dB, of the photograph's own noise; NaN if unknown.
     """
 
     source: str

@@ -18,7 +18,7 @@ from dofbench.validation.renderer_scores import Score
 from dofbench.validation.validation_options import ValidateRenderer
 from dofbench.validation.variants import VARIANTS, Variant
 
-EXACT_DB = 100.0  # what counts in a mean for a region without any error
+EXACT_DB = 100.0  # PSNR that stands in means for a region without any error
 _BY_SCENE = ("no blur", "scatter", "layered, 4", "layered, 16", "thinlens, 64")
 _WHAT = {
     "planes": "textured planes before an exact thin lens, depth known exactly.",
@@ -37,7 +37,7 @@ _QUOTED_AT = ("rendered", "BLB")
 
 
 def csv_text(rows: Iterable[Score]) -> str:
-    """One line a score, eight digits."""
+    """One line per score, with eight digits."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([field.name for field in fields(Score)])
@@ -66,13 +66,13 @@ def markdown(rows: list[Score], cases: int, settings: ValidateRenderer, plots: l
 
 
 def mean_psnr(rows: Iterable[Score]) -> float | None:
-    """Mean over photographs, dB; None of none."""
+    """Mean over photographs, dB; None without rows."""
     values = [min(row.psnr, EXACT_DB) for row in rows]
     return float(np.mean(values)) if values else None
 
 
 def seconds(rows: Iterable[Score]) -> float:
-    """Median over photographs of one render's time a megapixel."""
+    """Median over photographs of one render's time per megapixel."""
     return float(np.median([row.seconds_per_megapixel for row in rows]))
 
 
@@ -136,7 +136,7 @@ def _noise(source: str, rows: list[Score]) -> str:
 
 def _by_radius(rows: list[Score]) -> list[str]:
     edges = np.percentile([row.radius for row in rows], [0, 100 / 3, 200 / 3, 100])
-    # The last one closed: the largest radius belongs to it.
+    # The last interval includes its upper end, so that it contains the largest radius.
     spans = [(low, high if high < edges[-1] else math.inf) for low, high in itertools.pairwise(edges) if low < high]
     spans = spans or [(edges[0], math.inf)]
     names = [f"{low:.1f} to {min(high, edges[-1]):.1f}" for low, high in spans]
@@ -200,7 +200,7 @@ def _whole_and_edge(rows: Iterable[Score]) -> str:
 
 
 def _load() -> str:
-    """How busy the machine is: times of a busy one can only be compared with each other."""
+    """The cores, and whether the machine was busy: times on a busy machine can only be compared with each other."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     load = os.getloadavg()[2] if hasattr(os, "getloadavg") else 0.0
     busy = f", which others kept busy (load {load:.0f}): only their ratios count" if load > 2 * cores else ""

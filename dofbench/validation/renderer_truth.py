@@ -1,4 +1,4 @@
-"""A photograph with a known lens, and what a renderer is given to make the same."""
+"""A photograph with a known lens, and the inputs of a renderer that is to reproduce it."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from dofbench.core.files import canonical_json, sha256_text
 class Truth:
     """One photograph with optical blur.
 
-    sharp, photograph: (H, W, 3) float32, encoded by the blur's gamma; the photograph is clipped to [0, 1], what a
-    renderer gets is not, so that a highlight stays as bright as it is. signed_radius: (H, W) float32, pixels, positive
-    nearer than the focus. blur: encoding and aperture's shape of the photograph, and else what the scatter takes unless
-    told. border: pixels along the image's edges that only the region "frame" counts. own_error_db: PSNR of the
-    photograph's own noise. thin_lens: the same photograph from so many points of the lens, by the scene's geometry,
-    encoded; None where there is no geometry.
+    sharp, photograph: (H, W, 3) float32, encoded by the blur's gamma; the photograph is clipped to [0, 1], the sharp
+    image isn't, so that highlights keep their brightness. signed_radius: (H, W) float32, pixels, positive nearer than
+    the focus. blur: encoding and aperture shape of the photograph, with the scatter's defaults for the rest. border:
+    pixels along the image's edges that only the region "frame" includes. own_error_db: PSNR of the photograph's own
+    noise. thin_lens: renders the same photograph from the scene's geometry with a given number of lens points, encoded;
+    None without geometry.
     """
 
     sharp: np.ndarray
@@ -34,11 +34,11 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A photograph that is made, or read, when its turn comes.
+    """A photograph that is rendered or read only when it is needed.
 
-    source: what kind of truth. name, view: the scene's, and of several views the one. aperture, focus: in the source's
-    own units. content: all that decides what `make` returns, as plain data; what files hold by their checksums.
-    megapixels: of the photograph. geometry: whether the truth will have a `thin_lens`.
+    source: kind of truth. name, view: the scene's name, and which of its views. aperture, focus: in the source's own
+    units. content: plain data of everything that decides what `make` returns, with checksums for the content of files.
+    megapixels: size of the photograph. geometry: whether the truth will have a `thin_lens`.
     """
 
     source: str
@@ -53,11 +53,11 @@ class Case:
 
     @property
     def key(self) -> str:
-        """Tells apart what differs in any way: a hash of the content."""
+        """A hash of the content, which differs for any two different cases."""
         return sha256_text(canonical_json([self.source, self.name, self.view, self.aperture, self.focus, self.content]))
 
     @property
     def title(self) -> str:
-        """For people."""
+        """Description for progress messages."""
         scene = f"{self.source}, {self.name}" + (f" {self.view}" if self.view else "")
         return f"{scene}, aperture {self.aperture:.4g}, focus {self.focus:.4g}"

@@ -1,4 +1,4 @@
-"""A rendered scene through a thin lens once more, with as many rays as one asks for: the renderer "thinlens"."""
+"""The renderer "thinlens": renders a make-scene scene again through a thin lens, with any number of rays."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ def has_geometry(scene: dict[str, Any]) -> bool:
 
 
 def thin_lens(folder: Path, scene: dict[str, Any], view: str, lens: PhysicalLens, samples: int) -> np.ndarray:
-    """(H, W, 3) float32, encoded: a view through `lens` by so many rays a pixel. Raises as `Tracer.photograph` does."""
+    """(H, W, 3) float32, encoded: a view through `lens` with so many rays per pixel. Raises the errors of
+    `Tracer.photograph`."""
     _choose_variant()
-    # Other random numbers than those of the scene's own photographs, which it is compared with.
+    # The random numbers differ from those of the scene's own photographs, with which this rendering is compared.
     shot = _tracer(scene["recipe"], scene["seed"]).photograph(
         _cameras(folder)[view], samples, f"validate/{scene['recipe']}/{view}", lens
     )

@@ -1,4 +1,4 @@
-"""The run of validate-renderer: photographs, renders, scores, and the tables made of them."""
+"""The stages of validate-renderer: photographs, renderings, scores, and tables."""
 
 from __future__ import annotations
 
@@ -26,15 +26,16 @@ from dofbench.validation.variants import VARIANTS, Variant
 PLANE_RADII = (4.0, 12.0)  # pixels per unit of disparity
 PLANE_FOCUSES = (0.1, 0.5, 0.9)
 _PICTURED = ("scatter", "layered, 16")
-_GAIN = 5  # of the error pictures
-_TABLES_EVERY = 10.0  # seconds
+_GAIN = 5  # factor by which error pictures are brightened
+_TABLES_EVERY = 10.0  # seconds between updates of the tables
 
 
 def validate_renderer(settings: ValidateRenderer, console: Console | None = None) -> Path:
     """Score every renderer on every photograph; writes renderer.csv, renderer.md, plots and pictures to `out`.
 
-    What is scored is kept at once, and the tables are of all that is kept, whenever the run ends. Returns the folder.
-    Raises InputError for a folder that holds no photographs with a known lens, and when there is nothing to do.
+    Every score is written as soon as it is computed, and the tables contain all scores so far, so the run may be
+    interrupted at any time. Returns the folder. Raises InputError for a folder that holds no photographs with a known
+    lens, and when there is nothing to do.
     """
     console = console or Console(stderr=True)
     cases = [
@@ -118,7 +119,7 @@ def _write(settings: ValidateRenderer, cases: list[Case], rows: list[Score], plo
 
 
 def _strip(truth: Truth, renders: dict[str, np.ndarray]) -> np.ndarray:
-    """Photograph and renders, and below each render its error."""
+    """A picture strip: the photograph and the renderings; below, the sharp image and the error of each rendering."""
     images = [renders[name] for name in _PICTURED]
     errors = [np.clip(_GAIN * np.abs(image - truth.photograph), 0, 1) for image in images]
     sharp = np.clip(truth.sharp, 0, 1)

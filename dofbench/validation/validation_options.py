@@ -1,4 +1,4 @@
-"""What a call of `dofbench validate-renderer` says."""
+"""The options of `dofbench validate-renderer`."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class ValidateRenderer:
     """Rendered scenes (scene.json), light fields (grid.json and views/RR_CC images), scenes of BLB (info.json and
     EXR images), or folders of these, besides the built-in planes."""
     out: Path = Path("reports/renderer")
-    """Folder to write to. Finished scores are kept in it: the same command goes on from them."""
+    """Folder to write to. It keeps finished scores, so the same command continues after an interruption."""
     planes: bool = True
-    """The built-in planes; leave them out where only what is given counts."""
+    """Score the built-in planes too; --no-planes scores only the folders given."""
     pictures: bool = True
-    """Strips of photographs and renders; leave them out of a report that is published where the
-    photographs may not be."""
+    """Write picture strips of photographs and renderings; --no-pictures leaves them out, for example if the photographs
+    may not be published."""

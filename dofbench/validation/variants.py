@@ -1,4 +1,4 @@
-"""The renderers that are compared, each with what it changes."""
+"""The renderers that are compared, with their options."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from dofbench.validation.renderer_truth import Case, Truth
 class Variant:
     """A renderer with its options.
 
-    render: (H, W, 3) encoded as the photograph is, so blur in another gamma is seen as it would be in a
-    dataset. family, knob: renderers that differ by one number alone, which buys precision with time.
-    geometry: whether it needs the scene itself; without it the variant has no score.
+    render: gives (H, W, 3), encoded like the photograph, so the effect of blurring in another gamma is the same as in a
+    dataset. family, knob: renderers of one family differ only in the number `knob`, which trades time for precision.
+    geometry: whether the renderer needs the scene's geometry; photographs without geometry aren't scored by it.
     """
 
     name: str
@@ -31,7 +31,7 @@ class Variant:
     geometry: bool = False
 
     def can_render(self, case: Case) -> bool:
-        """Whether the photograph has what this renderer needs."""
+        """Whether the photograph provides the inputs that this renderer needs."""
         return not self.geometry or case.geometry
 
 
@@ -40,7 +40,8 @@ def _render(truth: Truth, **changes) -> np.ndarray:
 
 
 def _other_shape(truth: Truth) -> np.ndarray:
-    """A hexagon for a disc, a disc for anything else, that lets as much light through."""
+    """Blur by an aperture of another shape and the same area: a hexagon instead of a disc, a disc instead of any other
+    shape."""
     shape = truth.blur.shape
     other = ApertureShape(6) if shape.is_disc else ApertureShape()
     grown = truth.signed_radius * (polygon_to_disc(shape) / polygon_to_disc(other))
@@ -48,7 +49,7 @@ def _other_shape(truth: Truth) -> np.ndarray:
 
 
 def _of_8_bits(truth: Truth, **changes) -> np.ndarray:
-    """What a PNG keeps of the sharp image: 256 levels, and nothing above white."""
+    """Blur of the sharp image as a PNG would store it: with 256 levels, and nothing above white."""
     return _render(replace(truth, sharp=from_8bit(to_8bit(truth.sharp))), **changes)
 
 

@@ -1,9 +1,8 @@
 """`rasterize` on the CPU: numba kernels behind one autograd function; float32.
 
-Stages: project (cpu_project), sort and deal out to tiles (cpu_bin), blend (cpu_blend). The backward pass
-blends front to back once more, leaves one small record per intersection of a Gaussian with a tile, and sums
-those in a fixed order (cpu_project_backward): no atomics, so every run gives the same bits on any number
-of threads.
+Stages: project (cpu_project), sort and assign to tiles (cpu_bin), blend (cpu_blend). The backward pass blends front to
+back a second time, writes one small record per intersection of a Gaussian with a tile, and sums these records in a
+fixed order (cpu_project_backward). It uses no atomics, so every run gives the same bits with any number of threads.
 """
 
 from __future__ import annotations
@@ -52,7 +51,8 @@ def rasterize(
     near: float = 0.2,
     statistics: ViewStatistics | None = None,
 ) -> Raster:
-    """Render N Gaussians from `camera`, with gradients by the first six arguments and `blur` from every output.
+    """Render N Gaussians from `camera`; all outputs are differentiable with respect to the first six arguments and
+    `blur`.
 
     means: (N, 3), world, scene units. log_scales: (N, 3), natural logarithm of scene units. quaternions: (N, 4),
     w first, any length; zero means no rotation. opacity_logits: (N,). sh_dc: (N, 3) and sh_rest: (N, K, 3),
@@ -60,30 +60,31 @@ def rasterize(
     All are contiguous float32 on the CPU.
 
     filter_3d: (N,), scene units, or None: Mip-Splatting's 3D filter, added to the scales in quadrature, the
-    opacity lowered to match; it gets no gradient. sh_degree: highest degree used (what K holds, if that is less).
-    background: (3,), None for black; it gets no gradient. filter_2d: px**2, added to the footprint's
-    covariance with Mip-Splatting's loss of opacity; 0 turns both off. near: scene units; Gaussians whose centre
-    is not beyond it are left out. statistics: filled in if given.
+    opacity lowered to match; it gets no gradient. sh_degree: highest degree used (or that of K, if it is lower).
+    background: (3,), None for black; it gets no gradient. filter_2d: px**2, added to the footprint's covariance, with
+    Mip-Splatting's reduction of opacity; 0 turns both off. near: scene units; Gaussians whose centre isn't farther than
+    this are left out. statistics: filled in if given.
 
-    blur: (N,), px**2, at least 0, or None: an isotropic variance of each Gaussian's own, added to its footprint's
-    covariance after the 2D filter, the opacity times sqrt(det before / det after). It is blended as if a lens had
-    spread it: its integral over the image stays (that below its peak's last 1/255 too: see below). Depth and
-    normals stay those of the Gaussian without blur, its plane continued over the wider footprint.
+    blur: (N,), px**2, at least 0, or None: an isotropic variance for each Gaussian, added to its footprint's covariance
+    after the 2D filter, while its opacity is multiplied by sqrt(det before / det after). This keeps the Gaussian's
+    integral over the image, as if a lens had spread it (even the part below 1/255 of its peak: see below). Depth and
+    normals are those of the Gaussian without blur, whose plane is continued over the wider footprint.
 
     geometry: "none" gives colour and alpha, "depth" adds depth, "full" adds median depth and normals, "distortion"
     adds the spread of disparity along the ray. These are RaDe-GS': a Gaussian's ray length at a pixel is that of its
-    plane of largest density, affine in the pixel, at least `near` (where held there it passes no gradient on);
-    blended, then turned into z by the pixel's cosine. Seen exactly edge-on a Gaussian has no such plane: its ray
-    length is that of its centre, its normal zero. The median is the last Gaussian's before which more than half of
-    the light is left. Distortion is good to about 1e-4 of itself in float32, and to the rounding of disparity.
+    plane of largest density, affine in the pixel, at least `near` (a ray length clamped there passes no gradient on);
+    ray lengths are blended, then converted to z by the pixel's cosine. A Gaussian seen exactly edge-on has no such
+    plane: its ray length is that of its centre, its normal zero. The median depth is that of the last Gaussian in front
+    of which the transmittance is above one half. In float32 distortion has a relative error of about 1e-4, plus the
+    rounding of disparity.
 
-    A Gaussian counts at a pixel where its alpha, at most 0.99, is at least 1/255, and the transmittance before it at
-    least 1e-4; one whose unfiltered footprint has a determinant of at most 1e-6 px**4 is left out. With blur the 1/255
-    is lowered by the same factor as the opacity. Otherwise most of what is blurred widely would be lost, however
-    many faint Gaussians lie over each other.
+    A Gaussian counts at a pixel where its alpha, at most 0.99, is at least 1/255, and the transmittance in front of it
+    is at least 1e-4; a Gaussian whose unfiltered footprint has a determinant of at most 1e-6 px**4 is left out. With
+    blur, the threshold 1/255 is lowered by the same factor as the opacity, because otherwise most widely blurred
+    Gaussians would be lost, even where many faint ones overlap.
 
-    Raises ValueError for arguments of the wrong shape or type, FloatingPointError naming the argument and the
-    Gaussian where a Gaussian in front of the camera has a NaN or an infinity.
+    Raises ValueError for arguments of the wrong shape or type, FloatingPointError, which names the argument and the
+    Gaussian, if a Gaussian in front of the camera has a NaN or an infinity.
     """
     parameters = (means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest)
     _check(parameters, filter_3d, background, blur, geometry, sh_degree, filter_2d, near)
@@ -121,7 +122,7 @@ def _check(parameters, filter_3d, background, blur, geometry, sh_degree, filter_
 
 
 class _Settings:
-    """What doesn't take part in differentiation, as the kernels want it."""
+    """The arguments that aren't differentiated, in the form that the kernels need."""
 
     def __init__(self, camera, degree, filter_2d, near, geometry, filter_3d, background):
         self.degree, self.geometry = degree, geometry
@@ -223,7 +224,7 @@ class _Rasterize(torch.autograd.Function):
         parameters, blur, (color, alpha, depth, _, normal, distortion) = saved[:6], saved[6], saved[7:]
         records, starts, ids, spans, offsets, places, looked_at, at, mean_inverse = ctx.tiles
         arrays = [_NOTHING if g is None else g.contiguous().numpy().reshape(-1) for g in output_gradients]
-        # Outputs that the loss doesn't use cost nothing here.
+        # Gradients are computed only for the outputs that the loss uses.
         used = [level for array, level in zip(arrays, _LEVELS, strict=True) if array.size]
         features = settings.features[: max(used, default=0)]
         want_abs = statistics is not None and statistics.want_abs
@@ -252,7 +253,8 @@ class _Rasterize(torch.autograd.Function):
             4 * threads,
         )
         n, rest = parameters[3].size, ctx.saved_tensors[5].shape[1]
-        # numpy asks for huge pages where torch doesn't: a third off the last stage at 100 000 Gaussians.
+        # Allocated by numpy, which requests huge pages and torch doesn't: this makes the last stage a third faster at
+        # 100 000 Gaussians.
         results = [np.empty(parameter.shape, np.float32) for parameter in ctx.saved_tensors[:7]]
         grad_2d = np.empty((n, 2) if statistics is not None else (0, 2), np.float32)
         abs_grad_2d = np.empty((n, 2) if want_abs else (0, 2), np.float32)
@@ -281,7 +283,7 @@ class _Rasterize(torch.autograd.Function):
 
 
 def _describe(index: int, parameters, filter_3d, blur) -> str:
-    """Which argument made Gaussian `index` non-finite."""
+    """A message on which argument made Gaussian `index` non-finite."""
     for name, parameter in zip(NAMES, parameters, strict=True):
         row = parameter[index].detach()
         if not bool(torch.isfinite(row).all()):
@@ -296,7 +298,7 @@ def _describe(index: int, parameters, filter_3d, blur) -> str:
 
 
 def _warm_up(**options) -> None:
-    """Compiles the stages as these options of `rasterize` (geometry, statistics) ask for them."""
+    """Compile the stages for these options of `rasterize` (geometry, statistics)."""
     parameters = [torch.zeros(shape) for shape in ((8, 3), (8, 3), (8, 4), (8,), (8, 3), (8, 15, 3))]
     camera = Camera(16, 16, 16.0, 16.0, 8.0, 8.0, np.eye(4))
     parameters[0][:, 2] = 2.0

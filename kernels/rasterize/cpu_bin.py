@@ -1,4 +1,4 @@
-"""Which tiles each Gaussian meets, and every tile's Gaussians in order of depth."""
+"""Assigns Gaussians to tiles: the tiles that each Gaussian meets, and each tile's Gaussians in order of depth."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from dofbench.compute.simd import LANES, bits8, floor8, floor_int, lanes8, load1
 
 from . import cpu_layout as layout
 
-# Bounds are widened by this much, so that rounding never leaves out a pixel that blending would take:
-# absolute in the base-2 exponent, and in pixels.
+# Bounds are widened by this, so that rounding never leaves out a pixel that blending would use. It is added to the
+# base-2 exponent, and to positions in pixels.
 _SLACK = np.float32(1e-3)
 _HALF = np.float32(0.5)
 _ONE = np.float32(1.0)
@@ -44,13 +44,14 @@ def ellipse_box(records, i, view):
 
 @njit(forceinline=True, error_model="numpy")
 def ellipse_rows(records, i, view, column, row, columns, cell):
-    """Of eight tiles of the box, the pixel rows that the ellipse reaches: first, one past the last, in the tile.
+    """For eight tiles of the box, the pixel rows that the ellipse reaches within each tile: first row, and one past the
+    last.
 
     The tiles are numbers cell … cell + 7 of the box, row by row. The ellipse is
     (l11 dx + l21 dy)**2 + (l22 dy)**2 <= reach2. Its lower and upper sides are, with n = l21**2 + l22**2,
     dy = (-l11 l21 dx -+ sqrt(n reach2 - (l11 l22 dx)**2)) / n, a convex and a concave function of dx whose
-    extremes lie at dx = +- l21 sqrt(reach2) / (l11 l22): so over a tile's columns the extreme is at
-    the nearest dx to that.
+    extremes lie at dx = +- l21 sqrt(reach2) / (l11 l22): so over a tile's columns the extreme is at the dx nearest to
+    this one.
     """
     base = i * layout.RECORD
     mx, my = load1(records, base + layout.MX), load1(records, base + layout.MY)
@@ -170,7 +171,7 @@ def fill_tiles(records, counts, n, order, view, columns, rows, chunks):
     Returns starts (tiles + 1,), ids and spans (intersections,), offsets (n + 1,) and places (intersections,).
     Tile t's list are the places starts[t] … starts[t + 1] of ids and spans: the Gaussian's index, and the tile's rows
     it reaches as first | stop << 8. places[offsets[i] : offsets[i + 1]] are the places of Gaussian i, in the order
-    of the tiles. `chunks` is the number of pieces worked on at once; the result doesn't depend on it.
+    of the tiles. `chunks` is the number of parts processed in parallel; the result doesn't depend on it.
     """
     offsets = np.empty(n + 1, np.int32)
     total = 0

@@ -35,9 +35,10 @@ _ONE = np.float32(1.0)
 _MINUS_TWO = np.float32(-2.0)
 _TWO_LN2 = np.float32(2 * math.log(2))
 
-# How many Gaussians go by between two tests whether the whole tile is opaque.
+# After so many Gaussians it is tested whether the whole tile is opaque.
 _TEST_EVERY = 8
-# How many Gaussians ahead a record is asked for: they lie scattered over more memory than the inner caches hold.
+# Records are prefetched so many Gaussians ahead, because they are scattered over more memory than the inner caches
+# hold.
 _AHEAD = 8
 
 
@@ -56,7 +57,7 @@ def _is_opaque(scratch):
 
 @njit(error_model="numpy")
 def _forward_tile(features, records, ids, spans, begin, end, left, top, near, scratch):
-    """Blend one tile into `scratch`; returns how many of its Gaussians were looked at."""
+    """Blend one tile into `scratch`; returns how many of its Gaussians were processed before it was opaque."""
     for k in range(begin, end):
         base = np.int64(ids[k]) * layout.RECORD
         prefetch(records, np.int64(ids[min(k + _AHEAD, end - 1)]) * layout.RECORD)
@@ -116,7 +117,7 @@ def _forward_tile(features, records, ids, spans, begin, end, left, top, near, sc
 def _backward_tile(
     features, absolute, width, records, ids, spans, begin, end, looked_at, left, top, near, scratch, out
 ):
-    """One tile's share of the gradient, written to `out` at each intersection's place (`width` floats)."""
+    """One tile's contribution to the gradient, written to `out` at each intersection's place (`width` floats)."""
     zero = splat8(_ZERO)
     for k in range(begin, begin + looked_at):
         base = np.int64(ids[k]) * layout.RECORD
@@ -133,7 +134,7 @@ def _backward_tile(
             t_row = t0 - dx * tx
             if len(features) > 1:
                 nx, ny, nz = _load3(records, base + layout.NX)
-        # Sums over the rows, lane by lane; dx is constant in a lane, so its moments can wait.
+        # Sums over the rows, lane by lane. dx is constant within a lane, so moments in dx are computed after the rows.
         q0, q1, q2 = zero, zero, zero
         sum_red, sum_green, sum_blue = zero, zero, zero
         sum_t, sum_ty, sum_nx, sum_ny, sum_nz = zero, zero, zero, zero, zero
@@ -230,16 +231,16 @@ def blend(
     looked_at,
     workers,
 ):
-    """Composite every tile, writing the images (flat) and how many Gaussians each tile looked at.
+    """Composite every tile, writing the images (flat) and how many Gaussians each tile processed.
 
     features: an empty tuple for colour and alpha, one entry to add depth, two to add median depth and normals, three
     to add distortion (its length is known when compiling). Images that the features leave out may be empty.
-    mean_inverse: the mean of the inverse ray lengths, which the backward pass wants with distortion.
+    mean_inverse: the mean of the inverse ray lengths, which the backward pass needs for distortion.
     """
     tiles = looked_at.size
     for worker in prange(workers):
         scratch = np.empty(planes.SCRATCH_WITH_DISTORTION if len(features) > 2 else planes.SCRATCH, np.float32)
-        # Neighbours cost alike, so dealing the tiles out one by one shares the work evenly.
+        # Neighbouring tiles take similar times, so assigning tiles to workers in turn balances the work.
         for tile in range(worker, tiles, workers):
             left, top = tile % columns * layout.TILE_WIDTH, tile // columns * layout.TILE_HEIGHT
             clear_tile(scratch, left, top, view)
@@ -292,7 +293,7 @@ def blend_backward(
     out,
     workers,
 ):
-    """Every intersection's share of the gradient, at its place in `out` (see cpu_layout).
+    """The contribution of every intersection to the gradient, written to its place in `out` (see cpu_layout).
 
     absolute: a tuple with one entry to fill ABS_X and ABS_Y too, else empty. A gradient of size 0 is zero.
     """

@@ -8,7 +8,8 @@ import numpy as np
 
 from dofbench.compute.simd import LANES
 
-# One vector wide: wider tiles waste lanes at the sides of small Gaussians. As many pixels as 16 x 16.
+# Tiles are one vector wide, since wider ones waste lanes at the sides of small Gaussians, and have as many pixels as 16
+# x 16.
 TILE_WIDTH = LANES
 TILE_HEIGHT = 32
 
@@ -20,7 +21,7 @@ TILE_HEIGHT = 32
 RECORD = 16
 MX, MY, L11, L21, L22, LOG2_OPACITY, RED, GREEN, BLUE, T0, TX, TY, NX, NY, NZ, LIMIT = range(16)
 
-# What the blending's backward leaves for each intersection of a Gaussian with a tile.
+# The record that the backward pass of blending writes for each intersection of a Gaussian with a tile.
 # Q: dL/d(exponent) summed over pixels; QX … QYY its moments in (dx, dy); S_*: sums by feature.
 # Sixteen floats, or 24 with normals.
 SLOT = 24
@@ -40,5 +41,5 @@ LOG2_MIN_ALPHA = np.float32(math.log2(MIN_ALPHA))
 MIN_TRANSMITTANCE = np.float32(1e-4)
 MIN_DETERMINANT = np.float32(1e-6)
 EDGE_ON = np.float32(1e-7)
-# sqrt(log2(e) / 2): from standard deviations to the records' base-2 exponent.
+# sqrt(log2(e) / 2): converts distances in standard deviations to the records' base-2 exponent.
 EXPONENT_SCALE = np.float32(math.sqrt(math.log2(math.e) / 2))

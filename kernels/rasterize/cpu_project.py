@@ -32,7 +32,7 @@ from .cpu_sh import TERMS, color8
 ONE = np.float32(1.0)
 HALF = np.float32(0.5)
 ZERO = np.float32(0.0)
-# Pieces that the Gaussians are dealt out in: enough for many threads, few enough to cost nothing.
+# Number of parts into which the Gaussians are divided for threads: enough for many threads, with negligible overhead.
 CHUNKS = 64
 MIN_ALPHA = np.float32(layout.MIN_ALPHA)
 
@@ -64,7 +64,7 @@ def unit_quaternion8(quaternions, i):
         gather8(quaternions, 4 * i + 2, 4),
         gather8(quaternions, 4 * i + 3, 4),
     )
-    # Scaling by the largest entry first keeps the squares from overflowing or vanishing.
+    # Dividing by the largest component first keeps the squares from overflowing or underflowing.
     largest = max8(max8(abs8(w), abs8(x)), max8(abs8(y), abs8(z)))
     zero = largest == ZERO
     scale = ONE / select8(zero, ONE, largest)
@@ -107,19 +107,20 @@ def sizes8(log_scales, filter_3d, i):
         return s0, s1, s2, s0, s1, s2
     f = load8(filter_3d, i)
     f2 = f * f
-    # The square of a scale below 1e-19 vanishes in float32; the filtered one must not be smaller than the scale.
+    # The square of a scale below 1e-19 underflows in float32; the filtered scale must not become smaller than the
+    # scale.
     return s0, s1, s2, max8(sqrt8(s0 * s0 + f2), s0), max8(sqrt8(s1 * s1 + f2), s1), max8(sqrt8(s2 * s2 + f2), s2)
 
 
 @njit(forceinline=True)
 def ratio8(a, b):
-    """a / b, and 1 for 0 / 0: a <= b are a scale before and after the 3D filter."""
+    """a / b, with 0 / 0 = 1; a and b >= a are a scale before and after the 3D filter."""
     return select8(a == b, ONE, a / b)
 
 
 @njit(forceinline=True)
 def minor8(ax, ay, bx, by):
-    """a d - b c, the determinant of a two by two block."""
+    """The determinant of a two by two block, ax by - ay bx."""
     return ax * by - ay * bx
 
 
@@ -133,7 +134,7 @@ def weights8(e0, e1, e2):
 
 @njit(forceinline=True)
 def footprint8(view, axes, filtered, iz, cu, cv):
-    """The factor A = J M diag(e) of the footprint's covariance A A^T, and what follows from it.
+    """The factor A = J M diag(e) of the footprint's covariance A A^T, and the quantities derived from it.
 
     axes: of `axes8`. filtered: (e0, e1, e2). Returns J's diagonal times e (k0x, k1x, k2x, k0y, k1y, k2y), the columns
     of A (a0x, a0y, a1x, …), the covariance (sxx, sxy, syy), the minors of A (n01, n02, n12), and the sum of their
@@ -160,7 +161,7 @@ def footprint8(view, axes, filtered, iz, cu, cv):
 
 @njit(forceinline=True)
 def plane8(axes, filtered, cu, cv):
-    """RaDe-GS, current version: the plane of largest density along each ray, by its normal h up to a factor.
+    """The plane of largest density along each ray (RaDe-GS, current version), given by its normal h up to a factor.
 
     Returns the weights w of the axes m, k_i = m_i . r with the ray r = (cu, cv, 1), w_i k_i, h = sum of w_i k_i m_i,
     h . r and the length of h.
@@ -202,7 +203,7 @@ def project_block(
     x, y, z = to_camera8(view, px, py, pz)
     fx, fy = view[layout.FX], view[layout.FY]
     in_front = z > view[layout.NEAR]
-    # The sum of the differences is 0 exactly where every term is finite.
+    # x - x is 0 for a finite x and NaN otherwise, so the sum is 0 exactly if every term is finite.
     finite = (x - x) + (y - y) + (z - z) == ZERO
     store8(depths, out, z)
     if not any8(in_front):
@@ -229,7 +230,7 @@ def project_block(
     opacity = opacity * (ratio8(s0, e0) * ratio8(s1, e1) * ratio8(s2, e2))
     if filter_2d > ZERO:
         opacity = opacity * sqrt8(det_bare / (det + layout.MIN_DETERMINANT) + layout.MIN_DETERMINANT)
-    # A logit of +inf makes exp 0 and the opacity 1, a scale of 0 only an opacity of 0: both are finite.
+    # A logit of +inf gives opacity 1, and a scale of 0 gives opacity 0; both are finite and accepted.
     finite = finite & ((~in_front) | ((det - det) + (opacity - opacity) == ZERO))
 
     seen = in_front & finite & (det_bare > layout.MIN_DETERMINANT) & (opacity > MIN_ALPHA)
@@ -244,7 +245,8 @@ def project_block(
         wide = det + extra * (fxx + fyy + extra)
         finite = finite & ((~in_front) | (wide - wide == ZERO))
         seen = seen & finite
-        # Opacity and limit fall alike: the ellipse where the Gaussian counts holds the same part of its integral.
+        # Opacity and limit are reduced by the same factor, so the ellipse in which the Gaussian is drawn holds the same
+        # share of its integral.
         loss = HALF * log2_8(select8(seen, det / wide, ONE))
         log2_opacity, limit = log2_opacity + loss, limit + loss
         det, fxx, fyy = select8(seen, wide, ONE), fxx + extra, fyy + extra
@@ -370,7 +372,7 @@ def project_blocks(
     basis = np.empty(TERMS * LANES, np.float32)
     for block in range(first, stop):
         i = block * LANES
-        # One call with chosen arguments: a second call would be a second copy to compile.
+        # One call with selected arguments, since a second call would compile a second copy.
         if i + LANES <= n:
             place, a, b, c, d, e, f, g, h = (
                 i,

@@ -1,4 +1,4 @@
-"""The gradient of projection: from sums over pixels to the raw parameters, eight Gaussians at a time."""
+"""The gradient of projection: from sums over pixels to gradients of the raw parameters, eight Gaussians at a time."""
 
 from __future__ import annotations
 
@@ -89,12 +89,13 @@ def backward_block(
     basis,
     pulls,
 ):
-    """Gradients of Gaussians i … i + 7 of the inputs, with records out … out + 7; seen_bits: which have any."""
+    """Gradients of Gaussians i … i + 7 of the inputs, with records out … out + 7; seen_bits: bits of those with a
+    gradient."""
     seen = mask8_of(seen_bits)
     px, py, pz = gather8(means, 3 * i, 3), gather8(means, 3 * i + 1, 3), gather8(means, 3 * i + 2, 3)
     x, y, z = to_camera8(view, px, py, pz)
     fx, fy = view[layout.FX], view[layout.FY]
-    # The lanes not seen compute with harmless numbers and are masked when written.
+    # Lanes of unseen Gaussians compute with harmless numbers and are masked when results are written.
     x, y, z = select8(seen, x, ZERO), select8(seen, y, ZERO), select8(seen, z, ONE)
     iz = ONE / z
     u, v = x * iz, y * iz
@@ -125,8 +126,8 @@ def backward_block(
     q_x, q_y = gather8(sums, layout.QX, SLOT), gather8(sums, layout.QY, SLOT)
     q_xx, q_xy = gather8(sums, layout.QXX, SLOT), gather8(sums, layout.QXY, SLOT)
     q_yy = gather8(sums, layout.QYY, SLOT)
-    # All in whitened coordinates, L^T (dx, dy): there moments and axes are of order 1. Forming the gradient by
-    # the covariance instead loses every digit of a long needle.
+    # Everything is in whitened coordinates, L^T (dx, dy), in which moments and axes are of order 1. Computing the
+    # gradient with respect to the covariance instead would lose all digits for a long needle.
     n_x, n_y = l11 * q_x + l21 * q_y, l22 * q_y
     g_mx, g_my = l11 * n_x, l21 * n_x + l22 * n_y
     n_xx = l11 * (l11 * q_xx + l21 * q_xy) + l21 * (l11 * q_xy + l21 * q_yy)
@@ -152,12 +153,12 @@ def backward_block(
             to_bare = to_ratio * (ONE - ratio) / padded
             to_trace = -to_ratio * ratio / padded * filter_2d
         if blur.size > 0:
-            # The opacity's factor sqrt(det / wide), by the bare determinant and trace; the differences that make
-            # it vanish without blur are taken by hand.
+            # The gradient of the opacity's factor sqrt(det / wide), by the determinant and trace without blur. The
+            # differences that make this term vanish without blur are computed analytically.
             by_both = q0 * extra / (det * wide)
             to_bare += by_both * (trace + extra)
             to_trace += by_both * (filter_2d * (filter_2d + extra) - det_bare)
-            # The footprint's part is the trace of dL/d(covariance).
+            # The part that comes from the footprint is the trace of dL/d(covariance).
             widened = n_xx * (l11 * l11 + l21 * l21) + (n_xy + n_xy) * (l21 * l22) + n_yy * (l22 * l22)
             store8(d_blur, i, select8(seen, HALF * (widened - q0 * (trace + extra + extra) / wide), ZERO))
         # The determinant is the sum of the squared minors.
@@ -261,7 +262,7 @@ def backward_block(
     scatter8(d_quaternions, 4 * i + 2, 4, select8(seen, g_j, ZERO))
     scatter8(d_quaternions, 4 * i + 3, 4, select8(seen, g_k, ZERO))
 
-    # A channel that was clamped at 0 passes nothing on.
+    # A colour channel that was clamped at 0 passes no gradient on.
     base, step = out * layout.RECORD, layout.RECORD
     red, green = gather8(records, base + layout.RED, step), gather8(records, base + layout.GREEN, step)
     blue = gather8(records, base + layout.BLUE, step)
@@ -308,7 +309,7 @@ def reduce_places(gradients, width, places, first, last, sums, lane):
 
 @njit(error_model="numpy")
 def zero_rows(array, n, i, count):
-    """Zeros in rows i … i + count - 1 of a flat array of n rows, which may be empty."""
+    """Set rows i … i + count - 1 of a flat array of n rows to zero; the array may be empty."""
     width = array.size // n
     for k in range(width * i, width * (i + count)):
         array[k] = ZERO
@@ -316,7 +317,7 @@ def zero_rows(array, n, i, count):
 
 @njit(error_model="numpy")
 def zero_block(outputs, n, i, count):
-    """A block that no tile met."""
+    """Write the zero gradients of a block of Gaussians that no tile met."""
     d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, d_blur, grad_2d, abs_grad_2d = outputs
     zero_rows(d_means, n, i, count)
     zero_rows(d_scales, n, i, count)
@@ -331,7 +332,7 @@ def zero_block(outputs, n, i, count):
 
 @njit(error_model="numpy")
 def put_tail(array, n, tail):
-    """The inverse of `tail_of`."""
+    """Write a padded block back to the rows after the last full block; the inverse of `tail_of`."""
     start = n // LANES * LANES * (array.size // n)
     for k in range(start, array.size):
         array[k] = tail[k - start]
@@ -371,7 +372,7 @@ def backward_blocks(
     stop,
     outputs,
 ):
-    """The blocks first … stop - 1."""
+    """Compute the gradients of the blocks first … stop - 1."""
     n = opacity_logits.size
     d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, d_blur, grad_2d, abs_grad_2d = outputs
     sums = np.empty(LANES * SLOT, np.float32)
@@ -388,7 +389,8 @@ def backward_blocks(
             continue
         for k in range(sums.size):
             sums[k] = ZERO
-        # The next block's intersections lie scattered; asking now hides the wait behind this block.
+        # The next block's intersections are scattered in memory; prefetching them now hides the latency behind this
+        # block.
         for k in range(np.int64(offsets[i + count]), np.int64(offsets[min(i + 2 * LANES, n)])):
             prefetch(gradients, np.int64(places[k]) * width)
         for lane in range(count):
@@ -473,8 +475,8 @@ def project_backward(
 ):
     """Reduce the intersections' gradients (`width` floats each) to Gaussians and on to the parameters.
 
-    outputs: the gradients of the six inputs and of blur, grad_2d and abs_grad_2d, all flat; that of blur is empty
-    where blur is, the last two may be.
+    outputs: the gradients of the six inputs and of blur, grad_2d and abs_grad_2d, all flat; that of blur is empty if
+    blur is empty; the last two may be empty.
     """
     blocks = (opacity_logits.size + LANES - 1) // LANES
     chunks = min(blocks, CHUNKS)

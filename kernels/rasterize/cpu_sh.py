@@ -119,6 +119,6 @@ def color_backward8(sh_rest, rest, degree, i, seen, dx, dy, dz, red, green, blue
         pull = gather8(sh_rest, place, stride) * red + gather8(sh_rest, place + 1, stride) * green
         store8(pulls, term * LANES, pull + gather8(sh_rest, place + 2, stride) * blue)
     gx, gy, gz = direction_gradient(pulls, degree, x, y, z)
-    # Through the normalisation: only what is perpendicular to the direction passes.
+    # Backward through the normalisation: only the part perpendicular to the direction passes.
     along = x * gx + (y * gy + z * gz)
     return (gx - x * along) * inverse, (gy - y * along) * inverse, (gz - z * along) * inverse

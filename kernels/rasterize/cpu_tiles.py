@@ -1,4 +1,4 @@
-"""Between images and a tile's scratch memory, one row of eight pixels at a time."""
+"""Copies between images and a tile's scratch memory, one row of eight pixels at a time."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ ONE = np.float32(1.0)
 # A M2 - M1**2 keeps its digits. About 0 it would lose them all where the ray meets one surface.
 PLANE = layout.TILE_HEIGHT * LANES
 T, RED, GREEN, BLUE, DEPTH, WEIGHT, NX, NY, NZ, MEDIAN, MEDIAN_AT, FIRST, M1, M2 = (PLANE * k for k in range(14))
-# The backward pass has the loss by each output instead (colour's in the colour planes), what is left of the pixel's
-# loss, and for distortion the mean inverse ray length.
+# In the backward pass the planes hold the gradient of each output instead (colour's in the colour planes), the
+# remaining part of the pixel's loss, and for distortion the mean inverse ray length.
 LEFT, G_ALPHA, G_DEPTH, G_NX, G_NY, G_NZ, G_MEDIAN, G_SPREAD, MEAN = (PLANE * k for k in (4, 5, 9, 6, 7, 8, 11, 12, 13))
 SCRATCH = 12 * PLANE
 SCRATCH_WITH_DISTORTION = 14 * PLANE
@@ -60,7 +60,7 @@ def cosines(left, y, view):
 
 @njit(error_model="numpy")
 def clear_tile(scratch, left, top, view):
-    """Transmittance 1 inside the image and 0 outside of it, all else 0."""
+    """Set transmittance to 1 inside the image and 0 outside, and everything else to 0."""
     inside = lanes8() + np.float32(left) < view[layout.WIDTH]
     for k in range(PLANE, scratch.size, LANES):
         store8(scratch, k, splat8(ZERO))
@@ -85,7 +85,7 @@ def write_tile(
     distortion,
     mean_inverse,
 ):
-    """From the forward pass' sums to the images (flat)."""
+    """Write the images (flat) from the sums of the forward pass."""
     width, height = np.int64(view[layout.WIDTH]), np.int64(view[layout.HEIGHT])
     count = width - left
     for row in range(min(layout.TILE_HEIGHT, height - top)):
@@ -108,7 +108,7 @@ def write_tile(
                 put_row(normal, 3 * at + 1, 3, count, gather8(scratch, NY + place, 1))
                 put_row(normal, 3 * at + 2, 3, count, gather8(scratch, NZ + place, 1))
                 if len(features) > 2:
-                    # Inverse ray lengths become disparities by the pixel's cosine.
+                    # Dividing by the pixel's cosine turns inverse ray lengths into disparities.
                     m1, m2 = gather8(scratch, M1 + place, 1), gather8(scratch, M2 + place, 1)
                     spread = max8(weight * m2 - m1 * m1, ZERO)
                     put_row(distortion, at, 1, count, spread / (cosine * cosine))
@@ -137,7 +137,8 @@ def read_tile(
     g_normal,
     g_distortion,
 ):
-    """Fill the planes of the backward pass from flat images. An output whose gradient is empty has none.
+    """Fill the planes of the backward pass from flat images. An empty gradient means that the output isn't used by the
+    loss.
 
     The pixel's loss to first order is S = sum of weight times s over its Gaussians, plus the background's part,
     with s = colour . g_color + g_alpha' + t g_t + n . g_normal. The mean depth doesn't change when all

@@ -1,7 +1,7 @@
 """The definition of `rasterize` in plain torch, for any floating type; gradients by autograd.
 
 Gaussians are splatted with the EWA projection and Mip-Splatting's two filters; depth and normals follow the
-current RaDe-GS. Every Gaussian is evaluated at every pixel, so it is for small scenes only.
+current version of RaDe-GS. Every Gaussian is evaluated at every pixel, so this is for small scenes only.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def rotation_matrices(quaternions: Tensor) -> Tensor:
     zero = (quaternions == 0).all(dim=1, keepdim=True)
     identity = torch.tensor([1.0, 0.0, 0.0, 0.0]).to(quaternions)
     some = torch.where(zero, identity, quaternions)
-    # Divided by the largest entry, whose choice changes no rotation, the squares neither vanish nor overflow.
+    # Dividing by the largest component doesn't change the rotation, and keeps the squares from over- and underflowing.
     some = some / some.detach().abs().amax(dim=1, keepdim=True)
     w, x, y, z = torch.nn.functional.normalize(some, dim=1, eps=0.0).unbind(1)
     rows = [
@@ -116,7 +116,7 @@ def rasterize(
     index = torch.nonzero(local[:, 2] > near).squeeze(1)
     x, y, z = local[index].unbind(1)
     u, v = x / z, y / z
-    # The Jacobian is held at 0.3 half image sizes outside of the image, as in 3DGS.
+    # Positions farther than 0.3 half image sizes outside the image are clamped in the Jacobian, as in 3DGS.
     u_bounded = u.clamp((-cx - 0.15 * width) / fx, (width - cx + 0.15 * width) / fx)
     v_bounded = v.clamp((-cy - 0.15 * height) / fy, (height - cy + 0.15 * height) / fy)
     projected = torch.stack([fx * u + cx, fy * v + cy], 1)
@@ -148,7 +148,7 @@ def rasterize(
         ratio = determinant / (filtered_determinant + MIN_DETERMINANT) + MIN_DETERMINANT
         opacity = opacity * torch.where(drawn, ratio, 1.0).sqrt()
 
-    # Each Gaussian's own blur, which leaves the integral over the image what it was.
+    # The blur of each Gaussian, which doesn't change its integral over the image.
     drawn = drawn & (opacity > MIN_ALPHA)
     reach = (2 * torch.log(opacity.detach().clamp(min=MIN_ALPHA) / MIN_ALPHA)).sqrt()
     least_alpha = torch.full_like(z, MIN_ALPHA)
@@ -159,7 +159,7 @@ def rasterize(
         opacity = opacity * share
         least_alpha = least_alpha * share.detach()
 
-    # Which Gaussians can reach their least alpha, 1/255 without blur, at a pixel centre.
+    # Gaussians that can reach their threshold of alpha, 1/255 without blur, at a pixel centre.
     with torch.no_grad():
         half = reach[:, None] * filtered.diagonal(dim1=1, dim2=2).sqrt()
         size = torch.tensor([width, height], **to)
@@ -211,7 +211,7 @@ def rasterize(
         alpha = torch.where(taken, alpha, 0.0)
         weight = transmittance * alpha
         t = (distance[k] + offsets @ slopes[k]).clamp(min=near)
-        # Sum over the pairs in front of this one of their weights times (1/t - 1/t')**2.
+        # Sum over all pairs of this Gaussian with one in front of it: product of weights times (1/t - 1/t')**2.
         distortion = distortion + weight * (alpha_sum / t**2 - 2 * inverse_sum / t + square_sum)
         inverse_sum, square_sum = inverse_sum + weight / t, square_sum + weight / t**2
         color = color + weight[:, None] * colors[k]

@@ -16,9 +16,9 @@ from . import cpu_direct, cpu_direct_backward, cpu_linear, cpu_linear_backward
 from .cpu_pack import COLOURS, RATIONAL, brightness, edges, geometry, pack_sources
 from .reference import check_largest
 
-# Largest radius, pixels, from which "auto" takes the linear form. At 504 x 378 both ways together cost the same at
-# about 22 px on smooth disparity and at 17 px on noise, where the direct form leaves its cheap exponentials; the way
-# there alone at 18 and at 16 px.
+# Largest radius, pixels, from which on "auto" uses the linear form. At 504 x 378 forward and backward pass together
+# take equally long in both forms at about 22 px on smooth disparity, and at 17 px on noise, where the direct form can't
+# use its cheap exponentials; the forward pass alone at 18 and at 16 px.
 LINEAR_FROM = 18.0
 
 
@@ -33,10 +33,9 @@ def scatter(
 ) -> Tensor:
     """Blur `image`, (H, W, C) linear light, by `signed_radius`, (H, W) pixels; (H, W, C).
 
-    float32 on the CPU, contiguous. Differentiable by both, with d|s|/ds = +1 at s = 0. The same
-    input gives the same bits, whatever the number of threads. Raises ValueError for anything
-    else than such tensors and for options that don't exist, FloatingPointError for a radius
-    that isn't finite; a NaN in the image comes out as NaN.
+    float32 on the CPU, contiguous. Differentiable with respect to both, with d|s|/ds = +1 at s = 0. The same
+    input gives the same bits, whatever the number of threads. Raises ValueError for other tensors and for unknown
+    options, FloatingPointError for a radius that isn't finite; a NaN in the image comes out as NaN.
     """
     _check(image, signed_radius, alpha, energy, form)
     height, width, channels = image.shape
@@ -77,7 +76,7 @@ def _is_linear(form: str, largest: float, shape: ApertureShape) -> bool:
 
 
 class _Scatter(torch.autograd.Function):
-    """Three channels at a time; keeps the packed sources for the way back."""
+    """The scatter of three channels at a time; keeps the packed sources for the backward pass."""
 
     @staticmethod
     def forward(context, image, signed_radius, alpha, shape, area, form):
@@ -121,7 +120,7 @@ class _Scatter(torch.autograd.Function):
 
 
 def _warm_up(**options) -> None:
-    """Compiles the direct form; the linear one compiles where a radius first asks for it, or with form="linear"."""
+    """Compile the direct form. The linear form is compiled when a radius first needs it, or with form="linear"."""
     image = torch.rand((32, 32, COLOURS), generator=torch.Generator().manual_seed(0)).requires_grad_()
     scatter(image, torch.ones((32, 32)).requires_grad_(), **options).sum().backward()
 

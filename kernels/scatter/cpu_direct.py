@@ -1,7 +1,7 @@
-"""The direct form: every source visits every pixel of its circle of confusion, O(R^2) a pixel.
+"""The direct form: every source visits every pixel of its circle of confusion, O(R^2) per pixel.
 
-A row of sources is gathered into vectors of targets, one row offset at a time; for a disc the same sums
-serve the target row as far above as below. Bands of source rows write to buffers of their own, merged in
+A row of sources is gathered into vectors of targets, one row offset at a time; for a disc the target rows at equal
+distance above and below use the same sums. Bands of source rows write to buffers of their own, merged in
 a fixed order: no atomics, and the same bits whatever the number of threads.
 """
 
@@ -16,7 +16,7 @@ from dofbench.compute.simd import load8, splat8, store8
 from .cpu_edge import half_width, logistic2
 from .cpu_pack import BLOCK, COLOURS, EXPONENTIAL, PLANES, RATIONAL, SUMS, Edges, Geometry
 
-STRIP = 64  # columns of a task: the target rows of one strip that a source row writes to stay in the cache
+STRIP = 64  # columns of a task: so few that the target rows to which a source row writes stay in the cache
 LANES = 8
 _ONE = np.float32(1.0)
 
@@ -67,7 +67,7 @@ def _add(buffer, at, sums):
 
 @njit(error_model="numpy")
 def farthest_reach(reach, y, block, around):
-    """Largest reach of the sources of row y that reach the targets of `block` at all, pixels; negative for none."""
+    """Largest reach, pixels, of those sources of row y that reach the targets of `block`; negative if none does."""
     farthest = np.float32(-1.0)
     for other in range(max(0, block - around), min(reach.shape[1], block + around + 1)):
         if reach[y, other] > farthest and reach[y, other] >= (abs(other - block) - 1) * BLOCK + 1:
@@ -147,7 +147,7 @@ def _merge(buffers, height, width, rows, reach_y):
 
 def forward(planes: np.ndarray, reach: np.ndarray, sizes: Geometry, edge: Edges) -> tuple[np.ndarray, np.ndarray]:
     """Blurred colours (H, W, COLOURS) and total weight (H, W); planes, reach: from `pack_sources`."""
-    # A band of this height makes little overlap to merge, and still leaves work for several threads.
+    # Bands of this height overlap little, so merging is cheap, and there are still enough bands for several threads.
     rows = max(48, 2 * sizes.reach_y)
     buffers = _spread(
         planes, reach, sizes, rows, edge.kind, edge.folded, edge.outer, edge.slope, edge.stop, edge.opacity

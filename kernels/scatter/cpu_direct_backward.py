@@ -1,14 +1,15 @@
-"""Gradient of the sums. Every source gathers the gradient over its own circle of confusion.
+"""The gradient of the direct form: every source gathers the gradient over its own circle of confusion.
 
-With g_j the gradient by the target's sums (colours and weight), D_ij = q_i (c_i . g_j) and q the area term:
+With g_j the gradient with respect to the target's sums (colours and weight), D_ij = q_i (c_i . g_j) and q the area
+term:
 
     dL/dc_i = q_i sum_j S_ij g_j,   dL/dR_i = sum_j S'_ij D_ij - 2 R_i q_i sum_j S_ij D_ij,   S' = dS/dR.
 
-For a disc the targets above and below, left and right of the source have the same S: their gradients
-are added first, rows once for a strip of sources, columns in the inner loop.
+For a disc the targets above and below, left and right of the source have the same S, so their gradients are added
+first: rows once for a strip of sources, columns in the inner loop.
 
-D_ii is a plane of its own: near focus blurred and sharp colour agree to many digits there, and c_i . g_i
-would cancel to noise, while their difference is exact.
+D_ii is computed from the difference of colours and kept in a plane of its own: near focus blurred and sharp colour
+agree to many digits, and in c_i . g_i only rounding noise would remain.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ _ONE, _NONE = np.float32(1.0), np.float32(0.0)
 @cached
 @njit(parallel=True, error_model="numpy")
 def pack_gradient(gradient, image, blurred, total, sizes):
-    """Gradient by the sums before the division, planes (H, SUMS, stride), flat; and D_ii / q_i, (H, stride), flat."""
+    """Gradient with respect to the sums before the division, planes (H, SUMS, stride), flat; and D_ii / q_i, (H,
+    stride), flat."""
     height, width, pad = sizes.height, sizes.width, sizes.pad
     planes = np.zeros((height, SUMS, sizes.stride), np.float32)
     own = np.zeros((height, sizes.stride), np.float32)
@@ -181,7 +183,8 @@ def _visit_exponential(
 @cached
 @njit(parallel=True, error_model="numpy")
 def _gather(sources, reach, gradient, own, sizes, kind, folded, outer, slope, stop, opacity):
-    """Sums (H, strips, 5, STRIP): by colour without the area term, of S D, and of S' D."""
+    """Sums (H, strips, 5, STRIP): gradients with respect to the colours without the area term, then the sums of S D and
+    S' D."""
     height, width, stride, pad = sizes.height, sizes.width, sizes.stride, sizes.pad
     reach_y, reach_x = sizes.reach_y, sizes.reach_x
     strips, bands = -(-width // STRIP), -(-height // ROWS)
@@ -285,13 +288,14 @@ def backward(
     alpha: float,
     area: bool,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gradients by the image (H, W, COLOURS) and by the signed radius (H, W).
+    """Gradients with respect to the image (H, W, COLOURS) and the signed radius (H, W).
 
     sources, reach: from `pack_sources`; gradient, own: from `pack_gradient`.
     """
     sums = _gather(
         sources, reach, gradient, own, sizes, edge.kind, edge.folded, edge.outer, edge.slope, edge.stop, edge.opacity
     )
-    # The rational form leaves dS/dR = 2 alpha S (1 - S) without its constant; the other's tables are powers of 2.
+    # In the rational form the constant of dS/dR = 2 alpha S (1 - S) is still missing; in the other form tables are
+    # exponents of 2.
     steepness = 2.0 * alpha if edge.kind == RATIONAL else math.log(2.0)
     return _finish(sums, signed_radius, np.float32(steepness), np.float32(AREA_EPSILON), area)

@@ -1,7 +1,7 @@
 """Four float64 lanes as one numba value: three colours and a weight, accumulated together.
 
-`Float64x4` is LLVM's `<4 x double>`; as `dofbench.compute.simd`, but for the running sums of the linear form,
-which float32 would let drift. Values exist only inside compiled functions; `+ - *` work on them.
+`Float64x4` is LLVM's `<4 x double>`; like `Float32x8` of `dofbench.compute.simd`, for the running sums of the linear
+form, which would drift in float32. Values exist only inside compiled functions; `+ - *` work on them.
 """
 
 from __future__ import annotations

@@ -48,22 +48,22 @@ from dofbench.core.lens import AREA_EPSILON
 from .cpu_double4 import add_product4, add_row4, load4, splat4, splat_at4, store4, store_double8
 from .cpu_pack import COLOURS, Geometry
 
-WAYS = COLOURS + 1  # lanes of a pixel
-LANES = 8  # sources worked on together, entries of a soft end worked out together
-TILE = 512  # sources of a tile's row: its sums and its sources stay in the nearest caches
+WAYS = COLOURS + 1  # lanes per pixel
+LANES = 8  # number of sources, and of entries of a soft end, that are processed together
+TILE = 512  # sources in a row of a tile: so few that its sums and sources stay in the inner caches
 SMALL_IMAGE = 1 << 21
-# Farther out than exp(-40) nothing is left of a weight, even beside the largest highlight, in float32.
+# Weights below exp(-40) have no effect in float32, even beside the largest highlight.
 LARGEST_EXPONENT = 40.0
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
-_LIMIT = np.float32(126.0)  # of exp2_fast8
-# A row's plan: for eight sources each, first entry in the table, first places of the left and the right soft end,
-# zeros at the end of the first eight entries, entries.
+_LIMIT = np.float32(126.0)  # range of exp2_fast8
+# A row's plan. Fields of eight sources each: first entry in the table, first places of the left and of the right soft
+# end, number of zeros at the end of the first eight entries, number of entries.
 _START, _LEFT, _RIGHT, _ZEROS, _COUNT, _PLAN = 0, 8, 16, 24, 32, 40
 
 
 def _period(band: float, least: float) -> float:
     """Distance of the multiples that radii and distances are taken relative to; exact in float32, as they are."""
-    longest = 1.03 * max(2.0 * band, least)  # a soft end, and something for its rounding
+    longest = 1.03 * max(2.0 * band, least)  # the length of a soft end, with a margin for rounding
     unit = 2.0 ** (math.floor(math.log2(longest)) - 4)
     return unit * math.ceil(longest / unit)
 
@@ -91,7 +91,7 @@ def _half_width8(square, dy):
 
 @njit(error_model="numpy")
 def _soft8(distances, even, odd):
-    """S from eight entries of the table and their sources' factors for even and odd multiples."""
+    """S from eight entries of the table and the sources' factors for even and odd multiples of the period."""
     return _ONE / (_ONE + abs8(distances) * select8(distances < _ZERO, odd, even))
 
 
@@ -124,7 +124,8 @@ def _sort_row(image, signed_radius, sizes, area, period, steepness, inner, outer
         inner[i] = low * low if low >= _ZERO else -_ONE
         outer[i] = high * high
         places[i] = x
-        # The multiple nearest to the inner end, rounded down where in doubt; the soft end meets it and the next one.
+        # The multiple nearest to the inner end, rounded down in a tie; the soft end meets this multiple and the next
+        # one.
         multiple = np.floor(max(low, _ZERO) / period + np.float32(0.49))
         here, following = (multiple * period - radius) * steepness, (multiple * period + period - radius) * steepness
         is_odd = multiple - np.float32(2.0) * np.floor(multiple * np.float32(0.5)) > np.float32(0.5)
@@ -142,7 +143,8 @@ def _sort_row(image, signed_radius, sizes, area, period, steepness, inner, outer
 
 @njit(error_model="numpy")
 def _plan_row(dy, centre, farthest, pad, inner, outer, evens, odds, places, plan, longest, fulls):
-    """Where runs and soft ends of a row's sources lie at the target row `dy`; how many groups of LANES reach it.
+    """Plan where runs and soft ends of a row's sources lie at the target row `dy`; returns how many groups of LANES
+    reach it.
 
     centre: the table's entry at (dy, 0). Fills in plan, longest (entries of a group's longest soft end) and fulls
     (the weight inside of each run; a run is at least the pixel itself).
@@ -216,7 +218,7 @@ def _add_sources(table, entry, groups, evens, odds, colours, plan, longest, full
             else:
                 _add8(softs, weights, colours, group, plan, at)
             continue
-        for lane in range(LANES):  # near the top of the discs
+        for lane in range(LANES):  # soft ends at the top and bottom of the discs, where no run is inside
             even, odd = splat8(evens[group + lane]), splat8(odds[group + lane])
             first = entry + np.int64(plan[at + _START + lane])
             left, right = np.int64(plan[at + _LEFT + lane]), np.int64(plan[at + _RIGHT + lane])
@@ -275,7 +277,8 @@ def _spread(image, signed_radius, area, table, columns, sizes, rows, tile, step,
     ones = np.zeros(2 * LANES, np.float32)
     ones[:LANES] = 1
     for task in prange(down * across):
-        # Threads take neighbouring tasks; neighbouring tiles, which take similar times, are to be shared out.
+        # Threads take neighbouring tasks. Neighbouring tiles take similar times, so they are assigned to different
+        # threads.
         number = task * step % (down * across)
         buffer = buffers[number]
         buffer[:] = 0
@@ -368,9 +371,9 @@ def _merge(buffers, height, width, rows, tile, reach_y, reach_x):
 
 
 def _tiles(sizes: Geometry) -> tuple[int, int, int]:
-    """Rows and columns of a tile, and a step through all tiles that meets each once and no neighbours in a row."""
-    # Tiles as large as their sources' reach keep what `_merge` has to add below four times the image; small
-    # images are cut finer, so that every core has something to do.
+    """Rows and columns of a tile, and a step by which all tiles are visited once, with no neighbours in succession."""
+    # With tiles as large as their sources' reach, `_merge` adds at most four times the image's pixels; small images get
+    # smaller tiles, so that every core has work.
     across = -(-sizes.width // max(TILE, 2 * sizes.reach_x))
     down = -(-sizes.height // max(TILE, 2 * sizes.reach_y))
     if sizes.height * sizes.width < SMALL_IMAGE:

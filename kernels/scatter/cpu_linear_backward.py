@@ -1,8 +1,8 @@
-"""The way back through the linear form for discs: along a row a disc is a run of equal weights with soft ends.
+"""The gradient of the linear form for discs: along a row a disc is a run of equal weights with soft ends.
 
 S_k, the weight at dx = +-k of a row `dy` from the centre, falls from 1 to 0 over a few pixels. With
 d_k = S_k - S_(k+1) a source gathers sum_k d_k (P[x + k + 1] - P[x - k]) with P the prefix sum of the
-gradient, and with d'_k = dd_k/dR instead of d_k the gradient by the radius. Only the few k where d_k isn't
+gradient, and with d'_k = dd_k/dR instead of d_k the gradient with respect to the radius. Only the few k where d_k isn't
 zero are visited.
 
 Three colours and the weight are four lanes of float64: float32 prefix sums would drift.
@@ -23,8 +23,8 @@ from .cpu_double4 import load4, splat4, store4
 from .cpu_edge import half_width, logistic2
 from .cpu_pack import COLOURS, Geometry
 
-WAYS = COLOURS + 1  # lanes of a pixel
-LANES = 8  # sources whose soft ends are worked out together
+WAYS = COLOURS + 1  # lanes per pixel
+LANES = 8  # number of sources whose soft ends are computed together
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
 
@@ -39,7 +39,8 @@ def _half_width8(radius, dy):
 def _soft_ends(weights, slopes, cores, radius, dy, steepness, band, least, farthest):
     """Soft ends of eight sources at row `dy`: weights[8 e + lane] = d_k, slopes likewise d'_k, at k = cores[lane] + e.
 
-    Before the soft end, up to k = core, S is 1; core = -1 where nothing is inside. Returns how many e there are.
+    Before the soft end, up to k = core, S is 1; core = -1 if no pixel of the row has S = 1. Returns the number of
+    values of e.
     """
     core = min8(_half_width8(radius - band, dy), farthest)
     last = min8(_half_width8(max8(radius + band, least), dy), farthest)
@@ -54,7 +55,7 @@ def _soft_ends(weights, slopes, cores, radius, dy, steepness, band, least, farth
         further = select8(k <= last, further, _ZERO)
         further_slope = further - further * further
         if count == 0:
-            # Where nothing is inside there is no step from it either.
+            # If no pixel has S = 1, there is no step away from such a pixel either.
             here, here_slope = select8(inside, here, further), select8(inside, here_slope, further_slope)
         store8(weights, count * LANES, here - further)
         store8(slopes, count * LANES, here_slope - further_slope)
@@ -79,9 +80,10 @@ def _radii(signed_radius):
 @cached
 @njit(parallel=True, error_model="numpy")
 def _prefix(gradient, image, blurred, total, pad):
-    """Running sums of the gradient by the sums before the division, (H, (W + 2 pad) * WAYS); and D_ii's correction.
+    """Running sums of the gradient with respect to the sums before the division, (H, (W + 2 pad) * WAYS); and a
+    correction of D_ii.
 
-    The correction is what c_i . g_i, rounded, lacks of the exact difference: see cpu_direct_backward.py.
+    The correction is the exact difference minus the rounded c_i . g_i: see cpu_direct_backward.py.
     """
     height, width = total.shape
     sums = np.empty((height, (width + 2 * pad) * WAYS), np.float64)
@@ -189,7 +191,7 @@ def backward(
     alpha: float,
     area: bool,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gradients by the image (H, W, COLOURS) and by the signed radius (H, W)."""
+    """Gradients with respect to the image (H, W, COLOURS) and the signed radius (H, W)."""
     sums, correction = _prefix(gradient, image, blurred, total, sizes.reach_x + 1)
     radii, largest = _radii(signed_radius)
     return _gather(

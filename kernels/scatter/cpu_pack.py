@@ -1,4 +1,5 @@
-"""What the direct form prepares: padded planes of the sources, how far blocks of them reach, tables of the soft edge.
+"""Preparation of the direct form: padded planes of the sources, the reach of blocks of sources, tables of the soft
+edge.
 
 Planes are (H, PLANES, stride) float32, flattened: the edge plane, then colour and 1, both times the
 area term. A row has `pad` empty pixels on either side, so that no inner loop tests for the image's border.
@@ -18,22 +19,22 @@ from dofbench.core.lens import AREA_EPSILON, ApertureShape
 
 from .reference import STOP_OPACITY
 
-BLOCK = 16  # pixels of a block: sources whose reach is known, targets done together
-COLOURS = 3  # channels done at a time
+BLOCK = 16  # pixels of a block: sources that share one reach, targets that are processed together
+COLOURS = 3  # channels processed together
 SUMS = COLOURS + 1
 PLANES = COLOURS + 2
-NOWHERE = np.float32(-1e9)  # the reach of a block without sources
+NOWHERE = np.float32(-1e9)  # reach of a block without sources
 
 # The soft edge is followed until exp(-12) = 6e-6 of the full weight: 1.5 px at alpha = 4.
 BAND_EXPONENT = 12.0
-# Brightest over mean, linear light, of a photograph without bright highlights.
+# Ratio of brightest to mean linear light in a photograph without bright highlights.
 USUAL_CONTRAST = 4.0
 SMALLEST_MEAN = 1e-30
-# Over mean, what counts as a highlight.
+# Ratio to the mean from which on a pixel counts as a highlight.
 BRIGHT = math.e * USUAL_CONTRAST
-# Near focus the tail is all there is of the gradient by radius: to exp(-18) whatever the radius.
+# Near focus the gradient with respect to the radius comes from the tail alone, so the tail is followed to exp(-18).
 FOCUS_EXPONENT = 18.0
-# exp(+-80) is far enough from the ends of float32 to be multiplied by weights.
+# exp(+-80) can be multiplied by weights without overflow or underflow of float32.
 LARGEST_EXPONENT = 80.0
 
 RATIONAL, EXPONENTIAL, STOPPED = 0, 1, 2
@@ -42,7 +43,7 @@ RATIONAL, EXPONENTIAL, STOPPED = 0, 1, 2
 class Geometry(NamedTuple):
     """Sizes that every kernel needs, in pixels or elements. Sources are followed to max(R + band, least).
 
-    For sources no brighter than `bright` in any channel, `usual_band` does instead of `band`.
+    For sources no brighter than `bright` in any channel, `usual_band` is used instead of `band`.
     """
 
     height: int
@@ -77,9 +78,9 @@ class Edges:
 
 
 def brightness(image: np.ndarray) -> tuple[float, float]:
-    """Largest and mean magnitude of (H, W, C), the mean without the highlights, which would hide what they drown.
+    """Largest and mean magnitude of (H, W, C). The mean leaves out highlights, which would hide how dark the rest is.
 
-    Both 1 where they mean nothing: NaN and infinity come out anyway.
+    Both are 1 if they can't be computed: NaN and infinity appear in the result anyway.
     """
     largest = float(max(image.max(), -image.min()))
     mean = _mean_magnitude(image, np.inf)
@@ -91,7 +92,7 @@ def brightness(image: np.ndarray) -> tuple[float, float]:
 @cached
 @njit(parallel=True, error_model="numpy")
 def _mean_magnitude(image, limit):
-    """Mean of the magnitudes up to `limit`; 0 of none."""
+    """Mean of the magnitudes up to `limit`; 0 if there is none."""
     height, width, channels = image.shape
     sums, counts = np.zeros(height, np.float64), np.zeros(height, np.int64)
     for y in prange(height):
@@ -106,8 +107,8 @@ def _mean_magnitude(image, limit):
 
 def geometry(height: int, width: int, largest: float, alpha: float, brightest: float, mean: float) -> Geometry:
     """Sizes for an image whose largest radius is `largest` pixels; brightest, mean: of its magnitudes, both finite."""
-    # Tails count for more beside a highlight, and for sharper sources in an image that is small and dark
-    # because most sources spread far beyond it.
+    # Tails matter more beside a highlight. They also matter more for sharp sources if most other sources spread far
+    # beyond a small image, so that little of their light remains in it.
     contrast = max(1.0, brightest / max(mean, SMALLEST_MEAN) / USUAL_CONTRAST)
     spread = max(1.0, largest**2 / (height * width))
     usual_band, band = (

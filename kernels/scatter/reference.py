@@ -9,13 +9,13 @@ where rho is the aperture's radius factor in the direction from i to j, 1 for a 
 (DoF-Gaussian, Eq. 6, with the area term of the public renderers; docs/conventions.md, "Blur").
 The result is `sum_i w_ij c_i / sum_i w_ij`: order-independent, without occlusion.
 
-A central stop of relative radius o takes the light out of the middle:
+A central stop of relative radius o blocks the light in the middle:
 
     w_ij = S(R_i rho - l) (1 - STOP_OPACITY S(o R_i rho - l)) / (R_i^2 + 0.2).
 
-Where the two edges are farther apart than their softness this is the difference of the two
-confusion functions. The product, and an opacity a little below 1, keep every weight positive:
-the plain difference vanishes at R = 0, where the division would then be 0 / 0.
+If the two edges are farther apart than their softness, this is the difference of the two confusion functions. The
+product, and an opacity a little below 1, keep every weight positive; the plain difference would vanish at R = 0 and
+make the division 0 / 0.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from dofbench.core.lens import ALPHA, AREA_EPSILON, ApertureShape, Energy
 
 BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
 STOP_OPACITY = 0.999
-# exp(-48) = 1e-21: what is farther beyond the rim than 48 / (2 alpha) is lost even in float64.
+# exp(-48) = 1e-21: a weight farther beyond the rim than 48 / (2 alpha) is negligible even in float64.
 TAIL_EXPONENT = 48.0
 
 
@@ -47,9 +47,9 @@ def scatter(
 ) -> Tensor:
     """Blur `image`, (H, W, C) linear light, by `signed_radius`, (H, W) pixels; (H, W, C).
 
-    Differentiable by both, with d|s|/ds = +1 at s = 0. `form` is part of the op's signature and
-    means nothing here: there is one way to sum. Raises FloatingPointError for a radius that isn't finite, or so large
-    that the area term isn't a normal number any more (in float32 from 9e18 pixels).
+    Differentiable with respect to both, with d|s|/ds = +1 at s = 0. `form` is part of the op's signature and is ignored
+    here. Raises FloatingPointError for a radius that isn't finite, or so large that the area term isn't a normal number
+    any more (in float32 from 9e18 pixels).
     """
     height, width, _ = image.shape
     radius = torch.where(signed_radius >= 0, signed_radius, -signed_radius)
@@ -72,7 +72,7 @@ def scatter(
 def check_largest(radius: float, kind: torch.finfo) -> None:
     """Raise FloatingPointError unless the area term of the largest radius, pixels, is a normal number.
 
-    NaN fails too: as a largest value it says that there is one.
+    NaN fails too: a largest value of NaN means that some radius is NaN.
     """
     if not math.isfinite(radius):
         raise FloatingPointError("signed_radius: expected finite values, found NaN or infinity")

@@ -5,8 +5,8 @@ With d = prediction - target, 2ab - a^2 - b^2 = -(a - b)^2 turns both factors of
     S = (1 - E[d]^2 / B1) (1 - var(d) / B2),   B1 = E[p]^2 + E[t]^2 + C1,   B2 = var(p) + var(t) + C2,
 
 which needs four filtered maps (E[p], E[t], E[p^2 + t^2], E[d^2]) instead of five and, unlike the
-usual form, loses no digits where prediction and target are close: where training ends up. So the
-kernels (`cpu_windows.py`) add up 1 - S.
+usual form, loses no digits if prediction and target are close, as they are at the end of a training. For the same
+reason the kernels (`cpu_windows.py`) sum up 1 - S.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .reference import K1, K2, Border, check_images, check_weight, gaussian_wind
 
 @dataclass(frozen=True)
 class _Settings:
-    """What `ssim` was asked for; with_l1: whether the L1 mean is wanted too."""
+    """The options of a call; with_l1: whether the L1 mean is computed too."""
 
     border: Border
     window: int
@@ -37,7 +37,8 @@ class _Settings:
 
 
 class _Compare(torch.autograd.Function):
-    """(mean of 1 - S, mean of weight times |prediction - target|), both differentiable by the prediction."""
+    """(mean of 1 - S, mean of weight times |prediction - target|), both differentiable with respect to the
+    prediction."""
 
     @staticmethod
     def forward(context, prediction: Tensor, target: Tensor, weight: Tensor | None, settings: _Settings):
@@ -48,7 +49,7 @@ class _Compare(torch.autograd.Function):
         taps = np.asarray(window, dtype=np.float32)
         frame_y = _frame(height, window, settings.border)
         frame_x = np.repeat(_frame(width, window, settings.border), channels, axis=1)
-        # Squares of numbers around zero lose fewer digits than squares of numbers around one half.
+        # Images are shifted by this, since squares of numbers around zero lose fewer digits than those around one half.
         centre = np.float32(0.5 * settings.data_range)
         c1, c2 = (np.float32((k * settings.data_range) ** 2) for k in (K1, K2))
         maps = np.empty((3, height, width * channels), dtype=np.float32)
@@ -56,7 +57,7 @@ class _Compare(torch.autograd.Function):
         forward, context.kernel = build(settings.window // 2, channels)
         forward(p, t, w, taps, frame_y, frame_x, centre, c1, c2, settings.with_l1, maps, sums)
         counted = float(frame_y[1].sum(dtype=np.float64)) * float(frame_x[1].sum(dtype=np.float64))
-        # Kept for its check that nobody has written to them by the time of the backward pass.
+        # Saved because torch then checks that they haven't been modified before the backward pass.
         context.save_for_backward(prediction, target, weight)
         context.call = p, t, w, taps, centre, settings.with_l1, maps
         context.counts = counted, p.size
@@ -100,9 +101,10 @@ def ssim(
     sigma: float = 1.5,
     data_range: float = 1.0,
 ) -> Tensor:
-    """Mean structural similarity; see `reference.ssim`. float32 on the CPU, differentiable by `prediction`.
+    """Mean structural similarity; see `reference.ssim`. float32 on the CPU, differentiable with respect to
+    `prediction`.
 
-    Raises ValueError for what it can't take.
+    Raises ValueError for invalid arguments.
     """
     check_images(prediction, target, border, window, sigma, data_range)
     _check_device(prediction, target)
@@ -123,7 +125,7 @@ def l1_ssim(
 ) -> Tensor:
     """(1 - ssim_weight) L1 + ssim_weight (1 - SSIM) in one pass; see `reference.l1_ssim`. float32 on the CPU.
 
-    Raises ValueError for what it can't take.
+    Raises ValueError for invalid arguments.
     """
     check_images(prediction, target, border, window, sigma, data_range)
     check_weight(prediction, weight)
@@ -134,7 +136,7 @@ def l1_ssim(
 
 
 def _warm_up(**options: float) -> None:
-    """Compiles both functions, for images of three channels; options: those of `l1_ssim`."""
+    """Compile both functions for images of three channels; options: those of `l1_ssim`."""
     image = torch.rand((32, 32, 3), generator=torch.Generator().manual_seed(0)).requires_grad_()
     l1_ssim(image, torch.zeros_like(image), **{"ssim_weight": 0.2, **options}).backward()
 

@@ -1,13 +1,13 @@
-"""The numba kernels behind `cpu.py`: a separable filter, tile by tile, and what is done with its results.
+"""The numba kernels behind `cpu.py`: a separable filter, tile by tile, and the computation of SSIM from its results.
 
-The image is cut into tiles small enough for the cache. A tile lives in one scratch buffer whose row
-length is a compile-time constant: only so can LLVM see that reads and writes don't overlap, and
-vectorise. Indices are unsigned, since signed ones carry numba's wrap-around test. Bands of rows run
-in parallel; sums are kept a band and added in order, so the number of threads changes no bit.
+The image is cut into tiles small enough for the cache. A tile is processed in one scratch buffer whose row length is a
+compile-time constant, because only then LLVM can see that reads and writes don't overlap, and vectorise. Indices are
+unsigned, since numba adds a wrap-around test to signed ones. Bands of rows run in parallel; sums are kept per band and
+added in order, so the number of threads changes no bit.
 
-There is no fastmath: which products it fuses depends on what else is compiled along, and a kernel
-fresh from the compiler differed in the last bits from the same kernel loaded from numba's cache.
-Where a fused multiply-add is wanted, it is written.
+fastmath isn't used: which products it fuses depends on the other code compiled in the same process, and a freshly
+compiled kernel differed in the last bits from the same kernel loaded from numba's cache. Where a fused multiply-add is
+wanted, it is written.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _ZERO, _ONE, _TWO, _THREE, _FOUR = _u(0), _u(1), _u(2), _u(3), _u(4)
 
 @intrinsic
 def _fma(typing_context, a, b, c):
-    """a * b + c of three float32, in one rounding where the processor can."""
+    """a * b + c of three float32, with a single rounding if the processor supports it."""
 
     def generate(context, builder, signature, arguments):
         single = arguments[0].type
@@ -69,7 +69,7 @@ def _filter(scratch, source, goal, count, spacing, taps, weights):
 
 @njit(inline="always", error_model="numpy")
 def _repeat(scratch, at, weight, y, left, count, channels):
-    """Put the L1 weights of `count` numbers of row y, from number `left` on, into scratch: one a channel."""
+    """Put the L1 weights of `count` numbers of row y, from number `left` on, into scratch, once per channel."""
     if weight.shape[0] == 0:
         for j in range(count):
             scratch[at + j] = np.float32(1)
@@ -81,7 +81,7 @@ def _repeat(scratch, at, weight, y, left, count, channels):
 
 @cache
 def build(radius: int, channels: int):
-    """(forward, backward) for a window of 2 radius + 1 pixels and images of so many channels."""
+    """(forward, backward) for a window of 2 radius + 1 pixels and images with this number of channels."""
     reach, step, taps = _u(radius), _u(channels), _u(2 * radius + 1)
     halo = _u(radius * channels)
     tile = _u(max(1, _TILE_ROW // channels) * channels)
@@ -93,11 +93,11 @@ def build(radius: int, channels: int):
     @cached
     @njit(error_model="numpy", parallel=True)
     def forward(p, t, weight, taps_weights, frame_y, frame_x, centre, c1, c2, with_l1, maps, sums):
-        """Add up 1 - S and weight |p - t|; write the derivatives of S that `backward` filters.
+        """Sum up 1 - S and weight |p - t|; write the derivatives of S, which `backward` filters.
 
         p, t: (H, W C). weight: (H, W) or empty. frame_y: (2, H) and frame_x: (2, W C), the window's
-        mass inside the image and whether a pixel counts. maps: (3, H, W C), filled with dS by E[p],
-        E[p^2 + t^2] and E[d^2]. sums: (bands, 2), filled.
+        mass inside the image and whether a pixel counts. maps: (3, H, W C), filled with the derivatives of S with
+        respect to E[p], E[p^2 + t^2] and E[d^2]. sums: (bands, 2), filled.
         """
         height, width = _u(p.shape[0]), _u(p.shape[1])
         one, two = np.float32(1), np.float32(2)
@@ -144,8 +144,8 @@ def build(radius: int, channels: int):
                     for j in range(count):
                         mass = frame_y[_ZERO, y] * frame_x[_ZERO, left + j]
                         counts = frame_y[_ONE, y] * frame_x[_ONE, left + j]
-                        # The zeros beyond the border are not shifted by the centre: where the window
-                        # is not wholly inside, mean and variance get the difference back.
+                        # The zeros beyond the border aren't shifted by `centre`, so mean and variance are corrected
+                        # where the window isn't completely inside the image.
                         missing = centre * (one - mass)
                         a = scratch[mixed + j]
                         c = scratch[mixed + stride + j]

@@ -71,14 +71,14 @@ def ssim(
     sigma: float = 1.5,
     data_range: float = 1.0,
 ) -> Tensor:
-    """Mean structural similarity over pixels and channels; a scalar, differentiable by `prediction`.
+    """Mean structural similarity over pixels and channels; a scalar, differentiable with respect to `prediction`.
 
     prediction, target: (H, W, C), one floating type. window: side of the Gaussian window, pixels,
     odd. sigma: its standard deviation, pixels. data_range: difference between white and black.
     border: "same" pads with zeros and averages over all pixels, as the 3DGS loss does; "valid"
     averages over the pixels whose window lies inside, which equals scikit-image with
     `gaussian_weights=True, use_sample_covariance=False`. Covariances are those of the population
-    (no n / (n - 1)). Raises ValueError for what it can't take; a NaN comes through to the result.
+    (no n / (n - 1)). Raises ValueError for invalid arguments; a NaN in an image makes the result NaN.
     """
     check_images(prediction, target, border, window, sigma, data_range)
     weights = prediction.new_tensor(gaussian_window(window, sigma))
@@ -110,8 +110,8 @@ def l1_ssim(
 ) -> Tensor:
     """The colour loss of 3DGS, (1 - ssim_weight) mean(weight |p - t|) + ssim_weight (1 - SSIM); a scalar.
 
-    Kerbl et al. 2023, equation 7. weight: (H, W), no gradient; it acts on L1 alone, and the mean
-    is over all pixels and channels whatever the weights add up to. The rest as in `ssim`.
+    Kerbl et al. 2023, equation 7. weight: (H, W), no gradient; it acts on L1 alone, and the mean is taken over all
+    pixels and channels, whatever the sum of the weights. Other arguments as in `ssim`.
     """
     check_images(prediction, target, border, window, sigma, data_range)
     check_weight(prediction, weight)

@@ -1,7 +1,7 @@
 """Plane-sweep stereo for the CPU: `stereo`, `upsample`, `semiglobal`, `returns`; see `reference.py`.
 
-Bands of rows (columns, for the vertical paths) run in parallel and write to places of their own, so the number of
-threads changes no bit. No fastmath, for the reason that `ssim/cpu_windows.py` gives.
+Bands of rows (of columns for the vertical paths) run in parallel and write to separate places, so the number of threads
+changes no bit. fastmath isn't used, for the reason given in `ssim/cpu_windows.py`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .cpu_returns import find_returns
 from .cpu_sweep import sweep
 from .reference import CENTRE, check
 
-SCRATCH = 2**28  # bytes that semiglobal matching takes beside the scores
+SCRATCH = 2**28  # largest number of bytes that semiglobal matching uses in addition to the scores
 _F = np.float32
 _ZERO, _ONE, _HALF = _F(0), _F(1), _F(0.5)
 
@@ -28,7 +28,7 @@ _ZERO, _ONE, _HALF = _F(0), _F(1), _F(0.5)
 def stereo(reference: Tensor, sources: Tensor, maps: Tensor, disparities: Tensor, *, radius: int, best: int) -> Tensor:
     """Scores (H, W, D) of each pixel at each plane; see `reference.stereo`. float32 on the CPU.
 
-    Raises ValueError for what it can't take.
+    Raises ValueError for invalid arguments.
     """
     check(reference, sources, maps, disparities, radius, best)
     scores = np.empty((*reference.shape, len(disparities)), np.float32)
@@ -86,13 +86,13 @@ def semiglobal(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """(plane, score, margin), each (H, W); see `reference.semiglobal`. float32 on the CPU.
 
-    Beside the scores it takes as much memory again, but no more than SCRATCH: a large image is done in blocks of
-    columns, which changes no bit.
+    It uses as much memory as the scores in addition to them, but at most SCRATCH: a large image is processed in blocks
+    of columns, which changes no bit.
     """
     height, width, known = scores.shape
     volume = scores.contiguous()
     if known % LANES:
-        # A plane that isn't there costs infinitely much.
+        # Padded with planes of infinite cost, which are never chosen.
         volume = torch.nn.functional.pad(volume, (0, -known % LANES), value=-torch.inf)
     shape = tuple(volume.shape)
     flat, grey = volume.numpy().reshape(-1), guide.detach().to(torch.float32).contiguous().numpy().reshape(-1)
@@ -108,7 +108,7 @@ def semiglobal(
 
 
 def returns(depth: Tensor, other: Tensor, there: Tensor, back: Tensor, *, pixels: float, share: float) -> Tensor:
-    """Where another view sees the same, (H, W) bool; see `reference.returns`. Coordinates are float64."""
+    """Where another view sees the same surface, (H, W) bool; see `reference.returns`. Coordinates are float64."""
     own, seen = (tensor.to(torch.float32).contiguous().numpy() for tensor in (depth, other))
     maps = [tensor.to(torch.float64).contiguous().numpy() for tensor in (there, back)]
     found = np.zeros(own.shape, np.bool_)
@@ -117,7 +117,7 @@ def returns(depth: Tensor, other: Tensor, there: Tensor, back: Tensor, *, pixels
 
 
 def _warm_up(radius: int = 3, best: int = 2) -> None:
-    """Compiles all four functions; the sweep for windows of this radius."""
+    """Compile all four functions, the sweep for windows of this radius."""
     image = torch.rand((16, 16), generator=torch.Generator().manual_seed(0))
     ahead = torch.eye(3, 4, dtype=torch.float64)
     scores = stereo(

@@ -1,6 +1,6 @@
 """The semiglobal paths of `cpu.py`, eight planes at a time.
 
-Rows run in parallel, and then columns, a few side by side as memory has them; each writes to places of its own.
+Rows run in parallel, and then groups of columns that are adjacent in memory; each task writes to separate places.
 """
 
 from __future__ import annotations
@@ -13,14 +13,15 @@ from dofbench.compute.simd import LANES, abs8, bits8, lanes8, largest8, load8, m
 
 from .reference import FAR
 
-COLUMNS = 16  # of a task of the vertical paths
+COLUMNS = 16  # columns per task of the vertical paths
 _F = np.float32
 _ZERO, _ONE, _HALF, _INFINITY = _F(0), _F(1), _F(0.5), _F(np.inf)
 
 
 @njit(error_model="numpy")
 def _step(before, after, lowest, scores, first, count, small, jump, total, at, add):
-    """One step along a path, from the costs `before` of a pixel to those `after` it; returns their least.
+    """One step along a path, from the costs `before` of a pixel to the costs `after` of the next; returns the least of
+    these.
 
     Costs have LANES of infinity at both ends. total[at : at + count] becomes the cost, or has it added.
     """
@@ -37,7 +38,7 @@ def _step(before, after, lowest, scores, first, count, small, jump, total, at, a
 
 @njit(error_model="numpy")
 def _begin(before, after, count):
-    """Costs from which `_step`, with 0 for the lowest, comes to those of a path's first pixel."""
+    """Initial costs, from which `_step` with `lowest` 0 computes the costs of a path's first pixel."""
     before[:] = _INFINITY
     after[:] = _INFINITY
     before[LANES : LANES + count] = _ZERO
@@ -68,14 +69,15 @@ def along_rows(scores, guide, shape, small, large, edge, left, right, total):
                 if wanted:
                     lowest = _step(one, two, lowest, scores, at * count, count, small, jump, total, goal, not forth)
                 else:
-                    # Costs of another block of columns: only their way through it counts.
+                    # Columns outside this block aren't stored; their costs are needed only as input of the next pixels
+                    # on the path.
                     lowest = _step(one, two, lowest, scores, at * count, count, small, jump, two, LANES, False)
                 one, two = two, one
 
 
 @njit(error_model="numpy")
 def _choose(total, at, count):
-    """(fractional plane of the least cost, that plane, how much more another answer costs)."""
+    """(fractional plane of least cost, the whole plane, how much more the best plane at a distance from it costs)."""
     least = splat8(_INFINITY)
     for k in range(0, count, LANES):
         least = min8(load8(total, at + k), least)
@@ -99,7 +101,8 @@ def _choose(total, at, count):
 @cached
 @njit(parallel=True, error_model="numpy")
 def down_columns(scores, guide, shape, known, small, large, edge, left, right, total, plane, score, margin):
-    """Add both vertical paths to total (H, right - left, D), and choose. known: planes that there are, of D."""
+    """Add both vertical paths to total (H, right - left, D), and choose. known: number of real planes among D; the
+    others are padding."""
     height, width, count = shape
     wide = right - left
     for block in prange(-(-wide // COLUMNS)):

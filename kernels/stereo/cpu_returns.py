@@ -1,4 +1,4 @@
-"""The check of `cpu.py` that goes to another view and back, one pixel at a time."""
+"""The check of `cpu.py` that projects pixels to another view and back, one pixel at a time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from dofbench.compute.kernel_cache import cached
 @cached
 @njit(parallel=True, error_model="numpy")
 def find_returns(depth, other, there, back, pixels, share, found):
-    """Set found (H, W), False before, where the other view sees the same; there, back: (3, 4) float64."""
+    """Set found (H, W), initially False, to True where the other view sees the same surface; there, back: (3, 4)
+    float64."""
     height, width = depth.shape
     for row in prange(height):
         for column in range(width):

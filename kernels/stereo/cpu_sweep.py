@@ -1,7 +1,7 @@
 """The sweep of `cpu.py`: correlation of every pixel with the other views at every plane.
 
-Tiles run in parallel and write to places of their own. Within a tile a source is warped once a plane, and the sums over
-a window are taken eight columns at a time, first down and then along, so that nothing but the warp's reads is scalar.
+Tiles run in parallel and write to separate places. Within a tile a source is warped once per plane, and the sums over a
+window are computed for eight columns at a time, first down and then along, so only the reads of the warp are scalar.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from dofbench.compute.simd import (
 
 from .reference import FLOOR, UNKNOWN
 
-ROWS, COLUMNS = 32, 256  # of a tile
-PLANES = 8  # that a tile finishes together: they lie side by side in the result
+ROWS, COLUMNS = 32, 256  # size of a tile
+PLANES = 8  # number of planes that a tile finishes together, which are adjacent in the result
 _F = np.float32
 _ZERO, _ONE, _HALF, _INFINITY = _F(0), _F(1), _F(0.5), _F(np.inf)
 
@@ -92,7 +92,8 @@ def _down(warped, patch, start, pitch, window, wide, sums):
 
 @njit(error_model="numpy")
 def _further(warped, patch, start, pitch, window, wide, sums):
-    """`_down` from the sums of a row higher: the row that the window leaves goes, the one that it reaches comes."""
+    """`_down`, updated from the sums of the row above: the row that leaves the window is subtracted, the new one
+    added."""
     gone, come = start - pitch, start + (len(window) - 1) * pitch
     for column in range(0, wide, LANES):
         old, new = load8(warped, gone + column), load8(warped, come + column)
@@ -105,7 +106,8 @@ def _further(warped, patch, start, pitch, window, wide, sums):
 
 @njit(error_model="numpy")
 def _correlate(sums, pitch, window, width, own, deviation, inside, row, shift, largest, layer, best):
-    """Correlation of a row of pixels from the sums down its windows, put among the `best` largest."""
+    """Compute the correlation of a row of pixels from the vertical sums of its windows, and insert it among the `best`
+    largest."""
     share = _ONE / _F(len(window) * len(window))
     for column in range(0, width, LANES):
         plain, square, mixed = splat8(_ZERO), splat8(_ZERO), splat8(_ZERO)
@@ -128,7 +130,8 @@ def _correlate(sums, pitch, window, width, own, deviation, inside, row, shift, l
 
 @njit(error_model="numpy")
 def _mean_of_best(largest, layer, best, first, count, out):
-    """Write the mean of the largest scores that there are into out, from index `first` on."""
+    """Write the mean of the largest scores, of which there may be fewer than `best`, into out, from index `first`
+    on."""
     for at in range(0, count, LANES):
         total, seen = splat8(_ZERO), splat8(_ZERO)
         for k in range(best):
@@ -142,7 +145,8 @@ def _mean_of_best(largest, layer, best, first, count, out):
 @cached
 @njit(parallel=True, error_model="numpy")
 def sweep(reference, sources, maps, disparities, radius, window, best, scores):
-    """Fill scores (H, W, D). Images have CENTRE taken off already, and the sources their last row and column twice."""
+    """Fill scores (H, W, D). CENTRE has been subtracted from the images, and the last row and column of the sources are
+    repeated once."""
     height, width, count = scores.shape
     across = -(-width // COLUMNS)
     side = len(window)
@@ -151,7 +155,7 @@ def sweep(reference, sources, maps, disparities, radius, window, best, scores):
     for tile in prange(across * -(-height // ROWS)):
         top, left = tile // across * ROWS, tile % across * COLUMNS
         rows, columns = min(ROWS, height - top), min(COLUMNS, width - left)
-        # Rows of whole vectors, with what a window reaches to on both sides and a vector beyond.
+        # Rows of whole vectors, extended on both sides by the reach of a window and by one more vector.
         padded = -(-columns // LANES) * LANES
         pitch = -(-(padded + 2 * radius) // LANES) * LANES + LANES
         layer = rows * padded
@@ -202,7 +206,7 @@ def sweep(reference, sources, maps, disparities, radius, window, best, scores):
                         down,
                     )
                     for row in range(rows):
-                        # Sums that go on from those before gather rounding: no further than through a tile.
+                        # Updated sums accumulate rounding errors, so every tile starts with fresh sums.
                         if row == 0:
                             _down(warped, patch, 0, pitch, window, padded + 2 * radius, sums)
                         else:

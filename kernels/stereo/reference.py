@@ -12,10 +12,11 @@ from torch import Tensor
 from dofbench.compute.backend import Backend
 
 BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
-FLOOR = 2e-5  # added to both variances, encoded values squared: noise and rounding of a flat patch match nothing
-UNKNOWN = 0.0  # score where no source sees the pixel: that of two unrelated patches
-CENTRE = 0.5  # taken off the images: sums of squares around zero lose fewer digits
-FAR = 2  # planes around the best one that don't count as another answer
+# Added to both variances, in squared encoded values, so that noise and rounding in flat patches don't correlate
+FLOOR = 2e-5
+UNKNOWN = 0.0  # score of a pixel that no source sees, equal to that of two unrelated patches
+CENTRE = 0.5  # subtracted from the images, since sums of squares around zero lose fewer digits
+FAR = 2  # planes within this distance of the best one aren't alternatives to it
 
 
 def check(reference: Tensor, sources: Tensor, maps: Tensor, disparities: Tensor, radius: int, best: int) -> None:
@@ -39,9 +40,9 @@ def stereo(reference: Tensor, sources: Tensor, maps: Tensor, disparities: Tensor
     reference: (H, W) and sources: (S, h, w), grey, encoded. maps: (S, 3, 4); the first three columns
     times (x, y, 1) plus the last times disparity is the homogeneous image coordinate in the source.
     disparities: (D,), 1 / scene unit. The score of a source is the normalised cross-correlation over a
-    window of 2 radius + 1 pixels, a plane of constant depth; a pixel's is the mean of its `best` largest
-    among the sources that it falls into (of all of them where they are fewer), as some are occluded.
-    Beyond an image its border goes on.
+    window of 2 radius + 1 pixels, a plane of constant depth; the score of a pixel is the mean of the `best` largest
+    among the sources into which it projects (of all these sources if they are fewer), as the surface may be occluded in
+    some. Outside an image its border pixels are repeated.
     """
     check(reference, sources, maps, disparities, radius, best)
     height, width = reference.shape
@@ -78,7 +79,7 @@ def stereo(reference: Tensor, sources: Tensor, maps: Tensor, disparities: Tensor
 
 
 def _bilinear(image: Tensor, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-    """Samples at image coordinates, the border going on, and whether they are inside."""
+    """Samples at image coordinates, with border pixels repeated outside, and whether the coordinates are inside."""
     height, width = image.shape
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
     x = torch.nan_to_num(x - 0.5).clamp(0, width - 1)
@@ -92,7 +93,7 @@ def _bilinear(image: Tensor, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def upsample(scores: Tensor, coarse: Tensor, share: float) -> None:
-    """Give the scores of a coarser level (h, w, d), enlarged, a `share` in scores (H, W, D), in place.
+    """Mix the enlarged scores of a coarser level (h, w, d) into scores (H, W, D), in place, with the weight `share`.
 
     Linear along all three axes. Pixels are areas, as in images; the first and the last plane are the same in both.
     """
@@ -111,8 +112,8 @@ def semiglobal(
     scores: (H, W, D); a plane's cost is its negative score. guide: (H, W), the grey image: a jump of
     more than one plane costs `large` / (1 + |difference of grey| / edge), but never less than `small`,
     what a change by one plane costs. plane: fractional index, refined by a parabola through the summed
-    costs. score: the pixel's own at the nearest whole plane. margin: how much more, in the mean over the
-    paths, the best plane costs that is more than two planes away.
+    costs. score: the pixel's own at the nearest whole plane. margin: how much more, in the mean over the paths, the
+    best plane more than two planes away costs.
     """
     height, width, count = scores.shape
     total = torch.zeros_like(scores)
@@ -148,13 +149,13 @@ def semiglobal(
 
 
 def returns(depth: Tensor, other: Tensor, there: Tensor, back: Tensor, *, pixels: float, share: float) -> Tensor:
-    """Where another view sees the same: (H, W) bool.
+    """Where another view sees the same surface: (H, W) bool.
 
     depth: (H, W) and other: (h, w), z in scene units, 0 where unknown. there: (3, 4), the first three columns times
     (x, y, 1) times z plus the last is the homogeneous image coordinate in the other view, whose third component is z
-    there; back: the same the other way. A pixel goes there by its depth, takes the depth of the pixel that it falls
-    into, and comes back by that: no more than `pixels` beside where it began, its depth off by a share of less than
-    `share`.
+    there; back: the same in the other direction. A pixel is projected to the other view by its depth, and projected
+    back with the depth of the pixel that it falls into. It must return to within `pixels` of its origin, with a
+    relative difference of depth below `share`.
     """
     rows, columns = torch.meshgrid(
         *(torch.arange(size, dtype=there.dtype, device=depth.device) + 0.5 for size in depth.shape), indexing="ij"

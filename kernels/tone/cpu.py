@@ -1,4 +1,5 @@
-"""The tone curve on the CPU: float32, numba, relative error below 3e-6. Torch's powers cost more than the scatter."""
+"""The tone curve on the CPU: float32, numba, relative error below 3e-6. torch's powers would take longer than the
+scatter."""
 
 from __future__ import annotations
 
@@ -12,13 +13,14 @@ from dofbench.compute.kernel_cache import cached, is_compiled
 from dofbench.compute.simd import exp2_fast8, load8, log2_8, max8, min8, select8, store8
 
 _LANES = 8
-_CHUNK = 4096  # numbers of a task
+_CHUNK = 4096  # numbers per task
 _INFINITY = np.float32(np.inf)
 _LARGEST_EXPONENT = np.float32(126.0)
 
 
 def tone(values: Tensor, exponent: float, toe: float, slope: float) -> Tensor:
-    """`values ** exponent` with a straight toe; see `reference.tone`. float32 on the CPU; infinity and NaN pass.
+    """`values ** exponent` with a linear toe; see `reference.tone`. float32 on the CPU; infinity and NaN are passed
+    through.
 
     The same input gives the same bits, whatever the number of threads. Raises ValueError for another type or device.
     """
@@ -49,7 +51,7 @@ def _power8(x, exponent, toe, line):
     scaled = log2_8(max8(min8(x, _INFINITY), toe)) * exponent
     curve = exp2_fast8(max8(min8(scaled, _LARGEST_EXPONENT), -_LARGEST_EXPONENT))
     curve = select8(scaled > _LARGEST_EXPONENT, _INFINITY, curve)
-    # The bits of infinity and NaN mean nothing to log2_8; x ** exponent is x itself there.
+    # log2_8 doesn't handle infinity and NaN; for these x ** exponent is x itself.
     return select8(x >= toe, select8(x < _INFINITY, curve, x), x * line)
 
 
@@ -62,7 +64,7 @@ def _power(values, exponent, toe, line):
     for task in prange(-(-whole // _CHUNK)):
         for i in range(task * _CHUNK, min(whole, task * _CHUNK + _CHUNK), _LANES):
             store8(result, i, _power8(load8(values, i), exponent, toe, line))
-    # The rest goes through the same arithmetic, so that a pixel's value doesn't depend on its place.
+    # The remaining values use the same vector arithmetic, so that a pixel's result doesn't depend on its place.
     rest = np.ones(_LANES, np.float32)
     rest[: size - whole] = values[whole:]
     store8(rest, 0, _power8(load8(rest, 0), exponent, toe, line))

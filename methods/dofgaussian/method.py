@@ -1,4 +1,4 @@
-"""DoF-Gaussian (Shen et al., CVPR 2025): Gaussians seen through a learnable thin lens per view."""
+"""DoF-Gaussian (Shen et al., CVPR 2025): Gaussian splatting through a learnable thin lens for every view."""
 
 from __future__ import annotations
 
@@ -6,4 +6,4 @@ from dofbench.gaussians.gaussian_method import GaussianMethod
 
 
 class DoFGaussian(GaussianMethod):
-    """Equations 1 to 13 of the paper on the shared trainer; presets are in method.toml."""
+    """Equations 1 to 13 of the paper, implemented on the shared trainer; presets are in method.toml."""

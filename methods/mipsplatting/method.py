@@ -9,6 +9,6 @@ from dofbench.gaussians.gaussian_method import GaussianMethod
 
 
 class MipSplatting(GaussianMethod):
-    """The same trainer as DoF-Gaussian with the lens, and all that depends on it, left out."""
+    """The same trainer as DoF-Gaussian without the lens and everything that depends on it."""
 
     FORCED: ClassVar[Mapping[str, Any]] = {"lens": False, "adaptation": "off"}

@@ -1,4 +1,4 @@
-"""Tables of ablations: which runs they need, what they show, and that nothing runs twice."""
+"""Ablation tables: which runs they need, what they show, and that no run is repeated."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def rows(file: Path) -> list[dict[str, str]]:
 
 
 def scores(results: Path, method: str, column: str) -> list[float]:
-    """By seed."""
+    """The scores in the order of seeds."""
     found = {
         result.spec.seed: result.scores[column]
         for file in sorted(results.rglob(f"{method}*/result.json"))
@@ -140,7 +140,7 @@ def test_a_table_of_one_dataset(ablate, tmp_path: Path) -> None:
     spread = abs(values[0] - values[1]) / math.sqrt(2)
     assert more["PSNR [dB] ↑"] == f"{sum(values) / 2:.2f} ± {spread:.2f}"
     assert notes(page, pinhole["PSNR [dB] ↑"]) == "Pinhole has no lens to refocus with"
-    # The paper's own figures: of this scene, in a column of their own.
+    # The paper's figures for this scene have a separate column.
     paper = "*paper: PSNR [dB] ↑*"
     assert some[paper] == "21.50" and pinhole[paper].startswith("–")
     assert "Nobody 2020, Table 9, on their own waves" in page
@@ -200,7 +200,8 @@ def test_means_and_differences_over_datasets(ablate, tmp_path: Path) -> None:
     by_view = [
         views["more", dataset].mean(axis=0) - views["some", dataset].mean(axis=0) for dataset in ("waves", "ripples")
     ]
-    # All seven views say the same. The fakes of the rows "some" and "pinhole" are one and the same: nothing to test.
+    # The differences of all seven views have one sign. The rows "some" and "pinhole" use the same fake, so they have no
+    # differences to test.
     assert all((one < 0).all() for one in by_view)
     shown = {row["row"]: row for row in table_rows(page, "Difference from some")}
     summary = {(row["row"], row["column"]): row for row in rows(out / "noise-summary.csv") if row["dataset"] == "mean"}
@@ -213,12 +214,12 @@ def test_means_and_differences_over_datasets(ablate, tmp_path: Path) -> None:
     assert shown["pinhole"]["all-in-focus PSNR [dB] ↑"] == "+0.00"
     assert shown["more"]["all-in-focus PSNR [dB] ↑"].endswith("**worse**")
     assert shown["more"]["all-in-focus PSNR [dB] ↑"].startswith("-")
-    assert shown["pinhole"]["PSNR [dB] ↑"].startswith("–")  # it has none to compare
+    assert shown["pinhole"]["PSNR [dB] ↑"].startswith("–")  # the row has no score to compare
 
 
 def test_nothing_runs_twice(ablate) -> None:
     _, first, _, _ = ablate(table="noise,again")
-    assert len(first) == 6  # the row of the second table is one of the first's
+    assert len(first) == 6  # the row of the second table is also in the first
     _, again, said, out = ablate(table="noise,again")
     assert again == [] and "6 of them are finished" in said
     assert [row["row"] for row in table_rows((out / "again.md").read_text(), "waves")] == ["as in the other"]
@@ -230,7 +231,7 @@ def test_an_interrupted_call_loses_nothing(ablate, tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         ablate(fatal=4)
     page = (tmp_path / "out" / "noise.md").read_text()
-    assert "with seeds 0, of 2 asked for" in page  # the first seed is whole, so its table can be read
+    assert "with seeds 0, of 2 asked for" in page  # the first seed is complete, so there is a table for it
     assert "±" not in table_rows(page, "waves")[0]["PSNR [dB] ↑"]
     cells = rows(tmp_path / "out" / "noise.csv")
     unfinished = {(row["row"], row["seed"]) for row in cells if row["status"] == "not run"}
@@ -259,7 +260,7 @@ def test_a_failing_cell_stops_nothing_else(ablate, tmp_path: Path) -> None:
     mean = table_rows(page, "Mean over 2 datasets")
     assert mean[1]["PSNR [dB] ↑"].startswith("diverged") and re.match(r"\**\d", mean[0]["PSNR [dB] ↑"])
     assert {row["status"] for row in rows(out / "noise.csv") if row["row"] == "more"} == {"diverged"}
-    # It is finished all the same: running again would only repeat it.
+    # A diverged run counts as finished: running it again would only repeat the result.
     assert ablate(data=f"{tmp_path / 'data'},{other}")[:2] == (False, [])
 
 
@@ -306,7 +307,7 @@ def test_sharp_inputs_leave_the_lens_out_unless_forced(ablate) -> None:
     assert planned["left out by the plan"].endswith("; normals: a fake has none")
     assert forced["left out by the plan"] == "normals: a fake has none"
     shown = table_rows(page, "waves")
-    assert "δ_A ↓" not in shown[0]  # no row has it, so there is no such column, and a line says why
+    assert "δ_A ↓" not in shown[0]  # a column that no row has is left out, and a line says why
     assert re.search(r"^Not shown, as no row has it: δ_A \(.*sharp photographs", page, re.MULTILINE)
     assert "One seed only: no spread is known" in page and "Trained on the sharp originals" in page
 
@@ -343,7 +344,7 @@ def test_a_dry_run_runs_nothing(ablate, tmp_path: Path) -> None:
 def test_options_for_every_row(ablate, tmp_path: Path) -> None:
     ablate(set=("noise=0.3", "at=4"), seeds=1, preset="slow")
     specs = [read_result(file).spec for file in sorted((tmp_path / "results").rglob("fake*/result.json"))]
-    assert sorted(spec.overrides["noise"] for spec in specs) == [0.3, 0.8]  # the row's own value holds
+    assert sorted(spec.overrides["noise"] for spec in specs) == [0.3, 0.8]  # the row's value replaces the call's
     assert {spec.overrides["at"] for spec in specs} == {4} and {spec.preset for spec in specs} == {"slow"}
 
 
@@ -410,14 +411,14 @@ def test_the_shipped_tables_hold_the_paper_s_figures() -> None:
         (True, True, True),
     ]
     full, same = tables["table4"].rows[-1], tables["table5"].rows[3]
-    assert full.set == same.set and full.paper == same.paper  # one run, in both tables
+    assert full.set == same.set and full.paper == same.paper  # one run is used in both tables
     fern = {row.label: row.paper_scenes.get("fern") for row in tables["table3"].rows}
     assert fern["Mip-Splatting"] == {"aif_psnr": 27.87, "aif_ssim": 0.910}
     assert fern["DoF-Gaussian, as planned"] == {"aif_psnr": 28.23, "aif_ssim": 0.917}
 
 
 def test_an_option_that_a_preset_has_anyway_makes_no_other_run(tmp_path: Path) -> None:
-    """With the real method, whose options are known in full."""
+    """With the real method, all of whose options are known, unlike those of a fake."""
     data = tmp_path / "data"
     make_dataset(MakeDataset(scene=str(content_folder("datasets") / "thinlens" / "foliage"), width=96, out=data))
     settings = Ablate(data=str(data), table="table4,table5,adaptation", seeds=1)

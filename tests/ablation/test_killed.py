@@ -1,4 +1,4 @@
-"""The command as a user calls it: processes of its own, and killed in the middle."""
+"""The command as a user calls it, in processes of its own, killed in the middle and called again."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ def test_killed_in_the_middle_it_goes_on(command: list[str], tmp_path: Path) -> 
     before = kept.stat().st_mtime_ns, kept.read_bytes()
 
     done = called(command)
-    # One row's process dies without a word each time; the others are whole, and what was finished wasn't run again.
+    # The process of one row is killed each time; the other rows are complete, and finished runs weren't repeated.
     assert done.returncode == 1, done.stderr
     assert "3 runs; 1 of them are finished" in done.stdout
     assert "killed by signal 9" in done.stderr
     assert (kept.stat().st_mtime_ns, kept.read_bytes()) == before
     assert len(list(results.rglob("result.json"))) == 2
     page = (tmp_path / "out" / "pauses.md").read_text()
-    assert "crashed[^" in page and "the process died without a word" in page
+    assert "crashed[^" in page and "the process died without a message" in page
     assert page.count("–") > 0 and "Difference from none" in page

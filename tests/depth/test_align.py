@@ -1,4 +1,5 @@
-"""The robust scale and shift: exact where the truth is a scale and shift, and blind to less than half of the points."""
+"""The robust scale and shift: exact if the truth is a scale and shift, even if nearly half of the points are
+outliers."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ COUNT = 120
 
 
 def made(meaning: str, scale: float, shift: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """(output, disparity) of points of which the output says all, exactly."""
+    """(output, disparity) of points whose disparity is an exact function of the output."""
     disparity = np.random.default_rng(seed).uniform(0.2, 1.0, COUNT)
     return ((disparity if meaning == "disparity" else 1 / disparity) - shift) / scale, disparity
 
@@ -69,8 +70,8 @@ def test_a_heavier_point_counts_more():
     ("output", "disparity"),
     [
         (np.arange(ENOUGH - 1.0), np.arange(ENOUGH - 1.0)),  # too few
-        (np.arange(50.0), 2 - np.arange(50.0) / 50),  # the nearer, the less
-        (np.ones(50), np.linspace(0.1, 1, 50)),  # says nothing
+        (np.arange(50.0), 2 - np.arange(50.0) / 50),  # falls as disparity rises
+        (np.ones(50), np.linspace(0.1, 1, 50)),  # constant output
     ],
 )
 def test_there_may_be_none(output, disparity):

@@ -1,4 +1,4 @@
-"""Edge-aware completion: what it must give on images whose answer is known."""
+"""Edge-aware completion on images for which the result is known."""
 
 from __future__ import annotations
 

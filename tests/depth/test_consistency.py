@@ -1,4 +1,4 @@
-"""Consistency between views on two planes, where what hides what is known."""
+"""Consistency between views of two planes, whose occlusion is known."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_neighbours_share_points_or_stand_near():
 
 
 def of(*differences: float, consistent: tuple[float, ...] = ()) -> list[Consistency | None]:
-    """One of each difference, half of whose pixels agree unless told."""
+    """A consistency for each difference; half of the pixels agree unless `consistent` is given."""
     shares = consistent or (0.5,) * len(differences)
     return [Consistency((), 1.0, share, value, value, value) for value, share in zip(differences, shares, strict=True)]
 
@@ -122,4 +122,4 @@ def test_all_views_poor_is_no_reason_to_flag_one_but_beyond_doubt_is():
     assert views_off(of(0.08, 0.10, 0.09, 0.25)) == [3]
     assert views_off(of(0.004, 0.005, 0.004, 0.019)) == []
     assert views_off(of(0.004, 0.005, 0.004, 0.021)) == [3]
-    assert views_off(of(0.001, 0.06)) == []  # two views: which of them is off, nobody can say
+    assert views_off(of(0.001, 0.06)) == []  # of two views it can't be known which one is wrong

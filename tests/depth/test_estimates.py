@@ -45,7 +45,7 @@ def points(count: int, seen_by: tuple[int, ...] | None, seed: int = 0) -> PointC
 
 
 def scene(points: PointCloud | None, image: np.ndarray | None = None) -> Scene:
-    """Three views of the ramp, whose brightness is a scale and shift of its disparity unless told."""
+    """Three views of the ramp, whose brightness is a scale and shift of its disparity by default."""
     bright = 0.1 + 0.6 / ramp()
     picture = np.repeat(bright[..., None], 3, axis=2).astype(np.float32) if image is None else image
     return scene_of(CAMERAS, image=picture, points=points, name="ramp")

@@ -1,4 +1,4 @@
-"""Feeding a network as its side file says, and refusing in one line what can't be fed or read."""
+"""Feeding a network as its side file says, and errors in one line for invalid networks and side files."""
 
 from __future__ import annotations
 

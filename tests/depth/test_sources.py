@@ -1,4 +1,4 @@
-"""Depth sources: which one is taken, what it refuses, and that a reconstruction is trained only once."""
+"""Depth sources: which one is chosen, which input it refuses, and that a reconstruction is trained only once."""
 
 from __future__ import annotations
 

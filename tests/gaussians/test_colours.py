@@ -1,4 +1,4 @@
-"""What a camera makes of the light: colours of the photographs, and what it clipped."""
+"""Colour transforms of photographs, and clipping by the sensor."""
 
 import json
 
@@ -75,7 +75,7 @@ def test_the_mean_over_the_photographs_stays_identity(kind):
 def test_exposure_and_white_balance_are_learned(kind):
     true = np.array([[0.2, 0.1, 0.0], [-0.2, 0.0, 0.1], [0.0, -0.1, -0.1]])
     colours = LearnedColours(3, ColourOptions(colour_per_view=kind, colour_lr=2e-2))
-    factors = np.exp(true) if kind == "gain" else 1 + true  # what the gauge makes the mean of is zero
+    factors = np.exp(true) if kind == "gain" else 1 + true  # the values whose mean over the photographs is made zero
     for step in range(1500):
         view, image = step % 3, _image(step)
         photograph = image * torch.tensor(factors[view]).float()
@@ -95,7 +95,7 @@ def test_without_options_nothing_is_learned_and_nothing_touched():
 
 
 def test_photographs_of_other_colours_are_made_again():
-    """Of three views one is darker and one warmer: with colours each is explained better."""
+    """Of three views one is darker and one warmer: with colour transforms each is predicted better."""
     given, errors = training_set(), {}
     factors = np.array([[0.8, 0.8, 0.8], [1.2, 1.2, 1.0], [1.04, 1.04, 1.25]], np.float32)
     views = tuple(
@@ -178,7 +178,7 @@ def test_one_level_below_white_isn_t_clipped():
 
 
 def test_light_above_white_is_kept_where_the_blur_spreads_it():
-    """A lamp of three times white, blurred to below it, is found from what the blur spread."""
+    """The brightness of a lamp of three times white is recovered from its blur, which is below white."""
     from dofbench.optics.defocus import defocus
 
     sharp = torch.full((33, 33, 3), 0.2)

@@ -99,7 +99,8 @@ def test_rotate_is_the_rotation_matrix():
 def test_filter_3d_is_the_finest_sampling_of_the_views_that_see_a_gaussian():
     gaussians = Gaussians.from_points(cloud([(0, 0, 2.0), (0, 0, 8.0), (0.1, 0, 4.0), (50.0, 0, 4.0)]), 0)
     gaussians.update_filter_3d([frontal(20, 20, 10.0), frontal(40, 40, 20.0)])
-    finest = np.array([2, 8, 4, 8]) / 20 * math.sqrt(0.2)  # the unseen one gets the largest of the others
+    # The Gaussian that no view sees gets the largest size of the others
+    finest = np.array([2, 8, 4, 8]) / 20 * math.sqrt(0.2)
     assert np.allclose(gaussians.filter_3d.numpy(), finest)
 
 

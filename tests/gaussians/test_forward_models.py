@@ -1,4 +1,4 @@
-"""Forward models: which of them trains when, which renders, and what is rasterised for a picture."""
+"""Forward models: which one is used when in training, which one renders, and how often they rasterise."""
 
 import itertools
 
@@ -69,7 +69,7 @@ def test_the_richest_geometry_holds_what_all_want():
 
 @pytest.fixture
 def rasterised(monkeypatch) -> list[str]:
-    """The geometry of every rasterisation of a rendering from now on."""
+    """A list to which the geometry of every following rasterisation is added."""
     seen: list[str] = []
 
     def counted(*given, geometry, **more):
@@ -95,7 +95,7 @@ def test_many_lenses_on_one_camera_take_one_sharp_view(rasterised, changes):
 
 
 def test_a_picture_without_a_lens_is_always_rasterised(rasterised):
-    """Its speed is a score (frames per second)."""
+    """Because the speed of such renderings is a score (frames per second)."""
     trainer = Trainer(training_set(), options(), 0)
     exposures, camera = Exposures(trainer.gaussians, options()), cameras()[0]
     for lens in (LENS, None, None):
@@ -114,7 +114,7 @@ def test_what_is_done_to_a_picture_does_not_reach_the_next():
 
 
 def test_a_method_in_training_renders_what_it_has_become():
-    """An observer renders between the steps: never by a sharp view of before."""
+    """An observer that renders between steps must not get a sharp view that was kept from an earlier step."""
     method, seen = DoFGaussian({"steps": 12, "sh_degree": 0, "normal_weight": 0.0}, 0, "cpu"), []
 
     class Looking(Recorder):
@@ -123,7 +123,7 @@ def test_a_method_in_training_renders_what_it_has_become():
             return super().after_step(step, loss)
 
     camera, given = cameras()[0], training_set()
-    for _ in range(2):  # the second training begins where the first one's sharp view is still kept
+    for _ in range(2):  # when the second training begins, the sharp view of the first is still kept
         method.fit(given, Budget(steps=3), Looking())
         seen.append(method.render(camera, LENS).image)
     assert all(not np.array_equal(one, other) for one, other in itertools.pairwise(seen[:3]))

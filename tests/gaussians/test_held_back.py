@@ -1,4 +1,4 @@
-"""Held-back tiles: none is looked at by a colour loss, and the scores look at nothing else."""
+"""Held-back tiles: colour losses don't use them, and scores use nothing else."""
 
 from dataclasses import replace
 
@@ -60,7 +60,8 @@ def test_no_gradient_reaches_a_held_back_pixel():
 
 @pytest.mark.parametrize("coarse", [0.0, 0.5])
 def test_what_lies_in_held_back_tiles_doesn_t_change_the_training(coarse):
-    """With L1 alone, bit for bit: SSIM's windows at their rim see the photograph in place of the prediction."""
+    """Bit for bit with L1 alone; SSIM's windows reach into held-back tiles, where the photograph replaces the
+    prediction."""
     options = _options(steps=12, held_back=0.3, ssim_weight=0.0, coarse_until=coarse)
     trained = []
     for level in (None, 0.9):

@@ -1,4 +1,4 @@
-"""The bookkeeping of benchmarks/is_there_a_lens.py: what is measured, kept and counted."""
+"""The tables of benchmarks/is_there_a_lens.py: which cases are measured, and how mistakes are counted."""
 
 import importlib
 from itertools import count

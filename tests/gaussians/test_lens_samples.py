@@ -1,4 +1,4 @@
-"""The lens by points of it: geometry against a camera that really moves, blur against the scatter's."""
+"""The lens sampled at points: geometry against a camera that is really moved, blur against the scatter."""
 
 import numpy as np
 import pytest
@@ -106,7 +106,7 @@ def test_a_point_of_the_lens_sees_what_a_camera_there_sees():
             cx=camera.cx + camera.fx * offset[0] * physical.focus_disparity,
             cy=camera.cy + camera.fy * offset[1] * physical.focus_disparity,
         )
-        # Without the share of the blur that belongs to the point's cell, which a moved camera hasn't.
+        # Without the blur of the point's cell, which a moved camera doesn't have.
         plain = rasterise(
             gaussians, moved, LOOKS, means=gaussians.parameters["means"], blur=_cell_blur(gaussians, shot)
         ).color
@@ -121,7 +121,7 @@ def _cell_blur(gaussians, shot):
 
 
 def test_before_a_plane_it_blurs_as_the_scatter_does():
-    """Nothing hides anything on one plane, so that both models mean the same photograph."""
+    """On a single plane there is no occlusion, so both models give the same photograph."""
     gaussians, camera = _scene([2.5], count=5000), _camera()
     lens = Lens(4.0, 0.0).physical(BOUNDS, WIDTH)
     by_samples = render_view(gaussians, camera, _options(), lens=lens).image
@@ -156,7 +156,7 @@ def test_a_sharp_foreground_hides_the_blurred_background_where_the_scatter_smear
     ("radius", "points"), [(0.0, 1), (1.4, 1), (1.6, 7), (3.9, 7), (4.1, 19), (6.7, 37), (50.0, 37)]
 )
 def test_a_point_of_the_lens_stands_for_a_cell_of_a_pixel_and_a_half(radius, points):
-    """Of the circle's area: 1.5 px each, until there are enough."""
+    """The number of points grows until each point's cell blurs by at most 1.5 px."""
     circles = torch.zeros(10, 20)
     circles[2:8] = radius
     assert points_of(rings_for(circles)) == points
@@ -165,7 +165,7 @@ def test_a_point_of_the_lens_stands_for_a_cell_of_a_pixel_and_a_half(radius, poi
 
 @pytest.mark.parametrize("aperture", [1.5, 4.0, 9.0])
 def test_a_picture_of_few_points_is_that_of_many(monkeypatch, aperture):
-    """Two planes that hide each other in part: the points that a picture does without would change it by little."""
+    """With two planes that partly hide each other, more points would change the picture only slightly."""
     gaussians, camera, seen = _scene([2.0, 10.0], count=3000), _camera(), []
     with torch.no_grad():
         near = gaussians.parameters["means"][:, 2] < 5

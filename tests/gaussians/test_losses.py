@@ -47,7 +47,7 @@ def test_one_normal_a_pixel_is_compared_whatever_its_length():
     alpha[:9] = 0
     normal = (0.3 * alpha[..., None] * torch.from_numpy(unit)).requires_grad_()
     loss = normal_consistency(normal, alpha, depth, depth, CAMERA, 0.6, "pixel")
-    # Of 16 rows within the border 8 have nothing, which counts as 1.
+    # Of 16 rows within the border, 8 have no surface, which counts as 1.
     assert float(loss) == pytest.approx(0.5)
     loss.backward()
     assert torch.isfinite(normal.grad).all() and not normal.grad[:9].any()

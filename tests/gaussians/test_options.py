@@ -1,4 +1,4 @@
-"""Options by concern: what a user may write, what is refused, what a program can ask about each."""
+"""Option groups: valid and refused values, and the listing of options."""
 
 from dataclasses import dataclass, replace
 
@@ -149,7 +149,7 @@ def test_depth_supervision_falls_to_a_tenth_as_published(preset):
     options = GaussianOptions().with_overrides(entry.preset(preset)[1]).supervision
     for step in (0, 10_000, 30_000):
         assert options.weight_at(step / 30_000) == pytest.approx(0.01 * (1 - 0.9 * step / 30_000))
-    # The paper writes a norm, the released code takes absolute differences; both of depth itself.
+    # The paper uses a norm, the released code absolute differences; both of depth, not disparity.
     assert (options.depth_norm, options.depth_space) == ({"paper": "l2", "released": "l1"}[preset], "depth")
 
 

@@ -1,4 +1,4 @@
-"""What doesn't belong to the scene is left out, and a scene that is merely hard loses nothing."""
+"""Photographs that don't belong to the scene are left out, and none of a scene that is hard to learn."""
 
 from dataclasses import replace
 
@@ -37,11 +37,11 @@ def test_losses_that_differ_by_less_than_two_fifths_have_none(losses):
 def test_no_more_than_a_share_is_left_out_the_worst_first():
     losses = [0.05] * 12 + [0.5, 0.9, 0.6, 0.8, 0.7]
     assert len(_found(losses)) == int(MOST * len(losses)) == 4 and _found(losses) == {13, 14, 15, 16}
-    assert _found([0.05] * 5 + [0.9] * 2) == set()  # too few for a median to mean something
+    assert _found([0.05] * 5 + [0.9] * 2) == set()  # too few views for a meaningful median
 
 
 def test_a_photograph_of_something_else_is_trained_on_no_more():
-    """Copies of three views but for one, which is noise."""
+    """A training set of copies of three views, in which one photograph is replaced by noise."""
     given_set, random = training_set(), np.random.default_rng(0)
     views = [replace(given_set.views[number % 3], name=f"v{number}") for number in range(9)]
     views[5] = replace(views[5], image=random.uniform(size=views[5].image.shape).astype(np.float32))

@@ -1,4 +1,4 @@
-"""What a reconstruction says of its own depth."""
+"""The spread of depth that a reconstruction reports."""
 
 from __future__ import annotations
 

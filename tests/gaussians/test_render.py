@@ -1,4 +1,4 @@
-"""The way from a scene's Gaussians to the rasteriser."""
+"""The arguments that `rasterise` passes to the kernel."""
 
 import numpy as np
 import torch

@@ -89,7 +89,7 @@ def test_extreme_gaussians_are_finite_and_render_the_same(tmp_path_factory, seed
     write_splats(path, gaussians)
     assert all(np.isfinite(independently(path)[name]).all() for name in FIELDS)
     difference = (picture(gaussians).color - picture(read_splats(path)).color).abs()
-    # Beside the exact alpha of 1/255 rounding may take or leave a pixel.
+    # At an alpha of about 1/255 rounding decides whether a pixel is drawn.
     assert difference.max() < 2 * LEVEL_8BIT and difference.mean() < FLOAT32_VALUE
 
 

@@ -129,7 +129,7 @@ def test_a_nan_ends_the_run_as_diverged_and_names_view_and_stage():
     (event,) = outcome.nonfinite
     assert event.view == "v1" and event.stage == "loss" and event.step == outcome.steps <= 3
     assert all(np.isfinite(loss) for loss in recorder.losses)
-    # What it had is still there and finite: the bad step was not taken.
+    # The parameters are still finite, since the step with the bad number wasn't carried out.
     assert all(bool(torch.isfinite(value).all()) for value in trainer.gaussians.parameters.values())
     assert np.isfinite(trainer.render(_cameras()[0], None).image).all()
 
@@ -173,5 +173,5 @@ def test_freshly_compiled_kernels_train_to_the_same_bits_as_cached_ones(tmp_path
     ]
     assert list(tmp_path.rglob("*.nbc")) and len(found[0][0]) == 64
     assert found[0] == found[1]
-    # The second process, not this one, compiled what the lens needs.
+    # The kernels of the lens were compiled by the second process, not by this one.
     assert found[0][1] == "0"

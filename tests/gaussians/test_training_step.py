@@ -1,4 +1,4 @@
-"""Parts of a training step: where its time is counted to, which stage a bad number is counted to, what it leaves."""
+"""Parts of a training step: to which stage time and bad numbers are attributed, and the order of photographs."""
 
 import time
 
@@ -54,7 +54,7 @@ def test_gradients_wait_at_the_cut_until_they_are_passed_on():
     assert means.grad is None
     scene.backward()
     assert means.grad.any() and second.color.grad is None
-    # Density control hears of what gradients passed through, and of nothing else.
+    # Density control gets the statistics of those rasterisations alone that gradients passed through.
     assert torch.equal(scene.statistics().grad_2d, scene._statistics[0].grad_2d)
 
 

@@ -1,4 +1,4 @@
-"""What training finds out for itself: on photographs through a lens, and on sharp ones."""
+"""Trials while training, on photographs through a lens and on sharp ones."""
 
 import dataclasses
 
@@ -30,7 +30,7 @@ OPEN = {
 
 
 class Scripted:
-    """A trainer of which it is known how well each way explains held-back pixels: dB by the option that was changed."""
+    """A fake trainer with a given score for each setting: dB on held-back pixels by the option that was changed."""
 
     count = 20
 
@@ -57,7 +57,7 @@ class Scripted:
         key = self.changes.get("lens_model") or (
             "no lens" if self.changes.get("lens") is False else self.changes.get("lens_per", "view")
         )
-        easy = np.linspace(20, 40, self.count)  # views differ far more than ways do
+        easy = np.linspace(20, 40, self.count)  # views differ far more than settings do
         noise = np.random.default_rng(len(self.log)).normal(size=self.count)
         noise = self._noise * (noise - noise.mean())
         return HeldBackScores(0.0, 0.0, {str(i): (value, 0.0) for i, value in enumerate(easy + self._dB[key] + noise)})
@@ -90,12 +90,12 @@ def test_a_lens_that_explains_the_photographs_stays_as_it_is():
 @pytest.mark.parametrize(
     ("gain", "circle", "runs"),
     [
-        (0.008, 0.8, False),  # explains nothing, and blurs next to nothing
-        (0.008, 9.0, True),  # explains nothing more than painted blur would, but blurs
-        (0.03, 0.8, True),  # explains little, but for sure
-        (-0.4, 9.0, False),  # is wrong about the photographs
+        (0.008, 0.8, False),  # no gain, and hardly any blur
+        (0.008, 9.0, True),  # no gain over blurred colours, but visible blur
+        (0.03, 0.8, True),  # a small gain, but significant
+        (-0.4, 9.0, False),  # predicts the photographs worse
         (0.30, 0.8, True),
-        (0.30, 0.2, False),  # too small to be a lens, whatever else it explains
+        (0.30, 0.2, False),  # circles of confusion too small for a lens, whatever the gain
     ],
 )
 def test_when_a_lens_is_left_out(gain, circle, runs):
@@ -139,7 +139,7 @@ def test_photographs_at_several_f_numbers_are_not_one_lens():
     same, several = (Exif(f_number=4.0),), (Exif(f_number=4.0), Exif(f_number=11.0))
     assert _decided(Scripted(alike, apart=0.4, exif=same), "share")[0] == {"lens_per": "scene"}
     assert _decided(Scripted(alike, apart=0.4, exif=several), "share")[0] == {"lens_per": "exif"}
-    some = (Exif(f_number=4.0), None)  # where some are unknown, the others say nothing about all
+    some = (Exif(f_number=4.0), None)  # if some f-numbers are unknown, nothing follows for all photographs
     assert _decided(Scripted(alike, apart=0.4, exif=some), "share")[0] == {"lens_per": "scene"}
 
 

@@ -1,4 +1,4 @@
-"""The harness asks nothing of a dataset that its protocol doesn't name."""
+"""The harness uses only those attributes of a dataset that its protocol names."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ EVERY = tuple(f"v{index}" for index in range(6))
 
 
 class Narrow:
-    """What a protocol names of an object, and nothing else."""
+    """A wrapper that gives access only to the attributes that a protocol names."""
 
     def __init__(self, whole: Any, protocol: type):
         self._whole = whole
@@ -36,7 +36,7 @@ class Narrow:
 
 
 class NarrowDataset(Narrow):
-    """A dataset whose views are narrow too."""
+    """A wrapped dataset whose views are wrapped too."""
 
     def __init__(self, whole: Dataset):
         super().__init__(whole, BenchmarkDataset)

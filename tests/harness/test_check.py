@@ -121,8 +121,8 @@ def test_a_lost_value_without_an_event_is_named(call) -> None:
     ("change", "problem"),
     [
         (lambda data: data["scores"]["aif_gmsd"].update(value=0.5), "added aif_gmsd: 0.5 is not the mean"),
-        (lambda data: data["scores"]["aif_gmsd"]["views"].pop("v0"), "added aif_gmsd: of other views"),
-        (lambda data: data["scores"].update(psnr=data["scores"]["aif_gmsd"]), "added psnr: the result has that score"),
+        (lambda data: data["scores"]["aif_gmsd"]["views"].pop("v0"), "added aif_gmsd: its views aren't"),
+        (lambda data: data["scores"].update(psnr=data["scores"]["aif_gmsd"]), "added psnr: the result itself has"),
         (lambda data: data["scores"].update(lpips=data["scores"]["aif_gmsd"]), "added lpips: no such metric"),
         (lambda data: data.update(key="0" * 64), "added scores of the key 00000000"),
         (lambda data: data.update(result_sha256="0" * 64), "scores of another result.json"),

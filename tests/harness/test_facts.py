@@ -1,4 +1,4 @@
-"""What photographs tell about themselves: how blurred they are, and whether colours depend on the direction."""
+"""Facts measured on photographs: how blurred they are, and whether colours depend on the viewing direction."""
 
 from __future__ import annotations
 

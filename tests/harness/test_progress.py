@@ -1,4 +1,4 @@
-"""What a training says: never silent for longer than a unit, and times left that come true."""
+"""Progress of a training: no long silence, and estimates of the time left that are right."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ def test_what_counts_nothing_is_not_silent_either(log):
     assert log.text().startswith("warming up: 0 s so far\n")
     before = log.text()
     time.sleep(0.05)
-    assert log.text() == before  # nobody tells on when it is over
+    assert log.text() == before  # no more progress is written after the end
 
 
 @pytest.mark.parametrize(

@@ -141,7 +141,7 @@ def test_old_results_are_migrated(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize("status", ["ok", "diverged", "crashed"])
 def test_results_of_version_1_still_read(status: str) -> None:
-    """Files that the code of that version wrote."""
+    """Files written by the code of that schema version."""
     file = Path(__file__).parent / "old_results" / f"v1-{status}.json"
     old = json.loads(file.read_text())
     assert old["schema_version"] == 1

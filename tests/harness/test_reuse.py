@@ -1,4 +1,4 @@
-"""Which runs have the key of a finished result, and use it again."""
+"""Which runs have the key of a finished result, which is then reused."""
 
 from __future__ import annotations
 
@@ -51,7 +51,8 @@ def test_nothing_else_changes_the_key(call, tmp_path: Path, monkeypatch: pytest.
         return plan_run(settings, data).spec.key
 
     assert again(out=tmp_path / "elsewhere") == again(rerun=True) == again(dry_run=True) == key
-    assert again(preset="quick") == again(budget="8it") == again(device="cpu") == key  # what is so anyway
+    # Options that equal their defaults don't change the key
+    assert again(preset="quick") == again(budget="8it") == again(device="cpu") == key
     assert again(shutil.copytree(tmp_path / "data", tmp_path / "moved" / "deep")) == key
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     monkeypatch.setenv("NUMBA_NUM_THREADS", "7")

@@ -1,4 +1,5 @@
-"""Finished runs scored again: what is added, what must come out again, what is left out and why."""
+"""Rescoring finished runs: scores that are added, scores that must come out the same, and scores left out with the
+reason."""
 
 from __future__ import annotations
 
@@ -47,7 +48,7 @@ def worst_error(prediction: np.ndarray, truth: np.ndarray) -> float:
 
 @pytest.fixture
 def worst(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A metric that nobody knew when the runs were made."""
+    """A metric that didn't exist when the runs were made."""
     metric = Metric("worst", "worst error", "", False, 0.0, 1.0, "images", worst_error, "largest absolute error")
     monkeypatch.setitem(METRICS, "worst", metric)
 
@@ -79,7 +80,7 @@ def test_a_new_metric_is_added_without_training(call, worst, tmp_path: Path) -> 
         }
         assert added.scores[column].views == values
         assert added.scores[column].value == pytest.approx(np.mean(list(values.values())))
-    # The code that scored isn't the code that trained, and both are known.
+    # The versions of the code that trained and of the code that scored are both recorded.
     assert added.scores["worst"].code != result.spec.code and added.scores["worst"].note == "largest absolute error"
 
 
@@ -207,7 +208,7 @@ def test_added_scores_of_another_result_are_refused(call) -> None:
     end = call()
     scored(end.folder, "aif_gmsd")
     data = json.loads((end.folder / "result.json").read_text())
-    (end.folder / "result.json").write_text(json.dumps(data))  # other bytes
+    (end.folder / "result.json").write_text(json.dumps(data))  # the same content in other bytes
     with pytest.raises(InputError, match="another result.json"):
         read_added(end.folder)
     assert scored(end.folder, "aif_gmsd")[0]

@@ -1,4 +1,4 @@
-"""How long runs will take: by finished ones, by the method's card, by the budget, or nobody knows."""
+"""Estimates of the time of runs: from finished runs, from the method's card, from the budget, or unknown."""
 
 from __future__ import annotations
 

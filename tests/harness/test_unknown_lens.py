@@ -1,4 +1,4 @@
-"""Runs on photographs whose lens nobody knows: scored is what has its truth, and the report has no empty column."""
+"""Runs on photographs of unknown lens: only scores with ground truth are computed, and reports have no empty column."""
 
 from __future__ import annotations
 

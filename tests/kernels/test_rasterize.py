@@ -1,4 +1,4 @@
-"""The compiled rasteriser against its float64 definition, and both against geometry."""
+"""The compiled rasteriser against its float64 definition, and both against known geometry."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Each Gaussian's own blur: against the reference, a closed form, and what blur must leave as it was."""
+"""The blur of single Gaussians: against the reference, a closed form, and invariants."""
 
 import math
 

@@ -159,13 +159,13 @@ def test_a_tilted_plane_of_gaussians_has_its_depth_and_normals_and_agrees_with_i
     assert ((raster.median_depth / expected - 1).abs() < SURFACE_OF_DISCS).all()
     found = raster.normal / raster.alpha[..., None]
     assert_close(found, torch.from_numpy(normal).expand(48, 64, 3), FLOAT32_VALUE, "normal")
-    # Normals from depth are the same: Eq. 12 has nothing to object to; turned by a degree, they aren't.
+    # Normals from depth are the same, so the loss of Eq. 12 is zero; for normals turned by a degree it isn't.
     consistent = float(normal_consistency(raster.normal, raster.alpha, raster.depth, raster.median_depth, camera, 0.6))
     assert consistent < SURFACE_OF_DISCS
     c, s = math.cos(0.1), math.sin(0.1)
     turned = raster.normal @ torch.tensor([[c, 0, s], [0, 1, 0], [-s, 0, c]])
     inconsistent = normal_consistency(turned, raster.alpha, raster.depth, raster.median_depth, camera, 0.6)
     assert float(inconsistent) - consistent > (1 - c) / 3
-    # One surface: next to no distortion, beside the same plane seen through a second one.
+    # A single surface has almost no distortion, compared with the same plane seen through a second one.
     spread = float((raster.distortion / raster.alpha**2).sqrt().max() * expected.max())
     assert spread < SURFACE_OF_DISCS

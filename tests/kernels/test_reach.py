@@ -1,4 +1,4 @@
-"""Work follows the largest radius that is there: how far sources are followed, and which tiles list a Gaussian."""
+"""Computations are limited by the largest radius: how far sources are followed, and which tiles list a Gaussian."""
 
 import math
 

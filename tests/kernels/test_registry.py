@@ -1,4 +1,4 @@
-"""Which backend a call gets: found by folder, chosen by the tensors, or named."""
+"""Which backend a call uses: found by its file, chosen by the tensors, or selected by name."""
 
 from __future__ import annotations
 

@@ -66,7 +66,8 @@ def assert_agrees(image, radius, gradient, form, **options):
     found = with_gradients(cpu, image, radius, gradient, torch.float32, form=form, **options)
     assert relative(found[0], expected[0]) < FLOAT32_VALUE
     assert relative(found[1], expected[1]) < FLOAT32_GRADIENT
-    # Where the definition's gradient by R is a sum of cancelling terms of order 1, nothing but their noise is left.
+    # Where the definition's gradient with respect to R is a sum of terms of order 1 that cancel, only rounding noise
+    # remains.
     scale = max(float(expected[2].abs().max()), SCATTER_DARK * float(gradient.abs().max()))
     assert float((found[2] - expected[2]).abs().max()) / scale < FLOAT32_GRADIENT
 
@@ -82,7 +83,7 @@ def test_gradient_of_the_definition(shape):
 
 
 def weight_sum(scatter, radius: float, **options) -> float:
-    """Sum of a source's weights, found from the outside: an impulse keeps w(0) / sum w of itself."""
+    """Sum of a source's weights, measured by an impulse, which keeps w(0) / sum w of itself."""
     size = 2 * math.ceil(radius + 7) + 1
     image = torch.zeros(size, size, 1)
     image[size // 2, size // 2] = 1.0

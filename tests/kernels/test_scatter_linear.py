@@ -1,4 +1,4 @@
-"""The linear form's own traps: tiles, radii beyond the image, highlights, light lost on the way."""
+"""Difficult cases of the linear form: tiles, radii larger than the image, highlights, loss of light."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def scene(rng, height: int, width: int, largest: float, kind: str = "noise"):
 
 
 def errors(image, radius, **options) -> tuple[float, float]:
-    """Of the linear form: relative to the largest magnitude, and largest relative to its own pixel."""
+    """Errors of the linear form: relative to the largest magnitude, and the largest error relative to its own pixel."""
     expected = reference(image.double(), radius.double(), **options)
     found = cpu(image, radius, form="linear", **options).double()
     assert torch.isfinite(found).all()

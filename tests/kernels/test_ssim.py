@@ -185,7 +185,7 @@ def test_kernel_from_the_cache_gives_the_same_bits(tmp_path: Path) -> None:
 def test_a_changed_target_is_seen() -> None:
     prediction, target = pair(20, 20, 0.1)
     before = kernel(prediction, target).item()
-    target.numpy()[:] = 0.25  # behind torch's back: no version counter moves
+    target.numpy()[:] = 0.25  # changed through numpy, so that torch's version counter doesn't notice
     assert kernel(prediction, target).item() == pytest.approx(
         reference(prediction.double(), target.double()).item(), abs=FLOAT32_VALUE
     )

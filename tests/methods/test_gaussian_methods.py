@@ -35,7 +35,7 @@ def _trained(name, training_set, **options):
 def test_a_saved_method_renders_the_same_with_its_own_settings(name, training_set, tmp_path):
     entry, method = _trained(name, training_set, filter_2d=0.3, background=0.2, lens_gamma=2.0)
     method.save(tmp_path)
-    # Of its settings this one knows nothing: they come from the file.
+    # This method is made without these settings; they are read from the file.
     again = entry.create({}, 0, "cpu")
     again.load(tmp_path)
     for lens in (None, LENS) if entry.card.capabilities.refocus else (None,):
@@ -91,7 +91,7 @@ def test_every_option_that_rendering_looks_at_is_kept_in_the_file(training_set, 
     looked_at.clear()  # that they fit together is looked at when they are made
     method.render(CAMERA, None)
     method.render(CAMERA, LENS)
-    # Baked into the Gaussians; which way gradients go.
+    # Not stored: filter_3d is merged into the Gaussians, and blur_to_depth only concerns gradients.
     elsewhere = {"filter_3d", "blur_to_depth"}
     assert looked_at & GaussianOptions().flat().keys() <= {*RENDERING, *elsewhere}
     assert {"lens_gamma", "filter_2d"} <= looked_at

@@ -1,4 +1,4 @@
-"""Lens errors: units are converted, nothing is fitted, nothing is left out unsaid."""
+"""Lens errors: units are converted, nothing is fitted, and no view is left out silently."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ def _reconstruct(source: Path, out: Path, **options) -> Outcome:
 
 @pytest.fixture(scope="session")
 def reconstruct() -> Callable[..., Outcome]:
-    """`reconstruct(source, out, **options)` without a word."""
+    """`reconstruct(source, out, **options)` without output."""
     return _reconstruct
 
 

@@ -65,7 +65,7 @@ def test_the_record_says_what_was_done(made: Path) -> None:
     assert all(view["features"] > view["coarse_features"] > 0 and view["points"] > 30 for view in content["views"])
     assert 0 < content["mean_reprojection_error"] < 1 and content["settings"]["seed"] == 0
     assert {"photographs", "features", "matches", "mapping", "undistortion"} <= content["seconds"].keys()
-    # 50 mm say nothing without the sensor: the usual field of view was the start.
+    # 50 mm can't be used without the sensor's width, so the usual field of view was the initial value.
     (camera,) = content["cameras"]
     assert camera["focal_prior"] == pytest.approx(1.2 * 320) and "nothing" in camera["told_by"]
     assert not (made / ".work").exists()
@@ -120,7 +120,7 @@ def test_poses_without_points_are_kept_and_points_found(
 ) -> None:
     source = bare(tmp_path / "bare", layout)
     if layout == "llff":
-        # What make-dataset says of it names the cure.
+        # The error of make-dataset says what to do.
         assert cli.main(["make-dataset", str(source), "--out", str(tmp_path / "never"), "--depth", "sfm"]) == 2
         assert f"dofbench reconstruct {source} --out SCENE" in capsys.readouterr().err
     assert cli.main(["reconstruct", str(source), "--out", str(tmp_path / "out")]) == 0
@@ -182,7 +182,7 @@ def test_a_wrong_place_is_one_line(tmp_path: Path, out: str, capsys: pytest.Capt
 
 
 def test_what_does_not_hang_together_is_no_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Three photographs of different things, one of nothing: each is told why, and what to do."""
+    """Three photographs of different things and one without features: for each the reason and advice are printed."""
     generator = np.random.default_rng(0)
     for name in "abc":
         patches = np.kron(generator.random((32, 32)), np.ones((6, 6)))

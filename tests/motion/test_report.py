@@ -1,4 +1,4 @@
-"""What is said of photographs and their poses."""
+"""Messages about photographs and their poses."""
 
 from __future__ import annotations
 

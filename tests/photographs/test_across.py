@@ -1,4 +1,5 @@
-"""Photographs of another aperture: the aperture isn't fitted, the focus is, and the strata know no method."""
+"""Photographs of another aperture: only the focus is fitted, not the aperture, and the strata don't depend on a
+method."""
 
 from __future__ import annotations
 
@@ -91,6 +92,6 @@ def test_where_the_training_photographs_are_blurred() -> None:
     # A point lies in every photograph that it projects into, found there or not.
     elsewhere = replace(points, views=tuple(np.array([5]) for _ in range(600)))
     assert np.array_equal(sharpness_ratio(elsewhere, training, test), ratio, equal_nan=True)
-    # Fewer than three photographs of either say nothing.
+    # With fewer than three photographs of either aperture there is no value.
     assert np.isnan(sharpness_ratio(points, training[:2], test)).all()
     assert thirds(points, np.full(600, np.nan), CAMERA, inside) is None

@@ -1,4 +1,4 @@
-"""The affine map of colours: undone where it was made, blind to what the sensor clipped."""
+"""The affine map of colours: it undoes a known map, and ignores clipped pixels."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_what_the_sensor_clipped_says_nothing() -> None:
 def test_colours_that_nothing_decides_stay() -> None:
     grey = np.full((500, 3), 0.5)
     assert np.abs(recoloured(grey, colour_map(grey, grey)) - 0.5).max() < COLOUR_UNDONE
-    # One colour fixes one value a channel: another colour isn't thrown far.
+    # A single colour determines only one value per channel; other colours must not change much.
     moved = recoloured(np.array([[0.4, 0.5, 0.6]]), colour_map(grey, grey + 0.02))
     assert np.abs(moved - [0.4, 0.5, 0.6]).max() < 0.05
     assert np.array_equal(colour_map(pixels(10), pixels(10)), np.eye(4, 3))

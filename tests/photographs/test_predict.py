@@ -1,4 +1,4 @@
-"""What is fitted on half of a photograph: found where a scene is known, and never by the half that is scored."""
+"""Fits on half of a photograph: right for a known scene, and independent of the half that is scored."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A dense workspace as COLMAP lays it out, from exact depth: no COLMAP with CUDA was at hand to make one."""
+"""A dense workspace in COLMAP's layout, written from exact depth, because COLMAP needs CUDA to make one."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ def _cropped(camera: Camera) -> Camera:
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory, photographed) -> Path:
-    """Every view's exact depth at full size; fusion kept the left half of what the first view sees."""
+    """A workspace with every view's exact depth at full size; its fused points are those in the first view's left
+    half."""
     folder = tmp_path_factory.mktemp("dense")
     scene = load_scene(content_folder("datasets") / "tabletop")
     by_name = {view.name: view for view in scene.views}
@@ -62,8 +63,8 @@ def test_depth_arrives_in_scene_units_at_the_pixels_it_belongs_to(workspace, pho
     for one, view in zip(maps, photographed.training_set.views, strict=True):
         known = one.depth > 0
         assert known.mean() > 0.2
-        # At half the size a pixel's centre is the corner of four, each as near as the others: one of their very
-        # numbers has to come, but for a scale's rounding, and no mean.
+        # At half the size a pixel's centre is the corner of four equally near pixels: the result must be the depth of
+        # one of them, up to the rounding of the scale, and no mean.
         four = [full[view.name][down::2, right::2] for down in (0, 1) for right in (0, 1)]
         exact = [np.isclose(one.depth, depth, rtol=FLOAT32_SCALAR) for depth in four]
         assert np.any(exact, axis=0)[known].all()

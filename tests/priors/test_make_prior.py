@@ -1,4 +1,4 @@
-"""Options to priors, priors to the trainer, and what they cost before the clock runs."""
+"""From options to priors, from priors to the trainer, and the order of checks."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_a_map_at_half_the_size_mixes_nothing(photographed):
 
 
 def test_training_by_stereo_brings_depth_nearer_to_the_truth(photographed):
-    """From one start, with depth as the only loss that moves it: what the prior says arrives."""
+    """Trainings from the same start, in which depth is the only loss: the result follows the prior's depth."""
     errors = {}
     for weight in (0.0, 1.0):
         options = _options(

@@ -46,7 +46,7 @@ def test_weight_tells_good_from_bad(photographed, maps):
 
 
 def test_what_agrees_with_no_other_view_is_left_out(photographed):
-    """One photograph of something else: nothing of it may be kept, and nothing of it may confirm another."""
+    """One photograph shows something else: its depth must not be kept, and it must not confirm others' depth."""
     views = photographed.training_set.views
     noise = np.random.default_rng(0).uniform(0, 1, views[0].image.shape).astype(np.float32)
     other = replace(photographed.training_set, views=(replace(views[0], image=noise), *views[1:4]))

@@ -1,4 +1,4 @@
-"""Recipes: plain data that a seed fixes, and what each of them is there for."""
+"""Recipes: plain data determined by a seed, and the property for which each recipe was made."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The thin lens blurs as the formula says, depth is the plane's, and the stated noise is the noise there is."""
+"""The thin lens blurs as the formula says, depth is that of the plane, and the stated noise is right."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WIDTH, HEIGHT, FOCAL = 56, 48, 60.0
 FORWARD = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 CAMERA = Camera(WIDTH, HEIGHT, FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2, FORWARD)
 DOT_PX = 2.0
-SKY = 1e-6  # mitsuba wants a light that it can aim at
+SKY = 1e-6  # mitsuba needs a light at which it can aim rays
 
 
 def dot(x: float, z: float) -> Stage:

@@ -1,4 +1,4 @@
-"""The variant is tried in another process, and what isn't there is said in one line."""
+"""The variant is tried in another process, and missing parts are reported in one line."""
 
 from __future__ import annotations
 

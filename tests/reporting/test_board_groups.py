@@ -131,7 +131,8 @@ def test_methods_are_compared_view_by_view(plain, call, made, tmp_path: Path) ->
     column = "PSNR [dB] ↑"
     cell = rows_["fake quick noise=0.05", "fake quick noise=0.5"][column]
     differences = [a.scores["psnr"] - b.scores["psnr"] for a, b in zip(other.views, one.views, strict=True)]
-    # All seven views say the same: 2 of 128 choices of signs are as far out, times the comparisons of the column.
+    # All seven differences have one sign: 2 of 128 sign choices are as extreme, times the number of comparisons in the
+    # column.
     assert cell.startswith(f"{sum(differences) / 7:+.2f} [") and cell.endswith("p = 0.016, **better** (one seed)")
     gap = rows_["fake quick noise=0.05", "pinhole quick"][column]
     assert notes(page, gap) == "a run of the pair failed, or lacks this score"

@@ -1,4 +1,4 @@
-"""report.html as a file: well-formed, whole in itself, and saying what the results say."""
+"""report.html as a file: well-formed, self-contained, and in agreement with the results."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def of(made_report, method: str, **spec) -> Result:
     return found
 
 
-# ---- whole in itself ----
+# ---- self-contained ----
 
 
 def test_every_element_is_closed_and_every_link_leads_somewhere(reader: Reader) -> None:
@@ -84,7 +84,7 @@ def test_text_of_results_can_not_become_markup() -> None:
     assert read(html)
 
 
-# ---- what it says ----
+# ---- content ----
 
 
 def test_no_column_is_empty(reader: Reader) -> None:
@@ -117,7 +117,7 @@ def test_which_is_best_by_how_much_and_how_sure(made_report, reader: Reader) -> 
     assert found["best"] == f"fake {QUICK}" and found["ahead of"] == "fake quick noise=0.4"
     assert found["by"] == f"+{ahead:.2f} dB" and found["PSNR"].startswith(f"{sum(scores['']) / 3:.2f} ±")
     views = len(of(made_report, "fake", seed=0, dataset="waves", overrides={}, protocol="refocus-v2").views)
-    # By few test views nothing can be told apart (2 ^ (1 - n) is the least p), however far ahead.
+    # With few test views no difference is significant (p is at least 2 ^ (1 - n)), however large.
     assert found["how sure"].startswith(f"over {views} test views, 3 seeds; +{ahead:.2f}")
     assert found["how sure"].endswith("better" if views > 5 else "not told apart")
     single = next(cells for cells in glance.rows if cells[0][0].startswith("fern"))
@@ -187,7 +187,7 @@ def test_the_papers_figures_stand_beside_the_method_as_it_is(boards: list, monke
 
 
 def test_the_papers_means_are_those_of_its_scenes() -> None:
-    """Two prints of one number: a slip of the pen in either shows."""
+    """The paper prints some numbers twice; a typing error in our copy of either would be noticed."""
     figures = paper_figures()
     assert set(figures) == {"main", "synthetic", "all_in_focus", "time"}
     theirs = figures["synthetic"].scenes
@@ -369,7 +369,7 @@ def test_a_truth_or_prediction_that_changed_is_not_shown(boards: list, monkeypat
         manifest.unlink()
         (shown,) = packed(gallery(fern)).data
         reason = shown["views"][0]["kinds"]["all_in_focus"]["reason"]
-        assert "fern_small isn't to be had" in reason and "found no dataset.json" in reason
+        assert "fern_small can't be used" in reason and "found no dataset.json" in reason
     finally:
         manifest.write_text(before)
         picture.write_bytes(pixels)

@@ -1,4 +1,4 @@
-"""report.html in a browser: silent, asking for nothing, and doing what it shows."""
+"""report.html in a browser: no console output, no requests, and working controls."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def choose(page: Page, select: str, text: str) -> None:
     ), text
 
 
-# ---- silent, and asking for nothing ----
+# ---- no console output, no requests ----
 
 
 def test_no_error_and_no_request(opened: Page, made_report) -> None:
@@ -104,7 +104,7 @@ def button(heading: str) -> str:
 
 
 def ordered(keys: list[str | None], *, down: bool) -> bool:
-    """Whether numbers are in order, and what has none is last."""
+    """Whether numbers are in order, and cells without a number are last."""
     numbers = [float(key) for key in keys if key is not None]
     return keys[len(numbers) :] == [None] * (len(keys) - len(numbers)) and numbers == sorted(numbers, reverse=down)
 

@@ -1,4 +1,4 @@
-"""Which row is best, by how much, and how sure: by the test of the differences, view by view."""
+"""The best row, its lead, and whether the lead is significant by the test of per-view differences."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NOBODY = dict.fromkeys(("preset", "budget", "dataset", "dataset_checksum", "prot
 
 
 def entry(method: str, seed: int, views: list[float], status: Status = Status.OK) -> Entry:
-    """A run with as much of a result as a verdict looks at: its refocus PSNR by view."""
+    """A run with the only scores that a verdict needs: its refocus PSNR by view."""
     spec = Spec(method=method, seed=seed, overrides={}, options={}, **NOBODY)
     scored = [ViewScores(name=f"v{index}", scores={"psnr": value}) for index, value in enumerate(views)]
     result = Result.model_construct(scores={"psnr": sum(views) / len(views)}, views=scored)

@@ -1,4 +1,4 @@
-"""What writes a report computes nothing: it knows the view model, and neither results nor statistics."""
+"""The writers of a report compute nothing: they import the view model, but neither results nor statistics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A matrix of runs: which runs it means, what is said of them, and that each is the run its own command would make."""
+"""A matrix of runs: which runs it consists of, its messages, and that each run equals that of a separate command."""
 
 from __future__ import annotations
 

@@ -77,12 +77,12 @@ def test_a_dry_run_says_what_will_be_done_and_how_long_it_takes(desk: Path):
 
 
 def own(source: Path, views: int = 40, size: tuple[int, int] = (3000, 2000), **changes) -> Own:
-    """Photographs that nobody has to take."""
+    """A fake of the user's photographs."""
     return dataclasses.replace(Own(source, source / "place", "photographs", views, size), **changes)
 
 
 def seconds(lines: list[str], start: str) -> float:
-    """What the line that starts so says."""
+    """The rest of the output line that starts with these words."""
     [line] = [line for line in lines if line.startswith(start)]
     number, unit = re.search(r"about (\d+) (s|min)", line).groups()
     return float(number) * (60 if unit == "min" else 1)
@@ -93,7 +93,7 @@ def test_the_time_said_before_goes_by_what_is_there(tmp_path: Path):
     wide, high = (outlook(own(tmp_path, size=size), runs, 504) for size in ((4000, 3000), (3000, 4000)))
     # At one width an upright photograph has nearly twice the pixels.
     assert seconds(high, "dofgaussian") > 1.3 * seconds(wide, "dofgaussian")
-    # Nothing is enlarged, and beyond 1600 pixels nothing is looked at.
+    # Images aren't enlarged, and for poses they are shrunk to 1600 pixels.
     small = outlook(own(tmp_path, size=(320, 240)), runs, None)
     assert any("320 px wide" in line for line in small)
     assert seconds(small, "dofgaussian") < seconds(wide, "dofgaussian")
@@ -167,7 +167,7 @@ def test_from_photographs_to_a_page_and_again(desk: Path):
     reason = next(stage["reason"] for stage in result.plan["stages"] if stage["name"] == "sparse_depth")
     assert f"stage sparse_depth: runs: {reason}" in said
     assert escape(reason) in (place / "report/report.html").read_text()
-    # Another result below the same folder is no business of this page.
+    # The page doesn't include other results below the same folder.
     other = desk / "results/another" / folder.name
     shutil.copytree(folder, other)
     again = dofbench(desk, *CALL)

@@ -1,4 +1,4 @@
-"""A scene split by what its cameras wrote down."""
+"""A scene split by the f-numbers in its EXIF."""
 
 from __future__ import annotations
 

@@ -254,7 +254,7 @@ def beside(folder, make_cameras, make_cloud):
 
 
 def moved(turn, scale=1.0):
-    """Take the poses of the file to another frame, and tell nobody."""
+    """Move the file's poses to another frame, without recording it in the file."""
 
     def change(content):
         for frame in content["frames"]:
@@ -289,7 +289,7 @@ def test_a_model_that_is_good_by_itself_is_not_hidden_by_a_file_in_another_frame
     assert scene.layout == "colmap" and len(scene.points) == len(good.points)
     for found, expected in zip(scene.views, good.views, strict=True):
         assert np.array_equal(found.camera.world_to_camera, expected.camera.world_to_camera)
-    # Asked for by name, either is what it is, or the reason why not.
+    # If a layout is asked for by name, it is read, or the error says why it can't be.
     with pytest.raises(InputError, match="--layout colmap reads the COLMAP model by itself") as caught:
         load_scene(beside, layout="nerfstudio")
     assert "\n" not in str(caught.value)
@@ -312,7 +312,7 @@ def test_refined_poses_are_in_one_frame_with_the_model_that_they_came_from(besid
 
 
 def test_points_of_its_own_need_no_model(beside, make_cloud, make_cameras, capsys):
-    """A file with its own points is whole in its own frame, whatever stands beside it."""
+    """A file that names its own points is read in its own frame, whatever other models are beside it."""
     edit(beside, lambda content: content.update(applied_transform=np.diag([-1.0, 1, -1, 1])[:3].tolist()))
     xyz = make_cloud(make_cameras(4)).xyz
     (beside / "points.ply").write_text(

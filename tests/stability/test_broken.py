@@ -1,4 +1,4 @@
-"""Each kind of check turns when the thing under it is broken on purpose."""
+"""Each kind of check fails when the code under test is broken on purpose."""
 
 from __future__ import annotations
 

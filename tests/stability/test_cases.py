@@ -1,4 +1,4 @@
-"""The catalogue is whole, and some cheap cases of each group are met as the published table says."""
+"""The catalogue is complete, and some cheap cases of each group meet their bounds as in the published table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The list of known limits: it names cases that exist and explains each, and to be better than it fails nothing."""
+"""The list of known limits: its cases exist and have reasons, and meeting the bound of a known limit isn't a
+failure."""
 
 from __future__ import annotations
 
@@ -60,7 +61,8 @@ def test_every_limit_names_a_case_and_places_where_it_is_run():
     ids=lambda limit: f"{limit.case} {' '.join(limit.where)}",
 )
 def test_a_known_limit_is_measured_and_may_be_met(limit):
-    """Rounding differs by machine, so a bound may be met; but an exception is no limit, and may not pass for one."""
+    """Rounding differs by machine, so the bound of a limit may be met; but an exception doesn't count as a known
+    limit."""
     known = CASES[limit.case]
     places = [setting for setting in known.settings if limit_of(known, setting, (limit,))]
     assert places

@@ -1,4 +1,4 @@
-"""Datasets of photographs that are shallow already: what is known is there, and what isn't is said not to be."""
+"""Datasets of photographs that are shallow already: known properties are stored, unknown ones are marked as unknown."""
 
 from __future__ import annotations
 
@@ -245,7 +245,7 @@ def test_of_a_folder_without_sharp_photographs_none_is_made_up(write_scene: Call
     assert cli.main(["make-dataset", str(root), "--photographs", "shallow", "--out", str(out)]) == 0
     dataset = Dataset.load(out)
     assert not any(view.has_all_in_focus or view.has_depth for view in dataset.views)
-    # Without depth and points nobody knows how near things are.
+    # Without depth and points the depth bounds are unknown.
     assert not (out / "all_in_focus").exists() and not (out / "poses_bounds.npy").exists()
     assert "`poses_bounds.npy`: without depth" in (out / "README.md").read_text()
     assert check_dataset(out) == [] and not dataset.has_points
@@ -331,7 +331,7 @@ def test_how_to_blur_is_no_question(
             lambda folder: edit(
                 folder / "dataset.json", lambda content: content["source"]["images"][1].pop("photograph")
             ),
-            "view v01: lens unknown, and in dataset.json no photograph as it was taken",
+            "view v01: lens unknown, and in dataset.json no real photograph",
         ),
     ],
 )
@@ -359,7 +359,7 @@ def test_the_reader_refuses_what_cannot_be(folder: Path, file: str, change: Call
 
 @pytest.fixture
 def mixed(dataset_folder: Path, tmp_path: Path) -> Path:
-    """A dataset with lenses of which test view v00 is a photograph by a lens that nobody knows."""
+    """A dataset with known lenses, except that test view v00 is a photograph of unknown lens."""
     folder = shutil.copytree(dataset_folder, tmp_path / "mixed")
     for name in ("images_linear/v00.exr", "all_in_focus/v00.png"):
         (folder / name).unlink()

@@ -1,4 +1,4 @@
-"""The deal of lenses: even, repeatable, and the same whatever else changes."""
+"""The assignment of lenses to views: even, repeatable, and independent of other settings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the machine refuses, and inputs that are broken: one line that names the file, and nothing finished is lost."""
+"""Errors of the system and broken inputs: one line that names the file, and no finished file is lost."""
 
 from __future__ import annotations
 

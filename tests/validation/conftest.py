@@ -1,4 +1,4 @@
-"""Folders of truths, small, in exactly the layouts that are read; their content comes from planes before a lens."""
+"""Small folders of ground truth in the layouts that are read; their content is planes before a lens."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Light fields made of planes whose disparity is known: what is found and added up, against it."""
+"""Light fields made of planes of known disparity: the disparity found, and the synthesised photographs."""
 
 from __future__ import annotations
 

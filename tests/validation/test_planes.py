@@ -1,4 +1,4 @@
-"""The thin lens before planes: against what is known of it without any sampling, and against another way to sample."""
+"""The thin lens before planes: compared with exact properties, and with an independent way of sampling."""
 
 from __future__ import annotations
 
@@ -102,7 +102,8 @@ def test_points_are_added_until_the_truth_is_good_enough():
     scene = SCENES["highlights"]
     coarse, fine = photograph(scene, 12.0, 0.9, own_error_db=0), photograph(scene, 12.0, 0.9, own_error_db=35)
     assert 15 < coarse.own_error_db < 35 <= fine.own_error_db
-    # By a finer one it is no worse than it says. Both halves are even, so that together they are better than that.
+    # Compared with a finer photograph, the error isn't larger than stated. Both halves are evenly distributed, so
+    # together they are better.
     error = -10 * math.log10(np.mean((coarse.photograph - fine.photograph) ** 2))
     assert error > coarse.own_error_db - 2
 

@@ -1,4 +1,4 @@
-"""Regions: they share out the picture, and edges reach as far as their blur."""
+"""Regions: they partition the picture, and the region of a depth edge is as wide as its blur."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command: its tables, and that it goes on from what is finished and from nothing else."""
+"""The command: its tables, and that it continues from finished scores of the same code only."""
 
 from __future__ import annotations
 

@@ -43,6 +43,6 @@ def test_more_rays_come_closer_to_the_scenes_own_photograph(scene):
     few, many = (
         -10 * math.log10(np.mean((np.clip(truth.thin_lens(rays), 0, 1) - truth.photograph) ** 2)) for rays in (8, 128)
     )
-    # Another lens or another view would stay where it is, far below.
+    # With another lens or view, the PSNR would stay far below.
     assert many > few + 6 and many > 30
     assert truth.own_error_db > many

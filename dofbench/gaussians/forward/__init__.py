@@ -1,1 +1,1 @@
-"""Forward models: how Gaussians and a lens become a photograph with shallow depth of field. One a file."""
+"""Forward models: how Gaussians and a lens become a photograph with shallow depth of field. One model per file."""

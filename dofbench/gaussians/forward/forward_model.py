@@ -1,4 +1,4 @@
-"""What a forward model is, and what it may use."""
+"""The interface of a forward model, and of the rasteriser that it uses."""
 
 from __future__ import annotations
 
@@ -18,51 +18,52 @@ from dofbench.learning.rendered_surface import surface_disparity
 
 @dataclass(frozen=True)
 class BlurOptions:
-    """Which forward model there is, and what all of them share."""
+    """Which forward model is used, and the options that all forward models share."""
 
     lens_model: Literal["scatter", "samples"] = "scatter"
     """How the lens blurs: scatter spreads the pixels of the sharp rendering; samples rasterises the scene as seen from
     points of the lens, with the occlusion that comes with it. Unit: none. Source: scatter: Algorithm 1; samples:
     own."""
     lens_gamma: float = GAMMA
-    """Exponent that makes linear light of encoded colours, in which blur is taken. Unit: none. Source: supplement; 2 in
-    the released code."""
+    """Exponent that turns encoded colours into linear light, in which the blur is computed. Unit: none. Source:
+    supplement; 2 in the released code."""
     blur_to_depth: bool = False
     """Whether the blur's gradient reaches the geometry. Unit: none. Source: off: released code; on: own."""
 
 
 @dataclass(frozen=True, eq=False)
 class SharpView:
-    """What was rasterised of a view without a lens."""
+    """A view rasterised without a lens."""
 
     raster: Raster
 
     @cached_property
     def disparity(self) -> Tensor:
-        """(H, W), 1 / scene unit, differentiable by depth; wants a raster with depth."""
+        """(H, W), 1 / scene unit, differentiable with respect to depth; needs a raster with depth."""
         return surface_disparity(self.raster.depth, self.raster.alpha.detach())
 
 
 class Rasteriser(Protocol):
-    """How a forward model sees the Gaussians. In training it keeps statistics and gradients of all that it rasterises,
-    in rendering it just rasterises."""
+    """Rasterises the Gaussians for a forward model. The rasteriser used in training also keeps statistics and gradients
+    of everything that it rasterises."""
 
     gaussians: Gaussians
 
     def rasterise(
         self, camera: Camera, geometry: Geometry, *, means: Tensor | None = None, blur: Tensor | None = None
     ) -> Raster:
-        """One sharp view, as `gaussians.render.rasterise` documents it."""
+        """One sharp view; arguments as in `gaussians.render.rasterise`."""
 
     def turn(self) -> float:
-        """By how much a pattern of points of the lens is turned, radians: at random in training, 0 in rendering."""
+        """Angle by which the pattern of lens points is rotated, radians: random in training, 0 in rendering."""
 
 
 class ForwardModel(Protocol):
-    """Makes a photograph of the sharp view and of whatever else it rasterises.
+    """Makes a photograph from the sharp view and, if it needs more, from rasterisations of its own.
 
-    reads: what the sharp view must hold for it. rasterises: the geometry of its own rasterisations, which are compiled
-    before training. stage: the part of a training step that its time and its bad numbers are counted to.
+    reads: the geometry that it needs of the sharp view. rasterises: the geometry of its own rasterisations, for which
+    kernels are compiled before training. stage: the part of a training step under which its time and its non-finite
+    values are reported.
     """
 
     reads: Geometry

@@ -1,6 +1,6 @@
-"""Each Gaussian grown by its own circle of confusion, seen from the lens's centre (DOF-GS, CoCoGaussian).
+"""Each Gaussian enlarged by its own circle of confusion, seen from the lens's centre (DOF-GS, CoCoGaussian).
 
-As fast as the scatter, and what is blurred in the foreground lets through what lies behind it.
+As fast as the scatter, but a blurred foreground shows what lies behind it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dofbench.gaussians.forward.shot import Shot
 
 
 class OwnBlur:
-    """A `ForwardModel` that rasterises once more, with every Gaussian as wide as the lens blurs it."""
+    """A `ForwardModel` that rasterises a second time, with every Gaussian enlarged by the lens's blur."""
 
     reads: Geometry = "none"
     rasterises: tuple[Geometry, ...] = ("none",)

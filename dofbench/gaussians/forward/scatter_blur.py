@@ -17,17 +17,17 @@ from dofbench.optics.defocus import defocus
 
 @dataclass(frozen=True)
 class ScatterOptions:
-    """The circle that a pixel is spread over."""
+    """The shape and weight of the circle over which a pixel is spread."""
 
     lens_alpha: float = ALPHA
     """Steepness of the circle's rim, 1/2 + 1/2 tanh(alpha (R - l)). Unit: 1 / px. Source: Algorithm 1."""
     lens_energy: Energy = "area"
-    """How a spread pixel is weighted: area, divided by its circle's area; algorithm1, not. Unit: none. Source: area:
-    released code; algorithm1: Algorithm 1."""
+    """How a spread pixel is weighted: area, divided by its circle's area; algorithm1, not divided. Unit: none. Source:
+    area: released code; algorithm1: Algorithm 1."""
     lens_blades: int = 0
-    """Sides of the opening, a polygon; 0 for a disc. Unit: none. Source: own."""
+    """Number of sides of a polygonal aperture; 0 for a disc. Unit: none. Source: own."""
     lens_rotation: float = 0.0
-    """By how much a polygon is turned. Unit: rad. Source: own."""
+    """Rotation of the polygon. Unit: rad. Source: own."""
 
     def __post_init__(self) -> None:
         if self.lens_blades < 0 or self.lens_blades in (1, 2):

@@ -20,7 +20,7 @@ from dofbench.core.lens import COC_FRACTION, DisparityRange, PhysicalLens
 class Shot:
     """The camera, the lens, and the range that its disparities refer to.
 
-    narrowed: Eq. 11, the factor on the aperture by the distance from the focus (`out_of_focus`); None for none.
+    narrowed: Eq. 11's factor on the aperture as a function of the distance from the focus (`out_of_focus`), or None.
     """
 
     camera: Camera
@@ -42,7 +42,8 @@ class Shot:
 
     @torch.no_grad()
     def circles(self, disparity: Tensor) -> Tensor:
-        """Radii, pixels, of the circles of confusion of disparities (1 / scene unit), with the whole aperture."""
+        """Radii, pixels, of the circles of confusion of disparities (1 / scene unit), with the aperture not
+        narrowed."""
         return self._whole(disparity).abs()
 
     def out_of_focus(self, disparity: Tensor) -> Tensor:

@@ -1,6 +1,6 @@
-"""Depth priors of a scene, from what a method may see (DoF-Gaussian, section 4.2).
+"""Depth priors of a scene, made from data that a method may see (DoF-Gaussian, section 4.2).
 
-`make_prior` gives what Eq. 9 is supervised by: the sparse points, our stereo (`stereo.py`), a depth network as it is
+`make_prior` gives the depth for Eq. 9: the sparse points, our stereo (`stereo.py`), a depth network as it is
 (`network.py`) or tuned to the scene (`tuning.py`), or a dense workspace of COLMAP's (`colmap.py`).
 """
 
@@ -22,26 +22,28 @@ from dofbench.learning.supervision import DepthMap, DepthSamples, sparse_depth
 
 @dataclass(frozen=True)
 class PriorOptions:
-    """What supervises depth, and what is made of it before training."""
+    """Which depth supervises the training, and how it is made before training."""
 
     depth_prior: Literal["sparse", "stereo", "network", "tuned", "colmap"] = "sparse"
-    """What supervises: sparse points; stereo, our own on the photographs, and the points; a depth network as it is; one
-    that is tuned to the scene by stereo depth and points; or colmap, a dense workspace. Unit: none. Source: tuned:
-    section 4.2; others: own."""
+    """The depth that supervises: sparse, the sparse points; stereo, our stereo on the photographs, and the points;
+    network, a depth network as it is; tuned, a network tuned to the scene by stereo depth and points; colmap, a dense
+    workspace of COLMAP's. Unit: none. Source: tuned: section 4.2; others: own."""
     depth_prior_file: str = ""
-    """A depth network of your own, TorchScript; without it the shipped one. Unit: none. Source: own."""
+    """File of a depth network of your own, TorchScript; without it the shipped network is used. Unit: none. Source:
+    own."""
     depth_prior_workspace: str = ""
-    """COLMAP's dense folder, for colmap; tuned takes it in place of stereo. Unit: none. Source: released code."""
+    """COLMAP's dense folder: required by colmap; with tuned it replaces stereo. Unit: none. Source: released code."""
     depth_prior_coarser: int = 0
-    """How often stereo looks again at half the size, where it found nothing. Unit: none. Source: own."""
+    """How many times stereo is repeated at half the previous size, to fill pixels without depth. Unit: none. Source:
+    own."""
     depth_prior_steps: int = 150
-    """Steps of tuning the network, no more than the training's own. Unit: steps. Source: released code."""
+    """Steps of tuning the network, at most as many as the training's steps. Unit: steps. Source: released code."""
     start_points: int = 0
-    """How many points on the prior's surfaces to start from, beside the sparse points (not with sparse), whatever
-    depth_weight is. Unit: points. Source: own."""
+    """How many points on the prior's surfaces the Gaussians start from, in addition to the sparse points (not possible
+    with sparse). Independent of depth_weight. Unit: points. Source: own."""
     depth_prior_loss: Literal["squared", "absolute"] = "squared"
-    """Loss of tuning, either with the best scale a view. Unit: none. Source: squared: Eq. 8; absolute: released
-    code."""
+    """Loss of tuning; both forms use the best scale of each view. Unit: none. Source: squared: Eq. 8; absolute:
+    released code."""
 
     def __post_init__(self) -> None:
         if self.depth_prior_coarser < 0:
@@ -49,10 +51,10 @@ class PriorOptions:
 
 
 class Prior(Protocol):
-    """Depth to supervise by."""
+    """Known depth of every training view."""
 
     def samples(self, index: int, camera: Camera) -> DepthSamples:
-        """What is known of training view `index`, in the pixels of its camera at any size."""
+        """The known depth of training view `index`, in the pixels of `camera`, which is the view's at any size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,29 +64,28 @@ class SparsePrior:
     points: PointCloud
 
     def samples(self, index: int, camera: Camera) -> DepthSamples:
-        """The points that the view sees."""
+        """The depth of the points that the view sees."""
         return sparse_depth(self.points, camera, index)
 
 
 @dataclass(frozen=True, eq=False)
 class DensePrior:
-    """One depth map a training view."""
+    """One depth map per training view."""
 
     maps: Sequence[DepthMap]
 
     def samples(self, index: int, camera: Camera) -> DepthSamples:
-        """The map's known pixels, nearest at the camera's size."""
+        """The known pixels of the view's map, resampled to the camera's size by nearest neighbour."""
         return self.maps[index].samples(camera)
 
 
 def make_prior(
     training_set: TrainingSet, options: PriorOptions, *, seed: int, steps: int, progress: Progress = silent
 ) -> Prior:
-    """The prior that the options ask for. steps: of the training; tuning a network takes no more of its own.
+    """The prior that the options ask for. steps: those of the training, which tuning a network doesn't exceed.
 
-    progress: told of every view, and of every step of tuning.
-
-    Raises InputError for a file that is missing or wrong, and FloatingPointError when tuning diverges.
+    progress: called for every view and every step of tuning. Raises InputError for a file that is missing or wrong, and
+    FloatingPointError when tuning diverges.
     """
     _check_files(options)
     points = training_set.points
@@ -92,7 +93,7 @@ def make_prior(
         if points is None:
             raise InputError("option depth_prior", "sparse for a training set without points", "stereo needs them too")
         return SparsePrior(points)
-    # Each is loaded where it is wanted: a network needs what stereo doesn't.
+    # Imported where they are used, because networks need heavy modules that stereo doesn't.
     if options.depth_prior == "colmap":
         from dofbench.learning.priors.patch_match import workspace_depth
 
@@ -100,7 +101,8 @@ def make_prior(
     from dofbench.learning.priors.stereo import stereo_depth
 
     if options.depth_prior == "stereo":
-        # A point was matched in several views at a corner of the image: it is the better of the two.
+        # Sparse points replace stereo depth in their pixels: they were matched at corners in several views and are more
+        # exact.
         maps = stereo_depth(training_set, coarser=options.depth_prior_coarser, progress=progress)
         return DensePrior(
             [
@@ -134,9 +136,10 @@ def make_prior(
 
 
 def with_surface_points(training_set: TrainingSet, prior: Prior, count: int, seed: int) -> PointCloud:
-    """The sparse points, and about `count` of the prior's: as many from each view, drawn by weight, in its colours.
+    """The sparse points, and about `count` points on the prior's surfaces: equally many from each view, drawn by
+    weight, in the view's colours.
 
-    Raises InputError for the sparse prior, whose points are there already.
+    Raises InputError for the sparse prior, which has no other points.
     """
     points = training_set.points
     if isinstance(prior, SparsePrior) or points is None:
@@ -161,7 +164,7 @@ def with_surface_points(training_set: TrainingSet, prior: Prior, count: int, see
 
 
 def _check_files(options: PriorOptions) -> None:
-    """Raise InputError for a file that the prior needs and hasn't, or has and doesn't read."""
+    """Raise InputError if a file that the prior needs isn't given, or one is given that the prior doesn't read."""
     prior = options.depth_prior
     if prior == "colmap" and not options.depth_prior_workspace:
         raise InputError("option depth_prior_workspace", "none", "COLMAP's dense folder, as depth_prior is colmap")

@@ -1,8 +1,8 @@
-"""Depth by a monocular network: the one that is shipped, or one by file, as it is or tuned (`tuning.py`).
+"""Depth by a monocular network: the shipped network or one from a file, used as it is or tuned (`tuning.py`).
 
-A network by file is TorchScript: input (B, 3, H, W) float32 RGB in [0, 1], H and W multiples of 32; output
+A network from a file is TorchScript: input (B, 3, H, W) float32 RGB in [0, 1], H and W multiples of 32; output
 (B, 1, H, W), the logarithm of z-depth up to one constant a view. To be tuned, its parameters must require gradients.
-It runs in evaluation mode: statistics of batch normalisation stay as they are.
+The network runs in evaluation mode: statistics of batch normalisation don't change.
 """
 
 from __future__ import annotations
@@ -26,15 +26,16 @@ from dofbench.learning.priors.prior_progress import Progress, silent
 from dofbench.learning.supervision import DepthMap, sparse_depth
 
 SHIPPED = "depthnet"
-LONGEST = 256  # px, the longer side of what goes in
-THREADS = 1  # of torch: the bits of a convolution's gradient depend on their number
+LONGEST = 256  # px, longer side of the network's input
+THREADS = 1  # torch's threads: the bits of a convolution's gradient depend on their number
 _FLOOR = 1e-3  # least disparity, as a share of the scene's median
 
 
 class LogDepth(nn.Module):
-    """A network of relative disparity as one of log depth: -log of the positive part of scale * output + shift.
+    """Turns a network of relative disparity into one of log depth: -log of the positive part of scale * output + shift.
 
-    unit: disparity, 1 / scene unit, that a value of 1 means. scale and shift are tuned with the rest.
+    unit: the disparity, 1 / scene unit, that an output of 1 stands for. scale and shift are tuned like the other
+    parameters.
     """
 
     def __init__(self, network: nn.Module, scale: float, shift: float, unit: float):
@@ -47,14 +48,14 @@ class LogDepth(nn.Module):
     def forward(self, image: Tensor) -> Tensor:
         """(B, 3, H, W) in [0, 1] to (B, 1, H, W)."""
         disparity = self.scale * self.network((image - self.mean) / self.std) + self.shift
-        # All but the disparity itself above a tenth of the unit, positive below.
+        # A smooth positive part: practically the disparity itself above a tenth of the unit, and positive below.
         return -torch.log((functional.softplus(disparity, beta=20) + _FLOOR) * self.unit)
 
 
 def open_network(name: str, training_set: TrainingSet) -> nn.Module:
-    """A network of log depth: a TorchScript file, or for "" the shipped one, brought to the scene's disparities.
+    """A network of log depth: a TorchScript file, or for "" the shipped network scaled to the scene's disparities.
 
-    Raises InputError for a file that is no such network.
+    Raises InputError for a file that isn't such a network.
     """
     if name:
         return _scripted(Path(name))
@@ -64,13 +65,13 @@ def open_network(name: str, training_set: TrainingSet) -> nn.Module:
 
 
 def input_size(width: int, height: int) -> tuple[int, int]:
-    """(width, height) that a photograph is stretched to: at most LONGEST, multiples of what the network wants."""
+    """(width, height) that a photograph is resized to: at most LONGEST, and multiples of the network's stride."""
     share = min(1.0, LONGEST / max(width, height))
     return tuple(max(MULTIPLE, round(side * share / MULTIPLE) * MULTIPLE) for side in (width, height))
 
 
 def network_input(image: np.ndarray) -> Tensor:
-    """(3, h, w) of a photograph (H, W, 3)."""
+    """The network's input (3, h, w) from a photograph (H, W, 3)."""
     width, height = input_size(image.shape[1], image.shape[0])
     small = np.clip(resize(image, width, height), 0, 1)
     return torch.from_numpy(np.ascontiguousarray(small.transpose(2, 0, 1), dtype=np.float32))
@@ -78,7 +79,7 @@ def network_input(image: np.ndarray) -> Tensor:
 
 @contextmanager
 def fixed_threads() -> Iterator[None]:
-    """A number of torch's threads that is the same on every machine."""
+    """A block in which torch uses `THREADS` threads, so that the result is the same on every machine."""
     before = torch.get_num_threads()
     torch.set_num_threads(THREADS)
     try:
@@ -90,10 +91,10 @@ def fixed_threads() -> Iterator[None]:
 def predicted_depth(
     network: nn.Module, training_set: TrainingSet, known: Sequence[DepthMap] | None, *, progress: Progress = silent
 ) -> list[DepthMap]:
-    """A map of every pixel of every view, each times the median ratio of what is known of the view to it.
+    """The network's depth map of every view, scaled by the median ratio of the view's known depth to the network's.
 
-    known: semi-dense depth a view; None for the sparse points alone. A view of which nothing is known
-    keeps the network's own scale. Raises FloatingPointError for depth that isn't finite.
+    known: semi-dense depth per view; None for the sparse points alone. A view without known depth keeps the network's
+    scale. Raises FloatingPointError for depth that isn't finite.
     """
     maps = []
     for index, view in enumerate(training_set.views):
@@ -116,7 +117,7 @@ def predicted_depth(
 
 
 def run(network: nn.Module, images: Tensor, name: str) -> Tensor:
-    """The network's output (B, 1, H, W) for (B, 3, H, W). Raises InputError for anything of another shape."""
+    """The network's output (B, 1, H, W) for (B, 3, H, W). Raises InputError for an output of another shape."""
     try:
         output = network(images)
     except RuntimeError as error:
@@ -143,9 +144,9 @@ def _scripted(file: Path) -> nn.Module:
 
 
 def _scene_scale(network: nn.Module, training_set: TrainingSet) -> tuple[float, float, float]:
-    """(unit, scale, shift): how the network's disparity becomes the scene's, by all views' sparse points at once.
+    """(unit, scale, shift) that turn the network's disparity into the scene's, from the sparse points of all views.
 
-    A robust fit; where the network doesn't follow the points, their mean and spread alone.
+    A robust fit; if the network's output doesn't correlate with the points, their mean and spread alone.
     """
     if training_set.points is None:
         raise InputError("option depth_prior", "network for a training set without points", "sparse points")

@@ -1,8 +1,8 @@
-"""Depth from a dense workspace of COLMAP's, stock files: `image_undistorter`, `patch_match_stereo`, `stereo_fusion`.
+"""Depth from a dense workspace as stock COLMAP writes it: `image_undistorter`, `patch_match_stereo`, `stereo_fusion`.
 
-The geometric depth maps of the undistorted images, where fusion kept them. Which pixels those are, stock COLMAP does
-not say in a form that can be relied on, so each fused point is projected into every view, and counts there unless the
-view's own map is nearer.
+Uses the geometric depth maps of the undistorted images, at the pixels that fusion kept. Stock COLMAP doesn't record
+these pixels reliably, so each fused point is projected into every view, and keeps those pixels whose own depth agrees
+with the point's.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from dofbench.scenes.colmap_files import model_suffix
 from dofbench.scenes.depth_files import read_depth
 from dofbench.scenes.ply import read_ply
 
-SAME_DEPTH = 0.02  # relative: a fused point is a mean over views, and lies so near to a map that it came from
-_ALIKE = 0.01  # of the distances between cameras: the two sets of poses are one set, but for a scale
+SAME_DEPTH = 0.02  # relative: a fused point is a mean over views, and within this of each map that it was fused from
+_ALIKE = 0.01  # relative difference of distances between cameras up to which two sets of poses agree up to a scale
 
 
 def workspace_depth(folder: Path, training_set: TrainingSet, *, progress: Progress = silent) -> list[DepthMap]:
-    """One map a training view, in the training set's scene units, 0 where fusion kept nothing.
+    """One map per training view, in the training set's scene units, 0 where fusion kept no point.
 
     folder: with sparse/, stereo/depth_maps/ and fused.ply. Views are found by name, without suffix.
     The workspace's images are undistorted with intrinsics of their own: a training pixel takes the
-    nearest workspace pixel along its ray, never a mean. Raises InputError for files that are missing or
-    wrong, views that aren't there, and poses that are not the training set's up to a similarity.
+    nearest workspace pixel along its ray, never a mean. Raises InputError for files that are missing or wrong, views
+    that the workspace lacks, and poses that differ from the training set's by more than a similarity.
     """
     model = read_model(_model_folder(folder))
     places = _places(folder, model, training_set.views)
@@ -61,7 +61,7 @@ def _model_folder(folder: Path) -> Path:
 
 
 def _places(folder: Path, model: Model, views: tuple[TrainingView, ...]) -> list[int]:
-    """Which image of the model each training view is."""
+    """The index of each training view's image in the model."""
     by_name: dict[str, list[int]] = {}
     for index, name in enumerate(model.names):
         path = PurePosixPath(name)
@@ -117,7 +117,7 @@ def _geometric(folder: Path, name: str, camera: Camera) -> np.ndarray:
         raise InputError(file, "no such file", "a map of patch_match_stereo's with geom_consistency")
     depth = read_depth(file, 1.0)
     height, width = depth.shape
-    # patch_match_stereo may have worked on smaller images, in the same proportion.
+    # patch_match_stereo may have used smaller images of the same aspect ratio.
     if abs(width / camera.width - height / camera.height) > 1.5 / min(camera.width, camera.height):
         raise InputError(file, f"{width}x{height} pixels", f"the shape of {camera.width}x{camera.height}")
     rows = ((np.arange(camera.height) + 0.5) * height / camera.height).astype(np.int64)
@@ -126,10 +126,10 @@ def _geometric(folder: Path, name: str, camera: Camera) -> np.ndarray:
 
 
 def _fused(points: np.ndarray, camera: Camera, depth: np.ndarray) -> np.ndarray:
-    """(H, W) bool: pixels whose own depth is that of a fused point in them or beside them.
+    """(H, W) bool: pixels whose depth agrees with a fused point that is projected into them or a pixel beside them.
 
-    A point that another surface hides, or that this view didn't see, differs in depth. Beside them too,
-    since a point that was fused of pixels of several views falls between the pixels of each.
+    The depth of a point that is hidden, or that this view didn't see, doesn't agree. Neighbouring pixels count too,
+    since a point that was fused from several views is projected between the pixels of each.
     """
     xy, z = camera.project(points)
     seen = camera.inside(xy)
@@ -145,7 +145,7 @@ def _fused(points: np.ndarray, camera: Camera, depth: np.ndarray) -> np.ndarray:
 
 
 def _at_training_view(depth: np.ndarray, camera: Camera, goal: Camera) -> DepthMap:
-    """The map at the training view's pixels: the same centre and axes, but intrinsics of its own."""
+    """The map resampled to the pixels of the training view, whose camera differs in its intrinsics alone."""
     x, y = goal.rays(np.arange(goal.width) + 0.5, np.arange(goal.height) + 0.5)
     x, y = x * camera.fx + camera.cx, y * camera.fy + camera.cy
     inside = ((y >= 0) & (y < camera.height))[:, None] & ((x >= 0) & (x < camera.width))

@@ -1,4 +1,4 @@
-"""What a prior says while it is made."""
+"""The callback by which making a prior reports its progress."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """Told how far a stage of the work is, as `dofbench.core.contracts.Observer.stage` is."""
+    """Called with the progress of a stage of the work, like `dofbench.core.contracts.Observer.stage`."""
 
     def __call__(self, name: str, done: int, total: int) -> None:
-        """`done` of the stage's `total` units are finished; 0 says that it begins."""
+        """`done` of the stage's `total` units are finished; 0 means that the stage begins."""
 
 
 def silent(name: str, done: int, total: int) -> None:
-    """A `Progress` that says nothing."""
+    """A `Progress` that ignores all calls."""

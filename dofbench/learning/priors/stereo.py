@@ -1,8 +1,8 @@
 """Semi-dense depth of the training views by plane-sweep stereo on their own, shallow photographs.
 
 Each view is swept against its best neighbours (`kernels/stereo`): normalised cross-correlation at three scales of the
-image, since a sharp and a blurred photograph of one thing agree in what is coarse, semiglobal matching over the planes,
-and then what a depth must pass to be kept: a score, a margin over other planes, and agreement with other views.
+image, since sharp and blurred photographs of one surface agree at coarse scales, then semiglobal matching over the
+planes. A depth is kept if its score, its margin over other planes and its agreement with other views are large enough.
 """
 
 from __future__ import annotations
@@ -21,19 +21,23 @@ from dofbench.kernels import load
 from dofbench.learning.priors.prior_progress import Progress, silent
 from dofbench.learning.supervision import DepthMap, sparse_depth
 
-SOURCES, BEST = 4, 2  # views that a view is matched with; the best of them count
+SOURCES, BEST = 4, 2  # number of views that a view is matched with, and how many of the best scores are averaged
 RADIUS = 3  # pixels of the window around its centre, at every scale
 SCALES = (1.0, 0.5, 0.25)  # weight of the scores at 1, 1/2, 1/4 of the size
 SMALLEST = 48  # px, the shorter side of the coarsest scale
-STEP = 0.75  # px that a plane moves the image at most from the plane before
+STEP = 0.75  # px, largest displacement of the image from one plane to the next
 PLANES = (16, 192)  # least and most planes
-TOGETHER = 8  # planes that the kernels do together: a multiple of it wastes nothing
-MARGIN, QUANTILE = 0.1, 0.005  # the points' disparities, without so many at each end, and how far beyond
-SMALL, LARGE, EDGE = 0.05, 0.6, 0.05  # semiglobal penalties, in units of correlation, and of grey
-ANGLE = (3.0, 12.0)  # degrees between two views' rays: less is imprecise, more looks different
-SCORE, DISTINCT = 0.6, 0.05  # least correlation and margin that is believed
-OUTLINE, JUMP = 3, 0.03  # px around what is farther by this share of the planes' range
-AGREE_PX, AGREE_DEPTH = 1.0, 0.02  # forth and back: error in the image, and relative to the depth
+TOGETHER = 8  # the kernels process planes in groups of this size, so a multiple is used
+# Planes span the points' disparities between these quantiles, extended by the margin at each end
+MARGIN, QUANTILE = 0.1, 0.005
+# Penalties of semiglobal matching, in units of correlation; grey difference that counts as an edge
+SMALL, LARGE, EDGE = 0.05, 0.6, 0.05
+# Degrees between two views' rays: smaller angles are imprecise, at larger ones surfaces look different
+ANGLE = (3.0, 12.0)
+SCORE, DISTINCT = 0.6, 0.05  # least correlation, and least margin over other planes, of a depth that is kept
+OUTLINE, JUMP = 3, 0.03  # px around a surface that is farther by this share of the planes' range
+# Projecting to another view and back: tolerated error in the image, and relative to the depth
+AGREE_PX, AGREE_DEPTH = 1.0, 0.02
 AGREEING = 3  # other views that must agree, but no more than half of all
 CHECKED = 32  # views that a view is checked against
 SWEEP, CHECK = "depth prior: sweep", "depth prior: check"
@@ -44,8 +48,8 @@ _Level = tuple[torch.Tensor, Camera]  # a grey image (H, W), and its camera
 
 @dataclass(frozen=True, eq=False)
 class _Swept:
-    """What a view's sweep found, each (H, W) float32. depth: wherever a score can be believed, else 0. weight: the
-    score where it stands out too and no outline is near, else 0.
+    """The result of one view's sweep, (H, W) float32 each. depth: 0 where the score is too low. weight: the score; 0
+    where the margin over other planes is too small or an outline is near.
     """
 
     depth: np.ndarray
@@ -53,11 +57,12 @@ class _Swept:
 
 
 def stereo_depth(training_set: TrainingSet, *, coarser: int = 0, progress: Progress = silent) -> list[DepthMap]:
-    """One map a view: z, 0 where nothing was found or agreed, and a weight of 0 ... 1.
+    """One map per view: z, 0 where no depth was found or confirmed, and a weight of 0 ... 1.
 
-    Uses the photographs, cameras and sparse points, which say how far planes have to reach. coarser: how often to look
-    again at half the size, for what wasn't found before: blurred photographs agree only in what is coarse. Each time
-    the weight is halved, as errors are twice as large. progress: told of every view that is swept or checked.
+    Uses the photographs, the cameras, and the sparse points, which give the range of the planes. coarser: how many
+    times to repeat at half the previous size, to fill pixels without depth, since blurred photographs agree only at
+    coarse scales. Each time the weight is halved, as errors are twice as large. progress: called for every view that is
+    swept or checked.
     Raises InputError for a single view, and without points.
     """
     views = training_set.views
@@ -82,7 +87,7 @@ def _matched(
     size: str,
     progress: Progress,
 ) -> list[DepthMap]:
-    """Maps at the size of the pyramids' first level. size: what to call it in a report."""
+    """Maps at the size of the pyramids' first level. size: its name in progress messages."""
     swept, cameras = [], [levels[0][1] for levels in pyramids]
     progress(SWEEP + size, 0, len(cameras))
     for index, chosen in enumerate(neighbours):
@@ -97,7 +102,7 @@ def _matched(
 
 
 def _filled(found: DepthMap, coarse: DepthMap, share: float) -> DepthMap:
-    """The map, with a smaller one's nearest pixels where it has none, at a share of their weight."""
+    """The map, filled where it has no depth with the nearest pixels of a smaller map, their weight times `share`."""
     at = np.ix_(
         *(
             ((np.arange(size) + 0.5) * small / size).astype(np.int64)
@@ -127,7 +132,8 @@ def disparity_bounds(training_set: TrainingSet) -> tuple[float, float]:
 
 
 def choose_sources(training_set: TrainingSet, most: int = SOURCES) -> list[list[int]]:
-    """For each view up to `most` others to match it with, best first: many common points under a fair angle."""
+    """For each view up to `most` other views to match it with, best first: those with many common points at a suitable
+    angle."""
     points, views = training_set.points, training_set.views
     count = len(views)
     seen = np.zeros((count, len(points)), dtype=bool)
@@ -145,7 +151,7 @@ def choose_sources(training_set: TrainingSet, most: int = SOURCES) -> list[list[
         if len(common):
             worth[one, other] = worth[other, one] = _fairness(rays[one][common], rays[other][common]).sum()
     for one in range(count):
-        # Without a common point the cameras may still share a surface: the last resort, after all others.
+        # Cameras without common points may still see a common surface; they are ranked after all others.
         if np.count_nonzero(worth[one] >= 0) < min(most, count - 1):
             for other in np.flatnonzero(worth[one] == -np.inf):
                 worth[one, other] = -1 + 1e-3 * _fairness(rays[one], rays[other]).mean()
@@ -155,13 +161,13 @@ def choose_sources(training_set: TrainingSet, most: int = SOURCES) -> list[list[
 
 
 def _fairness(rays: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(M,) 0 ... 1: how fair the angle is between the rays (M, 3) of two views."""
+    """(M,) 0 ... 1: how suitable the angles between the rays (M, 3) of two views are for matching; 1 within ANGLE."""
     angle = np.degrees(np.arccos(np.clip((rays * others).sum(axis=1), -1, 1)))
     return np.minimum(angle / ANGLE[0], 1) ** 2 * np.minimum(ANGLE[1] / np.maximum(angle, 1e-9), 1) ** 2
 
 
 def _pyramid(image: np.ndarray, camera: Camera, count: int) -> list[_Level]:
-    """Grey image and camera at each of so many scales, or as many as have pixels enough."""
+    """Grey image and camera at each of `count` scales, or at fewer if smaller images would have too few pixels."""
     levels = []
     for level in range(count):
         width, height = camera.width >> level, camera.height >> level
@@ -173,16 +179,16 @@ def _pyramid(image: np.ndarray, camera: Camera, count: int) -> list[_Level]:
 
 
 def _at_size(grey: torch.Tensor, camera: Camera, goal: Camera) -> tuple[torch.Tensor, Camera]:
-    """A grey image and its camera, with as many pixels as the other camera has."""
+    """A grey image and its camera, resized to as many pixels as the camera `goal` has."""
     if grey.shape == (goal.height, goal.width):
         return grey, camera
     return torch.from_numpy(resize(grey.numpy(), goal.width, goal.height)), camera.resized(goal.width, goal.height)
 
 
 def plane_map(camera: Camera, source: Camera) -> np.ndarray:
-    """(3, 4): takes (x, y, 1) of `camera`, and times disparity its last column, to `source`, homogeneous.
+    """(3, 4) matrix that takes (x, y, 1, disparity) of `camera` to homogeneous pixel coordinates of `source`.
 
-    All of it times z instead, the third coordinate is the source's z.
+    If (x, y, 1, disparity) is multiplied by z first, the third coordinate of the result is the z in `source`.
     """
     relative = source.world_to_camera @ camera.camera_to_world
     return np.concatenate(
@@ -215,7 +221,7 @@ def _sweep(pyramids: list, index: int, chosen: list[int], low: float, high: floa
         grey, camera = levels[level]
         others = [_at_size(*pyramids[other][min(level, len(pyramids[other]) - 1)], camera) for other in chosen]
         maps = np.stack([plane_map(camera, source) for _, source in others])
-        # An image of half the size moves by half as many pixels.
+        # Displacements are half as large in an image of half the size, so half as many planes are enough.
         planes = np.linspace(low, high, -(-(len(disparities) - 1) // 2**level) + 1)
         scores = load("stereo")(
             grey,
@@ -233,7 +239,7 @@ def _sweep(pyramids: list, index: int, chosen: list[int], low: float, high: floa
         for found in load("stereo", function="semiglobal")(total, levels[0][0], small=SMALL, large=LARGE, edge=EDGE)
     )
     depth = 1 / (low + (high - low) / (len(disparities) - 1) * plane.astype(np.float64))
-    # The first and the last plane stand for all that is beyond.
+    # The first and the last plane also attract surfaces outside the range, so depths on them aren't kept.
     depth[(plane < 0.5) | (plane > len(disparities) - 1.5)] = 0
     believed = (depth > 0) & (score >= SCORE) & (margin >= DISTINCT) & ~_outline(depth, high - low)
     depth[score < SCORE] = 0
@@ -241,7 +247,8 @@ def _sweep(pyramids: list, index: int, chosen: list[int], low: float, high: floa
 
 
 def _outline(depth: np.ndarray, extent: float) -> np.ndarray:
-    """(H, W) bool: what is found near beside something far. A window reaches over an outline, so much of it is far."""
+    """(H, W) bool: pixels with a much farther surface nearby. The matching window reaches over the outline there, so
+    the depth of such pixels is often wrong."""
     from scipy.ndimage import minimum_filter
 
     disparity = 1 / np.where(depth > 0, depth, np.inf)
@@ -249,7 +256,7 @@ def _outline(depth: np.ndarray, extent: float) -> np.ndarray:
 
 
 def _agreed(cameras: list[Camera], swept: list[_Swept], index: int, others: list[int]) -> DepthMap:
-    """What passes the checks, weighted by score and by how many views agree."""
+    """The depths that other views confirm, weighted by score and by how many views agree."""
     own, camera = swept[index], cameras[index]
     depth = np.where(own.weight > 0, own.depth, 0)
     agreeing = np.zeros(depth.shape, np.float32)

@@ -15,7 +15,7 @@ from dofbench.learning.priors.prior_progress import Progress, silent
 from dofbench.learning.supervision import DepthMap, sparse_depth
 
 BATCH = 5
-RATE, DECAY = 4e-4, 0.1  # Adam's rate falls by this factor over the whole tuning
+RATE, DECAY = 4e-4, 0.1  # Adam's learning rate, and the factor by which it falls over the whole tuning
 
 
 def scale_invariant_loss(predicted: Tensor, target: Tensor, weight: Tensor, form: str) -> Tensor:
@@ -45,10 +45,10 @@ def tune(
     seed: int,
     progress: Progress = silent,
 ) -> None:
-    """Train the network, in place, on the photographs against what is known of their depth and the sparse points.
+    """Train the network, in place, to predict from the photographs their known depth and the sparse points' depth.
 
-    Raises FloatingPointError at the first loss that isn't finite, InputError for a network that can't
-    be trained, or when nothing is known of any view.
+    Raises FloatingPointError at the first loss that isn't finite, InputError for a network that can't be trained, or if
+    no view has known depth.
     """
     parameters = [parameter for parameter in network.parameters() if parameter.requires_grad]
     if not parameters:
@@ -82,7 +82,7 @@ def tune(
 def _target(training_set: TrainingSet, index: int, known: DepthMap, size: torch.Size) -> tuple[Tensor, Tensor]:
     """Log depth and weight, (1, h, w) each, at the network's size, stretched as the photograph is.
 
-    Several depths in one pixel: the last counts. A mean across an outline would lie on no surface.
+    Of several depths in one pixel the last is taken, since a mean across an outline would lie on no surface.
     """
     view = training_set.views[index]
     samples = [known.samples(view.camera)]
@@ -93,7 +93,7 @@ def _target(training_set: TrainingSet, index: int, known: DepthMap, size: torch.
         rows = (one.rows + 0.5).mul(size[0] / view.camera.height).long()
         columns = (one.columns + 0.5).mul(size[1] / view.camera.width).long()
         flat = (rows * size[1] + columns).numpy()
-        # Which of several writes to one place wins is left open by torch, not by numpy.
+        # numpy guarantees that the last of several writes to one element counts; torch doesn't.
         log_depth.numpy().reshape(-1)[flat] = np.log(one.depth.numpy())
         weight.numpy().reshape(-1)[flat] = 1.0 if one.weight is None else one.weight.numpy()
     return log_depth, weight

@@ -1,4 +1,4 @@
-"""The scenes that make-scene renders: one module a recipe, with its TITLE, its VIEWPOINTS and `stage(seed)`."""
+"""The scenes that make-scene renders: one module per recipe, with its TITLE, its VIEWPOINTS and `stage(seed)`."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def stage(seed: int) -> Stage:
 
 
 def _softboxes(rng: np.random.Generator) -> np.ndarray:
-    """A grey studio with bright panels, for metal to mirror."""
+    """A grey studio with bright panels, which are reflected in metal."""
     way = directions(256)
     studio = 0.10 + 0.18 * np.clip(way[..., 2], 0, 1)
     for centre, size, power in (

@@ -1,4 +1,4 @@
-"""Outdoors without end: grass at the camera's feet, trees, hills, and a sky at infinity."""
+"""An unbounded outdoor scene: grass at the camera's feet, trees, hills, and a sky at infinity."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def stage(seed: int) -> Stage:
     sun = (-0.55, -0.35, 0.75)
     props = [*_land(rng), *_grass(rng), *_sundial(rng), *_trees(rng)]
     far = 400.0 * np.array(sun)
-    # Five degrees wide, and dimmer by as much: softer shadows than the sun's.
+    # A sun of five degrees, ten times as wide as the real one and dimmer accordingly: its shadows are softer.
     lamps = (Lamp((far[0], far[1], far[2]), (0.0, 4.0, 0.0), 36.0, 330.0),)
     return Stage(tuple(props), lamps, cloudy(rng, sun))
 

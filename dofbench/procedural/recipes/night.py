@@ -60,7 +60,7 @@ def _strings(rng: np.random.Generator) -> Iterable[Prop]:
             power = float(np.exp(rng.uniform(np.log(3), np.log(60))))
             yield Prop(Sphere(tuple(place), 0.0085 * y), colour, "lamp", radiance=power)
     yield Prop(merged(cables), (0.10, 0.10, 0.11))
-    # A candle and a neon sign: shapes larger than a point.
+    # A candle and a neon sign: light sources larger than a point.
     yield Prop(Sphere((-0.58, 2.10, 0.72), 0.016), (1.0, 0.72, 0.36), "lamp", radiance=30.0)
     for start, end in (
         ((2.1, 7.4, 1.2), (2.1, 7.4, 1.9)),

@@ -1,4 +1,4 @@
-"""Identical tiles, columns and boxes in rows: every match has many like it."""
+"""Identical tiles, columns and boxes in rows: every feature has many equal matches."""
 
 from __future__ import annotations
 

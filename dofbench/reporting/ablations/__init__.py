@@ -1,1 +1,1 @@
-"""Declared tables of switches, run over datasets and seeds, beside the published figures."""
+"""Ablation tables: declared rows of options, run over datasets and seeds, shown beside published figures."""

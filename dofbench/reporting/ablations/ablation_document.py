@@ -65,7 +65,7 @@ def _reading(filled: Filled) -> Iterator[Paragraph]:
 
 
 def _scores(filled: Filled, lines: list[Line], figures: dict[str, dict[str, float]], over: str) -> Table:
-    """The rows with their switches and scores, and behind them the paper's figures: row -> score -> figure."""
+    """The rows with their switches and scores, followed by the paper's figures. figures: row -> score -> figure."""
     declared = filled.plan.table
     rows = {row.label: row for row in declared.rows}
     paper = [column for column in declared.paper_columns() if any(column in given for given in figures.values())]
@@ -94,7 +94,8 @@ def _scores(filled: Filled, lines: list[Line], figures: dict[str, dict[str, floa
 
 
 def _dataset(filled: Filled, source: Source) -> Section:
-    """The rows on one dataset; of a single one, beside the paper's means where the paper has no figures of it."""
+    """The rows on one dataset. If it is the only dataset and the paper has no figures for it, the paper's means stand
+    beside the rows."""
     declared = filled.plan.table
     figures = {row.label: of_scene(row.paper_scenes, source.scene) for row in declared.rows}
     if len(filled.datasets) == 1 and not any(figures.values()):
@@ -112,12 +113,12 @@ def _dataset(filled: Filled, source: Source) -> Section:
 
 
 def _word(switch: bool | str) -> str:
-    """How a switch is shown."""
+    """The text that shows a switch's value."""
     return _WORDS[switch] if isinstance(switch, bool) else switch
 
 
 def _differences(filled: Filled) -> Iterator[Section]:
-    """Each row minus the reference row; none where no two can be compared."""
+    """Section with each row minus the reference row; none if no two rows can be compared."""
     reference = filled.plan.table.reference
     if reference is None:
         return
@@ -140,7 +141,7 @@ def _differences(filled: Filled) -> Iterator[Section]:
 
 
 def _rows(filled: Filled) -> Section:
-    """What each row is: method, preset, options, and what its runs left out."""
+    """Section that defines each row: method, preset, options, and the stages that its runs left out."""
     rows = []
     for row in filled.plan.table.rows:
         runs = [run for place, run in filled.plan.runs.items() if place[0] == row.label]

@@ -1,4 +1,4 @@
-"""What stands in the CSV files of a table: every run's scores, and their means, spreads and differences."""
+"""The content of an ablation table's CSV files: every run's scores, and their means, spreads and differences."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ SUMMARY = (
     "difference_high",
     "verdict",
 )
-MEAN = "mean"  # stands for the dataset in the rows that average over all of them
+MEAN = "mean"  # in place of the dataset, in rows that average over all datasets
 
 
 def cell_records(filled: Filled) -> Records:
-    """One row a run and score. value is empty where there is none: status says how the run ended, or "not run"."""
+    """One row per run and score. value is empty without a score: then status says how the run ended, or "not run"."""
     rows = []
     for row, dataset, seed in filled.plan.runs:
         entry = filled.entries.get((row, dataset, seed))
@@ -50,8 +50,8 @@ def cell_records(filled: Filled) -> Records:
 
 
 def summary_records(filled: Filled) -> Records:
-    """One row a cell of the page. paper: the paper's mean, on its own data. The difference is from the reference row,
-    over the views of all datasets (for a cost, the seeds), with p and interval as on the page."""
+    """One row per cell of the page. paper: the paper's mean, on the paper's data. The difference is that from the
+    reference row, over the views of all datasets (for a cost, over the seeds), with p and interval as on the page."""
     declared = filled.plan.table
     paper = {row.label: row.paper for row in declared.rows}
     rows = []

@@ -1,4 +1,4 @@
-"""The page of a table as JSON: `ablate` leaves it, and `report --ablation` shows it as it is."""
+"""The page of an ablation table as JSON: written by `ablate`, and shown unchanged by `report --ablation`."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ _DOCUMENT = TypeAdapter(Document)
 
 
 def write_document(folder: Path, document: Document) -> Path:
-    """Write `folder`/`document.id`.json, whole or not at all, and return its path."""
+    """Write `folder`/`document.id`.json atomically and return its path."""
     path = folder / f"{document.id}.json"
     write_json(path, {"schema_name": SCHEMA, "version": VERSION, "document": asdict(document)})
     return path
 
 
 def read_documents(folder: Path) -> tuple[Document, ...]:
-    """Every table of a folder, by name. Raises InputError when there is none, or one isn't a table of this version."""
+    """All tables of a folder, by name. Raises InputError without a table, or if a file isn't a table of this
+    version."""
     files = sorted(folder.glob("*.json")) if folder.is_dir() else []
     if not files:
         expected = "tables that `dofbench ablate` wrote; calling it again writes them without running what is finished"

@@ -1,4 +1,4 @@
-"""What the runs of a table came to: means and spreads of its rows, dataset by dataset and over all of them."""
+"""The scores of a table's runs: means and spreads of its rows, dataset by dataset and over all datasets."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ NOT_RUN = Statistic(None, failure="not run yet", reason="the same command goes o
 
 @dataclass(frozen=True)
 class Filled:
-    """A table's runs as far as they have ended.
+    """A table with its runs that have ended.
 
-    seeds: those of which every cell has ended; the first, if none has. entries: (row, dataset, seed) -> how it ended.
+    seeds: those for which every cell has ended; if there is none, the first seed. entries: (row, dataset, seed) -> the
+    run.
     """
 
     plan: TablePlan
@@ -48,12 +49,12 @@ class Filled:
         return [self._line(row, {column: self.cell(row, dataset, column) for column in columns}) for row in self.rows]
 
     def mean_lines(self) -> list[Line]:
-        """The rows as means over the datasets; the spread is that of this mean over the seeds."""
+        """The rows as means over the datasets. The spread is the standard deviation of this mean over the seeds."""
         columns = self.plan.table.columns
         return [self._line(row, {column: self.mean_cell(row, column) for column in columns}) for row in self.rows]
 
     def mean_cell(self, row: str, column: str) -> Statistic:
-        """Only over a complete set of datasets and seeds."""
+        """The mean over datasets and seeds; a gap unless every dataset and seed has a value."""
         lines = {dataset: self._line(row, {column: self.cell(row, dataset, column)}) for dataset in self.datasets}
         mean = scene_mean(lines, list(self.datasets), column)
         values = [[self.value(row, dataset, seed, column) for dataset in self.datasets] for seed in self.seeds]
@@ -63,7 +64,7 @@ class Filled:
         return Statistic(mean.value, statistics.stdev(means))
 
     def value(self, row: str, dataset: str, seed: int, column: str) -> float | None:
-        """One run's score; None where there is none."""
+        """One run's score; None without one."""
         entry = self.entries.get((row, dataset, seed))
         return entry.scores.get(column) if entry is not None and not self._failed(entry) else None
 
@@ -81,7 +82,7 @@ class Filled:
 
 
 def fill(plan: TablePlan, ended: Ended) -> Filled:
-    """What has ended of a table's runs."""
+    """The table with those of its runs that have ended."""
     entries = {place: entry for place, run in plan.runs.items() if (entry := ended.find(run)) is not None}
     seeds = sorted({seed for _, _, seed in plan.runs})
     whole = [seed for seed in seeds if all(place in entries for place in plan.runs if place[2] == seed)]

@@ -1,1 +1,1 @@
-"""report.html: one page with everything in it, written by our own code; it asks for nothing from anywhere."""
+"""report.html: one self-contained page that loads nothing from elsewhere, generated without external libraries."""

@@ -1,5 +1,5 @@
-"""Blocks of a report as HTML by hand: escaped text, footnotes, and tables that the page's script can sort. Nothing is
-computed here."""
+"""Writes blocks of a report as HTML: escaped text, footnotes, and tables that the page's script can sort. All values
+come from the report's data; nothing is computed here."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from dofbench.reporting.view import (
 
 _MARKUP = re.compile(r"`([^`]+)`|\*\*([^*]+)\*\*|\*([^*]+)\*")
 _CLASSES = {"number": "number", "published": "number theirs", "gap": "number gap", "failed": "number failure"}
-_LONG = 40  # characters; a column of words that long is given room
+_LONG = 40  # characters: a column of words at least this long gets a minimum width
 
 
 def notes_html(notes: Footnotes) -> str:
-    """The footnotes as a list; empty where there is none."""
+    """The footnotes as a list; empty without footnotes."""
     items = "".join(f'<li id="note-{number}">{escape(reason)}</li>' for number, reason in notes.reasons())
     return f'<ol class="notes">{items}</ol>' if items else ""
 
 
 def blocks_html(blocks: Sequence[Block], notes: Footnotes, level: int = 3) -> str:
-    """Blocks in their order. level: of the headings of sections among them."""
+    """The blocks in order. level: heading level of sections among them."""
     return "".join(_block(block, notes, level) for block in blocks)
 
 
@@ -91,7 +91,7 @@ def _block(block: Block, notes: Footnotes, level: int) -> str:
 
 
 def _inline(text: str) -> str:
-    """Escaped, with `code`, *emphasis* and **strong**."""
+    """The text escaped, with `code`, *emphasis* and **strong** as HTML."""
 
     def marked(found: re.Match[str]) -> str:
         for tag, inside in zip(("code", "strong", "em"), found.groups(), strict=True):
@@ -125,7 +125,7 @@ def _group_row(groups: list[tuple[str, int]]) -> str:
 
 
 def _edges(groups: list[tuple[str, int]]) -> set[int]:
-    """Columns with which a group begins."""
+    """The columns at which a group begins."""
     starts, at = set(), 0
     for group, count in groups:
         if group:
@@ -170,7 +170,7 @@ def _content(cell: Cell, notes: Footnotes) -> str:
     if cell.test is not None:
         if cell.test.interval:
             html += f' <span class="spread">{escape(cell.test.interval)}</span>'
-        if cell.test.spread:  # of the single differences; the interval says how sure their mean is
+        if cell.test.spread:  # spread of the single differences; the interval is that of their mean
             html = f'<span title="± {escape(cell.test.spread)} over {cell.test.pairs} pairs">{html}</span>'
         small += [escape(cell.test.p)] if cell.test.p else []
         small += [_verdict(cell.test)] if cell.test.verdict else []
@@ -187,7 +187,7 @@ def _verdict(test: DifferenceTest) -> str:
 
 
 def _footnoted(cell: Cell, notes: Footnotes) -> str:
-    """What is shown, as a link to the footnote; the reason is on hover too."""
+    """The cell's text as a link to its footnote; the reason also appears on hover."""
     number, reason = notes.number(cell.reason), escape(one_line(cell.reason))
     return f'<a class="why" href="#note-{number}" title="{reason}">{escape(cell.text)}<sup>{number}</sup></a>'
 

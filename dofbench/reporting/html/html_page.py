@@ -24,7 +24,7 @@ _MARK = re.compile(r"\{\{(\w+)\}\}")
 
 @dataclass(frozen=True)
 class _Section:
-    """id: of the anchor. short: in the navigation."""
+    """A section of the page. id: of its anchor. short: its name in the navigation."""
 
     id: str
     short: str
@@ -113,25 +113,25 @@ def _time(view: ReportView, notes: Footnotes) -> str:
         return ""
     tables = "".join(_curve(index, curve, notes) for index, curve in enumerate(curves))
     return f"""
-<p>One line a run, with a mark at every moment that was scored; several seeds are thin lines,
-and their median a thick one in steps, as no score is interpolated. The broad grey line is the Pareto front; dotted
-lines are the levels of the table below.</p>
+<p>One line per run, with a mark at every moment that was scored; several seeds are thin lines, and their median is a
+thick line in steps, because no score is interpolated. The broad grey line is the Pareto front; dotted lines are the
+levels of the table below.</p>
 <div class="controls">
 <label>Dataset and protocol <select id="plot-board"></select></label>
 <label>Score <select id="plot-score"></select></label>
 <label class="tick"><input type="checkbox" id="plot-log"> score on a log axis</label>
 </div>
 <div class="card"><div id="chart"></div>
-<ul class="legend" id="plot-legend" aria-label="Curves, to switch on and off"></ul></div>
+<ul class="legend" id="plot-legend" aria-label="Curves, which can be switched on and off"></ul></div>
 <p class="caption" id="plot-note"></p>
 {tables}
 {paragraph_html(view.curve_rules.text, "caption")}"""
 
 
 def _curve(index: int, curve: CurveView, notes: Footnotes) -> str:
-    """Times to reach levels, and who holds the front; the script shows those of one plot."""
+    """Tables of times to reach levels and of the Pareto front; the script shows those of the selected plot."""
     no_level, no_front = (
-        "No level to reach: no score moved while training.",
+        "No levels: no score changed while training.",
         "No Pareto front: a seed of every row failed.",
     )
     reach = table_html(curve.reach, notes) if curve.reach is not None else paragraph_html(no_level)
@@ -149,7 +149,7 @@ def _pictures(shown: Packed) -> str:
             ("view", "Test view"),
             ("kind", "Rendered"),
             ("left", "Left of the slider"),
-            ("right", "Right of it"),
+            ("right", "Right of the slider"),
         )
     )
     return f"""
@@ -175,5 +175,5 @@ def _template(name: str) -> str:
 
 
 def _script_data(data: object) -> str:
-    """JSON that can stand inside a script element: no tag can end it early."""
+    """JSON for a script element, escaped so that no tag inside can end the element."""
     return json.dumps(data, ensure_ascii=False, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")

@@ -1,4 +1,4 @@
-"""Pictures inside the page, kept within a stated size."""
+"""Pictures embedded in the page, within a given total size."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from dofbench.core.images import read_image, resize, to_8bit
 from dofbench.reporting.gallery import BoardPictures, KindPictures
 from dofbench.scoring.error_maps import FULL_SCALE
 
-BUDGET_MB = 12  # of pictures in one page, as base64
-SIDES = (720, 504, 360, 252)  # px of a picture's longer side: the first with which all of them fit
+BUDGET_MB = 12  # MB of pictures in one page, as base64
+SIDES = (720, 504, 360, 252)  # px, longer side of pictures: the first size is used with which all pictures fit
 QUALITY = 85  # of WebP
 
 
@@ -25,14 +25,16 @@ class TooLarge(Exception):
 
 @dataclass(frozen=True)
 class Packed:
-    """data: for the page's script. said: their size and quality, and what had to be left out."""
+    """Embedded pictures. data: for the page's script. said: a sentence on their size and quality, and on what was left
+    out."""
 
     data: list[dict[str, Any]]
     said: str
 
 
 def packed(boards: Sequence[BoardPictures], budget_mb: float = BUDGET_MB) -> Packed:
-    """The pictures of every board: all test views as large as fits, else fewer views at the smallest size."""
+    """The pictures of every board: all test views at the largest size that fits, else fewer views at the smallest
+    size."""
     boards = [board for board in boards if board.views]
     every = max((len(board.views) for board in boards), default=0)
     if not every:
@@ -78,7 +80,7 @@ class _Packer:
         return text
 
     def file(self, path: Path | None) -> str | None:
-        """Of a PNG; None for none."""
+        """The data URI of a PNG file; None for None."""
         return None if path is None else self.uri(read_image(path))
 
 

@@ -10,7 +10,7 @@ from dofbench.reporting.series import Series
 
 
 def plot_data(plots: Sequence[Plot]) -> list[dict[str, Any]]:
-    """The plots as plain data: what is drawn, and how its axes and values read."""
+    """The plots as plain data: the curves, and the labels of axes and values."""
     return [_one(plot) for plot in plots]
 
 
@@ -45,5 +45,5 @@ def _points(points: Sequence[tuple[float, float]]) -> list[list[float]]:
 
 
 def _number(value: float) -> float:
-    """Six digits: more can't be seen, and would double the page."""
+    """The value rounded to six digits: more are invisible, and would double the size of the page."""
     return float(f"{value:.6g}")

@@ -1,4 +1,4 @@
-"""Scores of photographs whose lens nobody knows: what has to be known to predict one is fitted on half of it, and the
-other half is scored."""
+"""Scores of photographs of unknown lens: lens and colours are fitted on one half of a photograph, and the prediction of
+the other half is scored."""
 
 from __future__ import annotations

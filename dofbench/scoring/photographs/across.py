@@ -1,8 +1,8 @@
-"""Photographs of one aperture predicted from those of another: the claim of controllable depth of field, put to a lens.
+"""Photographs of one aperture predicted from those of another: a test of controllable depth of field on real lenses.
 
-The opening of a lens is its focal length over the f-number, so the aperture learned at f/N, times N / M, is that of a
-photograph at f/M. Nobody knows where such a photograph is focused: the focus is fitted on one half of it, its colours
-too, and the other half is scored.
+The diameter of a lens's opening is its focal length over the f-number, so the aperture learned at f/N, times N / M, is
+that of a photograph at f/M. The focus of such a photograph is unknown: its focus and colours are fitted on one half,
+and the other half is scored.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from dofbench.scoring.photographs.predict import (
 )
 from dofbench.scoring.photographs.search import Effort, Frame
 
-FOCUSES = 7  # of the grid, over the disparities of the view and a quarter of their extent beyond both ends
+FOCUSES = 7  # focus values of the grid, over the view's disparity range extended by a quarter at both ends
 BEYOND = 0.25
 FOCUS_EFFORT = Effort(apertures=1, focuses=FOCUSES, coarse=6, fine=4)
 QUICK_FOCUS_EFFORT = Effort(apertures=1, focuses=FOCUSES, coarse=4, fine=1)
@@ -36,9 +36,10 @@ QUICK_FOCUS_EFFORT = Effort(apertures=1, focuses=FOCUSES, coarse=4, fine=1)
 
 @dataclass(frozen=True, eq=False)
 class AcrossPrediction:
-    """scaled: by the learned aperture (median of the training views) times the ratio of the f-numbers; of a method
-    without a lens, by the best Gaussian blur. unscaled: by the learned aperture as it is; None without a lens.
-    in_focus: (H, W, 3) without a lens, colours fitted; None where a rendering wasn't finite."""
+    """Three predictions of one photograph. scaled: by the learned aperture (median of the training views) times the
+    ratio of the f-numbers; for a method without a lens, by the best Gaussian blur. unscaled: by the learned aperture
+    without that factor; None without a lens. in_focus: (H, W, 3), rendered without a lens, colours fitted; None if a
+    rendering wasn't finite."""
 
     scaled: Prediction
     unscaled: Prediction | None
@@ -58,8 +59,8 @@ def predict_across(
 ) -> AcrossPrediction:
     """Predict a photograph whose f-number is 1 / `ratio` times that of the training views.
 
-    photograph: (H, W, 3) float32, encoded. learned: lenses of the training views. no_lens: as of `predict`; a method
-    without learned lenses has none to scale. unscaled: whether to predict by the aperture unchanged too.
+    photograph: (H, W, 3) float32, encoded. learned: lenses of the training views. no_lens: as in `predict`; a method
+    without learned lenses has no aperture to scale. unscaled: whether to predict by the unscaled aperture too.
     """
     start = time.perf_counter()
     tiles = Tiles.of(camera.height, camera.width)
@@ -85,7 +86,7 @@ def predict_across(
 def _by_focus(
     method: Method, camera: Camera, photograph: np.ndarray, tiles: Tiles, frame: Frame, aperture: float, effort: Effort
 ) -> LensSearch:
-    """A search for the focus alone, in shares of the view's disparities."""
+    """A search for the focus alone, in normalised disparity of the view."""
     disparities = frame.disparities
 
     def lens(at: np.ndarray) -> PhysicalLens:

@@ -1,4 +1,4 @@
-"""A photograph as a checkerboard of two halves: what is fitted on one of them is scored on the other."""
+"""Divides a photograph into two halves like the squares of a checkerboard: a fit on one half is scored on the other."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ import numpy as np
 
 from dofbench.metrics.ssim import ssim_map
 
-TILES = 8  # along the shorter side
+TILES = 8  # number of tiles along the shorter side
 SMALLEST = 16  # px, so that windows of SSIM fit into a tile
-MARGIN = 1 / 8  # of a tile's side: scored pixels lie at least this far from the other half, whose light blur mixes in
+# Share of a tile's side: scored pixels lie at least this far from the other half, whose light is blurred into their
+# surroundings
+MARGIN = 1 / 8
 
 
 @dataclass(frozen=True, eq=False)
 class Tiles:
-    """Of an image: half (H, W), 0 or 1, by tile, like the squares of a chessboard, 0 at the first. inside (H, W): the
-    pixels that are scored. side: of a tile, px."""
+    """The tiles of an image. half: (H, W), 0 or 1 by tile, like the squares of a chessboard, beginning with 0. inside:
+    (H, W), the pixels that are scored. side: of a tile, px."""
 
     half: np.ndarray
     inside: np.ndarray
@@ -24,7 +26,8 @@ class Tiles:
 
     @staticmethod
     def of(height: int, width: int) -> Tiles:
-        """Tiles of an eighth of the shorter side, and at least 16 px; those at the right and lower edge may be cut."""
+        """Tiles with an eighth of the shorter side, at least 16 px; tiles at the right and lower edge may be cut
+        off."""
         side = max(SMALLEST, round(min(height, width) / TILES))
         margin = max(1, round(side * MARGIN))
         rows, columns = np.arange(height), np.arange(width)
@@ -32,7 +35,7 @@ class Tiles:
         return Tiles(half.astype(np.uint8), _inner(rows, side, margin)[:, None] & _inner(columns, side, margin), side)
 
     def fitted(self, half: int) -> np.ndarray:
-        """(H, W) bool: the pixels that a fit on that half looks at: all of the half."""
+        """(H, W) bool: the pixels that a fit on that half uses, which are all pixels of the half."""
         return self.half == half
 
     def scored(self, half: int) -> np.ndarray:
@@ -40,20 +43,21 @@ class Tiles:
         return self.inside & (self.half == half)
 
     def shrunk(self, factor: int, half: int) -> np.ndarray:
-        """(H // factor, W // factor) bool: the cells of factor x factor pixels that lie in that half alone."""
+        """(H // factor, W // factor) bool: the cells of factor x factor pixels that lie completely in that half."""
         cells = _cells((self.half == half)[..., None].astype(np.float32), factor)[..., 0]
         return cells.mean(axis=(1, 3)) == 1
 
 
 def shrink(image: np.ndarray, factor: int) -> np.ndarray:
-    """(H // factor, W // factor, 3): means over cells of factor x factor pixels; what is left over is cut off."""
+    """(H // factor, W // factor, 3): means over cells of factor x factor pixels; remaining rows and columns are cut
+    off."""
     return image if factor == 1 else _cells(image, factor).mean(axis=(1, 3))
 
 
 def masked_psnr(prediction: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> float:
     """PSNR over the pixels of `mask` (H, W) and all channels, dB, peak 1; infinite for equal images.
 
-    Raises ValueError where the mask holds no pixel.
+    Raises ValueError for an empty mask.
     """
     if not mask.any():
         raise ValueError("masked PSNR: expected at least one pixel, found none")
@@ -62,9 +66,10 @@ def masked_psnr(prediction: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> 
 
 
 def tiled_ssim(prediction: np.ndarray, truth: np.ndarray, tiles: Tiles) -> float:
-    """Mean SSIM over the windows that lie in one tile, so that none sees both halves. Images as for `metrics.ssim`."""
+    """Mean SSIM over the windows that lie within one tile, so that no window covers both halves. Images as for
+    `metrics.ssim`."""
     similarity = ssim_map(prediction, truth)
-    reach = tiles.half.shape[0] - similarity.shape[0]  # of a window, less one pixel
+    reach = tiles.half.shape[0] - similarity.shape[0]  # size of a window minus one pixel
     first, last = slice(None, similarity.shape[0]), slice(reach, None)
     across = slice(None, similarity.shape[1]), slice(reach, None)
     rows = np.arange(tiles.half.shape[0]) // tiles.side
@@ -74,7 +79,8 @@ def tiled_ssim(prediction: np.ndarray, truth: np.ndarray, tiles: Tiles) -> float
 
 
 def _inner(index: np.ndarray, side: int, margin: int) -> np.ndarray:
-    """Which pixels of a line lie at least `margin` from the borders between its tiles; the image's ends are none."""
+    """Which pixels of a line lie at least `margin` from the borders between tiles; the ends of the image aren't
+    borders."""
     place, tile = index % side, index // side
     return ((place >= margin) | (tile == 0)) & ((place < side - margin) | (tile == tile[-1]))
 

@@ -1,4 +1,4 @@
-"""A held-out photograph as a method predicts it, with as little told about it as two numbers and its colours."""
+"""A method's prediction of a held-out photograph, given two fitted numbers of its lens and its colours."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from dofbench.scoring.photographs.search import LEAST_STEP, Effort, Found, Frame
 
 HALVES = (0, 1)
 REDUCED = 256  # px, about the width at which the search begins
-LARGEST_SIGMA = 0.04  # of the width: a Gaussian as wide as a disc twice as large
-_RANGE = 2.0, 98.0  # percentiles of the disparities of a view that the search spans
+LARGEST_SIGMA = 0.04  # share of the width; a Gaussian of this sigma is as wide as a disc of twice that radius
+_RANGE = 2.0, 98.0  # percentiles of a view's disparities between which the search takes place
 
 
 @dataclass(frozen=True, eq=False)
 class HalfFit:
-    """What was fitted on one half, to predict the other. lens: None of a method without one. sigma: px, of the one
-    Gaussian blur of the rendering without a lens, None where it wasn't asked for. renders: made at the reduced and at
-    the full size for this half, its grid's among them. cost: mean squared error on the half that was fitted on."""
+    """The fit on one half, by which the other half is predicted. lens: None for a method without a lens. sigma: px, of
+    the Gaussian blur of the rendering without a lens, None if it wasn't asked for. renders: numbers of renderings at
+    the reduced and the full size for this half, with those of the grid. cost: mean squared error on the fitted half."""
 
     fitted_on: int
     lens: PhysicalLens | None
@@ -39,10 +39,10 @@ class HalfFit:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """picture, blurred: (H, W, 3) float32 at 8-bit levels, by the lens and by one Gaussian blur (the same where the
-    method has no lens, None where it wasn't asked for): every tile as predicted by the fit on the other
-    half. refused: why there is no lens, "" where there is one. bad: values of a rendering that weren't finite, and then
-    there is no picture. seconds: wall."""
+    """The prediction of a photograph. picture, blurred: (H, W, 3) float32 at 8-bit levels, by the lens and by one
+    Gaussian blur (equal for a method without a lens; blurred is None if it wasn't asked for); every tile is predicted
+    by the fit on the other half. refused: why there is no lens, "" if there is one. bad: number of values of a
+    rendering that weren't finite; if it isn't 0, there is no picture. seconds: wall time."""
 
     picture: np.ndarray | None
     blurred: np.ndarray | None
@@ -54,7 +54,7 @@ class Prediction:
 
     @staticmethod
     def by_blur(image: np.ndarray, photograph: np.ndarray, tiles: Tiles, refused: str, start: float) -> Prediction:
-        """Of a rendering without a lens, by the Gaussian blur that helps it most."""
+        """The prediction from a rendering without a lens, by the Gaussian blur that fits best."""
         gaussian = _fit_sigmas(image, photograph, tiles)
         blurred = assembled([found for _, found in gaussian], photograph, tiles)
         halves = tuple(
@@ -65,7 +65,8 @@ class Prediction:
 
 
 def sharp_rendering(method: Method, camera: Camera) -> tuple[np.ndarray, np.ndarray, int]:
-    """Without a lens: (image (H, W, 3), depth (H, W) in scene units, how many values of the image aren't finite).
+    """The rendering without a lens: (image (H, W, 3), depth (H, W) in scene units, how many values of the image aren't
+    finite).
 
     Raises ValueError for an image of another size than the camera's.
     """
@@ -83,11 +84,12 @@ def predict(
     *,
     no_lens: str = "",
 ) -> Prediction:
-    """Fit what isn't known on each half of the photograph, and predict the other half.
+    """Fit lens and colours on each half of the photograph, and predict the other half.
 
-    photograph: (H, W, 3) float32, encoded. learned: the lenses of the training views, for the search to begin with.
-    no_lens: why the method has no lens, where that is known; one that raises ValueError for a lens has none either. It
-    is given the best Gaussian blur in its place. Raises ValueError when the method renders an image of another size.
+    photograph: (H, W, 3) float32, encoded. learned: the lenses of the training views, as a starting point of the
+    search. no_lens: why the method has no lens, if that is known; a method that raises ValueError for a lens has none
+    either. For a method without a lens, the best Gaussian blur is used instead. Raises ValueError when the method
+    renders an image of another size.
     """
     start = time.perf_counter()
     tiles = Tiles.of(camera.height, camera.width)
@@ -116,10 +118,11 @@ def _steps(at: np.ndarray) -> tuple[float, float]:
 
 
 class LensSearch:
-    """The search of one view: the grid is rendered once for both halves, each half's simplex goes on from its best.
+    """The search for one view's lens. The grid is rendered once for both halves; each half's simplex starts from its
+    best grid point.
 
-    starts: the grid, of numbers from which `lens` makes a lens. steps: of the simplex from there, at the reduced and at
-    the full size.
+    starts: the grid points, arrays from which `lens` makes a lens. steps: the simplex's first steps from a point, at
+    the reduced and at the full size.
     """
 
     def __init__(
@@ -139,7 +142,8 @@ class LensSearch:
         self._grid = [(at, self._render(self._small, lens(at))) for at in starts]
 
     def prediction(self, effort: Effort, start: float) -> Prediction:
-        """The fits of both halves, and what they predict. start: when the work began, by `time.perf_counter`."""
+        """The fits of both halves, and their prediction. start: time at which the work began, by
+        `time.perf_counter`."""
         found = [self._half(half, effort) for half in HALVES]
         bad = max(int(one.image.size - np.count_nonzero(np.isfinite(one.image))) for one, _ in found)
         halves = tuple(
@@ -169,13 +173,14 @@ class LensSearch:
         return fine, (len(self._grid) + coarse.renders, fine.renders)
 
     def _render(self, camera: Camera, lens: PhysicalLens) -> np.ndarray:
-        # The reduced camera may lack a remainder of pixels at its edge: its circles shrink by the whole factor.
+        # The reduced camera may lack the last pixels at its edge; its circles of confusion are smaller by exactly
+        # `factor`.
         width = camera.width * (self._factor if camera is self._small else 1)
         return checked_image(self._method.render(camera, replace(lens, width=width)).image, camera)
 
 
 def _fit_sigmas(image: np.ndarray, photograph: np.ndarray, tiles: Tiles) -> list[tuple[float, np.ndarray]]:
-    """For each half (sigma, image blurred by it in linear light): the Gaussian of least cost there."""
+    """For each half (sigma, image blurred by sigma in linear light), for the Gaussian of least cost on that half."""
     from scipy.ndimage import gaussian_filter
 
     linear = decode(np.clip(image, 0.0, 1.0))
@@ -201,7 +206,8 @@ def _cost(image: np.ndarray, photograph: np.ndarray, mask: np.ndarray) -> float:
 
 
 def assembled(images: list[np.ndarray], photograph: np.ndarray, tiles: Tiles) -> np.ndarray:
-    """(H, W, 3) at 8-bit levels: the tiles of each half by the image that was fitted on the other, colours as there."""
+    """(H, W, 3) at 8-bit levels: each half from the image that was fitted on the other half, with the colours fitted
+    there."""
     picture = np.zeros_like(photograph, dtype=np.float32)
     for half, image in zip(HALVES, images, strict=True):
         own, other = tiles.fitted(half), tiles.fitted(1 - half)
@@ -210,7 +216,8 @@ def assembled(images: list[np.ndarray], photograph: np.ndarray, tiles: Tiles) ->
 
 
 def frame_of(depth: np.ndarray, camera: Camera, learned: Mapping[str, PhysicalLens] | None) -> Frame | None:
-    """What lenses of a view refer to: the disparities of its depth (H, W), else of the learned foci; or None."""
+    """The frame of a view's lenses: the range of disparities of its depth (H, W), or of the learned foci if there is no
+    depth; None without both."""
     known = depth[np.isfinite(depth) & (depth > 0)]
     disparities = (
         1.0 / known.astype(np.float64)
@@ -223,7 +230,7 @@ def frame_of(depth: np.ndarray, camera: Camera, learned: Mapping[str, PhysicalLe
 
 
 def refusal(method: Method, camera: Camera, frame: Frame) -> str:
-    """Why the method can't render through a lens, by its own words, or ""."""
+    """Why the method can't render through a lens: the text of its ValueError, or "" if it can."""
     small = camera.binned(max(1, round(camera.width / REDUCED)))
     try:
         method.render(small, PhysicalLens(0.0, frame.disparities.q_min, small.width))
@@ -243,7 +250,7 @@ def median_lens(learned: Mapping[str, PhysicalLens] | None) -> PhysicalLens | No
 
 
 def checked_image(image: np.ndarray, camera: Camera) -> np.ndarray:
-    """A rendered image, if it has the camera's size; ValueError if not."""
+    """The rendered image; raises ValueError unless it has the camera's size."""
     found = np.asarray(image)
     expected = (camera.height, camera.width, 3)
     if found.shape != expected:

@@ -1,7 +1,7 @@
-"""The lens, or the one blur, by which a prediction comes nearest to a photograph: a grid, then Nelder and Mead's
-simplex.
+"""Search for the lens, or the Gaussian blur, with which a prediction fits a photograph best: a grid, then Nelder and
+Mead's simplex.
 
-Everything is decided by `cost`, which sees the half of the photograph that is fitted on and nothing else.
+Only `cost` decides, which is computed on the fitted half of the photograph alone.
 """
 
 from __future__ import annotations
@@ -14,20 +14,21 @@ import numpy as np
 
 from dofbench.core.lens import COC_FRACTION, DisparityRange, PhysicalLens
 
-Cost = Callable[[np.ndarray], float]  # of an image
+Cost = Callable[[np.ndarray], float]  # error of an image
 
-# Circles of confusion that the disparities of the view span, in units of the paper's largest (A = 1).
+# Apertures of the grid: signed circle of confusion over the view's disparity range, in units of the paper's largest (A
+# = 1).
 APERTURES = (0.25, 0.5, 1.0, 2.0, 4.0)
-# Signed circles below this, as a share of the width, can't be told from none; nor foci this near, as a share of the
-# disparities.
+# Circles of confusion below this share of the width are invisible, and so are differences of focus below this share of
+# the disparity range.
 LEAST_STEP = 0.001
 
 
 @dataclass(frozen=True)
 class Effort:
-    """apertures: how many of `APERTURES`, from the second where not all. focuses: planes of the grid. coarse, fine:
-    renderings of the simplex, at the reduced and at the full size. blur: whether to predict by one Gaussian blur too,
-    where there is a lens."""
+    """How thorough a search is. apertures: how many of `APERTURES` are tried, starting with the second if not all are.
+    focuses: focus values of the grid. coarse, fine: renderings of the simplex, at the reduced and at the full size.
+    blur: whether to predict by one Gaussian blur too if the method has a lens."""
 
     apertures: int
     focuses: int
@@ -42,20 +43,21 @@ QUICK = Effort(apertures=3, focuses=3, coarse=8, fine=1)
 
 @dataclass(frozen=True)
 class Frame:
-    """What signed circles refer to: a range of disparities (1 / scene unit), and an image width in pixels.
+    """The disparity range (1 / scene unit) and the image width in pixels that signed circles of confusion refer to.
 
-    A lens is (near, far) here: the signed circles at both ends as shares of the width, whose pull on the picture is
-    alike in strength and goes through zero without a jump, where F has no meaning when A is small.
+    A lens is given here by its signed circles at both ends of the range, as shares of the width. Both affect the
+    picture equally strongly and continuously through zero, whereas a focus F has no effect when the aperture A is
+    small.
     """
 
     disparities: DisparityRange
     width: int
 
     def lens(self, ends: np.ndarray) -> PhysicalLens:
-        """The lens with these signed circles at q_min and q_max. The blur of both signs is one."""
+        """The lens with these signed circles at q_min and q_max. A change of both signs gives the same blur."""
         low, high = float(ends[0]), float(ends[1])
         slope = high - low
-        least = 1e-6  # an even blur is a focus far away: nearly no slope, as none would leave no focus
+        least = 1e-6  # equal circles mean a focus very far outside the range; slope 0 would have no focus
         if abs(slope) < least:
             slope = math.copysign(least, slope)
         focus = self.disparities.q_min - low / slope * self.disparities.extent
@@ -68,14 +70,14 @@ class Frame:
 
 
 def lens_grid(frame: Frame, learned: PhysicalLens | None, effort: Effort) -> list[PhysicalLens]:
-    """Lenses to begin with: none of the blur, and every aperture with every focus, those of `learned` among them."""
+    """The grid of lenses: a lens without blur, and every aperture with every focus, including those of `learned`."""
     first = 0 if effort.apertures == len(APERTURES) else 1
     disparities, width = frame.disparities, frame.width
     apertures = [COC_FRACTION * a * width / disparities.extent for a in APERTURES[first : first + effort.apertures]]
     focuses = list(np.linspace(disparities.q_min, disparities.q_max, effort.focuses))
     if learned is not None:
         apertures.append(learned.aperture * width / learned.width)
-        # A focus far outside would blur all alike, whatever the aperture.
+        # Clipped, because a focus far outside the range would blur everything equally.
         focuses.append(
             float(
                 np.clip(
@@ -91,7 +93,7 @@ def lens_grid(frame: Frame, learned: PhysicalLens | None, effort: Effort) -> lis
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """The best of a search, and its image; renders: how many images were asked for."""
+    """The best point of a search, its cost and its image; renders: number of images rendered."""
 
     at: np.ndarray
     cost: float
@@ -106,8 +108,8 @@ def simplex(
     most: int,
     step: float,
 ) -> Found:
-    """Nelder and Mead's simplex from `start`, at most `most` images, `start`'s among them. step: the first along each
-    coordinate."""
+    """Nelder and Mead's simplex from `start`, with at most `most` renderings including that of `start`. step: size of
+    the first step along each coordinate."""
     from scipy.optimize import minimize
 
     best: list[Found] = []
@@ -134,7 +136,8 @@ def simplex(
 
 
 def best_sigma(blurred: Callable[[float], np.ndarray], cost: Cost, largest: float) -> tuple[float, np.ndarray]:
-    """(sigma, image): the Gaussian blur of least cost, 0 to `largest` pixels: a grid, halved five times at its best."""
+    """(sigma, image): the Gaussian blur of least cost, 0 to `largest` pixels: a grid, then five refinements that halve
+    the spacing around the best value."""
     tried: dict[float, float] = {}
 
     def value(sigma: float) -> float:
@@ -142,7 +145,7 @@ def best_sigma(blurred: Callable[[float], np.ndarray], cost: Cost, largest: floa
             tried[sigma] = cost(blurred(sigma))
         return tried[sigma]
 
-    # Steps that grow with sigma, as does the blur that can be told from its neighbour.
+    # A geometric grid, since the visible difference between two blurs is relative to their size.
     grid = [0.0, *(largest * 2.0 ** (-k / 2) for k in range(12, -1, -1))]
     best = min(range(len(grid)), key=lambda index: value(grid[index]))
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]

@@ -1,7 +1,7 @@
-"""Where the photographs of one aperture are more blurred than those of another: told by the photographs, by no method.
+"""Where the photographs of one aperture are more blurred than those of another, decided by the photographs alone.
 
 At every sparse point, the energy of gradients around it in the training photographs is compared with that in the test
-photographs. A point is where it is whatever a method thinks of its depth, so no method is favoured.
+photographs. The points don't depend on any method's depth, so no method is favoured.
 """
 
 from __future__ import annotations
@@ -15,22 +15,25 @@ from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
 from dofbench.scenes.visibility import visible
 
-SMOOTH, WINDOW = 1.0, 3.0  # px: against noise, before gradients are taken; around a point
-VIEWS = 3  # photographs of either kind that must see a point, for a median to mean anything
-FEWEST = 64  # such points, for a map of them to mean anything
-NEAREST = 8  # points that a pixel takes its value from
-_LEAST = 1e-6  # energy of gradients that counts as none
+# Px, sigmas of Gaussians: smoothing against noise before gradients are taken; window around a point
+SMOOTH, WINDOW = 1.0, 3.0
+VIEWS = 3  # fewest training and fewest test photographs that must see a point, for a meaningful median
+FEWEST = 64  # fewest such points for a meaningful map
+NEAREST = 8  # number of nearest points from which a pixel's value is interpolated
+_LEAST = 1e-6  # energies of gradients below this are raised to it
 
-Shot = tuple[Camera, np.ndarray]  # of a photograph: its camera, and the image (H, W, 3), encoded
+Shot = tuple[Camera, np.ndarray]  # a photograph: its camera, and its image (H, W, 3), encoded
 
 
 def sharpness_ratio(points: PointCloud, training: Sequence[Shot], test: Sequence[Shot]) -> np.ndarray:
     """(P,) energy of gradients around each point in the training photographs over that in the test photographs, medians
-    of each; NaN for a point that fewer than three of either see. Below 1: the training photographs are more blurred.
+    over the photographs; NaN for a point that fewer than three training or three test photographs see. Below 1: the
+    training photographs are more blurred.
 
     Each energy is relative to the square of the local brightness, so that exposure doesn't count.
     """
-    untracked = replace(points, views=None)  # a track has the views in which the point was found, so where it is sharp
+    # Tracks are ignored: they list the views in which the point was detected, which are those where it is sharp
+    untracked = replace(points, views=None)
     medians = []
     for shots in (training, test):
         found = np.full((len(shots), len(points)), np.nan)
@@ -47,7 +50,7 @@ def sharpness_ratio(points: PointCloud, training: Sequence[Shot], test: Sequence
 
 
 def gradient_energy(image: np.ndarray) -> np.ndarray:
-    """(H, W): squared gradients of grey around every pixel, over the squared grey there."""
+    """(H, W): energy of grey-level gradients around every pixel, relative to the squared grey level there."""
     from scipy.ndimage import gaussian_filter, sobel
 
     grey = gaussian_filter(image.astype(np.float64).mean(axis=2), SMOOTH)
@@ -57,8 +60,8 @@ def gradient_energy(image: np.ndarray) -> np.ndarray:
 
 def thirds(points: PointCloud, ratio: np.ndarray, camera: Camera, inside: np.ndarray) -> np.ndarray | None:
     """(H, W) int8 of a view: 0 and 2 for the thirds of its scored pixels (`inside`) in which the training photographs
-    are most and least blurred against the test photographs, 1 between, -1 not scored. A pixel has the mean of the
-    logarithms at the eight nearest points, the nearer the more. None with too few points.
+    are most and least blurred against the test photographs, 1 between, -1 not scored. A pixel's value is the mean of
+    the ratio's logarithm at the eight nearest points, weighted by nearness. None with too few points.
     """
     from scipy.spatial import cKDTree
 

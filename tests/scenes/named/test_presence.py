@@ -1,4 +1,4 @@
-"""Every named layout is read from a folder written in it; what is incomplete or something else is said so."""
+"""Every named layout can be read, and incomplete or different scenes are reported as such."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_every_named_scene_is_found_and_read(
     tmp_path: Path, write_scene: Callable[[Path, str, int], None], dataset: NamedDataset, scene: NamedScene
 ) -> None:
     source, original = source_of(LIBRARY, dataset, scene)
-    # Of the large scenes fewer images than there must be: writing 300 teaches no more.
+    # Large scenes are written with fewer images than required, since 300 images wouldn't test more.
     count = min(original.views or COUNT, COUNT)
     write_scene(tmp_path / source.candidates(original)[0], str(source.layout), count)
     (found,) = resolve(f"{dataset.id}/{scene.name}", tmp_path)
