@@ -44,7 +44,9 @@ class Trainee(Protocol):
     """A training on which trials can be made. A snapshot holds everything that training changes; its type is up to the
     trainee."""
 
-    views: Sequence[TrainingView]
+    @property
+    def views(self) -> Sequence[TrainingView]:
+        """What it is trained on."""
 
     def snapshot(self) -> Any:
         """A copy of everything that training changes."""
@@ -129,7 +131,7 @@ class Trials:
                     best, decided = ask(attempt, best)
                     decisions.append(decided)
         trainee.restore(best.end)
-        trainee.revise(_AFTER.get(best.changes.get("lens_model"), {}))
+        trainee.revise(_AFTER.get(best.changes.get("lens_model", ""), {}))
         return step + steps, decisions
 
     def _lens(self, attempt, with_lens: _Attempt) -> tuple[_Attempt, Decision]:

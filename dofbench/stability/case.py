@@ -128,6 +128,12 @@ def values(tensor: Tensor | np.ndarray) -> np.ndarray:
     return array.astype(np.float64)
 
 
+def gradient_at(leaf: Tensor) -> np.ndarray:
+    """The gradient that a backward pass left at a tensor, as float64 on the host."""
+    assert leaf.grad is not None
+    return values(leaf.grad)
+
+
 def off(found: Tensor | np.ndarray, expected: Tensor | np.ndarray, scale: float | None = None) -> float:
     """Largest deviation, as a share of `scale`, by default the largest magnitude expected; infinity for NaN."""
     a, b = values(found), values(expected)

@@ -52,7 +52,9 @@ def against_formula(
         setting.tensor(image), setting.tensor(radius), energy=energy, form=form, **options
     )
     kind = np.longdouble if setting.precision == "float64" else np.float64
-    exact = partial(dense_scatter, area=energy == "area", kind=kind, **options)
+    exact: Callable[[np.ndarray, np.ndarray], np.ndarray] = partial(
+        dense_scatter, area=energy == "area", kind=kind, **options
+    )
     bound, note = scatter_bound(setting, image, radius, area=energy == "area", **options)
     return Found(off(found, exact(image, radius)), bound, note)
 

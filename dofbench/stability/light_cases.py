@@ -18,6 +18,7 @@ from dofbench.stability.case import (
     Found,
     Setting,
     differing,
+    gradient_at,
     not_finite,
     off,
     off_each,
@@ -46,7 +47,7 @@ def _black_gradient(setting: Setting, gamma: float) -> Found:
     light, radius = setting.tensor(image, gradient=True), setting.tensor(radii(0.5), gradient=True)
     blurred = defocus(light, radius, Blur(gamma), backend=setting.backend)
     blurred.sum().backward()
-    largest = float(np.abs(values(light.grad)).max())
+    largest = float(np.abs(gradient_at(light)).max())
     return Found(not_finite(light.grad, radius.grad), 0.0, f"largest {largest:.3g}")
 
 
@@ -136,7 +137,7 @@ def _slope_at_zero(setting: Setting, gamma: float) -> Found:
     near = TOE**gamma * np.array([0.0, 1e-30, 0.5, 1 - 1e-5, 1 + 1e-5])
     light = setting.tensor(near, gradient=True)
     _pair(setting)[1](light, gamma).sum().backward()
-    slope = values(light.grad)
+    slope = gradient_at(light)
     steepest = TOE ** (1 - gamma)
     # Expected is the line's slope below the toe, and 1 / gamma of it above.
     expected = np.where(near < TOE**gamma, steepest, steepest / gamma)

@@ -22,6 +22,7 @@ STEPS = 240
 # A lens counts as found if its error is below this share of that of A = F = 0.5, the predictor that learns nothing
 FOUND = 0.5
 ABSURD_LIGHT, ABSURD_DEPTH = 10.0, 1e3 * FAR
+DENSIFY_EVERY = 25
 # The schedule for thousands of steps, adapted to a hundred, without depth priors that would take longer than the
 # training.
 SHORT = {
@@ -29,7 +30,7 @@ SHORT = {
     "depth_prior": "sparse",
     "start_points": 0,
     "sh_degree": 1,
-    "densify_every": 25,
+    "densify_every": DENSIFY_EVERY,
     "max_gaussians": 800,
     "coarse_until": 0.0,
     "reset_every": 0.0,

@@ -16,7 +16,7 @@ from dofbench.gaussians.gaussian_method import GaussianMethod
 from dofbench.gaussians.trainer import Trainer
 from dofbench.running.method_cards import MethodEntry, find_method, method_files
 from dofbench.stability.case import COMPILED, Case, Found, Setting
-from dofbench.stability.short_trainings import SHORT, STEPS, End, Watch, faster, options_of, run
+from dofbench.stability.short_trainings import DENSIFY_EVERY, STEPS, End, Watch, faster, options_of, run
 from dofbench.stability.training_scene import VIEWS, black, noise, nothing_but_noise, scene, spoiled, wrong_pose
 
 RATES = ("means_lr", "means_lr_final", "sh_dc_lr", "sh_rest_lr", "opacity_lr", "scale_lr", "rotation_lr")
@@ -93,6 +93,7 @@ def _planted(setting: Setting, method: str, what: str, value: float) -> Found:
         if step != 7:
             return
         if what == "lens":
+            assert trainer.lenses is not None
             trainer.lenses.spoil(value)
         else:
             with torch.no_grad():
@@ -133,7 +134,7 @@ def _vanished(setting: Setting, method: str, what: str) -> Found:
     event = outcome.nonfinite[0] if outcome.nonfinite else None
     # Density control looks only every few steps; its first look must find it.
     right = outcome.status is Status.DIVERGED and event is not None and event.step == outcome.steps
-    right = right and outcome.steps % SHORT["densify_every"] == 0
+    right = right and outcome.steps % DENSIFY_EVERY == 0
     return Found(0.0 if right else 1.0, 0.0, f"{outcome.status}: {outcome.message}"[:120])
 
 

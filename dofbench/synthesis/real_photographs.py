@@ -20,6 +20,7 @@ from dofbench.core.progress import Progress
 from dofbench.dataset import layout
 from dofbench.dataset.schema import DepthRecord, SourceRecord
 from dofbench.depth.given import require_depth, with_folder_depth
+from dofbench.depth.source import SourceId
 from dofbench.scenes.named import ResolvedScene
 from dofbench.scenes.scene import Scene
 from dofbench.scenes.visibility import visible
@@ -126,7 +127,7 @@ def _depth(
         return None, None
     points = None if scene.points is None else scene.points.seen_by(indices)
     measured = replace(scene, views=tuple(scene.views[index] for index in indices), points=points)
-    source = "folder" if settings.depth_source[0] == "folder" else "given"
+    source: SourceId = "folder" if settings.depth_source[0] == "folder" else "given"
     return make_depth(measured, source, None, settings, out, progress)
 
 

@@ -24,6 +24,7 @@ def take_over(sibling: Path, out: Path, source: SourceRecord, settings: MakeData
     sharp = [at.name for at in fields(DatasetOptions) if at.metadata.get("sharp")]
     if not same or any(manifest.settings.get(name) != recipe[name] for name in sharp):
         return
+    assert manifest.depth is not None
     places = (layout.sharp_path, layout.depth_path, layout.confidence_path)
     for image in source.images:
         for place in places:
