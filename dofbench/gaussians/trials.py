@@ -82,6 +82,9 @@ class _Attempt:
     psnr: np.ndarray
 
 
+_Try = Callable[[Mapping[str, Any], str], _Attempt]  # by what it changes, and what to call it
+
+
 class Trials:
     """Decides the questions of the option lens_trials by trials, once in a training."""
 
@@ -134,7 +137,7 @@ class Trials:
         trainee.revise(_AFTER.get(best.changes.get("lens_model", ""), {}))
         return step + steps, decisions
 
-    def _lens(self, attempt, with_lens: _Attempt) -> tuple[_Attempt, Decision]:
+    def _lens(self, attempt: _Try, with_lens: _Attempt) -> tuple[_Attempt, Decision]:
         circle = self._trainee.widest_circle()
         without = attempt({"lens": False, "adaptation": "off"}, "no lens")
         gain, error = _gain(with_lens, without)
@@ -154,7 +157,7 @@ class Trials:
         )
         return (without if needless else with_lens), decided
 
-    def _shared(self, attempt, each: _Attempt) -> tuple[_Attempt, Decision]:
+    def _shared(self, attempt: _Try, each: _Attempt) -> tuple[_Attempt, Decision]:
         stops = {view.exif and view.exif.f_number for view in self._trainee.views}
         known = None not in stops
         self._trainee.restore(each.end)
@@ -175,7 +178,7 @@ class Trials:
                 return shared, Decision("lens_per_view", False, f"tried while training: {'; '.join(told)}", found)
         return each, Decision("lens_per_view", True, f"tried while training: {'; '.join(told)}", found)
 
-    def _model(self, attempt, scatter: _Attempt) -> tuple[_Attempt, Decision]:
+    def _model(self, attempt: _Try, scatter: _Attempt) -> tuple[_Attempt, Decision]:
         own = attempt({**scatter.changes, **_OWN_BLUR}, "each Gaussian's own blur")
         gain, error = _gain(own, scatter)
         figures = f"each Gaussian's own blur makes held-back pixels {_signed(gain, error)} dB better than the scatter"

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from dofbench.compute.raster import Raster
 from dofbench.kernels import load
 from dofbench.stability.case import Found, Setting, not_finite, off, values
 from dofbench.stability.oracle import ROUNDINGS, dense_scatter, left_out, sensitivity
@@ -59,10 +60,19 @@ def against_formula(
     return Found(off(found, exact(image, radius)), bound, note)
 
 
-def render(kernel: Callable, scene: Scene, setting: Setting, **options: Any):
+def render(kernel: Callable, scene: Scene, setting: Setting, **options: Any) -> Raster:
     """The raster of a scene, without gradient."""
     with torch.no_grad():
-        return kernel(**{name: setting.tensor(value) for name, value in scene.items()}, **options)
+        raster: Raster = kernel(**{name: setting.tensor(value) for name, value in scene.items()}, **options)
+    return raster
+
+
+def outputs(raster: Raster, count: int) -> list[torch.Tensor]:
+    """The first so many of a raster's outputs. Raises ValueError where one of them was left out."""
+    found = [output for output in raster[:count] if output is not None]
+    if len(found) < count:
+        raise ValueError(f"raster: expected {count} outputs, found {len(found)}")
+    return found
 
 
 def against_reference(setting: Setting, scene: Scene, filter_3d: float = 0.0, **options: Any) -> Found:
@@ -96,8 +106,9 @@ def against_reference(setting: Setting, scene: Scene, filter_3d: float = 0.0, **
     )
 
 
-def _stacked(raster) -> np.ndarray:
+def _stacked(raster: Raster) -> np.ndarray:
     """Colour, alpha, and depth times alpha, (H, W, 5). Depth itself isn't compared, since it jumps to 0 where alpha
     vanishes."""
+    assert raster.depth is not None
     alpha = values(raster.alpha)
     return np.dstack([values(raster.color), alpha, values(raster.depth) * alpha])

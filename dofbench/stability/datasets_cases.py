@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +46,7 @@ def _write_scene(
     return folder
 
 
-def _make(scene: Path, out: Path, **options) -> Path:
+def _make(scene: Path, out: Path, **options: Any) -> Path:
     from dofbench.core.progress import Silent
     from dofbench.synthesis import make_dataset
     from dofbench.synthesis.dataset_options import MakeDataset
@@ -53,7 +54,7 @@ def _make(scene: Path, out: Path, **options) -> Path:
     return make_dataset(MakeDataset(scene=str(scene), out=out, hold=2, **options), progress=Silent())
 
 
-def _dataset(folder: Path, size: tuple[int, int], depth: Callable | None = None, **options) -> Found:
+def _dataset(folder: Path, size: tuple[int, int], depth: Callable | None = None, **options: Any) -> Found:
     """Measure whether the dataset is made and passes `dofbench check`, which recomputes its photographs."""
     from dofbench.synthesis import check_dataset
 
@@ -99,7 +100,7 @@ def _all_but_one_unknown(z: np.ndarray) -> np.ndarray:
 
 
 def _cases() -> tuple[Case, ...]:
-    def made(name: str, holds: str, bound: str, measure: Callable[..., Found], **options) -> Case:
+    def made(name: str, holds: str, bound: str, measure: Callable[..., Found], **options: Any) -> Case:
         return Case("datasets", name, "make-dataset", holds, bound, NUMPY, in_folder(partial(measure, **options)))
 
     return (

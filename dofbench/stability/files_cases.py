@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -114,7 +115,7 @@ def _pure_power(setting: Setting) -> Found:
 
 
 def _cases() -> tuple[Case, ...]:
-    def files(name: str, holds: str, bound: str, measure: Callable[..., Found], **options) -> Case:
+    def files(name: str, holds: str, bound: str, measure: Callable[..., Found], **options: Any) -> Case:
         return Case("files", name, "images", holds, bound, NUMPY, in_folder(partial(measure, **options)))
 
     return (

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
+from dofbench.compute.raster import Raster
 from dofbench.core.cameras import Camera
 from dofbench.stability.case import (
     KERNELS,
@@ -17,7 +19,7 @@ from dofbench.stability.case import (
     off,
     values,
 )
-from dofbench.stability.comparisons import EXACT
+from dofbench.stability.comparisons import EXACT, outputs
 from dofbench.stability.oracle import ROUNDINGS
 from dofbench.stability.samples import (
     camera,
@@ -28,10 +30,11 @@ from dofbench.stability.samples import (
 )
 
 
-def _render(setting: Setting, scene: dict[str, np.ndarray], view: Camera, **options):
-    return setting.kernel("rasterize")(
+def _render(setting: Setting, scene: dict[str, np.ndarray], view: Camera, **options: Any) -> Raster:
+    raster: Raster = setting.kernel("rasterize")(
         **{name: setting.tensor(value) for name, value in scene.items()}, camera=view, **options
     )
+    return raster
 
 
 def _permuted(scene: dict[str, np.ndarray], order: np.ndarray) -> dict[str, np.ndarray]:
@@ -42,9 +45,10 @@ def _order(setting: Setting) -> Found:
     scene = gaussians()
     plain = _render(setting, scene, camera(), geometry="full")
     found = _render(setting, _permuted(scene, np.random.default_rng(0).permutation(40)), camera(), geometry="full")
+    pairs = list(zip(outputs(found, 5), outputs(plain, 5), strict=True))
     if setting.backend == "reference":  # torch's vector instructions round the last elements of a batch differently
-        return Found(max(off(a, b) for a, b in zip(found[:5], plain[:5], strict=True)), 64 * setting.eps)
-    return Found(sum(differing(a, b) for a, b in zip(found[:5], plain[:5], strict=True)), 0.0)
+        return Found(max(off(a, b) for a, b in pairs), 64 * setting.eps)
+    return Found(sum(differing(a, b) for a, b in pairs), 0.0)
 
 
 def _coplanar() -> dict[str, np.ndarray]:
@@ -82,7 +86,7 @@ def _tiles(setting: Setting) -> Found:
     window = replace(view, width=width, height=height, cx=view.cx - left, cy=view.cy - top)
     part = _render(setting, scene, window, geometry="full")
     area = (slice(top, top + height), slice(left, left + width))
-    error = max(off(a, b[area]) for a, b in zip(part[:5], whole[:5], strict=True))
+    error = max(off(a, b[area]) for a, b in zip(outputs(part, 5), outputs(whole, 5), strict=True))
     # An offset from a pixel loses as many digits as the pixel's coordinate is larger; its square counts, times up to 2
     # log 255.
     return Found(error, 70 * 16 * setting.eps)
@@ -101,12 +105,8 @@ def _scaled_scene(setting: Setting, factor: float) -> Found:
     # error.
     eps = float(np.finfo(np.float32).eps)
     bound = 64 * (abs(np.log(factor)) + 8) * eps
-    return Found(
-        max(
-            off(found.color, plain.color), off(found.alpha, plain.alpha), off(values(found.depth) / factor, plain.depth)
-        ),
-        bound,
-    )
+    (color, alpha, depth), (plain_color, plain_alpha, plain_depth) = outputs(found, 3), outputs(plain, 3)
+    return Found(max(off(color, plain_color), off(alpha, plain_alpha), off(values(depth) / factor, plain_depth)), bound)
 
 
 def _layers_of_one_colour(setting: Setting) -> Found:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
+from torch import Tensor
 
 from dofbench.core.blur import Blur
 from dofbench.core.images import to_8bit, to_16bit
@@ -99,7 +101,10 @@ def _tones() -> np.ndarray:
     return np.concatenate([[0.0, 1.0, 1.5, 30.0, 1e4], toe, np.linspace(0, 1, 256)]).astype(np.float32)
 
 
-def _pair(setting: Setting):
+_Tones = Callable[[Tensor, float], Tensor]  # light or tones by an exponent
+
+
+def _pair(setting: Setting) -> tuple[_Tones, _Tones]:
     """(decode, encode) of the backend."""
     return partial(fast_decode, backend=setting.backend), partial(fast_encode, backend=setting.backend)
 

@@ -24,7 +24,6 @@ def take_over(sibling: Path, out: Path, source: SourceRecord, settings: MakeData
     sharp = [at.name for at in fields(DatasetOptions) if at.metadata.get("sharp")]
     if not same or any(manifest.settings.get(name) != recipe[name] for name in sharp):
         return
-    assert manifest.depth is not None
     places = (layout.sharp_path, layout.depth_path, layout.confidence_path)
     for image in source.images:
         for place in places:
@@ -33,5 +32,6 @@ def take_over(sibling: Path, out: Path, source: SourceRecord, settings: MakeData
             if record is not None and not path.is_file() and sha256_file(sibling / file) == record.sha256:
                 with replacing(path) as temporary:
                     shutil.copyfile(sibling / file, temporary)
-    if all(place(out, image.view).is_file() for place in places for image in source.images):
+    whole = all(place(out, image.view).is_file() for place in places for image in source.images)
+    if whole and manifest.depth is not None:
         write_json(out / WORK / DEPTH_RECORD, manifest.depth.model_dump(mode="json"))
