@@ -247,7 +247,7 @@ class DepthRecord(_Record):
     """
 
     source: Literal["given", "folder", "splat", "sfm", "onnx"]
-    provenance: dict
+    provenance: dict[str, Any]
     confidence: str | None = None
     views: tuple[DepthViewRecord, ...] = ()
 
@@ -273,7 +273,7 @@ class Manifest(_Record):
     command: str
     identity: str = Checksum
     seed: int
-    settings: dict
+    settings: dict[str, Any]
     source: SourceRecord
     depth: DepthRecord | None = None
     files: dict[str, FileRecord]
@@ -333,7 +333,7 @@ def read_lens_file(folder: Path) -> LensFile | UnknownLensFile:
     return lenses
 
 
-def as_json(record: BaseModel) -> dict:
+def as_json(record: BaseModel) -> dict[str, Any]:
     """The record as plain data for `write_json`, with the names that the files use and without absent parts."""
     return record.model_dump(mode="json", by_alias=True, exclude_none=True)
 

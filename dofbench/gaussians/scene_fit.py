@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import torch
 
+from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
-from dofbench.core.contracts import Budget, TrainingSet, TrainingView
+from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.core.errors import Status
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.model import SH_C0, Gaussians

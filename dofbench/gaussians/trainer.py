@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import torch
 
+from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import (
-    Budget,
     Decision,
     FitOutcome,
     NonFinite,

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -50,7 +51,7 @@ class Setting:
         array = np.ascontiguousarray(values)
         return torch.from_numpy(array).to(device=self.device, dtype=self.dtype, copy=True).requires_grad_(gradient)
 
-    def kernel(self, op: str, function: str | None = None) -> Callable:
+    def kernel(self, op: str, function: str | None = None) -> Callable[..., Any]:
         """A kernel's function in this backend."""
         return load(op, self.backend, function=function)
 

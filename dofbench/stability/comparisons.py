@@ -60,7 +60,7 @@ def against_formula(
     return Found(off(found, exact(image, radius)), bound, note)
 
 
-def render(kernel: Callable, scene: Scene, setting: Setting, **options: Any) -> Raster:
+def render(kernel: Callable[..., Any], scene: Scene, setting: Setting, **options: Any) -> Raster:
     """The raster of a scene, without gradient."""
     with torch.no_grad():
         raster: Raster = kernel(**{name: setting.tensor(value) for name, value in scene.items()}, **options)

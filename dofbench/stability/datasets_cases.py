@@ -23,8 +23,8 @@ def _write_scene(
     size: tuple[int, int],
     *,
     views: int = 3,
-    photograph: Callable | None = None,
-    depth: Callable | None = None,
+    photograph: Callable[[np.ndarray], np.ndarray] | None = None,
+    depth: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Path:
     """Write a scene in nerfstudio's layout: pictures of constant depth, all by a camera at one place."""
     height, width = size
@@ -54,7 +54,9 @@ def _make(scene: Path, out: Path, **options: Any) -> Path:
     return make_dataset(MakeDataset(scene=str(scene), out=out, hold=2, **options), progress=Silent())
 
 
-def _dataset(folder: Path, size: tuple[int, int], depth: Callable | None = None, **options: Any) -> Found:
+def _dataset(
+    folder: Path, size: tuple[int, int], depth: Callable[[np.ndarray], np.ndarray] | None = None, **options: Any
+) -> Found:
     """Measure whether the dataset is made and passes `dofbench check`, which recomputes its photographs."""
     from dofbench.synthesis import check_dataset
 
@@ -74,7 +76,12 @@ def _with_pixel(picture: np.ndarray, at: tuple[int, int], value: float) -> np.nd
     return picture
 
 
-def _refused(folder: Path, *words: str, photograph: Callable | None = None, depth: Callable | None = None) -> Found:
+def _refused(
+    folder: Path,
+    *words: str,
+    photograph: Callable[[np.ndarray], np.ndarray] | None = None,
+    depth: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> Found:
     scene = _write_scene(folder / "scene", (24, 32), photograph=photograph, depth=depth)
     found = refuses(InputError, lambda: _make(scene, folder / "made"), "v0.exr", *words)
     return Found(found.error, found.bound, found.note.replace(str(folder), ""))

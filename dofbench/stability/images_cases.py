@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -66,7 +67,7 @@ def _stereo(setting: Setting, size: tuple[int, int]) -> Found:
     maps = np.array([[[1.0, 0, 0, -0.7], [0, 1, 0, 0.2], [0, 0, 1, 0]]])
     planes = np.array([0.0, 1.0, 4.0])
 
-    def sweep(kernel: Callable, where: Setting) -> np.ndarray:
+    def sweep(kernel: Callable[..., Any], where: Setting) -> np.ndarray:
         return values(
             kernel(
                 where.tensor(grey),

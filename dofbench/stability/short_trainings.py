@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from dofbench.core.contracts import Budget, FitOutcome, Method, TrainingSet
+from dofbench.core.budget import Budget
+from dofbench.core.contracts import FitOutcome, Method, TrainingSet
 from dofbench.core.errors import Status
 from dofbench.core.lens import Lens
 from dofbench.gaussians.gaussian_method import GaussianMethod

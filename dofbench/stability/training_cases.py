@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from dofbench.core.contracts import Budget, TrainingSet
+from dofbench.core.budget import Budget
+from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import Status
 from dofbench.gaussians.gaussian_method import GaussianMethod
 from dofbench.gaussians.trainer import Trainer

@@ -6,7 +6,7 @@ import math
 import re
 from dataclasses import Field, dataclass, fields
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -303,7 +303,7 @@ class DatasetOptions:
         about_scene = (at for at in fields(DatasetOptions) if at.metadata["about"] == "scene")
         return {at.name: self._plain(at.name) for at in about_scene if at.name == "photographs" or self._is_kept(at)}
 
-    def _is_kept(self, at: Field) -> bool:
+    def _is_kept(self, at: Field[Any]) -> bool:
         other = at.metadata.get("kept_with")
         return other is None or given(self, self.__dataclass_fields__[other])
 

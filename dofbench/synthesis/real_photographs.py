@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -102,7 +103,7 @@ def _with_depth(scene: Scene, settings: MakeDataset) -> Scene:
     return scene
 
 
-def _exif_data(scene: Scene) -> dict[str, dict]:
+def _exif_data(scene: Scene) -> dict[str, dict[str, Any]]:
     return {view.name: view.exif.as_data() for view in scene.views if view.exif is not None}
 
 
