@@ -119,7 +119,7 @@ def parse(arguments: Sequence[str]) -> Command:
     look = (tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalMetavarFromFieldName)
     _refuse_twice(arguments)
     with _input_errors_unframed():
-        return tyro.cli(
+        return tyro.cli(  # type: ignore[call-overload]  # of alternatives that no checker can know
             Union[named],  # noqa: UP007 - the alternatives are known only here
             prog="dofbench",
             description=_DESCRIPTION,

@@ -22,6 +22,7 @@ from dofbench.core.errors import InputError
 from dofbench.depth.align import fit
 from dofbench.depth.network import Network, find_network, sampled
 from dofbench.depth.sightings import scene_sightings
+from dofbench.depth.source import SourceId
 from dofbench.scenes import load_scene
 from dofbench.scenes.scene import Scene
 from dofbench.synthesis.depth_sources import open_source
@@ -114,7 +115,8 @@ def _sources(scene: Scene, file: Path) -> Iterable[tuple[str, dict[str, np.ndarr
     sightings = scene_sightings(scene, "the constant").by_view
     sizes = {view.name: (view.camera.height, view.camera.width) for view in scene.views}
     yield "constant per view", {n: np.full(sizes[n], np.median(sightings[n].disparity)) for n in sizes}
-    for kind, label in (("sfm", "sfm"), ("onnx", "depthnet")):
+    kinds: tuple[tuple[SourceId, str], ...] = (("sfm", "sfm"), ("onnx", "depthnet"))
+    for kind, label in kinds:
         with tempfile.TemporaryDirectory() as work:
             try:
                 source = open_source(kind, scene, steps=1, seed=0, work=Path(work), network=file)
@@ -125,7 +127,7 @@ def _sources(scene: Scene, file: Path) -> Iterable[tuple[str, dict[str, np.ndarr
 
 
 def _exact(scene: Scene, file: Path) -> dict[str, list[Errors]]:
-    results = {}
+    results: dict[str, list[Errors]] = {}
     for label, maps in _sources(scene, file):
         results[label] = []
         for view in scene.views:
@@ -142,7 +144,7 @@ def _points(scene: Scene, file: Path) -> dict[str, list[Errors]]:
     held = np.arange(len(points)) % HELD_OUT == 0
     rest, test = (_part(points, chosen) for chosen in (~held, held))
     truth = scene_sightings(replace(scene, points=test), "evaluation").by_view
-    results = {}
+    results: dict[str, list[Errors]] = {}
     for label, maps in _sources(replace(scene, points=rest), file):
         results[label] = []
         for view in scene.views:

@@ -63,7 +63,7 @@ def main(settings: Settings) -> None:
             turn = number // RECIPES
             how, seed = recipe(NAMES[turn % len(NAMES)]), 1 + number
             stage = how.stage(seed)
-            kind = "forward" if turn // len(NAMES) % 2 == 0 else "orbit"
+            kind: camera_paths.PathKind = "forward" if turn // len(NAMES) % 2 == 0 else "orbit"
             cameras = camera_paths.cameras(how.VIEWPOINTS, kind, settings.views, WIDTH, HEIGHT, seed)
         else:
             if number // BANK_ROOMS != banked:

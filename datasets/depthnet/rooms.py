@@ -13,7 +13,7 @@ import numpy as np
 from dofbench.core.cameras import Camera
 from dofbench.procedural import shapes, textures
 from dofbench.procedural.camera_paths import world_to_camera
-from dofbench.procedural.stage import Lamp, Prop, Sphere, Stage, Tube
+from dofbench.procedural.stage import Finish, Lamp, Prop, Sphere, Stage, Tube
 
 NEAREST, FARTHEST = 0.7, 14.0  # distance of things from the camera, scene units; spread evenly in its logarithm
 
@@ -113,7 +113,7 @@ def _thing(rng: np.random.Generator, bank: list[np.ndarray]) -> Iterator[Prop]:
     size = float(np.exp(rng.uniform(np.log(0.06), np.log(0.55)))) * (0.5 + 0.5 * y)
     base = 0.0 if rng.random() < 0.7 else float(rng.uniform(0, 0.5 * y + 0.8))
     paint = _paint(rng, bank, 0.25)
-    finish = "glossy" if rng.random() < 0.12 else "matt"
+    finish: Finish = "glossy" if rng.random() < 0.12 else "matt"
     turn = float(rng.uniform(0, 180))
     kind = rng.choice(["box", "ball", "post", "sheet", "grass", "rods"], p=[0.32, 0.2, 0.16, 0.16, 0.08, 0.08])
     if kind == "box":

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any, Protocol
 
 from numba.core.caching import FunctionCache
 
@@ -13,23 +14,33 @@ from dofbench.core.import_closure import Sources, closure_digest, own_sources
 _compiled = 0
 
 
+class Dispatcher(Protocol):
+    """What of numba's compiled functions is used here."""
+
+    py_func: Callable[..., object]
+    _cache: object
+
+    def __call__(self, *arguments: Any, **options: Any) -> Any:
+        """Run it on arguments of any types, compiled for these."""
+
+
 class _SourceCache(FunctionCache):
     """Numba's cache, whose keys also hold a digest of the sources."""
 
-    def __init__(self, py_func, digest: str) -> None:
+    def __init__(self, py_func: Callable[..., object], digest: str) -> None:
         super().__init__(py_func)
         self._digest = digest
 
-    def save_overload(self, sig, data):
+    def save_overload(self, sig: object, data: object) -> None:
         global _compiled
         _compiled += 1
         super().save_overload(sig, data)
 
-    def _index_key(self, sig, codegen):
+    def _index_key(self, sig: object, codegen: object) -> tuple[object, ...]:
         return (*super()._index_key(sig, codegen), self._digest)
 
 
-def cached(dispatcher):
+def cached(dispatcher: Dispatcher) -> Dispatcher:
     """Keep an `njit` function's machine code on disk; a decorator to put above `njit`.
 
     Numba's own `cache=True` looks at the function's file only, and goes on using old code after a change in a module
@@ -56,7 +67,7 @@ def compiled() -> int:
     return _compiled
 
 
-def is_compiled(dispatcher) -> bool:
+def is_compiled(dispatcher: Dispatcher) -> bool:
     """Whether machine code of a `cached` function, compiled from the present sources, is on disk for any types.
 
     Also true where nothing can be stored on disk: compiling in another process would be of no use there.

@@ -316,8 +316,9 @@ def gather_pairs8(typing_context, array, at, index, beyond):
         while len(vectors) > 2:
             order = range(2 * vectors[0].type.count)
             vectors = [_shuffle(builder, a, b, order) for a, b in zip(vectors[0::2], vectors[1::2], strict=True)]
+        low, high = vectors
         return context.make_tuple(
-            builder, kind, [_shuffle(builder, *vectors, range(start, 2 * LANES, 2)) for start in (0, 1)]
+            builder, kind, [_shuffle(builder, low, high, range(start, 2 * LANES, 2)) for start in (0, 1)]
         )
 
     return signature(kind, array, at, index, beyond), build

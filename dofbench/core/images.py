@@ -6,6 +6,7 @@ In memory an image is float32 (H, W, 3), RGB; encoded images are in [0, 1].
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -164,7 +165,9 @@ def _check_whole_jpeg(path: Path) -> None:
         raise InputError(path, f"a JPEG cut short after {len(content)} bytes", "an image file")
 
 
-def _write(path: Path, pixels: np.ndarray, kind: str, attributes: dict, names: list[str] | None = None) -> None:
+def _write(
+    path: Path, pixels: np.ndarray, kind: str, attributes: dict[str, Any], names: list[str] | None = None
+) -> None:
     import OpenImageIO as oiio
 
     height, width, channels = pixels.shape

@@ -23,7 +23,7 @@ _RULES = "rules"
 class Rule(Protocol):
     """Something that holds of one option of a settings object."""
 
-    def check(self, options: Any, at: Field) -> None:
+    def check(self, options: Any, at: Field[Any]) -> None:
         """Raise InputError unless it holds of `options`' field `at`."""
 
 
@@ -44,7 +44,7 @@ def flag(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def given(options: Any, at: Field) -> bool:
+def given(options: Any, at: Field[Any]) -> bool:
     """Whether the option has another value than its default."""
     return getattr(options, at.name) != at.default
 
@@ -56,7 +56,7 @@ class Is:
     holds: Callable[[Any], bool]
     expected: str
 
-    def check(self, options: Any, at: Field) -> None:
+    def check(self, options: Any, at: Field[Any]) -> None:
         """See `Rule`."""
         value = getattr(options, at.name)
         if value is not None and not self.holds(value):
@@ -80,7 +80,7 @@ class EachFrom:
     low: float
     high: float
 
-    def check(self, options: Any, at: Field) -> None:
+    def check(self, options: Any, at: Field[Any]) -> None:
         """See `Rule`."""
         values = getattr(options, at.name) or ()
         for value in values:
@@ -97,7 +97,7 @@ class OnlyWith:
     other: str
     value: str
 
-    def check(self, options: Any, at: Field) -> None:
+    def check(self, options: Any, at: Field[Any]) -> None:
         """See `Rule`."""
         if given(options, at) and (found := getattr(options, self.other)) != self.value:
             needed = f"{flag(self.other)} {self.value}"
@@ -112,7 +112,7 @@ class NeededWith:
     value: str
     expected: str
 
-    def check(self, options: Any, at: Field) -> None:
+    def check(self, options: Any, at: Field[Any]) -> None:
         """See `Rule`."""
         if not given(options, at) and getattr(options, self.other) == self.value:
             raise InputError(f"{flag(self.other)} {self.value}", f"no {flag(at.name)}", self.expected)
@@ -125,7 +125,7 @@ class Needs:
     other: str
     expected: str
 
-    def check(self, options: Any, at: Field) -> None:
+    def check(self, options: Any, at: Field[Any]) -> None:
         """See `Rule`."""
         if given(options, at) and getattr(options, self.other) is None:
             raise InputError(flag(at.name), f"no {flag(self.other)}", self.expected)
@@ -138,7 +138,7 @@ class NotBeside:
     other: str
     expected: str
 
-    def check(self, options: Any, at: Field) -> None:
+    def check(self, options: Any, at: Field[Any]) -> None:
         """See `Rule`."""
         if given(options, at) and (found := getattr(options, self.other)) is not None:
             raise InputError(flag(at.name), f"{flag(self.other)} {found} too", self.expected)
@@ -153,7 +153,7 @@ class DefaultWith:
     expected: str
     unless: Callable[[Any], bool] = lambda options: False
 
-    def check(self, options: Any, at: Field) -> None:
+    def check(self, options: Any, at: Field[Any]) -> None:
         """See `Rule`."""
         if given(options, at) and getattr(options, self.other) == self.value and not self.unless(options):
             found = getattr(options, at.name)
@@ -170,7 +170,7 @@ class AtMostWith:
     most: int
     expected: str
 
-    def check(self, options: Any, at: Field) -> None:
+    def check(self, options: Any, at: Field[Any]) -> None:
         """See `Rule`."""
         values = getattr(options, at.name)
         if getattr(options, self.other) == self.value and len(values) > self.most:

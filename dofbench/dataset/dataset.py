@@ -97,15 +97,20 @@ class Dataset:
         disparity_range = lenses.range()
         exif, found = read_exif(folder), []
         for name, record in sorted(records.items()):
-            camera, known = views[name].camera, isinstance(record, ViewRecord)
+            camera = views[name].camera
+            lens = physical_lens = max_coc_px = None
+            if isinstance(record, ViewRecord):
+                assert disparity_range is not None  # lens.json has it wherever it has a lens
+                lens, max_coc_px = record.lens, record.max_coc_px
+                physical_lens = lens.physical(disparity_range, camera.width)
             found.append(
                 DatasetView(
                     name=name,
                     split=record.split,
                     camera=camera,
-                    lens=record.lens if known else None,
-                    physical_lens=record.lens.physical(disparity_range, camera.width) if known else None,
-                    max_coc_px=record.max_coc_px if known else None,
+                    lens=lens,
+                    physical_lens=physical_lens,
+                    max_coc_px=max_coc_px,
                     has_all_in_focus=layout.relative(layout.sharp_path, name) in manifest.files,
                     has_depth=layout.relative(layout.depth_path, name) in manifest.files,
                     exif=exif.get(name),
@@ -216,9 +221,13 @@ class Dataset:
             found = f"no all-in-focus photograph of {len(blurred)} training views ({blurred[0]} first)"
             raise InputError(self.folder, found, "one of each for --inputs all-in-focus")
         read = self.image if inputs == "shallow" else self.all_in_focus
-        views = tuple(TrainingView(view.name, view.camera, read(view), view.exif) for view in self.training_views())
+        views = []
+        for view in self.training_views():
+            image = read(view)
+            assert image is not None
+            views.append(TrainingView(view.name, view.camera, image, view.exif))
         training = [index for index, view in enumerate(self.views) if view.split == "train"]
-        return TrainingSet(views, None if self.points is None else self.points.seen_by(training))
+        return TrainingSet(tuple(views), None if self.points is None else self.points.seen_by(training))
 
     def _view(self, view: BenchmarkView | str) -> BenchmarkView:
         return self.view(view) if isinstance(view, str) else view

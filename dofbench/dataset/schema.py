@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Final, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, PositiveInt, Tag, ValidationError
 
@@ -15,7 +15,7 @@ from dofbench.core.lens import LAYERS, ApertureShape, DisparityRange, Energy, Le
 from dofbench.dataset.sensor import Sensor
 from dofbench.scenes.scene import Photograph, Split
 
-SCHEMA = "dofbench-dataset"
+SCHEMA: Final = "dofbench-dataset"
 # Schema versions. 1: the lens, depth and sharp image of every view are known. 2: some may be unknown, and are marked
 # so. A dataset is written in the lowest version that can hold it, so that older programs can still read it.
 ALL_KNOWN, SOME_UNKNOWN = 1, 2
@@ -247,7 +247,7 @@ class DepthRecord(_Record):
     """
 
     source: Literal["given", "folder", "splat", "sfm", "onnx"]
-    provenance: dict
+    provenance: dict[str, Any]
     confidence: str | None = None
     views: tuple[DepthViewRecord, ...] = ()
 
@@ -273,7 +273,7 @@ class Manifest(_Record):
     command: str
     identity: str = Checksum
     seed: int
-    settings: dict
+    settings: dict[str, Any]
     source: SourceRecord
     depth: DepthRecord | None = None
     files: dict[str, FileRecord]
@@ -333,7 +333,7 @@ def read_lens_file(folder: Path) -> LensFile | UnknownLensFile:
     return lenses
 
 
-def as_json(record: BaseModel) -> dict:
+def as_json(record: BaseModel) -> dict[str, Any]:
     """The record as plain data for `write_json`, with the names that the files use and without absent parts."""
     return record.model_dump(mode="json", by_alias=True, exclude_none=True)
 

@@ -51,7 +51,8 @@ UNALIGNED = Alignment(1.0, 0.0, 1.0, 0.0)
 def middle(alignments: Sequence[Alignment]) -> Alignment:
     """The median scale and shift of several alignments."""
     names = ("scale", "shift", "inliers", "residual")
-    return Alignment(*(float(np.median([getattr(one, name) for one in alignments])) for name in names), shared=True)
+    scale, shift, inliers, residual = (float(np.median([getattr(one, name) for one in alignments])) for name in names)
+    return Alignment(scale, shift, inliers, residual, shared=True)
 
 
 def fit(

@@ -96,6 +96,7 @@ def load_folded(file: Path) -> DepthNet:
     with torch.no_grad():
         for module, (weight, bias) in zip(own, given, strict=True):
             module.weight.copy_(torch.from_numpy(weight))
+            assert module.bias is not None
             module.bias.copy_(torch.from_numpy(bias))
     return network
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
 
-def __getattr__(name: str):
+
+def __getattr__(name: str) -> Any:
     # These names load torch, so they are imported only when they are used.
     if name in ("Reconstruction", "reconstruct"):
         from dofbench.gaussians import scene_fit

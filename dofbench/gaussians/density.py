@@ -90,6 +90,7 @@ class DensityControl:
         """Add the statistics of one photograph (width x height, pixels): gradients in 3DGS's NDC unit, and a visit of
         every visible Gaussian."""
         gradient_2d = statistics.abs_grad_2d if self._options.grow_absolute else statistics.grad_2d
+        assert gradient_2d is not None and statistics.visible is not None
         x, y = gradient_2d[:, 0] * (0.5 * width), gradient_2d[:, 1] * (0.5 * height)
         self._gradient_sum += torch.sqrt(x * x + y * y)
         self._visits += statistics.visible

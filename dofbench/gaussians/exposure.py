@@ -51,11 +51,13 @@ class Exposures:
         """Image and depth. When `lens` is None, the image is all in focus and is always rasterised anew."""
         if lens is None:
             raster = self._scene.rasterise(camera, "depth")
+            assert raster.depth is not None
             return Rendering(image=raster.color.numpy(), depth=raster.depth.numpy())
         if self._kept is None or self._kept[0] is not camera:
             self._kept = camera, SharpView(self._scene.rasterise(camera, "depth"))
         sharp = self._kept[1]
         image = self._model.photograph(self._scene, sharp, Shot.through(lens, camera))
+        assert sharp.raster.depth is not None
         # A copy, since the sharp view is kept and the caller may write into the result.
         return Rendering(image=image.numpy(), depth=sharp.raster.depth.numpy().copy())
 

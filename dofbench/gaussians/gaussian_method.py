@@ -9,8 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dofbench.compute.devices import resolve
+from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
-from dofbench.core.contracts import Budget, FitOutcome, Observer, Rendering, TrainingSet
+from dofbench.core.contracts import FitOutcome, Observer, Rendering, TrainingSet
 from dofbench.core.errors import InputError
 from dofbench.core.lens import PhysicalLens
 from dofbench.gaussians.exposure import Exposures

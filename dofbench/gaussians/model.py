@@ -104,7 +104,7 @@ class Gaussians:
         if self.filter_3d is not None:
             arrays["filter_3d"] = self.filter_3d.numpy()
         with replacing(path) as temporary:
-            np.savez_compressed(temporary, **arrays)
+            np.savez_compressed(temporary, **arrays)  # type: ignore[arg-type]  # no array is called allow_pickle
 
     @staticmethod
     def load(path: Path) -> Gaussians:

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import torch
 
+from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
-from dofbench.core.contracts import Budget, TrainingSet, TrainingView
+from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.core.errors import Status
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.model import SH_C0, Gaussians
@@ -85,6 +86,7 @@ class Reconstruction:
     def surface(self, camera: Camera) -> Surface:
         """The surface of the reconstruction as the camera sees it."""
         raster = rasterise(self.gaussians, camera, self._options.appearance, sh_degree=0)
+        assert raster.depth is not None
         # Rendered with disparity and its square as colours: their blends give mean and variance of disparity.
         pose = torch.from_numpy(np.array(camera.world_to_camera)).float()
         z = self.gaussians.parameters["means"] @ pose[2, :3] + pose[2, 3]

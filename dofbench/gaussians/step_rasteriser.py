@@ -50,9 +50,19 @@ class StepRasteriser:
                 blur=blur,
             )
         self._statistics.append(statistics)
-        leaves = [None if output is None else output.detach().requires_grad_() for output in raster]
-        self._cut += [(output, leaf) for output, leaf in zip(raster, leaves, strict=True) if leaf is not None]
-        return Raster(*leaves)
+        return Raster(
+            color=self._leaf(raster.color),
+            alpha=self._leaf(raster.alpha),
+            depth=None if raster.depth is None else self._leaf(raster.depth),
+            median_depth=None if raster.median_depth is None else self._leaf(raster.median_depth),
+            normal=None if raster.normal is None else self._leaf(raster.normal),
+            distortion=None if raster.distortion is None else self._leaf(raster.distortion),
+        )
+
+    def _leaf(self, output: Tensor) -> Tensor:
+        leaf = output.detach().requires_grad_()
+        self._cut.append((output, leaf))
+        return leaf
 
     def turn(self) -> float:
         """A random angle by which the pattern of lens points is rotated, radians."""
@@ -75,9 +85,15 @@ class StepRasteriser:
 def summed(statistics: list[ViewStatistics]) -> ViewStatistics:
     """Statistics of several rasterisations of one photograph as those of one: their gradients are added."""
     whole = ViewStatistics(want_abs=statistics[0].want_abs)
-    whole.visible = torch.stack([one.visible for one in statistics]).any(dim=0)
-    whole.radii = torch.stack([one.radii for one in statistics]).amax(dim=0)
-    whole.grad_2d = torch.stack([one.grad_2d for one in statistics]).sum(dim=0)
+    whole.visible = _stacked([one.visible for one in statistics]).any(dim=0)
+    whole.radii = _stacked([one.radii for one in statistics]).amax(dim=0)
+    whole.grad_2d = _stacked([one.grad_2d for one in statistics]).sum(dim=0)
     if whole.want_abs:
-        whole.abs_grad_2d = torch.stack([one.abs_grad_2d for one in statistics]).sum(dim=0)
+        whole.abs_grad_2d = _stacked([one.abs_grad_2d for one in statistics]).sum(dim=0)
     return whole
+
+
+def _stacked(tensors: list[Tensor | None]) -> Tensor:
+    there = [tensor for tensor in tensors if tensor is not None]
+    assert len(there) == len(tensors)  # after a backward pass nothing is missing
+    return torch.stack(there)

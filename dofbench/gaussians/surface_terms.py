@@ -44,6 +44,7 @@ class KnownDepth:
     def cost(self, sharp: SharpView, view: Photograph, progress: float, weight: Tensor | None) -> Tensor | None:
         """The weighted depth loss; None while no pixel of known depth shows a surface."""
         raster = sharp.raster
+        assert raster.depth is not None and view.known is not None
         found = depth_loss(raster.depth, raster.alpha, view.known, self._options, self._extent, weight)
         return None if found is None else self._options.weight_at(progress) * found
 
@@ -63,6 +64,7 @@ class Normals:
     def cost(self, sharp: SharpView, view: Photograph, progress: float, weight: Tensor | None) -> Tensor:
         """The weighted loss over the whole view; the adaptation's weight isn't used."""
         options, raster = self._options, sharp.raster
+        assert raster.normal is not None and raster.depth is not None and raster.median_depth is not None
         return options.normal_weight * normal_consistency(
             raster.normal,
             raster.alpha,
@@ -89,6 +91,7 @@ class Distortion:
     def cost(self, sharp: SharpView, view: Photograph, progress: float, weight: Tensor | None) -> Tensor:
         """The weighted loss over the whole view; the adaptation's weight isn't used."""
         options, raster = self._options, sharp.raster
+        assert raster.distortion is not None
         return options.distortion_weight * distortion_loss(
             raster.distortion, raster.alpha, view.image, options.distortion_near, options.distortion_far
         )

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import torch
 
+from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import (
-    Budget,
     Decision,
     FitOutcome,
     NonFinite,
@@ -243,8 +243,10 @@ class Trainer:
 
     @torch.no_grad()
     def _lens_estimate(self, index: int) -> PhysicalLens:
-        camera = self.views[index].camera
-        if self.lenses.follows_rendering:
+        camera, lenses = self.views[index].camera, self.lenses
+        assert lenses is not None
+        if lenses.follows_rendering:
             raster = rasterise(self.gaussians, camera, self.options.appearance)
-            self.lenses.follow(index, surface_disparity(raster.depth, raster.alpha), raster.alpha)
-        return self.lenses.estimate(index, camera.width)
+            assert raster.depth is not None
+            lenses.follow(index, surface_disparity(raster.depth, raster.alpha), raster.alpha)
+        return lenses.estimate(index, camera.width)

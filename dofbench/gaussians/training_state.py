@@ -62,6 +62,7 @@ class TrainingState:
         self._extent = scene_extent(self.cameras)
         self.generator = torch.Generator().manual_seed(seed)
         self.random = np.random.default_rng(seed)
+        assert training_set.points is not None  # `Gaussians.from_points` refuses a training set without
         self.range = DisparityRange.of_disparity(all_disparities(training_set.points, self.cameras))
         self.lenses: LearnedLenses | None = None
         if options.lens.lens:
@@ -114,10 +115,11 @@ class TrainingState:
 
     def shots(self) -> Sequence[Shot]:
         """All photographs with their lenses as learned so far, as numbers."""
-        shots = []
+        lenses, shots = self.lenses, []
+        assert lenses is not None
         for index, camera in enumerate(self.cameras):
-            aperture, focus = self.lenses.aperture_and_focus(index)
-            shots.append(Shot(camera, self.lenses.ranges[index], aperture, -aperture * focus))
+            aperture, focus = lenses.aperture_and_focus(index)
+            shots.append(Shot(camera, lenses.ranges[index], aperture, -aperture * focus))
         return shots
 
     def revise(self, changes: Mapping[str, Any]) -> None:
@@ -127,10 +129,12 @@ class TrainingState:
         if not self.options.lens.lens:
             self.lenses = None
         elif self.options.lens.lens_per != before.lens_per:
+            assert self.lenses is not None
             self.lenses = self.lenses.shared(lens_ties(self._views, self.options.lens.lens_per))
 
     def snapshot(self) -> Snapshot:
         """A copy of the whole state."""
+        assert self.gaussians.filter_3d is not None
         return Snapshot(
             options=self.options,
             optimiser=self.optimiser.state(),

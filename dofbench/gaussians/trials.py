@@ -44,7 +44,9 @@ class Trainee(Protocol):
     """A training on which trials can be made. A snapshot holds everything that training changes; its type is up to the
     trainee."""
 
-    views: Sequence[TrainingView]
+    @property
+    def views(self) -> Sequence[TrainingView]:
+        """What it is trained on."""
 
     def snapshot(self) -> Any:
         """A copy of everything that training changes."""
@@ -78,6 +80,9 @@ class _Attempt:
     changes: Mapping[str, Any]
     end: Any
     psnr: np.ndarray
+
+
+_Try = Callable[[Mapping[str, Any], str], _Attempt]  # by what it changes, and what to call it
 
 
 class Trials:
@@ -129,10 +134,10 @@ class Trials:
                     best, decided = ask(attempt, best)
                     decisions.append(decided)
         trainee.restore(best.end)
-        trainee.revise(_AFTER.get(best.changes.get("lens_model"), {}))
+        trainee.revise(_AFTER.get(best.changes.get("lens_model", ""), {}))
         return step + steps, decisions
 
-    def _lens(self, attempt, with_lens: _Attempt) -> tuple[_Attempt, Decision]:
+    def _lens(self, attempt: _Try, with_lens: _Attempt) -> tuple[_Attempt, Decision]:
         circle = self._trainee.widest_circle()
         without = attempt({"lens": False, "adaptation": "off"}, "no lens")
         gain, error = _gain(with_lens, without)
@@ -152,7 +157,7 @@ class Trials:
         )
         return (without if needless else with_lens), decided
 
-    def _shared(self, attempt, each: _Attempt) -> tuple[_Attempt, Decision]:
+    def _shared(self, attempt: _Try, each: _Attempt) -> tuple[_Attempt, Decision]:
         stops = {view.exif and view.exif.f_number for view in self._trainee.views}
         known = None not in stops
         self._trainee.restore(each.end)
@@ -173,7 +178,7 @@ class Trials:
                 return shared, Decision("lens_per_view", False, f"tried while training: {'; '.join(told)}", found)
         return each, Decision("lens_per_view", True, f"tried while training: {'; '.join(told)}", found)
 
-    def _model(self, attempt, scatter: _Attempt) -> tuple[_Attempt, Decision]:
+    def _model(self, attempt: _Try, scatter: _Attempt) -> tuple[_Attempt, Decision]:
         own = attempt({**scatter.changes, **_OWN_BLUR}, "each Gaussian's own blur")
         gain, error = _gain(own, scatter)
         figures = f"each Gaussian's own blur makes held-back pixels {_signed(gain, error)} dB better than the scatter"

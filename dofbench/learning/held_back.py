@@ -87,7 +87,8 @@ def held_back_scores(
         raise ValueError(f"held-back scores: expected a share above 0, found {share}")
     views = {}
     for number, (name, photograph) in enumerate(photographs.items()):
-        mask = held_back_tiles(*photograph.shape[:2], share, seed, number)
+        height, width = photograph.shape[:2]
+        mask = held_back_tiles(height, width, share, seed, number)
         views[name] = tile_scores(np.clip(render(number), 0, 1), photograph, mask)
     psnr, ssim = np.array(list(views.values())).T
     return HeldBackScores(float(psnr.mean()), float(np.nanmean(ssim)) if np.isfinite(ssim).any() else math.nan, views)

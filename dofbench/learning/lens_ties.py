@@ -56,7 +56,8 @@ def lens_ties(views: Sequence[TrainingView], per: LensPer) -> Ties:
     if per == "scene":
         return Ties(one, one, (1.0,) * count)
     numbers = [None if view.exif is None else view.exif.f_number for view in views]
-    if per != "aperture" and None in numbers:
+    known = [number for number in numbers if number is not None]
+    if per != "aperture" and len(known) < count:
         name = views[numbers.index(None)].name
         raise InputError(
             "option lens_per",
@@ -66,8 +67,8 @@ def lens_ties(views: Sequence[TrainingView], per: LensPer) -> Ties:
     # Circles of confusion are learned in units of the image's width.
     widths = np.array([view.camera.fx / view.camera.width for view in views])
     if per == "exif":
-        lengths = [1.0 if view.exif.focal_length is None else view.exif.focal_length for view in views]
-        widths = widths * np.array(lengths) / np.array(numbers)
-    known = sorted(set(numbers)) if per == "group" else []
-    shared = tuple(known.index(number) for number in numbers) if per == "group" else one
+        lengths = [None if view.exif is None else view.exif.focal_length for view in views]
+        widths = widths * np.array([1.0 if length is None else length for length in lengths]) / np.array(known)
+    different = sorted(set(known))
+    shared = tuple(different.index(number) for number in known) if per == "group" else one
     return Ties(shared, each, tuple(float(width) for width in widths / np.median(widths)))

@@ -19,7 +19,7 @@ import ast
 import inspect
 import re
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import Any, Literal, Self, get_args, get_origin, get_type_hints
@@ -47,6 +47,7 @@ class ListedOption:
     source: str
 
 
+@dataclass(frozen=True)
 class OptionGroups:
     """Base of a method's options: a frozen dataclass whose fields are groups, each with a default for every option.
 
@@ -73,7 +74,7 @@ class OptionGroups:
             group, kind = places[name]
             changes.setdefault(group, {})[name] = _converted(f"{subject} {name}", value, kind)
         groups = {group: replace(getattr(self, group), **values) for group, values in changes.items()}
-        return replace(self, **groups)  # type: ignore[type-var]  # derived classes are dataclasses
+        return replace(self, **groups)
 
     def flat(self) -> dict[str, bool | int | float | str]:
         """Every option's value by its name."""
@@ -97,8 +98,7 @@ def listed_options(options: type[OptionGroups]) -> tuple[ListedOption, ...]:
     return tuple(found)
 
 
-@cache
-def _places(options: type[OptionGroups]) -> dict[str, tuple[str, Any]]:
+def _found_places(options: type) -> dict[str, tuple[str, Any]]:
     """Option -> (group's field, type). Raises TypeError where two groups have an option of one name."""
     found: dict[str, tuple[str, Any]] = {}
     for group, kind in get_type_hints(options).items():
@@ -109,8 +109,11 @@ def _places(options: type[OptionGroups]) -> dict[str, tuple[str, Any]]:
     return found
 
 
-@cache
-def _docstrings(group: type) -> dict[str, str]:
+# Not cached by a decorator, because the type checker rejects a class as an argument of a function decorated so.
+_places: Callable[[type], dict[str, tuple[str, Any]]] = cache(_found_places)
+
+
+def _found_docstrings(group: type) -> dict[str, str]:
     """Field -> the docstring below it in the source of the group."""
     (definition,) = ast.parse(textwrap.dedent(inspect.getsource(group))).body
     assert isinstance(definition, ast.ClassDef)
@@ -121,6 +124,9 @@ def _docstrings(group: type) -> dict[str, str]:
             if isinstance(text, ast.Constant) and isinstance(text.value, str):
                 found[node.target.id] = text.value
     return found
+
+
+_docstrings: Callable[[type], dict[str, str]] = cache(_found_docstrings)
 
 
 def _converted(subject: str, value: Any, kind: Any) -> Any:

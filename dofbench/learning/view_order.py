@@ -25,7 +25,8 @@ class ViewOrder:
     def __init__(self, count: int, options: OutlierOptions):
         self._count, self._options = count, options
         self._left: list[int] = []
-        self._outliers, self.left_out = OutlierViews(count), set()
+        self._outliers = OutlierViews(count)
+        self.left_out: set[int] = set()
 
     def next(self, progress: float, random: np.random.Generator) -> int:
         """The next photograph's number at `progress`, 0 to 1; a new round is drawn when the last one is over."""

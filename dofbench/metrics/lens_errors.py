@@ -41,7 +41,7 @@ def lens_errors(
     estimated: Mapping[str, PhysicalLens | None],
     disparity_range: DisparityRange,
     width: int,
-    depths: Mapping[str, np.ndarray],
+    depths: Mapping[str, np.ndarray | None],
 ) -> LensErrors:
     """Errors of the `estimated` lenses of the views named in `true`.
 
@@ -78,7 +78,7 @@ def lens_errors(
 
 
 def do_nothing_errors(
-    true: Mapping[str, Lens], disparity_range: DisparityRange, width: int, depths: Mapping[str, np.ndarray]
+    true: Mapping[str, Lens], disparity_range: DisparityRange, width: int, depths: Mapping[str, np.ndarray | None]
 ) -> LensErrors:
     """Errors of saying A = F = 0.5 for every view: what a method must beat. Arguments as in `lens_errors`."""
     guess = DO_NOTHING.physical(disparity_range, width)

@@ -232,7 +232,7 @@ def label(rng: np.random.Generator, ground: Colour, height: int = 384, width: in
     for index, word in enumerate(rng.choice(WORDS, 4, replace=False)):
         box = (index * width / 4 + 12, 0.34 * height, width / 4 - 24, 0.32 * height)
         text(image, str(word), box, (BRIGHT[0], BRIGHT[6], BRIGHT[3], BRIGHT[5])[index])
-    for x in np.arange(12, width, 25):
+    for x in range(12, width, 25):
         for y in (height / 8, 7 * height / 8):
             disc(image, (x, y + rng.uniform(-14, 14)), rng.uniform(5, 13), some(rng))
     return finish(image + 0.015 * fractal(rng, height, width, 1.2)[..., None])

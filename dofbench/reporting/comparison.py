@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +14,9 @@ from dofbench.core.images import read_image
 from dofbench.reporting.figures import new_figure, save
 from dofbench.reporting.gallery import BoardPictures, KindPictures
 from dofbench.scoring.error_maps import FULL_SCALE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _PANEL = 2.6  # width of a panel, inches
 _LINE, _TITLE = 28, 40  # characters per line of a text in place of a picture, and above a picture
@@ -46,7 +51,7 @@ def write_strip(path: Path, pictures: BoardPictures) -> str | None:
     return None
 
 
-def _draw(upper, lower, kind: KindPictures, truth: np.ndarray) -> None:
+def _draw(upper: Sequence[Axes], lower: Sequence[Axes], kind: KindPictures, truth: np.ndarray) -> None:
     """One kind of prediction: pictures above, their errors below."""
     _show(upper[0], truth, f"truth, {kind.title}")
     _say(lower[0], f"this row: mean absolute error,\nblack 0, lightest {FULL_SCALE} or more")
@@ -60,10 +65,10 @@ def _draw(upper, lower, kind: KindPictures, truth: np.ndarray) -> None:
             _show(lower[place], read_image(run.error), "")
 
 
-def _show(axes, image: np.ndarray, title: str) -> None:
+def _show(axes: Axes, image: np.ndarray, title: str) -> None:
     axes.imshow(image, vmin=0, vmax=1, interpolation="nearest")
     axes.set_title("\n".join(textwrap.fill(line, _TITLE) for line in title.splitlines()), fontsize=8)
 
 
-def _say(axes, text: str) -> None:
+def _say(axes: Axes, text: str) -> None:
     axes.text(0.5, 0.5, text, ha="center", va="center", fontsize=8, transform=axes.transAxes)

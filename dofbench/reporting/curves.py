@@ -5,10 +5,15 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from dofbench.reporting.figures import NEUTRAL, file_name, look, new_figure, save
+from dofbench.reporting.figures import NEUTRAL, Look, file_name, look, new_figure, save
 from dofbench.reporting.plots import Plot
 from dofbench.reporting.series import Series
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 PLOTTED = ("psnr", "ssim", "aif_psnr", "aif_ssim", "photo_psnr", "across_psnr", "delta_a", "delta_f")
 FRONT_LABEL = "Pareto front"
@@ -31,7 +36,7 @@ def write_curves(folder: Path, plots: Iterable[Plot]) -> dict[tuple[tuple[str, .
     return written
 
 
-def _figure(plot: Plot):
+def _figure(plot: Plot) -> Figure:
     labels = [_wrapped(_label(series)) for series in plot.series]
     lines = sum(label.count("\n") + 1 for label in labels) + (len(plot.front) > 1) + (plot.nothing is not None)
     figure = new_figure(7.0, 3.9 + _LEGEND_LINE * lines)
@@ -75,7 +80,7 @@ def _several(series: Series) -> bool:
     return len(series.runs) > 1 and bool(series.median)
 
 
-def _draw(axes, series: Series, label: str, style: dict[str, str]) -> None:
+def _draw(axes: Axes, series: Series, label: str, style: Look) -> None:
     """Draw one run as its scored moments; several runs as thin lines, and their median as a step function, because no
     score is interpolated."""
     several = _several(series)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from dofbench.core.files import replacing
 
@@ -27,7 +27,14 @@ _FIXED: dict[Any, Any] = {
 }
 
 
-def look(index: int) -> dict[str, str]:
+class Look(TypedDict):
+    """How a line of a plot is drawn, as matplotlib takes it."""
+
+    color: str
+    linestyle: str
+
+
+def look(index: int) -> Look:
     """Colour and line style of the `index`-th line of a plot."""
     return {"color": COLOURS[index % len(COLOURS)], "linestyle": STYLES[index // len(COLOURS) % len(STYLES)]}
 

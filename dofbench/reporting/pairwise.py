@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from dofbench.reporting import table_cells
 from dofbench.reporting.boards import Variant
@@ -95,7 +96,7 @@ def scene_pairs(scenes: Sequence[Seeds]) -> list[Pair]:
 def _ranked(datasets: Sequence[Seeds]) -> list[Variant]:
     """The variants in the order of table lines: best refocus PSNR first, then by all-in-focus PSNR."""
 
-    def place(variant: Variant) -> tuple:
+    def place(variant: Variant) -> tuple[Any, ...]:
         means = []
         for column in ("psnr", "aif_psnr", "photo_psnr", "across_psnr"):
             values = [entry.scores.get(column) for seeds in datasets for entry in seeds.get(variant, [])]

@@ -7,6 +7,7 @@ import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from dofbench.core.errors import Status
 from dofbench.results.collecting import Entry
@@ -111,7 +112,7 @@ def sorted_lines(lines: list[Line]) -> list[Line]:
     """The lines sorted: best refocus PSNR first; then lines without it, by all-in-focus PSNR; failures at the end.
     Results on photographs of unknown lens, which have neither, are sorted by the PSNR of the photographs."""
 
-    def place(line: Line) -> tuple:
+    def place(line: Line) -> tuple[Any, ...]:
         refocus, sharp = (line.cells[column].value for column in ("psnr", "aif_psnr"))
         if sharp is None:
             sharp = next(

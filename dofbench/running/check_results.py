@@ -119,6 +119,7 @@ def _scores_again(run: LoadedRun) -> list[str]:
             if stored is None or math.isnan(stored):
                 continue
             truth = (dataset.all_in_focus if kind == "all_in_focus" else dataset.image)(test[scored.name])
+            assert truth is not None
             picture = read_image(run.prediction(kind, scored.name))
             again = (
                 score_image(picture, truth, ["psnr"])["psnr"]

@@ -61,4 +61,5 @@ def light_spread(records: Sequence[Exif | None]) -> float | None:
     That isn't how far the photographs themselves differ: a camera that meters lets in more light where there is less.
     """
     light = [None if record is None else record.light for record in records]
-    return None if not light or None in light else float(np.std(np.log2(light)))
+    known = [stops for stops in light if stops is not None]
+    return float(np.std(np.log2(known))) if known and len(known) == len(light) else None

@@ -28,7 +28,9 @@ from dofbench.results.result import (
     SCHEMA_VERSION,
     CurvePoint,
     Event,
+    Git,
     Result,
+    StageTime,
     write_result,
 )
 from dofbench.running.observer import OneStep, Report, TrainingObserver
@@ -286,14 +288,14 @@ class Execution:
             fits=found.fits,
             apertures=found.apertures,
             curve=trained.curve if trained else observer.curve if observer else [],
-            stages=stages,
+            stages={name: StageTime.model_validate(time) for name, time in stages.items()},
             method_stages=outcome.stages if outcome else {},
             description=self.description,
             kernels_compiled=trained.compiled if trained else self._compiled(),
             model=self._model(),
             nonfinite=[Event(**asdict(event)) for event in events],
             predictions=found.predictions,
-            git=provenance.git_state(),
+            git=Git.model_validate(commit) if (commit := provenance.git_state()) else None,
             machine=provenance.machine(self.spec.device),
             packages=provenance.package_versions(),
         )
@@ -308,7 +310,7 @@ def kernels_compiled() -> int:
     return cache.compiled() if cache else 0
 
 
-def classify(error: Exception) -> tuple[Status, str]:
+def classify(error: BaseException) -> tuple[Status, str]:
     """The typed status of an exception out of a method, and one line about it."""
     text = " ".join(f"{type(error).__name__}: {error}".split())
     # torch raises its own kinds: OutOfMemoryError on a GPU, a plain RuntimeError by its CPU allocator.

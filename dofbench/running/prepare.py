@@ -125,7 +125,7 @@ def _facts(folder: Path, checksum: str, inputs: Inputs) -> Facts:
     return facts_of(dataset.training_set(inputs), one_lens=one_lens)
 
 
-def _budget(settings: Run, preset: Budget | None, options: dict, subject: str) -> Budget:
+def _budget(settings: Run, preset: Budget | None, options: dict[str, Any], subject: str) -> Budget:
     """The call's budget, else the preset's, else the preset's option `steps`."""
     if settings.budget is not None:
         return settings.budget

@@ -179,20 +179,20 @@ def _of_pictures(run: LoadedRun, kind: Kind, columns: list[str]) -> dict[str, di
     read = run.dataset.image if kind == "refocus" else run.dataset.all_in_focus
     views = {}
     for view in run.dataset.test_views():
-        picture = read_image(run.prediction(kind, view.name))
-        views[view.name] = {
-            prefix + metric: float(value) for metric, value in score_image(picture, read(view), metrics).items()
-        }
+        picture, truth = read_image(run.prediction(kind, view.name)), read(view)
+        assert truth is not None
+        scores = score_image(picture, truth, metrics)
+        views[view.name] = {prefix + metric: float(value) for metric, value in scores.items()}
     return views
 
 
 def _of_depth(method: Method, dataset: Dataset) -> dict[str, dict[str, float]]:
-    return {
-        view.name: depth_scores(
-            np.asarray(method.render(view.camera, None).depth), dataset.depth(view), dataset.disparity_range
-        )
-        for view in dataset.test_views()
-    }
+    views = {}
+    for view in dataset.test_views():
+        found, truth = np.asarray(method.render(view.camera, None).depth), dataset.depth(view)
+        assert truth is not None and dataset.disparity_range is not None
+        views[view.name] = depth_scores(found, truth, dataset.disparity_range)
+    return views
 
 
 def _no_rendering(run: LoadedRun) -> str:

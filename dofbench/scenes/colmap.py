@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from dofbench.scenes.poses import rigid
 from dofbench.scenes.scene import Scene
 from dofbench.scenes.undistort import Intrinsics
 from dofbench.scenes.views import Frame, assemble, held_out
+
+if TYPE_CHECKING:
+    import pycolmap
 
 _PLACES = ("sparse/0", "sparse")
 # pycolmap's messages may quote whole lines of its source.
@@ -114,7 +118,7 @@ def read_model(folder: Path) -> Model:
     )
 
 
-def _intrinsics(camera, subject: Path) -> Intrinsics:
+def _intrinsics(camera: pycolmap.Camera, subject: Path) -> Intrinsics:
     name, values = camera.model_name, [float(value) for value in camera.params]
     fisheye = name in _FISHEYE
     if not fisheye and name not in _PERSPECTIVE:
@@ -131,7 +135,7 @@ def _intrinsics(camera, subject: Path) -> Intrinsics:
     return Intrinsics(camera.width, camera.height, fx, fy, cx, cy, tuple(distortion), fisheye)
 
 
-def _points(reconstruction, image_ids: Sequence[int], subject: Path) -> PointCloud | None:
+def _points(reconstruction: pycolmap.Reconstruction, image_ids: Sequence[int], subject: Path) -> PointCloud | None:
     if not reconstruction.points3D:
         return None
     rank = {key: index for index, key in enumerate(image_ids)}

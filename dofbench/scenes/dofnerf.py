@@ -12,6 +12,7 @@ from pathlib import Path
 
 from dofbench.core.errors import InputError
 from dofbench.scenes import llff
+from dofbench.scenes.colmap import find_model
 from dofbench.scenes.folders import choose_folder, image_files, image_folders, marked_hold
 from dofbench.scenes.scene import Scene, Split
 from dofbench.scenes.views import Frame, assemble, check_inside
@@ -67,7 +68,7 @@ def _one_stack(root: Path, images: str, width: int | None, hold: int | None) -> 
 
 
 def _scene(root: Path, folder: Path, files: Sequence[Path], frames: Sequence[Frame], width: int | None) -> Scene:
-    model = llff.find_model(root)
+    model = find_model(root)
     points = llff.read_points(model, folder, files) if model else None
     scene = assemble(root, "dofnerf", frames, points, width=width, subject=root / "poses_bounds.npy")
     check_inside(scene, model)

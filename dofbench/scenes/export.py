@@ -37,7 +37,7 @@ def write_colmap(root: Path, file_names: Sequence[str], cameras: Sequence[Camera
 
     _check_equal(len(file_names), len(cameras), "file_names", "cameras")
     model = pycolmap.Reconstruction()
-    lens_ids: dict[tuple, int] = {}
+    lens_ids: dict[tuple[float, ...], int] = {}
     sightings = _sightings(points, len(cameras))
     for index, (name, camera) in enumerate(zip(file_names, cameras, strict=True)):
         lens = (camera.width, camera.height, *camera.parameters)

@@ -12,6 +12,7 @@ from dofbench.scenes.loading import LAYOUTS, load_scene
 from dofbench.scenes.named import NamedDataset, find_data_root, named_datasets, scenes_of
 from dofbench.scenes.named.places import VARIABLE, what_to_put
 from dofbench.scenes.named.presence import Presence, inspect
+from dofbench.scenes.scene import SceneView
 
 
 @dataclass(frozen=True)
@@ -174,5 +175,5 @@ def _describe(folder: Path, name: str) -> Listed:
     )
 
 
-def _count(views: Iterable, split: str) -> int:
+def _count(views: Iterable[SceneView], split: str) -> int:
     return sum(view.split == split for view in views)

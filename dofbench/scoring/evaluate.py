@@ -185,7 +185,7 @@ class Evaluator:
         errors, or the true lenses aren't known."""
         if not self._protocol.lens or missing_truth(self._dataset).lens:
             return {}
-        errors = do_nothing_errors(self._true_lenses(), self._dataset.disparity_range, self._width(), self._depths())
+        errors = do_nothing_errors(self._true_lenses(), self._disparity_range(), self._width(), self._depths())
         return {"delta_a": errors.delta_a, "delta_f": errors.delta_f, "delta_r": errors.delta_r}
 
     def frames_per_second(self) -> float | None:
@@ -241,6 +241,7 @@ class Evaluator:
                 detail = f"{prediction.bad} of {scored.photograph.size} values of the prediction"
                 found.nonfinite.append(NonFinite(step=0, view=view.name, stage="render photograph", detail=detail))
             else:
+                assert prediction.picture is not None
                 self._write(folder, kind, view, prediction.picture, found)
         planned = [column for column in self._protocol.photograph if column in self._columns]
         for column in planned:
@@ -255,6 +256,7 @@ class Evaluator:
 
     def _depth_errors(self, view: BenchmarkView, found: Evaluation) -> dict[str, float]:
         depth, truth = np.asarray(self._rendered("all_in_focus", view).depth), self._dataset.depth(view)
+        assert truth is not None
         if depth.shape != truth.shape:
             raise ValueError(f"render: expected depth of shape {truth.shape}, found {depth.shape}")
         bad = int(depth.size - np.count_nonzero(np.isfinite(depth)))
@@ -262,7 +264,7 @@ class Evaluator:
             detail = f"{bad} of {depth.size} values of the depth"
             found.nonfinite.append(NonFinite(step=0, view=view.name, stage="render depth", detail=detail))
             return dict.fromkeys(DEPTH_COLUMNS, math.nan)
-        return depth_scores(depth, truth, self._dataset.disparity_range)
+        return depth_scores(depth, truth, self._disparity_range())
 
     def _rendered(self, kind: Kind, view: BenchmarkView) -> Rendering:
         return self._method.render(view.camera, view.physical_lens if kind == "refocus" else None)
@@ -285,7 +287,9 @@ class Evaluator:
         key = kind, view.name
         if key not in self._truth:
             read = self._dataset.all_in_focus if kind == "all_in_focus" else self._dataset.image
-            self._truth[key] = read(view)
+            image = read(view)
+            assert image is not None
+            self._truth[key] = image
         return self._truth[key]
 
     def _write(self, folder: Path, kind: Kind, view: BenchmarkView, image: np.ndarray, found: Evaluation) -> None:
@@ -302,7 +306,7 @@ class Evaluator:
         estimated = self._method.lens_estimates()
         if estimated is None:
             return {}, []
-        true, disparity_range = self._true_lenses(), self._dataset.disparity_range
+        true, disparity_range = self._true_lenses(), self._disparity_range()
         if not with_radius:
             found = [Lens.from_physical(estimated[name], disparity_range) for name in true]
             pairs = list(zip(true.values(), found, strict=True))
@@ -330,12 +334,22 @@ class Evaluator:
         return {"delta_a": errors.delta_a, "delta_f": errors.delta_f, "delta_r": errors.delta_r}, views
 
     def _true_lenses(self) -> dict[str, Lens]:
-        return {view.name: view.lens for view in self._train}
+        lenses = {}
+        for view in self._train:
+            assert view.lens is not None
+            lenses[view.name] = view.lens
+        return lenses
+
+    def _disparity_range(self) -> DisparityRange:
+        """What true lenses and errors of depth refer to: a dataset with either has it."""
+        found = self._dataset.disparity_range
+        assert found is not None
+        return found
 
     def _width(self) -> int:
         return self._train[0].camera.width
 
-    def _depths(self) -> dict[str, np.ndarray]:
+    def _depths(self) -> dict[str, np.ndarray | None]:
         return {view.name: self._dataset.depth(view) for view in self._train}
 
 

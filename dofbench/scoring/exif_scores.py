@@ -39,19 +39,19 @@ def missing_exif(dataset: BenchmarkDataset) -> str:
 def learned_apertures(dataset: BenchmarkDataset, estimated: Mapping[str, PhysicalLens]) -> list[ViewAperture]:
     """The learned apertures of the training views with a known f-number, all for the image width of the first of these
     views."""
-    views = [
-        view
+    known = [
+        (view, view.exif.f_number)
         for view in dataset.views
         if view.split == "train" and view.name in estimated and view.exif is not None and view.exif.f_number is not None
     ]
-    width = views[0].camera.width if views else 0
+    width = known[0][0].camera.width if known else 0
     return [
         ViewAperture(
             name=view.name,
-            f_number=view.exif.f_number,
+            f_number=f_number,
             aperture=estimated[view.name].aperture * width / estimated[view.name].width,
         )
-        for view in views
+        for view, f_number in known
     ]
 
 

@@ -107,6 +107,7 @@ def _across(
     learned, trained = method.lens_estimates(), training_f_number(dataset)
     strata = {} if quick else blurred_thirds(dataset)
     for view in views:
+        assert trained is not None and view.exif is not None and view.exif.f_number is not None
         photograph = dataset.image(view)
         found = predict_across(
             method,
@@ -149,9 +150,11 @@ def blurred_thirds(dataset: BenchmarkDataset) -> dict[str, np.ndarray]:
         for split in ("train", "test")
     }
     ratio = sharpness_ratio(dataset.points, shots["train"], shots["test"])
-    test = dataset.test_views()
-    found = {
-        view.name: thirds(dataset.points, ratio, view.camera, Tiles.of(view.camera.height, view.camera.width).inside)
-        for view in test
-    }
-    return {} if any(third is None for third in found.values()) else found
+    found = {}
+    for view in dataset.test_views():
+        inside = Tiles.of(view.camera.height, view.camera.width).inside
+        third = thirds(dataset.points, ratio, view.camera, inside)
+        if third is None:
+            return {}
+        found[view.name] = third
+    return found

@@ -3,10 +3,12 @@ bound."""
 
 from __future__ import annotations
 
+from typing import Any
+
 __all__ = ["stability"]
 
 
-def __getattr__(name: str):
+def __getattr__(name: str) -> Any:
     # This name loads torch, so it is imported only when it is used.
     if name in __all__:
         from dofbench.stability import measure

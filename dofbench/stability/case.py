@@ -51,7 +51,7 @@ class Setting:
         array = np.ascontiguousarray(values)
         return torch.from_numpy(array).to(device=self.device, dtype=self.dtype, copy=True).requires_grad_(gradient)
 
-    def kernel(self, op: str, function: str | None = None) -> Callable:
+    def kernel(self, op: str, function: str | None = None) -> Callable[..., Any]:
         """A kernel's function in this backend."""
         return load(op, self.backend, function=function)
 
@@ -129,6 +129,12 @@ def values(tensor: Tensor | np.ndarray) -> np.ndarray:
     """Any tensor or array as float64 on the host."""
     array = tensor.detach().cpu().numpy() if isinstance(tensor, Tensor) else np.asarray(tensor)
     return array.astype(np.float64)
+
+
+def gradient_at(leaf: Tensor) -> np.ndarray:
+    """The gradient that a backward pass left at a tensor, as float64 on the host."""
+    assert leaf.grad is not None
+    return values(leaf.grad)
 
 
 def off(found: Tensor | np.ndarray, expected: Tensor | np.ndarray, scale: float | None = None) -> float:

@@ -4,6 +4,7 @@ reference."""
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.compute.raster import Raster
 from dofbench.optics.layered import layered_blur
 from dofbench.stability.case import DOUBLE, Found, Setting, not_finite, off, values
 from dofbench.stability.oracle import ROUNDINGS, dense_scatter, left_out, sensitivity
@@ -57,7 +59,9 @@ def against_formula(
         setting.tensor(image), setting.tensor(radius), energy=energy, form=form, **options
     )
     kind = np.longdouble if setting.precision == "float64" else np.float64
-    exact = partial(dense_scatter, area=energy == "area", kind=kind, **options)
+    exact: Callable[[np.ndarray, np.ndarray], np.ndarray] = partial(
+        dense_scatter, area=energy == "area", kind=kind, **options
+    )
     bound, note = scatter_bound(setting, image, radius, area=energy == "area", **options)
     return Found(off(found, exact(image, radius)), bound, note)
 
@@ -84,10 +88,20 @@ def sweep(
     return values(setting.kernel("stereo")(*given, radius=2, best=1))
 
 
-def render(setting: Setting, scene: Scene, **options: Any):
+def render(setting: Setting, scene: Scene, **options: Any) -> Raster:
     """The raster of a scene, without gradient."""
+    given = {name: setting.tensor(value) for name, value in scene.items()}
     with torch.no_grad():
-        return setting.kernel("rasterize")(**{name: setting.tensor(value) for name, value in scene.items()}, **options)
+        raster: Raster = setting.kernel("rasterize")(**given, **options)
+    return raster
+
+
+def outputs(raster: Raster, count: int) -> list[torch.Tensor]:
+    """The first `count` outputs of a raster. Raises ValueError where one of them was left out."""
+    found = [output for output in raster[:count] if output is not None]
+    if len(found) < count:
+        raise ValueError(f"raster: expected {count} outputs, found {len(found)}")
+    return found
 
 
 def against_reference(setting: Setting, scene: Scene, filter_3d: float = 0.0, **options: Any) -> Found:
@@ -111,7 +125,7 @@ def against_reference(setting: Setting, scene: Scene, filter_3d: float = 0.0, **
 
     moved = sensitivity(exact, given, setting.eps / 2, measure=apart)
     raster = render(setting, scene, filter_3d=setting.tensor(size), **options)
-    error = math.inf if not_finite(*raster[:5]) else apart(_stacked(raster), expected)
+    error = math.inf if not_finite(*outputs(raster, 5)) else apart(_stacked(raster), expected)
     return Found(
         error,
         8 * moved + 64 * setting.eps,
@@ -119,8 +133,9 @@ def against_reference(setting: Setting, scene: Scene, filter_3d: float = 0.0, **
     )
 
 
-def _stacked(raster) -> np.ndarray:
+def _stacked(raster: Raster) -> np.ndarray:
     """Colour, alpha, and depth times alpha, (H, W, 5). Depth itself isn't compared, since it jumps to 0 where alpha
     vanishes."""
+    assert raster.depth is not None
     alpha = values(raster.alpha)
     return np.dstack([values(raster.color), alpha, values(raster.depth) * alpha])

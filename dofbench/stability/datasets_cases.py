@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from dofbench.stability.comparisons import NAMED
 from dofbench.stability.samples import by_size, picture
 from dofbench.stability.subject import Subject
 
+Change = Callable[[np.ndarray], np.ndarray]
 SIZE = (24, 32)  # where no other is under test
 
 
@@ -25,8 +27,8 @@ def _write_scene(
     size: tuple[int, int],
     *,
     views: int = 3,
-    photograph: Callable | None = None,
-    depth: Callable | None = None,
+    photograph: Change | None = None,
+    depth: Change | None = None,
 ) -> Path:
     """Write a scene in nerfstudio's layout: pictures of constant depth, all by a camera at one place."""
     height, width = size
@@ -48,7 +50,7 @@ def _write_scene(
     return folder
 
 
-def _make(scene: Path, out: Path, **options) -> Path:
+def _make(scene: Path, out: Path, **options: Any) -> Path:
     from dofbench.core.progress import Silent
     from dofbench.synthesis import make_dataset
     from dofbench.synthesis.dataset_options import MakeDataset
@@ -57,7 +59,7 @@ def _make(scene: Path, out: Path, **options) -> Path:
 
 
 @in_folder
-def _dataset(folder: Path, size: tuple[int, int] = SIZE, depth: Callable | None = None, **options) -> Found:
+def _dataset(folder: Path, size: tuple[int, int] = SIZE, depth: Change | None = None, **options: Any) -> Found:
     """Measure whether the dataset is made and passes `dofbench check`, which recomputes its photographs."""
     from dofbench.synthesis import check_dataset
 
@@ -77,7 +79,12 @@ def _with_pixel(picture: np.ndarray, at: tuple[int, int], value: float) -> np.nd
     return picture
 
 
-def _refused(folder: Path, *words: str, photograph: Callable | None = None, depth: Callable | None = None) -> Found:
+def _refused(
+    folder: Path,
+    *words: str,
+    photograph: Change | None = None,
+    depth: Change | None = None,
+) -> Found:
     scene = _write_scene(folder / "scene", SIZE, photograph=photograph, depth=depth)
     found = refuses(InputError, lambda: _make(scene, folder / "made"), "v0.exr", *words)
     return Found(found.error, found.bound, found.note.replace(str(folder), ""))

@@ -20,7 +20,7 @@ from dofbench.stability.case import (
     refuses,
     values,
 )
-from dofbench.stability.comparisons import EXACT, GEOMETRY, NAMED, RASTERIZED, Scene, against_reference, render
+from dofbench.stability.comparisons import EXACT, GEOMETRY, NAMED, RASTERIZED, Scene, against_reference, outputs, render
 from dofbench.stability.samples import VIEW_HEIGHT, VIEW_WIDTH, camera, gaussians, single, straight, together
 from dofbench.stability.subject import Subject
 
@@ -65,7 +65,7 @@ def _empty(setting: Setting) -> Found:
 def _zero_quaternion(setting: Setting) -> Found:
     zero, one = (single(scale=(0.4, 0.1, 0.2), quaternion=q) for q in ((0.0,) * 4, (1.0, 0.0, 0.0, 0.0)))
     a, b = (render(setting, scene, camera=camera(), geometry=GEOMETRY) for scene in (zero, one))
-    return Found(sum(differing(x, y) for x, y in zip(a[:5], b[:5], strict=True)), 0.0)
+    return Found(sum(differing(x, y) for x, y in zip(outputs(a, 5), outputs(b, 5), strict=True)), 0.0)
 
 
 def _quaternion_length(setting: Setting, length: float) -> Found:
@@ -73,7 +73,9 @@ def _quaternion_length(setting: Setting, length: float) -> Found:
     usual, other = (single(scale=(0.4, 0.1, 0.2), quaternion=tuple(direction * size)) for size in (1.0, length))
     a, b = (render(setting, scene, camera=camera(), geometry=GEOMETRY) for scene in (usual, other))
     # Scaling by a power of ten rounds each component of the quaternion, in which a rotation is quadratic.
-    return Found(max(off(y, x) for x, y in zip(a[:5], b[:5], strict=True)), 64 * float(np.finfo(np.float32).eps))
+    return Found(
+        max(off(y, x) for x, y in zip(outputs(a, 5), outputs(b, 5), strict=True)), 64 * float(np.finfo(np.float32).eps)
+    )
 
 
 def _opacity(setting: Setting, logit: float) -> Found:
@@ -83,7 +85,7 @@ def _opacity(setting: Setting, logit: float) -> Found:
 
 def _left_out(setting: Setting, scene: Scene) -> Found:
     raster = render(setting, scene, camera=straight(), geometry="distortion", near=NEAR)
-    return Found(sum(float(np.count_nonzero(values(part))) for part in raster), 0.0)
+    return Found(sum(float(np.count_nonzero(values(part))) for part in outputs(raster, 6)), 0.0)
 
 
 def _drawn(setting: Setting, scene: Scene) -> Found:

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from dofbench.core.blur import Blur
 from dofbench.optics.defocus import defocus
-from dofbench.stability.case import DOUBLE, SINGLE, Case, Found, Setting, values
+from dofbench.stability.case import DOUBLE, SINGLE, Case, Found, Setting, gradient_at, values
 from dofbench.stability.comparisons import l1_ssim
 from dofbench.stability.oracle import POWER
 from dofbench.stability.samples import VIEW_WIDTH, gaussians, harmonic, single, straight, together
@@ -186,7 +186,7 @@ def _of_itself(setting: Setting) -> Found:
     ssim_loss(setting, {"image": image}, picture()).backward()
     # In units of one pixel's share of the mean. The slope of 1 - SSIM is a rounding error divided by variances plus C2
     # = 9e-4.
-    return Found(float(np.abs(values(image.grad)).max()) * image.numel(), 64 * setting.eps / 9e-4)
+    return Found(float(np.abs(gradient_at(image)).max()) * image.numel(), 64 * setting.eps / 9e-4)
 
 
 def ssim_loss(setting: Setting, inputs: dict[str, Tensor], target: np.ndarray) -> Tensor:
@@ -333,10 +333,10 @@ def _cases() -> tuple[Case, ...]:
         light: np.ndarray = image,
         *,
         cancelled: bool = False,
-        **options: float,
+        alpha: float = 4.0,
     ) -> Case:
         reason = "; 4 eps over what sharp neighbours leak, by which a colour differs from the blurred one"
-        inputs, loss = {"image": light, "radius": radius}, partial(scatter_loss, **options)
+        inputs, loss = {"image": light, "radius": radius}, partial(scatter_loss, alpha=alpha)
         return scatter.case(
             name,
             holds,

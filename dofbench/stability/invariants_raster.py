@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from dofbench.stability.case import KERNELS, Case, Found, Setting, differing, off, values
-from dofbench.stability.comparisons import EXACT, Scene, render
+from dofbench.stability.comparisons import EXACT, Scene, outputs, render
 from dofbench.stability.oracle import ROUNDINGS
 from dofbench.stability.samples import camera, gaussians, harmonic, single, straight, together
 from dofbench.stability.subject import Subject
@@ -24,8 +24,10 @@ def _order(setting: Setting) -> Found:
         setting, _permuted(scene, np.random.default_rng(0).permutation(40)), camera=camera(), geometry="full"
     )
     if setting.backend == "reference":  # torch's vector instructions round the last elements of a batch differently
-        return Found(max(off(a, b) for a, b in zip(found[:5], plain[:5], strict=True)), 64 * setting.eps)
-    return Found(sum(differing(a, b) for a, b in zip(found[:5], plain[:5], strict=True)), 0.0)
+        return Found(
+            max(off(a, b) for a, b in zip(outputs(found, 5), outputs(plain, 5), strict=True)), 64 * setting.eps
+        )
+    return Found(sum(differing(a, b) for a, b in zip(outputs(found, 5), outputs(plain, 5), strict=True)), 0.0)
 
 
 def _coplanar() -> Scene:
@@ -63,7 +65,7 @@ def _tiles(setting: Setting) -> Found:
     window = replace(view, width=width, height=height, cx=view.cx - left, cy=view.cy - top)
     part = render(setting, scene, camera=window, geometry="full")
     area = (slice(top, top + height), slice(left, left + width))
-    error = max(off(a, b[area]) for a, b in zip(part[:5], whole[:5], strict=True))
+    error = max(off(a, b[area]) for a, b in zip(outputs(part, 5), outputs(whole, 5), strict=True))
     # An offset from a pixel loses as many digits as the pixel's coordinate is larger; its square counts, times up to 2
     # log 255.
     return Found(error, 70 * 16 * setting.eps)
@@ -82,12 +84,8 @@ def _scaled_scene(setting: Setting, factor: float) -> Found:
     # error.
     eps = float(np.finfo(np.float32).eps)
     bound = 64 * (abs(np.log(factor)) + 8) * eps
-    return Found(
-        max(
-            off(found.color, plain.color), off(found.alpha, plain.alpha), off(values(found.depth) / factor, plain.depth)
-        ),
-        bound,
-    )
+    (color, alpha, depth), (plain_color, plain_alpha, plain_depth) = outputs(found, 3), outputs(plain, 3)
+    return Found(max(off(color, plain_color), off(alpha, plain_alpha), off(values(depth) / factor, plain_depth)), bound)
 
 
 def _layers_of_one_colour(setting: Setting) -> Found:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
+from torch import Tensor
 
 from dofbench.core.blur import Blur
 from dofbench.core.images import to_8bit, to_16bit
@@ -18,6 +20,7 @@ from dofbench.stability.case import (
     Found,
     Setting,
     differing,
+    gradient_at,
     not_finite,
     off,
     off_each,
@@ -46,7 +49,7 @@ def _black_gradient(setting: Setting, gamma: float) -> Found:
     light, radius = setting.tensor(image, gradient=True), setting.tensor(radii(0.5), gradient=True)
     blurred = defocus(light, radius, Blur(gamma), backend=setting.backend)
     blurred.sum().backward()
-    largest = float(np.abs(values(light.grad)).max())
+    largest = float(np.abs(gradient_at(light)).max())
     return Found(not_finite(light.grad, radius.grad), 0.0, f"largest {largest:.3g}")
 
 
@@ -98,7 +101,10 @@ def _tones() -> np.ndarray:
     return np.concatenate([[0.0, 1.0, 1.5, 30.0, 1e4], toe, np.linspace(0, 1, 256)]).astype(np.float32)
 
 
-def _pair(setting: Setting):
+_Tones = Callable[[Tensor, float], Tensor]  # light or tones by an exponent
+
+
+def _pair(setting: Setting) -> tuple[_Tones, _Tones]:
     """(decode, encode) of the backend."""
     return partial(fast_decode, backend=setting.backend), partial(fast_encode, backend=setting.backend)
 
@@ -136,7 +142,7 @@ def _slope_at_zero(setting: Setting, gamma: float) -> Found:
     near = TOE**gamma * np.array([0.0, 1e-30, 0.5, 1 - 1e-5, 1 + 1e-5])
     light = setting.tensor(near, gradient=True)
     _pair(setting)[1](light, gamma).sum().backward()
-    slope = values(light.grad)
+    slope = gradient_at(light)
     steepest = TOE ** (1 - gamma)
     # Expected is the line's slope below the toe, and 1 / gamma of it above.
     expected = np.where(near < TOE**gamma, steepest, steepest / gamma)

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from dofbench.core.contracts import Budget, FitOutcome, Method, TrainingSet
+from dofbench.core.budget import Budget
+from dofbench.core.contracts import FitOutcome, Method, TrainingSet
 from dofbench.core.errors import Status
 from dofbench.core.lens import Lens
 from dofbench.gaussians.gaussian_method import GaussianMethod
@@ -22,6 +23,7 @@ STEPS = 240
 # A lens counts as found if its error is below this share of that of A = F = 0.5, the predictor that learns nothing
 FOUND = 0.5
 ABSURD_LIGHT, ABSURD_DEPTH = 10.0, 1e3 * FAR
+DENSIFY_EVERY = 25
 # The schedule for thousands of steps, adapted to a hundred, without depth priors that would take longer than the
 # training.
 SHORT = {
@@ -29,7 +31,7 @@ SHORT = {
     "depth_prior": "sparse",
     "start_points": 0,
     "sh_degree": 1,
-    "densify_every": 25,
+    "densify_every": DENSIFY_EVERY,
     "max_gaussians": 800,
     "coarse_until": 0.0,
     "reset_every": 0.0,

@@ -36,8 +36,8 @@ class Subject:
         for chosen in product(*(_labelled(values) for values in options.values())):
             one = {option: value for option, (_, value) in zip(options, chosen, strict=True)}
             labels = {f"{option}_label": label for option, (label, _) in zip(options, chosen, strict=True)}
-            words = (text.format(**one, **labels) for text in (name, holds))
-            made.append(self.case(*words, bound, measure, **one))
+            given = {**one, **labels}
+            made.append(self.case(name.format(**given), holds.format(**given), bound, measure, **one))
         return tuple(made)
 
 

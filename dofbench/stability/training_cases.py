@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from dofbench.core.contracts import Budget, FitOutcome, NonFinite, TrainingSet
+from dofbench.core.budget import Budget
+from dofbench.core.contracts import FitOutcome, NonFinite, TrainingSet
 from dofbench.core.errors import Status
 from dofbench.gaussians.gaussian_method import GaussianMethod
 from dofbench.gaussians.trainer import Trainer
 from dofbench.running.method_cards import MethodEntry, find_method, method_files
 from dofbench.stability.case import COMPILED, Case, Found, Setting
-from dofbench.stability.short_trainings import SHORT, STEPS, End, Watch, faster, options_of, run
+from dofbench.stability.short_trainings import DENSIFY_EVERY, STEPS, End, Watch, faster, options_of, run
 from dofbench.stability.subject import Subject
 from dofbench.stability.training_scene import VIEWS, black, noise, nothing_but_noise, scene, spoiled, wrong_pose
 
@@ -110,6 +111,7 @@ def _planted(setting: Setting, method: str, what: str, value: float) -> Found:
 
     def plant(trainer: Trainer) -> None:
         if what == "lens":
+            assert trainer.lenses is not None
             trainer.lenses.spoil(value)
         else:
             with torch.no_grad():
@@ -130,9 +132,7 @@ def _vanished(setting: Setting, method: str, what: str) -> Found:
                 trainer.gaussians.parameters["means"][:, 2] = -5.0
 
     # Density control looks only every few steps; its first look must find it.
-    return _spoilt(
-        method, STEPS, vanish, lambda event, steps: event.step == steps and steps % SHORT["densify_every"] == 0
-    )
+    return _spoilt(method, STEPS, vanish, lambda event, steps: event.step == steps and steps % DENSIFY_EVERY == 0)
 
 
 def _bad_photograph(setting: Setting, method: str, value: float) -> Found:

@@ -51,7 +51,8 @@ def choose_rows(records: Sequence[ViewRecord], count: int = _ROWS) -> list[ViewR
     chosen: list[ViewRecord] = []
     for pool, room in ((training, count - bool(testing)), (testing, count)):
         seen = {(record.aperture, record.focus) for record in chosen}
-        fresh, others = [], []
+        fresh: list[ViewRecord] = []
+        others: list[ViewRecord] = []
         for record in pool:
             lens = (record.aperture, record.focus)
             (others if lens in seen else fresh).append(record)

@@ -6,7 +6,7 @@ import math
 import re
 from dataclasses import Field, dataclass, fields
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -36,6 +36,8 @@ from dofbench.dataset.sensor import Sensor
 from dofbench.synthesis.lens_plan import Values
 
 DepthSource = Literal["auto", "given", "folder", "splat", "sfm", "onnx"]
+_WITH_PLACE: tuple[DepthSource, ...] = ("folder", "onnx")
+_WITHOUT_PLACE: tuple[DepthSource, ...] = ("auto", "given", "splat", "sfm")
 Normaliser = Literal["scene", "view"]
 Bits = Literal[8, 16]
 Photographs = Literal["auto", "shallow", "shallow-train"]
@@ -216,11 +218,13 @@ class DatasetOptions:
         """The source's kind, and the folder of "folder" or the network of "onnx". Raises InputError for any other
         value."""
         kind, _, place = self.depth.partition(":")
-        if kind in ("folder", "onnx") and place:
-            return kind, Path(place)
-        if self.depth not in ("auto", "given", "splat", "sfm"):
-            raise InputError("--depth", repr(self.depth), "auto, given, splat, sfm, onnx:FILE or folder:DIR")
-        return self.depth, None
+        for source in _WITH_PLACE:
+            if kind == source and place:
+                return source, Path(place)
+        for source in _WITHOUT_PLACE:
+            if self.depth == source:
+                return source, None
+        raise InputError("--depth", repr(self.depth), "auto, given, splat, sfm, onnx:FILE or folder:DIR")
 
     @property
     def values(self) -> Values:
@@ -299,7 +303,7 @@ class DatasetOptions:
         about_scene = (at for at in fields(DatasetOptions) if at.metadata["about"] == "scene")
         return {at.name: self._plain(at.name) for at in about_scene if at.name == "photographs" or self._is_kept(at)}
 
-    def _is_kept(self, at: Field) -> bool:
+    def _is_kept(self, at: Field[Any]) -> bool:
         other = at.metadata.get("kept_with")
         return other is None or given(self, self.__dataclass_fields__[other])
 

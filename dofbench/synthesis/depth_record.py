@@ -119,6 +119,7 @@ def _odd_confidence(dataset: Dataset, view: str) -> str | None:
     confidence, z = dataset.confidence(view), dataset.depth(view)
     if confidence is None:
         return None
+    assert z is not None
     name = layout.relative(layout.confidence_path, view)
     if confidence.shape != z.shape:
         return f"{name}: shape {confidence.shape}, expected {z.shape}, as the depth"
@@ -132,10 +133,17 @@ def _agreement(dataset: Dataset, measured: Sequence[int]) -> Sequence[Consistenc
     if not measured:
         return []
     views = [dataset.views[index] for index in measured]
+    assert dataset.disparity_range is not None
+
+    def depth_of(index: int) -> np.ndarray:
+        depth = dataset.depth(views[index])
+        assert depth is not None
+        return depth
+
     return consistencies(
         [view.name for view in views],
         [view.camera for view in views],
-        lambda index: dataset.depth(views[index]),
+        depth_of,
         None if dataset.points is None else dataset.points.seen_by(measured),
         dataset.disparity_range,
     )

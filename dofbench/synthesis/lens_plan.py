@@ -67,7 +67,7 @@ def draw_plan(views: Sequence[tuple[str, Split]], values: Values, *, seed: int) 
     on every machine.
     """
     generator = random.Random(seed)
-    lens_of = {}
+    lens_of: dict[str, Lens] = {}
     for names in _by_split(views).values():
         focus, aperture = (_stratified(generator, len(names), min(v), max(v)) for v in (values.focus, values.aperture))
         lens_of |= {name: Lens(aperture=a, focus=f) for name, f, a in zip(names, focus, aperture, strict=True)}

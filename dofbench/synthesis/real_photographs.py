@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from dofbench.core.progress import Progress
 from dofbench.dataset import layout
 from dofbench.dataset.schema import DepthRecord, SourceRecord
 from dofbench.depth.given import require_depth, with_folder_depth
+from dofbench.depth.source import SourceId
 from dofbench.scenes.named import ResolvedScene
 from dofbench.scenes.scene import Scene
 from dofbench.scenes.visibility import visible
@@ -101,7 +103,7 @@ def _with_depth(scene: Scene, settings: MakeDataset) -> Scene:
     return scene
 
 
-def _exif_data(scene: Scene) -> dict[str, dict]:
+def _exif_data(scene: Scene) -> dict[str, dict[str, Any]]:
     return {view.name: view.exif.as_data() for view in scene.views if view.exif is not None}
 
 
@@ -126,7 +128,7 @@ def _depth(
         return None, None
     points = None if scene.points is None else scene.points.seen_by(indices)
     measured = replace(scene, views=tuple(scene.views[index] for index in indices), points=points)
-    source = "folder" if settings.depth_source[0] == "folder" else "given"
+    source: SourceId = "folder" if settings.depth_source[0] == "folder" else "given"
     return make_depth(measured, source, None, settings, out, progress)
 
 

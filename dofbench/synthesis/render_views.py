@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -31,7 +32,7 @@ class Photography:
     blur: Blur = Blur()
     thinlens: ThinLensRecord | None = None
     sensor: Sensor = Sensor()
-    bits: int = 8
+    bits: Literal[8, 16] = 8
 
 
 def view_record(planned: PlannedView, depth: np.ndarray, shared: Photography) -> ViewRecord:

@@ -32,5 +32,6 @@ def take_over(sibling: Path, out: Path, source: SourceRecord, settings: MakeData
             if record is not None and not path.is_file() and sha256_file(sibling / file) == record.sha256:
                 with replacing(path) as temporary:
                     shutil.copyfile(sibling / file, temporary)
-    if all(place(out, image.view).is_file() for place in places for image in source.images):
+    whole = all(place(out, image.view).is_file() for place in places for image in source.images)
+    if whole and manifest.depth is not None:
         write_json(out / WORK / DEPTH_RECORD, manifest.depth.model_dump(mode="json"))

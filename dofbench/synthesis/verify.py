@@ -100,8 +100,8 @@ def blurred_again(
         ).numpy()
     finally:
         torch.set_num_threads(threads)
-    inside = np.s_[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
-    linear = blurred[inside] if noise is None else sensor.expose(blurred[inside], noise)
+    window = blurred[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
+    linear = window if noise is None else sensor.expose(window, noise)
     return encode(linear, blur.gamma)
 
 

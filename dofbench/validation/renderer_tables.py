@@ -167,7 +167,7 @@ def _by_variant(rows: list[Score]) -> list[tuple[Variant, list[Score]]]:
     return [(variant, of_one) for variant, of_one in found if of_one]
 
 
-def _photographs(rows: list[Score]) -> set[tuple]:
+def _photographs(rows: list[Score]) -> set[tuple[str, str, str, float, float]]:
     return {(row.source, row.name, row.view, row.aperture, row.focus) for row in rows}
 
 

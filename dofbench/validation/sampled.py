@@ -5,13 +5,16 @@ from __future__ import annotations
 from functools import cache, lru_cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dofbench.core.cameras import Camera
 from dofbench.core.lens import PhysicalLens
 from dofbench.optics.tone import encode
+
+if TYPE_CHECKING:
+    from dofbench.procedural.tracer import Tracer
 
 
 def has_geometry(scene: dict[str, Any]) -> bool:
@@ -39,7 +42,7 @@ def _choose_variant() -> None:
 
 
 @lru_cache(maxsize=1)
-def _tracer(recipe_name: str, seed: int):
+def _tracer(recipe_name: str, seed: int) -> Tracer:
     from dofbench.procedural.recipes import recipe
     from dofbench.procedural.tracer import Tracer
 

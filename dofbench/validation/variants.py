@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,7 @@ class Variant:
         return not self.geometry or case.geometry
 
 
-def _render(truth: Truth, **changes) -> np.ndarray:
+def _render(truth: Truth, **changes: Any) -> np.ndarray:
     return defocus_by_radius(truth.sharp, truth.signed_radius, replace(truth.blur, **changes))[0]
 
 
@@ -48,7 +49,7 @@ def _other_shape(truth: Truth) -> np.ndarray:
     return defocus_by_radius(truth.sharp, grown, replace(truth.blur, shape=other))[0]
 
 
-def _of_8_bits(truth: Truth, **changes) -> np.ndarray:
+def _of_8_bits(truth: Truth, **changes: Any) -> np.ndarray:
     """Blur of the sharp image as a PNG would store it: with 256 levels, and nothing above white."""
     return _render(replace(truth, sharp=from_8bit(to_8bit(truth.sharp))), **changes)
 

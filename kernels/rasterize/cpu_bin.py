@@ -191,8 +191,8 @@ def fill_tiles(records, counts, n, order, view, columns, rows, chunks):
     cursors = np.zeros((chunks, tiles), np.int32)
     for chunk in prange(chunks):
         for k in range(chunk * order.size // chunks, (chunk + 1) * order.size // chunks):
-            i = np.int64(order[k])
-            for slot in range(np.int64(offsets[i]), np.int64(offsets[i + 1])):
+            gaussian = np.int64(order[k])
+            for slot in range(np.int64(offsets[gaussian]), np.int64(offsets[gaussian + 1])):
                 cursors[chunk, slot_tiles[slot]] += 1
 
     starts = np.empty(tiles + 1, np.int32)
@@ -208,10 +208,10 @@ def fill_tiles(records, counts, n, order, view, columns, rows, chunks):
     ids, spans, places = np.empty(total, np.int32), np.empty(total, np.int16), np.empty(total, np.int32)
     for chunk in prange(chunks):
         for k in range(chunk * order.size // chunks, (chunk + 1) * order.size // chunks):
-            i = np.int64(order[k])
-            for slot in range(np.int64(offsets[i]), np.int64(offsets[i + 1])):
+            gaussian = np.int64(order[k])
+            for slot in range(np.int64(offsets[gaussian]), np.int64(offsets[gaussian + 1])):
                 tile = slot_tiles[slot]
                 place = cursors[chunk, tile]
                 cursors[chunk, tile] = place + 1
-                ids[place], spans[place], places[slot] = i, slot_spans[slot], place
+                ids[place], spans[place], places[slot] = gaussian, slot_spans[slot], place
     return starts, ids, spans, offsets, places

@@ -7,6 +7,7 @@ current version of RaDe-GS. Every Gaussian is evaluated at every pixel, so this 
 from __future__ import annotations
 
 import math
+from typing import Any, TypedDict
 
 import torch
 from torch import Tensor
@@ -21,6 +22,11 @@ MIN_ALPHA = 1 / 255
 MIN_TRANSMITTANCE = 1e-4
 MIN_DETERMINANT = 1e-6
 EDGE_ON = 1e-7
+
+
+class _Kind(TypedDict):
+    dtype: torch.dtype
+    device: torch.device
 
 
 def rotation_matrices(quaternions: Tensor) -> Tensor:
@@ -76,12 +82,12 @@ class _Absolute(torch.autograd.Function):
     """The identity on one Gaussian's offsets (P, 2); adds the absolute values of its gradient to `total` (2,)."""
 
     @staticmethod
-    def forward(ctx, offsets: Tensor, total: Tensor) -> Tensor:
+    def forward(ctx: Any, offsets: Tensor, total: Tensor) -> Tensor:
         ctx.total = total
         return offsets.clone()
 
     @staticmethod
-    def backward(ctx, gradient: Tensor):
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
         ctx.total += gradient.abs().sum(0)
         return gradient, None
 
@@ -105,7 +111,7 @@ def rasterize(
     statistics: ViewStatistics | None = None,
 ) -> Raster:
     """Same arguments, results and conventions as `cpu.rasterize`, which documents them."""
-    to = {"dtype": means.dtype, "device": means.device}
+    to: _Kind = {"dtype": means.dtype, "device": means.device}
     world_to_camera = torch.tensor(camera.world_to_camera, **to)
     rotation = world_to_camera[:3, :3]
     centre = torch.tensor(camera.centre.copy(), **to)
@@ -240,7 +246,15 @@ def rasterize(
     return Raster(*outputs[: 6 - left_out], *[None] * left_out)
 
 
-def _fill(statistics, means, index, drawn, radii, projected, total_abs) -> None:
+def _fill(
+    statistics: ViewStatistics,
+    means: Tensor,
+    index: Tensor,
+    drawn: Tensor,
+    radii: Tensor,
+    projected: Tensor,
+    total_abs: Tensor,
+) -> None:
     statistics.visible = torch.zeros(len(means), dtype=torch.bool, device=means.device)
     statistics.visible[index] = drawn
     statistics.radii = torch.zeros_like(means[:, 0]).detach()

@@ -83,7 +83,9 @@ class _Scatter(torch.autograd.Function):
         colours, radii = image.numpy(), signed_radius.numpy()
         largest = float(max(-radii.min(), radii.max()))
         check_largest(largest, torch.finfo(torch.float32))
-        sizes = geometry(*radii.shape, largest, alpha, *brightness(colours))
+        height, width = radii.shape
+        brightest, mean = brightness(colours)
+        sizes = geometry(height, width, largest, alpha, brightest, mean)
         context.save_for_backward(image, signed_radius)
         context.options = sizes, alpha, area
         if _is_linear(form, largest, shape):
@@ -91,11 +93,11 @@ class _Scatter(torch.autograd.Function):
             context.packed = None
         else:
             edge = edges(sizes, largest, alpha, shape)
-            packed = pack_sources(
+            planes, reach = pack_sources(
                 colours, radii, sizes, edge.kind == RATIONAL, np.float32(2.0 * alpha), np.float32(edge.base), area
             )
-            blurred, total = cpu_direct.forward(*packed, sizes, edge)
-            context.packed = *packed, edge
+            blurred, total = cpu_direct.forward(planes, reach, sizes, edge)
+            context.packed = planes, reach, edge
         context.sums = blurred, total
         return torch.from_numpy(blurred)
 

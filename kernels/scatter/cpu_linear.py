@@ -225,7 +225,7 @@ def _add_sources(table, entry, groups, evens, odds, colours, plan, longest, full
             rest = np.int64(plan[at + _COUNT + lane])
             while rest > 0:
                 soft = _soft8(load8(table, first), even, odd)
-                store8(weights, 0, soft * load8(ones, LANES - min(rest, LANES)))
+                store8(weights, 0, soft * load8(ones, LANES - min(rest, LANES)))  # type: ignore[operator]  # compiled, both are int64
                 for e in range(LANES):
                     add_product4(softs, left - e * WAYS, right + e * WAYS, weights, e, colours, (group + lane) * WAYS)
                 rest -= LANES

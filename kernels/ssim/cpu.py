@@ -12,6 +12,7 @@ reason the kernels (`cpu_windows.py`) sum up 1 - S.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -135,10 +136,10 @@ def l1_ssim(
     return (1 - ssim_weight) * l1 + ssim_weight * unlike
 
 
-def _warm_up(**options: float) -> None:
+def _warm_up(*, ssim_weight: float = 0.2, **options: Any) -> None:
     """Compile both functions for images of three channels; options: those of `l1_ssim`."""
     image = torch.rand((32, 32, 3), generator=torch.Generator().manual_seed(0)).requires_grad_()
-    l1_ssim(image, torch.zeros_like(image), **{"ssim_weight": 0.2, **options}).backward()
+    l1_ssim(image, torch.zeros_like(image), ssim_weight=ssim_weight, **options).backward()
 
 
 def _is_warm() -> bool:

@@ -118,5 +118,6 @@ def l1_ssim(
     difference = (prediction - target).abs()
     if weight is not None:
         difference = difference * weight[..., None]
-    options = {"border": border, "window": window, "sigma": sigma, "data_range": data_range}
-    return (1 - ssim_weight) * difference.mean() + ssim_weight * (1 - ssim(prediction, target, **options))
+    colour = (1 - ssim_weight) * difference.mean()
+    similarity = ssim(prediction, target, border=border, window=window, sigma=sigma, data_range=data_range)
+    return colour + ssim_weight * (1 - similarity)

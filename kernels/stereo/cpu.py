@@ -104,7 +104,8 @@ def semiglobal(
         right = min(left + wide, width)
         along_rows(flat, grey, shape, *penalties, left, right, total)
         down_columns(flat, grey, shape, known, *penalties, left, right, total, *found)
-    return tuple(torch.from_numpy(values.reshape(height, width)) for values in found)
+    plane, score, margin = (torch.from_numpy(values.reshape(height, width)) for values in found)
+    return plane, score, margin
 
 
 def returns(depth: Tensor, other: Tensor, there: Tensor, back: Tensor, *, pixels: float, share: float) -> Tensor:

@@ -119,11 +119,12 @@ def semiglobal(
     total = torch.zeros_like(scores)
     for axis, size in ((1, width), (0, height)):
         for order in (range(size), range(size - 1, -1, -1)):
-            cost = before = None
+            cost: Tensor | None = None
+            before: Tensor | None = None
             for index in order:
                 own = -scores.select(axis, index)
                 grey = guide.select(axis, index)
-                if cost is None:
+                if cost is None or before is None:
                     cost = own
                 else:
                     jump = (large / (1 + (grey - before).abs() / edge)).clamp_min(small)

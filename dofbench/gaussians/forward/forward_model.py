@@ -40,6 +40,7 @@ class SharpView:
     @cached_property
     def disparity(self) -> Tensor:
         """(H, W), 1 / scene unit, differentiable with respect to depth; needs a raster with depth."""
+        assert self.raster.depth is not None
         return surface_disparity(self.raster.depth, self.raster.alpha.detach())
 
 

@@ -101,9 +101,10 @@ def make_prior(
     from dofbench.learning.priors.stereo import stereo_depth
 
     if options.depth_prior == "stereo":
+        maps = stereo_depth(training_set, coarser=options.depth_prior_coarser, progress=progress)
+        assert points is not None  # `stereo_depth` refuses a training set without points
         # Sparse points replace stereo depth in their pixels: they were matched at corners in several views and are more
         # exact.
-        maps = stereo_depth(training_set, coarser=options.depth_prior_coarser, progress=progress)
         return DensePrior(
             [
                 found.with_samples(sparse_depth(points, view.camera, index))

@@ -38,6 +38,9 @@ class LogDepth(nn.Module):
     parameters.
     """
 
+    mean: Tensor
+    std: Tensor
+
     def __init__(self, network: nn.Module, scale: float, shift: float, unit: float):
         super().__init__()
         self.network, self.unit = network, unit
@@ -67,7 +70,8 @@ def open_network(name: str, training_set: TrainingSet) -> nn.Module:
 def input_size(width: int, height: int) -> tuple[int, int]:
     """(width, height) that a photograph is resized to: at most LONGEST, and multiples of the network's stride."""
     share = min(1.0, LONGEST / max(width, height))
-    return tuple(max(MULTIPLE, round(side * share / MULTIPLE) * MULTIPLE) for side in (width, height))
+    across, down = (max(MULTIPLE, round(side * share / MULTIPLE) * MULTIPLE) for side in (width, height))
+    return across, down
 
 
 def network_input(image: np.ndarray) -> Tensor:

@@ -135,6 +135,7 @@ def choose_sources(training_set: TrainingSet, most: int = SOURCES) -> list[list[
     """For each view up to `most` other views to match it with, best first: those with many common points at a suitable
     angle."""
     points, views = training_set.points, training_set.views
+    assert points is not None
     count = len(views)
     seen = np.zeros((count, len(points)), dtype=bool)
     rays = np.empty((count, len(points), 3))
@@ -153,8 +154,8 @@ def choose_sources(training_set: TrainingSet, most: int = SOURCES) -> list[list[
     for one in range(count):
         # Cameras without common points may still see a common surface; they are ranked after all others.
         if np.count_nonzero(worth[one] >= 0) < min(most, count - 1):
-            for other in np.flatnonzero(worth[one] == -np.inf):
-                worth[one, other] = -1 + 1e-3 * _fairness(rays[one], rays[other]).mean()
+            for unseen in np.flatnonzero(worth[one] == -np.inf):
+                worth[one, unseen] = -1 + 1e-3 * _fairness(rays[one], rays[unseen]).mean()
         worth[one, one] = -np.inf
     order = np.argsort(-worth, axis=1, kind="stable")
     return [[int(other) for other in others if other != one][:most] for one, others in enumerate(order)]
@@ -178,8 +179,9 @@ def _pyramid(image: np.ndarray, camera: Camera, count: int) -> list[_Level]:
     return levels
 
 
-def _at_size(grey: torch.Tensor, camera: Camera, goal: Camera) -> tuple[torch.Tensor, Camera]:
+def _at_size(level: _Level, goal: Camera) -> _Level:
     """A grey image and its camera, resized to as many pixels as the camera `goal` has."""
+    grey, camera = level
     if grey.shape == (goal.height, goal.width):
         return grey, camera
     return torch.from_numpy(resize(grey.numpy(), goal.width, goal.height)), camera.resized(goal.width, goal.height)
@@ -213,13 +215,13 @@ def _planes(camera: Camera, sources: list[Camera], low: float, high: float) -> n
     return np.linspace(low, high, -(-count // TOGETHER) * TOGETHER)
 
 
-def _sweep(pyramids: list, index: int, chosen: list[int], low: float, high: float) -> _Swept:
+def _sweep(pyramids: list[list[_Level]], index: int, chosen: list[int], low: float, high: float) -> _Swept:
     levels = pyramids[index]
     disparities = _planes(levels[0][1], [pyramids[other][0][1] for other in chosen], low, high)
     total, weight = None, 0.0
     for level in reversed(range(len(levels))):
         grey, camera = levels[level]
-        others = [_at_size(*pyramids[other][min(level, len(pyramids[other]) - 1)], camera) for other in chosen]
+        others = [_at_size(pyramids[other][min(level, len(pyramids[other]) - 1)], camera) for other in chosen]
         maps = np.stack([plane_map(camera, source) for _, source in others])
         # Displacements are half as large in an image of half the size, so half as many planes are enough.
         planes = np.linspace(low, high, -(-(len(disparities) - 1) // 2**level) + 1)

@@ -59,7 +59,8 @@ def tune(
     if not bool((weight > 0).any()):
         raise InputError("option depth_prior", "no depth in any view to tune the network by", "some stereo or points")
     optimiser = torch.optim.Adam(parameters, RATE)
-    random, order = np.random.default_rng(seed), []
+    random = np.random.default_rng(seed)
+    order: list[int] = []
     with fixed_threads():
         for step in range(steps):
             progress("depth prior: tuning", step, steps)

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from dofbench.procedural import textures
+from dofbench.procedural.ink import Colour
 from dofbench.procedural.shapes import box, leaf, lid, merged, quad, rod
 from dofbench.procedural.stage import Lamp, Mesh, Prop, Sphere, Stage, Tube, Viewpoints
 
@@ -69,7 +70,7 @@ def _branches(rng: np.random.Generator) -> Iterable[Prop]:
         yield Prop(merged(leaves), _veined(rng, dark, light))
 
 
-def _veined(rng: np.random.Generator, dark: textures.Colour, light: textures.Colour) -> np.ndarray:
+def _veined(rng: np.random.Generator, dark: Colour, light: Colour) -> np.ndarray:
     """A leaf's face: a pale midrib with side veins on mottled green; u across, v from root to tip."""
     rows, columns = np.mgrid[0:256, 0:128]
     across = np.abs(columns / 127 - 0.5) * 2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
@@ -160,7 +161,7 @@ def _found(dataset: NamedDataset, folder: Path) -> ResolvedScene:
     )
 
 
-def _rendered_facts(folder: Path) -> dict | None:
+def _rendered_facts(folder: Path) -> dict[str, Any] | None:
     """Licence, origin and citation of a folder that make-scene wrote; None for any other."""
     file = folder / "scene.json"
     content = read_json(file) if file.is_file() else None

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
 from dofbench.core.exif import write_exif
 from dofbench.core.images import read_image, write_png
@@ -51,7 +52,7 @@ def write_scene(
     return {view.name: lens for view, lens in zip(views, model.intrinsics, strict=True)}
 
 
-def _in_front(points: PointCloud, cameras: Sequence) -> PointCloud:
+def _in_front(points: PointCloud, cameras: Sequence[Camera]) -> PointCloud:
     """Tracks without views that the point lies behind, which no lens can have seen."""
     if points.views is None:
         return points
