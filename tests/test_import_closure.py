@@ -85,6 +85,72 @@ def test_words_of_an_error_and_docstrings_may_change(tree) -> None:
     assert tree({"low/entry.py": code.format("Words.", 2, "too large")}) != before
 
 
+BRIDGE = """
+from dofbench.low.files import found
+def load(op, backend="auto"): return _module(op, backend)
+def others(op): return found(op)
+def _module(op, backend): return import_module(f"dofbench.kernels.{op}.{backend}")
+"""
+KERNELS = {
+    "low/files.py": "def found(op): return 1",
+    "kernels/__init__.py": BRIDGE,
+    "kernels/blur/__init__.py": "",
+    "kernels/blur/cpu.py": "from .cpu_part import HALF\nTWICE = 2\ndef blur(): return HALF",
+    "kernels/blur/cpu_part.py": "HALF = 2",
+    "kernels/tone/reference.py": "ZERO = 2",
+}
+# Where a change of one kernel is looked for in what calls only the other: op's files, and what changes them.
+NAMED = [
+    "from dofbench.kernels import load\ndef wanted(): return load('{}')",
+    "from dofbench.kernels import load as kernel\ndef wanted(x): return kernel('{}', 'cpu')(x)",
+    "from dofbench import kernels\ndef wanted(): return kernels.load('{}', backend='cpu')",
+    "import dofbench.kernels\ndef wanted(): return dofbench.kernels.load('{}')",
+    "def wanted():\n    from dofbench.kernels import load\n    return load('{}')",
+    "from dofbench.kernels import load\nKERNEL = load('{}')\ndef wanted(): return KERNEL",
+]
+NOT_NAMED = [
+    "from dofbench.kernels import load\ndef wanted(op='{}'): return load(op)",
+    "from dofbench.kernels import load\ndef wanted(): return [load(op) for op in ('{}',)]",
+    "from dofbench.kernels import load\ndef wanted(): return load(*['{}'])",
+    "from dofbench.kernels import load\ndef wanted(): return load('{}' + '')",
+    "from dofbench.kernels import load\ndef wanted(): return load('{}_or_another')",
+    "from dofbench.kernels import load\ndef wanted(): return partial(load, '{}')",
+    "from dofbench.kernels import load\ndef wanted(op): return load('{}'), load(op)",
+    "from dofbench import kernels\ndef wanted(): return vars(kernels)['load']('{}')",
+]
+
+
+def kernels_that_count(tree, entry: str) -> set[str]:
+    """The kernels of which a change is a change of the entry: of a backend, of its part, of the definition."""
+    before = tree({**KERNELS, "low/entry.py": entry})
+    found = set()
+    for name, text in KERNELS.items():
+        for old in ("HALF = 2", "TWICE = 2", "ZERO = 2"):
+            if old in text and tree({**KERNELS, "low/entry.py": entry, name: text.replace(old, old + "0")}) != before:
+                found.add(old.split()[0])
+    return found
+
+
+@pytest.mark.parametrize("entry", NAMED)
+def test_a_kernel_that_is_called_by_name_counts_alone(tree, entry: str) -> None:
+    assert kernels_that_count(tree, entry.format("blur")) == {"HALF", "TWICE"}
+    assert kernels_that_count(tree, entry.format("tone")) == {"ZERO"}
+
+
+@pytest.mark.parametrize("entry", NOT_NAMED)
+def test_every_kernel_counts_where_none_is_named(tree, entry: str) -> None:
+    for op in ("blur", "tone"):
+        assert kernels_that_count(tree, entry.format(op)) == {"HALF", "TWICE", "ZERO"}
+
+
+def test_what_the_bridge_itself_does_counts_for_a_named_kernel_too(tree) -> None:
+    entry = {**KERNELS, "low/entry.py": "from dofbench.kernels import others\ndef wanted(): return others('tone')"}
+    before = tree(entry)
+    assert tree({**entry, "kernels/__init__.py": BRIDGE.replace("found(op)", "found(op + 1)")}) != before
+    assert tree({**entry, "low/files.py": "def found(op): return 2"}) != before
+    assert tree({**entry, "kernels/__init__.py": BRIDGE.replace("return _module(op,", "return _module(2,")}) == before
+
+
 def test_a_file_may_have_another_name_and_place(tree) -> None:
     before = tree({"low/entry.py": USES[2], "low/constants.py": "FACTOR = 2"})
     moved = (
@@ -195,6 +261,10 @@ def test_arithmetic_outdates_what_used_it(copied, versions) -> None:
         copied, versions, "dofbench/gaussians/density.py", "_RESET_OPACITY = 0.01", "_RESET_OPACITY = 0.02"
     )
     assert {"result", "training"} <= density and not {"scatter", "renderer", "light"} & density
+    rasteriser = changed_by(copied, versions, "kernels/rasterize/cpu_layout.py", "float32(0.99)", "float32(0.98)")
+    assert {"result", "training", "gaussians"} <= rasteriser and not {"renderer", "scatter"} & rasteriser
+    blur = changed_by(copied, versions, "kernels/scatter/cpu_linear.py", "float32(126.0)", "float32(125.0)")
+    assert {"result", "training", "light", "renderer", "scatter"} <= blur
     case = changed_by(copied, versions, "dofbench/stability/files_cases.py", "LEVEL = 1 / 255", "LEVEL = 2 / 255")
     assert case == {"files"}
 

@@ -6,6 +6,9 @@ loaded by a string; what is reached is hashed. So a change outdates exactly what
 its file, and not what only shows results. Files and folders may be renamed and code may move: only what it says counts,
 without comments, docstrings and the texts of errors.
 
+Of a call as `load("scatter")` that one kernel is counted in, with all its backends. Where the kernel's name isn't
+written out in the call, every kernel is.
+
 Other packages aren't followed: their versions stand in every result. Data files that decide something are handed over
 by whoever reads them.
 """
@@ -15,6 +18,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -25,6 +29,11 @@ from dofbench.core.source_symbols import ModuleSymbols, Symbol, read_symbols
 _DEPTH = 3
 Entry = str | Callable[..., object]
 Place = tuple[str, str]  # a module and a name in it; the name "" stands for what runs when the module is imported
+
+# The package whose functions import `dofbench.kernels.<op>.<backend>` for the op that is their first argument.
+_BRIDGE = "dofbench.kernels"
+# The same package as it is reached by a call that writes the op's name out: it leads to no kernel, the call does.
+_BRIDGE_TO_ONE = "dofbench.kernels, to one op"
 
 
 class Sources:
@@ -80,6 +89,9 @@ class Sources:
 
     def symbols(self, module: str) -> ModuleSymbols | None:
         """The module's symbols; None where it is no module of these sources."""
+        if module == _BRIDGE_TO_ONE:
+            known = self.symbols(_BRIDGE)
+            return None if known is None else _without_loads(known)
         file = self.file(module)
         if file is None:
             return None
@@ -91,6 +103,12 @@ class Sources:
 @cache
 def _read(file: Path, package: str, changed: int, size: int) -> ModuleSymbols:
     return read_symbols(file.read_text(encoding="utf-8"), package)
+
+
+def _without_loads(known: ModuleSymbols) -> ModuleSymbols:
+    """The same symbols, importing nothing by a string."""
+    symbols = {name: [replace(one, loads=frozenset()) for one in found] for name, found in known.symbols.items()}
+    return replace(known, symbols=symbols, at_import=[replace(one, loads=frozenset()) for one in known.at_import])
 
 
 @cache
@@ -170,10 +188,22 @@ class _Walk:
             if first in known.symbols:
                 yield written, (module, first)
             for target, attribute in known.imported.get(first, ()):
-                yield from ((written, place) for place in self._resolved(target, [*filter(None, [attribute]), *rest]))
+                for place in self._resolved(target, [*filter(None, [attribute]), *rest]):
+                    yield from ((written, one) for one in self._narrowed(place, reference.called_with))
         for name in symbol.loads:
             for one in self._sources.matching(name):
                 yield from ((name, place) for place in self.whole(one))
+
+    def _narrowed(self, place: Place, called_with: str | None) -> Iterator[Place]:
+        """The place itself; of a call of the bridge that writes an op's name out, the bridge without its other ops."""
+        module, name = place
+        kernel = self._sources.matching(f"{_BRIDGE}.{called_with}.*") if module == _BRIDGE and called_with else []
+        if not kernel:
+            yield place
+            return
+        yield _BRIDGE_TO_ONE, name
+        for one in kernel:
+            yield from self.whole(one)
 
     def _resolved(self, module: str, path: list[str]) -> Iterator[Place]:
         """The places behind `module.path`: one definition, or a whole module where the module itself is used."""
