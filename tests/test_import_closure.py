@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from dofbench.core import import_closure
+from dofbench.core import source_graph
 from dofbench.core.content import content_folder
-from dofbench.core.import_closure import Sources, closure, closure_digest, own_sources
+from dofbench.core.import_closure import closure, closure_digest, own_sources
+from dofbench.core.source_graph import Sources
 from dofbench.results import provenance
 from dofbench.stability import unfinished
 from dofbench.stability.stability_options import GROUPS
@@ -31,7 +32,7 @@ def tree(tmp_path: Path):
             file = tmp_path / "dofbench" / name
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(text)
-        import_closure._read.cache_clear()  # files of one size may follow each other within one tick of the clock
+        source_graph._read.cache_clear()  # files of one size may follow each other within one tick of the clock
         return closure_digest([ENTRY], Sources({"dofbench": tmp_path / "dofbench"}))
 
     return digest
@@ -149,6 +150,48 @@ def test_what_the_bridge_itself_does_counts_for_a_named_kernel_too(tree) -> None
     assert tree({**entry, "kernels/__init__.py": BRIDGE.replace("found(op)", "found(op + 1)")}) != before
     assert tree({**entry, "low/files.py": "def found(op): return 2"}) != before
     assert tree({**entry, "kernels/__init__.py": BRIDGE.replace("return _module(op,", "return _module(2,")}) == before
+
+
+def test_sources_that_were_read_before_see_what_changed_since(tmp_path: Path) -> None:
+    """The same object, as one process asks again and again: a text, a module that comes, and one that goes."""
+    package = tmp_path / "dofbench"
+    (package / "parts").mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    (package / "entry.py").write_text("def wanted(name): return import_module(f'dofbench.parts.{name}'), other()\n")
+    (package / "parts" / "one.py").write_text("ONE = 1")
+    beside = Sources({"dofbench": package})
+    sources = Sources({"method": tmp_path / "method"}, beside=beside)
+
+    def digest() -> str:
+        found = closure_digest(["dofbench.entry:wanted"], sources)
+        assert found == closure_digest(["dofbench.entry:wanted"], sources)
+        return found
+
+    found = [digest()]
+    (package / "parts" / "one.py").write_text("ONE = 100")
+    found.append(digest())
+    (package / "parts" / "two.py").write_text("TWO = 2")
+    found.append(digest())
+    (package / "parts" / "one.py").unlink()
+    found.append(digest())
+    assert len(set(found)) == 4
+
+
+def test_a_method_may_use_what_is_beside_it_and_not_the_other_way_round(tmp_path: Path) -> None:
+    for name, text in {
+        "dofbench/__init__.py": "",
+        "dofbench/low.py": "FACTOR = 2",
+        "method/trainer.py": "from dofbench.low import FACTOR\ndef fit(): return FACTOR",
+    }.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    beside = Sources({"dofbench": tmp_path / "dofbench"})
+    sources = Sources({"method": tmp_path / "method"}, beside=beside)
+    assert ("dofbench.low", "FACTOR") in closure(["method."], sources)
+    assert closure(["dofbench.low"], sources).keys() == closure(["dofbench.low"], beside).keys()
+    before = closure_digest(["method."], sources)
+    (tmp_path / "dofbench" / "low.py").write_text("FACTOR = 200")
+    assert closure_digest(["method."], sources) != before
 
 
 def test_a_file_may_have_another_name_and_place(tree) -> None:

@@ -156,9 +156,10 @@ def _first_word(call: ast.Call) -> str | None:
     """The first argument of a call of a name or a dotted path, where it is a string that may be a module's name."""
     if not call.args or not _path(call.func):
         return None
-    first = call.args[0]
-    written = isinstance(first, ast.Constant) and isinstance(first.value, str) and first.value.isidentifier()
-    return first.value if written else None
+    match call.args[0]:
+        case ast.Constant(value=str(word)) if word.isidentifier():
+            return word
+    return None
 
 
 def _body(node: ast.AST) -> Sequence[ast.AST]:
