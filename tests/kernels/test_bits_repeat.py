@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
 from pathlib import Path
 
 import kernel_bits
 import pytest
+from called import called
 
 from dofbench.kernels import backend_of, ops
 
@@ -31,9 +30,8 @@ def runs(asked: list[str]) -> list[dict[str, str]]:
     """Call -> digest, in processes of one thread, of three, and of one again."""
     found = []
     for threads in ("1", "3", "1"):
-        environment = os.environ | {"OMP_NUM_THREADS": threads, "NUMBA_NUM_THREADS": threads}
         command = [sys.executable, str(PROGRAM), *asked, CHANGES]
-        done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+        done = called(command, OMP_NUM_THREADS=threads, NUMBA_NUM_THREADS=threads)
         assert done.returncode == 0, done.stderr
         found.append(json.loads(done.stdout))
     return found
