@@ -30,7 +30,6 @@ FILES = "a reader or a writer"
 PHOTOGRAPHS = "where photographs, points and depth maps of a dataset, NumPy arrays, become tensors"
 PRIOR = "depth priors come and go as NumPy arrays: sweeps, networks and checks run once, before training"
 NUMBERS = "a few numbers of the kind that options and reports hold: nothing of the size of an image"
-HOST_YET = "training runs on the CPU yet: to be mended before a method's card names another device"
 
 ALLOWED: dict[str, dict[str, int]] = {
     NUMPY_FACE: {
@@ -58,7 +57,7 @@ ALLOWED: dict[str, dict[str, int]] = {
         "learning DepthMap.samples: torch.from_numpy": 4,
         "learning sparse_depth: torch.from_numpy": 3,
         "learning _photograph: torch.from_numpy": 1,
-        "gaussians Gaussians.from_points: torch.from_numpy": 3,
+        "gaussians Gaussians.from_points: torch.from_numpy": 2,
         "gaussians Reconstruction.surface: torch.from_numpy": 1,
         "gaussians Trainer.photograph: .numpy()": 1,
         "gaussians Trainer.photograph: torch.from_numpy": 1,
@@ -92,13 +91,6 @@ ALLOWED: dict[str, dict[str, int]] = {
         "learning rendered_range: .numpy()": 1,
         "ssim gaussian_window: .tolist()": 1,
         "ssim gaussian_window: torch.arange": 1,
-    },
-    HOST_YET: {
-        "learning LearnedLenses.__init__: torch.full": 1,
-        "learning RowAdam.__init__: torch.zeros": 4,
-        "gaussians DensityControl._children: torch.randn": 1,
-        "gaussians Gaussians.from_points: torch.full": 1,
-        "gaussians Gaussians.from_points: torch.zeros": 2,
     },
 }
 

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from dofbench.core import import_closure
+from dofbench.core import source_graph
 from dofbench.core.content import content_folder
-from dofbench.core.import_closure import Sources, closure, closure_digest, own_sources
+from dofbench.core.import_closure import closure, closure_digest, own_sources
+from dofbench.core.source_graph import Sources
 from dofbench.results import provenance
 from dofbench.stability import unfinished
 from dofbench.stability.stability_options import GROUPS
@@ -31,7 +32,7 @@ def tree(tmp_path: Path):
             file = tmp_path / "dofbench" / name
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(text)
-        import_closure._read.cache_clear()  # files of one size may follow each other within one tick of the clock
+        source_graph._read.cache_clear()  # files of one size may follow each other within one tick of the clock
         return closure_digest([ENTRY], Sources({"dofbench": tmp_path / "dofbench"}))
 
     return digest
@@ -83,6 +84,114 @@ def test_words_of_an_error_and_docstrings_may_change(tree) -> None:
     before = tree({"low/entry.py": code.format("Words.", 1, "too large")})
     assert tree({"low/entry.py": code.format("Others.", 1, "larger than 1")}) == before
     assert tree({"low/entry.py": code.format("Words.", 2, "too large")}) != before
+
+
+BRIDGE = """
+from dofbench.low.files import found
+def load(op, backend="auto"): return _module(op, backend)
+def others(op): return found(op)
+def _module(op, backend): return import_module(f"dofbench.kernels.{op}.{backend}")
+"""
+KERNELS = {
+    "low/files.py": "def found(op): return 1",
+    "kernels/__init__.py": BRIDGE,
+    "kernels/blur/__init__.py": "",
+    "kernels/blur/cpu.py": "from .cpu_part import HALF\nTWICE = 2\ndef blur(): return HALF",
+    "kernels/blur/cpu_part.py": "HALF = 2",
+    "kernels/tone/reference.py": "ZERO = 2",
+}
+# Where a change of one kernel is looked for in what calls only the other: op's files, and what changes them.
+NAMED = [
+    "from dofbench.kernels import load\ndef wanted(): return load('{}')",
+    "from dofbench.kernels import load as kernel\ndef wanted(x): return kernel('{}', 'cpu')(x)",
+    "from dofbench import kernels\ndef wanted(): return kernels.load('{}', backend='cpu')",
+    "import dofbench.kernels\ndef wanted(): return dofbench.kernels.load('{}')",
+    "def wanted():\n    from dofbench.kernels import load\n    return load('{}')",
+    "from dofbench.kernels import load\nKERNEL = load('{}')\ndef wanted(): return KERNEL",
+]
+NOT_NAMED = [
+    "from dofbench.kernels import load\ndef wanted(op='{}'): return load(op)",
+    "from dofbench.kernels import load\ndef wanted(): return [load(op) for op in ('{}',)]",
+    "from dofbench.kernels import load\ndef wanted(): return load(*['{}'])",
+    "from dofbench.kernels import load\ndef wanted(): return load('{}' + '')",
+    "from dofbench.kernels import load\ndef wanted(): return load('{}_or_another')",
+    "from dofbench.kernels import load\ndef wanted(): return partial(load, '{}')",
+    "from dofbench.kernels import load\ndef wanted(op): return load('{}'), load(op)",
+    "from dofbench import kernels\ndef wanted(): return vars(kernels)['load']('{}')",
+]
+
+
+def kernels_that_count(tree, entry: str) -> set[str]:
+    """The kernels of which a change is a change of the entry: of a backend, of its part, of the definition."""
+    before = tree({**KERNELS, "low/entry.py": entry})
+    found = set()
+    for name, text in KERNELS.items():
+        for old in ("HALF = 2", "TWICE = 2", "ZERO = 2"):
+            if old in text and tree({**KERNELS, "low/entry.py": entry, name: text.replace(old, old + "0")}) != before:
+                found.add(old.split()[0])
+    return found
+
+
+@pytest.mark.parametrize("entry", NAMED)
+def test_a_kernel_that_is_called_by_name_counts_alone(tree, entry: str) -> None:
+    assert kernels_that_count(tree, entry.format("blur")) == {"HALF", "TWICE"}
+    assert kernels_that_count(tree, entry.format("tone")) == {"ZERO"}
+
+
+@pytest.mark.parametrize("entry", NOT_NAMED)
+def test_every_kernel_counts_where_none_is_named(tree, entry: str) -> None:
+    for op in ("blur", "tone"):
+        assert kernels_that_count(tree, entry.format(op)) == {"HALF", "TWICE", "ZERO"}
+
+
+def test_what_the_bridge_itself_does_counts_for_a_named_kernel_too(tree) -> None:
+    entry = {**KERNELS, "low/entry.py": "from dofbench.kernels import others\ndef wanted(): return others('tone')"}
+    before = tree(entry)
+    assert tree({**entry, "kernels/__init__.py": BRIDGE.replace("found(op)", "found(op + 1)")}) != before
+    assert tree({**entry, "low/files.py": "def found(op): return 2"}) != before
+    assert tree({**entry, "kernels/__init__.py": BRIDGE.replace("return _module(op,", "return _module(2,")}) == before
+
+
+def test_sources_that_were_read_before_see_what_changed_since(tmp_path: Path) -> None:
+    """The same object, as one process asks again and again: a text, a module that comes, and one that goes."""
+    package = tmp_path / "dofbench"
+    (package / "parts").mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    (package / "entry.py").write_text("def wanted(name): return import_module(f'dofbench.parts.{name}'), other()\n")
+    (package / "parts" / "one.py").write_text("ONE = 1")
+    beside = Sources({"dofbench": package})
+    sources = Sources({"method": tmp_path / "method"}, beside=beside)
+
+    def digest() -> str:
+        found = closure_digest(["dofbench.entry:wanted"], sources)
+        assert found == closure_digest(["dofbench.entry:wanted"], sources)
+        return found
+
+    found = [digest()]
+    (package / "parts" / "one.py").write_text("ONE = 100")
+    found.append(digest())
+    (package / "parts" / "two.py").write_text("TWO = 2")
+    found.append(digest())
+    (package / "parts" / "one.py").unlink()
+    found.append(digest())
+    assert len(set(found)) == 4
+
+
+def test_a_method_may_use_what_is_beside_it_and_not_the_other_way_round(tmp_path: Path) -> None:
+    for name, text in {
+        "dofbench/__init__.py": "",
+        "dofbench/low.py": "FACTOR = 2",
+        "method/trainer.py": "from dofbench.low import FACTOR\ndef fit(): return FACTOR",
+    }.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    beside = Sources({"dofbench": tmp_path / "dofbench"})
+    sources = Sources({"method": tmp_path / "method"}, beside=beside)
+    assert ("dofbench.low", "FACTOR") in closure(["method."], sources)
+    assert closure(["dofbench.low"], sources).keys() == closure(["dofbench.low"], beside).keys()
+    before = closure_digest(["method."], sources)
+    (tmp_path / "dofbench" / "low.py").write_text("FACTOR = 200")
+    assert closure_digest(["method."], sources) != before
 
 
 def test_a_file_may_have_another_name_and_place(tree) -> None:
@@ -195,6 +304,10 @@ def test_arithmetic_outdates_what_used_it(copied, versions) -> None:
         copied, versions, "dofbench/gaussians/density.py", "_RESET_OPACITY = 0.01", "_RESET_OPACITY = 0.02"
     )
     assert {"result", "training"} <= density and not {"scatter", "renderer", "light"} & density
+    rasteriser = changed_by(copied, versions, "kernels/rasterize/cpu_layout.py", "float32(0.99)", "float32(0.98)")
+    assert {"result", "training", "gaussians"} <= rasteriser and not {"renderer", "scatter"} & rasteriser
+    blur = changed_by(copied, versions, "kernels/scatter/cpu_linear.py", "float32(126.0)", "float32(125.0)")
+    assert {"result", "training", "light", "renderer", "scatter"} <= blur
     case = changed_by(copied, versions, "dofbench/stability/files_cases.py", "LEVEL = 1 / 255", "LEVEL = 2 / 255")
     assert case == {"files"}
 
@@ -202,7 +315,7 @@ def test_arithmetic_outdates_what_used_it(copied, versions) -> None:
 def test_a_kernel_is_compiled_again_after_a_constant_in_another_package_changed(copied, tmp_path) -> None:
     program = (
         "import torch\nfrom dofbench.kernels import load\nfrom dofbench.compute import kernel_cache\n"
-        "load('scatter')(torch.rand(9, 9, 3), torch.full((9, 9), 2.0), alpha=5.0)\nprint(kernel_cache.compiled())"
+        "load('tone')(torch.rand(9), 2.2, 0.01, 0.01**1.2)\nprint(kernel_cache.compiled())"
     )
     environment = {**os.environ, "PYTHONPATH": str(copied), "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONSAFEPATH": "1"}
 
@@ -216,7 +329,7 @@ def test_a_kernel_is_compiled_again_after_a_constant_in_another_package_changed(
     first = compiled()
     assert first > 0
     assert compiled() == 0
-    with edited(copied / "dofbench/core/lens.py", "AREA_EPSILON = ", "AREA_EPSILON = 2 * "):
+    with edited(copied / "dofbench/compute/simd.py", "np.sqrt(0.5)", "np.sqrt(0.51)"):
         assert compiled() > 0
 
 

@@ -11,11 +11,13 @@ from typing import Any
 from dofbench.core.aligned import aligned
 from dofbench.core.contracts import ListsOptions, MethodOption
 from dofbench.core.errors import InputError
+from dofbench.kernels import backend_of, backends, chosen
 from dofbench.running.method_cards import Card, Claims, MethodEntry, find_method, method_files
 
 _WIDTH = 110  # characters per line, where the output isn't a terminal
 _NARROWEST = 60
 _HEADINGS = ("option", "default", "unit", "type")
+_KERNEL_HEADINGS = ("kernel", "backend", "devices", "types", "bits repeat")
 
 
 def print_methods(method: str | None = None) -> bool:
@@ -61,6 +63,7 @@ def _one_method(entry: MethodEntry) -> tuple[list[str], bool]:
     )
     lines += ["", "Presets (--preset NAME)", *_presets(entry)]
     lines += _left_out(card)
+    lines += _kernels(card)
     options, whole = _options(entry)
     lines += ["", "Options (--set NAME=VALUE)", *options, "", "Figures published by the authors, on their own data"]
     lines += ["  nothing"] if card.claims is None else _claims(card.claims)
@@ -90,6 +93,27 @@ def _left_out(card: Card) -> list[str]:
         return []
     lines = aligned([(f"  {stage}", _pairs(options)) for stage, options in switches.items()])
     return ["", "Options that the plan sets if a dataset doesn't need a stage (not with --force-all)", *lines]
+
+
+def _kernels(card: Card) -> list[str]:
+    """Which backends there are of the kernels that the method calls; no line where its card names no kernel.
+
+    Its kernels repeat their bits on a device where each backend that a float32 call gets there says so of itself.
+    """
+    if not card.kernels:
+        return []
+    rows = [(f"  {_KERNEL_HEADINGS[0]}", *_KERNEL_HEADINGS[1:])]
+    for op in card.kernels:
+        for name in backends(op):
+            backend = backend_of(op, name)
+            repeat = _yes(backend.bits_repeat)
+            rows.append((f"  {op}", name, ", ".join(backend.devices), ", ".join(backend.dtypes), repeat))
+    lines = ["", "Kernels that it calls, and what each can run on", *aligned(rows)]
+    for device in card.devices:
+        changing = [op for op in card.kernels if not backend_of(op, chosen(op, device)).bits_repeat]
+        said = f"all but {', '.join(changing)} give" if changing else "all give"
+        lines.append(f"  On {device} {said} the same bits in every run, whatever the number of threads.")
+    return lines
 
 
 def _options(entry: MethodEntry) -> tuple[list[str], bool]:

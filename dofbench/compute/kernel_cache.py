@@ -9,7 +9,8 @@ from typing import Any, Protocol
 
 from numba.core.caching import FunctionCache
 
-from dofbench.core.import_closure import Sources, closure_digest, own_sources
+from dofbench.core.import_closure import closure_digest, own_sources
+from dofbench.core.source_graph import Sources
 
 _compiled = 0
 
@@ -58,7 +59,7 @@ def _sources_of(function: Callable[..., object]) -> str:
     if own_sources().file(function.__module__):
         return closure_digest([function])
     file = Path(function.__code__.co_filename)
-    beside = Sources({**own_sources().roots, "": file.parent})
+    beside = Sources({"": file.parent}, beside=own_sources())
     return closure_digest([f"{file.stem}:{function.__qualname__.partition('.')[0]}"], beside)
 
 

@@ -35,9 +35,14 @@ _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
 
 @dataclass(frozen=True)
 class Reference:
-    """What a symbol refers to: a local name and the dotted path behind it, as written: `name`, or `name.a.b`."""
+    """What a symbol refers to: a local name and the dotted path behind it, as written: `name`, or `name.a.b`.
+
+    called_with: "scatter" where it is called as `name("scatter", ...)`: the first argument, written out and fit to name
+    a module; None for any other use.
+    """
 
     path: tuple[str, ...]
+    called_with: str | None = None
 
 
 @dataclass
@@ -133,11 +138,28 @@ def _collect(node: ast.AST, references: set[Reference], loads: set[str], local: 
             return
     if isinstance(node, ast.Call) and _path(node.func)[-1:] == ("import_module",) and node.args:
         _load(node.args[0], loads)
+    if isinstance(node, ast.Call) and (first := _first_word(node)) is not None:
+        path = _path(node.func)
+        if path[0] not in local:
+            references.add(Reference(path, first))
+        for child in (*node.args, *node.keywords):
+            _collect(child, references, loads, local)
+        return
     body = _body(node)
     inside = local | _local(node) if isinstance(node, _FUNCTIONS) else local
     for child in ast.iter_child_nodes(node):
         # Decorators, defaults and annotations are evaluated outside.
         _collect(child, references, loads, inside if any(child is one for one in body) else local)
+
+
+def _first_word(call: ast.Call) -> str | None:
+    """The first argument of a call of a name or a dotted path, where it is a string that may be a module's name."""
+    if not call.args or not _path(call.func):
+        return None
+    match call.args[0]:
+        case ast.Constant(value=str(word)) if word.isidentifier():
+            return word
+    return None
 
 
 def _body(node: ast.AST) -> Sequence[ast.AST]:

@@ -161,7 +161,9 @@ class DensityControl:
         """Two children of each parent, their means drawn from the parent's distribution."""
         children = {name: value.repeat(2, *[1] * (value.ndim - 1)) for name, value in parents.items()}
         scales = children["log_scales"].exp()
-        offsets = torch.randn(scales.shape, generator=self._generator) * scales
+        # The generator is one of the host, so that a seed draws the same children on every device.
+        normal = torch.randn(scales.shape, generator=self._generator, device=self._generator.device)
+        offsets = normal.to(scales.device) * scales
         children["means"] = children["means"] + rotate(children["quaternions"], offsets)
         children["log_scales"] = children["log_scales"] - math.log(_SPLIT_SHRINK)
         return children

@@ -34,7 +34,7 @@ class GaussianMethod:
     FORCED: ClassVar[Mapping[str, Any]] = {}
 
     def __init__(self, options: Mapping[str, Any], seed: int, device: str):
-        resolve(device, ("cpu",), "this version's training of Gaussians")
+        self._device = resolve(device, ("cpu",), "this version's training of Gaussians")
         fixed = sorted(set(options) & set(self.FORCED))
         if fixed:
             raise InputError(f"option {fixed[0]}", "a value", "none: this method fixes it")
@@ -58,7 +58,7 @@ class GaussianMethod:
 
     def fit(self, training_set: TrainingSet, budget: Budget, observer: Observer) -> FitOutcome:
         """Train from the sparse points; raises InputError when there are none."""
-        self._trainer = Trainer(training_set, self._options, self._seed)
+        self._trainer = Trainer(training_set, self._options, self._seed, self._device)
         self._gaussians, self._exposures = self._trainer.gaussians, None
         outcome = self._trainer.fit(budget, observer)
         self._exposures = Exposures(self._gaussians, self.options)

@@ -43,10 +43,10 @@ class Gaussians:
         return math.isqrt(self.parameters["sh_rest"].shape[1] + 1) - 1
 
     @staticmethod
-    def from_points(points: PointCloud | None, sh_degree: int) -> Gaussians:
+    def from_points(points: PointCloud | None, sh_degree: int, device: torch.device | str = "cpu") -> Gaussians:
         """One Gaussian a point: scale from the three nearest neighbours, the point's colour (3DGS).
 
-        Raises InputError when there are fewer than four points.
+        device: where the parameters lie. Raises InputError when there are fewer than four points.
         """
         from scipy.spatial import cKDTree
 
@@ -55,18 +55,20 @@ class Gaussians:
         distances, _ = cKDTree(points.xyz).query(points.xyz, k=4, workers=-1)
         mean_square = np.maximum((distances[:, 1:] ** 2).mean(axis=1), 1e-7)
         count = len(points)
-        scales = torch.from_numpy(0.5 * np.log(mean_square)).float()
-        quaternions = torch.zeros(count, 4)
+        scales = torch.from_numpy(0.5 * np.log(mean_square)).float().to(device)
+        quaternions = torch.zeros(count, 4, device=device)
         quaternions[:, 0] = 1.0
-        colours = torch.from_numpy(np.asarray(points.rgb, dtype=np.float32))
+        colours = torch.from_numpy(np.asarray(points.rgb, dtype=np.float32)).to(device)
         return Gaussians(
             {
-                "means": torch.from_numpy(points.xyz).float(),
+                "means": torch.from_numpy(points.xyz).float().to(device),
                 "log_scales": scales[:, None].repeat(1, 3),
                 "quaternions": quaternions,
-                "opacity_logits": torch.full((count,), math.log(INITIAL_OPACITY / (1 - INITIAL_OPACITY))),
+                "opacity_logits": torch.full(
+                    (count,), math.log(INITIAL_OPACITY / (1 - INITIAL_OPACITY)), device=device
+                ),
                 "sh_dc": (colours - 0.5) / SH_C0,
-                "sh_rest": torch.zeros(count, (sh_degree + 1) ** 2 - 1, 3),
+                "sh_rest": torch.zeros(count, (sh_degree + 1) ** 2 - 1, 3, device=device),
             }
         )
 

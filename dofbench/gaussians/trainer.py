@@ -46,8 +46,8 @@ class Trainer:
     After `fit`, or during it from an observer, `render` and `lens_estimates` work at any time.
     """
 
-    def __init__(self, training_set: TrainingSet, options: GaussianOptions, seed: int):
-        self.state = TrainingState(training_set, options, seed)
+    def __init__(self, training_set: TrainingSet, options: GaussianOptions, seed: int, device: str = "cpu"):
+        self.state = TrainingState(training_set, options, seed, device)
         self.views = training_set.views
         self.decisions: list[Decision] = []
         self._training_set, self._seed = training_set, seed

@@ -50,15 +50,16 @@ class Snapshot:
 class TrainingState:
     """Gaussians, learned lenses and colours, their optimisers, and the random generators.
 
+    device: where the tensors lie.
     random: draws the order of photographs and turns the points of the lens. generator: draws the children of Gaussians.
     cameras: those of the photographs at the current training size. range: the range of the sparse points' disparities.
     loss: the loss of the last step.
     """
 
-    def __init__(self, training_set: TrainingSet, options: GaussianOptions, seed: int):
-        self._views = training_set.views
+    def __init__(self, training_set: TrainingSet, options: GaussianOptions, seed: int, device: str = "cpu"):
+        self._views, self._device = training_set.views, device
         self.cameras = [view.camera for view in self._views]
-        self.gaussians = Gaussians.from_points(training_set.points, options.appearance.sh_degree)
+        self.gaussians = Gaussians.from_points(training_set.points, options.appearance.sh_degree, device)
         self._extent = scene_extent(self.cameras)
         self.generator = torch.Generator().manual_seed(seed)
         self.random = np.random.default_rng(seed)
@@ -67,8 +68,8 @@ class TrainingState:
         self.lenses: LearnedLenses | None = None
         if options.lens.lens:
             ties = lens_ties(self._views, options.lens.lens_per)
-            self.lenses = LearnedLenses(len(self._views), self.range, options.lens, ties)
-        self.colours = LearnedColours(len(self._views), options.colours)
+            self.lenses = LearnedLenses(len(self._views), self.range, options.lens, ties, device)
+        self.colours = LearnedColours(len(self._views), options.colours, device)
         self.order = ViewOrder(len(self._views), options.outliers)
         self.loss = math.nan
         self._use(options)
@@ -86,7 +87,8 @@ class TrainingState:
 
     def start_from(self, points: PointCloud) -> None:
         """Start again from these points. The object `gaussians` stays the same, since other objects refer to it."""
-        self.gaussians.parameters = Gaussians.from_points(points, self.options.appearance.sh_degree).parameters
+        begun = Gaussians.from_points(points, self.options.appearance.sh_degree, self._device)
+        self.gaussians.parameters = begun.parameters
         self._optimise()
         self.gaussians.update_filter_3d(self.cameras)
 

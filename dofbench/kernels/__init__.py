@@ -27,7 +27,7 @@ from dofbench.core.errors import InputError
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["backend_of", "backends", "is_warm", "load", "ops", "require", "runs_on", "warm_up"]
+__all__ = ["backend_of", "backends", "chosen", "is_warm", "load", "ops", "require", "runs_on", "warm_up"]
 __path__ = [str(content_folder("kernels"))]
 
 REFERENCE = "reference"
@@ -82,14 +82,25 @@ def require(op: str, device: str, who: str) -> None:
         raise InputError(f"{who} on {device}", f"kernel {op} without a backend there", _offer(op))
 
 
+def chosen(op: str, device: str = "cpu", dtype: str = "float32") -> str:
+    """The backend that a call with such tensors gets: the first that takes them, the reference if no other does.
+
+    Raises InputError where no backend of the op takes them.
+    """
+    for name in backends(op):
+        if backend_of(op, name).takes(device, dtype):
+            return name
+    raise InputError(f"kernel {op}", f"tensors of {dtype} on {device}", _offer(op))
+
+
 def warm_up(op: str, device: str = "cpu", dtype: str = "float32", **options: Any) -> None:
     """Compile the code that an op needs for such tensors, if it isn't compiled yet; options: see `Backend.warm_up`."""
-    backend_of(op, _chosen(op, device, dtype)).warm_up(**options)
+    backend_of(op, chosen(op, device, dtype)).warm_up(**options)
 
 
 def is_warm(op: str, device: str = "cpu", dtype: str = "float32") -> bool:
     """Whether an earlier process on this machine has compiled all that a warm-up of this op would compile."""
-    return backend_of(op, _chosen(op, device, dtype)).is_warm()
+    return backend_of(op, chosen(op, device, dtype)).is_warm()
 
 
 def _dispatched(op: str, function: str | None, *arguments: Any, **options: Any) -> Any:
@@ -100,21 +111,14 @@ def _dispatched(op: str, function: str | None, *arguments: Any, **options: Any) 
     if len(devices) > 1:
         raise InputError(f"kernel {op}", f"tensors on {' and '.join(devices)}", "all on one device")
     first = tensors[0]
-    chosen = _chosen(op, first.device.type, str(first.dtype).removeprefix("torch."))
-    return _function(op, chosen, function)(*arguments, **options)
+    backend = chosen(op, first.device.type, str(first.dtype).removeprefix("torch."))
+    return _function(op, backend, function)(*arguments, **options)
 
 
 def _tensors(arguments: tuple[Any, ...]) -> Iterator[Tensor]:
     import torch
 
     return (argument for argument in arguments if isinstance(argument, torch.Tensor))
-
-
-def _chosen(op: str, device: str, dtype: str) -> str:
-    for name in backends(op):
-        if backend_of(op, name).takes(device, dtype):
-            return name
-    raise InputError(f"kernel {op}", f"tensors of {dtype} on {device}", _offer(op))
 
 
 def _offer(op: str) -> str:

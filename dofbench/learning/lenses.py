@@ -84,13 +84,21 @@ class LearnedLenses:
     are given in scene units, so they can be compared with the truth without a fit.
     """
 
-    def __init__(self, count: int, disparity_range: DisparityRange, options: LensOptions, ties: Ties | None = None):
+    def __init__(
+        self,
+        count: int,
+        disparity_range: DisparityRange,
+        options: LensOptions,
+        ties: Ties | None = None,
+        device: torch.device | str = "cpu",
+    ):
         self._options, self._first_range = options, disparity_range
         self.ranges = [disparity_range] * count
         self._ties = Ties.untied(count) if ties is None else ties
         self._numbers = (self._ties.aperture, self._ties.focus)
         self._raw = [
-            torch.full((max(numbers) + 1,), value) for numbers, value in zip(self._numbers, self._start(), strict=True)
+            torch.full((max(numbers) + 1,), value, device=device)
+            for numbers, value in zip(self._numbers, self._start(), strict=True)
         ]
         self._first = [torch.zeros_like(raw) for raw in self._raw]
         self._second = [torch.zeros_like(raw) for raw in self._raw]
@@ -197,7 +205,7 @@ class LearnedLenses:
         """These lenses under the given ties: a shared aperture or focus is the median over the views that share it."""
         pairs = np.array([self.aperture_and_focus(view) for view in range(len(self.ranges))])
         apertures, foci = pairs[:, 0] / np.array(ties.opening), pairs[:, 1]
-        lenses = LearnedLenses(len(self.ranges), self._first_range, self._options, ties)
+        lenses = LearnedLenses(len(self.ranges), self._first_range, self._options, ties, self._raw[0].device)
         lenses.ranges = list(self.ranges)
         for view in range(len(self.ranges)):
             number, place = ties.aperture[view], ties.focus[view]

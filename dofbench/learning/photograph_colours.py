@@ -49,10 +49,10 @@ class LearnedColours:
     """A colour transform for each photograph, starting from identity: `colour_per_view` "gain" or "affine"; with "off"
     none is learned."""
 
-    def __init__(self, count: int, options: ColourOptions):
+    def __init__(self, count: int, options: ColourOptions, device: torch.device | str = "cpu"):
         self._options = options
         self._kind = options.colour_per_view
-        self._table = RowAdam(count, _COLUMNS[self._kind])
+        self._table = RowAdam(count, _COLUMNS[self._kind], device)
 
     @property
     def learned(self) -> bool:

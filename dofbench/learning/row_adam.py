@@ -13,11 +13,11 @@ class RowAdam:
     """Parameters (rows, columns), starting at zero; each row's moments depend on the steps on that row alone (Adam:
     Kingma and Ba, 2015)."""
 
-    def __init__(self, rows: int, columns: int):
-        self.values = torch.zeros(rows, columns)
-        self._first = torch.zeros(rows, columns)
-        self._second = torch.zeros(rows, columns)
-        self._visits = torch.zeros(rows)
+    def __init__(self, rows: int, columns: int, device: torch.device | str = "cpu"):
+        self.values = torch.zeros(rows, columns, device=device)
+        self._first = torch.zeros_like(self.values)
+        self._second = torch.zeros_like(self.values)
+        self._visits = self.values.new_zeros(rows)
         self._leaf: Tensor | None = None
 
     def leaf(self, row: int) -> Tensor:

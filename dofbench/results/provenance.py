@@ -15,7 +15,8 @@ from pathlib import Path
 import dofbench
 from dofbench.compute.devices import describe
 from dofbench.core.files import canonical_json
-from dofbench.core.import_closure import Sources, closure_digest, own_sources
+from dofbench.core.import_closure import closure_digest, own_sources
+from dofbench.core.source_graph import Sources
 
 _PACKAGE = Path(dofbench.__file__).resolve().parent
 _METHOD = "method"  # the name under which a method's own folder is read
@@ -33,7 +34,7 @@ def code_version(method_folder: Path) -> str:
     code in the method's own folder, and the class that its card names. Comments, documentation, reports, the text of
     errors and the location of files aren't included.
     """
-    sources = Sources({**own_sources().roots, _METHOD: method_folder})
+    sources = Sources({_METHOD: method_folder}, beside=own_sources())
     card = tomllib.loads((method_folder / "method.toml").read_text(encoding="utf-8"))
     steering = canonical_json({key: card.get(key) for key in _STEERS})
     return f"{dofbench.__version__}+{closure_digest([*_MAKES_SCORES, f'{_METHOD}.'], sources, [steering.encode()])}"

@@ -8,7 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from dofbench.core.content import method_folders
-from dofbench.core.import_closure import Sources, closure_digest, own_sources
+from dofbench.core.import_closure import closure_digest, own_sources
+from dofbench.core.source_graph import Sources
 from dofbench.stability.case import Found
 from dofbench.stability.stability_options import GROUPS
 
@@ -58,4 +59,4 @@ def code_of(group: str) -> str:
     methods = {f"method{index}": folder for index, folder in enumerate(folders)}
     entries = [f"dofbench.stability.{group}_cases", *(f"{name}." for name in methods)]
     cards = [(folder / "method.toml").read_bytes() for folder in folders]
-    return closure_digest(entries, Sources({**own_sources().roots, **methods}), cards)
+    return closure_digest(entries, Sources(methods, beside=own_sources()), cards)

@@ -11,6 +11,7 @@ from called import called
 from harness_fakes import write_method
 
 from dofbench import cli
+from dofbench.commands import list_methods
 
 # What a method's class may say of its options; appended to the fake's code.
 LISTED = """
@@ -126,6 +127,30 @@ def test_a_shipped_method_says_where_its_claims_stand(said) -> None:
     text = " ".join(" ".join(lines).split())
     assert status == 0 and "Source: Shen et al., CVPR 2025, Tables 2, 6 and 7" in text
     assert "  quick: the default on the built-in dataset, as cpu, but" in lines and "      steps=1500" in lines
+
+
+def test_the_kernels_of_a_shipped_method_with_their_backends(said) -> None:
+    _, lines, _ = said("methods", "mipsplatting")
+    first = next(index for index, line in enumerate(lines) if line.split()[:2] == ["kernel", "backend"])
+    rows = [cells(lines[first], line) for line in lines[first + 1 : lines.index("", first) - 1]]
+    assert {row["kernel"] for row in rows} == {"rasterize", "ssim", "stereo"}
+    expected = {"kernel": "ssim", "backend": "cpu", "devices": "cpu", "types": "float32", "bits repeat": "yes"}
+    assert expected in rows
+    expected = {"backend": "reference", "devices": "cpu, cuda", "types": "float64, float32", "bits repeat": "no"}
+    assert {"kernel": "ssim", **expected} in rows
+    assert "  On cpu all give the same bits in every run, whatever the number of threads." in lines
+
+
+def test_a_kernel_whose_bits_change_is_named(said, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a call would get the reference, as it would without a compiled backend."""
+    monkeypatch.setattr(list_methods, "chosen", lambda op, device: "reference" if op == "ssim" else "cpu")
+    _, lines, _ = said("methods", "mipsplatting")
+    assert "  On cpu all but ssim give the same bits in every run, whatever the number of threads." in lines
+
+
+def test_a_method_without_kernels_has_no_such_lines(fakes: Path, said) -> None:
+    _, lines, _ = said("methods", "silent")
+    assert not any("Kernels" in line or "bits" in line for line in lines)
 
 
 def test_an_unknown_method_is_one_line(fakes: Path, said) -> None:

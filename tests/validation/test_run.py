@@ -11,6 +11,7 @@ import pytest
 from called import called, dofbench, killed
 from rich.console import Console
 
+from dofbench import cli
 from dofbench.core.errors import InputError
 from dofbench.core.images import write_exr
 from dofbench.validation import kept_scores, planes
@@ -173,9 +174,10 @@ def test_killed_at_any_moment_it_goes_on(blb, tmp_path):
     assert len({(row["name"], row["aperture"], row["focus"]) for row in rows(tmp_path / "out")}) == 4
 
 
-def test_a_wrong_folder_is_one_line_and_status_2(tmp_path):
-    done = called(dofbench("validate-renderer", tmp_path))
-    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "scene.json" in done.stderr
+def test_a_wrong_folder_is_one_line_and_status_2(tmp_path, capsys):
+    assert cli.main(["validate-renderer", str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "scene.json" in said
 
 
 def test_nothing_to_do_is_said(tmp_path):

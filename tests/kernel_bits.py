@@ -1,0 +1,110 @@
+"""A call of every function of every kernel with its gradient, and a digest of the bits that come out.
+
+    python tests/kernel_bits.py "tone cpu cpu float32" ...     # op, backend, device, type: one line of JSON, by these
+
+A program, so that the same calls can be compared between processes and numbers of threads.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import torch
+from random_gaussians import render, scene, view
+from torch import Tensor
+
+from dofbench.compute.devices import kinds_here
+from dofbench.kernels import backend_of, backends, load, ops
+
+# Large enough for torch to split a sum among threads (from 32 768 numbers on) and for several of each kernel's blocks.
+HEIGHT, WIDTH = 130, 310
+
+
+def ssim(load: Callable[..., Callable[..., Tensor]], to: Callable[[Tensor], Tensor]) -> Iterator[Tensor]:
+    target, weight = to(torch.rand(HEIGHT, WIDTH, 3)), to(torch.rand(HEIGHT, WIDTH))
+    for function, options in (("ssim", {}), ("l1_ssim", {"ssim_weight": 0.2, "weight": weight})):
+        prediction = to(torch.rand(HEIGHT, WIDTH, 3)).requires_grad_()
+        value = load(function)(prediction, target, **options)
+        value.backward()
+        yield from (value, prediction.grad)
+
+
+def scatter(load: Callable[..., Callable[..., Tensor]], to: Callable[[Tensor], Tensor]) -> Iterator[Tensor]:
+    for form in ("direct", "linear"):
+        image = to(torch.rand(HEIGHT, WIDTH, 3)).requires_grad_()
+        radius = to(torch.rand(HEIGHT, WIDTH) * 8 - 4).requires_grad_()
+        blurred = load("scatter")(image, radius, form=form)
+        (blurred * to(torch.rand(HEIGHT, WIDTH, 3))).sum().backward()
+        yield from (blurred, image.grad, radius.grad)
+
+
+def rasterize(load: Callable[..., Callable[..., Tensor]], to: Callable[[Tensor], Tensor]) -> Iterator[Tensor]:
+    gaussians = scene(400, seed=5)
+    outputs, gradients, statistics = render(load("rasterize"), gaussians, to(torch.zeros(1)).dtype, camera=view(70, 60))
+    yield from (output for output in outputs if output is not None)
+    yield from gradients.values()
+    yield from (statistics.visible, statistics.radii, statistics.grad_2d, statistics.abs_grad_2d)
+
+
+def stereo(load: Callable[..., Callable[..., Any]], to: Callable[[Tensor], Tensor]) -> Iterator[Tensor]:
+    image, other = to(torch.rand(60, 90)), to(torch.rand(2, 60, 90))
+    maps = torch.eye(3, 4, dtype=torch.float64).repeat(2, 1, 1)
+    maps[:, 0, 3] = torch.tensor([6.0, -4.0])
+    scores = load("stereo")(image, other, maps, to(torch.linspace(0.1, 1.0, 9)), radius=3, best=2)
+    load("upsample")(scores, to(torch.rand(30, 45, 5)), 0.3)
+    yield scores
+    plane, score, margin = load("semiglobal")(scores, image, small=0.1, large=0.8, edge=0.1)
+    yield from (plane, score, margin)
+    depth = 2 + to(torch.rand(60, 90))
+    there, back = torch.eye(3, 4, dtype=torch.float64), torch.eye(3, 4, dtype=torch.float64)
+    yield load("returns")(depth, depth.flip(0).contiguous(), there, back, pixels=1.0, share=0.1)
+
+
+def tone(load: Callable[..., Callable[..., Tensor]], to: Callable[[Tensor], Tensor]) -> Iterator[Tensor]:
+    values = to(torch.rand(HEIGHT, WIDTH, 3)).requires_grad_()
+    decoded = load("tone")(values, 2.2, 0.01, 0.01**1.2)
+    decoded.sum().backward()
+    yield from (decoded, values.grad)
+
+
+CALLS: dict[str, Callable[..., Iterator[Tensor]]] = {
+    "ssim": ssim,
+    "scatter": scatter,
+    "rasterize": rasterize,
+    "stereo": stereo,
+    "tone": tone,
+}
+
+
+def digest(op: str, backend: str, device: str, dtype: str) -> str:
+    """Of all that the op's functions give, and their gradients, by random inputs that are always the same."""
+    torch.manual_seed(0)
+
+    def function(name: str) -> Callable[..., Any]:
+        return load(op, backend, function=name)
+
+    def to(tensor: Tensor) -> Tensor:
+        return tensor.to(device, getattr(torch, dtype))
+
+    found = hashlib.sha256()
+    for tensor in CALLS[op](function, to):
+        found.update(tensor.detach().cpu().contiguous().numpy().tobytes())
+    return found.hexdigest()
+
+
+def every_call() -> Iterator[tuple[str, str, str, str]]:
+    """(op, backend, device, type) of whatever can run on this machine."""
+    for op in ops():
+        for name in backends(op):
+            backend = backend_of(op, name)
+            for device in backend.devices:
+                if device in kinds_here():
+                    yield from ((op, name, device, dtype) for dtype in backend.dtypes)
+
+
+if __name__ == "__main__":
+    print(json.dumps({asked: digest(*asked.split()) for asked in sys.argv[1:]}))
