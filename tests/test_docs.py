@@ -278,3 +278,17 @@ def test_every_python_block_of_a_guide_is_tried() -> None:
     pages = [ROOT / "README.md", *GUIDES]
     shown = {name(page) for page in pages for one in blocks(page) if one.language == "python" and not one.mark}
     assert shown == {"docs/methods.md"}
+
+
+def test_an_order_is_found_where_there_is_one(draw_packages: ModuleType) -> None:
+    below = {"cli": {"b", "a"}, "a": {"core"}, "b": {"a"}, "core": set()}
+    assert draw_packages.from_the_ground_up(below) == ["core", "a", "b", "cli"]
+    below["core"] = {"b"}  # a knot: one import must run upward, and no more
+    order = draw_packages.from_the_ground_up(below)
+    assert sum(order.index(there) > order.index(here) for here in below for there in below[here]) == 1
+
+
+def test_boxes_of_a_row_keep_their_distance_and_stay_near_their_places(draw_packages: ModuleType) -> None:
+    assert draw_packages.apart([0.0, 100.0, 300.0], [40.0, 40.0, 40.0]) == [0.0, 100.0, 300.0]
+    assert draw_packages.apart([50.0, 50.0, 300.0], [40.0, 20.0, 40.0]) == [35.0, 65.0, 300.0]
+    assert draw_packages.apart([80.0, 0.0], [40.0, 40.0]) == [20.0, 60.0]
