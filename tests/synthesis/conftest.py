@@ -14,9 +14,11 @@ from dofbench.core.cameras import Camera
 from dofbench.core.images import write_exr, write_png
 from dofbench.core.progress import Silent
 from dofbench.scenes import export
-from dofbench.synthesis import make_dataset
+from dofbench.synthesis import make_dataset, sheet_drawing
 from dofbench.synthesis.dataset_options import MakeDataset
 
+USUAL_THUMB = sheet_drawing._THUMB
+THUMB = USUAL_THUMB // 2
 VIEWS, WIDTH, HEIGHT, NEAR, FAR = 6, 128, 96, 2.0, 7.0
 TEST_VIEWS, SEEN_BY = (0, 3), (0, 1, 2, 4)
 
@@ -95,11 +97,30 @@ def scene(tmp_path_factory: pytest.TempPathFactory, write_scene: Callable[..., P
     return write_scene(tmp_path_factory.mktemp("scenes") / "planes")
 
 
+@pytest.fixture(autouse=True, scope="module")
+def _small_contact_sheet() -> Iterator[None]:
+    """To write a contact sheet takes half of the time of a dataset this small: its pictures are half as wide here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sheet_drawing, "_THUMB", THUMB)
+        yield
+
+
 @pytest.fixture(scope="session")
 def dataset_folder(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A dataset of the scene, all settings at their defaults. Nobody writes to it."""
     out = tmp_path_factory.mktemp("datasets") / "planes"
-    return make_dataset(MakeDataset(scene=str(scene), out=out), progress=Silent())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sheet_drawing, "_THUMB", THUMB)
+        return make_dataset(MakeDataset(scene=str(scene), out=out), progress=Silent())
+
+
+@pytest.fixture(scope="session")
+def dataset_as_called(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same with a contact sheet of the usual size, as another process makes it. Nobody writes to it."""
+    out = tmp_path_factory.mktemp("called") / "planes"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sheet_drawing, "_THUMB", USUAL_THUMB)
+        return make_dataset(MakeDataset(scene=str(scene), out=out), progress=Silent())
 
 
 @pytest.fixture(scope="session")

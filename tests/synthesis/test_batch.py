@@ -61,13 +61,13 @@ def test_scenes_of_a_named_dataset_that_are_not_here_are_told(write_scene, tmp_p
     assert all(scene.missing for scene in missing)
 
 
-def test_a_scene_that_fails_does_not_stop_the_others(scene, write_scene, dataset_folder, tmp_path, contents, capfd):
+def test_a_scene_that_fails_does_not_stop_the_others(scene, write_scene, dataset_as_called, tmp_path, contents, capfd):
     other = write_scene(tmp_path / "other")
     (other / "images" / "v02.png").write_bytes(b"none")
     out = tmp_path / "out"
     assert cli.main(["make-dataset", str(other), str(scene), "--out", str(out)]) == 1
     printed = capfd.readouterr()
-    assert contents(out / "planes") == contents(dataset_folder)
+    assert contents(out / "planes") == contents(dataset_as_called)
     assert printed.out == f"{out / 'planes'}: 6 views\n"
     (line,) = (line for line in printed.err.splitlines() if "v02.png" in line)
     assert line.startswith(f"{out / 'other'}: {other / 'images/v02.png'}: found ")

@@ -38,11 +38,11 @@ def kill_and_repeat(out, arguments, kills, seed, total):
 
 
 @pytest.mark.parametrize("kills, seed", [(3, 0), pytest.param(12, 1, marks=pytest.mark.slow)])
-def test_one_dataset(scene, dataset_folder, tmp_path, contents, kills, seed):
+def test_one_dataset(scene, dataset_as_called, tmp_path, contents, kills, seed):
     out = tmp_path / "out"
-    hit = kill_and_repeat(out, (scene, "--out", out), kills, seed, count(dataset_folder))
+    hit = kill_and_repeat(out, (scene, "--out", out), kills, seed, count(dataset_as_called))
     assert hit > 0
-    assert contents(out) == contents(dataset_folder)
+    assert contents(out) == contents(dataset_as_called)
 
 
 @pytest.mark.parametrize("kills, seed", [(2, 0), pytest.param(12, 1, marks=pytest.mark.slow)])

@@ -42,7 +42,7 @@ def write_blurred(root: Path, source: Path, points: bool = True) -> Path:
     return root
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def blurred(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Nobody writes to it."""
     return write_blurred(tmp_path_factory.mktemp("blurred") / "seal", scene)
@@ -52,7 +52,7 @@ def make(root: Path, out: Path, layout: str = "deblurnerf", **options) -> Path:
     return make_dataset(MakeDataset(scene=str(root), out=out, layout=layout, **options), progress=Silent())
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def made(blurred: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A dataset of `blurred`. Nobody writes to it."""
     return make(blurred, tmp_path_factory.mktemp("datasets") / "seal")
