@@ -20,8 +20,8 @@ import tyro
 from unobserved import Unobserved
 
 from dofbench.compute.threads import configure_threads
+from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
-from dofbench.core.contracts import Budget
 from dofbench.core.errors import Status
 from dofbench.dataset.dataset import Dataset
 from dofbench.gaussians.exposure import render_view

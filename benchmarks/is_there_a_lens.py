@@ -23,7 +23,8 @@ from lens_cases import FAINT, Case, cases, load, make_datasets
 from lens_tables import write_table
 
 from dofbench.compute.threads import configure_threads
-from dofbench.core.contracts import Budget, Decision
+from dofbench.core.budget import Budget
+from dofbench.core.contracts import Decision
 from dofbench.core.errors import InputError
 from dofbench.dataset.dataset import Dataset
 from dofbench.gaussians.gaussian_options import GaussianOptions

@@ -23,8 +23,8 @@ import tyro
 from unobserved import Unobserved
 
 from dofbench.compute.threads import configure_threads
+from dofbench.core.budget import Budget
 from dofbench.core.content import content_folder
-from dofbench.core.contracts import Budget
 from dofbench.core.errors import Status
 from dofbench.core.files import replacing
 from dofbench.core.images import resize

@@ -24,8 +24,9 @@ import tyro
 from unobserved import Unobserved
 
 from dofbench.compute.threads import configure_threads
+from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
-from dofbench.core.contracts import Budget, Observer, TrainingSet
+from dofbench.core.contracts import Observer, TrainingSet
 from dofbench.core.files import write_text
 from dofbench.dataset.dataset import Dataset
 from dofbench.gaussians.gaussian_options import GaussianOptions

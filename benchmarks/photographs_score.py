@@ -22,7 +22,8 @@ import tyro
 from unobserved import Unobserved
 
 from dofbench.compute.threads import configure_threads
-from dofbench.core.contracts import Budget, Method
+from dofbench.core.budget import Budget
+from dofbench.core.contracts import Method
 from dofbench.core.errors import Status
 from dofbench.core.files import write_text
 from dofbench.core.images import from_8bit, to_8bit

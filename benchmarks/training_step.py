@@ -14,7 +14,8 @@ import statistics
 import time
 from pathlib import Path
 
-from dofbench.core.contracts import Budget, TrainingSet, TrainingView
+from dofbench.core.budget import Budget
+from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.trainer import Trainer
 from dofbench.scenes import load_scene

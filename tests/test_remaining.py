@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 from tolerances import FLOAT64_VALUE
 
-from dofbench.core.contracts import Budget
+from dofbench.core.budget import Budget
 from dofbench.core.progress import Terminal
 from dofbench.core.time_left import ESTIMATING, Remaining
 from dofbench.running.run_progress import TrainingProgress

@@ -41,7 +41,7 @@ class Batch:
         self._by = (
             "by the runs that are finished and the budgets"
             if known
-            else "by the method's card and the budgets (two cores; elsewhere half or twice that), kernels compiled"
+            else "by the method's card, for two cores: half or twice that elsewhere; the first run compiles kernels"
         )
         self.takes = {run.name: expected(run, known) for run in self.open}
         self._problems: dict[str, str] = {}

@@ -9,7 +9,7 @@ from made_up import Recorder
 from small_scene import options, training_set
 from tolerances import FLOAT32_VALUE, GAIN_LEARNED, RESPONSE_GRADIENT
 
-from dofbench.core.contracts import Budget
+from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
 from dofbench.gaussians.trainer import Trainer
 from dofbench.learning import image_losses as losses

@@ -9,7 +9,7 @@ from dofbench.methods.dofgaussian.method import DoFGaussian
 from made_up import Recorder
 from small_scene import cameras, options, training_set
 
-from dofbench.core.contracts import Budget
+from dofbench.core.budget import Budget
 from dofbench.core.lens import PhysicalLens
 from dofbench.gaussians import exposure
 from dofbench.gaussians.exposure import Exposures, render_view

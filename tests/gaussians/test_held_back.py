@@ -12,7 +12,8 @@ from small_scene import options as _options
 from small_scene import training_set as _training_set
 from tolerances import FLOAT32_SCALAR, PSNR_OF_FLOAT32
 
-from dofbench.core.contracts import Budget, TrainingSet
+from dofbench.core.budget import Budget
+from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import InputError
 from dofbench.core.images import resize
 from dofbench.gaussians.trainer import Trainer

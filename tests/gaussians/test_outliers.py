@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from made_up import Recorder
 from small_scene import options, training_set
 
-from dofbench.core.contracts import Budget, TrainingSet
+from dofbench.core.budget import Budget
+from dofbench.core.contracts import TrainingSet
 from dofbench.gaussians.trainer import Trainer
 from dofbench.learning.outliers import MOST, VISITS, OutlierViews
 

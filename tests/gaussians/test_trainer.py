@@ -15,7 +15,7 @@ from small_scene import options as _options
 from small_scene import training_set as _training_set
 from tolerances import ROUGH_DEPTH
 
-from dofbench.core.contracts import Budget
+from dofbench.core.budget import Budget
 from dofbench.core.errors import Status
 from dofbench.gaussians.forward import lens_samples
 from dofbench.gaussians.render import rasterise

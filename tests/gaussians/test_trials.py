@@ -8,7 +8,7 @@ import torch
 from made_up import Recorder
 from small_scene import options, training_set
 
-from dofbench.core.contracts import Budget
+from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
 from dofbench.core.exif import Exif
 from dofbench.gaussians.gaussian_options import GaussianOptions

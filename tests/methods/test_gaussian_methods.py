@@ -8,7 +8,8 @@ from made_up import Recorder
 from small_scene import noise
 from tolerances import FLOAT32_VALUE
 
-from dofbench.core.contracts import Budget, TrainingSet
+from dofbench.core.budget import Budget
+from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import InputError
 from dofbench.core.lens import PhysicalLens
 from dofbench.gaussians.gaussian_options import GaussianOptions

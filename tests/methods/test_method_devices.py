@@ -11,7 +11,7 @@ from small_scene import noise
 
 from dofbench import kernels
 from dofbench.compute import devices
-from dofbench.core.contracts import Budget
+from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
 from dofbench.running.method_cards import find_method, method_files
 

@@ -9,7 +9,7 @@ import pytest
 import torch
 from tolerances import FLOAT32_SCALAR
 
-from dofbench.core.contracts import Budget
+from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.trainer import Trainer

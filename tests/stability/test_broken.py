@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from dofbench.core.contracts import Budget
+from dofbench.core.budget import Budget
 from dofbench.gaussians import trainer
 from dofbench.gaussians.gaussian_method import GaussianMethod
 from dofbench.kernels import load
