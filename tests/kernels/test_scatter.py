@@ -318,3 +318,30 @@ def test_options_that_do_not_exist(options, message):
     image, radius, _ = scene(19, 5, 6, 0.0, 2.0)
     with pytest.raises(ValueError, match=message):
         cpu(image, radius, **options)
+
+
+@pytest.mark.parametrize("form", ["reference", "direct", "linear"])
+@pytest.mark.parametrize("radius", [1.0, 2.5, 6.0])
+def test_a_pixel_s_light_is_spread_over_its_area_and_a_fifth(form: str, radius: float) -> None:
+    """One blurred bright pixel among sharp dark ones, by the formula of the public renderers written out: each pixel's
+    weight is its edge function over R^2 + 0.2."""
+    size, middle = 15, 7
+    image, radii = torch.zeros(size, size, 1), torch.zeros(size, size)
+    image[middle, middle], radii[middle, middle] = 1.0, radius
+    kernel = reference if form == "reference" else cpu
+    more = {} if form == "reference" else {"form": form}
+    given = (image.double(), radii.double()) if form == "reference" else (image, radii)
+    found = kernel(*given, alpha=4.0, energy="area", **more)
+
+    def edge(reach: float, distance: float) -> float:
+        return 0.5 + 0.5 * math.tanh(4.0 * (reach - distance))
+
+    for row, column in ((middle, middle), (middle, middle + 1), (middle - 1, middle + 1), (middle, middle + 5)):
+        light = total = 0.0
+        for i in range(size):
+            for j in range(size):
+                reach = radius if (i, j) == (middle, middle) else 0.0
+                weight = edge(reach, math.hypot(i - row, j - column)) / (reach**2 + 0.2)
+                light += weight * ((i, j) == (middle, middle))
+                total += weight
+        assert float(found[row, column, 0]) == pytest.approx(light / total, abs=2e-4)

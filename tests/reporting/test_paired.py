@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy import stats
 from tolerances import FLIPPED_AT_RANDOM, FLOAT64_VALUE
 
-from dofbench.reporting.differences import Compared
+from dofbench.reporting.differences import Compared, adjusted
 from dofbench.reporting.footnotes import Footnotes
 from dofbench.reporting.html.html_blocks import table_html
 from dofbench.reporting.markdown_writer import markdown_page
@@ -174,3 +174,22 @@ def test_one_training_and_few_views_are_said() -> None:
     assert shown(once, "psnr")[0].endswith("p = 0.010, **better** (one seed)")
     assert shown(Difference(3, 1.0, 0.1, 0.25), "psnr")[0] == "+1.00, p = 0.250"
     assert shown(Difference(8, math.nan, None, None), "psnr")[0] == "+nan"
+
+
+def test_comparisons_of_a_column_are_judged_by_their_adjusted_p() -> None:
+    """Holm by hand: of three, the least times 3, the next times 2, the last as it is, and none below its predecessor.
+    Two at 0.03 would each be significant alone, and neither is beside the other."""
+    compared = [Compared("psnr", Difference(9, 1.0, 0.5, p, low=0.2, high=1.8)) for p in (0.04, 0.011, 0.02, None)] + [
+        Compared("psnr", None, "no views")
+    ]
+    assert [one.verdict for one in compared] == ["better", "better", "better", "", ""]
+    found = adjusted(compared)
+    assert [one.difference.p if one.difference else None for one in found] == [
+        pytest.approx(0.04),
+        pytest.approx(0.033),
+        pytest.approx(0.04),
+        None,
+        None,
+    ]
+    pair = adjusted([Compared("psnr", Difference(9, 1.0, 0.5, 0.03, low=0.2, high=1.8))] * 2)
+    assert [one.verdict for one in pair] == ["", ""]

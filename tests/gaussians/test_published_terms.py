@@ -1,0 +1,150 @@
+"""Terms of the published method, each against numbers worked out by hand from the paper's equation or the released
+code."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from made_up import Recorder, frontal
+from small_scene import options, training_set
+from tolerances import FLOAT32_SCALAR, FLOAT32_VALUE, PLANE_NORMAL
+
+from dofbench.compute.raster import Raster
+from dofbench.core.budget import Budget
+from dofbench.core.lens import DisparityRange
+from dofbench.gaussians.forward.forward_model import SharpView
+from dofbench.gaussians.normals import normal_consistency
+from dofbench.gaussians.surface_terms import KnownDepth
+from dofbench.gaussians.trainer import Trainer
+from dofbench.gaussians.training_state import TrainingState
+from dofbench.learning.adaptation import AdaptationOptions
+from dofbench.learning.depth_loss import SupervisionOptions
+from dofbench.learning.lenses import LearnedLenses, LensOptions
+from dofbench.learning.rendered_surface import rendered_range
+from dofbench.learning.supervision import DepthSamples
+from dofbench.learning.training_views import Photograph
+
+RANGE = DisparityRange(0.1, 0.6)
+
+
+def step_function(x: float) -> float:
+    """Eq. 10 with the released constants, a = 15 and b = 0.3."""
+    return 1 / (1 + math.exp(-15 * (x - 0.3)))
+
+
+def test_eq_11_closes_the_aperture_in_focus_and_leaves_it_open_elsewhere() -> None:
+    state = TrainingState(training_set(), options(adaptation_aperture=True, adaptation_from=0.0), 0)
+    assert state.lenses is not None
+    raster = Raster(*(torch.ones(4, 4) for _ in range(6)))
+    view = Photograph(0, "v0", state.cameras[0], torch.zeros(4, 4, 3), None, None)
+    adapted = state.shot(view, SharpView(raster), state.adaptation(0.5))
+    plain = state.shot(view, SharpView(raster), state.adaptation(0.5).at(-1.0))
+    aperture, focus = state.lenses.aperture_and_focus(0)
+    assert aperture > 0.1
+    # Normalised disparities at these distances from the focus, in scene units.
+    for distance in (0.05, 0.3, 0.6):
+        bounds = adapted.bounds
+        disparity = torch.tensor(bounds.q_min + (focus + distance) * (bounds.q_max - bounds.q_min))
+        share = float((adapted.radius(disparity) / plain.radius(disparity)).detach())
+        assert share == pytest.approx(
+            step_function(distance), rel=1e-3
+        )  # four digits of a difference of two disparities
+
+
+def test_the_aperture_is_narrowed_from_its_share_of_the_training_on() -> None:
+    adaptation = AdaptationOptions(adaptation_aperture=True, adaptation_from=0.4)
+    assert adaptation.at(0.4) is adaptation and not adaptation.at(0.39).active
+
+
+def test_one_minus_psi_is_stretched_to_the_view_s_own_distances() -> None:
+    x = torch.tensor([[0.1, 0.15], [0.2, 0.12]])
+    found = AdaptationOptions(adaptation="one_minus_psi").loss_weight(x)
+    assert found is not None
+    expected = [[1 - step_function((float(one) - 0.1) / 0.1) for one in row] for row in x]
+    assert np.allclose(found.numpy(), expected, atol=1e-5)
+    assert float(found[0, 0]) == pytest.approx(0.98901, abs=1e-5) and float(found[1, 0]) < 1e-4
+
+
+def test_known_depth_counts_by_the_adaptation_s_weight_and_less_at_the_end() -> None:
+    truth = DepthSamples(torch.tensor([0, 1]), torch.tensor([0, 1]), torch.tensor([2.0, 2.0]))
+    depth = torch.full((2, 2), 2.0)
+    depth[0, 0], depth[1, 1] = 3.0, 6.0
+    raster = Raster(torch.zeros(2, 2, 3), torch.ones(2, 2), depth, None, None, None)
+    view = Photograph(0, "v0", frontal(2, 2, 2.0), torch.zeros(2, 2, 3), truth, None)
+    term = KnownDepth(
+        SupervisionOptions(depth_norm="l1", depth_space="depth", depth_weight=0.5, depth_decay=0.1), extent=1.0
+    )
+
+    def cost(progress: float, weight: torch.Tensor | None) -> float:
+        found = term.cost(SharpView(raster), view, progress, weight)
+        assert found is not None
+        return float(found)
+
+    assert cost(0.0, None) == pytest.approx(0.5 * (1 + 4) / 2)
+    assert cost(0.0, torch.tensor([[0.8, 1.0], [1.0, 0.25]])) == pytest.approx(0.5 * (0.8 * 1 + 0.25 * 4) / 2)
+    assert cost(0.5, None) == pytest.approx(0.55 * 0.5 * (1 + 4) / 2)
+    assert cost(1.0, None) == pytest.approx(0.1 * 0.5 * (1 + 4) / 2)
+
+
+def moved(lenses: LearnedLenses, progress: float, cooldown: float = 1.0) -> float:
+    """How far one step moves the first view's learned numbers: Adam's first step is the rate itself."""
+    before = torch.tensor(lenses.state()["raw"])
+    slope, offset = lenses.forward(0)
+    (slope + offset).backward()
+    lenses.step(0, progress, cooldown)
+    return float((torch.tensor(lenses.state()["raw"]) - before).abs().max())
+
+
+def test_a_lens_stands_still_until_it_is_its_time() -> None:
+    def fresh() -> LearnedLenses:
+        return LearnedLenses(1, RANGE, LensOptions(lens_from=0.3, lens_lr=1e-2, lens_lr_final=1e-2))
+
+    assert moved(fresh(), 0.29) == 0
+    assert moved(fresh(), 0.3) == pytest.approx(1e-2, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("progress", "cooldown", "expected"), [(0.0, 1.0, 1e-2), (0.5, 1.0, 1e-3), (1.0, 0.25, 2.5e-5)]
+)
+def test_a_lens_s_rate_falls_exponentially_and_cools_down(progress: float, cooldown: float, expected: float) -> None:
+    lenses = LearnedLenses(1, RANGE, LensOptions(lens_lr=1e-2, lens_lr_final=1e-4))
+    assert moved(lenses, progress, cooldown) == pytest.approx(expected, rel=2e-3)
+
+
+def test_a_training_step_hands_the_cooldown_on_to_the_lens(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[tuple[float, float]] = []
+    monkeypatch.setattr(
+        LearnedLenses, "step", lambda self, view, progress, cooldown=1.0: told.append((progress, cooldown))
+    )
+    trainer = Trainer(training_set(), options(steps=10, cooldown_from=0.5, cooldown_to=0.2), 0)
+    trainer.fit(Budget(steps=10), Recorder())
+    assert len(told) == 10 and told[-1][1] < 0.5
+    for progress, cooldown in told:
+        assert cooldown == pytest.approx(1 - 0.8 * max(0.0, progress - 0.5) / 0.5)
+
+
+def test_the_rendered_range_ends_at_the_95th_percentile() -> None:
+    disparity = torch.linspace(0.0, 1.0, 101).reshape(1, 101) + 0.2
+    found = rendered_range(disparity, torch.ones(1, 101), RANGE)
+    assert found.q_min == pytest.approx(0.2, rel=FLOAT32_SCALAR)
+    assert found.q_max == pytest.approx(1.15, rel=FLOAT32_SCALAR)
+    halves = torch.ones(1, 101)
+    halves[:, 51:] = 0.0  # without a surface
+    assert rendered_range(disparity, halves, RANGE).q_max == pytest.approx(0.2 + 0.95 * 0.5, rel=FLOAT32_SCALAR)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25, 0.6])
+def test_the_median_depth_s_normals_have_their_share(share: float) -> None:
+    """Splats that face the camera, an expected depth that does too, and a median depth that is steep."""
+    camera, height, width = frontal(20, 16, 20.0), 16, 20
+    flat = torch.full((height, width), 4.0, dtype=torch.float64)
+    # The plane z = 4 + x in the camera's frame: its normal towards the camera is (1, 0, -1) / sqrt(2).
+    x = (torch.arange(width, dtype=torch.float64) + 0.5 - camera.cx) / camera.fx
+    steep = (4.0 / (1 - x)).expand(height, width)
+    normal = torch.tensor([0.0, 0.0, -1.0], dtype=torch.float64).expand(height, width, 3)
+    ones = torch.ones(height, width, dtype=torch.float64)
+    found = float(normal_consistency(normal, ones, flat, steep, camera, share))
+    assert found == pytest.approx(share * (1 - math.sqrt(0.5)), abs=PLANE_NORMAL + FLOAT32_VALUE)
