@@ -97,7 +97,7 @@ def test_a_lock_that_a_dead_machine_left_on_the_network_s_disk_stops_nobody(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file_of_another_machine(tmp_path, EXPIRES_AFTER + 5)
-    monkeypatch.setattr(leases, "ask", lambda handle, shared=False: Lock.THEIRS)
+    monkeypatch.setattr(leases, "ask", lambda handle, shared=False: Lock.THEIRS if shared else Lock.OURS)
     assert not at_work(tmp_path)
     with leased(tmp_path, {}):
         pass
@@ -202,6 +202,37 @@ def test_a_dead_lease_goes_to_one_of_all_that_want_it(
         lease.check()
         lease.end()
     assert not [file for file in folder.iterdir() if file.name.startswith(".lease")]
+
+
+def test_what_processes_left_that_died_while_they_took_a_lease_is_cleared_away(tmp_path: Path) -> None:
+    (tmp_path / ".lease.empty").write_text("")
+    (tmp_path / ".lease.whole").write_text(json.dumps({"machine": leases._machine()}))
+    theirs = file_of_another_machine(tmp_path, 5.0, ".lease.theirs")
+    with (tmp_path / ".lease.living").open("w") as living:
+        assert file_lock.ask(living.fileno()) is Lock.OURS
+        with leased(tmp_path, {}):
+            left = {".lease.living", theirs.name, "running.lock"}
+            assert {file.name for file in tmp_path.iterdir()} == left
+    file_of_another_machine(tmp_path, EXPIRES_AFTER + 5, theirs.name)
+    with leased(tmp_path, {}):
+        assert {file.name for file in tmp_path.iterdir()} == {"running.lock"}
+
+
+def test_who_is_taken_for_dead_while_it_takes_a_lease_tries_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    genuine, cleared = os.link, []
+
+    def link(temporary: Path, target: Path) -> None:
+        if not cleared:
+            cleared.append(temporary)
+            Path(temporary).unlink()
+        genuine(temporary, target)
+
+    monkeypatch.setattr(os, "link", link)
+    with leased(tmp_path, {}) as lease:
+        lease.check()
+    assert cleared and list(tmp_path.iterdir()) == []
 
 
 def test_a_file_system_without_second_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

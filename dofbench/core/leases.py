@@ -36,6 +36,7 @@ EXPIRES_AFTER = 120.0  # seconds without renewal; longer than the delay of a bus
 _POLL = 0.25  # seconds between two checks of a process that waits
 _NAME = re.compile(r"running(?:\.(\d+))?\.lock")
 PATTERN = "running*.lock"
+_UNNAMED = ".lease."  # beginning of the names of files that aren't leases yet
 # Errors of file systems without hard links.
 _NO_LINKS = {errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK}
 
@@ -135,10 +136,14 @@ def _number(file: Path) -> int:
 
 def _taken(folder: Path, content: bytes) -> Lease | None:
     """A new lease; None if another process holds one or is just acquiring one."""
-    handle, name = tempfile.mkstemp(prefix=".lease.", dir=folder)
+    handle, name = tempfile.mkstemp(prefix=_UNNAMED, dir=folder)
     stream, temporary = os.fdopen(handle, "wb"), Path(name)
     kept = False
     try:
+        # Locked before the file has a name that others look for, so that nobody sees it without its lock. A process
+        # that clears away what the dead left may have taken the file for such: then this one tries again.
+        if ask(stream.fileno()) is Lock.THEIRS:
+            return None
         stream.write(content)
         stream.flush()
         temporary.chmod(0o644)  # other users who share the folder must be able to read the lease
@@ -150,14 +155,15 @@ def _taken(folder: Path, content: bytes) -> Lease | None:
             return None
         number = _number(found[-1]) + 1 if found else 1
         target = folder / ("running.lock" if number == 1 else f"running.{number}.lock")
-        ask(stream.fileno())  # locked before the file gets its name, so that no other process sees it without the lock
         if not _named(temporary, target):
             return None
         others = [file for file in _files(folder) if file != target]
         if any(_alive(file, now) for file in others):
             target.unlink(missing_ok=True)
             return None
-        for file in others:
+        # Besides old leases there may be files of processes that died before they could give them a name.
+        unnamed = (file for file in folder.glob(f"{_UNNAMED}*") if file != temporary and not _alive(file, now))
+        for file in (*others, *unnamed):
             file.unlink(missing_ok=True)
         kept = True
         return Lease(target, stream)
@@ -171,7 +177,7 @@ def _named(temporary: Path, target: Path) -> bool:
     """Give the file the name `target` unless a file of that name exists; the complete file appears at once."""
     try:
         os.link(temporary, target)
-    except FileExistsError:
+    except (FileExistsError, FileNotFoundError):  # FileNotFoundError: cleared away by another process
         return False
     except OSError as error:
         if error.errno not in _NO_LINKS:
