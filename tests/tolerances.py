@@ -222,3 +222,5 @@ PSNR_OF_FLOAT32 = 1e-4
 ROUGH_APERTURE = 0.2
 # Standard deviation of one Gaussian blur, pixels, fitted to half of a photograph blurred by 1.7.
 FITTED_SIGMA = 0.1
+# How far a step moves a learned number of order 1 in float32: number and result are rounded, by at most 2^-24 each.
+LEARNED_STEP = 2.0**-23

@@ -37,6 +37,8 @@ def write_curves(folder: Path, plots: Iterable[Plot]) -> dict[tuple[tuple[str, .
 
 
 def _figure(plot: Plot) -> Figure:
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     labels = [_wrapped(_label(series)) for series in plot.series]
     lines = sum(label.count("\n") + 1 for label in labels) + (len(plot.front) > 1) + (plot.nothing is not None)
     figure = new_figure(7.0, 3.9 + _LEGEND_LINE * lines)
@@ -61,7 +63,9 @@ def _figure(plot: Plot) -> Figure:
     axes.set_ylabel(plot.score.heading)
     axes.set_title(f"{plot.dataset}, {plot.protocol}")
     axes.grid(True, which="both", alpha=0.3)
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())  # between them labels would overlap
     # Below the plot, since options can make a label longer than the plot is wide
     figure.legend(fontsize=8, loc="outside lower left")
     return figure

@@ -9,11 +9,11 @@ from typing import Any
 
 from dofbench.core.errors import InputError, Status
 from dofbench.core.files import canonical_json
-from dofbench.core.leases import leased_folders
+from dofbench.core.leases import at_work, leased_folders
 from dofbench.results.added_scores import Added, read_added
 from dofbench.results.columns import COLUMNS, SCORES
 from dofbench.results.result import RESULT_FILE, Result, Spec, read_result
-from dofbench.results.run_lease import is_running, read_lease
+from dofbench.results.run_lease import read_lease
 from dofbench.results.run_spec import option_words
 
 
@@ -120,7 +120,7 @@ def collect(*folders: Path) -> Collection:
             entries.append(Entry(folder, result.spec, result.scene, result.status, result.message, result))
     running: list[Path] = []
     for folder in dict.fromkeys(below for root in folders for below in leased_folders(root)):
-        if is_running(folder):
+        if at_work(folder):
             running.append(folder)
         elif not (folder / RESULT_FILE).is_file():
             try:

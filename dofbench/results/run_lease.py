@@ -9,7 +9,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from dofbench.core.errors import InputError
-from dofbench.core.leases import Lease, at_work, leased, left_note
+from dofbench.core.leases import Lease, leased, left_note
 from dofbench.results.result import Spec
 
 
@@ -23,11 +23,6 @@ def run_lease(folder: Path, spec: Spec, scene: str, started: str, *, wait: bool 
     note = {"started": started, "scene": scene, "spec": spec.model_dump()}
     with leased(folder, note, wait=wait) as lease:
         yield lease
-
-
-def is_running(folder: Path) -> bool:
-    """Whether a living process is writing the result in `folder`."""
-    return at_work(folder)
 
 
 def read_lease(folder: Path) -> tuple[Spec, str, str] | None:

@@ -9,11 +9,10 @@ from pathlib import Path
 from dofbench.core.errors import InputError, Status
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_image
-from dofbench.core.leases import leased_folders
+from dofbench.core.leases import at_work, leased_folders
 from dofbench.metrics import score_image
 from dofbench.results.added_scores import ADDED_FILE, read_added
 from dofbench.results.result import RESULT_FILE, Result, read_result
-from dofbench.results.run_lease import is_running
 from dofbench.running.execution import TRAINED_FILE
 from dofbench.running.load_run import LoadedRun, load_run
 from dofbench.scoring.evaluate import PREFIX, WHOLE
@@ -53,7 +52,7 @@ def check_results(folders: Sequence[Path], say: Callable[[str], None]) -> dict[P
     problems: dict[Path, list[str]] = {}
     keys: dict[str, Path] = {}
     for folder in folders:
-        if is_running(folder):
+        if at_work(folder):
             say(f"{folder}: a run is at work there, not checked")
         elif not (folder / RESULT_FILE).is_file():
             problems[folder] = ["a run died here and left no result; its command goes on with it"]

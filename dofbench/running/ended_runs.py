@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from dofbench.core.errors import InputError
+from dofbench.core.leases import at_work
 from dofbench.results.collecting import Entry, dead_entry, entry_of
 from dofbench.results.result import RESULT_FILE, read_result
-from dofbench.results.run_lease import is_running
 from dofbench.running.planned_runs import PlannedRun
 
 
@@ -38,7 +38,7 @@ class Ended:
         entry = self.find(run)
         if entry is not None and self.finished(run):
             return "finished" if entry.status == "ok" else f"finished, {entry.status}"
-        if is_running(run.folder):
+        if at_work(run.folder):
             return "at work in another process"
         return "to be run" if entry is None else f"to be run again, {entry.status}"
 
@@ -51,7 +51,7 @@ def _read(folder: Path, key: str) -> Entry | None:
         except InputError:
             return None
         return entry_of(folder, result) if result.key == key else None
-    if is_running(folder):
+    if at_work(folder):
         return None
     try:
         entry = dead_entry(folder)

@@ -11,9 +11,8 @@ from rich.console import Console
 
 from dofbench.core.budget import Budget
 from dofbench.core.jobs import Busy, Job, Report, Resources
-from dofbench.core.leases import HeldElsewhere
+from dofbench.core.leases import HeldElsewhere, at_work
 from dofbench.results.result import read_result
-from dofbench.results.run_lease import is_running
 from dofbench.results.run_spec import Run
 from dofbench.running.one_run import run
 from dofbench.running.planned_runs import PlannedRun
@@ -32,7 +31,7 @@ def run_job(planned: PlannedRun, takes: Resources) -> Job:
     return Job(
         planned.name,
         partial(make, wait=False),
-        busy=partial(is_running, planned.folder),
+        busy=partial(at_work, planned.folder),
         takes=takes,
         insist=partial(make, wait=True),
     )
@@ -50,7 +49,7 @@ def make_run(settings: Run, data: Path, key: str, folder: Path, report: Report, 
     has it at work; else Busy is raised. Raises InputError when the run is another one than was planned: code or data
     changed meanwhile.
     """
-    if wait and is_running(folder):
+    if wait and at_work(folder):
         report(("waiting for another process that has it at work", 0, 0))
     try:
         end = run(settings, Console(quiet=True), partial(_Reported, report), data=data, key=key, wait=wait)

@@ -14,8 +14,9 @@ from called import killed
 from harness_fakes import text_console
 
 from dofbench.core.errors import InputError, Status
+from dofbench.core.leases import at_work
 from dofbench.results.result import read_result
-from dofbench.results.run_lease import is_running, read_lease, run_lease
+from dofbench.results.run_lease import read_lease, run_lease
 from dofbench.scoring.evaluate import Evaluator
 
 
@@ -99,10 +100,10 @@ def test_two_processes_never_write_one_result(call) -> None:
     end = call()
     spec = read_result(end.folder).spec
     with run_lease(end.folder, spec, "waves", "now"):
-        assert is_running(end.folder)
+        assert at_work(end.folder)
         with pytest.raises(InputError, match="another process"):
             call()
-    assert not is_running(end.folder)
+    assert not at_work(end.folder)
     assert not (end.folder / "running.lock").exists()
 
 
@@ -120,14 +121,14 @@ def test_a_killed_process_leaves_a_trace(call, tmp_path: Path) -> None:
 
     def locked_there() -> bool:
         there = ready.is_file()
-        seen.append(there and is_running(folder))
+        seen.append(there and at_work(folder))
         return there
 
     assert killed(command, locked_there).returncode == -signal.SIGKILL and seen[-1]
     deadline = time.monotonic() + 5
-    while is_running(folder) and time.monotonic() < deadline:
+    while at_work(folder) and time.monotonic() < deadline:
         time.sleep(0.01)
-    assert not is_running(folder)
+    assert not at_work(folder)
     assert read_lease(folder) == (spec, "waves", "noon")
 
 

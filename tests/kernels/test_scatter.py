@@ -344,4 +344,4 @@ def test_a_pixel_s_light_is_spread_over_its_area_and_a_fifth(form: str, radius: 
                 weight = edge(reach, math.hypot(i - row, j - column)) / (reach**2 + 0.2)
                 light += weight * ((i, j) == (middle, middle))
                 total += weight
-        assert float(found[row, column, 0]) == pytest.approx(light / total, abs=2e-4)
+        assert float(found[row, column, 0]) == pytest.approx(light / total, abs=FLOAT32_VALUE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -97,30 +98,37 @@ def scene(tmp_path_factory: pytest.TempPathFactory, write_scene: Callable[..., P
     return write_scene(tmp_path_factory.mktemp("scenes") / "planes")
 
 
+@contextmanager
+def pictures_of(longest_side: int) -> Iterator[None]:
+    """Contact sheets with pictures of this size, pixels."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sheet_drawing, "_THUMB", longest_side)
+        yield
+
+
 @pytest.fixture(autouse=True, scope="module")
 def _small_contact_sheet() -> Iterator[None]:
     """To write a contact sheet takes half of the time of a dataset this small: its pictures are half as wide here."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sheet_drawing, "_THUMB", THUMB)
+    with pictures_of(THUMB):
         yield
 
 
 @pytest.fixture(scope="session")
 def dataset_folder(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A dataset of the scene, all settings at their defaults. Nobody writes to it."""
-    out = tmp_path_factory.mktemp("datasets") / "planes"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sheet_drawing, "_THUMB", THUMB)
-        return make_dataset(MakeDataset(scene=str(scene), out=out), progress=Silent())
+    with pictures_of(THUMB):
+        return _made(scene, tmp_path_factory.mktemp("datasets") / "planes")
 
 
 @pytest.fixture(scope="session")
 def dataset_as_called(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same with a contact sheet of the usual size, as another process makes it. Nobody writes to it."""
-    out = tmp_path_factory.mktemp("called") / "planes"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sheet_drawing, "_THUMB", USUAL_THUMB)
-        return make_dataset(MakeDataset(scene=str(scene), out=out), progress=Silent())
+    with pictures_of(USUAL_THUMB):
+        return _made(scene, tmp_path_factory.mktemp("called") / "planes")
+
+
+def _made(scene: Path, out: Path) -> Path:
+    return make_dataset(MakeDataset(scene=str(scene), out=out), progress=Silent())
 
 
 @pytest.fixture(scope="session")
