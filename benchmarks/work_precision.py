@@ -34,6 +34,7 @@ from dofbench.core.files import write_text  # noqa: E402
 from dofbench.core.images import resize  # noqa: E402
 from dofbench.core.lens import GAMMA, DisparityRange, Lens  # noqa: E402
 from dofbench.gaussians.exposure import StillRasteriser  # noqa: E402
+from dofbench.gaussians.forward.lens_pattern import points_of  # noqa: E402
 from dofbench.gaussians.forward.lens_samples import together, views_from_lens  # noqa: E402
 from dofbench.gaussians.forward.shot import Shot  # noqa: E402
 from dofbench.gaussians.model import Gaussians  # noqa: E402
@@ -191,7 +192,7 @@ def _scene() -> tuple[Gaussians, object, DisparityRange]:
 
 @torch.no_grad()
 def _lens_points(repeats: int) -> list[Point]:
-    """Views from points of the lens: 1, 7, 19, 37, 61, 91 of them, each blurred by its cell."""
+    """Views from points of the lens: 1, 5, 19, 37, 61, 91 of them, each blurred by its cell."""
     gaussians, camera, bounds = _scene()
     scene = StillRasteriser(gaussians, AppearanceOptions(sh_degree=0))
     shot = Shot(camera, bounds, 1.0, -0.3)
@@ -207,7 +208,7 @@ def _lens_points(repeats: int) -> list[Point]:
         Point(
             "lens by its points",
             "points and cells",
-            str(1 + 3 * ring * (ring + 1)),
+            str(points_of(ring)),
             errors[ring],
             "RMSE",
             seconds[ring],

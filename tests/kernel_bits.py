@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 import torch
 from random_gaussians import render, scene, view
 from torch import Tensor
@@ -48,6 +49,13 @@ def rasterize(load: Callable[..., Callable[..., Tensor]], to: Callable[[Tensor],
     yield from (output for output in outputs if output is not None)
     yield from gradients.values()
     yield from (statistics.visible, statistics.radii, statistics.grad_2d, statistics.abs_grad_2d)
+    inputs = {name: to(value).requires_grad_() for name, value in gaussians.items()}
+    radius = to(torch.rand(400) * 8 - 4).requires_grad_()
+    points = np.array([[0.0, 0.5], [-0.5, 0.0], [0.5, -0.5]])
+    images = load("rasterize_from_points")(**inputs, camera=view(70, 60), points=points, radius=radius)
+    images.square().sum().backward()
+    yield images
+    yield from (value.grad for value in (*inputs.values(), radius))
 
 
 def stereo(load: Callable[..., Callable[..., Any]], to: Callable[[Tensor], Tensor]) -> Iterator[Tensor]:

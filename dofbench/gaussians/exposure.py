@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -14,7 +15,7 @@ from dofbench.gaussians.forward.forward_schedule import rendering_model
 from dofbench.gaussians.forward.shot import Shot
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.render import AppearanceOptions, rasterise
+from dofbench.gaussians.render import AppearanceOptions, rasterise, rasterise_from_points
 
 
 class StillRasteriser:
@@ -24,11 +25,13 @@ class StillRasteriser:
     def __init__(self, gaussians: Gaussians, appearance: AppearanceOptions):
         self.gaussians, self._appearance = gaussians, appearance
 
-    def rasterise(
-        self, camera: Camera, geometry: Geometry, *, means: Tensor | None = None, blur: Tensor | None = None
-    ) -> Raster:
+    def rasterise(self, camera: Camera, geometry: Geometry) -> Raster:
         """One sharp view."""
-        return rasterise(self.gaussians, camera, self._appearance, geometry=geometry, means=means, blur=blur)
+        return rasterise(self.gaussians, camera, self._appearance, geometry=geometry)
+
+    def from_points(self, camera: Camera, points: np.ndarray, radius: Tensor, blur: Tensor) -> Tensor:
+        """(P, H, W, 3) as seen from points of the lens."""
+        return rasterise_from_points(self.gaussians, camera, self._appearance, points, radius, blur)
 
     def turn(self) -> float:
         """The rotation of the pattern of lens points: 0."""
@@ -54,7 +57,8 @@ class Exposures:
             assert raster.depth is not None
             return Rendering(image=raster.color.numpy(), depth=raster.depth.numpy())
         if self._kept is None or self._kept[0] is not camera:
-            self._kept = camera, SharpView(self._scene.rasterise(camera, "depth"))
+            raster = self._scene.rasterise(camera, "depth")
+            self._kept = camera, SharpView(lambda: raster)
         sharp = self._kept[1]
         image = self._model.photograph(self._scene, sharp, Shot.through(lens, camera))
         assert sharp.raster.depth is not None

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 from torch import Tensor
 
 from dofbench.compute.raster import Geometry, Raster, ViewStatistics
@@ -42,27 +44,54 @@ def rasterise(
     sh_degree: int | None = None,
     geometry: Geometry = "depth",
     statistics: ViewStatistics | None = None,
-    blur: Tensor | None = None,
-    means: Tensor | None = None,
 ) -> Raster:
     """The rasteriser kernel with the method's filters and background.
 
-    Without `sh_degree` all spherical harmonics are used; those that training hasn't reached yet are zero. blur: (N,)
-    px^2, each Gaussian's own, as the kernel documents it. means: (N, 3) scene units, instead of the Gaussians' own.
-    Gradients reach both.
+    Without `sh_degree` all spherical harmonics are used; those that training hasn't reached yet are zero.
     """
-    degree = appearance.sh_degree if sh_degree is None else sh_degree
-    dark = not appearance.background
-    background = None if dark else gaussians.parameters["means"].new_full((3,), appearance.background)
-    parameters = gaussians.parameters if means is None else {**gaussians.parameters, "means": means}
-    return load("rasterize")(
-        **parameters,
-        camera=camera,
-        sh_degree=degree,
-        geometry=geometry,
-        filter_3d=gaussians.filter_3d if appearance.filter_3d else None,
-        filter_2d=appearance.filter_2d,
-        blur=blur,
-        background=background,
+    raster: Raster = load("rasterize")(
+        **_drawn(gaussians, camera, appearance, sh_degree), geometry=geometry, statistics=statistics
+    )
+    return raster
+
+
+def rasterise_from_points(
+    gaussians: Gaussians,
+    camera: Camera,
+    appearance: AppearanceOptions,
+    points: np.ndarray,
+    radius: Tensor,
+    blur: Tensor,
+    *,
+    sh_degree: int | None = None,
+    statistics: ViewStatistics | None = None,
+) -> Tensor:
+    """(P, H, W, 3): the scene as seen from points (P, 2) of the unit lens.
+
+    radius: (N,) pixels, each Gaussian's signed circle of confusion. blur: (N,) px^2, the variance of the blur of the
+    cell that a point stands for. Gradients reach both. The other arguments are those of `rasterise`.
+    """
+    images: Tensor = load("rasterize", function="rasterize_from_points")(
+        **_drawn(gaussians, camera, appearance, sh_degree),
+        points=points,
+        radius=radius.contiguous(),
+        blur=blur.contiguous(),
         statistics=statistics,
     )
+    return images
+
+
+def _drawn(
+    gaussians: Gaussians, camera: Camera, appearance: AppearanceOptions, sh_degree: int | None
+) -> dict[str, Any]:
+    """The arguments that both kernels share."""
+    parameters = gaussians.parameters
+    dark = not appearance.background
+    return {
+        **parameters,
+        "camera": camera,
+        "sh_degree": appearance.sh_degree if sh_degree is None else sh_degree,
+        "filter_3d": gaussians.filter_3d if appearance.filter_3d else None,
+        "filter_2d": appearance.filter_2d,
+        "background": None if dark else parameters["means"].new_full((3,), appearance.background),
+    }

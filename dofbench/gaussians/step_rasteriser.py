@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from dofbench.compute.raster import Geometry, Raster, ViewStatistics
 from dofbench.core.cameras import Camera
-from dofbench.gaussians.render import rasterise
+from dofbench.gaussians.render import rasterise, rasterise_from_points
 from dofbench.gaussians.stage_clock import StageClock
 from dofbench.gaussians.training_state import TrainingState
 from dofbench.learning.nonfinite import Place
@@ -33,11 +34,9 @@ class StepRasteriser:
         self._statistics: list[ViewStatistics] = []
         self._cut: list[tuple[Tensor, Tensor]] = []
 
-    def rasterise(
-        self, camera: Camera, geometry: Geometry, *, means: Tensor | None = None, blur: Tensor | None = None
-    ) -> Raster:
+    def rasterise(self, camera: Camera, geometry: Geometry) -> Raster:
         """One sharp view, all outputs of which collect gradients."""
-        statistics = ViewStatistics(want_abs=self._want_abs)
+        statistics = self._watched()
         with self._clock.timed(_STAGE), self._place.located(_STAGE):
             raster = rasterise(
                 self.gaussians,
@@ -46,10 +45,7 @@ class StepRasteriser:
                 sh_degree=self._degree,
                 geometry=geometry,
                 statistics=statistics,
-                means=means,
-                blur=blur,
             )
-        self._statistics.append(statistics)
         return Raster(
             color=self._leaf(raster.color),
             alpha=self._leaf(raster.alpha),
@@ -58,6 +54,26 @@ class StepRasteriser:
             normal=None if raster.normal is None else self._leaf(raster.normal),
             distortion=None if raster.distortion is None else self._leaf(raster.distortion),
         )
+
+    def from_points(self, camera: Camera, points: np.ndarray, radius: Tensor, blur: Tensor) -> Tensor:
+        """(P, H, W, 3) as seen from points of the lens, which collect gradients."""
+        statistics = self._watched()
+        with self._clock.timed(_STAGE), self._place.located(_STAGE):
+            images = rasterise_from_points(
+                self.gaussians,
+                camera,
+                self._appearance,
+                points,
+                radius,
+                blur,
+                sh_degree=self._degree,
+                statistics=statistics,
+            )
+        return self._leaf(images)
+
+    def _watched(self) -> ViewStatistics:
+        self._statistics.append(ViewStatistics(want_abs=self._want_abs))
+        return self._statistics[-1]
 
     def _leaf(self, output: Tensor) -> Tensor:
         leaf = output.detach().requires_grad_()

@@ -20,8 +20,8 @@ class SurfaceTerm(Protocol):
 
     reads: Geometry
 
-    def acts(self, progress: float, view: Photograph) -> bool:
-        """Whether the term is used at `progress`, 0 to 1, for this photograph."""
+    def acts(self, step: int, progress: float, view: Photograph) -> bool:
+        """Whether the term is used in step number `step` (from 1) at `progress`, 0 to 1, for this photograph."""
 
     def cost(self, sharp: SharpView, view: Photograph, progress: float, weight: Tensor | None) -> Tensor | None:
         """The term's contribution to the loss, None for no contribution. weight: (H, W), that of the adaptation, or
@@ -37,16 +37,17 @@ class KnownDepth:
     def __init__(self, options: SupervisionOptions, extent: float):
         self._options, self._extent = options, extent
 
-    def acts(self, progress: float, view: Photograph) -> bool:
-        """True for photographs with known depth."""
-        return view.known is not None
+    def acts(self, step: int, progress: float, view: Photograph) -> bool:
+        """True for photographs with known depth, in every `depth_every`-th step."""
+        return view.known is not None and step % self._options.depth_every == 0
 
     def cost(self, sharp: SharpView, view: Photograph, progress: float, weight: Tensor | None) -> Tensor | None:
         """The weighted depth loss; None while no pixel of known depth shows a surface."""
         raster = sharp.raster
         assert raster.depth is not None and view.known is not None
         found = depth_loss(raster.depth, raster.alpha, view.known, self._options, self._extent, weight)
-        return None if found is None else self._options.weight_at(progress) * found
+        # Taken more rarely, the term weighs as much more, so that its share of the training stays the same.
+        return None if found is None else self._options.depth_every * self._options.weight_at(progress) * found
 
 
 class Normals:
@@ -57,7 +58,7 @@ class Normals:
     def __init__(self, options: NormalOptions):
         self._options = options
 
-    def acts(self, progress: float, view: Photograph) -> bool:
+    def acts(self, step: int, progress: float, view: Photograph) -> bool:
         """True from `normal_from` on."""
         return progress >= self._options.normal_from
 
@@ -84,7 +85,7 @@ class Distortion:
     def __init__(self, options: DistortionOptions):
         self._options = options
 
-    def acts(self, progress: float, view: Photograph) -> bool:
+    def acts(self, step: int, progress: float, view: Photograph) -> bool:
         """True from `distortion_from` on."""
         return progress >= self._options.distortion_from
 

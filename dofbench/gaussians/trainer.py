@@ -89,9 +89,9 @@ class Trainer:
     def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
         """Train until the budget or the observer ends it. A non-finite value, or no Gaussian left in front of the
         cameras, ends with the status "diverged"."""
-        geometries = [geometry for model in possible_models(self.options) for geometry in model.rasterises]
-        geometries += [term.reads for term in self.state.terms]
-        compile_kernels(self.gaussians, self.state.cameras[0], self.options, geometries)
+        geometries = [term.reads for term in self.state.terms]
+        from_points = any(model.from_points for model in possible_models(self.options))
+        compile_kernels(self.gaussians, self.state.cameras[0], self.options, geometries, from_points)
         total = budget.steps or self.options.schedule.steps
         step, event = 0, None
         try:

@@ -25,10 +25,12 @@ def take_step(state: TrainingState, step: int, progress: float, view: Photograph
     Raises NonFiniteError at the first value that isn't finite, before it can change a learned parameter.
     """
     place, model, adaptation = Place(step, view.name), state.forward.at(progress), state.adaptation(progress)
-    terms = [term for term in state.terms if term.acts(progress, view)]
+    terms = [term for term in state.terms if term.acts(step, progress, view)]
     scene = StepRasteriser(state, progress, place, clock)
     geometry = richest([model.reads, state.reads(adaptation), *(term.reads for term in terms)])
-    sharp = SharpView(scene.rasterise(view.camera, geometry))
+    sharp = SharpView(lambda: scene.rasterise(view.camera, geometry))
+    if not model.from_points or geometry != "none":
+        _ = sharp.raster  # here, so that its time counts as rasterising and not as the lens's
     with clock.timed(model.stage), place.located(model.stage):
         shot = state.shot(view, sharp, adaptation)
         image = model.photograph(scene, sharp, shot)

@@ -191,7 +191,7 @@ class Trials:
 # Each Gaussian blurred by its own circle of confusion: as fast as the scatter, and with correct occlusion.
 _OWN_BLUR = {"lens_model": "samples", "lens_samples_from": 0.0, "lens_rings": 0}
 # Rings of lens points are used in the last fifth only, since they cost several rasterisations per step.
-_AFTER = {"samples": {"lens_rings": 1, "lens_rings_from": 0.8}}
+_AFTER = {"samples": {"lens_rings": 1, "lens_rings_from": 0.8, "depth_every": 4}}
 
 
 def questions(options: GaussianOptions) -> tuple[str, ...]:

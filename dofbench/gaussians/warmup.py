@@ -13,28 +13,43 @@ import subprocess
 import sys
 from collections.abc import Iterable
 
+import numpy as np
 import torch
 
 from dofbench.compute.raster import GEOMETRIES, Geometry, ViewStatistics
 from dofbench.core.cameras import Camera
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.render import rasterise
+from dofbench.gaussians.render import rasterise, rasterise_from_points
 from dofbench.kernels import is_warm, warm_up
 
 _PATIENCE = 300.0  # seconds to wait for the other process; after that this process compiles all kernels itself
 
 
-def compile_kernels(gaussians: Gaussians, camera: Camera, options: GaussianOptions, later: Iterable[Geometry]) -> None:
+def compile_kernels(
+    gaussians: Gaussians, camera: Camera, options: GaussianOptions, later: Iterable[Geometry], from_points: bool
+) -> None:
     """Compile the kernels of all training steps, unless an earlier process has done so; changes no argument.
 
     later: geometries other than "depth" that steps rasterise; without this they would be compiled in the middle of
-    training, within the time that is measured.
+    training, within the time that is measured. from_points: whether steps rasterise from points of the lens.
     """
     if not is_warm("rasterize"):
         _compile_side_by_side(gaussians, camera, options)
     for geometry in sorted(set(later) - {"depth"}, key=GEOMETRIES.index):
         _rasterise_once(gaussians, camera, options, geometry)
+    if from_points:
+        _rasterise_from_points(gaussians, camera, options)
+
+
+def _rasterise_from_points(gaussians: Gaussians, camera: Camera, options: GaussianOptions) -> None:
+    statistics = ViewStatistics(want_abs=options.density.grow_absolute)
+    closed = torch.zeros_like(gaussians.parameters["opacity_logits"], requires_grad=True)
+    with contextlib.suppress(FloatingPointError):
+        images = rasterise_from_points(
+            gaussians, camera, options.appearance, np.zeros((1, 2)), closed, closed, statistics=statistics
+        )
+        torch.autograd.grad(images.sum(), [closed, *gaussians.parameters.values()], allow_unused=True)
 
 
 def _rasterise_once(gaussians: Gaussians, camera: Camera, options: GaussianOptions, geometry: Geometry) -> None:

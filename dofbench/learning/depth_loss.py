@@ -7,6 +7,7 @@ from typing import Literal
 
 from torch import Tensor
 
+from dofbench.core.errors import InputError
 from dofbench.learning.rendered_surface import SURFACE_ALPHA
 from dofbench.learning.supervision import DepthSamples
 
@@ -27,6 +28,14 @@ class SupervisionOptions:
     depth_decay: float = 0.1
     """Factor on depth_weight that is reached linearly at the end of the training. Unit: none. Source: supplement,
     released code."""
+
+    depth_every: int = 1
+    """In which steps depth is supervised: every so many, with as many times the weight. A forward model that needs no
+    sharp view, such as lens points, then rasterises none in the others. Unit: steps. Source: own."""
+
+    def __post_init__(self) -> None:
+        if self.depth_every < 1:
+            raise InputError("option depth_every", str(self.depth_every), "at least 1")
 
     def weight_at(self, progress: float) -> float:
         """The weight of depth supervision at `progress`, 0 to 1: w_d, falling linearly (supplement; released code)."""

@@ -22,15 +22,15 @@ from dofbench.core.cameras import Camera
 from . import cpu_layout as layout
 from .cpu_bin import depth_order, fill_tiles
 from .cpu_blend import blend, blend_backward
+from .cpu_inputs import NOTHING, Settings, check, describe
+from .cpu_points import rasterize_from_points
 from .cpu_project import project
 from .cpu_project_backward import project_backward
 
-NAMES = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
 # The level of geometry that each output belongs to.
 _LEVELS = (0, 0, 1, 2, 2, 3)
 _EMPTY2 = np.empty((0, 0), np.float32)
 _EMPTY3 = np.empty((0, 0, 3), np.float32)
-_NOTHING = np.empty(0, np.float32)
 
 
 def rasterize(
@@ -87,70 +87,10 @@ def rasterize(
     Gaussian, if a Gaussian in front of the camera has a NaN or an infinity.
     """
     parameters = (means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest)
-    _check(parameters, filter_3d, background, blur, geometry, sh_degree, filter_2d, near)
+    check(parameters, filter_3d, background, blur, geometry, sh_degree, filter_2d, near)
     degree = min(sh_degree, math.isqrt(sh_rest.shape[1] + 1) - 1)
-    settings = _Settings(camera, degree, filter_2d, near, GEOMETRIES.index(geometry), filter_3d, background)
+    settings = Settings(camera, degree, filter_2d, near, GEOMETRIES.index(geometry), filter_3d, background)
     return Raster(*_Rasterize.apply(settings, statistics, blur, *parameters))
-
-
-def _check(parameters, filter_3d, background, blur, geometry, sh_degree, filter_2d, near) -> None:
-    if not 0 <= sh_degree <= 3:
-        raise ValueError(f"sh_degree: expected 0, 1, 2 or 3, found {sh_degree}")
-    if not filter_2d >= 0:
-        raise ValueError(f"filter_2d: expected at least 0, found {filter_2d}")
-    if not near > 0:
-        raise ValueError(f"near: expected more than 0, found {near}")
-    if geometry not in GEOMETRIES:
-        raise ValueError(f"geometry: expected one of {', '.join(GEOMETRIES)}, found {geometry!r}")
-    n = parameters[0].shape[0] if parameters[0].ndim else 0
-    rest = parameters[5].shape[1] if parameters[5].ndim == 3 and parameters[5].shape[1] in (0, 3, 8, 15) else "0|3|8|15"
-    shapes = ((n, 3), (n, 3), (n, 4), (n,), (n, 3), (n, rest, 3), (n,), (3,), (n,))
-    for name, value, shape in zip(
-        (*NAMES, "filter_3d", "background", "blur"), (*parameters, filter_3d, background, blur), shapes, strict=True
-    ):
-        if value is None:
-            continue
-        if tuple(value.shape) != shape:
-            raise ValueError(f"{name}: expected shape {shape}, found {tuple(value.shape)}")
-        if value.dtype != torch.float32 or value.device.type != "cpu" or not value.is_contiguous():
-            found = f"{'' if value.is_contiguous() else 'not '}contiguous {value.dtype} on {value.device}"
-            raise ValueError(f"{name}: expected contiguous torch.float32 on cpu, found {found}")
-        if name in ("filter_3d", "background") and value.requires_grad:
-            raise ValueError(f"{name}: expected a tensor without gradient, found requires_grad=True")
-    if blur is not None and n and (least := float(blur.detach().min())) < 0:
-        raise ValueError(f"blur: expected at least 0, found {least}")
-
-
-class _Settings:
-    """The arguments that aren't differentiated, in the form that the kernels need."""
-
-    def __init__(self, camera, degree, filter_2d, near, geometry, filter_3d, background):
-        self.degree, self.geometry = degree, geometry
-        self.width, self.height = camera.width, camera.height
-        self.columns = -(-camera.width // layout.TILE_WIDTH)
-        self.rows = -(-camera.height // layout.TILE_HEIGHT)
-        self.features = (0,) * geometry
-        self.filter_3d = _NOTHING if filter_3d is None else filter_3d.numpy()
-        self.background = np.zeros(3, np.float32) if background is None else background.numpy()
-        margin_x, margin_y = 0.15 * camera.width, 0.15 * camera.height
-        self.view = view = np.zeros(layout.VIEW, np.float32)
-        view[layout.ROTATION : layout.TRANSLATION] = camera.world_to_camera[:3, :3].ravel()
-        view[layout.TRANSLATION : layout.CENTRE] = camera.world_to_camera[:3, 3]
-        view[layout.CENTRE : layout.FX] = camera.centre
-        view[layout.FX : layout.V_HIGH + 1] = (
-            camera.fx,
-            camera.fy,
-            camera.cx,
-            camera.cy,
-            camera.width,
-            camera.height,
-            near,
-            filter_2d,
-            (-camera.cx - margin_x) / camera.fx,
-            (camera.width - camera.cx + margin_x) / camera.fx,
-            (-camera.cy - margin_y) / camera.fy,
-            (camera.height - camera.cy + margin_y) / camera.fy,
-        )
 
 
 class _Rasterize(torch.autograd.Function):
@@ -159,7 +99,7 @@ class _Rasterize(torch.autograd.Function):
         n = parameters[0].shape[0]
         rest = parameters[5].shape[1]
         flat = [parameter.detach().numpy().reshape(-1) for parameter in parameters]
-        variance = _NOTHING if blur is None else blur.detach().numpy()
+        variance = NOTHING if blur is None else blur.detach().numpy()
         padded = -(-n // 8) * 8
         records = np.empty(padded * layout.RECORD, np.float32)
         depths, radii = np.empty(padded, np.float32), np.empty(padded, np.float32)
@@ -170,6 +110,7 @@ class _Rasterize(torch.autograd.Function):
             rest,
             settings.filter_3d,
             variance,
+            NOTHING,
             settings.degree,
             settings.geometry,
             settings.view,
@@ -180,7 +121,7 @@ class _Rasterize(torch.autograd.Function):
             counts,
         )
         if bad >= 0:
-            raise FloatingPointError(_describe(bad, parameters, settings.filter_3d, variance))
+            raise FloatingPointError(describe(bad, parameters, settings.filter_3d, variance))
         order = depth_order(depths, counts, n)
         starts, ids, spans, offsets, places = fill_tiles(
             records, counts, n, order, settings.view, settings.columns, settings.rows, threads
@@ -223,7 +164,7 @@ class _Rasterize(torch.autograd.Function):
         saved = [tensor.detach().numpy().reshape(-1) for tensor in ctx.saved_tensors]
         parameters, blur, (color, alpha, depth, _, normal, distortion) = saved[:6], saved[6], saved[7:]
         records, starts, ids, spans, offsets, places, looked_at, at, mean_inverse = ctx.tiles
-        arrays = [_NOTHING if g is None else g.contiguous().numpy().reshape(-1) for g in output_gradients]
+        arrays = [NOTHING if g is None else g.contiguous().numpy().reshape(-1) for g in output_gradients]
         # Gradients are computed only for the outputs that the loss uses.
         used = [level for array, level in zip(arrays, _LEVELS, strict=True) if array.size]
         features = settings.features[: max(used, default=0)]
@@ -258,7 +199,7 @@ class _Rasterize(torch.autograd.Function):
         results = [np.empty(parameter.shape, np.float32) for parameter in ctx.saved_tensors[:7]]
         grad_2d = np.empty((n, 2) if statistics is not None else (0, 2), np.float32)
         abs_grad_2d = np.empty((n, 2) if want_abs else (0, 2), np.float32)
-        outputs = (*(result.reshape(-1) for result in results), grad_2d.reshape(-1), abs_grad_2d.reshape(-1))
+        outputs = (*(result.reshape(-1) for result in results), NOTHING, grad_2d.reshape(-1), abs_grad_2d.reshape(-1))
         project_backward(
             *parameters,
             rest,
@@ -282,21 +223,6 @@ class _Rasterize(torch.autograd.Function):
         return None, None, by_blur if ctx.needs_input_grad[2] else None, *by_parameters
 
 
-def _describe(index: int, parameters, filter_3d, blur) -> str:
-    """A message on which argument made Gaussian `index` non-finite."""
-    for name, parameter in zip(NAMES, parameters, strict=True):
-        row = parameter[index].detach()
-        if not bool(torch.isfinite(row).all()):
-            return f"{name}[{index}]: found {row.flatten().tolist()}, expected finite numbers"
-    for name, values in (("filter_3d", filter_3d), ("blur", blur)):
-        if values.size and not np.isfinite(values[index]):
-            return f"{name}[{index}]: found {values[index]}, expected a finite number"
-    return (
-        f"Gaussian {index}: its projection overflows float32; mean {parameters[0][index].tolist()}, "
-        f"log_scales {parameters[1][index].tolist()}"
-    )
-
-
 def _warm_up(**options) -> None:
     """Compile the stages for these options of `rasterize` (geometry, statistics)."""
     parameters = [torch.zeros(shape) for shape in ((8, 3), (8, 3), (8, 4), (8,), (8, 3), (8, 15, 3))]
@@ -306,6 +232,8 @@ def _warm_up(**options) -> None:
     raster = rasterize(*parameters, camera=camera, **options)
     torch.stack([output.sum() for output in raster if output is not None]).sum().backward()
 
+
+__all__ = ["BACKEND", "rasterize", "rasterize_from_points"]
 
 BACKEND = Backend(
     devices=("cpu",),

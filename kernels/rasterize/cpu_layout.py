@@ -25,7 +25,10 @@ MX, MY, L11, L21, L22, LOG2_OPACITY, RED, GREEN, BLUE, T0, TX, TY, NX, NY, NZ, L
 # Q: dL/d(exponent) summed over pixels; QX … QYY its moments in (dx, dy); S_*: sums by feature.
 # Sixteen floats, or 24 with normals.
 SLOT = 24
+# S_POINT_*: where a view is rendered from lens points, without depth: the products of the moments QX and QY with the
+# lens point (px, py): px QX, px QY + py QX, py QY.
 Q, QX, QXX, QY, QXY, QYY, S_RED, S_GREEN, S_BLUE, S_T, S_TX, S_TY, ABS_X, ABS_Y, S_NX, S_NY, S_NZ = range(17)
+S_POINT_XX, S_POINT_XY, S_POINT_YY = S_T, S_TX, S_TY
 
 # The camera and the constants of one view, one float32 each.
 VIEW = 32

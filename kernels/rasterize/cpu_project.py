@@ -187,6 +187,7 @@ def project_block(
     rest,
     filter_3d,
     blur,
+    margin,
     degree,
     geometry,
     view,
@@ -256,6 +257,11 @@ def project_block(
 
     mx, my = fx * u + view[layout.CX], fy * v + view[layout.CY]
     half_x, half_y = reach / layout.EXPONENT_SCALE * sqrt8(fxx), reach / layout.EXPONENT_SCALE * sqrt8(fyy)
+    if margin.size > 0:
+        around = load8(margin, i)
+        finite = finite & ((~in_front) | (around - around == ZERO))
+        seen = seen & finite
+        half_x, half_y = half_x + around, half_y + around
     left, top = max8(-floor8(half_x + HALF - mx), ZERO), max8(-floor8(half_y + HALF - my), ZERO)
     right = min8(floor8(mx + half_x - HALF), view[layout.WIDTH] - ONE)
     bottom = min8(floor8(my + half_y - HALF), view[layout.HEIGHT] - ONE)
@@ -328,7 +334,7 @@ def tail_of(array, n):
 
 
 @njit(error_model="numpy")
-def tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur):
+def tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur, margin):
     """The last, incomplete block of every input."""
     n = opacity_logits.size
     return (
@@ -340,6 +346,7 @@ def tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, fil
         tail_of(sh_rest, n),
         tail_of(filter_3d, n),
         tail_of(blur, n),
+        tail_of(margin, n),
     )
 
 
@@ -354,6 +361,7 @@ def project_blocks(
     rest,
     filter_3d,
     blur,
+    margin,
     tails,
     degree,
     geometry,
@@ -374,7 +382,7 @@ def project_blocks(
         i = block * LANES
         # One call with selected arguments, since a second call would compile a second copy.
         if i + LANES <= n:
-            place, a, b, c, d, e, f, g, h = (
+            place, a, b, c, d, e, f, g, h, m = (
                 i,
                 means,
                 log_scales,
@@ -384,11 +392,12 @@ def project_blocks(
                 sh_rest,
                 filter_3d,
                 blur,
+                margin,
             )
         else:
-            place, (a, b, c, d, e, f, g, h) = 0, tails
+            place, (a, b, c, d, e, f, g, h, m) = 0, tails
         lost = project_block(
-            a, b, c, d, e, f, rest, g, h, degree, geometry, view, place, records, depths, radii, visible, i, basis
+            a, b, c, d, e, f, rest, g, h, m, degree, geometry, view, place, records, depths, radii, visible, i, basis
         )
         for lane in range(min(LANES, n - i)):
             if (lost >> lane) & 1:
@@ -412,6 +421,7 @@ def project(
     rest,
     filter_3d,
     blur,
+    margin,
     degree,
     geometry,
     view,
@@ -423,14 +433,15 @@ def project(
 ):
     """Fill records, depths, radii, visible and counts (tiles met) of every Gaussian.
 
-    Inputs are flat, filter_3d and blur empty where there is none; `rest` is the number of SH coefficients beyond
-    the first. geometry: 0 none, 1 depth, 2 full. The outputs have room for N rounded up to a multiple of eight.
-    Returns the index of a Gaussian that is not finite, or -1.
+    Inputs are flat, filter_3d, blur and margin empty where there is none; `rest` is the number of SH coefficients
+    beyond the first. margin: pixels by which a Gaussian may be moved before it is drawn, so that those just outside the
+    image count as visible. geometry: 0 none, 1 depth, 2 full. The outputs have room for N rounded up to a multiple of
+    eight. Returns the index of a Gaussian that is not finite, or -1.
     """
     blocks = (opacity_logits.size + LANES - 1) // LANES
     chunks = min(blocks, CHUNKS)
     bad = np.full(max(chunks, 1), -1)
-    tails = tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur)
+    tails = tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur, margin)
     for chunk in prange(chunks):
         bad[chunk] = project_blocks(
             means,
@@ -442,6 +453,7 @@ def project(
             rest,
             filter_3d,
             blur,
+            margin,
             tails,
             degree,
             geometry,

@@ -85,6 +85,7 @@ def backward_block(
     d_dc,
     d_rest,
     d_blur,
+    d_radius,
     grad_2d,
     basis,
     pulls,
@@ -130,6 +131,12 @@ def backward_block(
     # gradient with respect to the covariance instead would lose all digits for a long needle.
     n_x, n_y = l11 * q_x + l21 * q_y, l22 * q_y
     g_mx, g_my = l11 * n_x, l21 * n_x + l22 * n_y
+    if d_radius.size > 0:
+        # dL/d(mean) is L L^T (Q_X, Q_Y) for each lens point; the sums hold its products with the points.
+        m_xx, m_xy, m_yy = l11 * l11, l11 * l21, l21 * l21 + l22 * l22
+        along_x, across = gather8(sums, layout.S_POINT_XX, SLOT), gather8(sums, layout.S_POINT_XY, SLOT)
+        along_y = gather8(sums, layout.S_POINT_YY, SLOT)
+        store8(d_radius, i, select8(seen, m_xx * along_x + m_xy * across + m_yy * along_y, ZERO))
     n_xx = l11 * (l11 * q_xx + l21 * q_xy) + l21 * (l11 * q_xy + l21 * q_yy)
     n_xy, n_yy = l22 * (l11 * q_xy + l21 * q_yy), l22 * l22 * q_yy
     w0x, w0y, w1x, w1y = l11 * a0x + l21 * a0y, l22 * a0y, l11 * a1x + l21 * a1y, l22 * a1y
@@ -318,7 +325,7 @@ def zero_rows(array, n, i, count):
 @njit(error_model="numpy")
 def zero_block(outputs, n, i, count):
     """Write the zero gradients of a block of Gaussians that no tile met."""
-    d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, d_blur, grad_2d, abs_grad_2d = outputs
+    d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, d_blur, d_radius, grad_2d, abs_grad_2d = outputs
     zero_rows(d_means, n, i, count)
     zero_rows(d_scales, n, i, count)
     zero_rows(d_quaternions, n, i, count)
@@ -326,6 +333,7 @@ def zero_block(outputs, n, i, count):
     zero_rows(d_dc, n, i, count)
     zero_rows(d_rest, n, i, count)
     zero_rows(d_blur, n, i, count)
+    zero_rows(d_radius, n, i, count)
     zero_rows(grad_2d, n, i, count)
     zero_rows(abs_grad_2d, n, i, count)
 
@@ -374,12 +382,13 @@ def backward_blocks(
 ):
     """Compute the gradients of the blocks first … stop - 1."""
     n = opacity_logits.size
-    d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, d_blur, grad_2d, abs_grad_2d = outputs
+    d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, d_blur, d_radius, grad_2d, abs_grad_2d = outputs
     sums = np.empty(LANES * SLOT, np.float32)
     mean_2d = np.empty(2 * LANES, np.float32)
     basis, pulls = np.empty(TERMS * LANES, np.float32), np.empty(TERMS * LANES, np.float32)
     t_means, t_scales, t_quaternions = tail_of(d_means, n), tail_of(d_scales, n), tail_of(d_quaternions, n)
-    t_logits, t_dc, t_rest, t_blur = tail_of(d_logits, n), tail_of(d_dc, n), tail_of(d_rest, n), tail_of(d_blur, n)
+    t_logits, t_dc, t_rest = tail_of(d_logits, n), tail_of(d_dc, n), tail_of(d_rest, n)
+    t_blur, t_radius = tail_of(d_blur, n), tail_of(d_radius, n)
     for block in range(first, stop):
         i = block * LANES
         count = min(LANES, n - i)
@@ -401,9 +410,11 @@ def backward_blocks(
         if count == LANES:
             place, a, b, c, d, e, f, g = i, means, log_scales, quaternions, opacity_logits, sh_rest, filter_3d, blur
             o_a, o_b, o_c, o_d, o_e, o_f, o_g = d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, d_blur
+            o_h = d_radius
         else:
-            place, (a, b, c, d, _, e, f, g) = 0, tails
+            place, (a, b, c, d, _, e, f, g, _) = 0, tails
             o_a, o_b, o_c, o_d, o_e, o_f, o_g = t_means, t_scales, t_quaternions, t_logits, t_dc, t_rest, t_blur
+            o_h = t_radius
         backward_block(
             a,
             b,
@@ -428,6 +439,7 @@ def backward_blocks(
             o_e,
             o_f,
             o_g,
+            o_h,
             mean_2d,
             basis,
             pulls,
@@ -440,6 +452,7 @@ def backward_blocks(
             put_tail(d_dc, n, t_dc)
             put_tail(d_rest, n, t_rest)
             put_tail(d_blur, n, t_blur)
+            put_tail(d_radius, n, t_radius)
         if grad_2d.size > 0:
             for lane in range(count):
                 met = (seen >> lane) & 1 != 0
@@ -475,12 +488,15 @@ def project_backward(
 ):
     """Reduce the intersections' gradients (`width` floats each) to Gaussians and on to the parameters.
 
-    outputs: the gradients of the six inputs and of blur, grad_2d and abs_grad_2d, all flat; that of blur is empty if
-    blur is empty; the last two may be empty.
+    outputs: the gradients of the six inputs, of blur and of the radius by which lens points move a Gaussian, grad_2d
+    and abs_grad_2d, all flat; that of blur is empty if blur is empty; the last three may be empty. For the radius's,
+    the intersections hold S_POINT_XX … instead of sums of depth (cpu_layout).
     """
     blocks = (opacity_logits.size + LANES - 1) // LANES
     chunks = min(blocks, CHUNKS)
-    tails = tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur)
+    tails = tails_of(
+        means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur, np.empty(0, np.float32)
+    )
     for chunk in prange(chunks):
         backward_blocks(
             means,

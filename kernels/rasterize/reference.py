@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any, TypedDict
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -111,6 +112,61 @@ def rasterize(
     statistics: ViewStatistics | None = None,
 ) -> Raster:
     """Same arguments, results and conventions as `cpu.rasterize`, which documents them."""
+    parameters = (means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest)
+    return _moved(
+        parameters, None, camera, filter_3d, sh_degree, background, filter_2d, blur, geometry, near, statistics
+    )
+
+
+def rasterize_from_points(
+    means: Tensor,
+    log_scales: Tensor,
+    quaternions: Tensor,
+    opacity_logits: Tensor,
+    sh_dc: Tensor,
+    sh_rest: Tensor,
+    *,
+    camera: Camera,
+    points: np.ndarray,
+    radius: Tensor,
+    blur: Tensor | None = None,
+    filter_3d: Tensor | None = None,
+    sh_degree: int = 3,
+    background: Tensor | None = None,
+    filter_2d: float = 0.1,
+    near: float = 0.2,
+    statistics: ViewStatistics | None = None,
+) -> Tensor:
+    """Same arguments, results and conventions as `cpu_points.rasterize_from_points`, which documents them, but that
+    `statistics` isn't filled in: those of single points are `rasterize`'s."""
+    if statistics is not None:
+        raise ValueError("statistics: the reference has none from several points")
+    parameters = (means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest)
+    images = []
+    for point in torch.tensor(points, dtype=means.dtype, device=means.device):
+        moved = radius[:, None] * point
+        raster = _moved(
+            parameters, moved, camera, filter_3d, sh_degree, background, filter_2d, blur, "none", near, None
+        )
+        images.append(raster.color)
+    return torch.stack(images)
+
+
+def _moved(
+    parameters: tuple[Tensor, ...],
+    moved: Tensor | None,
+    camera: Camera,
+    filter_3d: Tensor | None,
+    sh_degree: int,
+    background: Tensor | None,
+    filter_2d: float,
+    blur: Tensor | None,
+    geometry: Geometry,
+    near: float,
+    statistics: ViewStatistics | None,
+) -> Raster:
+    """`rasterize`, with the projected means moved by (N, 2) pixels, if `moved` is given."""
+    means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest = parameters
     to: _Kind = {"dtype": means.dtype, "device": means.device}
     world_to_camera = torch.tensor(camera.world_to_camera, **to)
     rotation = world_to_camera[:3, :3]
@@ -126,6 +182,8 @@ def rasterize(
     u_bounded = u.clamp((-cx - 0.15 * width) / fx, (width - cx + 0.15 * width) / fx)
     v_bounded = v.clamp((-cy - 0.15 * height) / fy, (height - cy + 0.15 * height) / fy)
     projected = torch.stack([fx * u + cx, fy * v + cy], 1)
+    if moved is not None:
+        projected = projected + moved[index]
     if projected.requires_grad:
         projected.retain_grad()
 

@@ -153,7 +153,8 @@ def test_the_blurs_gradient_reaches_the_depth_where_it_is_asked_to():
     raster = rasterise(trainer.gaussians, camera, trainer.options.appearance)
     for to_depth in (False, True):
         depth = raster.depth.detach().requires_grad_()
-        sharp = SharpView(raster._replace(color=raster.color.detach(), alpha=raster.alpha.detach(), depth=depth))
+        seen = raster._replace(color=raster.color.detach(), alpha=raster.alpha.detach(), depth=depth)
+        sharp = SharpView(lambda seen=seen: seen)
         model = ScatterBlur(BlurOptions(blur_to_depth=to_depth), ScatterOptions())
         slope = torch.tensor(8.0, requires_grad=True)
         model.photograph(None, sharp, Shot(camera, trainer.state.range, slope, -2.0)).square().sum().backward()

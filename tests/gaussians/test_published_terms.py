@@ -40,8 +40,8 @@ def test_eq_11_closes_the_aperture_in_focus_and_leaves_it_open_elsewhere() -> No
     assert state.lenses is not None
     raster = Raster(*(torch.ones(4, 4) for _ in range(6)))
     view = Photograph(0, "v0", state.cameras[0], torch.zeros(4, 4, 3), None, None)
-    adapted = state.shot(view, SharpView(raster), state.adaptation(0.5))
-    plain = state.shot(view, SharpView(raster), state.adaptation(0.5).at(-1.0))
+    adapted = state.shot(view, SharpView(lambda: raster), state.adaptation(0.5))
+    plain = state.shot(view, SharpView(lambda: raster), state.adaptation(0.5).at(-1.0))
     aperture, focus = state.lenses.aperture_and_focus(0)
     assert aperture > 0.1
     # Normalised disparities at these distances from the focus, in scene units.
@@ -76,7 +76,7 @@ def test_known_depth_counts_by_the_adaptation_s_weight_and_less_at_the_end() -> 
     )
 
     def cost(progress: float, weight: torch.Tensor | None) -> float:
-        found = term.cost(SharpView(raster), view, progress, weight)
+        found = term.cost(SharpView(lambda: raster), view, progress, weight)
         assert found is not None
         return float(found)
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, Protocol
 
+import numpy as np
 from torch import Tensor
 
 from dofbench.compute.raster import Geometry, Raster
@@ -31,11 +33,19 @@ class BlurOptions:
     """Whether the blur's gradient reaches the geometry. Unit: none. Source: off: released code; on: own."""
 
 
-@dataclass(frozen=True, eq=False)
 class SharpView:
-    """A view rasterised without a lens."""
+    """A view rasterised without a lens, when it is looked at for the first time.
 
-    raster: Raster
+    make: rasterises it.
+    """
+
+    def __init__(self, make: Callable[[], Raster]):
+        self._make = make
+
+    @cached_property
+    def raster(self) -> Raster:
+        """The rasterised view."""
+        return self._make()
 
     @cached_property
     def disparity(self) -> Tensor:
@@ -50,10 +60,11 @@ class Rasteriser(Protocol):
 
     gaussians: Gaussians
 
-    def rasterise(
-        self, camera: Camera, geometry: Geometry, *, means: Tensor | None = None, blur: Tensor | None = None
-    ) -> Raster:
+    def rasterise(self, camera: Camera, geometry: Geometry) -> Raster:
         """One sharp view; arguments as in `gaussians.render.rasterise`."""
+
+    def from_points(self, camera: Camera, points: np.ndarray, radius: Tensor, blur: Tensor) -> Tensor:
+        """(P, H, W, 3) as seen from points of the lens; arguments as in `gaussians.render.rasterise_from_points`."""
 
     def turn(self) -> float:
         """Angle by which the pattern of lens points is rotated, radians: random in training, 0 in rendering."""
@@ -62,13 +73,13 @@ class Rasteriser(Protocol):
 class ForwardModel(Protocol):
     """Makes a photograph from the sharp view and, if it needs more, from rasterisations of its own.
 
-    reads: the geometry that it needs of the sharp view. rasterises: the geometry of its own rasterisations, for which
-    kernels are compiled before training. stage: the part of a training step under which its time and its non-finite
+    reads: the geometry that it needs of the sharp view. from_points: whether it rasterises the scene from points of the
+    lens, and doesn't look at the sharp view. stage: the part of a training step under which its time and its non-finite
     values are reported.
     """
 
     reads: Geometry
-    rasterises: tuple[Geometry, ...]
+    from_points: bool
     stage: str
 
     def photograph(self, scene: Rasteriser, sharp: SharpView, shot: Shot) -> Tensor:

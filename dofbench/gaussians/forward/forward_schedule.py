@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dofbench.gaussians.forward.forward_model import BlurOptions, ForwardModel
-from dofbench.gaussians.forward.lens_samples import MOST_RINGS, LensSamples, SamplesOptions
+from dofbench.gaussians.forward.lens_pattern import MOST_RINGS
+from dofbench.gaussians.forward.lens_samples import LensSamples, SamplesOptions
 from dofbench.gaussians.forward.own_blur import OwnBlur
 from dofbench.gaussians.forward.pinhole import Pinhole
 from dofbench.gaussians.forward.scatter_blur import ScatterBlur, ScatterOptions

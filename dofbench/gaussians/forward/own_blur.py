@@ -17,7 +17,7 @@ class OwnBlur:
     """A `ForwardModel` that rasterises a second time, with every Gaussian enlarged by the lens's blur."""
 
     reads: Geometry = "none"
-    rasterises: tuple[Geometry, ...] = ("none",)
+    from_points = True
     stage = "lens"
 
     def __init__(self, blur: BlurOptions):
@@ -25,5 +25,4 @@ class OwnBlur:
 
     def photograph(self, scene: Rasteriser, sharp: SharpView, shot: Shot) -> Tensor:
         """The scene of blurred Gaussians."""
-        (image,) = views_from_lens(scene, shot, 0, self._blur.blur_to_depth)
-        return image
+        return views_from_lens(scene, shot, 0, self._blur.blur_to_depth)[0]

@@ -13,7 +13,7 @@ class Pinhole:
     """A `ForwardModel` whose photograph is the sharp view."""
 
     reads: Geometry = "none"
-    rasterises: tuple[Geometry, ...] = ()
+    from_points = False
     stage = "rasterise"
 
     def photograph(self, scene: Rasteriser, sharp: SharpView, shot: Shot) -> Tensor:

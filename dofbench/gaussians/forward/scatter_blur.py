@@ -38,7 +38,7 @@ class ScatterBlur:
     """A `ForwardModel` that blurs the sharp view by the depth it was rendered with."""
 
     reads: Geometry = "depth"
-    rasterises: tuple[Geometry, ...] = ()
+    from_points = False
     stage = "lens"
 
     def __init__(self, blur: BlurOptions, options: ScatterOptions):
