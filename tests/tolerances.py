@@ -224,3 +224,8 @@ ROUGH_APERTURE = 0.2
 FITTED_SIGMA = 0.1
 # How far a step moves a learned number of order 1 in float32: number and result are rounded, by at most 2^-24 each.
 LEARNED_STEP = 2.0**-23
+# Standard deviation of 4000 drawn numbers: its relative standard error is 1 / sqrt(2 n), and four of them.
+DEVIATION_OF_4000 = 4 / (2 * 4000) ** 0.5
+# The loss of a training step against the same terms in float64 of the same float32 rendering, relative: images of the
+# scatter to FLOAT32_VALUE of white against differences of some tenths, and its stretched weights, slope 15, likewise.
+LOSS_OF_A_STEP = 15 * FLOAT32_VALUE

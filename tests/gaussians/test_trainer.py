@@ -30,12 +30,15 @@ from dofbench.gaussians.trainer import Trainer
         {
             "blur_to_depth": True,
             "adaptation": "psi",
+            "adaptation_ssim": True,
             "adaptation_aperture": True,
             "normal_median": 0.6,
             "grow_absolute": True,
         },
         {
             "lens_range": "render",
+            "lens_clip": True,
+            "clone_place": "drawn",
             "lens_update": "dense",
             "lens_energy": "algorithm1",
             "coarse_until": 0.4,

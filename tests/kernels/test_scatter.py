@@ -321,17 +321,18 @@ def test_options_that_do_not_exist(options, message):
 
 
 @pytest.mark.parametrize("form", ["reference", "direct", "linear"])
+@pytest.mark.parametrize("energy", ["area", "algorithm1"])
 @pytest.mark.parametrize("radius", [1.0, 2.5, 6.0])
-def test_a_pixel_s_light_is_spread_over_its_area_and_a_fifth(form: str, radius: float) -> None:
-    """One blurred bright pixel among sharp dark ones, by the formula of the public renderers written out: each pixel's
-    weight is its edge function over R^2 + 0.2."""
+def test_a_pixel_s_light_is_spread_as_its_formula_says(form: str, energy: str, radius: float) -> None:
+    """One blurred bright pixel among sharp dark ones, written out: each pixel's weight is its edge function (Eq. 6),
+    which the public renderers divide by R^2 + 0.2."""
     size, middle = 15, 7
     image, radii = torch.zeros(size, size, 1), torch.zeros(size, size)
     image[middle, middle], radii[middle, middle] = 1.0, radius
     kernel = reference if form == "reference" else cpu
     more = {} if form == "reference" else {"form": form}
     given = (image.double(), radii.double()) if form == "reference" else (image, radii)
-    found = kernel(*given, alpha=4.0, energy="area", **more)
+    found = kernel(*given, alpha=4.0, energy=energy, **more)
 
     def edge(reach: float, distance: float) -> float:
         return 0.5 + 0.5 * math.tanh(4.0 * (reach - distance))
@@ -341,7 +342,8 @@ def test_a_pixel_s_light_is_spread_over_its_area_and_a_fifth(form: str, radius: 
         for i in range(size):
             for j in range(size):
                 reach = radius if (i, j) == (middle, middle) else 0.0
-                weight = edge(reach, math.hypot(i - row, j - column)) / (reach**2 + 0.2)
+                weight = edge(reach, math.hypot(i - row, j - column))
+                weight /= reach**2 + 0.2 if energy == "area" else 1.0
                 light += weight * ((i, j) == (middle, middle))
                 total += weight
         assert float(found[row, column, 0]) == pytest.approx(light / total, abs=FLOAT32_VALUE)
