@@ -172,7 +172,7 @@ PRINTED_MEAN = {
     "aif_psnr": 0.0101,
     "aif_ssim": 0.00101,
 }
-# The blur of an edge, as a factor: the window in which it is measured cuts the tails of a wide one.
+# The blur of an edge, as a factor: the window around the edge cuts the tails of a wide one.
 EDGE_BLUR = 1.25
 # Deviation in pixels by which the differences that stand for a gradient blur an edge themselves.
 DIFFERENCE_BLUR = 0.6
@@ -221,3 +221,19 @@ LOSS_OF_A_STEP = 15 * FLOAT32_VALUE
 QUOTIENT_OF_SUMS_OF_180 = 2 * 6 * 180**0.5 * 2.0**-24
 # Standard errors that chance exceeds once in 16 000 times.
 BY_CHANCE = 4
+# A Gaussian whose alpha rounds to the other side of 1/255 is drawn by one and left out by the other: share of the
+# pixels that may differ by that.
+DRAWN_OR_NOT = 1e-3
+# A clock that adds up tenths of a second in float64 may reach its budget a step sooner or later; steps are whole.
+ONE_STEP = 1
+# Seconds are printed whole: rounded by up to a half, and both sides are sums of floats.
+WHOLE_SECONDS = 0.5 + 1e-6
+# The pace of the latest steps is taken over some of them, of which the printed time rounds half a second off hundreds.
+LATEST_PACE = 0.01
+# Times of up to 1e5 seconds in float64, one of whose differences may be 1e-3: 1.5e-11 over 1e-3.
+DIFFERENCE_OF_TIMES = 1e-7
+# EXIF's rationals: the writer of the test's photographs chooses denominators of 10 000 and more.
+EXIF_RATIONAL = 1e-4
+# Above 38 dB a photograph's score is what the search for its lens leaves: mean squares of two searches within a factor
+# of two, dB.
+TWO_FITS_DB = 3.02

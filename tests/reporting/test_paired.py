@@ -27,7 +27,7 @@ FEW = st.lists(st.floats(-10, 10), min_size=1, max_size=9)
 @given(FEW)
 def test_p_is_the_share_of_all_choices_of_signs(differences: list[float]) -> None:
     found = abs(math.fsum(differences))
-    slack = 1e-9 * math.fsum(map(abs, differences))  # of the order of a sum; a tie is as far
+    slack = 10 * FLOAT64_VALUE * math.fsum(map(abs, differences))  # of the order of a sum; a tie is as far
     choices = [
         abs(math.fsum(sign * one for sign, one in zip(signs, differences, strict=True)))
         for signs in itertools.product((1, -1), repeat=len(differences))
