@@ -21,9 +21,8 @@ UNDISTORTED_PIXEL = 1e-6
 RESAMPLED = 0.4 * 2 * (1.5e-3 + 2 * 3.1416 / 60 / 64)
 # One level of an 8-bit image.
 LEVEL_8BIT = 1.0 / 255.0
-# Reprojection error of a structure from motion model of a real video, mean over its sightings, pixels; 0.67 by COLMAP.
-REPROJECTION_PIXELS = 1.0
-# The same error before and after undistortion, but for the enlargement: distortion stretches it by its derivative.
+# Mean reprojection error of a structure from motion model before and after undistortion, but for the enlargement:
+# distortion stretches it by its derivative.
 REPROJECTION_STRETCH = 2e-2
 # SSIM loss close to convergence: relative error of 1 - SSIM at about 1e-4, from float32 variances of [0, 1] pixels
 # (1e-8) against the stabiliser 9e-4. The usual float32 formula, which subtracts from 1, is off by 1e-3 there.
@@ -124,8 +123,9 @@ NOISE_STATED = 0.15
 SCATTER_OF_A_LENS = 30.0
 # The shipped photographs through a real lens. Noise of each, dB.
 SHIPPED_NOISE = 40.0
-# Median relative depth error of a handful of points triangulated from three small images.
-SHIPPED_POINT_DEPTH = 0.06
+# Median relative depth error of a handful of points triangulated from three small images: half a pixel over a disparity
+# of nine pixels between the views.
+SHIPPED_POINT_DEPTH = 0.5 / 9
 # One surface in two depth maps, at the nearest pixel, relative, median: a slanted floor changes within a pixel.
 SHIPPED_SURFACE = 0.01
 # The scatter against them, dB, whole: bleeding at depth edges, least in `night`.
