@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
-from tolerances import FLOAT64_VALUE
+from tolerances import DIFFERENCE_OF_TIMES, FLOAT64_VALUE
 
 from dofbench.core.budget import Budget
 from dofbench.core.progress import Terminal
@@ -118,7 +118,7 @@ def test_what_an_earlier_run_finished_is_no_measure_of_the_rest():
         remaining.told(done, 0.001 * done)
     for done in range(21, 28):
         remaining.told(done, 60.0 * (done - 20))
-    assert remaining.seconds() == pytest.approx(13 * 60, rel=0.01)
+    assert remaining.seconds() == pytest.approx(13 * 60, rel=DIFFERENCE_OF_TIMES)
 
 
 @given(st.integers(8, 300), st.floats(0.001, 100), st.floats(0, 1e5))
@@ -127,5 +127,5 @@ def test_steady_work_is_estimated_exactly_whatever_went_before(total, pace, cold
     for done in range(1, total):
         remaining.told(done, cold + pace * done)
         left = remaining.seconds()
-        assert left is None or left == pytest.approx(pace * (total - done), rel=1e-4)
+        assert left is None or left == pytest.approx(pace * (total - done), rel=DIFFERENCE_OF_TIMES)
     assert left is not None

@@ -1,6 +1,8 @@
 """Every numerical tolerance of the suite, with the reason. Tests import from here; none writes its own."""
 
-# float32 kernel against the float64 reference: relative to the largest magnitude of the compared array.
+# float32 kernel against the float64 reference: relative to the largest magnitude of the compared array. A sum of n
+# terms, rounded n times by chance up or down, is off by more than 6 sqrt(n) 2^-24 once in 1e8 sums: 1.6e-5 for 2000.
+# Beside that, the scatter leaves out tails below exp(-12) of a weight, 6e-6.
 FLOAT32_VALUE = 2e-5
 # The same for a sum of squared differences, whose relative error is twice as large.
 FLOAT32_DISTORTION = 5e-5
@@ -13,14 +15,14 @@ FINITE_DIFFERENCE = 1e-5
 POSE_ROUND_TRIP = 1e-9
 # A distortion inverted by Newton's method, in pixels: the method stops at 1e-12 of the focal length.
 UNDISTORTED_PIXEL = 1e-6
-# An image of a smooth function with a period of 40 pixels, resampled by OpenCV's Lanczos: 2.4e-3 was measured; half a
-# pixel of misplacement would be 3e-2.
-RESAMPLED = 3e-3
+# Waves of amplitude 0.4 resampled by OpenCV's Lanczos, worst along a diagonal with a period of 60 pixels, where both
+# axes add up: by its closed form the kernel, at its worst offset, changes such a wave by 1.5e-3 of its amplitude, and
+# OpenCV rounds offsets to 1/32 pixel. Half a pixel of misplacement would be 3e-2.
+RESAMPLED = 0.4 * 2 * (1.5e-3 + 2 * 3.1416 / 60 / 64)
 # One level of an 8-bit image.
 LEVEL_8BIT = 1.0 / 255.0
-# Reprojection error of a structure from motion model of a real video, mean over its sightings, pixels; 0.67 by COLMAP.
-REPROJECTION_PIXELS = 1.0
-# The same error before and after undistortion, but for the enlargement: distortion stretches it by its derivative.
+# Mean reprojection error of a structure from motion model before and after undistortion, but for the enlargement:
+# distortion stretches it by its derivative.
 REPROJECTION_STRETCH = 2e-2
 # SSIM loss close to convergence: relative error of 1 - SSIM at about 1e-4, from float32 variances of [0, 1] pixels
 # (1e-8) against the stabiliser 9e-4. The usual float32 formula, which subtracts from 1, is off by 1e-3 there.
@@ -40,14 +42,9 @@ DELTA_E_BY_FORMULA = 2e-3
 # PSNR (dB) of 8-bit images against the float64 blur (docs/conventions.md, "A dataset folder"). Rounding alone leaves
 # 58.9.
 RECOMPUTED_PSNR = 55.0
-# The built-in scene. A triangulated point's z against the depth map, relative, median: 0.6 % was measured, as a
-# keypoint is good to 0.2 pixels and the baseline is a sixth of the distance.
-BUILT_IN_POINT_DEPTH = 1e-2
-# One surface in two depth maps, relative, median: they are kept in steps of 2 ** -11 units; 3e-5 was measured.
-BUILT_IN_SAME_SURFACE = 1e-4
-# Its colours in two views, mean: bilinear samples of fine print lose contrast. 0.019 was measured, and 0.030 with half
-# a pixel of offset.
-BUILT_IN_WARPED_IMAGE = 0.024
+# The built-in scene. Pixels between a view's picture and another's that its depth carries there: the least mistake of
+# cameras or conventions is half a pixel, and this is half of it.
+BUILT_IN_REGISTRATION_PX = 0.25
 # The part of the pixels where a render may see another surface than the shipped depth has.
 BUILT_IN_SILHOUETTE = 5e-3
 # A render with few samples against the shipped image, dB; as the same scene with another shadow or texture wouldn't be.
@@ -64,9 +61,11 @@ HALF_LIT = 1e-2
 # A plane's depth by an expression affine in the pixel: second order in the angle, up to 5 pixels of 1/400 at
 # 50 degrees.
 PLANE_DEPTH = 5e-4
-# The light of a single Gaussian of opacity 0.1 to 0.3 before and after blur: a sum over pixels, with a rim at
-# 1/255 that falls between them. The worst of 4000 drawn ones differed by 0.013, the middle one by 0.001.
-BLUR_INTEGRAL = 0.03
+# The light of a single Gaussian before and after blur: a sum over pixels with a rim, where alpha falls from 1/255 to 0.
+# The rim of the faintest and smallest, opacity 0.1 and deviation 1.5 pixels, has a radius of 3.8 pixels and crosses 31
+# pixels, each in any place: the sum varies by sqrt(31 / 12) / 255, of the light of 1.36. Four standard deviations, of
+# two such sums, as the blurred one's rim is longer and fainter.
+BLUR_INTEGRAL = 4 * (31 / 12) ** 0.5 / 255 / 1.36 * 2**0.5
 # Gradient by the blur of needles 40 pixels long, a third of a pixel wide: second moments in float32 keep their digits
 # along the needle and lose the square of that ratio across it.
 BLUR_OF_NEEDLES = 2e-3
@@ -88,8 +87,6 @@ PLANE_NORMAL = 1e-12
 FLOAT32_SCALAR = 1e-6
 # How near Adam with a falling learning rate comes to the true lens.
 LENS_FOUND = 0.01
-# Two planes at depths 3 and 6: the median of what 90 steps rebuild lies between their surroundings.
-ROUGH_DEPTH = 2.0
 # Numbers in a CSV file have eight digits.
 CSV_DIGITS = 1e-7
 # A drawn lens is rounded to four decimals.
@@ -103,9 +100,6 @@ SWEPT_DISPARITY = 0.01
 STEREO_OUTLIERS = 0.2
 # A parabola's least value on a grid of steps of 1e-3: at most a quarter of the step's square above.
 BEST_SCALE = 1e-6
-# Median relative difference of its depth where half of the photographs come at another size: below the median error of
-# either, 1.5 %, which is mostly that of planes that lie elsewhere.
-STEREO_RESIZED = 0.012
 # Correlation of two flat patches: float32 rounding of squares around zero, 1e-8, over the variances' floor of 2e-5.
 FLAT_SCORE = 1e-3
 # A completed surface between sightings that agree, across pixels of one colour: what leaks over a strong edge.
@@ -116,10 +110,6 @@ COMPLETED_SCALE = 1e-6
 ALIGNED = 1e-5
 # The slope of 120 points with noise of 1 % of their range.
 ALIGNED_AMONG_NOISE = 0.03
-# A ramp of disparity completed from 150 points of 3072 pixels, mean error as a share of its range: 0.004 was measured.
-SFM_DISPARITY = 0.01
-# Mean error of the quarter of the pixels with most confidence against that of least: a tenth was measured.
-CONFIDENCE_ORDER = 0.3
 # A network's map at its own size, sampled between pixels at points that lie between pixels, in float32, relative.
 NETWORK_DISPARITY = 2e-3
 # Radius of a circle of confusion by the second moment of a disc of a few thousand samples, relative.
@@ -133,8 +123,9 @@ NOISE_STATED = 0.15
 SCATTER_OF_A_LENS = 30.0
 # The shipped photographs through a real lens. Noise of each, dB.
 SHIPPED_NOISE = 40.0
-# Median relative depth error of a handful of points triangulated from three small images.
-SHIPPED_POINT_DEPTH = 0.06
+# Median relative depth error of a handful of points triangulated from three small images: half a pixel over a disparity
+# of nine pixels between the views.
+SHIPPED_POINT_DEPTH = 0.5 / 9
 # One surface in two depth maps, at the nearest pixel, relative, median: a slanted floor changes within a pixel.
 SHIPPED_SURFACE = 0.01
 # The scatter against them, dB, whole: bleeding at depth edges, least in `night`.
@@ -174,9 +165,6 @@ FEW_POINTS = 0.14
 SAMPLED_PLANE = 4e-3
 # Light of a blurred background on a sharp foreground that hides it, encoded, where it should be none.
 LENS_SMEAR = 5e-2
-# float32 rendering's gradient against a central difference of 0.02 in the lens: the cut of alpha at 1/255 is a step
-# that no gradient sees; 4 % was measured where each Gaussian takes the whole blur, under 1 % with seven points.
-LENS_GRADIENT = 5e-2
 # The planes' ends beside the nearest and farthest true disparity, relative: percentiles of the points, and a margin.
 SWEEP_REACH = 0.5
 # A level is a whole number of steps; both are floats.
@@ -190,7 +178,7 @@ PRINTED_MEAN = {
     "aif_psnr": 0.0101,
     "aif_ssim": 0.00101,
 }
-# The blur of an edge, as a factor: the window in which it is measured cuts the tails of a wide one.
+# The blur of an edge, as a factor: the window around the edge cuts the tails of a wide one.
 EDGE_BLUR = 1.25
 # Deviation in pixels by which the differences that stand for a gradient blur an edge themselves.
 DIFFERENCE_BLUR = 0.6
@@ -230,3 +218,28 @@ ROUGH_APERTURE = 0.2
 FITTED_SIGMA = 0.1
 # How far a step moves a learned number of order 1 in float32: number and result are rounded, by at most 2^-24 each.
 LEARNED_STEP = 2.0**-23
+# Standard deviation of 4000 drawn numbers: its relative standard error is 1 / sqrt(2 n), and four of them.
+DEVIATION_OF_4000 = 4 / (2 * 4000) ** 0.5
+# The loss of a training step against the same terms in float64 of the same float32 rendering, relative: images of the
+# scatter to FLOAT32_VALUE of white against differences of some tenths, and its stretched weights, slope 15, likewise.
+LOSS_OF_A_STEP = 15 * FLOAT32_VALUE
+# A quotient of two sums of 180 positive float32 numbers: each sum is off by more than 6 sqrt(n) 2^-24 once in 1e8.
+QUOTIENT_OF_SUMS_OF_180 = 2 * 6 * 180**0.5 * 2.0**-24
+# Standard errors that chance exceeds once in 16 000 times.
+BY_CHANCE = 4
+# A Gaussian whose alpha rounds to the other side of 1/255 is drawn by one and left out by the other: share of the
+# pixels that may differ by that.
+DRAWN_OR_NOT = 1e-3
+# A clock that adds up tenths of a second in float64 may reach its budget a step sooner or later; steps are whole.
+ONE_STEP = 1
+# Seconds are printed whole: rounded by up to a half, and both sides are sums of floats.
+WHOLE_SECONDS = 0.5 + 1e-6
+# The pace of the latest steps is taken over some of them, of which the printed time rounds half a second off hundreds.
+LATEST_PACE = 0.01
+# Times of up to 1e5 seconds in float64, one of whose differences may be 1e-3: 1.5e-11 over 1e-3.
+DIFFERENCE_OF_TIMES = 1e-7
+# EXIF's rationals: the writer of the test's photographs chooses denominators of 10 000 and more.
+EXIF_RATIONAL = 1e-4
+# Above 38 dB a photograph's score is what the search for its lens leaves: mean squares of two searches within a factor
+# of two, dB.
+TWO_FITS_DB = 3.02

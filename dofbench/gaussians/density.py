@@ -46,6 +46,9 @@ class DensityOptions:
     """Opacity of a clone: keep, that of the original, so that the two together are more opaque than the original was;
     share, divided between the two so that the rendering hardly changes. Unit: none. Source: keep: 3DGS; share: Rota
     Bulo et al., Revising Densification in Gaussian Splatting."""
+    clone_place: Literal["same", "drawn"] = "same"
+    """Where a clone is put: same, at the original's mean; drawn, at a place drawn from the original's distribution.
+    Unit: none. Source: same: 3DGS; drawn: released code."""
     prune_opacity: float = 0.005
     """Opacity below which a Gaussian is removed. Unit: none. Source: 3DGS; 0.05 in the released code."""
     prune_depth_graded: bool = False
@@ -53,6 +56,9 @@ class DensityOptions:
     released code."""
     reset_every: float = 0.1
     """How often all opacities are reset; 0 for never. Unit: share of the training. Source: 3DGS."""
+    reset_filtered: bool = False
+    """Whether the opacity that is reset is the one after the 3D filter, which lowers it. Unit: none. Source: off: 3DGS;
+    on: Mip-Splatting's code, released code."""
 
 
 class DensityControl:
@@ -152,6 +158,8 @@ class DensityControl:
             shared = 1 - torch.sqrt(1 - opacity[clone])
             parameters["opacity_logits"][clone] = torch.logit(shared, eps=1e-6)
         cloned = {name: value[clone & ~transparent] for name, value in parameters.items()}
+        if options.clone_place == "drawn":
+            cloned["means"] = cloned["means"] + self._drawn(cloned)
         children = self._children({name: value[split & ~transparent] for name, value in parameters.items()})
         added = {name: torch.cat([cloned[name], children[name]]) for name in PARAMETERS}
         kept = torch.nonzero(~(transparent | split))[:, 0]
@@ -160,19 +168,27 @@ class DensityControl:
     def _children(self, parents: dict[str, Tensor]) -> dict[str, Tensor]:
         """Two children of each parent, their means drawn from the parent's distribution."""
         children = {name: value.repeat(2, *[1] * (value.ndim - 1)) for name, value in parents.items()}
-        scales = children["log_scales"].exp()
-        # The generator is one of the host, so that a seed draws the same children on every device.
-        normal = torch.randn(scales.shape, generator=self._generator, device=self._generator.device)
-        offsets = normal.to(scales.device) * scales
-        children["means"] = children["means"] + rotate(children["quaternions"], offsets)
+        children["means"] = children["means"] + self._drawn(children)
         children["log_scales"] = children["log_scales"] - math.log(_SPLIT_SHRINK)
         return children
 
+    def _drawn(self, rows: dict[str, Tensor]) -> Tensor:
+        """(N, 3) offsets from the mean, drawn from the distributions of the Gaussians in these rows."""
+        scales = rows["log_scales"].exp()
+        # The generator is one of the host, so that a seed draws the same offsets on every device.
+        normal = torch.randn(scales.shape, generator=self._generator, device=self._generator.device)
+        return rotate(rows["quaternions"], normal.to(scales.device) * scales)
+
     @torch.no_grad()
     def _reset_opacity(self) -> None:
-        logit = math.log(_RESET_OPACITY / (1 - _RESET_OPACITY))
-        opacity = self._gaussians.parameters["opacity_logits"].detach()
-        self._optimiser.replace("opacity_logits", opacity.clamp(max=logit))
+        logits = self._gaussians.parameters["opacity_logits"].detach()
+        most = torch.full_like(logits, math.log(_RESET_OPACITY / (1 - _RESET_OPACITY)))
+        if self._options.reset_filtered and self._gaussians.filter_3d is not None:
+            square = (2 * self._gaussians.parameters["log_scales"].detach()).exp()
+            # The filter multiplies opacities by the square root of the ratio of the determinants.
+            kept = (square / (square + self._gaussians.filter_3d[:, None] ** 2)).prod(dim=1).sqrt()
+            most = torch.logit((_RESET_OPACITY / kept).clamp(max=1))
+        self._optimiser.replace("opacity_logits", torch.minimum(logits, most))
 
 
 def rotate(quaternions: Tensor, vectors: Tensor) -> Tensor:

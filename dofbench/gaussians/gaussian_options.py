@@ -54,6 +54,9 @@ class GaussianOptions(OptionGroups):
         if self.blur.lens_model == "samples" and self.scatter.lens_blades:
             raise InputError("option lens_blades", f"{self.scatter.lens_blades} with lens_model=samples", "0: a disc")
 
+        if self.density.reset_filtered and not self.appearance.filter_3d:
+            raise InputError("option reset_filtered", "true with filter_3d=false", "false: there is no filter")
+
     def forward_models(self) -> ForwardSchedule:
         """The forward models of a training with these options."""
         return training_models(self.lens.lens, self.blur, self.scatter, self.samples)

@@ -48,7 +48,8 @@ OPTIONS = GaussianOptions().with_overrides(
 )
 
 # The order in which manifests list the options. A dataset's checksum covers its manifest, and results are kept under
-# the checksum, so making a dataset again must give the same bytes; options that are new come after these.
+# the checksum, so making a dataset again must give the same bytes; options that are new come after these, and only if
+# they aren't at their default, which trains as before there was the option.
 _LISTED = (
     "steps coarse_until coarse_factor max_gaussians sh_degree sh_every background filter_2d filter_3d means_lr "
     "means_lr_final sh_dc_lr sh_rest_lr opacity_lr scale_lr rotation_lr cooldown_from cooldown_to ssim_weight "
@@ -110,8 +111,9 @@ class Reconstruction:
 
     def settings(self) -> Mapping[str, Any]:
         """The options of the training, for a manifest."""
-        values = self._options.flat()
-        return {name: values[name] for name in (*_LISTED, *(name for name in values if name not in _LISTED))}
+        values, usual = self._options.flat(), GaussianOptions().flat()
+        new = (name for name in values if name not in _LISTED and values[name] != usual[name])
+        return {name: values[name] for name in (*_LISTED, *new)}
 
     def save(self, path: Path) -> None:
         """Write the Gaussians."""

@@ -113,7 +113,9 @@ class TrainingState:
         if self.lenses.follows_rendering:
             self.lenses.follow(view.index, sharp.disparity, sharp.raster.alpha)
         narrowed = adaptation.psi if adaptation.adaptation_aperture else None
-        return Shot(view.camera, self.lenses.ranges[view.index], *self.lenses.forward(view.index), narrowed)
+        slope, offset = self.lenses.forward(view.index)
+        clipped = self.options.lens.lens_clip
+        return Shot(view.camera, self.lenses.ranges[view.index], slope, offset, narrowed, clipped)
 
     def shots(self) -> Sequence[Shot]:
         """All photographs with their lenses as learned so far, as numbers."""
@@ -121,7 +123,8 @@ class TrainingState:
         assert lenses is not None
         for index, camera in enumerate(self.cameras):
             aperture, focus = lenses.aperture_and_focus(index)
-            shots.append(Shot(camera, lenses.ranges[index], aperture, -aperture * focus))
+            clipped = self.options.lens.lens_clip
+            shots.append(Shot(camera, lenses.ranges[index], aperture, -aperture * focus, clipped=clipped))
         return shots
 
     def revise(self, changes: Mapping[str, Any]) -> None:

@@ -14,10 +14,13 @@ class AdaptationOptions:
     """How out-of-focus pixels are given less weight, and from when on."""
 
     adaptation: Literal["off", "psi", "one_minus_psi"] = "one_minus_psi"
-    """How the L1 terms of the loss are weighted: off; psi, the printed Eq. 13; one_minus_psi, what the paper's text
-    says. Unit: none. Source: Eq. 13; one_minus_psi: released code."""
+    """How the L1 and depth terms of the loss are weighted: off; psi, the printed Eq. 13; one_minus_psi, what the
+    paper's text says. Unit: none. Source: Eq. 13; one_minus_psi: released code."""
     adaptation_from: float = 1 / 3
     """When the adaptation begins. Unit: share of the training. Source: released code, 10 000 of 30 000 steps."""
+    adaptation_ssim: bool = False
+    """Whether the weight acts on the D-SSIM term too, pixel by pixel. Unit: none. Source: on: Eq. 13, whose weight is
+    of the whole reconstruction loss; off: released code."""
     adaptation_aperture: bool = False
     """Whether the aperture is also narrowed for pixels in focus, A' = A psi. Unit: none. Source: Eq. 11; off in
     the released code."""
@@ -42,7 +45,7 @@ class AdaptationOptions:
         return torch.sigmoid(self.adaptation_a * (out_of_focus - self.adaptation_b))
 
     def loss_weight(self, out_of_focus: Tensor) -> Tensor | None:
-        """(H, W) weight of the L1 terms, None without a weight; `out_of_focus` (H, W) is |normalised disparity -
+        """(H, W) weight of the loss, None without a weight; `out_of_focus` (H, W) is |normalised disparity -
         focus|.
 
         "psi" is Eq. 13 as printed. "one_minus_psi" is what the text describes; like the released code

@@ -31,9 +31,13 @@ class ReconstructionOptions:
             raise InputError("option held_back", str(self.held_back), "a share of 0 to below 1")
 
 
-def reconstruction(prediction: Tensor, target: Tensor, ssim_weight: float, weight: Tensor | None) -> Tensor:
-    """Eq. 7: (1 - lambda) L1 + lambda (1 - SSIM) of images (H, W, 3); `weight` (H, W) acts on the L1 term."""
-    return load("ssim", function="l1_ssim")(prediction, target, ssim_weight=ssim_weight, weight=weight)
+def reconstruction(
+    prediction: Tensor, target: Tensor, ssim_weight: float, weight: Tensor | None, weigh_ssim: bool = False
+) -> Tensor:
+    """Eq. 7: (1 - lambda) L1 + lambda (1 - SSIM) of images (H, W, 3); `weight` (H, W) acts on the L1 term, and on the
+    other too if `weigh_ssim` is true (Eq. 13)."""
+    loss = load("ssim", function="l1_ssim")
+    return loss(prediction, target, ssim_weight=ssim_weight, weight=weight, weigh_ssim=weigh_ssim)
 
 
 def looked_at(

@@ -29,6 +29,9 @@ class LensOptions:
     lens_range: Literal["points", "render"] = "points"
     """The disparities that 0 and 1 stand for: points, fixed once by the sparse points; render, minimum and 95th
     percentile of each rendered view at each step. Unit: none. Source: points: own; render: released code."""
+    lens_clip: bool = False
+    """Whether the disparities of a photograph in training are clipped to 1e-5 to 1 when they are normalised. Unit:
+    none. Source: on: released code; off: Eq. 5."""
     lens_per: LensPer = "view"
     """What photographs share of a lens: view, nothing; aperture, one aperture, with a focus each; group, one aperture
     for each f-number; exif, one aperture x f-number; scene, the whole lens. Unit: none. Source: view: section 4.1;

@@ -85,7 +85,7 @@ class _Scatter(torch.autograd.Function):
         check_largest(largest, torch.finfo(torch.float32))
         height, width = radii.shape
         brightest, mean = brightness(colours)
-        sizes = geometry(height, width, largest, alpha, brightest, mean)
+        sizes = geometry(height, width, largest, alpha, brightest, mean, shape.obstruction > 0)
         context.save_for_backward(image, signed_radius)
         context.options = sizes, alpha, area
         if _is_linear(form, largest, shape):

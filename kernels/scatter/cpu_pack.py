@@ -105,17 +105,22 @@ def _mean_magnitude(image, limit):
     return sums.sum() / max(1, counts.sum())
 
 
-def geometry(height: int, width: int, largest: float, alpha: float, brightest: float, mean: float) -> Geometry:
-    """Sizes for an image whose largest radius is `largest` pixels; brightest, mean: of its magnitudes, both finite."""
+def geometry(
+    height: int, width: int, largest: float, alpha: float, brightest: float, mean: float, stopped: bool = False
+) -> Geometry:
+    """Sizes for an image whose largest radius is `largest` pixels; brightest, mean: of its magnitudes, both finite.
+    stopped: whether the aperture has a central stop."""
     # Tails matter more beside a highlight. They also matter more for sharp sources if most other sources spread far
     # beyond a small image, so that little of their light remains in it.
     contrast = max(1.0, brightest / max(mean, SMALLEST_MEAN) / USUAL_CONTRAST)
     spread = max(1.0, largest**2 / (height * width))
+    # And they matter more where the stop takes most of what a pixel keeps to itself.
+    stop = -math.log(1.0 - STOP_OPACITY) if stopped else 0.0
     usual_band, band = (
-        (BAND_EXPONENT + math.log(tail) + math.log(spread)) / (2.0 * alpha)
+        (BAND_EXPONENT + math.log(tail) + math.log(spread) + stop) / (2.0 * alpha)
         for tail in (min(contrast, BRIGHT / USUAL_CONTRAST), contrast)
     )
-    least = FOCUS_EXPONENT / (2.0 * alpha)
+    least = (FOCUS_EXPONENT + stop) / (2.0 * alpha)
     reach = math.ceil(min(max(largest + band, least), height + width))
     reach_x, reach_y = min(reach, width - 1), min(reach, height - 1)
     pad = BLOCK * (math.ceil(reach_x / BLOCK) + 1)

@@ -28,18 +28,20 @@ from .reference import K1, K2, Border, check_images, check_weight, gaussian_wind
 
 @dataclass(frozen=True)
 class _Settings:
-    """The options of a call; with_l1: whether the L1 mean is computed too."""
+    """The options of a call. with_l1: whether the L1 mean is computed too. weigh_ssim: whether the weight acts on 1 - S
+    too."""
 
     border: Border
     window: int
     sigma: float
     data_range: float
     with_l1: bool
+    weigh_ssim: bool = False
 
 
 class _Compare(torch.autograd.Function):
-    """(mean of 1 - S, mean of weight times |prediction - target|), both differentiable with respect to the
-    prediction."""
+    """(mean of 1 - S, or of weight times 1 - S; mean of weight times |prediction - target|), both differentiable with
+    respect to the prediction."""
 
     @staticmethod
     def forward(context, prediction: Tensor, target: Tensor, weight: Tensor | None, settings: _Settings):
@@ -56,7 +58,7 @@ class _Compare(torch.autograd.Function):
         maps = np.empty((3, height, width * channels), dtype=np.float32)
         sums = np.empty((-(-height // BAND), 2))
         forward, context.kernel = build(settings.window // 2, channels)
-        forward(p, t, w, taps, frame_y, frame_x, centre, c1, c2, settings.with_l1, maps, sums)
+        forward(p, t, w, taps, frame_y, frame_x, centre, c1, c2, settings.with_l1, settings.weigh_ssim, maps, sums)
         counted = float(frame_y[1].sum(dtype=np.float64)) * float(frame_x[1].sum(dtype=np.float64))
         # Saved because torch then checks that they haven't been modified before the backward pass.
         context.save_for_backward(prediction, target, weight)
@@ -119,6 +121,7 @@ def l1_ssim(
     *,
     ssim_weight: float,
     weight: Tensor | None = None,
+    weigh_ssim: bool = False,
     border: Border = "same",
     window: int = 11,
     sigma: float = 1.5,
@@ -131,7 +134,7 @@ def l1_ssim(
     check_images(prediction, target, border, window, sigma, data_range)
     check_weight(prediction, weight)
     _check_device(prediction, target, weight)
-    settings = _Settings(border, window, sigma, data_range, with_l1=True)
+    settings = _Settings(border, window, sigma, data_range, with_l1=True, weigh_ssim=weigh_ssim)
     unlike, l1 = _Compare.apply(prediction, target, weight, settings)
     return (1 - ssim_weight) * l1 + ssim_weight * unlike
 

@@ -68,9 +68,10 @@ def _filter(scratch, source, goal, count, spacing, taps, weights):
 
 
 @njit(inline="always", error_model="numpy")
-def _repeat(scratch, at, weight, y, left, count, channels):
-    """Put the L1 weights of `count` numbers of row y, from number `left` on, into scratch, once per channel."""
-    if weight.shape[0] == 0:
+def _repeat(scratch, at, weight, used, y, left, count, channels):
+    """Put the weights of `count` numbers of row y, from number `left` on, into scratch, once per channel; ones if there
+    are no weights, or they aren't used."""
+    if weight.shape[0] == 0 or not used:
         for j in range(count):
             scratch[at + j] = np.float32(1)
     else:
@@ -92,8 +93,9 @@ def build(radius: int, channels: int):
 
     @cached
     @njit(error_model="numpy", parallel=True)
-    def forward(p, t, weight, taps_weights, frame_y, frame_x, centre, c1, c2, with_l1, maps, sums):
-        """Sum up 1 - S and weight |p - t|; write the derivatives of S, which `backward` filters.
+    def forward(p, t, weight, taps_weights, frame_y, frame_x, centre, c1, c2, with_l1, weigh_ssim, maps, sums):
+        """Sum up 1 - S, times the weight if `weigh_ssim`, and weight |p - t|; write the derivatives of what of S was
+        summed up, which `backward` filters.
 
         p, t: (H, W C). weight: (H, W) or empty. frame_y: (2, H) and frame_x: (2, W C), the window's
         mass inside the image and whether a pixel counts. maps: (3, H, W C), filled with the derivatives of S with
@@ -141,9 +143,10 @@ def build(radius: int, channels: int):
                         scratch[column + _THREE * stride + j] = e_difference
                     for q in range(_FOUR):
                         _filter(scratch, column + q * stride, mixed + q * stride, count, in_row, taps, taps_weights)
+                    _repeat(scratch, share, weight, weigh_ssim, y, left, count, step)
                     for j in range(count):
                         mass = frame_y[_ZERO, y] * frame_x[_ZERO, left + j]
-                        counts = frame_y[_ONE, y] * frame_x[_ONE, left + j]
+                        counts = frame_y[_ONE, y] * frame_x[_ONE, left + j] * scratch[share + j]
                         # The zeros beyond the border aren't shifted by `centre`, so mean and variance are corrected
                         # where the window isn't completely inside the image.
                         missing = centre * (one - mass)
@@ -171,7 +174,7 @@ def build(radius: int, channels: int):
                         for j in range(count):
                             maps[q, y, left + j] = scratch[mixed + q * stride + j]
                     if with_l1:
-                        _repeat(scratch, share, weight, y, left, count, step)
+                        _repeat(scratch, share, weight, True, y, left, count, step)
                         middle = at + reach * stride + halo
                         for j in range(count):
                             distance = abs(scratch[middle + j] - scratch[plane + middle + j])
@@ -217,7 +220,7 @@ def build(radius: int, channels: int):
                         g = _fma(scratch[mixed + stride + j], a - centre, scratch[mixed + _TWO * stride + j] * d)
                         gradient[y, left + j] = scale * (scratch[mixed + j] + g + g)
                     if with_l1:
-                        _repeat(scratch, share, weight, y, left, count, step)
+                        _repeat(scratch, share, weight, True, y, left, count, step)
                         for j in range(count):
                             d = p[y, left + j] - t[y, left + j]
                             sign = np.float32(d > np.float32(0)) - np.float32(d < np.float32(0))

@@ -81,6 +81,13 @@ def ssim(
     (no n / (n - 1)). Raises ValueError for invalid arguments; a NaN in an image makes the result NaN.
     """
     check_images(prediction, target, border, window, sigma, data_range)
+    return _similarity(prediction, target, border, window, sigma, data_range).mean()
+
+
+def _similarity(
+    prediction: Tensor, target: Tensor, border: Border, window: int, sigma: float, data_range: float
+) -> Tensor:
+    """(C, 1, H, W) similarity by pixel; with the border "valid" only of the pixels whose window lies inside."""
     weights = prediction.new_tensor(gaussian_window(window, sigma))
     padding = window // 2 if border == "same" else 0
 
@@ -94,7 +101,7 @@ def ssim(
     variances = blur(prediction * prediction + target * target) - mean_p * mean_p - mean_t * mean_t
     covariance = blur(prediction * target) - mean_p * mean_t
     luminance = (2 * mean_p * mean_t + c1) / (mean_p * mean_p + mean_t * mean_t + c1)
-    return torch.mean(luminance * (2 * covariance + c2) / (variances + c2))
+    return luminance * (2 * covariance + c2) / (variances + c2)
 
 
 def l1_ssim(
@@ -103,6 +110,7 @@ def l1_ssim(
     *,
     ssim_weight: float,
     weight: Tensor | None = None,
+    weigh_ssim: bool = False,
     border: Border = "same",
     window: int = 11,
     sigma: float = 1.5,
@@ -110,8 +118,10 @@ def l1_ssim(
 ) -> Tensor:
     """The colour loss of 3DGS, (1 - ssim_weight) mean(weight |p - t|) + ssim_weight (1 - SSIM); a scalar.
 
-    Kerbl et al. 2023, equation 7. weight: (H, W), no gradient; it acts on L1 alone, and the mean is taken over all
-    pixels and channels, whatever the sum of the weights. Other arguments as in `ssim`.
+    Kerbl et al. 2023, equation 7. weight: (H, W), no gradient; it acts on L1 and, if `weigh_ssim` is true, also on the
+    dissimilarity of each pixel, so that the second term is mean(weight (1 - S)). Means are taken over all pixels (with
+    the border "valid", those that `ssim` counts) and channels, whatever the sum of the weights. Other arguments as in
+    `ssim`.
     """
     check_images(prediction, target, border, window, sigma, data_range)
     check_weight(prediction, weight)
@@ -119,5 +129,9 @@ def l1_ssim(
     if weight is not None:
         difference = difference * weight[..., None]
     colour = (1 - ssim_weight) * difference.mean()
-    similarity = ssim(prediction, target, border=border, window=window, sigma=sigma, data_range=data_range)
-    return colour + ssim_weight * (1 - similarity)
+    unlike = 1 - _similarity(prediction, target, border, window, sigma, data_range)
+    if weigh_ssim and weight is not None:
+        margin = window // 2 if border == "valid" else 0
+        height, width = weight.shape
+        unlike = unlike * weight[margin : height - margin, margin : width - margin]
+    return colour + ssim_weight * unlike.mean()

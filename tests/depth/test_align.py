@@ -46,7 +46,7 @@ def test_scale_alone(meaning, scale, seed):
     found = fit(output, disparity, np.ones(COUNT), meaning, "scale")
     assert found is not None and found.shift == 0
     assert found.scale == pytest.approx(scale, rel=ALIGNED)
-    assert found.inliers == pytest.approx(2 / 3, abs=1 / COUNT)
+    assert found.inliers == pytest.approx(1 - COUNT // 3 / COUNT)
 
 
 def test_noise_is_averaged_and_reported():
@@ -61,9 +61,11 @@ def test_noise_is_averaged_and_reported():
 def test_a_heavier_point_counts_more():
     output, disparity = made("disparity", 1.0, 0.0)
     two = np.concatenate([disparity, disparity + 0.01])
-    weight = np.concatenate([np.ones(COUNT), np.full(COUNT, 1e-3)])
+    light = 1e-3
+    weight = np.concatenate([np.ones(COUNT), np.full(COUNT, light)])
     found = fit(np.concatenate([output, output]), two, weight, "disparity", "scale-shift")
-    assert found is not None and abs(found.shift) < 0.001
+    # At most the weighted mean of the two; robust weights keep it nearer to the heavier one.
+    assert found is not None and 0 <= found.shift <= 0.01 * light / (1 + light)
 
 
 @pytest.mark.parametrize(

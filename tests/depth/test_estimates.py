@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from made_up import cloud, frontal, scene_of
 from onnx_networks import mean_of_channels, write_network
+from scipy.spatial import cKDTree
+from scipy.stats import spearmanr
 from tolerances import (
+    BY_CHANCE,
     COMPLETED_SCALE,
-    CONFIDENCE_ORDER,
     FLOAT32_SCALAR,
     NETWORK_DISPARITY,
-    SFM_DISPARITY,
 )
 
 from dofbench.core.content import content_folder
@@ -63,8 +64,13 @@ def test_sfm_on_a_ramp(tmp_path, seen_by):
     there = scene(points(150, seen_by))
     estimate = opened("sfm", there, tmp_path).estimate(there.views[1])
     assert estimate.depth.dtype == np.float32 and estimate.depth.shape == (HEIGHT, WIDTH)
-    error = np.abs(1 / estimate.depth - 1 / ramp())
-    assert error.mean() < SFM_DISPARITY * (1 / NEAR - 1 / FAR)
+    # Between points a surface of even slope is filled in: far better than by the nearest point's disparity, which is
+    # off by the slope times the distance.
+    sparse = there.points.xyz[:, :2] / there.points.xyz[:, 2:] * 60 + (WIDTH / 2, HEIGHT / 2)
+    centres = np.stack(np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5), axis=-1)
+    nearest = 1 / there.points.xyz[cKDTree(sparse).query(centres)[1], 2]
+    error, crude = (np.abs(found - 1 / ramp()).mean() for found in (1 / estimate.depth, nearest))
+    assert error < crude / 2
     assert 0 <= estimate.confidence.min() and estimate.confidence.max() <= 1
     assert estimate.statistics["points"] == 150 and estimate.statistics["clipped"] == 0
 
@@ -106,9 +112,9 @@ def test_sfm_on_the_built_in_scene(tmp_path):
     error = np.abs(1 / estimate.depth - 1 / truth)
     constant = np.abs(np.median(1 / truth) - 1 / truth)
     assert error.mean() < 0.25 * constant.mean()
-    order = np.argsort(estimate.confidence.ravel())
-    least, most = (error.ravel()[part].mean() for part in (order[: order.size // 4], order[-(order.size // 4) :]))
-    assert most < CONFIDENCE_ORDER * least
+    # As many independent pixels as there are points: those between the same points are wrong together.
+    ranked = spearmanr(estimate.confidence.ravel(), error.ravel()).statistic
+    assert ranked < -BY_CHANCE / np.sqrt(estimate.statistics["points"] - 1)
 
 
 @pytest.mark.parametrize("cloud", [None, points(0, (0,))])

@@ -53,6 +53,7 @@ def test_an_unknown_name_is_told_all_that_there_are():
     [
         ({"lens_model": "samples", "lens_blades": 6}, "0: a disc"),
         ({"lens_range": "render", "lens_per": "aperture"}, "view or scene"),
+        ({"reset_filtered": True, "filter_3d": False}, "there is no filter"),
     ],
 )
 def test_what_does_not_fit_together_is_refused(changes, expected):

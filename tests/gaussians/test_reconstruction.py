@@ -37,7 +37,10 @@ def reconstruction(depths: list[float], opacities: list[float]) -> Reconstructio
 def test_one_surface_has_no_spread():
     surface = reconstruction([2.0], [0.9]).surface(CAMERA)
     assert surface.spread[6, 8] < FLOAT32_GRADIENT
-    assert surface.alpha[6, 8] == pytest.approx(0.9, abs=0.05)
+    # A deviation of 6 pixels, widened by the 2D filter, half a pixel from the pixel's centre along both axes.
+    variance = 36 + OPTIONS.appearance.filter_2d
+    expected = 0.9 * 36 / variance * np.exp(-0.5 * (0.5**2 + 0.5**2) / variance)
+    assert surface.alpha[6, 8] == pytest.approx(expected, rel=FLOAT32_GRADIENT)
 
 
 def test_spread_is_the_deviation_of_what_is_blended():

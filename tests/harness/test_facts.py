@@ -125,7 +125,7 @@ def test_factors_of_exposure_and_white_balance_are_found(outliers: float) -> Non
     colours[random.uniform(size=(7, 300)) < 0.4] = np.nan
     found = view_gains(colours)
     assert np.abs(found - (true - np.median(true, axis=0))).max() < GAIN_BY_MEDIANS
-    assert colour_spread(colours) == pytest.approx(100 * true.std(axis=0).max(), rel=0.1)
+    assert colour_spread(colours) == pytest.approx(100 * true.std(axis=0).max(), abs=100 * GAIN_BY_MEDIANS)
 
 
 def test_a_photograph_that_shares_too_little_says_nothing() -> None:

@@ -9,6 +9,7 @@ import time
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tolerances import ONE_STEP
 
 from dofbench.core.budget import Budget
 from dofbench.core.clock import Stopwatch
@@ -52,10 +53,10 @@ def test_a_budget_of_steps_is_kept(steps: int) -> None:
 def test_a_budget_of_seconds_is_kept_and_gives_the_same_points() -> None:
     clock = ManualClock()
     by_time = observer(Budget(seconds=100.0), clock)
-    assert train(by_time, clock, 0.1) == pytest.approx(1000, abs=1)
+    assert train(by_time, clock, 0.1) == pytest.approx(1000, abs=ONE_STEP)
     by_steps = observer(Budget(steps=1000))
     train(by_steps)
-    assert [p.steps for p in by_time.curve] == pytest.approx([p.steps for p in by_steps.curve], abs=1)
+    assert [p.steps for p in by_time.curve] == pytest.approx([p.steps for p in by_steps.curve], abs=ONE_STEP)
 
 
 def test_whichever_comes_first() -> None:
@@ -70,7 +71,8 @@ def test_points_are_evenly_spaced_on_a_log_axis() -> None:
     train(watch)
     later = [point.steps for point in watch.curve][3:]
     for one, two in itertools.pairwise(later):
-        assert two / one == pytest.approx(CURVE_FACTOR, rel=0.02)
+        # Both are rounded to whole steps.
+        assert two == pytest.approx(CURVE_FACTOR * one, abs=(1 + CURVE_FACTOR) * ONE_STEP)
 
 
 def test_the_clock_stands_still_while_it_evaluates() -> None:

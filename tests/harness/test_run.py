@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from harness_fakes import text_console, write_dataset
 from rich.console import Console
+from tolerances import PSNR_OF_FLOAT32
 
 from dofbench.compute import kernel_cache
 from dofbench.core.clock import Stopwatch, loading
@@ -74,7 +75,7 @@ def test_scores_are_of_what_was_saved(call, tmp_path: Path) -> None:
         scored = next(found for found in result.views if found.name == view.name)
         saved = read_image(end.folder / "predictions" / "refocus" / f"{view.name}.png")
         error = np.mean((saved.astype(np.float64) - data.image(view)) ** 2)
-        assert scored.scores["psnr"] == pytest.approx(-10 * math.log10(error), abs=1e-3)
+        assert scored.scores["psnr"] == pytest.approx(-10 * math.log10(error), abs=PSNR_OF_FLOAT32)
     mean = np.mean([view.scores["psnr"] for view in result.views])
     assert result.scores["psnr"] == pytest.approx(mean)
 

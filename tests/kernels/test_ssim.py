@@ -68,6 +68,27 @@ def test_reference_equals_scikit_image() -> None:
     assert reference(prediction, target, border="valid").item() == pytest.approx(expected, abs=FLOAT64_VALUE)
 
 
+def test_a_weight_that_acts_on_both_terms_weighs_every_pixel_s_similarity() -> None:
+    """Eq. 13: the map of similarities is scikit-image's, the weighted mean is written out."""
+    from skimage.metrics import structural_similarity
+
+    prediction, target = (image.double() for image in pair(30, 41, 0.1))
+    weight = torch.rand(30, 41, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    _, similarity = structural_similarity(
+        prediction.numpy(),
+        target.numpy(),
+        gaussian_weights=True,
+        use_sample_covariance=False,
+        data_range=1.0,
+        channel_axis=2,
+        full=True,
+    )
+    unlike = (weight.numpy()[..., None] * (1 - similarity))[5:-5, 5:-5].mean()
+    absolute = (weight.numpy()[..., None] * (prediction - target).abs().numpy()).mean()
+    found = reference_l1(prediction, target, ssim_weight=0.3, weight=weight, weigh_ssim=True, border="valid")
+    assert found.item() == pytest.approx(0.7 * absolute + 0.3 * unlike, abs=FLOAT64_VALUE)
+
+
 def test_same_border_pads_with_zeros() -> None:
     """Images laid into a wide black frame: the pixels of the image alone have the padded mean."""
     prediction, target = (image.double() for image in pair(20, 23, 0.1))
@@ -86,6 +107,7 @@ def test_reference_gradient_is_the_derivative(border: str) -> None:
     functions = (
         lambda p: reference(p, target, border=border),
         lambda p: reference_l1(p, target, ssim_weight=0.3, weight=weight, border=border),
+        lambda p: reference_l1(p, target, ssim_weight=0.3, weight=weight, weigh_ssim=True, border=border),
     )
     for function in functions:
         assert torch.autograd.gradcheck(function, prediction, fast_mode=True)
@@ -99,12 +121,14 @@ def test_reference_gradient_is_the_derivative(border: str) -> None:
     width=st.integers(1, 30) | st.sampled_from([255, 256, 257, 300]),  # a tile is 256 pixels wide
     noise=st.sampled_from([0.0, 1e-3, 0.05, 1.0]),
     border=st.sampled_from(["same", "valid"]),
-    weighted=st.booleans(),
+    weighted=st.sampled_from(["nothing", "l1", "both"]),
     seed=st.integers(0, 99),
 )
-@example(height=16, width=512, noise=0.05, border="valid", weighted=True, seed=0)
-@example(height=33, width=257, noise=0.05, border="same", weighted=False, seed=0)
-@example(height=11, width=11, noise=0.05, border="valid", weighted=False, seed=0)
+@example(height=16, width=512, noise=0.05, border="valid", weighted="l1", seed=0)
+@example(height=33, width=257, noise=0.05, border="same", weighted="nothing", seed=0)
+@example(height=33, width=257, noise=0.05, border="same", weighted="both", seed=0)
+@example(height=16, width=512, noise=0.05, border="valid", weighted="both", seed=0)
+@example(height=11, width=11, noise=0.05, border="valid", weighted="nothing", seed=0)
 def test_kernel_agrees_with_the_definition(height, width, noise, border, weighted, seed) -> None:
     if border == "valid":
         height, width = max(height, 11), max(width, 11)
@@ -112,9 +136,19 @@ def test_kernel_agrees_with_the_definition(height, width, noise, border, weighte
     if not noise:
         # Equal images have gradient zero, which leaves no scale to compare by: off by one step, everywhere.
         target = target + 0.01
-    weight = torch.rand(height, width, generator=torch.Generator().manual_seed(seed)) if weighted else None
+    shares = torch.rand(height, width, generator=torch.Generator().manual_seed(seed))
+    weight, both = (None if weighted == "nothing" else shares), weighted == "both"
     assert_agrees(kernel, reference, prediction, target, border=border)
-    assert_agrees(kernel_l1, reference_l1, prediction, target, border=border, ssim_weight=0.2, weight=weight)
+    for ssim_weight in (0.2, 1.0):  # the second shows errors of the similarity that the first term would hide
+        options = {"border": border, "ssim_weight": ssim_weight, "weight": weight, "weigh_ssim": both}
+        assert_agrees(kernel_l1, reference_l1, prediction, target, **options)
+
+
+def test_without_weights_there_is_nothing_to_weigh_by() -> None:
+    prediction, target = pair(20, 24, 0.1)
+    for function in (kernel_l1, reference_l1):
+        plain = function(prediction, target, ssim_weight=0.2)
+        assert function(prediction, target, ssim_weight=0.2, weigh_ssim=True) == plain
 
 
 @pytest.mark.parametrize("border", ["same", "valid"])
@@ -141,7 +175,7 @@ def test_loss_keeps_its_digits_near_convergence() -> None:
     prediction, target = pair(64, 64, 0.002)
     loss = kernel_l1(prediction, target, ssim_weight=1.0).item()
     exact = reference_l1(prediction.double(), target.double(), ssim_weight=1.0).item()
-    assert exact < 1e-3
+    assert np.log10(exact) < -3
     assert loss == pytest.approx(exact, rel=SSIM_NEAR_ONE)
 
 

@@ -26,7 +26,7 @@ def test_by_hand() -> None:
 def test_the_ratio_is_the_largest_between_any_two() -> None:
     groups = [(10.0, 5), (20.0, 8), (16.0, 10)]  # products 50, 160, 160
     found = exif_errors([(aperture * share, number) for aperture, number in groups for share in (0.9, 1, 1.1)])
-    assert found.ratio == pytest.approx(220, abs=1e-9)
+    assert found.ratio == pytest.approx(220, rel=FLOAT64_VALUE)
 
 
 @given(st.lists(st.floats(1, 1000), min_size=5, max_size=12, unique=True), st.floats(0.01, 100))
@@ -35,7 +35,9 @@ def test_the_scene_unit_doesnt_count(apertures: list[float], unit: float) -> Non
     one, other = exif_errors(estimates), exif_errors([(unit * aperture, number) for aperture, number in estimates])
     for name in ("spread", "ratio", "deviation"):
         assert getattr(one, name) == (
-            None if getattr(other, name) is None else pytest.approx(getattr(other, name), rel=1e-6, abs=1e-9)
+            None
+            if getattr(other, name) is None
+            else pytest.approx(getattr(other, name), rel=FLOAT64_VALUE, abs=FLOAT64_VALUE)
         )
 
 

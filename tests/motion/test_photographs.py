@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from tolerances import FLOAT32_VALUE
 
 from dofbench import cli
 from dofbench.core.errors import InputError
@@ -159,7 +160,7 @@ def test_look_alikes_are_found_by_their_own_vocabulary() -> None:
         for index in range(15)
     ]
     vectors = signatures(descriptors, seed=0)
-    assert np.linalg.norm(vectors, axis=1) == pytest.approx(1, abs=1e-5)
+    assert np.linalg.norm(vectors, axis=1) == pytest.approx(1, abs=FLOAT32_VALUE)
     pairs = look_alikes(vectors, 4)
     assert all(first % 3 == second % 3 for first, second in pairs) and len(pairs) == 30
     np.testing.assert_array_equal(signatures(descriptors, seed=0), vectors)

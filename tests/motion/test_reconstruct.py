@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from called import called, dofbench, killed
-from tolerances import MOTION_BASELINE, MOTION_FOCAL, MOTION_ROTATION_DEG, TRIANGULATED_DEPTH
+from tolerances import MOTION_BASELINE, MOTION_FOCAL, MOTION_ROTATION_DEG, POSE_ROUND_TRIP, TRIANGULATED_DEPTH
 
 from dofbench import cli
 from dofbench.core.content import content_folder
@@ -127,7 +127,7 @@ def test_poses_without_points_are_kept_and_points_found(
     given, found = load_scene(source), load_scene(tmp_path / "out")
     assert [view.split for view in found.views] == [view.split for view in given.views]
     for before, after in zip(given.views, found.views, strict=True):
-        np.testing.assert_allclose(after.camera.world_to_camera, before.camera.world_to_camera, atol=1e-12)
+        np.testing.assert_allclose(after.camera.world_to_camera, before.camera.world_to_camera, atol=POSE_ROUND_TRIP)
         assert after.camera.fx == before.camera.fx
         np.testing.assert_array_equal(after.image(), before.image())
     assert found.points is not None and len(found.points) > 100

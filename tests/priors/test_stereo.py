@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tolerances import STEREO_OUTLIERS, STEREO_RESIZED, SWEEP_REACH
+from tolerances import STEREO_OUTLIERS, SWEEP_REACH
 
 from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
@@ -82,7 +82,10 @@ def test_views_of_other_sizes_are_matched_too(photographed, maps):
     assert found[0].depth.shape == (180, 240)
     assert (found[1].depth > 0).mean() > 0.8 * (maps[1].depth > 0).mean()
     both = (found[1].depth > 0) & (maps[1].depth > 0)
-    assert np.median(np.abs(found[1].depth[both] / maps[1].depth[both] - 1)) < STEREO_RESIZED
+    # Its planes lie elsewhere, so the depth changes, but by less than either is wrong.
+    changed = np.median(np.abs(found[1].depth[both] / maps[1].depth[both] - 1))
+    truth = photographed.truth[1][both]
+    assert changed < min(np.median(np.abs(one[1].depth[both] / truth - 1)) for one in (found, maps))
 
 
 def test_looking_again_at_half_the_size_adds_and_changes_nothing(photographed, maps):

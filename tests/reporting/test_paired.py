@@ -27,7 +27,7 @@ FEW = st.lists(st.floats(-10, 10), min_size=1, max_size=9)
 @given(FEW)
 def test_p_is_the_share_of_all_choices_of_signs(differences: list[float]) -> None:
     found = abs(math.fsum(differences))
-    slack = 1e-9 * math.fsum(map(abs, differences))  # of the order of a sum; a tie is as far
+    slack = 10 * FLOAT64_VALUE * math.fsum(map(abs, differences))  # of the order of a sum; a tie is as far
     choices = [
         abs(math.fsum(sign * one for sign, one in zip(signs, differences, strict=True)))
         for signs in itertools.product((1, -1), repeat=len(differences))
@@ -37,13 +37,26 @@ def test_p_is_the_share_of_all_choices_of_signs(differences: list[float]) -> Non
     assert least <= sign_flip(np.array(differences)) <= most
 
 
-@given(FEW, st.integers(0, 8), st.floats(0.5, 4))
-def test_p_knows_no_order_no_unit_and_no_direction(differences: list[float], turn: int, scale: float) -> None:
-    values = np.array(differences)
+# Whole numbers and powers of two, whose sums aren't rounded: what ties, ties in every order and unit.
+WHOLE = st.lists(st.integers(-40, 40), min_size=1, max_size=9)
+
+
+@given(WHOLE, st.integers(1, 8), st.sampled_from([2.0**-7, 0.5, 4.0, 2.0**20]))
+def test_p_knows_no_order_no_unit_and_no_direction(differences: list[int], turn: int, scale: float) -> None:
+    values = np.array(differences, np.float64)
     p = sign_flip(values)
-    assert p == sign_flip(-values) == pytest.approx(sign_flip(np.roll(values, turn)), abs=2.0 ** (2 - len(values)))
-    assert p == pytest.approx(sign_flip(values * scale), abs=2.0 ** (2 - len(values)))
-    assert p >= 2.0 ** (1 - len(values))
+    assert p == sign_flip(-values) == sign_flip(np.roll(values, turn)) == sign_flip(np.sort(values))
+    assert p == sign_flip(values * scale)
+    assert 2.0 ** (1 - len(values)) <= p <= 1
+
+
+@given(WHOLE)
+def test_p_of_whole_numbers_is_exactly_the_share_of_the_choices_that_are_as_far(differences: list[int]) -> None:
+    sums = [
+        abs(sum(sign * one for sign, one in zip(signs, differences, strict=True)))
+        for signs in itertools.product((1, -1), repeat=len(differences))
+    ]
+    assert sign_flip(np.array(differences, np.float64)) == sum(one >= abs(sum(differences)) for one in sums) / len(sums)
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 6, 10])

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from tolerances import EXIF_RATIONAL
 
 from dofbench.core.errors import InputError
 from dofbench.core.exif import Exif, write_exif
@@ -47,8 +48,7 @@ def test_what_the_camera_wrote_down_is_read(tmp_path: Path, suffix: str) -> None
         if suffix == "tif" and name == "iso":
             continue  # the test's writer leaves it out of a TIFF
         got = getattr(found, name)
-        # EXIF's rationals: the denominator is the writer's choice.
-        assert got == pytest.approx(value, rel=1e-4) if isinstance(value, float) else got == value, name
+        assert got == pytest.approx(value, rel=EXIF_RATIONAL) if isinstance(value, float) else got == value, name
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,7 @@ def test_the_table_comes_before_the_file_and_exif_json_before_both(tmp_path: Pat
     found = exif_by_file(tmp_path, files)
     assert found["a"] == Exif(14.0, 55.0, None, None, 0.0166, 6400.0, "2021-03-04 10:48:15")
     assert found["b"] == Exif(f_number=5.0)
-    assert found["c"].f_number == pytest.approx(6.3, rel=1e-4)
+    assert found["c"].f_number == pytest.approx(6.3, rel=EXIF_RATIONAL)
     (tmp_path / "exif.json").unlink()
     assert exif_by_file(tmp_path, files)["b"] == Exif(f_number=2.0)  # by the name without suffix
 

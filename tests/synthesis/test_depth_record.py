@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from onnx_networks import mean_of_channels, write_network
-from tolerances import LEVEL_8BIT
+from tolerances import FLOAT32_VALUE, LEVEL_8BIT
 
 from dofbench.cli import DONE, FAILED, WRONG_CALL, main
 from dofbench.core.errors import InputError
@@ -65,7 +65,7 @@ def test_given_depth_is_certain_and_the_views_agree(dataset_folder):
     assert [view["view"] for view in record["views"]] == [f"v{index:02d}" for index in range(6)]
     for view in record["views"]:
         assert view["known"] == view["confidence"] == view["confident"] == 1
-        assert view["consistency"]["difference"] < 1e-3 and view["consistency"]["consistent"] > 0.9
+        assert view["consistency"]["difference"] < FLOAT32_VALUE and view["consistency"]["consistent"] > 0.9
         assert len(view["consistency"]["neighbours"]) == 4
         assert (read_image(dataset_folder / f"confidence/{view['view']}.png") == 1).all()
     assert "1 where the depth is known" in record["confidence"]

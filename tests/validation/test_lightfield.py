@@ -29,7 +29,9 @@ def test_photographs_know_which_side_is_near(lightfield):
         assert np.median(signed[truth < 0]) > np.median(signed[truth > 0])
         # Thirteen views within two steps: a disc of radius sqrt(13 / pi).
         expected = math.sqrt(13 / math.pi) * 0.8
-        assert np.median(signed[truth < 0]) - np.median(signed[truth > 0]) == pytest.approx(expected, rel=0.1)
+        assert np.median(signed[truth < 0]) - np.median(signed[truth > 0]) == pytest.approx(
+            expected, abs=2 * SWEPT_DISPARITY * math.sqrt(13 / math.pi)
+        )
 
 
 def test_another_view_is_another_truth(lightfield):

@@ -15,12 +15,15 @@ from torch import Tensor
 from dofbench.core.cameras import Camera
 from dofbench.core.lens import COC_FRACTION, DisparityRange, PhysicalLens
 
+_LEAST_CLIPPED = 1e-5  # released code; its greatest is 1
+
 
 @dataclass(frozen=True, eq=False)
 class Shot:
     """The camera, the lens, and the range that its disparities refer to.
 
     narrowed: Eq. 11's factor on the aperture as a function of the distance from the focus (`out_of_focus`), or None.
+    clipped: whether normalised disparities are clipped to 1e-5 to 1 (released code), where they then have no gradient.
     """
 
     camera: Camera
@@ -28,6 +31,7 @@ class Shot:
     slope: Tensor | float
     offset: Tensor | float
     narrowed: Callable[[Tensor], Tensor] | None = None
+    clipped: bool = False
 
     @staticmethod
     def through(lens: PhysicalLens, camera: Camera) -> Shot:
@@ -50,8 +54,11 @@ class Shot:
         """|normalised disparity - focus|, without gradient."""
         slope, offset = (value.item() if isinstance(value, Tensor) else value for value in (self.slope, self.offset))
         focus = -offset / slope if slope else 0.0
-        return (self.bounds.normalise(disparity.detach()) - focus).abs()
+        return (self._normalised(disparity.detach()) - focus).abs()
 
     def _whole(self, disparity: Tensor) -> Tensor:
-        normalised = self.bounds.normalise(disparity)
-        return (COC_FRACTION * self.camera.width) * (self.slope * normalised + self.offset)
+        return (COC_FRACTION * self.camera.width) * (self.slope * self._normalised(disparity) + self.offset)
+
+    def _normalised(self, disparity: Tensor) -> Tensor:
+        normalised: Tensor = self.bounds.normalise(disparity)
+        return normalised.clamp(_LEAST_CLIPPED, 1) if self.clipped else normalised

@@ -1,0 +1,265 @@
+"""The presets `paper` and `released`: a step's whole loss by formulae written out, and the table in
+docs/published-presets.md, whose options, values, functions and tests must exist."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from made_up import frontal
+from small_scene import training_set
+from tolerances import FLOAT32_SCALAR, FLOAT32_VALUE, FLOAT64_VALUE, LEARNED_STEP, LOSS_OF_A_STEP
+
+from dofbench.core.lens import DisparityRange
+from dofbench.gaussians.distortion import distortion_loss
+from dofbench.gaussians.forward.forward_model import SharpView
+from dofbench.gaussians.forward.shot import Shot
+from dofbench.gaussians.gaussian_options import GaussianOptions
+from dofbench.gaussians.normals import normal_consistency
+from dofbench.gaussians.render import AppearanceOptions, rasterise
+from dofbench.gaussians.stage_clock import StageClock
+from dofbench.gaussians.trainer import Trainer
+from dofbench.gaussians.training_state import TrainingState
+from dofbench.gaussians.training_step import take_step
+from dofbench.kernels import load
+from dofbench.learning.rendered_surface import SURFACE_ALPHA
+from dofbench.learning.supervision import sparse_depth
+from dofbench.learning.training_views import Photograph
+from dofbench.optics.tone import TOE, decode, encode
+from dofbench.running.method_cards import find_method
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "published-presets.md"
+PRESETS = ("paper", "released")
+
+
+def preset(name: str, **changes) -> GaussianOptions:
+    return GaussianOptions().with_overrides({**find_method("dofgaussian").preset(name)[1], **changes})
+
+
+# ---- what a step's loss is ----
+
+
+def step_function(x):
+    """Eq. 10 after t steps, with the printed constants."""
+    return 1 / (1 + np.exp(-15.0 * (x - 0.3)))
+
+
+def scattered(light: np.ndarray, radius: np.ndarray, area: bool) -> np.ndarray:
+    """Algorithm 1, pixel by pixel in float64; with the released code's area term if asked for."""
+    height, width = radius.shape
+    rows, columns = np.mgrid[:height, :width]
+    total, weights = np.zeros_like(light), np.zeros(radius.shape)
+    for i in range(height):
+        for j in range(width):
+            weight = 0.5 + 0.5 * np.tanh(4.0 * (radius[i, j] - np.hypot(rows - i, columns - j)))
+            if area:
+                weight /= radius[i, j] ** 2 + 0.2
+            total += weight[..., None] * light[i, j]
+            weights += weight
+    return total / weights[..., None]
+
+
+def expected_loss(name: str, state: TrainingState, view: Photograph, progress: float, lens: tuple[float, float]):
+    """The loss of a step at `progress`, after the adaptation has begun, by the equations and constants of the paper or
+    of the released code."""
+    paper, released = name == "paper", name == "released"
+    camera, (aperture, focus) = view.camera, lens
+    with torch.no_grad():
+        raster = rasterise(state.gaussians, camera, state.options.appearance, sh_degree=3, geometry="distortion")
+    depth, alpha = raster.depth.double().numpy(), raster.alpha.double().numpy()
+    there = alpha > SURFACE_ALPHA
+    disparity = np.where(there, 1 / np.where(there, depth, 1.0), 0.0)
+    disparity[~there] = disparity[there].min()
+    low, high = state.range.q_min, state.range.q_max
+    if released:
+        low, high = disparity[there].min(), np.quantile(disparity[there], 0.95)
+    normalised = (disparity - low) / (high - low)
+    if released:
+        normalised = np.clip(normalised, 1e-5, 1.0)
+    x = np.abs(normalised - focus)
+    weight = step_function(x) if paper else 1 - step_function((x - x.min()) / (x.max() - x.min()))
+    radius = 0.02 * camera.width * aperture * np.abs(normalised - focus)
+    if paper:
+        radius = radius * weight  # Eq. 11
+    gamma = 2.2 if paper else 2.0
+    light = decode(raster.color.double(), gamma, toe=TOE).numpy()
+    image = encode(torch.from_numpy(scattered(light, radius, area=released)), gamma, toe=TOE)
+
+    reference = load("ssim", "reference", function="l1_ssim")
+    shares = torch.from_numpy(weight)
+    loss = float(reference(image, view.image.double(), ssim_weight=0.2, weight=shares, weigh_ssim=paper))
+
+    assert view.known is not None
+    seen = there[view.known.rows, view.known.columns]
+    rows, columns = view.known.rows[seen], view.known.columns[seen]
+    difference = depth[rows, columns] - view.known.depth[seen].double().numpy()
+    here = weight[rows, columns]
+    known = np.sqrt((here * difference**2).mean()) if paper else (here * np.abs(difference)).mean()
+    loss += 0.01 * (1 - 0.9 * progress) * known
+    surface = (raster.normal, raster.alpha, raster.depth, raster.median_depth, camera)
+    loss += 0.05 * float(normal_consistency(*surface, *((0.0, "splats") if paper else (0.6, "pixel"))))
+    if released:
+        loss += 100.0 * float(distortion_loss(raster.distortion, raster.alpha, view.image, 0.2, 100.0))
+    return loss
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_the_loss_of_a_step_is_the_published_one(name: str) -> None:
+    """Eq. 13 over Eq. 5 to 7, 9 to 12, for the paper; its counterpart for the released code."""
+    lens = 20.0, 0.4  # circles of up to six pixels
+    options = preset(name, lens_init_aperture=lens[0], lens_init_focus=lens[1])
+    scene = training_set()
+    state = TrainingState(scene, options, 0)
+    one = scene.views[0]
+    known = sparse_depth(scene.points, one.camera, 0)
+    view = Photograph(0, one.name, one.camera, torch.from_numpy(one.image), known, None)
+    expected = expected_loss(name, state, view, 0.7, (lens[0] + 1e-5, lens[1] + 1e-5))
+    assert take_step(state, 1, 0.7, view, StageClock()) == pytest.approx(expected, rel=LOSS_OF_A_STEP)
+
+
+def test_eq_5_of_a_learned_lens_in_the_paper_s_units() -> None:
+    trainer = Trainer(training_set(), preset("paper", lens_init_aperture=0.8, lens_init_focus=0.3), 0)
+    state, camera = trainer.state, trainer.views[0].camera
+    view = Photograph(0, "v0", camera, torch.zeros(4, 4, 3), None, None)
+    raster = rasterise(trainer.gaussians, camera, state.options.appearance)
+    shot = state.shot(view, SharpView(lambda: raster), state.adaptation(0.0))
+    physical = trainer.lens_estimates()[trainer.views[0].name]
+    aperture, focus = physical.aperture, physical.focus_depth
+    assert aperture == pytest.approx(0.02 * camera.width * 0.80001 / state.range.extent, rel=FLOAT32_SCALAR)
+    for depth in (3.0, 4.5, 6.0):
+        found = abs(float(shot.radius(torch.tensor(1 / depth, dtype=torch.float64)).detach()))
+        assert found == pytest.approx(aperture * abs(1 / focus - 1 / depth), abs=FLOAT32_VALUE)
+
+
+def test_the_released_disparities_end_at_the_ends_of_their_range() -> None:
+    bounds, disparity = DisparityRange(0.2, 0.6), torch.tensor([0.1, 0.2, 0.3, 0.6, 0.9], dtype=torch.float64)
+    clipped, free = (Shot(frontal(100, 80, 90.0), bounds, 3.0, -1.2, None, clip) for clip in (True, False))
+    normalised = np.array([1e-5, 1e-5, 0.25, 1.0, 1.0])
+    assert clipped.radius(disparity).numpy() == pytest.approx(2 * (3.0 * normalised - 1.2), abs=FLOAT64_VALUE)
+    assert clipped.circles(disparity).numpy() == pytest.approx(2 * abs(3.0 * normalised - 1.2), abs=FLOAT64_VALUE)
+    assert clipped.out_of_focus(disparity).numpy() == pytest.approx(abs(normalised - 0.4), abs=FLOAT64_VALUE)
+    assert free.radius(disparity).numpy() == pytest.approx(2 * (3.0 * (disparity.numpy() - 0.2) / 0.4 - 1.2))
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_the_released_preset_alone_clips(name: str) -> None:
+    state = TrainingState(training_set(), preset(name), 0)
+    camera = state.cameras[0]
+    view = Photograph(0, "v0", camera, torch.zeros(4, 4, 3), None, None)
+    raster = rasterise(state.gaussians, camera, state.options.appearance)
+    clips = name == "released"
+    assert state.shot(view, SharpView(lambda: raster), state.adaptation(0.0)).clipped is clips
+    assert [shot.clipped for shot in state.shots()] == [clips] * 3
+
+
+def test_eq_12_is_summed_over_the_splats_of_a_ray() -> None:
+    camera, weights = frontal(8, 6, 10.0), np.array([0.5, 0.3, 0.1])
+    normals = np.array([[0.0, 0.0, -1.0], [0.6, 0.0, -0.8], [0.0, 1.0, 0.0]])
+    expected = sum(w * (1 - n @ [0.0, 0.0, -1.0]) for w, n in zip(weights, normals, strict=True))
+    flat = torch.full((6, 8), 4.0, dtype=torch.float64)  # a plane that faces the camera
+    blended = torch.from_numpy(weights @ normals).expand(6, 8, 3)
+    alpha = torch.full((6, 8), weights.sum(), dtype=torch.float64)
+    assert float(normal_consistency(blended, alpha, flat, flat, camera, 0.0)) == pytest.approx(
+        expected, abs=FLOAT64_VALUE
+    )
+
+
+@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize(("progress", "of_means"), [(0.0, 1.6e-4), (0.5, 1.6e-5), (1.0, 1.6e-6)])
+def test_parameters_move_at_the_published_rates(name: str, progress: float, of_means: float) -> None:
+    """Adam's first step is the rate itself, whatever the gradient."""
+    state = TrainingState(training_set(), preset(name), 0)
+    extent = 1.1 * max(np.linalg.norm(c.centre - np.mean([c.centre for c in state.cameras], 0)) for c in state.cameras)
+    rates = {
+        "means": of_means * extent,
+        "log_scales": 5e-3,
+        "quaternions": 1e-3,
+        "opacity_logits": 0.05,
+        "sh_dc": 2.5e-3,
+        "sh_rest": 1.25e-4,
+    }
+    before = {key: value.detach().clone() for key, value in state.gaussians.parameters.items()}
+    for value in state.gaussians.parameters.values():
+        value.grad = torch.ones_like(value)
+    state.optimiser.step(progress, state.options.schedule.cooldown(progress))
+    for key, rate in rates.items():
+        moved = (before[key] - state.gaussians.parameters[key].detach()).double()
+        largest = max(1.0, float(before[key].abs().max()))
+        assert float((moved - rate).abs().max()) < LEARNED_STEP * largest, key
+
+
+def test_one_degree_of_the_harmonics_is_added_every_thousand_of_thirty_thousand_steps() -> None:
+    appearance = AppearanceOptions()
+    assert [appearance.degree(step / 30_000) for step in (0, 999, 1000, 2000, 3000, 29_999)] == [0, 0, 1, 2, 3, 3]
+
+
+# ---- the table ----
+
+
+def rows() -> list[tuple[str, list[str]]]:
+    """(preset, cells) of every row of the page's two tables: what is published, options, functions, tests."""
+    found, name = [], ""
+    for line in PAGE.read_text().splitlines():
+        if line.startswith("## "):
+            match = re.fullmatch(r"## Preset `(\w+)`", line)
+            name = match[1] if match else ""
+        elif name and line.startswith("|") and not line.startswith(("| published", "| ---")):
+            found.append((name, [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]))
+    return found
+
+
+def code(cell: str) -> list[str]:
+    return re.findall(r"`([^`]+)`", cell)
+
+
+def written(name: str) -> dict[str, object]:
+    """The options that the card writes down for a preset."""
+    card = tomllib.loads((ROOT / "methods" / "dofgaussian" / "method.toml").read_text())
+    return card["presets"][name]
+
+
+def test_every_row_has_options_functions_and_tests() -> None:
+    assert {name for name, _ in rows()} == set(PRESETS)
+    for name, cells in rows():
+        assert len(cells) == 4, (name, cells)
+        published, _, functions, tests = cells
+        assert published and code(functions) and code(tests), (name, published)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_the_presets_have_the_values_that_the_table_says(name: str) -> None:
+    values, seen = preset(name).flat(), set()
+    for owner, (_, options, _, _) in rows():
+        if owner != name:
+            continue
+        for option in code(options):
+            key, _, value = option.partition("=")
+            assert key in values, option
+            assert GaussianOptions().with_overrides({key: value}).flat()[key] == values[key], option
+            seen.add(key)
+    assert not set(written(name)) - seen, "options of the preset without a row"
+
+
+def test_the_functions_of_the_table_exist() -> None:
+    for _, (_, _, functions, _) in rows():
+        for function in code(functions):
+            module, _, place = function.partition(":")
+            found = importlib.import_module(module)
+            for part in place.split("."):
+                found = getattr(found, part)
+            assert callable(found), function
+
+
+def test_the_tests_of_the_table_exist() -> None:
+    for _, (_, _, _, tests) in rows():
+        for one in code(tests):
+            file, _, name = one.partition("::")
+            tree = ast.parse((ROOT / "tests" / file).read_text())
+            assert name in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}, one
