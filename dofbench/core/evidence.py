@@ -34,8 +34,8 @@ PHOTOGRAPHER_SAYS: dict[Photographer | None, str] = {
         "method here renders like this."
     ),
     "layered": (
-        "Photographed by a formula: blurred in layers from a sharp image and its depth, with occlusion. Not the forward "
-        "model that DoF-Gaussian trains through, but as far from a real lens as that depth is."
+        "Photographed by a formula: blurred in layers from a sharp image and its depth, with occlusion. Not the "
+        "forward model that DoF-Gaussian trains through, but no lens either."
     ),
     "scatter": (
         "Photographed by the scatter, the same forward model that DoF-Gaussian trains through; scores and lens errors "

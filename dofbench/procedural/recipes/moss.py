@@ -144,11 +144,9 @@ def _snail(rng: np.random.Generator) -> Iterable[Prop]:
         yield Prop(
             Sphere((float(centre[0]), float(centre[1]), float(centre[2])), radius, 50 * turn), skin, "glossy", 0.10
         )
-    body = [
-        rod((-0.024 + 0.004 * i, 0.093, 0.003), (-0.020 + 0.004 * i, 0.093, 0.003 + 0.0006 * i), 0.003, 8)
-        for i in range(8)
-    ]
-    feelers = [rod((0.008, 0.093, 0.008), (0.0125, 0.093 + lean, 0.0165), 0.0004, 6) for lean in (-0.003, 0.003)]
+    spine = [np.array([-0.027 + 0.0052 * i, 0.093, 0.0028 + 0.0008 * max(i - 4, 0)]) for i in range(8)]
+    body = [rod(one, two, 0.0028, 10) for one, two in itertools.pairwise(spine)]
+    feelers = [rod((0.0085, 0.093, 0.006), (0.0130, 0.093 + lean, 0.0165), 0.0004, 6) for lean in (-0.003, 0.003)]
     yield Prop(merged([*body, *feelers]), (0.58, 0.48, 0.36))
 
 

@@ -133,7 +133,7 @@ def _near(rng: np.random.Generator) -> Iterable[Prop]:
         (0.50, 0.36, 0.22),
     )
     can = [(0.12, 0.0), (0.13, 0.30), (0.07, 0.38), (0.075, 0.44), (0.0, 0.44)]
-    yield Prop(turned(0.62, 2.25, can), (0.86, 0.87, 0.88), "metal", 0.22)
+    yield Prop(turned(0.62, 2.25, can), (0.70, 0.74, 0.78), "glossy", 0.12)
     yield Prop(Tube((-0.62, 2.0, 0), (-0.62, 2.0, 0.95), 0.022), (0.34, 0.28, 0.22))
     yield Prop(box(-0.62, 1.97, (0.44, 0.02, 0.30), 8, 0.72), textures.letter(rng, "A", BRIGHT[0], 320))
     yield Prop(Tube((0.95, 3.0, 0), (0.95, 3.0, 0.34), 0.17, 60), textures.label(rng, BRIGHT[2]))

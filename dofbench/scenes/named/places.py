@@ -58,9 +58,9 @@ def what_to_put(
 def recognise(folder: Path) -> ResolvedScene:
     """The scene in a folder that a user names: as its path and its files' checksums say, it may be a known one.
 
-    A known one's origin, licence, citation and role are taken over, and its layout where no file in the folder tells it;
-    nothing else, as the user chose a folder and not a dataset. A rendered scene says these things itself. The folder
-    may be the place of its COLMAP model.
+    A known one's origin, licence, citation and role are taken over, and its layout where no file in the folder tells
+    it; nothing else, as the user chose a folder and not a dataset. A rendered scene says these things itself. The
+    folder may be the place of its COLMAP model.
     """
     folder = scene_folder(folder)
     name = scene_name(folder)

@@ -107,14 +107,14 @@ class LeftOut(_Record):
 class NamedDataset(_Record):
     """datasets/ID.toml. The file is named after `id`.
 
-    origin: where it comes from. licence: as its source states it, else "not stated"; terms: more about that.
-    citation: one reference each. role: of all its scenes but those that say another one; every scene has one. built_in: its folders are beside the file, not below a data root. made_by: the
-    command that makes it, where it is ours. layout: the reader for all its scenes but those that are `of` others.
-    images: folder of images inside a scene, for a layout that would take another one. folders: as
-    `NamedScene.folders`, with {scene} for the scene's name. marker: for a dataset whose scenes are found by looking:
-    every folder that fits `folders` and has this file or folder is a scene. expected: how many those should be.
-    recipes: of make-scene, whose scenes of whatever seed it stands for, unless a scene of a dataset names recipe and
-    seed. notes: what was verified, and what wasn't.
+    origin: where it comes from. licence: as its source states it, else "not stated"; terms: more about that. citation:
+    one reference each. role: of all its scenes but those that say another one; every scene has one. built_in: its
+    folders are beside the file, not below a data root. made_by: the command that makes it, where it is ours. layout:
+    the reader for all its scenes but those that are `of` others. images: folder of images inside a scene, for a layout
+    that would take another one. folders: as `NamedScene.folders`, with {scene} for the scene's name. marker: for a
+    dataset whose scenes are found by looking: every folder that fits `folders` and has this file or folder is a scene.
+    expected: how many those should be. recipes: of make-scene, whose scenes of whatever seed it stands for, unless a
+    scene of a dataset names recipe and seed. notes: what was verified, and what wasn't.
     """
 
     id: Name
