@@ -37,7 +37,7 @@ def test_every_recipe_has_a_title_and_viewpoints(name: str) -> None:
 
 
 def test_an_unknown_recipe_is_named() -> None:
-    with pytest.raises(InputError, match="one of corridor"):
+    with pytest.raises(InputError, match="one of attic, corridor"):
         recipe("beach")
 
 

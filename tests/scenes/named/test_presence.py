@@ -79,15 +79,21 @@ def test_every_named_scene_is_found_and_read(
     source, original = source_of(LIBRARY, dataset, scene)
     # Large scenes are written with fewer images than required, since 300 images wouldn't test more.
     count = min(original.views or COUNT, COUNT)
-    write_scene(tmp_path / source.candidates(original)[0], str(source.layout), count)
+    root = tmp_path / source.candidates(original)[0]
+    write_scene(root, str(source.layout), count)
+    if original.rendered is not None:
+        made = {"schema": "dofbench-scene", "recipe": original.rendered.recipe, "seed": original.rendered.seed}
+        (root / "scene.json").write_text(json.dumps(made))
     (found,) = resolve(f"{dataset.id}/{scene.name}", tmp_path)
     presence = inspect(found)
     if original.sha256 and original.views == count:
         assert presence.state == "different" and "checksum" in presence.detail
     elif original.views is not None and original.views > count:
         assert presence.state == "incomplete" and f"{count} views" in presence.detail
+    elif original.size is not None:
+        assert presence.state == "different" and f"expected {original.size[0]}x" in presence.detail
     else:
-        assert presence.state == "here"
+        assert presence.state == ("here" if original.views is None else "complete")
     if source.layout == "blb":
         return
     loaded = found.load()
