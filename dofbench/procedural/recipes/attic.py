@@ -22,7 +22,7 @@ def stage(seed: int) -> Stage:
     # Each hangs below the slopes of the roof, above what the cameras see.
     lamps = (
         Lamp((0.35, 0.6, 2.35), (-0.2, 3.2, 0.2), 0.6, 60.0),
-        Lamp((-0.25, 3.2, 2.45), (0.4, 6.8, 0.4), 0.6, 90.0),
+        Lamp((-0.25, 2.9, 2.45), (0.4, 6.8, 0.4), 0.6, 90.0),
         Lamp((-1.20, 0.3, 1.70), (0.4, 3.0, 0.4), 0.3, 90.0),
     )
     return Stage(tuple(props), lamps, 0.04)

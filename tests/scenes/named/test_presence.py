@@ -158,9 +158,9 @@ def test_the_command_lists_what_is_here_and_what_to_put_where(
         monkeypatch.setenv("DOFBENCH_DATA", str(tmp_path))
     assert cli.main(["scenes", *(["--data-root", str(tmp_path)] if given == "option" else [])]) == 0
     text = " ".join(capsys.readouterr().out.split())
-    assert "llff/orchids complete 21 + 4 test, 504x378" in text
-    assert "dof-gaussian/orchids complete 21 + 4 test" in text
-    assert "deblur-nerf-real/sausage here 16 + 4 test, 528x396 its author agrees" in text
+    assert "llff/orchids report complete 21 + 4 test, 504x378" in text
+    assert "dof-gaussian/orchids report complete 21 + 4 test" in text
+    assert "deblur-nerf-real/sausage report here 16 + 4 test, 528x396 its author agrees" in text
     assert f"put nerf_llff_data/SCENE, llff/SCENE or llff_SCENE in {tmp_path}; from https://bmild" in text
     assert "put the scenes of llff and tandt-db, as said there" in text
     assert "left out: tandt-db/playroom: indoors" in text
