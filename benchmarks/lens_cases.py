@@ -20,7 +20,7 @@ from dofbench.core.progress import Silent
 from dofbench.dataset.dataset import Dataset
 from dofbench.dataset.inputs import Inputs
 from dofbench.procedural import make_scene
-from dofbench.procedural.scene_options import NAMES, MakeScene
+from dofbench.procedural.scene_options import DEVELOPMENT, MakeScene
 from dofbench.synthesis.builder import make
 from dofbench.synthesis.dataset_options import MakeDataset
 
@@ -97,7 +97,7 @@ def _every() -> Iterator[Case]:
         yield Case("f/14", "shallow_blowtorch", subset=group, lens="faint", share="aperture")
     for group in ("all", "half"):
         yield Case("real lens", "shallow_blowtorch", subset=group, lens="yes", share="exif")
-    for scene in (*WIDTHS, *(f"rendered_{name}" for name in NAMES)):
+    for scene in (*WIDTHS, *(f"rendered_{name}" for name in DEVELOPMENT)):
         large = scene in WIDTHS
         for subset in ("all", "half", "few"):
             if not large and subset == "half":
@@ -171,7 +171,7 @@ def make_datasets(data: Path, work: Path, say: Callable[[str], None], only: str 
             _through_lenses(
                 tabletop if name == "tabletop" else data / name, work / name, LARGE, say, width=width, depth_steps=1200
             )
-    for name in NAMES:
+    for name in DEVELOPMENT:
         if not wanted or f"rendered_{name}" in wanted:
             scene = work / "scenes" / name
             if not scene.is_dir():

@@ -180,6 +180,11 @@ def execute(settings: Any) -> int:
 
             return DONE if print_scenes(settings.folders, settings.data_root) else FAILED
         case Methods():
+            if settings.method is not None and settings.freeze is not None:
+                from dofbench.commands.freeze_preset import freeze_preset
+
+                freeze_preset(settings.method, settings.freeze)
+                return DONE
             from dofbench.commands.list_methods import print_methods
 
             return DONE if print_methods(settings.method) else FAILED

@@ -18,15 +18,17 @@ from dofbench.core.budget import parse_budget
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import one_line
+from dofbench.core.evidence import Role
 from dofbench.core.files import sha256_file, sha256_text, write_json
 from dofbench.core.images import from_8bit, to_8bit, write_exr, write_png
 from dofbench.core.jobs import Job, Outcome, Watcher
-from dofbench.core.lens import DisparityRange, Lens
+from dofbench.core.lens import DisparityRange, Lens, SceneRenderer
 from dofbench.dataset import layout
 from dofbench.dataset.schema import (
     ALL_KNOWN,
     LENS_FILE,
     MANIFEST,
+    ROLE_STATED,
     SCHEMA,
     SOME_UNKNOWN,
     DepthRecord,
@@ -36,6 +38,7 @@ from dofbench.dataset.schema import (
     ShapeRecord,
     SourceImage,
     SourceRecord,
+    ThinLensRecord,
     UnknownLens,
     UnknownLensFile,
     ViewRecord,
@@ -49,6 +52,7 @@ from dofbench.scenes.scene import Split
 
 WIDTH, HEIGHT = 64, 48
 RANGE = DisparityRange(0.1, 0.6)
+_THIN_LENS = ThinLensRecord(recipe="attic", seed=20261104, samples=512, mitsuba="0", variant="scalar_rgb")
 
 
 def smooth_image(seed: int, camera: Camera) -> np.ndarray:
@@ -91,12 +95,16 @@ def write_dataset(
     unknown: Sequence[str] = (),
     blurred: Sequence[str] = (),
     flat: Sequence[str] = (),
+    role: Role | None = None,
+    role_by: str | None = None,
+    renderer: SceneRenderer = "scatter",
 ) -> Path:
     """Write a small dataset of views v0, v1, ..., the test views first; returns the folder.
 
     Of the scene a lens shows `smooth_image`, darkened by the aperture, and so does the fake method. in_focus: the
     shallow photographs have all the detail of the sharp ones. exact: whether the depth is the scene's own, or
-    estimated. unknown, blurred, flat: the views without a known lens, a sharp photograph, depth.
+    estimated. unknown, blurred, flat: the views without a known lens, a sharp photograph, depth. role, role_by: as the
+    manifest states them. renderer: what the lenses' file says that took the photographs.
     """
     shutil.rmtree(folder, ignore_errors=True)
     names = [f"v{index}" for index in range(test + train)]
@@ -114,7 +122,8 @@ def write_dataset(
     sparse = _points(len(cameras)) if points else None
     export.write_colmap(folder, [Path(file).name for file in images], cameras, sparse)
     export.write_transforms(folder / layout.TRANSFORMS, images, cameras, splits=splits)
-    write_json(folder / LENS_FILE, as_json(_lens_file(dict(zip(names, splits, strict=True)), unknown, flat)))
+    lenses = _lens_file(dict(zip(names, splits, strict=True)), unknown, flat, renderer)
+    write_json(folder / LENS_FILE, as_json(lenses))
     files = {
         file.relative_to(folder).as_posix(): FileRecord(sha256=sha256_file(file), size=file.stat().st_size)
         for file in sorted(folder.rglob("*"))
@@ -128,11 +137,13 @@ def write_dataset(
             SourceImage(view=view, sha256=sha256_text(view), photograph="shallow" if view in unknown else None)
             for view in names
         ),
+        role=role,
+        role_by=role_by,
     )
     measured = DepthRecord(source="given" if exact else "sfm", provenance={}) if set(names) - set(flat) else None
     record = Manifest(
         schema=SCHEMA,
-        version=SOME_UNKNOWN if unknown or measured is None else ALL_KNOWN,
+        version=ROLE_STATED if role else SOME_UNKNOWN if unknown or measured is None else ALL_KNOWN,
         name=name,
         dofbench="0",
         command="none",
@@ -162,7 +173,9 @@ def _points(views: int) -> PointCloud:
     return cloud(xyz, [np.arange(views) for _ in xyz], rgb=np.full(xyz.shape, 0.5))
 
 
-def _lens_file(splits: dict[str, Split], unknown: Sequence[str], flat: Sequence[str]) -> LensFile | UnknownLensFile:
+def _lens_file(
+    splits: dict[str, Split], unknown: Sequence[str], flat: Sequence[str], renderer: SceneRenderer
+) -> LensFile | UnknownLensFile:
     measured = bool(splits.keys() - set(flat))
     records = []
     for index, (view, split) in enumerate(splits.items()):
@@ -187,7 +200,8 @@ def _lens_file(splits: dict[str, Split], unknown: Sequence[str], flat: Sequence[
         alpha=4.0,
         energy="area",
         shape=ShapeRecord(blades=0, rotation=0.0, curvature=0.0, obstruction=0.0),
-        renderer="scatter",
+        renderer=renderer,
+        thinlens=_THIN_LENS if renderer == "thinlens" else None,
         views=tuple(records),
     )
 

@@ -18,7 +18,7 @@ from dofbench.reporting.csv_writer import write_records
 from dofbench.reporting.markdown_writer import markdown_page
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_plan import Plan, make_plan
-from dofbench.running.ablation_tables import read_tables, shipped_file
+from dofbench.running.ablation_tables import read_tables, tables_of
 from dofbench.running.batch import Batch
 from dofbench.running.ended_runs import Ended
 
@@ -32,7 +32,7 @@ def make_tables(settings: Ablate, console: Console | None = None, executor: Exec
     InputError when the call is wrong, before anything runs.
     """
     console = console or Console()
-    plan = make_plan(settings, read_tables(settings.tables or shipped_file()))
+    plan = make_plan(settings, read_tables(settings.tables or tables_of(settings.method)))
     batch = Batch(plan.runs, settings.results, executor or LocalProcesses(settings.jobs))
     cells = sum(len(one.runs) for one in plan.tables)
     tables = f"{len(plan.tables)} table{'s' * (len(plan.tables) != 1)} with {cells} cells"

@@ -12,6 +12,7 @@ from dofbench.core.aligned import aligned
 from dofbench.core.contracts import ListsOptions, MethodOption
 from dofbench.core.errors import InputError
 from dofbench.kernels import backend_of, backends, chosen
+from dofbench.running.frozen_presets import frozen_presets, preset_digest
 from dofbench.running.method_cards import Card, Claims, MethodEntry, find_method, method_files
 
 _WIDTH = 110  # characters per line, where the output isn't a terminal
@@ -72,10 +73,11 @@ def _one_method(entry: MethodEntry) -> tuple[list[str], bool]:
 
 def _presets(entry: MethodEntry) -> Iterator[str]:
     """Every preset: when it is the default, its budget, and the options that it sets."""
-    card = entry.card
+    card, frozen = entry.card, frozen_presets(entry.folder)
     for name, declared in card.presets.items():
         _, _, budget = entry.preset(name)
         said = [
+            *([_frozen_words(entry, name)] if name in frozen else []),
             *(["the default"] if name == card.default_preset else []),
             *(["the default on the built-in dataset"] if name == card.builtin_preset else []),
             *([f"budget {declared['budget']}"] if budget is not None and "budget" in declared else []),
@@ -84,6 +86,16 @@ def _presets(entry: MethodEntry) -> Iterator[str]:
         yield f"  {name}" + (f": {', '.join(said)}" if said else "")
         own = {key: value for key, value in declared.items() if key not in ("budget", "extends")}
         yield from _wrapped(_pairs(own), "      ")
+
+
+def _frozen_words(entry: MethodEntry, preset: str) -> str:
+    """Where the preset was frozen, and whether it is still the same."""
+    frozen = frozen_presets(entry.folder)[preset]
+    try:
+        same = preset_digest(entry, preset) == frozen.digest
+    except (ImportError, InputError):  # its class can't be loaded, which is said below the options
+        same = True
+    return f"frozen at {frozen.commit[:12]}" + ("" if same else ", and changed since")
 
 
 def _left_out(card: Card) -> list[str]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud, TrainingSet
+from dofbench.core.evidence import Photographer, Role
 from dofbench.core.exif import Exif
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
 from dofbench.dataset.dealing import Dealt
@@ -63,6 +64,18 @@ class BenchmarkDataset(Protocol):
     @property
     def scene(self) -> str:
         """The scene that the dataset was made from."""
+
+    @property
+    def role(self) -> Role | None:
+        """What the scene may be used for; None where that isn't stated."""
+
+    @property
+    def role_by(self) -> str:
+        """The label of the named dataset that states the role; empty without."""
+
+    @property
+    def photographer(self) -> Photographer:
+        """What took the photographs."""
 
     @property
     def checksum(self) -> str:

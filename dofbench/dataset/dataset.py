@@ -12,6 +12,7 @@ from dofbench.core.blur import Blur
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.core.errors import InputError
+from dofbench.core.evidence import Photographer, Role
 from dofbench.core.exif import Exif, read_exif
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_exr, read_image
@@ -127,6 +128,21 @@ class Dataset:
     def scene(self) -> str:
         """Name of the scene that the dataset was made from."""
         return self.manifest.source.scene
+
+    @property
+    def role(self) -> Role | None:
+        """What the scene may be used for; None where no named dataset states it."""
+        return self.manifest.source.role
+
+    @property
+    def role_by(self) -> str:
+        """ID/SCENE, or ID, of the named dataset that states the role; empty without."""
+        return self.manifest.source.role_by or ""
+
+    @property
+    def photographer(self) -> Photographer:
+        """What took the photographs."""
+        return self.lenses.photographer
 
     @property
     def assign(self) -> Dealt:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, P
 
 from dofbench.core.blur import Blur
 from dofbench.core.errors import InputError
+from dofbench.core.evidence import Photographer, Role
 from dofbench.core.files import read_json
 from dofbench.core.lens import LAYERS, ApertureShape, DisparityRange, Energy, Lens, PhysicalLens, SceneRenderer
 from dofbench.dataset.sensor import Sensor
@@ -17,9 +18,10 @@ from dofbench.scenes.scene import Photograph, Split
 
 SCHEMA: Final = "dofbench-dataset"
 # Schema versions. 1: the lens, depth and sharp image of every view are known. 2: some may be unknown, and are marked
-# so. A dataset is written in the lowest version that can hold it, so that older programs can still read it.
-ALL_KNOWN, SOME_UNKNOWN = 1, 2
-VERSIONS = (ALL_KNOWN, SOME_UNKNOWN)
+# so. 3: the role of its scene is stated. A dataset is written in the lowest version that can hold it, so that older
+# programs can still read it.
+ALL_KNOWN, SOME_UNKNOWN, ROLE_STATED = 1, 2, 3
+VERSIONS = (ALL_KNOWN, SOME_UNKNOWN, ROLE_STATED)
 MANIFEST = "dataset.json"
 LENS_FILE = "lens.json"
 
@@ -142,6 +144,11 @@ class LensFile(_Record):
     sensor: SensorRecord = SensorRecord()
     views: tuple[AnyView, ...]
 
+    @property
+    def photographer(self) -> Photographer:
+        """What took the photographs."""
+        return self.renderer
+
     def range(self) -> DisparityRange:
         """The scene's disparity range. Raises ValueError when it is empty."""
         return DisparityRange(*self.disparity_range)
@@ -172,6 +179,11 @@ class UnknownLensFile(_Record):
     disparity_range: tuple[FiniteFloat, FiniteFloat] | None = None
     views: tuple[UnknownLens, ...]
 
+    @property
+    def photographer(self) -> Photographer:
+        """What took the photographs: a lens that nobody knows."""
+        return "unknown"
+
     def range(self) -> DisparityRange | None:
         """The scene's disparity range, None if no view has depth. Raises ValueError when it is empty."""
         return None if self.disparity_range is None else DisparityRange(*self.disparity_range)
@@ -198,7 +210,8 @@ class SourceRecord(_Record):
     """The scene that the dataset was made from. geometry: sha256 of its cameras, split and points.
 
     licence: the licence of the images, as their source states it; terms: details of the licence. citation: one
-    reference per entry. origin: where the images come from.
+    reference per entry. origin: where the images come from. role: what the scene may be used for, absent where no named
+    dataset states it; role_by: ID/SCENE, or ID, of the named dataset that does.
     """
 
     scene: str
@@ -209,6 +222,8 @@ class SourceRecord(_Record):
     terms: str = ""
     citation: tuple[str, ...] = ()
     origin: str = ""
+    role: Role | None = None
+    role_by: str | None = None
 
 
 class ConsistencyRecord(_Record):

@@ -14,7 +14,10 @@ from dofbench.core.option_rules import EachFrom, Is, at_least, check, option
 
 Variant = Literal["auto", "llvm_ad_rgb", "scalar_rgb"]
 ALL = "all"
-NAMES = ("corridor", "fence", "foliage", "gloss", "macro", "meadow", "night", "tabletop", "tiles")
+# Recipes on which anything may be tried, and recipes of scenes on which only frozen presets are run.
+DEVELOPMENT = ("corridor", "fence", "foliage", "gloss", "macro", "meadow", "night", "tabletop", "tiles")
+REPORT = ("attic", "firtree", "glaze", "moss", "spokes", "street")
+NAMES = tuple(sorted((*DEVELOPMENT, *REPORT)))
 
 
 @dataclass(frozen=True)
@@ -23,7 +26,8 @@ class MakeScene:
     lens."""
 
     recipe: Annotated[str, tyro.conf.Positional]
-    """corridor, fence, foliage, gloss, macro, meadow, night, tabletop, tiles; or all of them."""
+    """corridor, fence, foliage, gloss, macro, meadow, night, tabletop, tiles; or all of these. Of report scenes, whose
+    seeds datasets/report.toml states: attic, firtree, glaze, moss, spokes, street."""
 
     out: Path | None = None
     """Folder to write; without it, data/scenes/RECIPE. With the recipe all: the folder that gets one folder per
@@ -80,7 +84,7 @@ class MakeScene:
     @property
     def recipes(self) -> tuple[str, ...]:
         """The recipes asked for."""
-        return NAMES if self.recipe == ALL else (self.recipe,)
+        return DEVELOPMENT if self.recipe == ALL else (self.recipe,)
 
     def folder(self, recipe: str) -> Path:
         """The folder for the scene of a recipe."""

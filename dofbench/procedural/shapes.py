@@ -1,4 +1,4 @@
-"""Meshes by formula: sheets, boxes, discs, ribbons, leaves, ground."""
+"""Meshes by formula: sheets, boxes, discs, turned bodies, ribbons, leaves, rods, ground."""
 
 from __future__ import annotations
 
@@ -73,6 +73,22 @@ def leaf(
     sag = bend * np.linalg.norm(along) * t**2 * normal / np.linalg.norm(normal)
     half = 0.5 * width * np.sin(np.pi * t**0.8) * side
     return _ribbon(np.asarray(root) + t * along - sag, half, t)
+
+
+def turned(x: float, y: float, profile: Sequence[tuple[float, float]], base: float = 0.0, sides: int = 48) -> Mesh:
+    """A body turned on a lathe that stands at (x, y). profile: (radius, height above `base`) of its outline, outside
+    upwards; a profile that goes on inside downwards gives a hollow one. u goes round it, v along the profile."""
+    outline = np.asarray(profile, float)
+    angle = np.linspace(0, 2 * np.pi, sides + 1)
+    rim = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    flat = (outline[:, None, :1] * rim + (x, y)).reshape(-1, 2)
+    vertices = np.column_stack([flat, np.repeat(base + outline[:, 1], sides + 1)])
+    steps = np.hypot(*np.diff(outline, axis=0).T)
+    v = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
+    uv = np.stack([np.tile(angle / (2 * np.pi), len(outline)), np.repeat(v, sides + 1)], axis=1)
+    corner = (np.arange(len(outline) - 1)[:, None] * (sides + 1) + np.arange(sides)).reshape(-1, 1)
+    faces = np.concatenate([corner + (0, 1, sides + 2), corner + (0, sides + 2, sides + 1)])
+    return Mesh(vertices, faces, uv)
 
 
 def ground(x: np.ndarray, y: np.ndarray, height: Callable[[np.ndarray, np.ndarray], np.ndarray], repeat: float) -> Mesh:

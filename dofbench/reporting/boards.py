@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from dofbench.core.evidence import PHOTOGRAPHER_WORDS, ROLE_WORDS, Photographer, Role
+from dofbench.reporting import standing
 from dofbench.reporting.summary import Line, do_nothing_line, scene_mean, scene_spread, variant_line
 from dofbench.results.collecting import Entry, added_columns, board_names, grouped, variant_names
 from dofbench.results.columns import SCORES
@@ -16,14 +18,18 @@ Variant = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Board:
-    """One dataset under one protocol. name: the dataset's, distinguished from other versions of the dataset. kind:
-    boards of one kind may be averaged. lenses: those of the training views, in words, "" if no result states them.
-    variants: variant -> its seeds. lines: variant -> its scores and costs. nothing: the line of the predictor that
-    learns nothing."""
+    """One dataset under one protocol. name: the dataset's, distinguished from other versions of the dataset. role, of
+    the scene, and photographer: None where no result states them, photographer also for methods that train on sharp
+    originals. scored: the protocol in words. kind: protocol, role and photographer in words; boards of one kind may be
+    averaged. lenses: those of the training views, in words, "" if no result states them. variants: variant -> its
+    seeds. lines: variant -> its scores and costs. nothing: the line of the predictor that learns nothing."""
 
     key: tuple[str, ...]
     name: str
     scene: str
+    role: Role | None
+    photographer: Photographer | None
+    scored: str
     kind: str
     sharp: bool
     held_out: bool
@@ -44,8 +50,8 @@ class Board:
 
     @property
     def title(self) -> str:
-        """Dataset and kind."""
-        return f"{self.name}, {self.kind}"
+        """Dataset and protocol."""
+        return f"{self.name}, {self.scored}"
 
     @property
     def members(self) -> tuple[Entry, ...]:
@@ -66,10 +72,11 @@ def score_columns(entries: Sequence[Entry]) -> list[str]:
 
 
 def gather(entries: Sequence[Entry]) -> list[Board]:
-    """The boards of these runs, in the order of the page."""
+    """The boards of these runs, in the order of the page: report scenes first, then by what took the photographs."""
     every = tuple(entries)
     names, boards, columns = variant_names(every), board_names(every), score_columns(every)
-    return [_board(key, boards[key], members, names, columns) for key, members in grouped(every, "board").items()]
+    found = [_board(key, boards[key], members, names, columns) for key, members in grouped(every, "board").items()]
+    return sorted(found, key=lambda board: standing.place(board.role, board.photographer))  # stable
 
 
 def by_kind(boards: Sequence[Board]) -> dict[str, list[Board]]:
@@ -95,7 +102,9 @@ def mean_lines(boards: Sequence[Board], columns: Sequence[str]) -> dict[Variant,
             for column, cell in cells.items()
         }
         same = len({line.seeds for line in own.values()}) == 1
-        means[variant] = Line(some.method, some.preset, some.seeds if same else "not the same on all", cells)
+        seeds = some.seeds if same else "not the same on all"
+        signs = standing.united(line.signs for line in own.values())
+        means[variant] = Line(some.method, some.preset, seeds, cells, signs=signs)
     return means
 
 
@@ -106,15 +115,24 @@ def _board(
     lenses = next((entry.lenses for entry in members if entry.lenses), None)
     held_out = lenses is not None and lenses["assign"] == HELD_OUT
     variants = grouped(members, "variant")
+    sharp = protocol is not None and protocol.inputs == "all-in-focus"
+    role, photographer = standing.role_of(members), None if sharp else standing.photographer_of(members)
+    scored = f"{key[2]}, held-out focus" if held_out else key[2]
     return Board(
         key,
         name,
         members[0].scene,
-        f"{key[2]}, held-out focus" if held_out else key[2],
-        protocol is not None and protocol.inputs == "all-in-focus",
+        role,
+        photographer,
+        scored,
+        ", ".join(filter(None, (scored, ROLE_WORDS[role], PHOTOGRAPHER_WORDS[photographer]))),
+        sharp,
         held_out,
         "" if lenses is None else lens_words(lenses),
         variants,
-        {variant: variant_line(seeds, names, columns) for variant, seeds in variants.items()},
+        {
+            variant: variant_line(seeds, names, columns, standing.signs(role, seeds))
+            for variant, seeds in variants.items()
+        },
         do_nothing_line(members, columns),
     )

@@ -69,7 +69,7 @@ def build_report(
             report_records.run_records(entries),
             report_records.view_records(entries),
             report_records.curve_records(entries),
-            comparison_records([(board.name, board.protocol, pairs[board.key]) for board in boards], names),
+            comparison_records(boards, pairs, names),
             timing.reach_records(plots),
             timing.front_records(plots),
             report_records.time_records(entries),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from dofbench.core.errors import Status
 from dofbench.reporting import table_cells
@@ -17,23 +18,23 @@ ASKED_HEADING = "Held-out focus, by what the test views ask for"
 ALL_IN_FOCUS = "A 0, all in focus"
 _BESIDE = Beside(
     table_cells.word_headings("method", "asked for"),
-    lambda line: [table_cells.words(line.name), table_cells.words(line.seeds)],
+    lambda line: [table_cells.words(line.name, line.signs), table_cells.words(line.seeds)],
 )
 
 
-def asked_section(groups: Iterable[tuple[str, str, list[Entry]]], dataset: str) -> Section | None:
-    """Scores by the lens of the test views, and all in focus. groups: (method, preset, its seeds).
+def asked_section(groups: Iterable[tuple[Line, list[Entry]]], dataset: str) -> Section | None:
+    """Scores by the lens of the test views, and all in focus. groups: (line of all scores, its seeds).
 
     A group with a failed run is left out here, as the table of all scores shows it. None if no group is left.
     """
-    lines = [line for method, preset, seeds in groups for line in _lines(method, preset, seeds)]
+    lines = [line for whole, seeds in groups for line in _lines(whole, seeds)]
     if not lines:
         return None
     table = score_table(lines, COLUMNS_SHOWN, f"{ASKED_HEADING}: {dataset}", before=_BESIDE)
     return Section(ASKED_HEADING, (table,))
 
 
-def _lines(method: str, preset: str, seeds: list[Entry]) -> list[Line]:
+def _lines(whole: Line, seeds: list[Entry]) -> list[Line]:
     results = [entry.result for entry in seeds if entry.status is Status.OK and entry.result is not None]
     if not results or len(results) < len(seeds):
         return []
@@ -61,5 +62,6 @@ def _lines(method: str, preset: str, seeds: list[Entry]) -> list[Line]:
             cells[column] = mean_and_spread(values, results[0].left_out.get(prefix + column, "no such score"))
         if any(cell.value is not None for cell in cells.values()):
             count = f"{len(views)} view{'s' if len(views) > 1 else ''}"
-            lines.append(Line(method, preset, f"{name} ({count})", cells, competes=False))
+            asked_for = f"{name} ({count})"
+            lines.append(replace(whole, seeds=asked_for, cells=cells, competes=False))
     return lines

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dofbench.reporting import table_cells
+from dofbench.reporting import standing, table_cells
 from dofbench.reporting.boards import Board
+from dofbench.reporting.summary import Line
 from dofbench.reporting.view import Cell, Heading, Items, Table
 from dofbench.results.collecting import Entry
 from dofbench.results.result import Result
@@ -28,7 +29,7 @@ def run_table(entries: Sequence[Entry], boards: Sequence[Board]) -> tuple[Table,
         left = "; ".join(f"{stage}: {why}" for stage, why in result.left_out_stages.items()) if result else ""
         rows.append(
             (
-                *(table_cells.words(text) for text in (board.name, line.method, line.preset)),
+                *_names(board, line),
                 _seed(entry),
                 *(table_cells.words(text) for text in (str(entry.status), entry.spec.budget)),
                 table_cells.words(_minute(result.started) if result else _UNKNOWN),
@@ -50,7 +51,7 @@ def run_table(entries: Sequence[Entry], boards: Sequence[Board]) -> tuple[Table,
         Heading("what runs, and why", words=True, wide=True),
     )
     listed = Items(tuple(f"Machine {count}: {described}" for described, count in machines.items()))
-    return Table(_CAPTION, headings, tuple(rows)), listed
+    return Table(_CAPTION, headings, tuple(rows), below=_notes(boards)), listed
 
 
 def stage_table(entries: Sequence[Entry], boards: Sequence[Board]) -> Table:
@@ -72,12 +73,20 @@ def stage_table(entries: Sequence[Entry], boards: Sequence[Board]) -> Table:
         times += [result.method_stages.get(stage) for stage in own]
         rows.append(
             (
-                *(table_cells.words(text) for text in (board.name, line.method, line.preset)),
+                *_names(board, line),
                 _seed(entry),
                 *(Cell("not run", "number") if time is None else Cell(f"{time:.2f}", "number", time) for time in times),
             )
         )
-    return Table(_ABOUT_STAGES, headings, tuple(rows))
+    return Table(_ABOUT_STAGES, headings, tuple(rows), below=_notes(boards))
+
+
+def _names(board: Board, line: Line) -> tuple[Cell, Cell, Cell]:
+    return table_cells.words(board.name), table_cells.words(line.method, line.signs), table_cells.words(line.preset)
+
+
+def _notes(boards: Sequence[Board]) -> tuple[str, ...]:
+    return standing.notes(line.signs for board in boards for line in board.lines.values())
 
 
 def commit_text(result: Result) -> str:

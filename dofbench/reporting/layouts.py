@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from dofbench.reporting import table_cells
+from dofbench.reporting import standing, table_cells
 from dofbench.reporting.boards import Board, Variant, by_kind, mean_lines
 from dofbench.reporting.paper import NOTHING_PRINTED, Figures, paper_figures
 from dofbench.reporting.score_table import not_shown
@@ -200,7 +200,8 @@ def _mean_table(
             table_cells.score(line.cells[column], COLUMNS[column], best[column] if line.competes else None)
             for column in shown
         ]
-        rows.append((*names(line.method, line.preset, line.seeds), *scores, *printed(own, silent)))
+        who = (table_cells.words(line.method, line.signs), *names(line.preset, line.seeds))
+        rows.append((*who, *scores, *printed(own, silent)))
     here = {_card_name(line.method) for line in as_it_is}
     rows += [
         (
@@ -211,7 +212,8 @@ def _mean_table(
         for method, row in theirs.items()
         if method not in here
     ]
-    below = (*not_shown(empty), *((_paper_note(figures, where),) if theirs else ()))
+    signs = standing.notes(line.signs for line in lines)
+    below = (*not_shown(empty), *((_paper_note(figures, where),) if theirs else ()), *signs)
     return Table(caption, headings, tuple(rows), below=below)
 
 
@@ -252,7 +254,7 @@ def _methods_by_scene(
     )
     rows = tuple(
         (
-            table_cells.words(some[variant].method),
+            table_cells.words(some[variant].method, _signs(boards, variant)),
             table_cells.words(some[variant].preset),
             *(cell(board, variant, column) for board, column in kept),
         )
@@ -260,7 +262,7 @@ def _methods_by_scene(
     )
     for name, columns in absent.items():
         below += not_shown(columns, f"Not shown of {name}, as no row has it")
-    return Table(caption, headings, rows, below=below)
+    return Table(caption, headings, rows, below=(*below, *_sign_notes(boards)))
 
 
 def _scenes_by_method(
@@ -287,7 +289,10 @@ def _scenes_by_method(
     there = [(variant, column) for variant in variants for column in shown if _has(boards, variant, column)]
     headings: tuple[Heading, ...] = (
         *table_cells.word_headings("scene"),
-        *(table_cells.score_heading(COLUMNS[column], some[variant].name) for variant, column in there),
+        *(
+            table_cells.score_heading(COLUMNS[column], table_cells.signed(some[variant].name, _signs(boards, variant)))
+            for variant, column in there
+        ),
         *(
             table_cells.score_heading(COLUMNS[column], f"the paper's {method}, on other data", published=True)
             for method, column in printed
@@ -296,7 +301,7 @@ def _scenes_by_method(
     silent = f"{figures.source} has no such figure of this scene"
     rows = tuple(
         (
-            table_cells.words(board.name),
+            table_cells.words(board.name, standing.united(line.signs for line in board.lines.values())),
             *(cell(board, variant, column) for variant, column in there),
             *(
                 table_cells.published(theirs[board.name].get(method, {}).get(column), COLUMNS[column], silent)
@@ -310,7 +315,16 @@ def _scenes_by_method(
         below += not_shown(left_out, f"Not shown of {some[variant].name}, as it has it nowhere")
     if printed:
         below += (_paper_note(figures, figures.data),)
-    return Table(caption, headings, rows, below=below)
+    return Table(caption, headings, rows, below=(*below, *_sign_notes(boards)))
+
+
+def _signs(boards: list[Board], variant: Variant) -> str:
+    """The signs of a variant on any of the boards."""
+    return standing.united(board.lines[variant].signs for board in boards if variant in board.lines)
+
+
+def _sign_notes(boards: list[Board]) -> tuple[str, ...]:
+    return standing.notes(line.signs for board in boards for line in board.lines.values())
 
 
 def _has(boards: list[Board], variant: Variant, column: str) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS
 from dofbench.reporting import table_cells
 from dofbench.reporting.boards import Board, by_kind, mean_lines
 from dofbench.reporting.held_out import asked_section
@@ -31,12 +32,14 @@ def board_view(
     lines = [*board.lines.values(), *([board.nothing] if board.nothing is not None else [])]
     trained = "trained on the sharp originals" if board.sharp else board.lenses
     about = f"Scene {board.scene}; dataset checksum {board.checksum}{'; ' if board.lenses else ''}"
-    groups = [(*names[variant], seeds) for variant, seeds in board.variants.items()]
+    groups = [(board.lines[variant], seeds) for variant, seeds in board.variants.items()]
+    photographed = "" if board.sharp else f" {PHOTOGRAPHER_SAYS[board.photographer]}"
+    evidence = f"{ROLE_SAYS[board.role]}{photographed}"
     return BoardView(
         board.title,
-        Paragraph(f"{about}{trained if board.lenses else ''}."),
+        Paragraph(f"{evidence} {about}{trained if board.lenses else ''}."),
         score_table(sorted_lines(lines), columns, board.title),
-        pairwise_section(pairs, names, board.title),
+        pairwise_section(pairs, names, board.title, {variant: line.signs for variant, line in board.lines.items()}),
         asked_section(groups, board.title) if board.held_out else None,
         curves,
         strip,
@@ -50,8 +53,10 @@ def mean_sections(boards: Sequence[Board], columns: Sequence[str], names: Names)
         if len(scenes) < 2:
             continue
         title = f"Means over scenes, {kind}"
-        lines = sorted_lines(list(mean_lines(scenes, columns).values()))
-        compared = pairwise_section(scene_pairs([board.variants for board in scenes]), names, title)
+        means = mean_lines(scenes, columns)
+        lines = sorted_lines(list(means.values()))
+        signs = {variant: line.signs for variant, line in means.items()}
+        compared = pairwise_section(scene_pairs([board.variants for board in scenes]), names, title, signs)
         over = Paragraph(f"Scenes: {', '.join(board.name for board in scenes)}.")
         blocks = (over, score_table(lines, columns, title), *((compared,) if compared else ()))
         sections.append(Section(title, blocks))

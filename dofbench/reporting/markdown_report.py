@@ -10,8 +10,10 @@ _INTRODUCTION = """\
 Best in bold, which alone doesn't make it better: see the differences below each table. Where runs differ
 only in their seed, a cell is mean ± sample standard deviation over the n seeds; without ±, there was one, and
 no spread is known. A cell that a method can't have is –, with the reason below; a run that failed shows how. Results
-of different protocols, or of different versions of a dataset, never share a table. The do-nothing line
-is what a predictor of the lens scores that learns nothing; an error above it is worse than no learning."""
+of different protocols, or of different versions of a dataset, never share a table. Report scenes come first, and
+are never averaged with development scenes; within both, photographs through a lens come before those by a formula. The
+do-nothing line is what a predictor of the lens scores that learns nothing; an error above it is worse than no
+learning."""
 
 
 def leaderboard_markdown(view: ReportView) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from dofbench.core.errors import Status
-from dofbench.reporting import table_cells
+from dofbench.reporting import standing, table_cells
 from dofbench.reporting.boards import Board
 from dofbench.reporting.how_made import commit_text, machine_text
 from dofbench.reporting.verdict import verdict
@@ -50,20 +50,22 @@ def best_table(boards: Sequence[Board]) -> Table:
     rows = []
     for board in boards:
         found = verdict(board.lines, board.members)
-        where = (table_cells.words(board.name), table_cells.words(board.kind))
+        signs = standing.united(line.signs for line in board.lines.values())
+        where = (table_cells.words(board.name, signs), table_cells.words(board.kind))
         if found is None:
             rows.append((*where, table_cells.words("none: every run failed, or none has a score"), *(Cell(""),) * 4))
             continue
-        column, best = COLUMNS[found.column], board.lines[found.best].name
-        shown = table_cells.score(board.lines[found.best].cells[found.column], column)
+        column, first = COLUMNS[found.column], board.lines[found.best]
+        best = table_cells.signed(first.name, first.signs)
+        shown = table_cells.score(first.cells[found.column], column)
         rival, ahead = Cell(""), Cell("")
         if found.second is not None and found.ahead is not None:
-            rival = table_cells.words(board.lines[found.second].name)
+            rival = table_cells.words(board.lines[found.second].name, board.lines[found.second].signs)
             ahead = table_cells.number(found.ahead, f"+{column.text(found.ahead)} {column.unit}".strip())
         rows.append(
             (
                 *where,
-                Cell(best, sort=best, best=True),
+                Cell(best, sort=first.name, best=True),
                 replace(shown, unit="dB", below=_SCORED_ON.get(column.id, _PHOTOGRAPHS)),
                 rival,
                 ahead,
@@ -79,7 +81,8 @@ def best_table(boards: Sequence[Board]) -> Table:
         Heading("by", largest_first=True),
         *table_cells.word_headings("how sure"),
     )
-    return Table("The best of each dataset, by PSNR", headings, tuple(rows))
+    below = standing.notes(line.signs for board in boards for line in board.lines.values())
+    return Table("The best of each dataset, by PSNR", headings, tuple(rows), below=below)
 
 
 def facts(collection: Collection, boards: Sequence[Board]) -> tuple[tuple[str, tuple[str, ...]], ...]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dofbench.reporting import table_cells
-from dofbench.reporting.boards import Variant
+from dofbench.core.evidence import ROLE_NOT_STATED
+from dofbench.reporting import standing, table_cells
+from dofbench.reporting.boards import Board, Variant
 from dofbench.reporting.differences import Compared, adjusted, compare
 from dofbench.reporting.paired import EXPLANATION
 from dofbench.reporting.records import Records
@@ -55,6 +56,7 @@ FILE_COLUMNS = (
     "p",
     "verdict",
     "reason",
+    "role",
 )
 
 
@@ -107,8 +109,11 @@ def _ranked(datasets: Sequence[Seeds]) -> list[Variant]:
     return sorted({variant for seeds in datasets for variant in seeds}, key=place)
 
 
-def pairwise_section(pairs: Sequence[Pair], names: dict[Variant, tuple[str, str]], caption: str) -> Section | None:
-    """The pairs as a table; None without a pair, or without a score that both have. caption: names the boards."""
+def pairwise_section(
+    pairs: Sequence[Pair], names: dict[Variant, tuple[str, str]], caption: str, signs: Mapping[Variant, str]
+) -> Section | None:
+    """The pairs as a table; None without a pair, or without a score that both have. caption: names the boards. signs:
+    of each variant, as of its line."""
     columns = [column for column in COMPARED if any(pair.compared[column].difference for pair in pairs)]
     if not columns:
         return None
@@ -123,7 +128,7 @@ def pairwise_section(pairs: Sequence[Pair], names: dict[Variant, tuple[str, str]
     )
     rows = tuple(
         (
-            *(table_cells.words(" ".join(names[side])) for side in (pair.one, pair.other)),
+            *(table_cells.words(" ".join(names[side]), signs[side]) for side in (pair.one, pair.other)),
             *(table_cells.difference(pair.compared[column]) for column in columns),
         )
         for pair in pairs
@@ -134,7 +139,8 @@ def pairwise_section(pairs: Sequence[Pair], names: dict[Variant, tuple[str, str]
         *(table_cells.score_heading(COLUMNS[column]) for column in columns),
     )
     said = Paragraph(f"Over {' and '.join(views)}; see *{TESTED}*.")
-    return Section(HEADING, (said, Table(f"{HEADING}: {caption}", headings, rows, names=2)))
+    below = standing.notes(signs[side] for pair in pairs for side in (pair.one, pair.other))
+    return Section(HEADING, (said, Table(f"{HEADING}: {caption}", headings, rows, names=2, below=below)))
 
 
 def explanation() -> Section:
@@ -142,22 +148,25 @@ def explanation() -> Section:
     return Section(TESTED, (Paragraph(EXPLANATION),))
 
 
-def comparison_records(boards: Sequence[tuple[str, str, list[Pair]]], names: dict[Variant, tuple[str, str]]) -> Records:
-    """One row per pair and score. boards: (dataset, protocol, pairs)."""
+def comparison_records(
+    boards: Sequence[Board], pairs: Mapping[Variant, Sequence[Pair]], names: dict[Variant, tuple[str, str]]
+) -> Records:
+    """One row per pair and score. pairs: those of each board, by its key."""
     rows = []
-    for dataset, protocol, pairs in boards:
-        for pair in pairs:
+    for board in boards:
+        for pair in pairs[board.key]:
             (method, preset), (against, against_preset) = names[pair.one], names[pair.other]
             for column, found in pair.compared.items():
                 row: dict[str, object] = {
-                    "dataset": dataset,
-                    "protocol": protocol,
+                    "dataset": board.name,
+                    "protocol": board.protocol,
                     "method": method,
                     "preset": preset,
                     "against_method": against,
                     "against_preset": against_preset,
                     "column": column,
                     "reason": found.reason,
+                    "role": board.role or ROLE_NOT_STATED,
                 }
                 if (one := found.difference) is not None:
                     row |= {

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from dofbench.core.evidence import Role
+from dofbench.reporting import standing
 from dofbench.reporting.pareto import FrontPoint, front_of
 from dofbench.reporting.reach import levels
 from dofbench.reporting.series import Series, curve_columns, series_of
@@ -14,12 +16,14 @@ from dofbench.results.columns import COLUMNS, Column
 
 @dataclass(frozen=True)
 class Plot:
-    """The plot of one score on one board. dataset: the board's name. levels: scores for which times are reported;
+    """The plot of one score on one board. dataset: the board's name. role: of its scene. levels: scores for which times
+    are reported;
     chosen: whether the user chose them. nothing: the score of a lens predictor that learns nothing."""
 
     board: tuple[str, ...]
     dataset: str
     scene: str
+    role: Role | None
     column: str
     series: tuple[Series, ...]
     front: tuple[FrontPoint, ...]
@@ -75,6 +79,7 @@ def _board_plots(
             board,
             dataset,
             members[0].scene,
+            standing.role_of(members),
             column,
             series,
             front_of(series, higher_is_better=higher),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dofbench.core.evidence import ROLE_NOT_STATED
 from dofbench.reporting.records import Records
-from dofbench.results.collecting import Entry, added_columns, board_names, variant_names
-from dofbench.results.columns import ALL_IN_FOCUS, DEPTH, FILE_SCORES, IDENTITY, LENS, PHOTOGRAPH, REFOCUS
+from dofbench.reporting.standing import frozen_state, role_of
+from dofbench.results.collecting import Entry, added_columns, board_names, grouped, variant_names
+from dofbench.results.columns import ALL_IN_FOCUS, DEPTH, FILE_SCORES, IDENTITY, LENS, PHOTOGRAPH, REFOCUS, STANDING
 
 CURVE_SCORES = ("psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f")
 CURVE_COLUMNS = (
@@ -22,8 +24,21 @@ CURVE_COLUMNS = (
     "photo_ssim",
     "across_psnr",
     "across_ssim",
+    "role",
 )
-TIMES_COLUMNS = ("method", "preset", "dataset", "scene", "protocol", "seed", "within", "stage", "wall_s", "cpu_s")
+TIMES_COLUMNS = (
+    "method",
+    "preset",
+    "dataset",
+    "scene",
+    "protocol",
+    "seed",
+    "within",
+    "stage",
+    "wall_s",
+    "cpu_s",
+    "role",
+)
 _LENS_VALUES = ("aperture", "aperture_estimated", "focus", "focus_estimated")
 VIEW_COLUMNS = (
     "method",
@@ -46,7 +61,7 @@ VIEW_COLUMNS = (
 def run_records(entries: tuple[Entry, ...]) -> Records:
     """One row per run. A cell is empty when the run lacks the score; the pages give the reason."""
     rows = tuple({**who, **entry.scores} for entry, who in zip(entries, _identities(entries), strict=True))
-    return Records("leaderboard.csv", (*IDENTITY, *FILE_SCORES, *added_columns(entries)), rows)
+    return Records("leaderboard.csv", (*IDENTITY, *FILE_SCORES, *added_columns(entries), *STANDING), rows)
 
 
 def view_records(entries: tuple[Entry, ...]) -> Records:
@@ -60,7 +75,7 @@ def view_records(entries: tuple[Entry, ...]) -> Records:
             {**who, "split": "train", **view.model_dump(exclude={"name"}), "view": view.name}
             for view in entry.result.lens
         ]
-    return Records("per_view.csv", (*VIEW_COLUMNS, *added_columns(entries)), tuple(rows))
+    return Records("per_view.csv", (*VIEW_COLUMNS, *added_columns(entries), "role"), tuple(rows))
 
 
 def curve_records(entries: tuple[Entry, ...]) -> Records:
@@ -104,6 +119,7 @@ def _identities(entries: tuple[Entry, ...]) -> list[dict[str, object]]:
     """The identity columns of each entry; the dataset's name includes its checksum if two datasets have the same
     name."""
     boards = board_names(entries)
+    roles = {board: role_of(members) for board, members in grouped(entries, "board").items()}
     return [
         {
             "method": entry.spec.method,
@@ -113,6 +129,9 @@ def _identities(entries: tuple[Entry, ...]) -> list[dict[str, object]]:
             "protocol": entry.spec.protocol,
             "seed": entry.spec.seed,
             "status": str(entry.status),
+            "role": roles[entry.board] or ROLE_NOT_STATED,
+            "photographer": entry.result.photographer if entry.result else None,
+            "frozen": frozen_state(entry),
         }
         for entry in entries
     ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from dofbench.reporting import table_cells
+from dofbench.reporting import standing, table_cells
 from dofbench.reporting.footnotes import one_line
 from dofbench.reporting.summary import Line, best_texts, empty_columns
 from dofbench.reporting.view import Cell, Heading, Table
@@ -22,7 +22,7 @@ class Beside:
 
 NAMES = Beside(
     table_cells.word_headings("method", "preset", "seeds"),
-    lambda line: [table_cells.words(text) for text in (line.method, line.preset, line.seeds)],
+    lambda line: [table_cells.words(line.method, line.signs), *map(table_cells.words, (line.preset, line.seeds))],
 )
 NOTHING_BESIDE = Beside()
 
@@ -58,7 +58,7 @@ def score_table(
         *(table_cells.score_heading(COLUMNS[column], group) for column in shown),
         *after.headings,
     )
-    return Table(caption, headings, rows, below=not_shown(empty))
+    return Table(caption, headings, rows, below=(*not_shown(empty), *standing.notes(line.signs for line in lines)))
 
 
 def not_shown(empty: Mapping[str, str], said: str = "Not shown, as no row has it") -> tuple[str, ...]:

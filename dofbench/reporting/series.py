@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dofbench.core.errors import Status
+from dofbench.reporting import standing
 from dofbench.results.collecting import Entry, grouped
 from dofbench.results.columns import COLUMNS
 
@@ -27,13 +28,15 @@ class Run:
 
 @dataclass(frozen=True)
 class Series:
-    """The seeds of one variant. median: the median curve over its seeds; empty if a seed failed or has no point."""
+    """The seeds of one variant. median: the median curve over its seeds; empty if a seed failed or has no point. signs:
+    what its results don't prove (`dofbench.reporting.standing`)."""
 
     variant: tuple[str, ...]
     method: str
     preset: str
     runs: tuple[Run, ...]
     median: tuple[Point, ...]
+    signs: str = ""
 
     @property
     def name(self) -> str:
@@ -57,13 +60,14 @@ def series_of(
 ) -> tuple[Series, ...]:
     """The series of one board, without series that have no point."""
     found = []
+    role = standing.role_of(entries)
     for variant, seeds in grouped(list(entries), "variant").items():
         runs = tuple(run_of(entry, column) for entry in seeds)
         if not any(run.points for run in runs):
             continue
         whole = all(run.points and run.status is Status.OK for run in runs)
         median = median_curve([run.points for run in runs]) if whole else ()
-        found.append(Series(variant, *names[variant], runs, median))
+        found.append(Series(variant, *names[variant], runs, median, standing.signs(role, seeds)))
     return tuple(found)
 
 

@@ -33,13 +33,15 @@ class Statistic:
 
 @dataclass(frozen=True)
 class Line:
-    """One line of a table: cells by column. competes: whether the line can be the best."""
+    """One line of a table: cells by column. competes: whether the line can be the best. signs: what it doesn't prove
+    (`dofbench.reporting.standing`)."""
 
     method: str
     preset: str
     seeds: str
     cells: dict[str, Statistic]
     competes: bool = True
+    signs: str = ""
 
     @property
     def name(self) -> str:
@@ -86,11 +88,13 @@ def _no_reason(entry: Entry, column: str) -> str:
     return "the result holds no such score, nor a reason"
 
 
-def variant_line(entries: list[Entry], names: dict[tuple[str, ...], tuple[str, str]], columns: Sequence[str]) -> Line:
-    """The line of one variant: all of its seeds on one dataset."""
+def variant_line(
+    entries: list[Entry], names: dict[tuple[str, ...], tuple[str, str]], columns: Sequence[str], signs: str = ""
+) -> Line:
+    """The line of one variant: all of its seeds on one dataset. signs: as of `Line`."""
     method, preset = names[entries[0].variant]
     cells = {column: seed_mean(entries, column) for column in columns}
-    return Line(method, preset, seeds_text([entry.spec.seed for entry in entries]), cells)
+    return Line(method, preset, seeds_text([entry.spec.seed for entry in entries]), cells, signs=signs)
 
 
 def seeds_text(seeds: Sequence[int]) -> str:

@@ -12,9 +12,14 @@ from dofbench.results.columns import COLUMNS, Column
 _PUBLISHED_DIGITS = 3  # decimals of a printed SSIM
 
 
-def words(text: str) -> Cell:
-    """A cell of text, sorted by the text."""
-    return Cell(text, sort=text.lower())
+def words(text: str, signs: str = "") -> Cell:
+    """A cell of text, sorted by the text. signs: shown behind it (`dofbench.reporting.standing`)."""
+    return Cell(signed(text, signs), sort=text.lower())
+
+
+def signed(text: str, signs: str) -> str:
+    """The text with signs behind it."""
+    return f"{text} {signs}" if signs else text
 
 
 def number(value: float, text: str) -> Cell:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 
-from dofbench.reporting import table_cells
+from dofbench.core.evidence import ROLE_NOT_STATED
+from dofbench.reporting import standing, table_cells
 from dofbench.reporting.pareto import spans
 from dofbench.reporting.plots import Plot
 from dofbench.reporting.reach import LEVEL_RULE, RULE, level_text, reach_cell, run_reached, seconds_text
@@ -31,8 +32,9 @@ REACH_COLUMNS = (
     "not_before_s",
     "held",
     "status",
+    "role",
 )
-FRONT_COLUMNS = ("dataset", "protocol", "score", "train_s", "value", "method", "preset")
+FRONT_COLUMNS = ("dataset", "protocol", "score", "train_s", "value", "method", "preset", "role")
 
 
 def curve_view(plot: Plot, picture: Picture | None) -> CurveView:
@@ -61,8 +63,10 @@ def _front_words(plot: Plot) -> str:
     held = spans(plot.front)
     unit = f" {plot.score.unit}" if plot.score.unit else ""
     parts = [
-        f"{plot.series[span.series].name} from {seconds_text(span.first[0])} ({plot.score.text(span.first[1])}{unit})"
+        f"{table_cells.signed(series.name, series.signs)} from {seconds_text(span.first[0])} "
+        f"({plot.score.text(span.first[1])}{unit})"
         for span in held
+        if (series := plot.series[span.series])
     ]
     end = held[-1].last
     until = "" if end == held[-1].first else f" to {seconds_text(end[0])} ({plot.score.text(end[1])}{unit})"
@@ -79,11 +83,12 @@ def _reach_table(plot: Plot, title: str) -> Table:
         cells = [reach_cell(series, level, higher_is_better=plot.higher_is_better) for level in plot.levels]
         rows.append(
             (
-                table_cells.words(series.name),
+                table_cells.words(series.name, series.signs),
                 *(Cell(cell.text, "number", cell.median if math.isfinite(cell.median) else None) for cell in cells),
             )
         )
-    return Table(f"Training time to reach a score: {title}", headings, tuple(rows))
+    below = standing.notes(series.signs for series in plot.series)
+    return Table(f"Training time to reach a score: {title}", headings, tuple(rows), below=below)
 
 
 def _front_table(plot: Plot, title: str) -> Table:
@@ -101,13 +106,14 @@ def _front_table(plot: Plot, title: str) -> Table:
             (
                 table_cells.number(start, seconds_text(start)),
                 table_cells.number(end, seconds_text(end)),
-                table_cells.words(plot.series[span.series].name),
+                table_cells.words(plot.series[span.series].name, plot.series[span.series].signs),
                 table_cells.number(low, plot.score.text(low)),
                 table_cells.number(high, plot.score.text(high)),
             )
         )
     caption = f"Pareto front of {title}: who is best at which training time"
-    return Table(caption, headings, tuple(rows), names=0)
+    below = standing.notes(plot.series[span.series].signs for span in spans(plot.front))
+    return Table(caption, headings, tuple(rows), names=0, below=below)
 
 
 def reach_records(plots: Iterable[Plot]) -> Records:
@@ -127,6 +133,7 @@ def front_records(plots: Iterable[Plot]) -> Records:
             "value": point.score,
             "method": plot.series[point.series].method,
             "preset": plot.series[point.series].preset,
+            "role": plot.role or ROLE_NOT_STATED,
         }
         for plot in plots
         for point in plot.front
@@ -152,4 +159,5 @@ def _reach_rows(plot: Plot) -> Iterator[dict[str, object]]:
                     "not_before_s": None if found.time is None else found.before,
                     "held": "" if found.time is None else "yes" if found.held else "no",
                     "status": str(run.status),
+                    "role": plot.role or ROLE_NOT_STATED,
                 }

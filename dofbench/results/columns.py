@@ -9,6 +9,9 @@ from dofbench.metrics import METRICS
 from dofbench.results.protocol import ACROSS_COLUMNS, AIF_PREFIX, EXIF_COLUMNS, PHOTOGRAPH_COLUMNS
 
 IDENTITY = ("method", "preset", "dataset", "scene", "protocol", "seed", "status")
+# What a run's scores are evidence of, last in files: the role of its scene, what took the photographs, whether its
+# preset was frozen
+STANDING = ("role", "photographer", "frozen")
 REFOCUS = ("psnr", "ssim", "ms_ssim", "flip", "gmsd", "delta_e")
 ALL_IN_FOCUS = ("aif_psnr", "aif_ssim", "aif_flip")
 LENS = ("delta_a", "delta_f", "delta_r")

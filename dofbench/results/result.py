@@ -13,9 +13,10 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from dofbench.core.errors import InputError, Status
+from dofbench.core.evidence import Photographer, Role
 from dofbench.core.files import canonical_json, sha256_text, write_json
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 RESULT_FILE = "result.json"
 # Folders beside result.json: files that the method saved, and predicted pictures
 MODEL_FOLDER, PREDICTIONS_FOLDER = "model", "predictions"
@@ -47,6 +48,15 @@ def _from_2(data: dict[str, Any]) -> dict[str, Any]:
 
 
 MIGRATIONS[2] = _from_2
+
+
+def _from_3(data: dict[str, Any]) -> dict[str, Any]:
+    """Version 4 adds the role of the scene, what took the photographs, and the digest of all that was chosen; nobody
+    recorded them for older results."""
+    return data | {"role": None, "role_by": "", "photographer": None, "choices": None}
+
+
+MIGRATIONS[3] = _from_3
 
 
 class Stored(BaseModel):
@@ -178,14 +188,15 @@ class Git(Stored):
 class Result(Stored):
     """One run.
 
-    scores: the leaderboard's columns that were measured, column -> value. left_out: the columns
-    that were not, column -> reason. left_out_stages: parts of the method that were switched off or
-    not needed, with the reason. do_nothing: errors of a predictor that always estimates A = F = 0.5.
-    stages: the harness's stages; method_stages: the method's own, wall seconds within "train".
-    kernels_compiled: number of kernels compiled during the run, 0 if all were cached on disk; None before schema
-    version 2. predictions, model: file, relative to the result's folder -> sha256; model is empty before version 2.
-    data: the dataset's folder as the user gave it. plan, protocol: as plain data. fits, apertures: empty before version
-    3. git is None outside a checkout.
+    scores: the leaderboard's columns that were measured, column -> value. left_out: the columns that were not, column
+    -> reason. left_out_stages: parts of the method that were switched off or not needed, with the reason. do_nothing:
+    errors of a predictor that always estimates A = F = 0.5. stages: the harness's stages; method_stages: the method's
+    own, wall seconds within "train". kernels_compiled: number of kernels compiled during the run, 0 if all were cached
+    on disk; None before schema version 2. predictions, model: file, relative to the result's folder -> sha256; model is
+    empty before version 2. data: the dataset's folder as the user gave it. role, role_by, photographer: of the dataset
+    (`dofbench.core.evidence`); None, "" and None before version 4, role also where it isn't stated. choices: digest of
+    all that preset and call chose (`dofbench.running.frozen_presets`), None before version 4. plan, protocol: as plain
+    data. fits, apertures: empty before version 3. git is None outside a checkout.
     """
 
     schema_version: int
@@ -198,6 +209,10 @@ class Result(Stored):
     traceback: str
     scene: str
     data: str
+    role: Role | None
+    role_by: str
+    photographer: Photographer | None
+    choices: str | None
     command: str
     started: str
     ended: str

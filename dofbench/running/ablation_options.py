@@ -20,8 +20,10 @@ class Ablate(SeveralOptions, CallOptions):
     single plane those made with --assign fixed, every other table all but the held-out ones."""
     table: str | None = None
     """Ids of the tables, comma-separated. Default: every table of the file that a dataset was given for."""
+    method: str = "dofgaussian"
+    """The method whose ablations.toml declares the tables."""
     tables: Path | None = None
-    """File that declares the tables. Default: methods/dofgaussian/ablations.toml."""
+    """Another file that declares the tables."""
     seeds: int = 3
     """Seeds per row and dataset: 0, 1, ..."""
     budget: OneBudget = None

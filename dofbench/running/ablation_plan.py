@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from dofbench.core.errors import InputError
+from dofbench.core.evidence import Photographer, Role
 from dofbench.core.files import canonical_json, sha256_text
 from dofbench.dataset.dealing import Dealt
 from dofbench.results.lens_columns import lens_words
 from dofbench.results.run_spec import Run, parse_overrides
 from dofbench.running.ablation_options import Ablate
-from dofbench.running.ablation_tables import Declaration, Row, Table, chosen_tables
+from dofbench.running.ablation_tables import TUNING, Declaration, Row, Table, chosen_tables
 from dofbench.running.plan import dealt_lenses
 from dofbench.running.planned_runs import PlannedRun, different_datasets
 from dofbench.running.prepare import plan_run
@@ -23,13 +24,15 @@ from dofbench.running.prepare import plan_run
 @dataclass(frozen=True)
 class Source:
     """A dataset of the call. label: its name, with the folder's where two have one name. lenses: what its views were
-    made with, in words."""
+    made with, in words. role, photographer: what its scores are evidence of (`dofbench.core.evidence`)."""
 
     folder: Path
     label: str
     scene: str
     assign: Dealt
     lenses: str
+    role: Role | None
+    photographer: Photographer
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,12 @@ def make_plan(settings: Ablate, declaration: Declaration) -> Plan:
     skipped: list[str] = []
     for table in chosen_tables(declaration, settings.ids):
         own = tuple(source for source in sources if source.assign in table.assign)
+        report = [source.label for source in own if source.role == "report"]
+        if table.id == TUNING and report:
+            if table.id in settings.ids:
+                raise InputError(f"table {TUNING}", f"{report[0]}, a report scene", "development scenes to tune on")
+            skipped.append(f"table {TUNING} is left out: {report[0]} is a report scene, on which nothing is tuned")
+            continue
         if not own:
             wanted = f"made with --assign {' or '.join(one for one in table.assign if one != 'unknown')}"
             if table.id in settings.ids:
@@ -128,5 +137,9 @@ def _sources(folders: tuple[Path, ...]) -> tuple[Source, ...]:
         alone = names[dataset.name] == 1
         label = dataset.name if alone else f"{dataset.name} ({folder})"
         lenses = lens_words(dealt_lenses(dataset))
-        found.append(Source(folder, label, dataset.scene, dataset.assign, lenses))
+        found.append(Source(folder, label, dataset.scene, dataset.assign, lenses, dataset.role, dataset.photographer))
+    roles = {source.role for source in found}
+    if "report" in roles and len(roles) > 1:
+        other = next(source.label for source in found if source.role != "report")
+        raise InputError("--data", f"report scenes and {other}", "scenes of one role, as a table averages over them")
     return tuple(found)

@@ -8,12 +8,16 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
 from dofbench.dataset.dealing import Dealt
 from dofbench.dataset.inputs import Inputs
 from dofbench.results.columns import COLUMNS
 from dofbench.results.lens_columns import HELD_OUT
+from dofbench.running.method_cards import find_method
+
+# Id of the table whose rows are the variants that a method's presets were chosen among, as many for every method. It is
+# run on development scenes alone.
+TUNING = "tuning"
 
 
 class _Strict(BaseModel):
@@ -107,9 +111,9 @@ class Declaration(_Strict):
         return self
 
 
-def shipped_file() -> Path:
-    """The tables of the paper."""
-    return content_folder("methods") / "dofgaussian" / "ablations.toml"
+def tables_of(method: str) -> Path:
+    """The file of tables beside a method's card. Raises InputError for an unknown method."""
+    return find_method(method).folder / "ablations.toml"
 
 
 def read_tables(file: Path) -> Declaration:

@@ -10,11 +10,13 @@ from dofbench.core.errors import InputError, Status
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_image
 from dofbench.core.leases import at_work, leased_folders
+from dofbench.dataset.dataset import Dataset
 from dofbench.metrics import score_image
 from dofbench.results.added_scores import ADDED_FILE, read_added
 from dofbench.results.result import RESULT_FILE, Result, read_result
 from dofbench.running.execution import TRAINED_FILE
 from dofbench.running.load_run import LoadedRun, load_run
+from dofbench.scenes.named.roles import contradiction
 from dofbench.scoring.evaluate import PREFIX, WHOLE
 from dofbench.scoring.photograph_scores import picture_scores
 from dofbench.scoring.result_consistency import added_inconsistencies, inconsistencies
@@ -36,6 +38,8 @@ def check_result(folder: Path) -> list[str]:
         return [str(error)]
     result = run.result
     problems = [*inconsistencies(result), *_place(folder, result), *_pictures(folder, result), *_added(folder, result)]
+    if said := contradiction(result.role, result.role_by):
+        problems.append(said)
     return problems or _scores_again(run)
 
 
@@ -101,12 +105,20 @@ def _added(folder: Path, result: Result) -> Iterator[str]:
         yield from (f"{ADDED_FILE}: {problem}" for problem in added_inconsistencies(added, result))
 
 
+def _standing(result: Result, dataset: Dataset) -> list[str]:
+    """The role and the photographer are the dataset's; results of older versions state neither."""
+    if result.photographer is None:
+        return []
+    pairs = (("role", result.role, dataset.role), ("photographer", result.photographer, dataset.photographer))
+    return [f"{name} {own}, and {whole} of {dataset.folder}" for name, own, whole in pairs if own != whole]
+
+
 def _scores_again(run: LoadedRun) -> list[str]:
     try:
         dataset = run.dataset
     except InputError:  # gone, or another one by now: no fault of the result
         return []
-    problems = []
+    problems = _standing(run.result, dataset)
     test = {view.name: view for view in dataset.test_views()}
     for scored in run.result.views:
         if scored.name not in test:

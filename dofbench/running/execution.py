@@ -71,7 +71,7 @@ class Execution:
     ):
         planned = run.planned
         self.settings, self.data, self.plan, self.spec = planned.settings, planned.data, planned.plan, planned.spec
-        self.folder, self.budget = planned.folder, planned.budget
+        self.folder, self.budget, self.choices = planned.folder, planned.budget, planned.choices
         self.entry, self.dataset, self.protocol = run.entry, run.dataset, run.protocol
         self.lease, self.console, self.progress = lease, console, progress
         self.stages, self.already_compiled = stages, already_compiled
@@ -273,6 +273,10 @@ class Execution:
             traceback=trace,
             scene=self.dataset.scene,
             data=str(self.data),
+            role=self.dataset.role,
+            role_by=self.dataset.role_by,
+            photographer=self.dataset.photographer,
+            choices=self.choices,
             command=self.settings.command(),
             started=self.started,
             ended=timestamp(),

@@ -204,6 +204,20 @@ class MethodEntry:
         return kind
 
 
+def preset_budget(entry: MethodEntry, preset: str, options: dict[str, Any], budget: Budget | None) -> Budget:
+    """The budget of a preset where the call gives none: its own, else its option `steps`. options, budget: the
+    preset's,
+    the options perhaps changed by the call. Raises InputError where it has neither."""
+    if budget is not None:
+        return budget
+    steps = options.get("steps")
+    if not isinstance(steps, int) or isinstance(steps, bool) or steps < 1:
+        found = "neither budget nor steps" if steps is None else f"steps = {steps!r}"
+        expected = "a budget, or steps above zero, or --budget on the command line"
+        raise InputError(f"preset {preset} of {entry.id}", found, expected)
+    return Budget(steps=steps)
+
+
 def method_files() -> dict[str, Path]:
     """The method.toml of every method in the searched folders, by id, sorted; none is read.
 

@@ -21,7 +21,8 @@ class PlannedRun:
     """settings: what says the same run alone, as `dofbench run` takes it. data: the dataset's folder. spec: what
     decides its result. plan: what it does and leaves out. folder: where its result goes. options: all that the method
     runs with, its defaults too, where it says so (as its `options`, a dataclass); else those of the spec. view_pixels:
-    of a training view, on average."""
+    of a training view, on average. choices: digest of all that preset and call chose, before the dataset changed
+    anything (`dofbench.running.frozen_presets`)."""
 
     settings: Run
     data: Path
@@ -31,6 +32,7 @@ class PlannedRun:
     folder: Path
     options: dict[str, Any]
     view_pixels: float
+    choices: str
 
     @property
     def name(self) -> str:

@@ -10,7 +10,6 @@ from typing import Any
 from dofbench.core.budget import Budget
 from dofbench.core.clock import loading
 from dofbench.core.contracts import Method
-from dofbench.core.errors import InputError
 from dofbench.dataset.benchmark_dataset import BenchmarkDataset
 from dofbench.dataset.dataset import Dataset
 from dofbench.dataset.inputs import Inputs
@@ -19,7 +18,8 @@ from dofbench.results.protocol import Protocol, protocol_for
 from dofbench.results.result import RESULT_FILE, Result, Spec, read_result
 from dofbench.results.run_spec import Run, parse_overrides
 from dofbench.running.facts import Facts, facts_of
-from dofbench.running.method_cards import MethodEntry, find_method
+from dofbench.running.frozen_presets import choices_digest
+from dofbench.running.method_cards import MethodEntry, find_method, preset_budget
 from dofbench.running.plan import make_plan
 from dofbench.running.planned_runs import PlannedRun
 from dofbench.scoring.ground_truth import photograph_columns
@@ -61,7 +61,7 @@ def choose(settings: Run) -> Choices:
     entry = find_method(settings.method)
     preset, options, budget = entry.preset(settings.preset, builtin=settings.data is None)
     overrides = parse_overrides(settings.set)
-    budget = _budget(settings, budget, {**options, **overrides}, f"preset {preset} of {entry.id}")
+    budget = settings.budget or preset_budget(entry, preset, {**options, **overrides}, budget)
     return Choices(entry, preset, options, overrides, budget, entry.device_for(settings.device))
 
 
@@ -113,6 +113,7 @@ def _prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
         folder=settings.out / spec.folder,
         options=known,
         view_pixels=sum(pixels) / len(pixels),
+        choices=choices_digest(entry, {**choices.options, **choices.overrides}, choices.budget, settings.force_all),
     )
     return Prepared(planned, entry, dataset, protocol, method)
 
@@ -123,16 +124,3 @@ def _facts(folder: Path, checksum: str, inputs: Inputs) -> Facts:
     dataset = Dataset.load(folder)
     one_lens = None if dataset.assign == "unknown" else dataset.assign == "fixed"
     return facts_of(dataset.training_set(inputs), one_lens=one_lens)
-
-
-def _budget(settings: Run, preset: Budget | None, options: dict[str, Any], subject: str) -> Budget:
-    """The call's budget, else the preset's, else the preset's option `steps`."""
-    if settings.budget is not None:
-        return settings.budget
-    if preset is not None:
-        return preset
-    steps = options.get("steps")
-    if not isinstance(steps, int) or isinstance(steps, bool) or steps < 1:
-        found = "neither budget nor steps" if steps is None else f"steps = {steps!r}"
-        raise InputError(subject, found, "a budget, or steps above zero, or --budget on the command line")
-    return Budget(steps=steps)

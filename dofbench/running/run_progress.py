@@ -14,6 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from dofbench.core.budget import Budget
+from dofbench.core.evidence import ROLE_SAYS
 from dofbench.core.time_left import ESTIMATING, Remaining
 from dofbench.results.result import Result
 from dofbench.running.observer import Report, share_spent
@@ -136,6 +137,8 @@ def print_result(console: Console, result: Result) -> None:
     for column, value in result.scores.items():
         table.add_row(column, f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}")
     console.print(table)
+    if result.role is not None:
+        console.print(ROLE_SAYS[result.role], highlight=False, markup=False, soft_wrap=True)
     reasons: dict[str, list[str]] = {}
     for column, reason in result.left_out.items():
         reasons.setdefault(reason, []).append(column)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from dofbench.core.aligned import aligned
 from dofbench.core.errors import InputError
+from dofbench.core.evidence import ROLE_NOT_STATED
 from dofbench.scenes.loading import LAYOUTS, load_scene
 from dofbench.scenes.named import NamedDataset, find_data_root, named_datasets, scenes_of
 from dofbench.scenes.named.places import VARIABLE, what_to_put
@@ -112,7 +113,13 @@ def _print_presences(dataset: NamedDataset, presences: Sequence[Presence], root:
     """What is here, a line each; then, once for all that is absent, what to put where."""
     _print_table(
         [
-            (f"  {presence.scene.label}", presence.state, presence.detail, presence.scene.note)
+            (
+                f"  {presence.scene.label}",
+                presence.scene.role or ROLE_NOT_STATED,
+                presence.state,
+                presence.detail,
+                presence.scene.note,
+            )
             for presence in presences
             if presence.state != "absent"
         ]

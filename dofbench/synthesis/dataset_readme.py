@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dofbench import __version__
+from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS, Photographer
 from dofbench.dataset.schema import DepthRecord, SourceRecord, ThinLensRecord, ViewRecord
 from dofbench.scenes.named.schema import NOT_STATED
 from dofbench.scenes.scene import Scene
@@ -49,6 +50,10 @@ Made by dofbench {version}:
 Running it again on the same scene gives the same bytes{but}:
 `dofbench make-dataset SCENE --like dataset.json --out DIR` does so and compares them. `dofbench check` compares every
 file with its checksum in `dataset.json`, and blurs a part of a view again.
+
+## What scores on it are evidence of
+
+{evidence}
 
 ## Files
 
@@ -163,8 +168,15 @@ def readme_text(
         lost="".join(f"\nCareful: {note}.\n" for note in lost),
         but=" but for a rare last bit of the ray tracer's" if blur.renderer == "thinlens" else "",
         origin=f", from {source.origin}" if source.origin else "",
+        evidence=evidence_text(source, settings.renderer),
         licence=licence_text(scene, source),
     )
+
+
+def evidence_text(source: SourceRecord, photographer: Photographer) -> str:
+    """The role of the scene, with the file that states it, and what took the photographs."""
+    by = f" Stated in `datasets/{source.role_by.partition('/')[0]}.toml`." if source.role_by else ""
+    return f"- {ROLE_SAYS[source.role]}{by}\n- {PHOTOGRAPHER_SAYS[photographer]}"
 
 
 def licence_text(scene: Scene, source: SourceRecord) -> str:

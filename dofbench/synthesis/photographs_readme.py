@@ -9,7 +9,7 @@ from dofbench.core.exif import Exif
 from dofbench.dataset.schema import DepthRecord, SourceRecord
 from dofbench.scenes.scene import Scene
 from dofbench.synthesis.dataset_options import MakeDataset
-from dofbench.synthesis.dataset_readme import DEPTH_TEXT, licence_text
+from dofbench.synthesis.dataset_readme import DEPTH_TEXT, evidence_text, licence_text
 
 _TEXT = """\
 # {name}: photographs with shallow depth of field, lens unknown
@@ -27,6 +27,10 @@ Made by dofbench {version}:
 Running it again on the same scene gives the same bytes:
 `dofbench make-dataset SCENE --like dataset.json --out DIR` does so and compares them. `dofbench check` compares every
 file with its checksum in `dataset.json`.
+
+## What scores on it are evidence of
+
+{evidence}
 
 ## Files
 
@@ -94,6 +98,7 @@ def photographs_readme(
         missing="\n".join(f"- {line}" for line in _missing(len(sharp), measured, len(views), bounded)),
         lost="".join(f"\nCareful: {note}.\n" for note in lost),
         origin=f", from {source.origin}" if source.origin else "",
+        evidence=evidence_text(source, "unknown"),
         licence=licence_text(scene, source),
     )
 

@@ -54,6 +54,8 @@ def source_record(scene: Scene, found: ResolvedScene, with_depth: bool) -> Sourc
         terms=found.terms,
         citation=found.citation,
         origin=found.origin,
+        role=found.role,
+        role_by=found.role_by or None,
     )
 
 

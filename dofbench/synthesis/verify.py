@@ -27,6 +27,7 @@ from dofbench.dataset.schema import (
 from dofbench.depth.disparity import disparity_of
 from dofbench.metrics.psnr import psnr as psnr_of
 from dofbench.optics.tone import decode, encode
+from dofbench.scenes.named.roles import contradiction, role_of_recipe
 from dofbench.synthesis import write
 from dofbench.synthesis.depth_record import check_depth
 from dofbench.synthesis.lens_plan import PlannedView
@@ -45,7 +46,8 @@ def check_dataset(folder: Path) -> list[str]:
 
     Every file is compared with its checksum; the lens of every view is recomputed; a part of the most blurred view is
     blurred again, by the scatter in float64 or by the dataset's renderer; the depth of every view is compared with its
-    neighbours'. Unknown properties of real photographs must be marked as unknown. Raises InputError only if there is no
+    neighbours'. Unknown properties of real photographs must be marked as unknown, and the scene's role must be the one
+    that the named datasets' files state. Raises InputError only if there is no
     manifest.
     """
     folder = Path(folder)
@@ -56,6 +58,7 @@ def check_dataset(folder: Path) -> list[str]:
     except InputError as error:
         return [*problems, str(error)]
     problems += _check_lenses(folder, lenses, manifest)
+    problems += _check_role(lenses, manifest)
     if problems:
         return problems
     try:
@@ -137,6 +140,20 @@ def _check_lenses(folder: Path, lenses: LensFile | UnknownLensFile, manifest: Ma
         if depth_path.is_file() and image_path.is_file():
             problems += _check_lens(record, lenses, read_exr(depth_path))
     problems += _check_split(lenses, manifest)
+    return problems
+
+
+def _check_role(lenses: LensFile | UnknownLensFile, manifest: Manifest) -> list[str]:
+    """The role must be what the named datasets' files say, also of the recipe and seed of a rendered scene."""
+    source = manifest.source
+    problems = [f"{MANIFEST}: {said}"] if (said := contradiction(source.role, source.role_by or "")) else []
+    if isinstance(lenses, LensFile) and lenses.thinlens is not None and source.role is not None:
+        recipe, seed = lenses.thinlens.recipe, lenses.thinlens.seed
+        known = role_of_recipe(recipe, seed)
+        if known is not None and known.role != source.role:
+            problems.append(
+                f"{MANIFEST}: role {source.role}, and {known.by} says {known.role} of recipe {recipe}, seed {seed}"
+            )
     return problems
 
 

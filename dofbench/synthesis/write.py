@@ -18,6 +18,7 @@ from dofbench.dataset.schema import (
     ALL_KNOWN,
     LENS_FILE,
     MANIFEST,
+    ROLE_STATED,
     SCHEMA,
     SOME_UNKNOWN,
     DepthRecord,
@@ -169,7 +170,7 @@ def manifest(
     known = depth is not None and all(image.photograph is None for image in source.images)
     record = Manifest(
         schema=SCHEMA,
-        version=ALL_KNOWN if known else SOME_UNKNOWN,
+        version=ROLE_STATED if source.role is not None else ALL_KNOWN if known else SOME_UNKNOWN,
         name=name,
         dofbench=__version__,
         command=settings.command(settings.scene or name),

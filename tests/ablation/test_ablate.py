@@ -23,7 +23,7 @@ from dofbench.reporting.held_out import ASKED_HEADING
 from dofbench.results.result import read_result
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_plan import make_plan
-from dofbench.running.ablation_tables import read_tables, shipped_file
+from dofbench.running.ablation_tables import read_tables, tables_of
 from dofbench.synthesis import make_dataset
 from dofbench.synthesis.dataset_options import MakeDataset
 
@@ -395,7 +395,7 @@ def test_a_wrong_file_of_tables_is_one_line(tmp_path: Path, old: str, new: str, 
 
 
 def test_the_shipped_tables_hold_the_paper_s_figures() -> None:
-    tables = {table.id: table for table in read_tables(shipped_file()).tables}
+    tables = {table.id: table for table in read_tables(tables_of("dofgaussian")).tables}
     assert [(row.paper["aif_psnr"], row.paper["aif_ssim"]) for row in tables["table4"].rows] == [
         (21.31, 0.636),
         (23.05, 0.728),
@@ -422,7 +422,7 @@ def test_an_option_that_a_preset_has_anyway_makes_no_other_run(tmp_path: Path) -
     data = tmp_path / "data"
     make_dataset(MakeDataset(scene=str(content_folder("datasets") / "thinlens" / "foliage"), width=96, out=data))
     settings = Ablate(data=str(data), table="table4,table5,adaptation", seeds=1)
-    plan = make_plan(settings, read_tables(shipped_file()))
+    plan = make_plan(settings, read_tables(tables_of("dofgaussian")))
     runs = {(one.table.id, row): run for one in plan.tables for (row, _, _), run in one.runs.items()}
     assert runs["table5", "stereo, and a start on it"] is runs["adaptation", "one_minus_psi"]
     assert runs["table4", "#5"] is runs["table5", "fine-tuned network"]

@@ -198,3 +198,25 @@ def test_nothing_to_check_is_an_error(tmp_path: Path) -> None:
         check(tmp_path)
     with pytest.raises(InputError, match="no such file"):
         check(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"role": "report"}, "role report, stated by nothing, which is no named dataset"),
+        (
+            {"role": "report", "role_by": "llff/fern"},
+            "role report, and datasets/llff.toml says development of llff/fern",
+        ),
+        ({"role": "report", "role_by": "llff/room"}, "role report, and None of "),
+        ({"photographer": "thinlens"}, "photographer thinlens, and scatter of "),
+    ],
+)
+def test_another_role_or_photographer_than_the_dataset_s_is_named(folder: Path, change: dict, said: str) -> None:
+    edit(folder, lambda data: data.update(change))
+    assert any(problem.startswith(said) for problem in check_result(folder))
+
+
+def test_a_result_of_an_older_version_states_neither(folder: Path) -> None:
+    edit(folder, lambda data: data.update(role=None, role_by="", photographer=None, choices=None))
+    assert check_result(folder) == []

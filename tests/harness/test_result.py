@@ -37,7 +37,7 @@ def make_spec(**changes) -> Spec:
 def make_result(**changes) -> Result:
     spec = changes.pop("spec", make_spec())
     values = {
-        "schema_version": 3,
+        "schema_version": 4,
         "key": spec.key,
         "spec": spec,
         "protocol": {},
@@ -47,6 +47,10 @@ def make_result(**changes) -> Result:
         "traceback": "",
         "scene": "waves",
         "data": "data",
+        "role": "report",
+        "role_by": "report/attic",
+        "photographer": "thinlens",
+        "choices": "e" * 64,
         "command": "dofbench run --method fake",
         "started": "now",
         "ended": "then",
@@ -133,7 +137,8 @@ def test_old_results_are_migrated(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(
         module,
         "MIGRATIONS",
-        {-1: rename, 0: lambda data: {**data, "message": "migrated"}, 1: lambda data: data, 2: lambda data: data},
+        {-1: rename, 0: lambda data: {**data, "message": "migrated"}}
+        | dict.fromkeys(range(1, SCHEMA_VERSION), lambda data: data),
     )
     assert read_result(tmp_path).command == "dofbench run --method fake"
     assert read_result(tmp_path).message == "migrated"
@@ -154,10 +159,23 @@ def test_results_of_version_1_still_read(status: str) -> None:
     assert all(point.train_cpu_s is None for point in result.curve)
     assert result.model == {} and result.kernels_compiled is None
     assert result.fits == [] and result.apertures == []
+    assert (result.role, result.role_by, result.photographer, result.choices) == (None, "", None, None)
     for column, value in old["scores"].items():
         assert same(result.scores[column], value)
     if status == "diverged":  # one value of its predictions is NaN, and so are its scores
         assert math.isnan(result.scores["psnr"]) and result.nonfinite
+
+
+def test_a_result_of_version_3_states_no_role(tmp_path: Path) -> None:
+    data = make_result().model_dump(mode="json")
+    for added in ("role", "role_by", "photographer", "choices"):
+        del data[added]
+    (tmp_path / "result.json").write_text(json.dumps(data | {"schema_version": 3}))
+    result = read_result(tmp_path)
+    assert (result.role, result.role_by, result.photographer, result.choices) == (None, "", None, None)
+    (tmp_path / "result.json").write_text(json.dumps(data | {"schema_version": 4}))
+    with pytest.raises(InputError, match="role: Field required"):
+        read_result(tmp_path)
 
 
 def test_what_a_migration_gives_is_of_this_version(tmp_path: Path) -> None:
@@ -173,8 +191,8 @@ def test_what_a_migration_gives_is_of_this_version(tmp_path: Path) -> None:
         ("{", "JSON"),
         ("[]", "no schema_version"),
         ("{}", "no schema_version"),
-        ('{"schema_version": 4}', "newer dofbench"),
-        ('{"schema_version": 3}', "key: Field required"),
+        ('{"schema_version": 5}', "newer dofbench"),
+        ('{"schema_version": 4}', "key: Field required"),
         ('{"schema_version": 1}', "schema_version 1, and in it KeyError: 'stages'"),
         ("\xff", "JSON"),
     ],

@@ -14,7 +14,7 @@ from dofbench.core.errors import InputError
 from dofbench.procedural.camera_paths import cameras
 from dofbench.procedural.recipes import recipe
 from dofbench.procedural.scene_options import NAMES
-from dofbench.procedural.shapes import box, ground, leaf, merged, rod
+from dofbench.procedural.shapes import box, ground, leaf, merged, rod, turned
 from dofbench.procedural.sky import directions
 from dofbench.procedural.stage import Finish, Prop, Stage, Viewpoints
 
@@ -37,7 +37,7 @@ def test_every_recipe_has_a_title_and_viewpoints(name: str) -> None:
 
 
 def test_an_unknown_recipe_is_named() -> None:
-    with pytest.raises(InputError, match="one of corridor"):
+    with pytest.raises(InputError, match="one of attic, corridor"):
         recipe("beach")
 
 
@@ -119,3 +119,18 @@ def test_sky_directions_cover_the_sphere() -> None:
     np.testing.assert_allclose(np.linalg.norm(way, axis=-1), 1, rtol=FLOAT64_VALUE)
     assert way[0, :, 2].min() > 0.99 and way[-1, :, 2].max() < -0.99
     assert way[32, 0, 0] > 0.99 and way[32, 32, 1] > 0.99
+
+
+def test_a_turned_body_has_its_profile_and_looks_outwards() -> None:
+    profile = [(0.1, 0.0), (0.3, 0.2), (0.3, 0.5), (0.25, 0.5), (0.0, 0.1)]  # outside upwards, then inside downwards
+    body = turned(1.0, 2.0, profile, base=0.5, sides=24)
+    np.testing.assert_allclose(np.unique(body.vertices[:, 2].round(9)), [0.5, 0.6, 0.7, 1.0])
+    radius = np.hypot(body.vertices[:, 0] - 1, body.vertices[:, 1] - 2).reshape(len(profile), -1)
+    np.testing.assert_allclose(radius, np.repeat([[r] for r, _ in profile], 25, axis=1), atol=FLOAT64_VALUE)
+    corners = body.vertices[body.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    away = corners.mean(axis=1) - (1, 2, 0)
+    # First one triangle of every square, then the other one: (2, steps of the profile, sides).
+    outwards = (normal[:, :2] * away[:, :2]).sum(axis=1).reshape(2, len(profile) - 1, -1)
+    assert (outwards[:, :2] > 0).all() and (outwards[:, 3] <= FLOAT64_VALUE).all() and (outwards[:, 3] < 0).any()
+    assert (normal.reshape(2, len(profile) - 1, -1, 3)[:, 2, :, 2] > 0).all()  # the rim looks up

@@ -91,7 +91,7 @@ def test_means_only_over_complete_sets_of_scenes(plain, call, made, tmp_path: Pa
     call(method="pinhole")
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text()
-    means = {row["method"]: row for row in table_rows(page, "Means over scenes, refocus-v2")}
+    means = {row["method"]: row for row in table_rows(page, "Means over scenes, refocus-v2, scatter")}
     assert means["fake"]["PSNR [dB] ↑"] == f"{sum(scores) / 2:.2f}"
     gap = means["pinhole"]["all-in-focus PSNR [dB] ↑"]
     assert notes(page, gap) == "no mean over an incomplete set: ripples missing of 2 scenes"
@@ -107,7 +107,8 @@ def test_a_mean_over_scenes_has_the_spread_of_its_seeds(plain, call, made, tmp_p
     call(method="pinhole", seed=1, data=other)
     _, out, _ = made()
     means = {
-        row["method"]: row for row in table_rows((out / "leaderboard.md").read_text(), "Means over scenes, refocus-v2")
+        row["method"]: row
+        for row in table_rows((out / "leaderboard.md").read_text(), "Means over scenes, refocus-v2, scatter")
     }
     by_seed = [sum(one) / 2 for one in zip(*scores, strict=True)]
     spread = abs(by_seed[0] - by_seed[1]) / math.sqrt(2)

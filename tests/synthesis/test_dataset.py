@@ -126,7 +126,7 @@ def manifest_with(folder, **values):
         (lambda folder: ((folder / "dataset.json").unlink(), (folder / ".work").mkdir()), "run make-dataset again"),
         (lambda folder: (folder / "dataset.json").write_text("{"), "JSON"),
         (lambda folder: (folder / "dataset.json").write_text("[]"), "another kind of JSON"),
-        (lambda folder: manifest_with(folder, version=3), "schema version 3"),
+        (lambda folder: manifest_with(folder, version=4), "schema version 4"),
         (lambda folder: manifest_with(folder, seed="lucky"), "seed"),
         (lambda folder: (folder / "lens.json").unlink(), "lens.json"),
         (lambda folder: (folder / "transforms.json").unlink(), "transforms.json"),

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from dofbench.reporting import table_cells
+from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS
+from dofbench.reporting import standing, table_cells
 from dofbench.reporting.ablations.filled_table import Filled
 from dofbench.reporting.ablations.row_differences import differences
 from dofbench.reporting.held_out import asked_section
@@ -72,7 +73,8 @@ def _scores(filled: Filled, lines: list[Line], figures: dict[str, dict[str, floa
 
     def switches(line: Line) -> list[Cell]:
         own = rows[line.method].switches
-        return [table_cells.words(text) for text in (line.method, *(_word(own[one]) for one in declared.switches))]
+        named = table_cells.words(line.method, line.signs)
+        return [named, *(table_cells.words(_word(own[one])) for one in declared.switches)]
 
     def published(line: Line) -> list[Cell]:
         silent = "the paper gives no such figure"
@@ -101,15 +103,19 @@ def _dataset(filled: Filled, source: Source) -> Section:
     if len(filled.datasets) == 1 and not any(figures.values()):
         figures = {row.label: row.paper for row in declared.rows}
     scores = _scores(filled, filled.lines(source.label), figures, source.label)
+    sharp = declared.inputs == "all-in-focus"
+    evidence = ROLE_SAYS[source.role] if sharp else f"{ROLE_SAYS[source.role]} {PHOTOGRAPHER_SAYS[source.photographer]}"
     if declared.held_out:
-        groups = [(row, "", runs) for row in filled.rows if (runs := filled.runs(row, source.label))]
+        groups = [
+            (line, runs) for line in filled.lines(source.label) if (runs := filled.runs(line.method, source.label))
+        ]
         asked = asked_section(groups, source.label)
         return Section(
-            f"{source.label}, held-out focus: {source.lenses}", (scores, *((asked,) if asked is not None else ()))
+            f"{source.label}, held-out focus: {source.lenses}",
+            (Paragraph(evidence), scores, *((asked,) if asked is not None else ())),
         )
-    sharp = declared.inputs == "all-in-focus"
     trained = "trained on the sharp originals; the test views are sharp" if sharp else source.lenses
-    return Section(source.label, (Paragraph(f"{trained[0].upper()}{trained[1:]}."), scores))
+    return Section(source.label, (Paragraph(f"{evidence} {trained[0].upper()}{trained[1:]}."), scores))
 
 
 def _word(switch: bool | str) -> str:
@@ -133,11 +139,15 @@ def _differences(filled: Filled) -> Iterator[Section]:
     title = f"Difference from {reference}"
     headings = (*table_cells.word_headings("row"), *(table_cells.score_heading(COLUMNS[column]) for column in columns))
     rows = tuple(
-        (table_cells.words(row), *(table_cells.difference(found[column][row]) for column in columns))
+        (
+            table_cells.words(row, filled.signs(row, filled.datasets)),
+            *(table_cells.difference(found[column][row]) for column in columns),
+        )
         for row in filled.rows
         if row != reference
     )
-    yield Section(title, (Paragraph(said), Table(f"{filled.plan.table.title}: {title}", headings, rows)))
+    below = standing.notes(filled.signs(row, filled.datasets) for row in filled.rows)
+    yield Section(title, (Paragraph(said), Table(f"{filled.plan.table.title}: {title}", headings, rows, below=below)))
 
 
 def _rows(filled: Filled) -> Section:

@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
+from dofbench.core.evidence import ROLE_NOT_STATED
 from dofbench.reporting.ablations.filled_table import NOT_RUN, Filled
 from dofbench.reporting.ablations.row_differences import differences
 from dofbench.reporting.records import Records
 from dofbench.reporting.summary import Statistic
+from dofbench.results.run_spec import option_words
 
-CELLS = ("table", "row", "dataset", "seed", "column", "value", "status")
+CELLS = (
+    "table",
+    "row",
+    "dataset",
+    "seed",
+    "column",
+    "value",
+    "status",
+    "method",
+    "preset",
+    "options",
+    "budget",
+    "role",
+)
 SUMMARY = (
     "table",
     "row",
@@ -30,9 +45,11 @@ MEAN = "mean"  # in place of the dataset, in rows that average over all datasets
 
 
 def cell_records(filled: Filled) -> Records:
-    """One row per run and score. value is empty without a score: then status says how the run ended, or "not run"."""
+    """One row per run and score. value is empty without a score: then status says how the run ended, or "not run".
+    options: those that the run changes of its preset."""
     rows = []
-    for row, dataset, seed in filled.plan.runs:
+    roles = {source.label: source.role or ROLE_NOT_STATED for source in filled.plan.sources}
+    for (row, dataset, seed), run in filled.plan.runs.items():
         entry = filled.entries.get((row, dataset, seed))
         for column in filled.plan.table.columns:
             rows.append(
@@ -44,6 +61,11 @@ def cell_records(filled: Filled) -> Records:
                     "column": column,
                     "value": filled.value(row, dataset, seed, column),
                     "status": "not run" if entry is None else str(entry.status),
+                    "method": run.spec.method,
+                    "preset": run.spec.preset,
+                    "options": " ".join(option_words(run.spec.overrides)),
+                    "budget": run.spec.budget,
+                    "role": roles[dataset],
                 }
             )
     return Records(f"{filled.plan.table.id}.csv", CELLS, tuple(rows))

@@ -6,6 +6,7 @@ import math
 import statistics
 from dataclasses import dataclass
 
+from dofbench.reporting import standing
 from dofbench.reporting.summary import Line, Statistic, scene_mean, seed_mean
 from dofbench.results.collecting import Entry
 from dofbench.results.protocol import arithmetic_mean
@@ -46,16 +47,31 @@ class Filled:
     def lines(self, dataset: str) -> list[Line]:
         """The rows on one dataset."""
         columns = self.plan.table.columns
-        return [self._line(row, {column: self.cell(row, dataset, column) for column in columns}) for row in self.rows]
+        return [
+            self._line(row, {column: self.cell(row, dataset, column) for column in columns}, (dataset,))
+            for row in self.rows
+        ]
+
+    def signs(self, row: str, datasets: tuple[str, ...]) -> str:
+        """What the row's runs on these datasets don't prove (`dofbench.reporting.standing`)."""
+        roles = {source.label: source.role for source in self.plan.sources}
+        return standing.united(
+            standing.signs(roles[place[1]], [entry])
+            for place, entry in self.entries.items()
+            if place[0] == row and place[1] in datasets
+        )
 
     def mean_lines(self) -> list[Line]:
         """The rows as means over the datasets. The spread is the standard deviation of this mean over the seeds."""
         columns = self.plan.table.columns
-        return [self._line(row, {column: self.mean_cell(row, column) for column in columns}) for row in self.rows]
+        return [
+            self._line(row, {column: self.mean_cell(row, column) for column in columns}, self.datasets)
+            for row in self.rows
+        ]
 
     def mean_cell(self, row: str, column: str) -> Statistic:
         """The mean over datasets and seeds; a gap unless every dataset and seed has a value."""
-        lines = {dataset: self._line(row, {column: self.cell(row, dataset, column)}) for dataset in self.datasets}
+        lines = {dataset: self._line(row, {column: self.cell(row, dataset, column)}, ()) for dataset in self.datasets}
         mean = scene_mean(lines, list(self.datasets), column)
         values = [[self.value(row, dataset, seed, column) for dataset in self.datasets] for seed in self.seeds]
         means = [arithmetic_mean(one) for one in values if None not in one]  # type: ignore[arg-type]
@@ -73,8 +89,8 @@ class Filled:
         found = [self.entries.get((row, dataset, seed)) for seed in self.seeds]
         return [entry for entry in found if entry is not None] if None not in found else []
 
-    def _line(self, row: str, cells: dict[str, Statistic]) -> Line:
-        return Line(row, "", ", ".join(map(str, self.seeds)), cells)
+    def _line(self, row: str, cells: dict[str, Statistic], datasets: tuple[str, ...]) -> Line:
+        return Line(row, "", ", ".join(map(str, self.seeds)), cells, signs=self.signs(row, datasets))
 
     @staticmethod
     def _failed(entry: Entry) -> bool:

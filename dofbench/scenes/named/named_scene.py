@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TypedDict
 
 from dofbench.core.errors import InputError
+from dofbench.core.evidence import Role
 from dofbench.scenes.loading import load_scene
 from dofbench.scenes.named.schema import NOT_STATED, Recipe
 from dofbench.scenes.scene import Scene
@@ -26,12 +27,13 @@ class Reading(TypedDict):
 class ResolvedScene:
     """A scene, and what is known of it before it is read.
 
-    label: what to type for it, or the folder's name; nothing of this machine is in it. name: what its dataset is
-    called by default. root: its folder; where it is missing, the first place to put it. dataset: id of the named
-    dataset, None for a folder that belongs to none. layout, images, hold: as `load_scene` takes them. recipe: what
-    make-dataset takes where the user doesn't say. views, size, sha256: what must be found, as `NamedScene`.
-    licence: "not stated" where its source doesn't; terms: more about that. citation: one reference each. note: what a
-    user should know. missing: one line that says what to put where; empty where the scene is here.
+    label: what to type for it, or the folder's name; nothing of this machine is in it. name: what its dataset is called
+    by default. root: its folder; where it is missing, the first place to put it. dataset: id of the named dataset, None
+    for a folder that belongs to none. layout, images, hold: as `load_scene` takes them. recipe: what make-dataset takes
+    where the user doesn't say. views, size, sha256: what must be found, as `NamedScene`. licence: "not stated" where
+    its source doesn't; terms: more about that. citation: one reference each. note: what a user should know. role: what
+    the scene may be used for (`dofbench.core.evidence`), None where no file states it; role_by: the label whose file
+    states it. missing: one line that says what to put where; empty where the scene is here.
     """
 
     label: str
@@ -50,6 +52,8 @@ class ResolvedScene:
     citation: tuple[str, ...] = ()
     origin: str = ""
     note: str = ""
+    role: Role | None = None
+    role_by: str = ""
     missing: str = ""
 
     def reading(

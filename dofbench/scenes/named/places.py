@@ -15,6 +15,7 @@ from dofbench.scenes.folders import scene_name
 from dofbench.scenes.loading import UNMARKED
 from dofbench.scenes.named.library import named_datasets, source_of
 from dofbench.scenes.named.named_scene import ResolvedScene
+from dofbench.scenes.named.roles import StatedRole, role_by_files, role_of_recipe, role_of_scene
 from dofbench.scenes.named.schema import NOT_STATED, SCENE, NamedDataset, NamedScene, Recipe
 
 VARIABLE = "DOFBENCH_DATA"
@@ -41,21 +42,25 @@ def scenes_of(dataset: NamedDataset, data_root: Path | None) -> tuple[ResolvedSc
     return tuple(_known(named_datasets(), dataset, scene, data_root) for scene in dataset.scenes)
 
 
-def what_to_put(dataset: NamedDataset, places: tuple[str, ...], data_root: Path | None) -> str:
-    """One line: which of these folders are looked for, where, and where their content comes from."""
+def what_to_put(
+    dataset: NamedDataset, places: tuple[str, ...], data_root: Path | None, made_by: str | None = None
+) -> str:
+    """One line: which of these folders are looked for, where, and where their content comes from. made_by: the command
+    that makes it, None for the dataset's."""
     *others, last = places
     folders = f"{', '.join(others)} or {last}" if others else last
     where = f"in {data_root}" if data_root is not None else f"in the folder that --data-root or {VARIABLE} names"
-    source = f"made by `{dataset.made_by}`" if dataset.made_by else f"from {dataset.origin}"
+    command = made_by or dataset.made_by
+    source = f"made by `{command}`" if command else f"from {dataset.origin}"
     return f"{folders.replace(SCENE, 'SCENE')} {where}; {source}"
 
 
 def recognise(folder: Path) -> ResolvedScene:
     """The scene in a folder that a user names: as its path and its files' checksums say, it may be a known one.
 
-    A known one's origin, licence and citation are taken over, and its layout where no file in the folder tells it;
-    nothing else, as the user chose a folder and not a dataset. A rendered scene says these things itself. The folder
-    may be the place of its COLMAP model.
+    A known one's origin, licence, citation and role are taken over, and its layout where no file in the folder tells
+    it; nothing else, as the user chose a folder and not a dataset. A rendered scene says these things itself. The
+    folder may be the place of its COLMAP model.
     """
     folder = scene_folder(folder)
     name = scene_name(folder)
@@ -79,8 +84,10 @@ def recognise(folder: Path) -> ResolvedScene:
                     citation=dataset.citation,
                     origin=dataset.origin,
                     note=scene.note or "",
+                    **_role(role_of_scene(library, dataset, scene)),
                 )
-    return ResolvedScene(label=name, name=name, root=folder)
+    # A copy under another name has at least the role of what it is a copy of.
+    return ResolvedScene(label=name, name=name, root=folder, **_role(role_by_files(folder)))
 
 
 def same_files(root: Path, sha256: Mapping[str, str]) -> str:
@@ -103,7 +110,11 @@ def _known(
     source, original = source_of(library, dataset, scene)
     base = content_folder("datasets") if source.built_in else data_root
     places = source.candidates(original)
-    here = [base / place for place in places if (base / place).is_dir()] if base is not None else []
+    found = [base / place for place in places if (base / place).is_dir()] if base is not None else []
+    here = [folder for folder in found if _as_rendered(folder, original)]
+    put = what_to_put(source, places, data_root, original.made_by)
+    if found and not here:
+        put = f"{found[0]} holds a scene of another recipe or seed; {put}"
     whole = scene.name == dataset.id
     return ResolvedScene(
         label=dataset.id if whole else f"{dataset.id}/{scene.name}",
@@ -127,7 +138,8 @@ def _known(
         citation=tuple(dict.fromkeys((*dataset.citation, *source.citation))),
         origin=source.origin,
         note=scene.note or original.note or "",
-        missing="" if here else what_to_put(source, places, data_root),
+        missing="" if here else put,
+        **_role(role_of_scene(library, dataset, scene)),
     )
 
 
@@ -147,6 +159,8 @@ def _marked(dataset: NamedDataset, data_root: Path | None) -> list[Path]:
 
 def _found(dataset: NamedDataset, folder: Path) -> ResolvedScene:
     facts = {"licence": dataset.licence, "origin": dataset.origin, "citation": dataset.citation}
+    if dataset.made_by is None and dataset.role is not None:  # else the folder's own record says recipe and seed
+        facts |= _role(StatedRole(dataset.role, f"{dataset.id}/{folder.name}"))
     return ResolvedScene(
         label=f"{dataset.id}/{folder.name}",
         name=f"{dataset.id}-{folder.name}",
@@ -162,14 +176,33 @@ def _found(dataset: NamedDataset, folder: Path) -> ResolvedScene:
 
 
 def _rendered_facts(folder: Path) -> dict[str, Any] | None:
-    """Licence, origin and citation of a folder that make-scene wrote; None for any other."""
-    file = folder / "scene.json"
-    content = read_json(file) if file.is_file() else None
-    if not isinstance(content, dict) or content.get("schema") != _RENDERED:
+    """Licence, origin, citation and role of a folder that make-scene wrote; None for any other."""
+    content = _scene_json(folder)
+    if content is None:
         return None
     citation = content.get("citation") or ()
     return {
         "licence": str(content.get("licence") or NOT_STATED),
         "origin": str(content.get("origin") or ""),
         "citation": (citation,) if isinstance(citation, str) else tuple(map(str, citation)),
+        **_role(role_of_recipe(content.get("recipe"), content.get("seed"))),
     }
+
+
+def _scene_json(folder: Path) -> dict[str, Any] | None:
+    file = folder / "scene.json"
+    content = read_json(file) if file.is_file() else None
+    return content if isinstance(content, dict) and content.get("schema") == _RENDERED else None
+
+
+def _as_rendered(folder: Path, scene: NamedScene) -> bool:
+    """Whether a folder has the recipe and seed that the scene names; true for a scene that names none."""
+    if scene.rendered is None:
+        return True
+    content = _scene_json(folder) or {}
+    return (content.get("recipe"), content.get("seed")) == (scene.rendered.recipe, scene.rendered.seed)
+
+
+def _role(stated: StatedRole | None) -> dict[str, Any]:
+    """The fields of `ResolvedScene` that say the role."""
+    return {} if stated is None else {"role": stated.role, "role_by": stated.by}

@@ -3,9 +3,20 @@
 from __future__ import annotations
 
 from pathlib import PurePosixPath
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveInt, StringConstraints, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    NonNegativeInt,
+    PositiveInt,
+    StringConstraints,
+    model_validator,
+)
+
+from dofbench.core.evidence import Role
 
 # "blb" is no layout of scenes: single views, which validate-renderer reads.
 Layout = Literal["nerfstudio", "dofnerf", "llff", "deblurnerf", "colmap", "blb"]
@@ -19,6 +30,7 @@ Name = Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
 Label = Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_-]*/[a-z0-9][a-z0-9_-]*$")]
 Checksum = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 Hold = Annotated[int, Field(ge=2)]
+_ROLES = " or ".join(f'role = "{role}"' for role in get_args(Role))
 
 
 def _inside(folder: str) -> str:
@@ -53,22 +65,35 @@ class Recipe(_Record):
     width: PositiveInt | None = None
 
 
+class Rendered(_Record):
+    """What tells a scene of make-scene apart, as its scene.json has it."""
+
+    recipe: Name
+    seed: NonNegativeInt
+
+
 class NamedScene(_Record):
     """One scene. What it says goes before what its dataset says.
+
+    role: what it may be used for (`dofbench.core.evidence`).
 
     of: `ID/SCENE` of another dataset, whose images these are; it then has no folders of its own.
     folders: where it may be, below the data root, first choice first. hold: views 0, hold, 2 hold, ... are test views.
     views: how many there must be. size: width and height of the images read by default, pixels.
-    sha256: of files in its folder that tell it apart. note: what a user should know.
+    sha256: of files in its folder that tell it apart. rendered: the recipe and seed that tell it apart, of a scene of
+    make-scene; made_by: the command that makes it. note: what a user should know.
     """
 
     name: Name
+    role: Role | None = None
     of: Label | None = None
     folders: tuple[Folder, ...] = ()
     hold: Hold | None = None
     views: PositiveInt | None = None
     size: tuple[PositiveInt, PositiveInt] | None = None
     sha256: dict[Folder, Checksum] = {}
+    rendered: Rendered | None = None
+    made_by: Text | None = None
     note: Text | None = None
 
 
@@ -82,13 +107,14 @@ class LeftOut(_Record):
 class NamedDataset(_Record):
     """datasets/ID.toml. The file is named after `id`.
 
-    origin: where it comes from. licence: as its source states it, else "not stated"; terms: more about that.
-    citation: one reference each. built_in: its folders are beside the file, not below a data root. made_by: the
-    command that makes it, where it is ours. layout: the reader for all its scenes but those that are `of` others.
-    images: folder of images inside a scene, for a layout that would take another one. folders: as
-    `NamedScene.folders`, with {scene} for the scene's name. marker: for a dataset whose scenes are found by looking:
-    every folder that fits `folders` and has this file or folder is a scene. expected: how many those should be.
-    notes: what was verified, and what wasn't.
+    origin: where it comes from. licence: as its source states it, else "not stated"; terms: more about that. citation:
+    one reference each. role: of all its scenes but those that say another one; every scene has one. built_in: its
+    folders are beside the file, not below a data root. made_by: the command that makes it, where it is ours. layout:
+    the reader for all its scenes but those that are `of` others. images: folder of images inside a scene, for a layout
+    that would take another one. folders: as `NamedScene.folders`, with {scene} for the scene's name. marker: for a
+    dataset whose scenes are found by looking: every folder that fits `folders` and has this file or folder is a scene.
+    expected: how many those should be. recipes: of make-scene, whose scenes of whatever seed it stands for, unless a
+    scene of a dataset names recipe and seed. notes: what was verified, and what wasn't.
     """
 
     id: Name
@@ -97,6 +123,7 @@ class NamedDataset(_Record):
     licence: Text
     terms: Text | None = None
     citation: tuple[Text, ...] = ()
+    role: Role | None = None
     built_in: bool = False
     made_by: Text | None = None
     layout: Layout | None = None
@@ -105,6 +132,7 @@ class NamedDataset(_Record):
     folders: tuple[Folder, ...] = ()
     marker: Folder | None = None
     expected: PositiveInt | None = None
+    recipes: tuple[Name, ...] = ()
     recipe: Recipe = Recipe()
     scenes: tuple[NamedScene, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
@@ -121,13 +149,22 @@ class NamedDataset(_Record):
             raise ValueError(f"a marker needs folders with {SCENE}")
         if self.layout is None and not all(scene.of for scene in self.scenes):
             raise ValueError("no layout")
+        if self.role is None and not self.scenes:
+            raise ValueError(f"no role, expected {_ROLES}")
         for scene in self.scenes:
+            if scene.of is None and self.role_of(scene) is None:
+                raise ValueError(f"{scene.name} has no role, expected {_ROLES}, of the scene or of the dataset")
             places = bool(scene.folders or self.folders)
             if scene.of is None and not places:
                 raise ValueError(f"{scene.name} has no folders")
-            if scene.of is not None and (places or scene.hold or scene.views or scene.size or scene.sha256):
+            own = places or scene.hold or scene.views or scene.size or scene.sha256 or scene.rendered or scene.made_by
+            if scene.of is not None and (own or scene.role or self.role):
                 raise ValueError(f"{scene.name} is {scene.of}, which says everything but its note")
         return self
+
+    def role_of(self, scene: NamedScene) -> Role | None:
+        """The scene's role; None for a scene that is `of` another dataset, which states it."""
+        return scene.role or self.role
 
     def candidates(self, scene: NamedScene) -> tuple[str, ...]:
         """Where the scene may be, below the data root (built-in: beside the file), first choice first."""

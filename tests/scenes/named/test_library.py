@@ -21,11 +21,15 @@ id = "small"
 title = "Small"
 origin = "somewhere"
 licence = "not stated"
+role = "report"
 layout = "llff"
 folders = ["{scene}"]
 [[scenes]]
 name = "one"
 """
+
+
+SCENE_ROLE = GOOD.replace('role = "report"\n', "") + 'role = "report"\n'
 
 
 def test_every_file_is_a_dataset_called_as_the_file() -> None:
@@ -117,6 +121,12 @@ def test_built_in_scenes_come_first() -> None:
         (GOOD.replace("{scene}", "/{scene}"), "leads out"),
         (GOOD.replace('folders = ["{scene}"]', ""), "one has no folders"),
         (GOOD + "views = 0", "scenes.0.views"),
+        (GOOD.replace('role = "report"', 'role = "tuning"'), "role: Input should be 'development' or 'report'"),
+        (GOOD + 'role = "test"', "scenes.0.role: Input should be 'development' or 'report'"),
+        (GOOD.replace('role = "report"', ""), 'one has no role, expected role = "development" or role = "report"'),
+        (GOOD + 'rendered = { recipe = "attic" }', "scenes.0.rendered.seed"),
+        (GOOD.replace('role = "report"', 'marker = "x"').partition("[[scenes]]")[0], "no role, expected role"),
+        (SCENE_ROLE + '[[scenes]]\nname = "two"\nof = "small/one"\nrole = "report"', "two is small/one"),
         (GOOD + "hold = 1", "scenes.0.hold"),
         (GOOD + 'sha256 = { "poses_bounds.npy" = "12" }', "sha256"),
         (GOOD + '[[scenes]]\nname = "one"', "two scenes of one name"),
@@ -125,7 +135,7 @@ def test_built_in_scenes_come_first() -> None:
         (GOOD + "[recipe]\nwidth = 0", "recipe.width"),
         (GOOD.replace("[[scenes]]", 'marker = "x"\n[[scenes]]'), "either scenes, or a marker"),
         (GOOD.partition("[[scenes]]")[0], "either scenes, or a marker"),
-        (GOOD + '[[scenes]]\nname = "two"\nof = "small/one"\nviews = 3', "two is small/one"),
+        (SCENE_ROLE + '[[scenes]]\nname = "two"\nof = "small/one"\nviews = 3', "two is small/one"),
     ],
 )
 def test_a_wrong_file_is_named(tmp_path: Path, text: str, found: str) -> None:

@@ -79,15 +79,21 @@ def test_every_named_scene_is_found_and_read(
     source, original = source_of(LIBRARY, dataset, scene)
     # Large scenes are written with fewer images than required, since 300 images wouldn't test more.
     count = min(original.views or COUNT, COUNT)
-    write_scene(tmp_path / source.candidates(original)[0], str(source.layout), count)
+    root = tmp_path / source.candidates(original)[0]
+    write_scene(root, str(source.layout), count)
+    if original.rendered is not None:
+        made = {"schema": "dofbench-scene", "recipe": original.rendered.recipe, "seed": original.rendered.seed}
+        (root / "scene.json").write_text(json.dumps(made))
     (found,) = resolve(f"{dataset.id}/{scene.name}", tmp_path)
     presence = inspect(found)
     if original.sha256 and original.views == count:
         assert presence.state == "different" and "checksum" in presence.detail
     elif original.views is not None and original.views > count:
         assert presence.state == "incomplete" and f"{count} views" in presence.detail
+    elif original.size is not None:
+        assert presence.state == "different" and f"expected {original.size[0]}x" in presence.detail
     else:
-        assert presence.state == "here"
+        assert presence.state == ("here" if original.views is None else "complete")
     if source.layout == "blb":
         return
     loaded = found.load()
@@ -152,9 +158,9 @@ def test_the_command_lists_what_is_here_and_what_to_put_where(
         monkeypatch.setenv("DOFBENCH_DATA", str(tmp_path))
     assert cli.main(["scenes", *(["--data-root", str(tmp_path)] if given == "option" else [])]) == 0
     text = " ".join(capsys.readouterr().out.split())
-    assert "llff/orchids complete 21 + 4 test, 504x378" in text
-    assert "dof-gaussian/orchids complete 21 + 4 test" in text
-    assert "deblur-nerf-real/sausage here 16 + 4 test, 528x396 its author agrees" in text
+    assert "llff/orchids report complete 21 + 4 test, 504x378" in text
+    assert "dof-gaussian/orchids report complete 21 + 4 test" in text
+    assert "deblur-nerf-real/sausage report here 16 + 4 test, 528x396 its author agrees" in text
     assert f"put nerf_llff_data/SCENE, llff/SCENE or llff_SCENE in {tmp_path}; from https://bmild" in text
     assert "put the scenes of llff and tandt-db, as said there" in text
     assert "left out: tandt-db/playroom: indoors" in text

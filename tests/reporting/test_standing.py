@@ -1,0 +1,176 @@
+"""What results don't prove, on every page: roles and photographers in headings, signs in tables, no mean over both."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from harness_fakes import fake_run, write_dataset
+from page_reader import read
+from report_pages import rows, table_rows
+from rich.console import Console
+
+from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS
+from dofbench.reporting import report_files
+from dofbench.reporting.report_files import write_report
+from dofbench.reporting.report_options import Report
+from dofbench.reporting.standing import NOTES, place, united
+
+# (name of the dataset, its role, the label that states it, what photographed it); the last two state no role
+SCENES = (
+    ("fern", "development", "llff/fern", "scatter"),
+    ("fence", "development", "thinlens/fence", "thinlens"),
+    ("room", "report", "llff/room", "scatter"),
+    ("attic", "report", "report/attic", "thinlens"),
+    ("trex", "report", "llff/trex", "scatter"),
+    ("desk", "report", "vr-project/desk", "unknown"),
+    ("waves", None, None, "scatter"),
+)
+ORDER = ("attic", "desk", "room", "trex", "fence", "fern", "waves")
+REPORT = ("attic", "desk", "room", "trex")
+
+
+def titles(page: str) -> list[str]:
+    return re.findall(r"^## (\w+), (?:refocus|photographs)-v\d$", page, re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two methods on scenes of every role, of which the preset of one is frozen; the folder of the report."""
+    folder = tmp_path_factory.mktemp("standing")
+    with pytest.MonkeyPatch.context() as patch:
+        call = fake_run(folder, patch)
+        for name, role, by, photographer in SCENES:
+            lens = {"unknown": tuple(f"v{index}" for index in range(6))} if photographer == "unknown" else {}
+            renderer = "scatter" if photographer == "unknown" else photographer
+            data = write_dataset(folder / name, name=name, role=role, role_by=by, renderer=renderer, **lens)
+            call(data=data)
+            call(data=data, method="pinhole")
+        call(data=folder / "room", set=("noise=0.4",))
+        call(data=folder / "room", inputs="all-in-focus")
+        freeze_fake(folder)
+        patch.setattr(report_files, "write_curves", lambda *_: {})
+        patch.setattr(report_files, "write_strip", lambda *_: "these tests want none")
+        assert write_report(Report(folder / "results", folder / "out"), Console(file=io.StringIO()))
+    return folder / "out"
+
+
+def freeze_fake(folder: Path) -> None:
+    from dofbench.running.frozen_presets import FrozenPreset, frozen_text, preset_digest
+    from dofbench.running.method_cards import find_method
+
+    digest = preset_digest(find_method("fake"), "quick")
+    entry = FrozenPreset(commit="0" * 40, digest=digest)
+    (folder / "methods" / "fake" / "frozen.toml").write_text(frozen_text("fake", {"quick": entry}))
+
+
+@pytest.fixture(scope="module")
+def page(report: Path) -> str:
+    return (report / "leaderboard.md").read_text()
+
+
+def test_report_scenes_come_first_and_lenses_before_formulas(page: str) -> None:
+    assert tuple(dict.fromkeys(titles(page))) == ORDER
+    roles = ("report", "development", None)
+    kinds = [place(role, photographer) for role in roles for photographer in ("thinlens", "unknown", "scatter", None)]
+    assert kinds == sorted(kinds)
+
+
+def test_a_heading_says_the_role_and_what_photographed(report: Path, page: str) -> None:
+    html = (report / "report.html").read_text()
+    for name, role, _, photographer in SCENES:
+        (about,) = re.findall(rf"^## {name}, (?:refocus|photographs)-v\d\n\n(.*)$", page, re.MULTILINE)
+        assert about.startswith(f"{ROLE_SAYS[role]} {PHOTOGRAPHER_SAYS[photographer]} Scene {name};")  # type: ignore[index]
+        assert about.replace("'", "&#x27;") in html
+    sharp = page.split("## room, sharp-inputs-v2\n\n")[1]
+    assert sharp.startswith(f"{ROLE_SAYS['report']} Scene room;")  # no shallow photograph is used
+
+
+def board(page: str, name: str) -> str:
+    return re.split(r"^## ", page.split(f"\n## {name}, ", 1)[1], maxsplit=1, flags=re.MULTILINE)[0]
+
+
+@pytest.mark.parametrize("name", [name for name, *_ in SCENES])
+def test_every_row_has_its_sign_and_every_sign_its_note(page: str, name: str) -> None:
+    part = board(page, name)
+    role = next(role for scene, role, *_ in SCENES if scene == name)
+    firsts = [line.split("|")[1].strip() for line in part.splitlines() if line.startswith(("| fake", "| pinhole"))]
+    assert len(firsts) >= 3  # of scores, of differences, of times to reach
+    for first in firsts:
+        if role == "development":
+            assert first.endswith(" †")
+        elif role is None:
+            assert not set("†‡§") & set(first)
+        elif "pinhole" in first:
+            assert first.endswith(" ‡")
+        elif "noise" in first:
+            assert first.endswith(" §")
+    for sign, note in NOTES.items():
+        assert (note in part) is any(sign in first for first in firsts), sign
+
+
+def test_the_frozen_preset_alone_has_no_sign_on_a_report_scene(page: str) -> None:
+    found = {row["preset"]: row["method"] for row in table_rows(page, "room, refocus-v2") if "fake" in row["method"]}
+    signs = {preset: method.removeprefix("fake") for preset, method in found.items()}
+    assert signs.pop("quick noise=0.4") == " §" and list(signs.values()) == [""]
+
+
+def test_means_are_of_one_role_and_one_photographer(page: str) -> None:
+    means = re.findall(r"^## (Means over scenes, .*)\n\n(.*)$", page, re.MULTILINE)
+    assert means == [("Means over scenes, refocus-v2, report scene, scatter", "Scenes: room, trex.")]
+    row = next(row for row in table_rows(page, means[0][0]) if row["method"].startswith("pinhole"))
+    assert row["method"] == "pinhole ‡"
+
+
+def test_the_overview_is_marked_too(report: Path) -> None:
+    html = (report / "report.html").read_text()
+    glance = next(one for one in read(html).tables if one.caption.startswith("The best"))
+    shown = [(cells[0][0], cells[2][0]) for cells in glance.rows if "sharp" not in cells[1][0]]
+    assert [name.split()[0] for name, _ in shown] == list(ORDER)
+    signs = {name.split()[0]: (name.partition(" ")[2], best[-1]) for name, best in shown}
+    assert signs["fern"] == signs["fence"] == ("†", "†") and signs["waves"][0] == ""
+    assert signs["trex"][0] == "‡" and signs["room"][0] == "‡§"
+    below = html.split('<section id="overview">')[1].split("</section>")[0]
+    assert all(note in below for note in NOTES.values())
+
+
+def test_layouts_never_mix_roles(report: Path) -> None:
+    html = (report / "report.html").read_text()
+    for kind in ("report scene, sampled lens", "report scene, scatter", "development scene, scatter"):
+        assert f"Refocusing, and the lens that was learned, refocus-v2, {kind}</h3>" in html
+    section = html.split("learned, refocus-v2, report scene, scatter</h3>")[1].split("</section>")[0]
+    assert "mean over 2 scenes" in section and "fern" not in section
+
+
+def test_files_say_it(report: Path) -> None:
+    table = rows(report / "leaderboard.csv")
+    found = {(row["dataset"], row["method"]): (row["role"], row["photographer"], row["frozen"]) for row in table}
+    assert found["fern", "fake"] == ("development", "scatter", "frozen")
+    assert found["attic", "pinhole"] == ("report", "thinlens", "not frozen")
+    assert found["desk", "fake"] == ("report", "unknown", "frozen")
+    assert found["waves", "fake"][0] == "not stated"
+    for name in ("per_view", "curves", "comparisons", "reach", "pareto", "times"):
+        said = {(row["dataset"], row["role"]) for row in rows(report / f"{name}.csv")}
+        assert said and said <= {(scene, role or "not stated") for scene, role, *_ in SCENES}, name
+        assert ("fern", "development") in said and ("room", "report") in said
+
+
+def test_signs_are_united_in_their_order() -> None:
+    assert united(["§", "", "†§", "‡"]) == "†‡§" and united([]) == ""
+
+
+def test_a_run_that_died_has_the_role_of_its_board(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Callable
+) -> None:
+    from dofbench.reporting.standing import role_of, signs
+    from dofbench.results.collecting import Entry, collect
+
+    data = write_dataset(tmp_path / "fern", name="fern", role="development", role_by="llff/fern")
+    call(data=data)
+    (entry,) = collect(tmp_path / "results").entries
+    dead = Entry(entry.folder, entry.spec, entry.scene, entry.status, "died", None)
+    assert role_of([dead, entry]) == "development" and role_of([dead]) is None
+    assert signs("development", [dead]) == "†" and signs("report", [dead]) == "‡"
