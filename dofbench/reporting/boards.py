@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from dofbench.reporting.points_seen import points_of
 from dofbench.reporting.summary import Line, do_nothing_line, scene_mean, scene_spread, variant_line
 from dofbench.results.collecting import Entry, added_columns, board_names, grouped, variant_names
 from dofbench.results.columns import SCORES
@@ -106,11 +107,13 @@ def _board(
     lenses = next((entry.lenses for entry in members if entry.lenses), None)
     held_out = lenses is not None and lenses["assign"] == HELD_OUT
     variants = grouped(members, "variant")
+    points = points_of(members)
+    kind = (key[2], "held-out focus" if held_out else "", "" if points is None else points.protocol)
     return Board(
         key,
         name,
         members[0].scene,
-        f"{key[2]}, held-out focus" if held_out else key[2],
+        ", ".join(part for part in kind if part),
         protocol is not None and protocol.inputs == "all-in-focus",
         held_out,
         "" if lenses is None else lens_words(lenses),
