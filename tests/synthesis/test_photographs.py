@@ -397,7 +397,9 @@ def test_datasets_of_older_schema_versions_are_read(mixed: Path, dataset_folder:
     """They say nothing of their points: version 1 knows every lens, version 2 not."""
     known = shutil.copytree(dataset_folder, tmp_path / "known")
     for folder, version in ((known, 1), (mixed, 2)):
-        edit(folder / "dataset.json", lambda manifest, to=version: (manifest.update(version=to), manifest.pop("points")))
+        edit(
+            folder / "dataset.json", lambda manifest, to=version: (manifest.update(version=to), manifest.pop("points"))
+        )
         assert check_dataset(folder) == []
         assert Dataset.load(folder).points_record is None
 
