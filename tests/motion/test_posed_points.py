@@ -7,13 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_up import cloud
 from tolerances import TRIANGULATED_DEPTH
 
 from dofbench.core.contracts import PointCloud
 from dofbench.core.progress import Silent
 from dofbench.scenes import Scene
 from dofbench.scenes.reconstruction import posed_points
-from dofbench.scenes.reconstruction.photograph_list import Photograph
+from dofbench.scenes.reconstruction.comparing import compare
+from dofbench.scenes.reconstruction.matching import verified
+from dofbench.scenes.reconstruction.photograph_list import Photograph, Prepared, prepare
 from dofbench.scenes.reconstruction.posed_points import triangulated_points
 
 VIEWS = (6, 8, 7, 9)  # of the built-in scene, out of order on purpose
@@ -67,6 +70,38 @@ def test_the_same_photographs_give_the_same_points_whatever_lay_there(
         np.testing.assert_array_equal(getattr(again, name), getattr(points, name))
 
 
+def test_a_tighter_geometry_keeps_fewer_matches(photographs: list[Photograph], tmp_path: Path) -> None:
+    kept = []
+    for name, error in (("usual", None), ("tight", 0.5)):
+        folder = tmp_path / name
+        prepared = prepare(photographs[:3], folder / "photographs", 320, lambda done: None)
+        compared = compare(
+            folder / "database.db",
+            folder / "photographs",
+            prepared,
+            (),
+            Silent(),
+            matching="auto",
+            camera_model="PINHOLE",
+            most=2000,
+            seed=0,
+            error=error,
+        )
+        assert compared.matching == "exhaustive" and compared.pairs == [(0, 1), (0, 2), (1, 2)]
+        kept.append(verified(folder / "database.db", prepared))
+    usual, tight = kept
+    assert usual.keys() == {(0, 1), (0, 2), (1, 2)} and all(tight.get(pair, 0) < usual[pair] for pair in usual)
+
+
+def test_a_point_that_one_view_saw_is_none() -> None:
+    """What lies behind a camera is taken out of its track, which may leave a single view."""
+    tracks = [np.array(track) for track in ([0, 1], [2], [], [1, 2, 3])]
+    kept = posed_points._agreed(cloud(np.arange(12.0).reshape(4, 3), tracks))
+    np.testing.assert_array_equal(kept.xyz, [[0, 1, 2], [9, 10, 11]])
+    assert [track.tolist() for track in kept.views] == [[0, 1], [1, 2, 3]] and len(kept.rgb) == len(kept.error) == 2
+    assert posed_points._agreed(cloud(np.zeros((1, 3)), [np.array([0])])) is None
+
+
 @pytest.mark.parametrize("spoil", ["too few", "plain"])
 def test_there_may_be_none(photographs: list[Photograph], tmp_path: Path, spoil: str) -> None:
     def plain(one: Photograph) -> Photograph:
@@ -86,6 +121,4 @@ def test_the_error_grows_with_the_width_up_to_colmaps_own(prepared: Callable, wi
 @pytest.fixture
 def prepared() -> Callable:
     """A photograph of this size."""
-    from dofbench.scenes.reconstruction.photograph_list import Prepared
-
     return lambda width, height: Prepared("one", "000000.png", width, height, 1.0, None)

@@ -247,6 +247,17 @@ def test_made_again_from_its_manifest(shallow: Path, scene: Path, tmp_path: Path
     assert make_again(asked, Silent()) == []
 
 
+def test_points_of_another_version_of_pycolmap_are_another_dataset(
+    folder: Path, scene: Path, dataset_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert made(scene, folder, points="shallow") == folder
+    monkeypatch.setattr(builder, "program", lambda: "pycolmap 0.1")
+    with pytest.raises(InputError, match="another dataset"):
+        made(scene, folder, points="shallow")
+    copy = shutil.copytree(dataset_folder, folder.with_name("usual"))
+    assert made(scene, copy) == copy
+
+
 # ---- from a dataset that exists ----
 
 
