@@ -16,8 +16,8 @@ from dofbench.synthesis.method_points import triangulated_between
 
 _FILE = "sparse/0"
 # Another machine, or another version of pycolmap, rounds otherwise, and so a few matches fall on the other side of a
-# limit. Points from other photographs (of other views, or blurred otherwise) agree in hardly any place to 0.1 % of
-# their distance from the cameras.
+# limit. Points from other photographs (of other views, or blurred otherwise) agree in few places to 0.1 % of their
+# distance from the cameras.
 _SAME_PLACE, _SAME_SHARE = 1e-3, 0.9
 
 
