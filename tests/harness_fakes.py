@@ -24,13 +24,14 @@ from dofbench.core.images import from_8bit, to_8bit, write_exr, write_png
 from dofbench.core.jobs import Job, Outcome, Watcher
 from dofbench.core.lens import DisparityRange, Lens, SceneRenderer
 from dofbench.dataset import layout
+from dofbench.dataset.points_record import PointsRecord
 from dofbench.dataset.schema import (
     ALL_KNOWN,
     LENS_FILE,
     MANIFEST,
-    ROLE_STATED,
     SCHEMA,
     SOME_UNKNOWN,
+    STATED,
     DepthRecord,
     FileRecord,
     LensFile,
@@ -98,13 +99,15 @@ def write_dataset(
     role: Role | None = None,
     role_by: str | None = None,
     renderer: SceneRenderer = "scatter",
+    stated: PointsRecord | None = None,
 ) -> Path:
     """Write a small dataset of views v0, v1, ..., the test views first; returns the folder.
 
     Of the scene a lens shows `smooth_image`, darkened by the aperture, and so does the fake method. in_focus: the
     shallow photographs have all the detail of the sharp ones. exact: whether the depth is the scene's own, or
-    estimated. unknown, blurred, flat: the views without a known lens, a sharp photograph, depth. role, role_by: as the
-    manifest states them. renderer: what the lenses' file says that took the photographs.
+    estimated. unknown, blurred, flat: the views without a known lens, a sharp photograph, depth. stated: where the
+    points come from, None for an older dataset, which doesn't say. role, role_by: as the manifest states them.
+    renderer: what the lenses' file says that took the photographs.
     """
     shutil.rmtree(folder, ignore_errors=True)
     names = [f"v{index}" for index in range(test + train)]
@@ -143,7 +146,7 @@ def write_dataset(
     measured = DepthRecord(source="given" if exact else "sfm", provenance={}) if set(names) - set(flat) else None
     record = Manifest(
         schema=SCHEMA,
-        version=ROLE_STATED if role else SOME_UNKNOWN if unknown or measured is None else ALL_KNOWN,
+        version=STATED if stated else SOME_UNKNOWN if unknown or measured is None else ALL_KNOWN,
         name=name,
         dofbench="0",
         command="none",
@@ -152,6 +155,7 @@ def write_dataset(
         settings={"assign": assign},
         source=source,
         depth=measured,
+        points=stated,
         files=files,
     )
     write_json(folder / MANIFEST, as_json(record))

@@ -1,4 +1,4 @@
-"""What methods are given: points that the training views saw, and no others."""
+"""What methods are given: where tracks are known, points that the training views saw and no others; else all."""
 
 from __future__ import annotations
 

@@ -81,9 +81,12 @@ class TrainingView:
 
 @dataclass(frozen=True, eq=False)
 class TrainingSet:
-    """All that a method may see: never the true lens, the true depth or a test view.
+    """All that a method may see: never the true lens, the true depth, a test view's photograph or its camera.
 
-    points.views, where known, index into `views`.
+    points: where tracks are known, those that at least one of `views` saw, and points.views index into `views`. Where
+    they are unknown, all points of the scene, those that only test views saw among them. Points and the cameras' poses
+    usually come from structure from motion on the sharp photographs of all views, test views included, as is usual in
+    the field; a dataset's manifest says where its own come from (`dofbench.dataset.points_record`).
     """
 
     views: tuple[TrainingView, ...]

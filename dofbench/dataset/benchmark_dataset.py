@@ -13,6 +13,7 @@ from dofbench.core.exif import Exif
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
 from dofbench.dataset.dealing import Dealt
 from dofbench.dataset.inputs import Inputs
+from dofbench.dataset.points_record import PointsRecord
 from dofbench.scenes.scene import Split
 
 
@@ -91,7 +92,11 @@ class BenchmarkDataset(Protocol):
 
     @property
     def points(self) -> PointCloud | None:
-        """Sparse points, whose tracks index into `views`."""
+        """Sparse points, whose tracks, where known, index into `views`."""
+
+    @property
+    def points_record(self) -> PointsRecord | None:
+        """Where the points and poses come from; None where that isn't stated."""
 
     @property
     def has_exact_depth(self) -> bool:
@@ -117,4 +122,5 @@ class BenchmarkDataset(Protocol):
         """z-depth: (H, W) float32, scene units, 0 where unknown; None if the view has no depth."""
 
     def training_set(self, inputs: Inputs, /) -> TrainingSet:
-        """All that a method may see: training photographs, cameras, points; no lens, no depth, no test view."""
+        """All that a method may see: training photographs, their cameras, and points, where tracks are known without
+        those that only test views saw; no lens, no depth, no photograph or camera of a test view."""

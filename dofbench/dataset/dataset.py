@@ -21,6 +21,7 @@ from dofbench.dataset import layout
 from dofbench.dataset.benchmark_dataset import BenchmarkView
 from dofbench.dataset.dealing import Dealt
 from dofbench.dataset.inputs import Inputs
+from dofbench.dataset.points_record import PointsRecord
 from dofbench.dataset.schema import (
     MANIFEST,
     LensFile,
@@ -166,6 +167,17 @@ class Dataset:
         return self.lenses.blur if isinstance(self.lenses, LensFile) else None
 
     @property
+    def points_record(self) -> PointsRecord | None:
+        """Where the points and poses come from; None for a dataset that doesn't state it."""
+        return self.manifest.points
+
+    def training_points(self) -> PointCloud | None:
+        """The points that a method gets, with tracks over the training views: where tracks are known, without those
+        that only test views saw; where they are unknown, all. None without points."""
+        training = [index for index, view in enumerate(self.views) if view.split == "train"]
+        return None if self.points is None else self.points.seen_by(training)
+
+    @property
     def has_points(self) -> bool:
         """Whether there are sparse points."""
         return self.points is not None and len(self.points) > 0
@@ -224,11 +236,11 @@ class Dataset:
         return read_image(path)[..., 0] if path.is_file() else None
 
     def training_set(self, inputs: Inputs = "shallow") -> TrainingSet:
-        """All that a method may see: training photographs, cameras, points; no lens, no depth, no test view.
+        """All that a method may see: training photographs, their cameras, `training_points`; no lens, no depth, no
+        photograph or camera of a test view. What the points and poses were found in: `points_record`.
 
-        inputs: the shallow photographs, or the sharp originals (a protocol of its own). Points that
-        only test views saw are left out; tracks name training views alone. Raises InputError where a training view has
-        no sharp original.
+        inputs: the shallow photographs, or the sharp originals (a protocol of its own). Raises InputError where a
+        training view has no sharp original.
         """
         if inputs not in ("shallow", "all-in-focus"):
             raise InputError("inputs", repr(inputs), "shallow or all-in-focus")
@@ -242,8 +254,7 @@ class Dataset:
             image = read(view)
             assert image is not None
             views.append(TrainingView(view.name, view.camera, image, view.exif))
-        training = [index for index, view in enumerate(self.views) if view.split == "train"]
-        return TrainingSet(tuple(views), None if self.points is None else self.points.seen_by(training))
+        return TrainingSet(tuple(views), self.training_points())
 
     def _view(self, view: BenchmarkView | str) -> BenchmarkView:
         return self.view(view) if isinstance(view, str) else view

@@ -13,15 +13,16 @@ from dofbench.core.errors import InputError
 from dofbench.core.evidence import Photographer, Role
 from dofbench.core.files import read_json
 from dofbench.core.lens import LAYERS, ApertureShape, DisparityRange, Energy, Lens, PhysicalLens, SceneRenderer
+from dofbench.dataset.points_record import PointsRecord
 from dofbench.dataset.sensor import Sensor
 from dofbench.scenes.scene import Photograph, Split
 
 SCHEMA: Final = "dofbench-dataset"
 # Schema versions. 1: the lens, depth and sharp image of every view are known. 2: some may be unknown, and are marked
-# so. 3: the role of its scene is stated. A dataset is written in the lowest version that can hold it, so that older
-# programs can still read it.
-ALL_KNOWN, SOME_UNKNOWN, ROLE_STATED = 1, 2, 3
-VERSIONS = (ALL_KNOWN, SOME_UNKNOWN, ROLE_STATED)
+# so. 3: as 2, and where points and poses come from is stated, and the role of the scene if it has one. Older datasets
+# are read as they are.
+ALL_KNOWN, SOME_UNKNOWN, STATED = 1, 2, 3
+VERSIONS = (ALL_KNOWN, SOME_UNKNOWN, STATED)
 MANIFEST = "dataset.json"
 LENS_FILE = "lens.json"
 
@@ -278,7 +279,7 @@ class Manifest(_Record):
     """dataset.json: written last, so that a folder with a manifest is complete.
 
     identity: sha256 of everything that decides the content (settings, source, lens plan, version). depth: absent if no
-    view has depth.
+    view has depth. points: where points and poses come from; absent before schema version 3, which is "not stated".
     """
 
     schema_name: Literal["dofbench-dataset"] = Field(alias="schema")
@@ -291,6 +292,7 @@ class Manifest(_Record):
     settings: dict[str, Any]
     source: SourceRecord
     depth: DepthRecord | None = None
+    points: PointsRecord | None = None
     files: dict[str, FileRecord]
 
 
@@ -314,12 +316,15 @@ def read_manifest(folder: Path) -> Manifest:
     if not isinstance(raw, dict) or raw.get("schema") != SCHEMA:
         raise InputError(path, "another kind of JSON", f'a manifest with "schema": "{SCHEMA}"')
     if raw.get("version") not in VERSIONS:
-        raise InputError(path, f"schema version {raw.get('version')}", f"version {' or '.join(map(str, VERSIONS))}")
+        raise InputError(path, f"schema version {raw.get('version')}", f"version {_versions()}")
     manifest = _validate(path, raw, Manifest)
     photographs = [image.view for image in manifest.source.images if image.photograph is not None]
     if manifest.version == ALL_KNOWN and (photographs or manifest.depth is None):
         found = f"view {photographs[0]} of unknown lens" if photographs else "no depth"
         raise InputError(path, f"{found} in schema version {ALL_KNOWN}", f"version {SOME_UNKNOWN}")
+    if (manifest.version >= STATED) is (manifest.points is None):
+        found = "no points" if manifest.points is None else "points"
+        raise InputError(path, f"{found} in schema version {manifest.version}", f"points from {STATED} on")
     return manifest
 
 
@@ -353,6 +358,11 @@ def as_json(record: BaseModel) -> dict[str, Any]:
     return record.model_dump(mode="json", by_alias=True, exclude_none=True)
 
 
+def _versions() -> str:
+    *older, newest = map(str, VERSIONS)
+    return f"{', '.join(older)} or {newest}"
+
+
 def _validate(path: Path, raw: object, model: type[Model]) -> Model:
     try:
         return model.model_validate(raw)
@@ -362,5 +372,5 @@ def _validate(path: Path, raw: object, model: type[Model]) -> Model:
             f"{problem['msg']}"
             for problem in error.errors()
         )
-        expected = f"a {path.name} of schema version {' or '.join(map(str, VERSIONS))}"
+        expected = f"a {path.name} of schema version {_versions()}"
         raise InputError(path, problems, expected) from None

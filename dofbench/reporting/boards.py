@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from dofbench.core.evidence import PHOTOGRAPHER_WORDS, ROLE_WORDS, Photographer, Role
 from dofbench.reporting import standing
+from dofbench.reporting.points_seen import points_of
 from dofbench.reporting.summary import Line, do_nothing_line, scene_mean, scene_spread, variant_line
 from dofbench.results.collecting import Entry, added_columns, board_names, grouped, variant_names
 from dofbench.results.columns import SCORES
@@ -117,7 +118,9 @@ def _board(
     variants = grouped(members, "variant")
     sharp = protocol is not None and protocol.inputs == "all-in-focus"
     role, photographer = standing.role_of(members), None if sharp else standing.photographer_of(members)
-    scored = f"{key[2]}, held-out focus" if held_out else key[2]
+    points = points_of(members)
+    kind = (key[2], "held-out focus" if held_out else "", "" if points is None else points.protocol)
+    scored = ", ".join(filter(None, kind))
     return Board(
         key,
         name,

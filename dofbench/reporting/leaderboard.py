@@ -9,6 +9,7 @@ from dofbench.reporting import table_cells
 from dofbench.reporting.boards import Board, by_kind, mean_lines
 from dofbench.reporting.held_out import asked_section
 from dofbench.reporting.pairwise import Pair, pairwise_section, scene_pairs
+from dofbench.reporting.points_seen import with_points_note
 from dofbench.reporting.report_view import BoardView, CurveView
 from dofbench.reporting.score_table import score_table
 from dofbench.reporting.summary import sorted_lines
@@ -38,7 +39,7 @@ def board_view(
     return BoardView(
         board.title,
         Paragraph(f"{evidence} {about}{trained if board.lenses else ''}."),
-        score_table(sorted_lines(lines), columns, board.title),
+        with_points_note(score_table(sorted_lines(lines), columns, board.title), board.members),
         pairwise_section(pairs, names, board.title, {variant: line.signs for variant, line in board.lines.items()}),
         asked_section(groups, board.title) if board.held_out else None,
         curves,

@@ -10,6 +10,7 @@ from dofbench.core.errors import Status
 from dofbench.reporting import standing, table_cells
 from dofbench.reporting.boards import Board
 from dofbench.reporting.how_made import commit_text, machine_text
+from dofbench.reporting.points_seen import points_facts
 from dofbench.reporting.verdict import verdict
 from dofbench.reporting.view import Cell, Heading, Table
 from dofbench.results.collecting import Collection, Entry
@@ -99,6 +100,7 @@ def facts(collection: Collection, boards: Sequence[Board]) -> tuple[tuple[str, t
                 for board in boards
             ],
         ),
+        ("What methods start from", points_facts([(board.name, board.members) for board in boards])),
         ("How long it took", [_time_words(entries)]),
         ("Seeds", [_seed_words(boards)]),
         (

@@ -10,6 +10,7 @@ from typing import Any
 from dofbench.core.errors import InputError, Status
 from dofbench.core.files import canonical_json
 from dofbench.core.leases import at_work, leased_folders
+from dofbench.dataset.points_record import PointsRecord, points_of_plan
 from dofbench.results.added_scores import Added, read_added
 from dofbench.results.columns import COLUMNS, SCORES
 from dofbench.results.result import RESULT_FILE, Result, Spec, read_result
@@ -63,6 +64,11 @@ class Entry:
         """How the dataset assigns its lenses to views, as `dofbench.running.plan.dealt_lenses` gives it; None for an
         old result that doesn't store it."""
         return self.result.plan.get("lenses") if self.result else None
+
+    @property
+    def points(self) -> PointsRecord | None:
+        """Where the dataset's points and poses come from; None where it or an old result doesn't say."""
+        return points_of_plan(self.result.plan) if self.result else None
 
     @property
     def board(self) -> tuple[str, str, str]:

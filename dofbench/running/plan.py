@@ -9,6 +9,7 @@ from typing import Any
 from dofbench.core.contracts import Decision
 from dofbench.core.errors import InputError
 from dofbench.dataset.benchmark_dataset import BenchmarkDataset
+from dofbench.dataset.points_record import PointsRecord, points_in_words
 from dofbench.results.protocol import BY_BLUR, EXIF_COLUMNS, LENS_COLUMNS, OF_LENSES, Protocol
 from dofbench.running.facts import Facts
 from dofbench.running.method_cards import Card, MethodEntry
@@ -37,7 +38,8 @@ class RunPlan:
     """What the dataset makes of a run that the call alone doesn't say.
 
     options: what the method is created with. facts: what the training photographs show, as `Facts`. lenses: as
-    `dealt_lenses`. columns: scores that will be measured. left_out: scores that will not, with the reason.
+    `dealt_lenses`. points: where the dataset's points and poses come from; None where it doesn't say. columns: scores
+    that will be measured. left_out: scores that will not, with the reason.
     """
 
     options: dict[str, Any]
@@ -45,18 +47,21 @@ class RunPlan:
     test_views: int
     facts: Facts
     lenses: dict[str, Any]
+    points: PointsRecord | None
     stages: tuple[Stage, ...]
     columns: tuple[str, ...]
     left_out: dict[str, str]
 
     def as_data(self) -> dict[str, Any]:
         """Plain data, for the result, whose spec has the options."""
-        return {key: value for key, value in asdict(self).items() if key != "options"}
+        points = None if self.points is None else self.points.model_dump(mode="json")
+        return {**{key: value for key, value in asdict(self).items() if key != "options"}, "points": points}
 
     def lines(self) -> list[str]:
         """The plan as text, one line a fact."""
         lines = [
             f"{self.train_views} training views, {self.test_views} test views, {self.facts.points} sparse points",
+            points_in_words(self.points),
             "options " + (", ".join(f"{key}={value}" for key, value in self.options.items()) or "the method's own"),
         ]
         lines += [stage.line() for stage in self.stages]
@@ -125,6 +130,7 @@ def make_plan(
         test_views=len(test),
         facts=facts,
         lenses=dealt_lenses(dataset),
+        points=dataset.points_record,
         stages=tuple(stages),
         columns=tuple(column for column in every if column not in left_out),
         left_out=left_out,

@@ -86,7 +86,8 @@ class Scene:
         return self.points
 
     def training_set(self) -> TrainingSet:
-        """What a method may see: the training views, read now, and the points that they saw.
+        """What a method may see: the training views, read now, and the points that they saw; where tracks are unknown,
+        all points.
 
         Raises InputError for an image that can't be read.
         """

@@ -25,18 +25,20 @@ from dofbench.depth.network import find_network, network_digest
 from dofbench.scenes.by_exif import split_by_f_number
 from dofbench.scenes.folders import listed
 from dofbench.scenes.named import Reading, ResolvedScene, find_data_root, resolve
+from dofbench.scenes.reconstruction.posed_points import program
 from dofbench.scenes.scene import Scene, Split
 from dofbench.synthesis import write
 from dofbench.synthesis.dataset_options import MakeDataset
 from dofbench.synthesis.depth_record import make_depth
 from dofbench.synthesis.depth_sources import source_for
 from dofbench.synthesis.lens_plan import Plan, deal_plan, draw_plan
+from dofbench.synthesis.method_points import choose_points
 from dofbench.synthesis.photographing import Optics, exposed
 from dofbench.synthesis.real_photographs import make_of_photographs
 from dofbench.synthesis.render_views import Photography, shallow_image, view_record
 from dofbench.synthesis.scene_source import NEAR_FAR, check_source, encoded, source_record
-from dofbench.synthesis.sibling import take_over
-from dofbench.synthesis.work import WORK, Identity, finish, prepare
+from dofbench.synthesis.sibling import take_over, take_over_all
+from dofbench.synthesis.work import WORK, Identity, finish, noise_file, prepare
 
 BUILT_IN = "tabletop"
 
@@ -103,23 +105,25 @@ def make(
     source = source_record(scene, found, with_depth=source_id in ("given", "folder"))
     if expected is not None:
         check_source(source, expected, scene.root)
-    identity = Identity(
-        rest=sha256_text(
-            canonical_json(
-                {
-                    "settings": settings.recipe(),
-                    "depth": source_id,
-                    "plan": plan.hash,
-                    "dofbench": __version__,
-                    **({} if network is None else {"network": network_digest(network)}),
-                    **({} if optics is None else {"thinlens": optics.record.model_dump()}),
-                    "source": source.model_dump(mode="json", include={"scene", "layout", "geometry"}),
-                }
-            )
-        ),
-        images={image.view: image.sha256 for image in source.images},
-        own_depth=source_id in ("given", "folder"),
-    )
+
+    def identify(options: MakeDataset) -> Identity:
+        parts = {
+            "settings": options.recipe(),
+            "depth": source_id,
+            "plan": plan.hash,
+            "dofbench": __version__,
+            **({} if network is None else {"network": network_digest(network)}),
+            **({} if optics is None else {"thinlens": optics.record.model_dump()}),
+            **({} if options.points == "scene" else {"points": program()}),
+            "source": source.model_dump(mode="json", include={"scene", "layout", "geometry"}),
+        }
+        return Identity(
+            rest=sha256_text(canonical_json(parts)),
+            images={image.view: image.sha256 for image in source.images},
+            own_depth=source_id in ("given", "folder"),
+        )
+
+    identity = identify(settings)
     out = settings.out or default_folder(scene.name)
     with only_writer(out):
         if prepare(out, identity) == "complete":
@@ -127,6 +131,8 @@ def make(
             return out
         if sibling is not None:
             take_over(sibling, out, source, settings)
+        if settings.reuse is not None:
+            take_over_all(settings.reuse, out, lambda points: identify(replace(settings, points=points)).digest)
         _all_in_focus(scene, out, progress)
         depth_record, disparity_range = make_depth(scene, source_id, network, settings, out, progress)
         shared = Photography(
@@ -141,10 +147,12 @@ def make(
             print(optics.remark, file=sys.stderr, flush=True)
         shoot = partial(_shoot, out=out, shared=shared, half=settings.linear == "exr-half", optics=optics)
         records = _shallow(plan, scene, out, shared, shoot, progress)
-        notes = write.geometry(out, scene, _near_far(scene, out, shared.disparity_range))
+        points, points_record = choose_points(scene, settings.points, out, out / WORK / "points", progress)
+        near_far = _near_far(scene, out, shared.disparity_range)
+        notes = write.geometry(out, replace(scene, points=points), near_far)
         write.lens_file(out, shared, records)
         write.sheet(out, f"{scene.name}: {len(records)} views with a known lens", records, shared.disparity_range)
-        write.readme(out, scene, settings, source, depth_record, records, notes, shared.thinlens)
+        write.readme(out, scene, settings, source, depth_record, points_record, records, notes, shared.thinlens)
         write.manifest(
             out,
             name=scene.name,
@@ -152,6 +160,7 @@ def make(
             recipe=settings.recipe(),
             source=source,
             depth=depth_record,
+            points=points_record,
             identity=identity.digest,
         )
         finish(out)
@@ -224,7 +233,7 @@ def _shoot(
     its noise."""
     linear_path, path = layout.linear_path(out, record.name), layout.shallow_path(out, record.name)
     # The noise can't be computed from the photograph's files, so it is kept in a file of its own.
-    noise_path = out / WORK / "noise" / f"{record.name}.json"
+    noise_path = noise_file(out, record.name)
     seen = optics is not None and record.aperture > 0
     if not (linear_path.is_file() and path.is_file() and (noise_path.is_file() or not seen)):
         if optics is None or not seen:

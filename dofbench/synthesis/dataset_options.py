@@ -32,6 +32,7 @@ from dofbench.core.option_rules import (
     option,
 )
 from dofbench.dataset.dealing import Assign
+from dofbench.dataset.points_choice import Points
 from dofbench.dataset.sensor import Sensor
 from dofbench.synthesis.lens_plan import Values
 
@@ -178,6 +179,11 @@ class DatasetOptions:
     decides if a folder has several layouts; auto ignores a transforms.json whose frame differs from that of the COLMAP
     model beside it."""
 
+    points: Points = option("scene", about="scene", kept_with="points")
+    """Where the points come from that a method gets: the scene's own (scene); or, by the given poses, triangulated
+    between the photographs of the training views alone, as they are before (sharp) or after (shallow) the blur. Depth,
+    lenses and photographs are the same with all three."""
+
     photographs: Photographs = option("auto", about="scene", kept_with="photographs")
     """Whether the scene's photographs are shallow already, by an unknown lens: auto, as the layout implies; shallow,
     all of them; shallow-train, the training photographs, while the test photographs are sharp. Such photographs aren't
@@ -198,6 +204,9 @@ class DatasetOptions:
     test_points: int = option(100, at_least(0), about="scene", kept_with="train_f_number")
     """With --test-f-number: leave out test photographs that share fewer sparse points with the training photographs,
     because surfaces that no training photograph saw tell nothing about the aperture."""
+
+    reuse: Path | None = option(None, about="place")
+    """A finished dataset that differs in --points alone: its images and depth are copied instead of made again."""
 
     out: Path | None = option(None, about="place")
     """Folder to write, or with several datasets the folder that contains them all; without it, data/<scene name>."""
@@ -284,6 +293,12 @@ class DatasetOptions:
                     "shallow already",
                     "no option that says how to blur them, or how much",
                 )
+        if self.points == "sharp":
+            found = f"sharp for {scene}, whose photographs are shallow already"
+            raise InputError("--points", found, "scene or shallow")
+        if self.reuse is not None:
+            found = f"a dataset for {scene}, whose photographs are shallow already"
+            raise InputError("--reuse", found, "none, as nothing is blurred")
         if self.depth_source[0] not in ("auto", "given", "folder"):
             raise InputError(
                 "--depth",

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 
 from dofbench import __version__
 from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS, Photographer
+from dofbench.dataset.points_record import PointsRecord, points_in_words
 from dofbench.dataset.schema import DepthRecord, SourceRecord, ThinLensRecord, ViewRecord
 from dofbench.scenes.named.schema import NOT_STATED
 from dofbench.scenes.scene import Scene
@@ -71,6 +73,10 @@ file with its checksum in `dataset.json`, and blurs a part of a view again.
 | `contact_sheet.png` | a few views: original, depth, CoC radius, shallow image |
 | `dataset.json` | source, settings, sha256 and size of every other file |
 
+## What a method sees
+
+{seen}
+
 ## Lens
 
 With `[q_min, q_max] = disparity_range` of `lens.json` and a pixel's depth z:
@@ -134,6 +140,7 @@ def readme_text(
     settings: MakeDataset,
     source: SourceRecord,
     depth: DepthRecord,
+    points: PointsRecord,
     records: Sequence[ViewRecord],
     lost: Sequence[str],
     thinlens: ThinLensRecord | None = None,
@@ -154,6 +161,7 @@ def readme_text(
         size=" and ".join(f"{width}x{height}" for width, height in sizes) + " pixels",
         linear="half" if settings.linear == "exr-half" else "float",
         depth=DEPTH_TEXT[depth.source],
+        seen=seen_text(points),
         gamma=blur.gamma,
         alpha=blur.alpha,
         area=" / (R_i^2 + 0.2)" if blur.energy == "area" else "",
@@ -177,6 +185,17 @@ def evidence_text(source: SourceRecord, photographer: Photographer) -> str:
     """The role of the scene, with the file that states it, and what took the photographs."""
     by = f" Stated in `datasets/{source.role_by.partition('/')[0]}.toml`." if source.role_by else ""
     return f"- {ROLE_SAYS[source.role]}{by}\n- {PHOTOGRAPHER_SAYS[photographer]}"
+
+
+def seen_text(points: PointsRecord) -> str:
+    """What a method sees, in lines of 120 characters: where points and poses come from, and which points are given."""
+    text = f"The photographs and cameras of the training views, and {points.given} points. {points_in_words(points)}"
+    if points.given < points.count:
+        text += (
+            f" `sparse/0` has all {points.count} points; `Dataset.training_set` gives those whose track names a "
+            "training view."
+        )
+    return textwrap.fill(text, 120, break_long_words=False, break_on_hyphens=False)
 
 
 def licence_text(scene: Scene, source: SourceRecord) -> str:

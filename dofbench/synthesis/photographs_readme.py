@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 from dofbench import __version__
 from dofbench.core.exif import Exif
+from dofbench.dataset.points_record import PointsRecord
 from dofbench.dataset.schema import DepthRecord, SourceRecord
 from dofbench.scenes.scene import Scene
 from dofbench.synthesis.dataset_options import MakeDataset
-from dofbench.synthesis.dataset_readme import DEPTH_TEXT, evidence_text, licence_text
+from dofbench.synthesis.dataset_readme import DEPTH_TEXT, evidence_text, licence_text, seen_text
 
 _TEXT = """\
 # {name}: photographs with shallow depth of field, lens unknown
@@ -37,6 +38,10 @@ file with its checksum in `dataset.json`.
 | file | what it is |
 | --- | --- |
 {files}
+
+## What a method sees
+
+{seen}
 
 {exif}## What is not known, and so is not here
 
@@ -69,6 +74,7 @@ def photographs_readme(
     settings: MakeDataset,
     source: SourceRecord,
     depth: DepthRecord | None,
+    points: PointsRecord,
     lost: Sequence[str],
     *,
     bounded: bool,
@@ -94,6 +100,7 @@ def photographs_readme(
         sharp=len(sharp),
         command=settings.command(settings.scene or scene.name),
         files="\n".join(f"| {name} | {what} |" for name, what in files),
+        seen=seen_text(points),
         exif=_exif_text(scene),
         missing="\n".join(f"- {line}" for line in _missing(len(sharp), measured, len(views), bounded)),
         lost="".join(f"\nCareful: {note}.\n" for note in lost),

@@ -23,14 +23,16 @@ from dofbench.dataset.schema import DepthRecord, SourceRecord
 from dofbench.depth.given import require_depth, with_folder_depth
 from dofbench.depth.source import SourceId
 from dofbench.scenes.named import ResolvedScene
+from dofbench.scenes.reconstruction.posed_points import program
 from dofbench.scenes.scene import Scene
 from dofbench.scenes.visibility import visible
 from dofbench.synthesis import write
 from dofbench.synthesis.dataset_options import MakeDataset
 from dofbench.synthesis.depth_record import make_depth
+from dofbench.synthesis.method_points import choose_points
 from dofbench.synthesis.photographs_readme import photographs_readme
 from dofbench.synthesis.scene_source import NEAR_FAR, check_source, encoded, source_record
-from dofbench.synthesis.work import Identity, finish, prepare
+from dofbench.synthesis.work import WORK, Identity, finish, prepare
 
 
 def make_of_photographs(
@@ -58,6 +60,7 @@ def make_of_photographs(
                     "settings": recipe,
                     "photographs": {view.name: view.photograph for view in scene.views},
                     "dofbench": __version__,
+                    **({} if settings.points == "scene" else {"points": program()}),
                     "source": source.model_dump(mode="json", include={"scene", "layout", "geometry"}),
                     **({"exif": exif} if (exif := _exif_data(scene)) else {}),
                 }
@@ -73,13 +76,18 @@ def make_of_photographs(
             return out
         _photographs(scene, out, progress)
         depth, disparity_range = _depth(scene, settings, out, progress)
+        points, points_record = choose_points(scene, settings.points, out, out / WORK / "points", progress)
+        scene = replace(scene, points=points)
         measured = {record.view for record in depth.views} if depth is not None else set()
         notes = write.geometry(out, scene, _near_far(scene, out, measured), measured)
         write.unknown_lens_file(out, scene, disparity_range)
         write.exif_file(out, scene)
         write.photographs_sheet(out, scene, measured, disparity_range)
         bounded = (out / layout.POSES_BOUNDS).is_file()
-        write_text(out / write.README, photographs_readme(scene, settings, source, depth, notes, bounded=bounded))
+        write_text(
+            out / write.README,
+            photographs_readme(scene, settings, source, depth, points_record, notes, bounded=bounded),
+        )
         write.manifest(
             out,
             name=scene.name,
@@ -87,6 +95,7 @@ def make_of_photographs(
             recipe=recipe,
             source=source,
             depth=depth,
+            points=points_record,
             identity=identity.digest,
         )
         finish(out)

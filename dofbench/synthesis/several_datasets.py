@@ -35,6 +35,8 @@ def planned(settings: MakeDatasets) -> tuple[list[MakeDataset], list[ResolvedSce
     if len(scenes) * len(lenses) == 1:
         ((text, name),) = scenes
         return [settings.one(text, settings.out or default_folder(name), lenses[0])], missing
+    if settings.reuse is not None:
+        raise InputError("--reuse", f"{len(scenes) * len(lenses)} datasets to make", "one")
     parent = settings.out or default_folder("")
     datasets = [
         settings.one(text, parent / (f"{name}-{lens[0]}" if lens and len(lenses) > 1 else name), lens)

@@ -1,16 +1,22 @@
-"""Copies sharp images and depth from a finished dataset of the same scene with another lens."""
+"""Copies files from a finished dataset of the same scene: sharp images and depth from one with another lens, and the
+photographs too from one that differs in its points alone."""
 
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
 
+from dofbench.core.errors import InputError
 from dofbench.core.files import replacing, sha256_file, write_json
 from dofbench.dataset import layout
-from dofbench.dataset.schema import MANIFEST, SourceRecord, read_manifest
+from dofbench.dataset.points_choice import Points
+from dofbench.dataset.schema import MANIFEST, LensFile, Manifest, SourceRecord, read_lens_file, read_manifest
 from dofbench.synthesis.dataset_options import DatasetOptions, MakeDataset
-from dofbench.synthesis.work import DEPTH_RECORD, WORK
+from dofbench.synthesis.work import DEPTH_RECORD, NOISE, WORK, noise_file
+
+_TRUTH = (layout.sharp_path, layout.depth_path, layout.confidence_path)
 
 
 def take_over(sibling: Path, out: Path, source: SourceRecord, settings: MakeDataset) -> None:
@@ -24,14 +30,42 @@ def take_over(sibling: Path, out: Path, source: SourceRecord, settings: MakeData
     sharp = [at.name for at in fields(DatasetOptions) if at.metadata.get("sharp")]
     if not same or any(manifest.settings.get(name) != recipe[name] for name in sharp):
         return
-    places = (layout.sharp_path, layout.depth_path, layout.confidence_path)
-    for image in source.images:
+    _copy(sibling, manifest, out, _TRUTH)
+
+
+def take_over_all(other: Path, out: Path, identity: Callable[[Points], str]) -> None:
+    """Copy files missing in `out` from the dataset `other`, which differs in its points alone.
+
+    identity: of the dataset that is being made, if its points were of the given kind. Raises InputError where `other`
+    is no dataset or differs in anything else.
+    """
+    manifest = read_manifest(other)
+    points: Points = manifest.settings.get("points", "scene")
+    if manifest.identity != identity(points):
+        raise InputError(
+            "--reuse", f"{other}, of another scene, split, version or lens", "a dataset that differs in --points alone"
+        )
+    _copy(other, manifest, out, (*_TRUTH, layout.shallow_path, layout.linear_path))
+    lenses = read_lens_file(other)
+    if isinstance(lenses, LensFile) and lenses.thinlens is not None:
+        for view in lenses.known:
+            if view.aperture > 0:
+                write_json(noise_file(out, view.name), {name: getattr(view, name) for name in NOISE})
+
+
+def _copy(other: Path, manifest: Manifest, out: Path, places: Sequence[Callable[[Path, str], Path]]) -> None:
+    """Copy the files of these kinds that `out` lacks and that are as the manifest says, and the record of the depth
+    once all its maps are there."""
+    views = [image.view for image in manifest.source.images]
+    for view in views:
         for place in places:
-            file, path = layout.relative(place, image.view), place(out, image.view)
+            file, path = layout.relative(place, view), place(out, view)
             record = manifest.files.get(file)
-            if record is not None and not path.is_file() and sha256_file(sibling / file) == record.sha256:
-                with replacing(path) as temporary:
-                    shutil.copyfile(sibling / file, temporary)
-    whole = all(place(out, image.view).is_file() for place in places for image in source.images)
+            source = other / file
+            if record is None or path.is_file() or not source.is_file() or sha256_file(source) != record.sha256:
+                continue
+            with replacing(path) as temporary:
+                shutil.copyfile(source, temporary)
+    whole = all(place(out, view).is_file() for place in _TRUTH for view in views)
     if whole and manifest.depth is not None:
         write_json(out / WORK / DEPTH_RECORD, manifest.depth.model_dump(mode="json"))

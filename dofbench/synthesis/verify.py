@@ -31,6 +31,7 @@ from dofbench.scenes.named.roles import contradiction, role_of_recipe
 from dofbench.synthesis import write
 from dofbench.synthesis.depth_record import check_depth
 from dofbench.synthesis.lens_plan import PlannedView
+from dofbench.synthesis.points_check import check_points
 from dofbench.synthesis.render_views import Photography, shallow_image, view_record
 
 # DB, least PSNR of a photograph against the recomputed blur; rounding to 8 bits alone gives 58.9
@@ -46,9 +47,9 @@ def check_dataset(folder: Path) -> list[str]:
 
     Every file is compared with its checksum; the lens of every view is recomputed; a part of the most blurred view is
     blurred again, by the scatter in float64 or by the dataset's renderer; the depth of every view is compared with its
-    neighbours'. Unknown properties of real photographs must be marked as unknown, and the scene's role must be the one
-    that the named datasets' files state. Raises InputError only if there is no
-    manifest.
+    neighbours'; points that the dataset's making triangulated are triangulated again. Unknown properties of real
+    photographs must be marked as unknown, and the scene's role must be the one that the named datasets' files state.
+    Raises InputError only if there is no manifest.
     """
     folder = Path(folder)
     manifest = read_manifest(folder)
@@ -66,7 +67,7 @@ def check_dataset(folder: Path) -> list[str]:
     except InputError as error:
         return [str(error)]
     blur = _check_blur(folder, lenses) if isinstance(lenses, LensFile) else []
-    return [*blur, *check_depth(dataset)]
+    return [*blur, *check_depth(dataset), *check_points(dataset)]
 
 
 def blurred_again(

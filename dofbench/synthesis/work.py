@@ -16,6 +16,13 @@ from dofbench.dataset.schema import MANIFEST, Manifest, read_manifest
 WORK = ".work"
 DEPTH_RECORD = "depth.json"
 _STATE = "state.json"
+# The fields of a view's record in lens.json that its photograph's files don't tell: the noise of a sampled lens.
+NOISE = ("noise_rms_linear", "noise_psnr_db")
+
+
+def noise_file(root: Path, view: str) -> Path:
+    """Where the noise of a view's photograph is kept until lens.json is written."""
+    return root / WORK / "noise" / f"{view}.json"
 
 
 @dataclass(frozen=True)

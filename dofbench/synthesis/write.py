@@ -14,13 +14,12 @@ from dofbench.core.files import sha256_file, write_json, write_text
 from dofbench.core.images import read_exr, read_image, to_8bit, write_png
 from dofbench.core.lens import DisparityRange
 from dofbench.dataset import layout
+from dofbench.dataset.points_record import PointsRecord
 from dofbench.dataset.schema import (
-    ALL_KNOWN,
     LENS_FILE,
     MANIFEST,
-    ROLE_STATED,
     SCHEMA,
-    SOME_UNKNOWN,
+    STATED,
     DepthRecord,
     FileRecord,
     LensFile,
@@ -109,13 +108,14 @@ def readme(
     settings: MakeDataset,
     source: SourceRecord,
     depth: DepthRecord,
+    points: PointsRecord,
     records: Sequence[ViewRecord],
     notes: Sequence[str],
     thinlens: ThinLensRecord | None,
 ) -> None:
     """Write the dataset's README. notes: what the layouts can't represent. thinlens: record of the renderer "thinlens",
     or None."""
-    write_text(root / README, readme_text(scene, settings, source, depth, records, notes, thinlens))
+    write_text(root / README, readme_text(scene, settings, source, depth, points, records, notes, thinlens))
 
 
 def expected_files(root: Path, source: SourceRecord, depth: DepthRecord | None) -> list[str]:
@@ -159,6 +159,7 @@ def manifest(
     recipe: Mapping[str, object],
     source: SourceRecord,
     depth: DepthRecord | None,
+    points: PointsRecord,
     identity: str,
 ) -> None:
     """Write dataset.json with all files of the folder, which makes the dataset complete. recipe: the settings to
@@ -167,10 +168,9 @@ def manifest(
         file: FileRecord(sha256=sha256_file(root / file), size=(root / file).stat().st_size)
         for file in expected_files(root, source, depth)
     }
-    known = depth is not None and all(image.photograph is None for image in source.images)
     record = Manifest(
         schema=SCHEMA,
-        version=ROLE_STATED if source.role is not None else ALL_KNOWN if known else SOME_UNKNOWN,
+        version=STATED,
         name=name,
         dofbench=__version__,
         command=settings.command(settings.scene or name),
@@ -179,6 +179,7 @@ def manifest(
         settings=dict(recipe),
         source=source,
         depth=depth,
+        points=points,
         files=files,
     )
     write_json(root / MANIFEST, as_json(record))

@@ -127,6 +127,8 @@ def manifest_with(folder, **values):
         (lambda folder: (folder / "dataset.json").write_text("{"), "JSON"),
         (lambda folder: (folder / "dataset.json").write_text("[]"), "another kind of JSON"),
         (lambda folder: manifest_with(folder, version=4), "schema version 4"),
+        (lambda folder: manifest_with(folder, version=2), "points in schema version 2"),
+        (lambda folder: manifest_with(folder, points=None), "no points in schema version 3"),
         (lambda folder: manifest_with(folder, seed="lucky"), "seed"),
         (lambda folder: (folder / "lens.json").unlink(), "lens.json"),
         (lambda folder: (folder / "transforms.json").unlink(), "transforms.json"),

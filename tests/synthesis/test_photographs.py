@@ -102,7 +102,7 @@ def test_what_is_known_is_there_and_nothing_else(made: Path, blurred: Path, cont
         ]
     }
     manifest = json.loads((made / "dataset.json").read_text())
-    assert manifest["version"] == 2 and "depth" not in manifest
+    assert manifest["version"] == 3 and "depth" not in manifest
     assert not {"focus", "aperture", "gamma", "renderer", "assign"} & manifest["settings"].keys()
     for name in TRAIN + TEST:
         np.testing.assert_array_equal(
@@ -369,7 +369,7 @@ def mixed(dataset_folder: Path, tmp_path: Path) -> Path:
     )
     edit(
         folder / "dataset.json",
-        lambda manifest: (manifest.update(version=2), manifest["source"]["images"][0].update(photograph="shallow")),
+        lambda manifest: manifest["source"]["images"][0].update(photograph="shallow"),
     )
     recorded(folder)
     return folder
@@ -387,10 +387,21 @@ def test_one_test_view_without_a_lens(mixed: Path, dataset_folder: Path) -> None
         Dataset.load(mixed)
 
 
-def test_a_dataset_with_every_lens_known_is_of_the_first_version(dataset_folder: Path) -> None:
+def test_of_a_dataset_with_every_lens_known_no_image_is_called_a_photograph(dataset_folder: Path) -> None:
     manifest = json.loads((dataset_folder / "dataset.json").read_text())
-    assert manifest["version"] == 1 and "photographs" not in manifest["settings"]
+    assert "photographs" not in manifest["settings"]
     assert not any("photograph" in image for image in manifest["source"]["images"])
+
+
+def test_datasets_of_older_schema_versions_are_read(mixed: Path, dataset_folder: Path, tmp_path: Path) -> None:
+    """They say nothing of their points: version 1 knows every lens, version 2 not."""
+    known = shutil.copytree(dataset_folder, tmp_path / "known")
+    for folder, version in ((known, 1), (mixed, 2)):
+        edit(
+            folder / "dataset.json", lambda manifest, to=version: (manifest.update(version=to), manifest.pop("points"))
+        )
+        assert check_dataset(folder) == []
+        assert Dataset.load(folder).points_record is None
 
 
 def test_blown_out_photographs_are_shrunk_by_a_factor_that_is_not_whole(blurred: Path, tmp_path: Path, capsys) -> None:

@@ -138,13 +138,17 @@ def test_every_option_says_what_it_is_about():
 
 def test_the_recipe_keeps_what_decides_the_content_in_the_order_of_the_options():
     names = [at.name for at in fields(DatasetOptions)]
-    left_out = {"data_root", "out", "photographs", "train_f_number", "test_f_number", "test_points"}
+    places = ("data_root", "out", "reuse")
+    left_out = {*places, "points", "photographs", "train_f_number", "test_f_number", "test_points"}
     assert list(MakeDataset().recipe()) == [name for name in names if name not in left_out]
-    asked = MakeDataset(photographs="shallow", train_f_number=2.0, test_f_number=8.0, out=Path("there"))
-    assert list(asked.recipe()) == [name for name in names if name not in ("data_root", "out")]
-    kept = ["width", "hold", "depth", "depth_unit", "images", "layout", "photographs"]
-    assert list(MakeDataset().photograph_recipe()) == kept
-    assert list(asked.photograph_recipe()) == [*kept, "train_f_number", "test_f_number", "test_points"]
+    asked = MakeDataset(
+        points="shallow", photographs="shallow", train_f_number=2.0, test_f_number=8.0, out=Path("there")
+    )
+    assert list(asked.recipe()) == [name for name in names if name not in places]
+    kept = ["width", "hold", "depth", "depth_unit", "images", "layout"]
+    assert list(MakeDataset().photograph_recipe()) == [*kept, "photographs"]
+    of_photographs = ["points", "photographs", "train_f_number", "test_f_number", "test_points"]
+    assert list(asked.photograph_recipe()) == [*kept, *of_photographs]
 
 
 def test_the_settings_give_the_blur_that_they_describe():

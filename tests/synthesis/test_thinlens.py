@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_up import cloud
 from tolerances import FLOAT32_VALUE, LEVEL_8BIT, SCATTER_OF_A_LENS
 
 from dofbench.core.errors import InputError
@@ -19,8 +20,9 @@ from dofbench.core.progress import Silent
 from dofbench.optics.tone import encode
 from dofbench.procedural import make_scene
 from dofbench.procedural.scene_options import MakeScene
-from dofbench.synthesis import check_dataset, make_dataset
+from dofbench.synthesis import Dataset, check_dataset, make_dataset, method_points
 from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.synthesis.photographing import Optics
 
 pytest.importorskip("mitsuba", reason="mitsuba is not installed (extra: render)")
 
@@ -122,6 +124,30 @@ def test_a_closed_aperture_and_a_noisy_sensor(rendered: Path, tmp_path: Path) ->
     assert (closed / "images/view_001.png").read_bytes() == (closed / "all_in_focus/view_001.png").read_bytes()
     assert "noise_rms_linear" not in json.loads((closed / "lens.json").read_text())["views"][0]
     assert check_dataset(made(rendered, tmp_path / "noisy", photons=500.0, lens_samples=32)) == []
+
+
+def test_points_change_no_photograph(
+    rendered: Path, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, contents: Callable
+) -> None:
+    """Photographs and their noise are taken over, not rendered again; two training views have no points of their own,
+    so these are made up."""
+    camera = Dataset.load(dataset).training_views()[0].camera
+    in_front = np.column_stack([np.random.default_rng(0).uniform(-0.2, 0.2, (100, 2)), np.full((100, 2), (9.0, 1.0))])
+    points = cloud((in_front @ camera.camera_to_world.T)[:, :3], [np.array([0, 1])] * 100)
+    monkeypatch.setattr(method_points, "triangulated_points", lambda *_, **__: points)
+    monkeypatch.setattr(Optics, "photograph", lambda *_, **__: pytest.fail("rendered again"))
+    found = contents(made(rendered, tmp_path / "out", points="shallow", reuse=dataset))
+    before = contents(dataset)
+    assert {name for name in before if before[name] != found.get(name)} == {
+        "README.md",
+        "dataset.json",
+        "sparse/0/images.bin",
+        "sparse/0/points3D.bin",
+    }
+    record = json.loads(found["dataset.json"])["points"]
+    assert (record["origin"], record["poses"], record["given"]) == ("triangulation", "exact", 100)
+    usual = json.loads(before["dataset.json"])["points"]
+    assert (usual["origin"], usual["poses"], usual["photographs"]) == ("rendered scene", "exact", "sharp")
 
 
 def test_wrong_input(rendered: Path, scene: Path, tmp_path: Path) -> None:

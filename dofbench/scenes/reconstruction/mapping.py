@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -136,12 +137,20 @@ def _largest(models: dict[int, Any], attempt: str) -> Mapped | None:
 
 
 def triangulate(
-    database: Path, folder: Path, work: Path, photographs: Sequence[Prepared], seed: int, sign: Callable[[], None]
+    database: Path,
+    folder: Path,
+    work: Path,
+    photographs: Sequence[Prepared],
+    seed: int,
+    sign: Callable[[], None],
+    *,
+    error: float | None = None,
 ) -> Any:
     """Points (a pycolmap.Reconstruction) of photographs whose poses are known and held fixed.
 
     Tracks that cameras see under a smaller angle than 1.5 degrees, or miss by 4 pixels, are left out, as COLMAP does.
-    sign: called often meanwhile.
+    sign: called often meanwhile. error: pixels in place of these 4, and the angle of twice as many in place of COLMAP's
+    2 degrees between a ray and the point that it is taken to see.
     """
     import pycolmap
 
@@ -162,6 +171,12 @@ def triangulate(
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads, options.random_seed = 1, seed
     options.triangulation.random_seed = seed
+    if error is not None:
+        options.mapper.filter_max_reproj_error = error
+        options.triangulation.merge_max_reproj_error = options.triangulation.complete_max_reproj_error = error
+        focal = min(camera.mean_focal_length() for camera in posed.cameras.values())
+        angle = math.degrees(math.atan(2 * error / focal))
+        options.triangulation.create_max_angle_error = options.triangulation.continue_max_angle_error = angle
     return wait(lambda: pycolmap.triangulate_points(posed, database, folder, _emptied(work), options=options), sign)
 
 

@@ -45,10 +45,12 @@ def match(
     threads: int,
     wait: Wait,
     advance: Callable[[int], None],
+    error: float | None = None,
 ) -> None:
     """Match the pairs and keep what one geometry explains; pairs that the database has are passed over.
 
-    work: folder for the list of pairs. advance: called with the number of pairs done.
+    work: folder for the list of pairs. advance: called with the number of pairs done. error: pixels by which a match
+    may miss the geometry; None for COLMAP's own.
     """
     import pycolmap
 
@@ -56,6 +58,8 @@ def match(
     matching.num_threads = threads
     geometry = pycolmap.TwoViewGeometryOptions()
     geometry.ransac.random_seed = seed
+    if error is not None:
+        geometry.ransac.max_error = error
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = work / "pairs.txt"
     for start in range(0, len(pairs), _AT_ONCE):

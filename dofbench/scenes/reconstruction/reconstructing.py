@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import sys
 import time
@@ -12,18 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from dofbench import __version__
-from dofbench.compute.threads import available_cores
 from dofbench.core.errors import InputError
 from dofbench.core.file_lock import only_writer
 from dofbench.core.files import canonical_json, read_json, sha256_text, write_json
 from dofbench.core.progress import Progress
-from dofbench.scenes.reconstruction.features import extract, register_images
+from dofbench.scenes.reconstruction.comparing import compare
 from dofbench.scenes.reconstruction.focal_length import group_by_camera
-from dofbench.scenes.reconstruction.interruptible import wait
 from dofbench.scenes.reconstruction.kept_steps import RECORD, Work
 from dofbench.scenes.reconstruction.mapping import map_photographs, triangulate
-from dofbench.scenes.reconstruction.matching import choose_pairs, match, verified
-from dofbench.scenes.reconstruction.pairs import choose
+from dofbench.scenes.reconstruction.matching import verified
 from dofbench.scenes.reconstruction.photograph_list import LEAST, Prepared, prepare
 from dofbench.scenes.reconstruction.photograph_source import Source, find_source
 from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
@@ -94,37 +90,24 @@ def _stages(
             photographs, "shared" if source.kind == "video" else settings.cameras, settings.sensor_width
         )
     )
-    threads = _threads()
-    with work.timed("features"), progress.stage("features", len(photographs)) as advance:
-        register_images(work.database, work.photographs, photographs, groups, settings.camera_model)
-        features = extract(
-            work.database,
-            work.photographs,
-            photographs,
-            most=settings.features,
-            threads=threads,
-            wait=wait,
-            advance=advance,
-        )
-    matching = choose(settings.matching, len(photographs), source.kind == "video")
-    with work.timed("matches"):
-        pairs = choose_pairs(matching, work.database, photographs, settings.seed)
-        with progress.stage("matches", len(pairs)) as advance:
-            match(
-                work.database,
-                photographs,
-                pairs,
-                work.folder,
-                seed=settings.seed,
-                threads=threads,
-                wait=wait,
-                advance=advance,
-            )
+    compared = compare(
+        work.database,
+        work.photographs,
+        photographs,
+        groups,
+        progress,
+        matching=settings.matching,
+        camera_model=settings.camera_model,
+        most=settings.features,
+        seed=settings.seed,
+        video=source.kind == "video",
+        timed=work.timed,
+    )
     found = _map(settings, source, work, photographs, progress, say)
     model = _read(work.model) if found is not None else None
     agreed = verified(work.database, photographs)
     others = [] if found is None else found["others"]
-    views = view_reports(photographs, features, agreed, model, others)
+    views = view_reports(photographs, compared.features, agreed, model, others)
     lines = tuple(remarks(views, source.kind == "video"))
     if model is None or found is None:
         nothing = (
@@ -145,7 +128,7 @@ def _stages(
         placed,
         mapping=found,
         seconds=work.seconds(),
-        matching={"mode": matching, "pairs": len(pairs), "verified_pairs": len(agreed)},
+        matching={"mode": compared.matching, "pairs": len(compared.pairs), "verified_pairs": len(agreed)},
     )
     write_json(work.scene / RECORD, content)
     work.finish()
@@ -239,11 +222,6 @@ def _summary(content: dict[str, Any]) -> str:
         f"{done} of {len(content['views'])} photographs have poses, {content['points']} points, "
         f"{content['mean_reprojection_error']:.2f} px"
     )
-
-
-def _threads() -> int:
-    told = os.environ.get("OMP_NUM_THREADS", "").split(",")[0]
-    return max(1, int(told)) if told.isdigit() else available_cores()
 
 
 def _print(line: str) -> None:

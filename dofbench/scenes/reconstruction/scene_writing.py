@@ -38,7 +38,7 @@ def write_scene(
             image = read_image(work.photographs / view.file_name)
             write_png(path, undistort_image(image, lens))
         advance(index + 1)
-    points = None if model.points is None else _in_front(model.points, cameras)
+    points = None if model.points is None else in_front(model.points, cameras)
     export.write_colmap(work.scene, names, cameras, points)
     if holds_split:
         export.write_transforms(
@@ -52,9 +52,9 @@ def write_scene(
     return {view.name: lens for view, lens in zip(views, model.intrinsics, strict=True)}
 
 
-def _in_front(points: PointCloud, cameras: Sequence[Camera]) -> PointCloud:
+def in_front(points: PointCloud, cameras: Sequence[Camera]) -> PointCloud:
     """Tracks without views that the point lies behind, which no lens can have seen."""
     if points.views is None:
         return points
-    in_front = np.stack([camera.project(points.xyz)[1] > 0 for camera in cameras])
-    return replace(points, views=tuple(track[in_front[track, index]] for index, track in enumerate(points.views)))
+    before = np.stack([camera.project(points.xyz)[1] > 0 for camera in cameras])
+    return replace(points, views=tuple(track[before[track, index]] for index, track in enumerate(points.views)))
