@@ -178,11 +178,11 @@ ROUNDED_LEVEL = 1e-9
 # Half a unit of the last printed digit of a mean, and of each value that it is of.
 PRINTED_MEAN = {
     "psnr": 0.0101,
-    "ssim": 0.00101,
+    "ssim_uniform7": 0.00101,
     "delta_a": 0.00101,
     "delta_f": 0.00101,
     "aif_psnr": 0.0101,
-    "aif_ssim": 0.00101,
+    "aif_ssim_uniform7": 0.00101,
 }
 # The blur of an edge, as a factor: the window in which it is measured cuts the tails of a wide one.
 EDGE_BLUR = 1.25
