@@ -12,7 +12,8 @@ NUMBER = re.compile(
 )
 # Numbers that name or set something, on every page; whatever else isn't measured is declared page by page.
 NAMES = re.compile(
-    r"""(?:Tables?|Eq\.|Eqs\.|rows?|[Ss]eeds?|Zen|section|Algorithm|Python|commit)\s\d+(?:\.\d+)*(?:(?:,|\sand|\sto|\sor)\s\d+)*
+    r"""(?:Tables?|Eq\.|Eqs\.|rows?|[Ss]eeds?|Zen|section|Algorithm|Python)\s\d+(?:\.\d+)*(?:(?:,|\sand|\sto|\sor)\s\d+)*
+    | \b(?=[0-9a-f]*[0-9])[0-9a-f]{7}\b                                            # commits
     | \d+\s×\s\d+(?:\s×\s\d+)?                                                  # sizes in pixels
     | \d[\d\s]*\ssteps | \d+\s(?:px|pixels)\swide | f/\d+(?:\.\d+)?
     | \b[AF]\s(?:=\s|of\s|dealt\sfrom\s)?(?:0|0\.2|0\.5|0\.8|1|1\.0|1\.5)(?:,?(?:\sand|\sor)?\s(?:0|0\.2|0\.5|0\.8|1))*(?![.\d])
@@ -77,12 +78,16 @@ def tables(page: str) -> list[Table]:
     return found
 
 
+def number_of(said: str) -> float:
+    """The number that a figure says."""
+    return float(said.replace(" ", "").replace("−", "-"))
+
+
 def agrees(said: str, known: float) -> bool:
     """Whether a figure is the value, rounded to the digits that the figure has."""
-    text = said.replace(" ", "").replace("−", "-")
-    mantissa, _, power = text.partition("e")
+    mantissa, _, power = said.replace("−", "-").partition("e")
     unit = 10.0 ** (int(power or 0) - len(mantissa.partition(".")[2]))
-    return abs(float(text) - known) <= 0.5 * unit * (1 + 1e-9) + 1e-12 * abs(known)
+    return abs(number_of(said) - known) <= 0.5 * unit * (1 + 1e-9) + 1e-12 * abs(known)
 
 
 def _cells(line: str) -> tuple[str, ...]:

@@ -17,7 +17,7 @@
     columns = ["", "psnr; ssim"]        # the values of a cell's numbers, in order; "": not measured
     [[page.sentence]]
     text = "fern has <31.39> dB, <0.2> dB more than before"
-    is = ["fern.psnr.mean", "fern.psnr.mean - before.psnr"]
+    is = ["fern.psnr.mean", "fern.psnr.mean - before.psnr"]     # "under x", "over x": a bound of x
 
     [[generated]]                       # a table that a command writes from its CSV
     file = "board.md"
@@ -39,7 +39,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from figure_numbers import NAMES, Figure, Table, agrees, numbers, plain, sentences, tables
+from figure_numbers import NAMES, Figure, Table, agrees, number_of, numbers, plain, sentences, tables
 from figure_values import NoSuchValue, Rows, csv_values, evaluate, select
 
 _TIED = re.compile(r"<([^<>\s][^<>]*)>")
@@ -120,7 +120,8 @@ def _in_sentences(page: Page) -> Iterator[str]:
             yield f"{bare!r}: {len(figures)} figures in angle brackets, but {len(entry['is'])} values"
             continue
         for figure, expression in zip(figures, entry["is"], strict=True):
-            yield from _compare(figure, evaluate(expression, page.names), f"{bare!r}: {expression}")
+            bound, words = _bound(expression)
+            yield from _compare(figure, evaluate(words, page.names), f"{bare!r}: {expression}", bound)
     for figure in numbers(text):
         if not any(start <= figure.start and figure.end <= end for start, end in covered):
             around = text[max(0, figure.start - 50) : figure.end + 30]
@@ -136,14 +137,25 @@ def _spans(words: str, text: str) -> list[tuple[int, int]]:
     return [found.span() for found in re.finditer(re.escape(words), text)]
 
 
-def _compare(said: str, known: Any, where: str) -> Iterator[str]:
+def _bound(expression: str) -> tuple[str, str]:
+    """("under" or "over" or "", the rest) of a value that a figure is a bound of, as "under fern.p" for "p < 0.01"."""
+    first, _, rest = expression.partition(" ")
+    return (first, rest) if first in ("under", "over") else ("", expression)
+
+
+def _compare(said: str, known: Any, where: str, bound: str = "") -> Iterator[str]:
     figure = list(numbers(said))
     if len(figure) != 1 or figure[0].said != said.strip():
         yield f"{where}: {said!r} is not one number"
     elif not isinstance(known, (int, float)):
         yield f"{where}: the page says {said}, the CSV {'nothing' if known is None else known}"
-    elif not agrees(said, known):
+    elif not (_holds(said, known, bound) if bound else agrees(said, known)):
         yield f"{where}: the page says {said}, the CSV {known:g}"
+
+
+def _holds(said: str, known: float, bound: str) -> bool:
+    limit = number_of(said)
+    return known <= limit if bound == "under" else known >= limit
 
 
 # ---- tables ----
@@ -191,7 +203,8 @@ def _in_table(page: Page, entry: dict[str, Any], table: Table) -> Iterator[str]:
 
 def _in_cell(cell: str, column: str, known: dict[str, Any], where: str) -> Iterator[str]:
     values = [evaluate(expression.strip(), known) for expression in column.split(";")]
-    there = [value for value in values if value is not None]
+    flat = [one for value in values for one in (value if isinstance(value, list) else [value])]
+    there = [value for value in flat if value is not None]
     said = list(numbers(cell))
     if len(said) != len(there):
         yield f"{where}: {cell!r} has {len(said)} numbers, {column!r} has {len(there)}"
@@ -227,6 +240,6 @@ def _in_csv(page: Page) -> Iterator[str]:
 
 
 def _is_among(said: str, values: list[float]) -> bool:
-    number = float(said.replace(" ", "").replace("−", "-"))
+    number = number_of(said)
     place = bisect.bisect_left(values, number)
     return any(agrees(said, value) for value in values[max(0, place - 1) : place + 1])

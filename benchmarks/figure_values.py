@@ -125,6 +125,11 @@ def _off(values: Any, place: float) -> float:
     return statistics.fmean(abs(value - place) for value in _list(values))
 
 
+def _differences(one: list[float], other: list[float]) -> list[float]:
+    """Of two lists, place by place."""
+    return [a - b for a, b in zip(one, other, strict=True)]
+
+
 def _list(values: Any) -> list[float]:
     return [value for value in (values if isinstance(values, list) else [values]) if value is not None]
 
@@ -136,6 +141,7 @@ _FUNCTIONS: dict[str, Any] = {
     "least": _least,
     "largest": _largest,
     "off": _off,
+    "differences": _differences,
     "count": len,
     "abs": abs,
     "round": round,
