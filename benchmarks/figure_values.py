@@ -49,6 +49,11 @@ class Rows:
         found = [record for record in self._records if evaluate(condition, dict(record))]
         return Rows(found, self._by, f"{self._where}, {condition}")
 
+    def among(self, column: str, values: Sequence[Any]) -> Rows:
+        """The rows whose column has one of the values."""
+        found = [record for record in self._records if record[column] in values]
+        return Rows(found, self._by, f"{self._where}, {column}")
+
 
 def select(folder: Path, chosen: Mapping[str, Any]) -> Rows:
     """The rows of `chosen["csv"]`, a path from the folder, whose columns have the values of the other keys; `by`: see
@@ -120,9 +125,22 @@ def _largest(*values: Any) -> float:
     return max(number for value in values for number in _list(value))
 
 
-def _off(values: Any, place: float) -> float:
+def _distance(values: Any, place: float) -> float:
     """Mean distance of the values from a place."""
     return statistics.fmean(abs(value - place) for value in _list(values))
+
+
+def _tally(rows: Rows, condition: str) -> list[float]:
+    """How many rows a condition holds for, and how many there are."""
+    return [len(rows.where(condition)), len(rows)]
+
+
+def _share(rows: Rows, condition: str) -> list[float]:
+    """The same, and the 95 % interval of the share in per cent (Wilson, 1927)."""
+    found, of = _tally(rows, condition)
+    z, p = 1.96, found / of
+    middle, reach = p + z * z / (2 * of), z * math.sqrt(p * (1 - p) / of + z * z / (4 * of * of))
+    return [found, of, *(max(0.0, 100 * (middle + side * reach) / (1 + z * z / of)) for side in (-1, 1))]
 
 
 def _differences(one: list[float], other: list[float]) -> list[float]:
@@ -140,7 +158,9 @@ _FUNCTIONS: dict[str, Any] = {
     "median": _median,
     "least": _least,
     "largest": _largest,
-    "off": _off,
+    "distance": _distance,
+    "tally": _tally,
+    "share": _share,
     "differences": _differences,
     "count": len,
     "abs": abs,
