@@ -14,7 +14,7 @@ NUMBER = re.compile(
 NAMES = re.compile(
     r"""(?:Tables?|Eq\.|Eqs\.|rows?|[Ss]eeds?|Zen|section|Algorithm|Python)\s\d+(?:\.\d+)*(?:(?:,|\sand|\sto|\sor)\s\d+)*
     | \b(?=[0-9a-f]*[0-9])[0-9a-f]{7}\b                                            # commits
-    | \d+\s×\s\d+(?:\s×\s\d+)?                                                  # sizes in pixels
+    | \d+\s[×x]\s\d+(?:\s[×x]\s\d+)?                                            # sizes in pixels
     | \d[\d\s]*\ssteps | \d+\s(?:px|pixels)\swide | f/\d+(?:\.\d+)?
     | \b[AF]\s(?:=\s|of\s|dealt\sfrom\s)?(?:0|0\.2|0\.5|0\.8|1|1\.0|1\.5)(?:,?(?:\sand|\sor)?\s(?:0|0\.2|0\.5|0\.8|1))*(?![.\d])
     | \b[AF]\s∈\s\{[^}]*\}""",
@@ -52,9 +52,9 @@ def numbers(text: str) -> Iterator[Figure]:
 
 def plain(text: str) -> str:
     """A text in one line, without emphasis and targets of links; digits of code count as none."""
-    text = _LINK.sub(r"\1", text)
+    text = " ".join(_LINK.sub(r"\1", text).split())
     text = _CODE.sub(lambda code: re.sub(r"\d", "_", code.group()), text)
-    return " ".join(text.replace("**", "").split())
+    return text.replace("**", "")
 
 
 def sentences(page: str) -> str:
