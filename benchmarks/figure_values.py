@@ -49,6 +49,11 @@ class Rows:
         found = [record for record in self._records if evaluate(condition, dict(record))]
         return Rows(found, self._by, f"{self._where}, {condition}")
 
+    def only(self, **wanted: Any) -> Rows:
+        """The rows whose columns have these values."""
+        found = [record for record in self._records if all(_same(record[name], value) for name, value in wanted.items())]
+        return Rows(found, self._by, f"{self._where}, {wanted}")
+
     def among(self, column: str, values: Sequence[Any]) -> Rows:
         """The rows whose column has one of the values."""
         found = [record for record in self._records if record[column] in values]
@@ -125,6 +130,11 @@ def _largest(*values: Any) -> float:
     return max(number for value in values for number in _list(value))
 
 
+def _capped(values: Any, limit: float) -> list[float]:
+    """The values, none above the limit: an infinite PSNR as one of 100 dB."""
+    return [min(value, limit) for value in _list(values)]
+
+
 def _distance(values: Any, place: float) -> float:
     """Mean distance of the values from a place."""
     return statistics.fmean(abs(value - place) for value in _list(values))
@@ -158,6 +168,7 @@ _FUNCTIONS: dict[str, Any] = {
     "median": _median,
     "least": _least,
     "largest": _largest,
+    "capped": _capped,
     "distance": _distance,
     "tally": _tally,
     "share": _share,
