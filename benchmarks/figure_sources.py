@@ -40,7 +40,8 @@ def calls(page: Page) -> Iterator[list[str]]:
     """The calls of dofbench and of scripts in benchmarks/ on a page and in its figures.toml, as words. Code within a
     line counts if it is a whole call."""
     rest = _FENCE.sub("", page.text)
-    within = [code for code in _CODE.findall(rest) if len(code.split()) > 2]  # not the mere name of a command
+    # Not the mere name of a command
+    within = [code for code in _CODE.findall(rest) if code.startswith("python ") or len(code.split()) > 2]
     blocks = [] if page.generated else [*_FENCE.findall(page.text), *_INDENTED.findall(rest), *within]
     for block in (*blocks, *page.given.get("commands", [])):
         for line in block.replace("\\\n", " ").splitlines():
