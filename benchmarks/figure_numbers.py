@@ -8,16 +8,18 @@ from dataclasses import dataclass, field
 
 # Thousands are set apart by a space; a sign counts unless it joins two words, as in "a 9-view set".
 NUMBER = re.compile(
-    r"(?<![\w.#])(?<![A-Za-z]-)(?:(?<![\w)])[+\-−])?(?:\d{1,3}(?: \d{3})+(?!\d)|\d+(?:\.\d+)?(?:e[+\-−]?\d+)?)(?![\w]|\.\d)"
+    r"(?<![\w.#])(?<![A-Za-z]-)(?:(?<![\w)])[+\-−])?"
+    r"(?:\d{1,3}(?: \d{3})+(?!\d)|\d+(?:\.\d+)?(?:e[+\-−]?\d+)?)(?![\w]|\.\d)"
 )
+_SETTING = r"(?:0|0\.2|0\.5|0\.8|1|1\.0|1\.5)"  # of an aperture or a focus, in the datasets that the pages are about
 # Numbers that name or set something, on every page; whatever else isn't measured is declared page by page.
 NAMES = re.compile(
-    r"""(?:Tables?|Eq\.|Eqs\.|rows?|[Ss]eeds?|Zen|section|Algorithm|Python)\s\d+(?:\.\d+)*(?:(?:,|\sand|\sto|\sor)\s\d+)*
-    | \b(?=[0-9a-f]*[0-9])[0-9a-f]{7}\b                                            # commits
+    rf"""(?:Tables?|Eq\.|Eqs\.|rows?|[Ss]eeds?|Zen|section|Algorithm|Python)\s\d+(?:\.\d+)*(?:(?:,|\sand|\sto|\sor)\s\d+)*
+    | \b(?=[0-9a-f]*[0-9])[0-9a-f]{{7}}\b                                            # commits
     | \d+\s[×x]\s\d+(?:\s[×x]\s\d+)?                                            # sizes in pixels
     | \d[\d\s]*\ssteps | \d+\s(?:px|pixels)\swide | f/\d+(?:\.\d+)?
-    | \b[AF]\s(?:=\s|of\s|dealt\sfrom\s)?(?:0|0\.2|0\.5|0\.8|1|1\.0|1\.5)(?:,?(?:\sand|\sor)?\s(?:0|0\.2|0\.5|0\.8|1))*(?![.\d])
-    | \b[AF]\s∈\s\{[^}]*\}""",
+    | \b[AF]\s(?:=\s|of\s|dealt\sfrom\s)?{_SETTING}(?:,?(?:\sand|\sor)?\s{_SETTING})*(?![.\d])
+    | \b[AF]\s∈\s\{{[^}}]*\}}""",
     re.VERBOSE,
 )
 _FENCE = re.compile(r"^(?:<!-- .*? -->\n)?```\w*\n.*?^```$", re.MULTILINE | re.DOTALL)

@@ -1,5 +1,6 @@
 """Pages with figures, and what each figure is tied to: the `figures.toml` beside them.
 
+    settings = ["rules.md"]             # pages that state limits and other people's figures alone; of docs/ only
     [default]                           # of all pages of this file, unless a page says otherwise
     commits = ["217b1e9"]               # that made the figures
     machine = "two cores, nothing else running"
@@ -13,7 +14,8 @@
     [[page.table]]
     head = "| scene | PSNR |"           # how the table's first line begins
     from = { csv = "board.csv" }        # what the rows have in common
-    rows = [{ scene = "fern" }, "flower", ""]           # keys, one of page.rows, columns of its own, or "": not measured
+    # A row: keys, one of page.rows, a list of columns of its own, or "", not measured
+    rows = [{ scene = "fern" }, "flower", ""]
     columns = ["", "psnr; ssim"]        # the values of a cell's numbers, in order; "": not measured
     [[page.sentence]]
     text = "fern has <31.39> dB, <0.2> dB more than before"
@@ -24,8 +26,8 @@
     csv = ["board.csv"]
     tables = ["| method |"]             # whose numbers must be in the CSV, digit by digit
 
-Values are Python expressions: `benchmarks/figure_values.py`. Every number of a page is in a table, in angle brackets of a
-sentence, in `not_measured`, or is a name or size that all pages know (`NAMES` in `benchmarks/figure_numbers.py`).
+Values are Python expressions: `benchmarks/figure_values.py`. Every number of a page is in a table, in angle brackets of
+a sentence, in `not_measured`, or is a name or size that all pages know (`NAMES` in `benchmarks/figure_numbers.py`).
 """
 
 from __future__ import annotations
@@ -42,6 +44,7 @@ from typing import Any
 from figure_numbers import NAMES, Figure, Table, agrees, number_of, numbers, plain, sentences, tables
 from figure_values import NoSuchValue, Rows, csv_values, evaluate, select
 
+QUANTITY = re.compile(r"\d (?:dB|ms|s|min|GB|MB)\b")  # what a page of docs/ measures, if it measures anything
 _TIED = re.compile(r"<([^<>\s][^<>]*)>")
 _KEYS = {"file", "commits", "machine", "commands", "not_measured", "rows", "table", "sentence", "csv", "tables"}
 
@@ -88,6 +91,11 @@ def pages_of(file: Path) -> list[Page]:
                 raise ValueError(f"{file}: {entry.get('file')}: unknown {', '.join(sorted(unknown))}")
             found.append(Page(file.parent, {**default, **entry}, kind == "generated"))
     return found
+
+
+def settings(file: Path) -> list[str]:
+    """The pages beside a figures.toml that state limits and other people's figures alone."""
+    return list(tomllib.loads(file.read_text(encoding="utf-8")).get("settings", []))
 
 
 def problems(page: Page) -> Iterator[str]:
@@ -226,9 +234,11 @@ def _measured(cell: str) -> list[Figure]:
 
 
 def _in_csv(page: Page) -> Iterator[str]:
-    """Every number with decimals in the named tables of the page is in one of its CSV files, as it is or in per cent."""
+    """Every number with decimals in the named tables of the page is in one of its CSV files, or is one in per cent."""
     files = page.given["csv"]
-    known = sorted(value * factor for file in files for value in csv_values(page.folder / file) for factor in (1, -1, 100))
+    known = sorted(
+        value * factor for file in files for value in csv_values(page.folder / file) for factor in (1, -1, 100)
+    )
     for head in page.given.get("tables", []):
         found = [table for table in tables(page.text) if table.head.startswith(head)]
         if not found:

@@ -1,4 +1,4 @@
-"""Where the figures of a page come from: commits that are there, commands that can be called, a machine that is named."""
+"""Where the figures of a page come from: commits that are there, commands that can be called, a machine with a name."""
 
 from __future__ import annotations
 
@@ -20,14 +20,27 @@ _CODE = re.compile(r"`([^`\n]+)`")
 _HERE = Path(__file__).resolve().parent
 
 
-def problems(page: Page, root: Path) -> Iterator[str]:
-    """What is missing or wrong in a page's origin, a line each. root: of the checkout."""
-    if not page.given.get("machine"):
-        yield "no machine in figures.toml"
-    if not page.given.get("commits"):
-        yield "no commits in figures.toml"
-    elif (root / ".git").exists():
-        yield from (f"commit {one}: not in the history" for one in page.given["commits"] if not _in_history(one, root))
+def has_history(root: Path) -> bool:
+    """Whether git can say which commits there were: not in a copy of the files, nor in a shallow clone."""
+    if not (root / ".git").exists():
+        return False
+    asked = ["git", "rev-parse", "--is-shallow-repository"]
+    return subprocess.run(asked, cwd=root, capture_output=True, text=True).stdout.strip() == "false"
+
+
+def commit_problems(page: Page, root: Path) -> Iterator[str]:
+    """The page's commits that aren't ancestors of what is checked out, a line each."""
+    for commit in page.given.get("commits", []):
+        asked = ["git", "merge-base", "--is-ancestor", f"{commit}^{{commit}}", "HEAD"]
+        if subprocess.run(asked, cwd=root, capture_output=True).returncode:
+            yield f"commit {commit}: not in the history"
+
+
+def problems(page: Page) -> Iterator[str]:
+    """What is missing or wrong in what a page says of the origin of its figures, a line each."""
+    for part in ("commits", "machine"):
+        if not page.given.get(part):
+            yield f"no {part} in figures.toml"
     commands = list(calls(page))
     if not commands:
         yield "no command, neither on the page nor in figures.toml"
@@ -52,7 +65,7 @@ def calls(page: Page) -> Iterator[list[str]]:
                     continue
                 while words and re.match(r"\w+=", words[0]):  # a variable of the environment
                     words = words[1:]
-                if len(words) > 1 and (words[0] == "dofbench" or words[:1] == ["python"] and "benchmarks/" in words[1]):
+                if len(words) > 1 and (words[0] == "dofbench" or (words[0] == "python" and "benchmarks/" in words[1])):
                     yield words
 
 
@@ -75,12 +88,3 @@ def _wrong(words: list[str]) -> str | None:
         if word.startswith("--") and not re.search(field, source, re.MULTILINE):
             return f"the script has no --{option}"
     return None
-
-
-def _in_history(commit: str, root: Path) -> bool:
-    """Whether it is an ancestor of what is checked out; a shallow clone doesn't know, and counts as yes."""
-    shallow = subprocess.run(["git", "rev-parse", "--is-shallow-repository"], cwd=root, capture_output=True, text=True)
-    if shallow.stdout.strip() == "true":
-        return True
-    asked = ["git", "merge-base", "--is-ancestor", f"{commit}^{{commit}}", "HEAD"]
-    return subprocess.run(asked, cwd=root, capture_output=True).returncode == 0

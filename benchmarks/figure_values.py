@@ -51,7 +51,9 @@ class Rows:
 
     def only(self, **wanted: Any) -> Rows:
         """The rows whose columns have these values."""
-        found = [record for record in self._records if all(_same(record[name], value) for name, value in wanted.items())]
+        found = [
+            record for record in self._records if all(_same(record[name], value) for name, value in wanted.items())
+        ]
         return Rows(found, self._by, f"{self._where}, {wanted}")
 
     def among(self, column: str, values: Sequence[Any]) -> Rows:
@@ -71,9 +73,7 @@ def select(folder: Path, chosen: Mapping[str, Any]) -> Rows:
     for column in wanted:
         if column not in records[0]:
             raise NoSuchValue(f"{file.name}: no column {column}; there are {', '.join(records[0])}")
-    found = [
-        record for record in records if all(_same(record[column], value) for column, value in wanted.items())
-    ]
+    found = [record for record in records if all(_same(record[column], value) for column, value in wanted.items())]
     words = ", ".join(f"{column} {value}" for column, value in wanted.items())
     if not found:
         raise NoSuchValue(f"{file.name}: no row with {words}")
@@ -92,7 +92,7 @@ def evaluate(expression: str, names: Mapping[str, Any]) -> Any:
     """The value of a Python expression of names, numbers and the functions below. The expressions are those of the
     repository's own files. Raises NoSuchValue, with the expression, for whatever can't be computed."""
     try:
-        return eval(expression, {"__builtins__": {}, **_FUNCTIONS}, _Names(names))  # noqa: S307
+        return eval(expression, {"__builtins__": {}, **_FUNCTIONS}, _Names(names))
     except NoSuchValue:
         raise
     except Exception as error:
