@@ -41,6 +41,11 @@ class Rows:
         values = [record[name] for record in self._records]
         return values[0] if len(values) == 1 else values
 
+    def __contains__(self, name: str) -> bool:
+        if self._by:
+            return any(str(record[self._by[0]]) == name for record in self._records)
+        return bool(self._records) and name in self._records[0]
+
     def __len__(self) -> int:
         return len(self._records)
 
@@ -100,10 +105,14 @@ def evaluate(expression: str, names: Mapping[str, Any]) -> Any:
 
 
 class _Names(dict[str, Any]):
-    def __missing__(self, name: str) -> Any:
-        if name in _FUNCTIONS or name in ("True", "False", "None"):
-            raise KeyError(name)
+    """What an expression's names are: first what the table's row has, then the page's names, then functions."""
+
+    def __getitem__(self, name: str) -> Any:
         rows = self.get("row")
+        if isinstance(rows, Rows) and name in rows:
+            return rows[name]
+        if name in self or name in _FUNCTIONS:
+            return super().__getitem__(name)  # without the name, KeyError: a function is looked up elsewhere
         if isinstance(rows, Rows):
             return rows[name]
         raise NoSuchValue(f"{name}: no row of that name")
@@ -145,7 +154,7 @@ def _tally(rows: Rows, condition: str) -> list[float]:
     return [len(rows.where(condition)), len(rows)]
 
 
-def _share(rows: Rows, condition: str) -> list[float]:
+def _portion(rows: Rows, condition: str) -> list[float]:
     """The same, and the 95 % interval of the share in per cent (Wilson, 1927)."""
     found, of = _tally(rows, condition)
     z, p = 1.96, found / of
@@ -171,7 +180,7 @@ _FUNCTIONS: dict[str, Any] = {
     "capped": _capped,
     "distance": _distance,
     "tally": _tally,
-    "share": _share,
+    "portion": _portion,
     "differences": _differences,
     "count": len,
     "abs": abs,

@@ -243,7 +243,8 @@ def test_what_counts_as_a_number() -> None:
         ("all.only(scene='fern').ssim", 0.92625),
         ("count(all.where('psnr is not None and psnr > 31'))", 1),
         ("by.before.psnr", 30.95),
-        ("share(all, 'p')[0]", 1),
+        ("portion(all, 'p')[0]", 1),
+        ("psnr - all.only(scene='before').psnr", 31.387 - 30.95),  # of the table's row before a name of the page
     ],
 )
 def test_values(tmp_path: Path, expression: str, value: float) -> None:
@@ -251,7 +252,9 @@ def test_values(tmp_path: Path, expression: str, value: float) -> None:
     (tmp_path / "board.csv").write_text(BOARD)
     every = figure_values.select(tmp_path, {"csv": "board.csv"})
     by = figure_values.select(tmp_path, {"csv": "board.csv", "by": "scene"})
-    assert figure_values.evaluate(expression, {"all": every, "by": by}) == pytest.approx(value, rel=FLOAT64_VALUE)
+    assert figure_values.evaluate(expression, {"all": every, "by": by, "row": by.fern, "psnr": 0.0}) == pytest.approx(
+        value, rel=FLOAT64_VALUE
+    )
 
 
 def test_wilsons_interval_is_scipys() -> None:
@@ -259,6 +262,6 @@ def test_wilsons_interval_is_scipys() -> None:
 
     interval = binomtest(8, 10).proportion_ci(method="wilson")
     rows = figure_values.Rows([{"x": float(n < 8)} for n in range(10)], (), "")
-    found, of, *percent = figure_values.evaluate("share(rows, 'x')", {"rows": rows})
+    found, of, *percent = figure_values.evaluate("portion(rows, 'x')", {"rows": rows})
     assert (found, of) == (8, 10)
     assert percent == pytest.approx([100 * interval.low, 100 * interval.high], rel=NORMAL_QUANTILE)
