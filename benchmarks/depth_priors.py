@@ -27,7 +27,7 @@ from dofbench.results.result import read_result
 from dofbench.results.run_spec import Run
 from dofbench.running.one_run import run
 
-SCORES = ("psnr", "aif_psnr", "disparity_error", "depth_rel", "delta_a", "delta_f")
+SCORES = ("psnr", "aif_psnr", "disparity_error", "depth_rel", "delta_a", "delta_f", "delta_r")
 
 
 @dataclass(frozen=True)

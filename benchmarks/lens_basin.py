@@ -48,7 +48,7 @@ FOUND = 0.02  # |A - A'| and |F - F'| below this count as converged to the true 
 TRUE = tuple(Lens(aperture, focus) for aperture in (0.5, 1.0) for focus in (0.2, 0.5, 0.8))
 APERTURES = (0.03, 0.1, 0.25, 0.5, 1.0, 1.5, 2.0)
 FOCI = (-0.5, 0.0, 0.25, 0.5, 0.75, 1.0, 1.5)
-FIELDS = ("part", "activation", "true_a", "true_f", "start_a", "start_f", "delta_a", "delta_f")
+FIELDS = ("part", "activation", "true_a", "true_f", "start_a", "start_f", "delta_a", "delta_f", "delta_r")
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,10 @@ def _learned_alone(image, disparity, camera, bounds: DisparityRange, true: Lens,
             break
         lenses.step(0, step / steps)
     aperture, focus = lenses.aperture_and_focus(0)
-    return abs(aperture - true.aperture), abs(focus - true.focus)
+    d = (disparity.numpy() - bounds.q_min) / (bounds.q_max - bounds.q_min)
+    circles = true.aperture * np.abs(d - true.focus) - aperture * np.abs(d - focus)
+    off = float(np.abs(circles).mean()) * Lens(1.0, 0.0).radius_per_disparity(camera.width)
+    return abs(aperture - true.aperture), abs(focus - true.focus), off
 
 
 def _joint(settings: Settings, done: set):
@@ -146,7 +149,7 @@ def _joint(settings: Settings, done: set):
         trainer = Trainer(training_set, options, 0)
         outcome = trainer.fit(Budget(steps=settings.joint_steps), Unobserved())
         if outcome.status is not Status.OK:
-            yield *key, float("nan"), float("nan")
+            yield *key, float("nan"), float("nan"), float("nan")
             continue
         errors = lens_errors(
             {view.name: view.lens for view in views},
@@ -155,11 +158,12 @@ def _joint(settings: Settings, done: set):
             views[0].camera.width,
             {view.name: dataset.depth(view) for view in views},
         )
-        yield *key, errors.delta_a, errors.delta_f
+        yield *key, errors.delta_a, errors.delta_f, errors.delta_r
 
 
 def _number(row, field: str) -> float:
-    return float(row[field])
+    """NaN for what a row of an earlier version lacks."""
+    return float(row.get(field) or "nan")
 
 
 def _write_table(rows, path: Path) -> None:
@@ -167,30 +171,30 @@ def _write_table(rows, path: Path) -> None:
     lines = [
         f"Scene known, {len(TRUE)} true lenses; converged is within {FOUND} in A and in F:",
         "",
-        "| learned | starts | converged | median δ_A | median δ_F | worst δ_A | worst δ_F |",
-        "| :--- | ---: | ---: | ---: | ---: | ---: | ---: |",
+        "| learned | starts | converged | median δ_A | median δ_F | median δ_R, px | worst δ_A | worst δ_F | worst |",
+        "| :--- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
     ]
     for activation in ACTIVATIONS:
         some = [row for row in rows if (row["part"], row["activation"]) == ("known", activation)]
         if some:
-            a, f = (np.array([_number(row, field) for row in some]) for field in ("delta_a", "delta_f"))
+            a, f, r = (np.array([_number(row, field) for row in some]) for field in FIELDS[6:])
             found = int(((a < FOUND) & (f < FOUND)).sum())
             lines.append(
                 f"| {activation} | {len(some)} | {found} ({found / len(some):.0%}) | {np.median(a):.4f} | "
-                f"{np.median(f):.4f} | {a.max():.3f} | {f.max():.3f} |"
+                f"{np.median(f):.4f} | {np.median(r):.4f} | {a.max():.3f} | {f.max():.3f} | {r.max():.3f} |"
             )
     joint = [row for row in rows if row["part"] == "joint"]
     if joint:
         lines += [
             "",
-            "Gaussians and lenses trained together, δ_A / δ_F over the training views:",
+            "Gaussians and lenses trained together, δ_A / δ_F / δ_R (px) over the training views:",
             "",
             "| start A | start F | " + " | ".join(ACTIVATIONS) + " |",
             "| ---: | ---: |" + " ---: |" * len(ACTIVATIONS),
         ]
         for start in dict.fromkeys((row["start_a"], row["start_f"]) for row in joint):
             cells = {
-                row["activation"]: f"{_number(row, 'delta_a'):.3f} / {_number(row, 'delta_f'):.3f}"
+                row["activation"]: " / ".join(f"{_number(row, field):.3f}" for field in FIELDS[6:])
                 for row in joint
                 if (row["start_a"], row["start_f"]) == start
             }

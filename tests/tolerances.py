@@ -169,14 +169,16 @@ LENS_SMEAR = 5e-2
 SWEEP_REACH = 0.5
 # A level is a whole number of steps; both are floats.
 ROUNDED_LEVEL = 1e-9
+# 1.96 stands for the quantile 1.95996 of the normal distribution, 2e-5 more; a bound moves by no more than its reach.
+NORMAL_QUANTILE = 4e-5
 # Half a unit of the last printed digit of a mean, and of each value that it is of.
 PRINTED_MEAN = {
     "psnr": 0.0101,
-    "ssim": 0.00101,
+    "ssim_uniform7": 0.00101,
     "delta_a": 0.00101,
     "delta_f": 0.00101,
     "aif_psnr": 0.0101,
-    "aif_ssim": 0.00101,
+    "aif_ssim_uniform7": 0.00101,
 }
 # The blur of an edge, as a factor: the window around the edge cuts the tails of a wide one.
 EDGE_BLUR = 1.25

@@ -21,6 +21,7 @@ from dofbench.metrics.gmsd import gmsd
 from dofbench.metrics.ms_ssim import ms_ssim
 from dofbench.metrics.psnr import psnr
 from dofbench.metrics.ssim import ssim
+from dofbench.metrics.ssim_uniform7 import ssim_uniform7
 
 __all__ = ["METRICS", "Metric", "metric", "score_image"]
 
@@ -64,6 +65,18 @@ METRICS: dict[str, Metric] = {
             ssim,
             "Gaussian window 11, sigma 1.5, data range 1, population covariance, border cropped; "
             "mean over channels; equals scikit-image",
+        ),
+        Metric(
+            "ssim_uniform7",
+            "SSIM, uniform window 7",
+            "",
+            True,
+            1.0,
+            -1.0,
+            "images",
+            ssim_uniform7,
+            "as the released script of DoF-Gaussian measures SSIM: scikit-image's defaults (uniform window 7, sample "
+            "covariance) on images stretched to -1 ... 1",
         ),
         Metric(
             "ms_ssim",

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from dofbench.reporting import standing, table_cells
 from dofbench.reporting.boards import Board, Variant, by_kind, mean_lines
-from dofbench.reporting.paper import NOTHING_PRINTED, Figures, paper_figures
+from dofbench.reporting.paper import NOTHING_PRINTED, OF_THEIR_SSIM, Figures, names_their_ssim, paper_figures
 from dofbench.reporting.score_table import not_shown
 from dofbench.reporting.summary import Line, best_texts, empty_columns, scene_mean
 from dofbench.reporting.view import Cell, Heading, Paragraph, Section, Table
@@ -50,16 +50,16 @@ LAYOUTS = (
         "Test views rendered through their own lens, "
         "against the shallow photograph; and how far the learned aperture and focus are off.",
         False,
-        ("psnr", "ssim", "flip", "delta_a", "delta_f", "delta_r"),
-        ("psnr", "ssim", "delta_a", "delta_f"),
+        ("psnr", "ssim", "ssim_uniform7", "flip", "delta_a", "delta_f", "delta_r"),
+        ("psnr", "ssim", "ssim_uniform7", "delta_a", "delta_f", "delta_r"),
     ),
     Layout(
         "main",
         "Sharp views from shallow photographs",
         "Trained on photographs with shallow depth of field, rendered all in focus, against the sharp original.",
         False,
-        ("aif_psnr", "aif_ssim", "aif_flip"),
-        ("aif_psnr", "aif_ssim"),
+        ("aif_psnr", "aif_ssim", "aif_ssim_uniform7", "aif_flip"),
+        ("aif_psnr", "aif_ssim", "aif_ssim_uniform7"),
     ),
     Layout(
         "photographs",
@@ -83,8 +83,8 @@ LAYOUTS = (
         "All-in-focus inputs",
         "Trained on the sharp originals and rendered sharp.",
         True,
-        ("aif_psnr", "aif_ssim", "aif_flip"),
-        ("aif_psnr", "aif_ssim"),
+        ("aif_psnr", "aif_ssim", "aif_ssim_uniform7", "aif_flip"),
+        ("aif_psnr", "aif_ssim", "aif_ssim_uniform7"),
     ),
 )
 
@@ -334,7 +334,8 @@ def _has(boards: list[Board], variant: Variant, column: str) -> bool:
 
 
 def _paper_note(figures: Figures, where: str) -> str:
-    return f"The paper's columns are of {figures.source}: {where}. Not measured here."
+    of_ssim = f" {OF_THEIR_SSIM}" if names_their_ssim(figures.columns) else ""
+    return f"The paper's columns are of {figures.source}: {where}. Not measured here.{of_ssim}"
 
 
 def _sorted(lines: list[Line], shown: Sequence[str]) -> list[Line]:

@@ -9,6 +9,7 @@ from dofbench.reporting import table_cells
 from dofbench.reporting.boards import Board, by_kind, mean_lines
 from dofbench.reporting.held_out import asked_section
 from dofbench.reporting.pairwise import Pair, pairwise_section, scene_pairs
+from dofbench.reporting.paper import OF_THEIR_SSIM, names_their_ssim
 from dofbench.reporting.points_seen import with_points_note
 from dofbench.reporting.report_view import BoardView, CurveView
 from dofbench.reporting.score_table import score_table
@@ -92,7 +93,8 @@ def claims_section(entries: Sequence[Entry]) -> Section | None:
         *table_cells.word_headings("source"),
     )
     title = "Published by the authors, on their own data"
-    said = Paragraph("Not measured here, and not comparable with the tables above digit by digit.")
+    of_ssim = f" {OF_THEIR_SSIM}" if names_their_ssim(columns) else ""
+    said = Paragraph(f"Not measured here, and not comparable with the tables above digit by digit.{of_ssim}")
     return Section(title, (said, Table(title, headings, tuple(rows), names=2)))
 
 

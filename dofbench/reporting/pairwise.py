@@ -34,6 +34,7 @@ COMPARED = (
     "across_blurred_psnr",
     "delta_a",
     "delta_f",
+    "delta_r",
     "disparity_error",
 )
 # Up to so many variants every pair is compared; with more, each only with the first, to keep the page short

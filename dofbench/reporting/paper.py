@@ -5,14 +5,27 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, TypeVar
 
 from dofbench.core.content import content_folder
+from dofbench.results.protocol import AIF_PREFIX
 
 T = TypeVar("T")
+
+# Said wherever a figure of theirs stands beside ours.
+OF_THEIR_SSIM = (
+    "The paper's SSIM has a uniform window of 7 pixels (by the script that its authors released), SSIM here a "
+    "Gaussian one of 11: they differ, so compare the paper's with the column SSIM, uniform window 7, alone, which "
+    "`dofbench score --metrics ssim_uniform7,aif_ssim_uniform7` adds to older results."
+)
+
+
+def names_their_ssim(columns: Iterable[str]) -> bool:
+    """Whether a table's columns from the paper have its SSIM."""
+    return any(column.removeprefix(AIF_PREFIX) == "ssim_uniform7" for column in columns)
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ IDENTITY = ("method", "preset", "dataset", "scene", "protocol", "seed", "status"
 # What a run's scores are evidence of, last in files: the role of its scene, what took the photographs, whether its
 # preset was frozen
 STANDING = ("role", "photographer", "frozen")
-REFOCUS = ("psnr", "ssim", "ms_ssim", "flip", "gmsd", "delta_e")
-ALL_IN_FOCUS = ("aif_psnr", "aif_ssim", "aif_flip")
+REFOCUS = ("psnr", "ssim", "ms_ssim", "flip", "gmsd", "delta_e", "ssim_uniform7")
+ALL_IN_FOCUS = ("aif_psnr", "aif_ssim", "aif_flip", "aif_ssim_uniform7")
 LENS = ("delta_a", "delta_f", "delta_r")
 DEPTH = ("disparity_error", "depth_rel")
 PHOTOGRAPH = (*PHOTOGRAPH_COLUMNS, *ACROSS_COLUMNS)
@@ -21,12 +21,22 @@ EXIF = EXIF_COLUMNS
 COST = ("train_s", "train_cpu_s", "cold_start_s", "steps", "render_fps", "peak_mb", "gaussians", "resolved")
 SCORES = (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH, *LENS, *EXIF, *DEPTH, *COST)
 # Columns added later, which come last in files
-_NEW_IN_FILES = (*DEPTH, "train_cpu_s", "cold_start_s", *PHOTOGRAPH, *EXIF, "resolved")
+_NEW_IN_FILES = (
+    *DEPTH,
+    "train_cpu_s",
+    "cold_start_s",
+    *PHOTOGRAPH,
+    *EXIF,
+    "resolved",
+    "ssim_uniform7",
+    "aif_ssim_uniform7",
+)
 FILE_SCORES = (*(column for column in SCORES if column not in _NEW_IN_FILES), *_NEW_IN_FILES)
 
 _DIGITS = {
     "psnr": 2,
     "ssim": 4,
+    "ssim_uniform7": 4,
     "ms_ssim": 4,
     "flip": 4,
     "gmsd": 4,

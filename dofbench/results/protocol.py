@@ -79,6 +79,12 @@ _SHARED: dict[str, Any] = {
     "all_in_focus": ("psnr", "ssim", "flip"),
     "mean": "arithmetic mean of the per-image values",
 }
+# With SSIM as the authors of DoF-Gaussian measure it, beside their figures.
+_WITH_THEIR_SSIM: dict[str, Any] = {
+    **_SHARED,
+    "refocus": (*_SHARED["refocus"], "ssim_uniform7"),
+    "all_in_focus": (*_SHARED["all_in_focus"], "ssim_uniform7"),
+}
 PHOTOGRAPHS = Protocol(
     id="photographs-v1",
     inputs="shallow",
@@ -97,6 +103,8 @@ PROTOCOLS: dict[str, Protocol] = {
         # With errors of the rendered depth.
         Protocol(id="refocus-v2", inputs="shallow", lens=LENS_COLUMNS, depth=DEPTH_COLUMNS, **_SHARED),
         Protocol(id="sharp-inputs-v2", inputs="all-in-focus", lens=(), depth=DEPTH_COLUMNS, **_SHARED),
+        Protocol(id="refocus-v3", inputs="shallow", lens=LENS_COLUMNS, depth=DEPTH_COLUMNS, **_WITH_THEIR_SSIM),
+        Protocol(id="sharp-inputs-v3", inputs="all-in-focus", lens=(), depth=DEPTH_COLUMNS, **_WITH_THEIR_SSIM),
         PHOTOGRAPHS,
         replace(PHOTOGRAPHS, id="across-apertures-v1", photograph=ACROSS_COLUMNS),
     )

@@ -67,7 +67,7 @@ def test_a_method_without_a_lens_has_no_refocus_and_no_lens_errors(plan) -> None
     made = plan("pinhole")
     assert made.left_out["psnr"] == "Pinhole has no lens to refocus with"
     assert made.left_out["delta_a"] == "Pinhole learns no lens"
-    assert made.columns == ("aif_psnr", "aif_ssim", "aif_flip", *DEPTH_COLUMNS)
+    assert made.columns == ("aif_psnr", "aif_ssim", "aif_flip", "aif_ssim_uniform7", *DEPTH_COLUMNS)
 
 
 def test_an_estimated_depth_is_no_truth(plan) -> None:
@@ -223,8 +223,8 @@ def test_sharp_inputs_have_no_lens_errors(plan) -> None:
 # ---- metrics without their truth: the fake dataset tests on v0 and v1, and trains on v2 to v5 ----
 
 EVERY, TESTED, TRAINED = tuple(f"v{index}" for index in range(6)), ("v0", "v1"), ("v2", "v3", "v4", "v5")
-REFOCUS = PROTOCOLS["refocus-v2"].refocus_columns
-ALL_IN_FOCUS = PROTOCOLS["refocus-v2"].all_in_focus_columns
+REFOCUS = PROTOCOLS["refocus-v3"].refocus_columns
+ALL_IN_FOCUS = PROTOCOLS["refocus-v3"].all_in_focus_columns
 
 
 def test_photographs_of_unknown_lens_with_sharp_ones_to_test_with(plan) -> None:
@@ -292,12 +292,12 @@ def test_a_plan_is_plain_data_and_text(plan) -> None:
     made = plan("pinhole")
     assert canonical_json(made.as_data())
     text = "\n".join(made.lines())
-    assert "no psnr, ssim, ms_ssim, flip, gmsd, delta_e: Pinhole has no lens to refocus with" in text
+    assert "no psnr, ssim, ms_ssim, flip, gmsd, delta_e, ssim_uniform7: Pinhole has no lens to refocus with" in text
 
 
 def test_every_protocol_is_found_by_its_inputs() -> None:
     newest = {protocol_for(protocol.inputs, photographs=protocol.photograph).id for protocol in PROTOCOLS.values()}
-    assert newest == {"refocus-v2", "sharp-inputs-v2", "photographs-v1", "across-apertures-v1"}
+    assert newest == {"refocus-v3", "sharp-inputs-v3", "photographs-v1", "across-apertures-v1"}
     assert newest < set(PROTOCOLS)  # the older ones are still known
     with pytest.raises(InputError, match="inputs"):
         protocol_for("blurry")

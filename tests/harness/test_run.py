@@ -25,7 +25,7 @@ from dofbench.running.check_results import check_result
 from dofbench.running.load_run import load_run
 from dofbench.scoring.evaluate import Evaluator
 
-OPEN = PROTOCOLS["refocus-v2"]
+OPEN = PROTOCOLS["refocus-v3"]
 
 
 def test_a_good_run(call, tmp_path: Path) -> None:

@@ -78,7 +78,7 @@ def test_the_report_shows_no_column_without_a_value(
     assert not any(word in heading for word in ("| PSNR", "δ", "disparity error", "AbsRel"))
     assert "trained on unknown lenses; no test lens" in board
     assert "do nothing" not in board and "no test lens" in board[board.index("Not shown") :]
-    assert (tmp_path / "report" / "comparison" / "seal-refocus-v2.png").is_file()
+    assert (tmp_path / "report" / "comparison" / "seal-refocus-v3.png").is_file()
 
 
 def test_photographs_are_scored_by_what_half_of_each_tells(call: Callable[..., RunEnd], tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from dofbench.metrics.gmsd import gmsd
 from dofbench.metrics.ms_ssim import ms_ssim, scale_count
 from dofbench.metrics.psnr import psnr
 from dofbench.metrics.ssim import ssim
+from dofbench.metrics.ssim_uniform7 import ssim_uniform7
 
 
 def pair(height: int, width: int, noise: float = 0.1, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -80,6 +81,35 @@ def test_ssim_of_flat_images_by_hand() -> None:
     a, b, c1 = 0.2, 0.7, 0.01**2
     expected = (2 * a * b + c1) / (a * a + b * b + c1)
     assert ssim(level(a, a, a), level(b, b, b)) == pytest.approx(expected, abs=FLOAT64_VALUE)
+
+
+@given(
+    height=st.integers(7, 40),
+    width=st.integers(7, 40),
+    noise=st.sampled_from([0.001, 0.1, 1.0]),
+    seed=st.integers(0, 99),
+    dtype=st.sampled_from([np.float32, np.float64]),
+)
+def test_ssim_of_the_authors_is_scikit_images_default(
+    height: int, width: int, noise: float, seed: int, dtype: type
+) -> None:
+    """Called as their script calls it: on images stretched to -1 ... 1, whose data range is 2."""
+    from skimage.metrics import structural_similarity
+
+    prediction, truth = (image.astype(dtype) for image in pair(height, width, noise, seed))
+    stretched = (2 * image.astype(np.float64) - 1 for image in (prediction, truth))
+    expected = structural_similarity(*stretched, channel_axis=2, data_range=2.0)
+    assert ssim_uniform7(prediction, truth) == pytest.approx(expected, abs=FLOAT64_VALUE)
+
+
+def test_ssim_of_the_authors_by_hand() -> None:
+    """Flat images: the luminance term alone, from mid-grey; a picture and its negative are opposite."""
+    a, b, c1 = 0.2 - 0.5, 0.7 - 0.5, 0.01**2
+    expected = (2 * a * b + c1) / (a * a + b * b + c1)
+    assert ssim_uniform7(level(0.2, 0.2, 0.2), level(0.7, 0.7, 0.7)) == pytest.approx(expected, abs=FLOAT64_VALUE)
+    assert expected < 0 < ssim(level(0.2, 0.2, 0.2), level(0.7, 0.7, 0.7))
+    with pytest.raises(ValueError, match="at least 7 x 7"):
+        ssim_uniform7(np.zeros((6, 9, 3)), np.zeros((6, 9, 3)))
 
 
 # ---- MS-SSIM ----

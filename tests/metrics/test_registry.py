@@ -14,7 +14,7 @@ from dofbench.core.errors import InputError
 from dofbench.metrics import METRICS, Metric, metric, score_image
 
 IMAGE_METRICS = [entry for entry in METRICS.values() if entry.needs == "images"]
-SYMMETRIC = ("psnr", "ssim", "ms_ssim", "flip", "gmsd", "delta_e")
+SYMMETRIC = ("psnr", "ssim", "ssim_uniform7", "ms_ssim", "flip", "gmsd", "delta_e")
 each = pytest.mark.parametrize("entry", IMAGE_METRICS, ids=lambda entry: entry.id)
 
 
@@ -34,6 +34,7 @@ def test_ids() -> None:
     assert list(METRICS) == [
         "psnr",
         "ssim",
+        "ssim_uniform7",
         "ms_ssim",
         "flip",
         "gmsd",

@@ -19,7 +19,7 @@ from dofbench.results.result import read_result
 def test_seeds_have_a_spread_and_a_failed_seed_is_not_left_out_of_a_mean(plain, call, made) -> None:
     values = [read_result(call(seed=seed).folder).scores["psnr"] for seed in (0, 1, 2)]
     _, out, _ = made()
-    (row, _) = table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v2")
+    (row, _) = table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v3")
     mean = sum(values) / 3
     spread = math.sqrt(sum((value - mean) ** 2 for value in values) / 2)
     assert row["seeds"] == "0, 1, 2 (n = 3)" and row["PSNR [dB] ↑"] == f"{mean:.2f} ± {spread:.2f}"
@@ -30,7 +30,7 @@ def test_seeds_have_a_spread_and_a_failed_seed_is_not_left_out_of_a_mean(plain, 
     file.write_text(json.dumps(data))
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text()
-    cell = table_rows(page, "waves, refocus-v2")[0]["PSNR [dB] ↑"]
+    cell = table_rows(page, "waves, refocus-v3")[0]["PSNR [dB] ↑"]
     assert cell.startswith("diverged (1 of 3 seeds)[^") and notes(page, cell) == "loss is nan at step 3"
 
 
@@ -39,23 +39,23 @@ def test_protocols_never_share_a_table(plain, call, made) -> None:
     call(inputs="all-in-focus")
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text()
-    for protocol in ("refocus-v2", "sharp-inputs-v2"):
+    for protocol in ("refocus-v3", "sharp-inputs-v3"):
         methods = [row["method"] for row in table_rows(page, f"waves, {protocol}")]
         assert methods.count("fake") == 1
-    sharp = table_rows(page, "waves, sharp-inputs-v2")
+    sharp = table_rows(page, "waves, sharp-inputs-v3")
     assert [row["method"] for row in sharp] == ["fake"]  # no lens, so no do-nothing line
     assert not {"δ_A ↓", "PSNR [dB] ↑"} & set(sharp[0])  # no row has them: there is no such column
-    below = page.split("## waves, sharp-inputs-v2")[1]
+    below = page.split("## waves, sharp-inputs-v3")[1]
     line = re.search(r"^Not shown, as no row has it: (.*)$", below, re.MULTILINE)[1]
     assert "GMSD" in line and "no lens here);" in line and re.search(r"δ_A, δ_F, δ_R \(.*sharp photographs", line)
-    assert {row["protocol"] for row in rows(out / "leaderboard.csv")} == {"refocus-v2", "sharp-inputs-v2"}
+    assert {row["protocol"] for row in rows(out / "leaderboard.csv")} == {"refocus-v3", "sharp-inputs-v3"}
 
 
 def test_a_forced_stage_is_no_second_seed(plain, call, made) -> None:
     call(inputs="all-in-focus")
     call(inputs="all-in-focus", force_all=True)
     _, out, _ = made()
-    rows = table_rows((out / "leaderboard.md").read_text(), "waves, sharp-inputs-v2")
+    rows = table_rows((out / "leaderboard.md").read_text(), "waves, sharp-inputs-v3")
     assert {(row["preset"], row["seeds"]) for row in rows} == {
         ("quick, lens left out", "0"),
         ("quick, nothing left out", "0"),
@@ -69,7 +69,7 @@ def test_two_versions_of_a_dataset_never_share_a_table(plain, call, made, tmp_pa
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text()
     for checksum in (first, second):
-        assert len(table_rows(page, f"waves@{checksum[:8]}, refocus-v2")) == 2
+        assert len(table_rows(page, f"waves@{checksum[:8]}, refocus-v3")) == 2
     assert {row["dataset"] for row in rows(out / "leaderboard.csv")} == {f"waves@{c[:8]}" for c in (first, second)}
 
 
@@ -80,7 +80,7 @@ def test_what_looks_alike_is_told_apart(plain, call, made, tmp_path: Path) -> No
     code.write_text(code.read_text() + "\nCHANGED = 1\n")
     call()
     _, out, _ = made()
-    presets = [row["preset"] for row in table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v2")][:3]
+    presets = [row["preset"] for row in table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v3")][:3]
     assert len(set(presets)) == 3
     assert "quick, 9it" in presets and all(re.fullmatch(r"quick, (9it|8it, code [0-9a-f]{8})", p) for p in presets)
 
@@ -91,7 +91,7 @@ def test_means_only_over_complete_sets_of_scenes(plain, call, made, tmp_path: Pa
     call(method="pinhole")
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text()
-    means = {row["method"]: row for row in table_rows(page, "Means over scenes, refocus-v2, scatter")}
+    means = {row["method"]: row for row in table_rows(page, "Means over scenes, refocus-v3, scatter")}
     assert means["fake"]["PSNR [dB] ↑"] == f"{sum(scores) / 2:.2f}"
     gap = means["pinhole"]["all-in-focus PSNR [dB] ↑"]
     assert notes(page, gap) == "no mean over an incomplete set: ripples missing of 2 scenes"
@@ -108,7 +108,7 @@ def test_a_mean_over_scenes_has_the_spread_of_its_seeds(plain, call, made, tmp_p
     _, out, _ = made()
     means = {
         row["method"]: row
-        for row in table_rows((out / "leaderboard.md").read_text(), "Means over scenes, refocus-v2, scatter")
+        for row in table_rows((out / "leaderboard.md").read_text(), "Means over scenes, refocus-v3, scatter")
     }
     by_seed = [sum(one) / 2 for one in zip(*scores, strict=True)]
     spread = abs(by_seed[0] - by_seed[1]) / math.sqrt(2)

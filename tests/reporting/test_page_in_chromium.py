@@ -84,7 +84,7 @@ def test_a_request_would_be_refused(opened: Page, made_report, tmp_path: Path) -
 
 # ---- tables ----
 
-BOARD = "[...document.querySelectorAll('table')].find((t) => t.caption?.textContent === 'waves, refocus-v2')"
+BOARD = "[...document.querySelectorAll('table')].find((t) => t.caption?.textContent === 'waves, refocus-v3')"
 
 
 def column(page: Page, heading: str) -> tuple[str, list[str | None]]:
@@ -174,16 +174,16 @@ def test_every_pair_of_score_and_scene_can_be_chosen(opened: Page) -> None:
             assert shown == [f"{score} on {board}"]
             pairs.add((board, score))
     assert {
-        ("waves, refocus-v2", "PSNR"),
-        ("waves, refocus-v2", "δ_F"),
-        ("fern_small, refocus-v2", "δ_A"),
-        ("waves, sharp-inputs-v2", "all-in-focus SSIM"),
+        ("waves, refocus-v3", "PSNR"),
+        ("waves, refocus-v3", "δ_F"),
+        ("fern_small, refocus-v3", "δ_A"),
+        ("waves, sharp-inputs-v3", "all-in-focus SSIM"),
     } <= pairs
-    choose(opened, "plot-board", "waves, refocus-v2")
+    choose(opened, "plot-board", "waves, refocus-v3")
 
 
 def test_curves_show_values_on_hover(opened: Page, made_report) -> None:
-    choose(opened, "plot-board", "fern_small, refocus-v2")
+    choose(opened, "plot-board", "fern_small, refocus-v3")
     choose(opened, "plot-score", "PSNR")  # which the pinhole has not: there is one curve
     (fake,) = [
         one
@@ -206,7 +206,7 @@ def test_curves_show_values_on_hover(opened: Page, made_report) -> None:
 
 
 def test_curves_can_be_walked_by_arrow_keys(opened: Page) -> None:
-    choose(opened, "plot-board", "waves, refocus-v2")
+    choose(opened, "plot-board", "waves, refocus-v3")
     choose(opened, "plot-score", "PSNR")
     opened.run("document.querySelector('#chart svg').focus()")
     heard = []
@@ -218,11 +218,11 @@ def test_curves_can_be_walked_by_arrow_keys(opened: Page) -> None:
 
 
 def test_seeds_have_a_median_and_the_front_is_marked(opened: Page) -> None:
-    choose(opened, "plot-board", "waves, refocus-v2")
+    choose(opened, "plot-board", "waves, refocus-v3")
     choose(opened, "plot-score", "PSNR")
     data = opened.run("document.getElementById('data').textContent")
     plot = next(
-        one for one in json.loads(data)["plots"] if (one["board"], one["column"]) == ("waves, refocus-v2", "psnr")
+        one for one in json.loads(data)["plots"] if (one["board"], one["column"]) == ("waves, refocus-v3", "psnr")
     )
     steps = opened.run(
         "[...document.querySelectorAll('#chart svg > path[stroke]')]"
@@ -243,12 +243,12 @@ def test_a_curve_can_be_switched_off(opened: Page) -> None:
 
 def test_time_is_on_a_log_axis(opened: Page) -> None:
     """Equal ratios of time are equal distances: by the marks of one run, whose times are in the data."""
-    choose(opened, "plot-board", "fern_small, refocus-v2")
+    choose(opened, "plot-board", "fern_small, refocus-v3")
     choose(opened, "plot-score", "PSNR")
     run = next(
         one
         for one in json.loads(opened.run("document.getElementById('data').textContent"))["plots"]
-        if (one["board"], one["column"]) == ("fern_small, refocus-v2", "psnr")
+        if (one["board"], one["column"]) == ("fern_small, refocus-v3", "psnr")
     )["series"][0]["runs"][0]["points"]
     drawn = opened.run("document.querySelector('#chart svg > path[stroke]').getAttribute('d')")
     xs = [float(point.split(",")[0]) for point in drawn[1:].split("L")]
@@ -261,7 +261,7 @@ def test_time_is_on_a_log_axis(opened: Page) -> None:
 
 
 def test_the_slider_moves_by_key_and_by_mouse(opened: Page) -> None:
-    choose(opened, "picture-board", "waves, refocus-v2")
+    choose(opened, "picture-board", "waves, refocus-v3")
     split = "document.getElementById('compare').style.getPropertyValue('--split')"
     opened.run("document.querySelector('#compare input').focus()")
     opened.key("ArrowRight")
@@ -282,7 +282,7 @@ def test_the_slider_moves_by_key_and_by_mouse(opened: Page) -> None:
 
 
 def test_truth_prediction_and_error_of_any_view(opened: Page) -> None:
-    for board, views in (("waves, refocus-v2", 2), ("fern_small, refocus-v2", 3)):
+    for board, views in (("waves, refocus-v3", 2), ("fern_small, refocus-v3", 3)):
         choose(opened, "picture-board", board)
         assert opened.run("document.getElementById('picture-view').options.length") == views
     names = opened.run("[...document.getElementById('picture-right').options].map((o) => o.textContent)")

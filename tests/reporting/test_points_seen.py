@@ -40,7 +40,7 @@ def test_the_result_and_the_page_say_it(plain, call, made, tmp_path: Path, state
     assert result.plan["points"] == (None if stated is None else stated.model_dump(mode="json"))
     _, out, _ = made()
     words = points_in_words(stated)
-    kind = "refocus-v2" + (", points from shallow training photographs" if stated is FROM_SHALLOW else "")
+    kind = "refocus-v3" + (", points from shallow training photographs" if stated is FROM_SHALLOW else "")
     assert words in below_table((out / "leaderboard.md").read_text(), f"waves, {kind}")
     page = (out / "report.html").read_text()
     assert f"<dt>What methods start from</dt><dd>waves: {html.escape(words)}</dd>" in page
@@ -66,8 +66,8 @@ def test_datasets_with_other_points_are_not_averaged(plain, call, made, tmp_path
         call(data=data)
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text()
-    kind = "refocus-v2, points from shallow training photographs"
-    assert f"## Means over scenes, {kind}" in page and "## Means over scenes, refocus-v2\n" not in page
+    kind = "refocus-v3, points from shallow training photographs"
+    assert f"## Means over scenes, {kind}" in page and "## Means over scenes, refocus-v3\n" not in page
     assert "Scenes: rings, ripples." in page
     said = (out / "report.html").read_text()
     assert f"waves: {html.escape(points_in_words(USUAL))}" in said

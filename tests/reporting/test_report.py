@@ -26,7 +26,7 @@ HEADER = (
     "delta_a,delta_f,delta_r,train_s,steps,render_fps,peak_mb,gaussians,disparity_error,depth_rel,"
     "train_cpu_s,cold_start_s,photo_psnr,photo_ssim,photo_blur_psnr,across_psnr,across_ssim,"
     "across_blurred_psnr,across_clear_psnr,unscaled_psnr,unscaled_blurred_psnr,in_focus_psnr,in_focus_blurred_psnr,"
-    "exif_spread,exif_ratio,resolved,role,photographer,frozen"
+    "exif_spread,exif_ratio,resolved,ssim_uniform7,aif_ssim_uniform7,role,photographer,frozen"
 )
 
 
@@ -38,7 +38,7 @@ def test_the_header_is_exact_and_one_row_a_run(plain, call, made) -> None:
     assert len(table) == len(ends)
     first = read_result(ends[0].folder)
     row = next(row for row in table if row["method"] == "fake" and row["seed"] == "0")
-    assert (row["preset"], row["dataset"], row["protocol"], row["status"]) == ("quick", "waves", "refocus-v2", "ok")
+    assert (row["preset"], row["dataset"], row["protocol"], row["status"]) == ("quick", "waves", "refocus-v3", "ok")
     for column, value in first.scores.items():
         assert float(row[column]) == pytest.approx(value, rel=CSV_DIGITS)
     pinhole = next(row for row in table if row["method"] == "pinhole")
@@ -50,7 +50,7 @@ def test_the_page_explains_every_gap(plain, call, made) -> None:
     call(method="pinhole")
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text()
-    fake, pinhole, nothing = table_rows(page, "waves, refocus-v2")
+    fake, pinhole, nothing = table_rows(page, "waves, refocus-v3")
     assert fake["method"] == "fake" and pinhole["method"] == "pinhole" and nothing["method"].startswith("do nothing")
     assert pinhole["PSNR [dB] ↑"].startswith("–[^")
     assert notes(page, pinhole["PSNR [dB] ↑"]) == "Pinhole has no lens to refocus with"
@@ -69,7 +69,7 @@ def test_a_failed_run_shows_how_it_failed(plain, call, made) -> None:
     assert sorted(row["status"] for row in rows(out / "leaderboard.csv")) == ["crashed", "diverged"]
     assert {row["psnr"] for row in rows(out / "leaderboard.csv")} == {""}
     page = (out / "leaderboard.md").read_text()
-    shown = {row["preset"]: row for row in table_rows(page, "waves, refocus-v2")}
+    shown = {row["preset"]: row for row in table_rows(page, "waves, refocus-v3")}
     assert shown["quick trouble=lost"]["PSNR [dB] ↑"].startswith("diverged[^")
     assert notes(page, shown["quick trouble=lost"]["PSNR [dB] ↑"]) == "loss is nan at step 3"
     assert notes(page, shown["quick trouble=crash"]["δ_A ↓"]) == "RuntimeError: something broke"
@@ -85,7 +85,7 @@ def test_what_is_no_finite_number_is_shown_as_what_it_is(plain, call, made, valu
         (folder / "result.json").write_text(json.dumps(data))
     _, out, _ = made()
     assert [row["flip"] for row in rows(out / "leaderboard.csv")] == [str(value)] * 2
-    (row, _) = table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v2")
+    (row, _) = table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v3")
     assert (row["FLIP ↓"], row["GMSD ↓"]) == (str(value), "nan")
 
 
@@ -93,7 +93,7 @@ def test_the_best_is_bold_and_only_there(plain, call, made) -> None:
     call(set=("noise=0.5",))
     call(set=("noise=0.01",))
     _, out, _ = made()
-    good, bad, nothing = table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v2")
+    good, bad, nothing = table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v3")
     assert good["preset"] == "quick noise=0.01"  # sorted, best first
     assert good["PSNR [dB] ↑"].startswith("**") and not bad["PSNR [dB] ↑"].startswith("**")
     assert good["δ_A ↓"].startswith("**") and bad["δ_A ↓"].startswith("**")  # a tie
@@ -176,8 +176,8 @@ def test_figures_are_there_and_linked(call, made, monkeypatch: pytest.MonkeyPatc
     assert written and all(path.is_file() for path in written)
     page = (out / "leaderboard.md").read_text()
     links = re.findall(r"!\[[^]]*\]\(([^)]+)\)", page)
-    assert {f"curves/waves-refocus-v2-{c}.svg" for c in ("psnr", "delta_f")} < set(links)
-    assert "comparison/waves-refocus-v2.png" in links
+    assert {f"curves/waves-refocus-v3-{c}.svg" for c in ("psnr", "delta_f")} < set(links)
+    assert "comparison/waves-refocus-v3.png" in links
     assert all((out / link).is_file() for link in links)
     assert {path.suffix for path in (out / "curves").iterdir()} == {".svg", ".png"}
 
@@ -232,7 +232,7 @@ def test_no_dataset_means_no_pictures_but_a_report(call, made, tmp_path: Path, m
     call()
     (tmp_path / "data" / "dataset.json").unlink()
     written, out, said = made()
-    assert written and "no pictures of waves, refocus-v2" in said
+    assert written and "no pictures of waves, refocus-v3" in said
     assert not (out / "comparison").exists()
 
 
@@ -251,8 +251,8 @@ def test_a_held_out_focus_has_a_table_of_its_own(plain, call, made, tmp_path: Pa
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text()
     assert "; trained on F 0.2, 0.5, 0.8 and A 0.5, 1; the test views ask for F 0.2, 0.5, 0.8 and A 0.5, 1." in page
-    assert "## waves, refocus-v2\n" in page and "## Means over scenes" not in page  # a held-out focus is no other scene
-    assert "## apart, refocus-v2, held-out focus\n" in page
+    assert "## waves, refocus-v3\n" in page and "## Means over scenes" not in page  # a held-out focus is no other scene
+    assert "## apart, refocus-v3, held-out focus\n" in page
     rows = table_rows(page, ASKED_HEADING)
     assert [row["asked for"] for row in rows if row["method"].startswith("fake")] == [
         "F 0.2, A 0.5 (1 view)",
@@ -272,12 +272,15 @@ def test_a_held_out_focus_has_a_table_of_its_own(plain, call, made, tmp_path: Pa
 def test_a_result_of_an_older_protocol_is_still_reported(plain, call, made) -> None:
     end = call()
     data = json.loads((end.folder / "result.json").read_text())
-    for column in DEPTH:
+    later = (*DEPTH, "ssim_uniform7", "aif_ssim_uniform7")
+    for column in later:
         del data["scores"][column]
         for view in data["views"]:
             del view["scores"][column]
     del data["plan"]["lenses"]
-    data["plan"]["columns"] = [column for column in data["plan"]["columns"] if column not in DEPTH]
+    data["plan"]["columns"] = [column for column in data["plan"]["columns"] if column not in later]
+    for metrics in ("refocus", "all_in_focus"):
+        data["protocol"][metrics].remove("ssim_uniform7")
     data["spec"]["protocol"] = data["plan"]["protocol"] = data["protocol"]["id"] = "refocus-v1"
     del data["protocol"]["depth"]
     spec = Spec.model_validate(data["spec"])

@@ -85,7 +85,7 @@ def test_a_heading_says_the_role_and_what_photographed(report: Path, page: str) 
         (about,) = re.findall(rf"^## {name}, (?:refocus|photographs)-v\d\n\n(.*)$", page, re.MULTILINE)
         assert about.startswith(f"{ROLE_SAYS[role]} {PHOTOGRAPHER_SAYS[photographer]} Scene {name};")  # type: ignore[index]
         assert about.replace("'", "&#x27;") in html
-    sharp = page.split("## room, sharp-inputs-v2\n\n")[1]
+    sharp = page.split("## room, sharp-inputs-v3\n\n")[1]
     assert sharp.startswith(f"{ROLE_SAYS['report']} Scene room;")  # no shallow photograph is used
 
 
@@ -113,14 +113,14 @@ def test_every_row_has_its_sign_and_every_sign_its_note(page: str, name: str) ->
 
 
 def test_the_frozen_preset_alone_has_no_sign_on_a_report_scene(page: str) -> None:
-    found = {row["preset"]: row["method"] for row in table_rows(page, "room, refocus-v2") if "fake" in row["method"]}
+    found = {row["preset"]: row["method"] for row in table_rows(page, "room, refocus-v3") if "fake" in row["method"]}
     signs = {preset: method.removeprefix("fake") for preset, method in found.items()}
     assert signs.pop("quick noise=0.4") == " §" and list(signs.values()) == [""]
 
 
 def test_means_are_of_one_role_and_one_photographer(page: str) -> None:
     means = re.findall(r"^## (Means over scenes, .*)\n\n(.*)$", page, re.MULTILINE)
-    assert means == [("Means over scenes, refocus-v2, report scene, scatter", "Scenes: room, trex.")]
+    assert means == [("Means over scenes, refocus-v3, report scene, scatter", "Scenes: room, trex.")]
     row = next(row for row in table_rows(page, means[0][0]) if row["method"].startswith("pinhole"))
     assert row["method"] == "pinhole ‡"
 
@@ -140,8 +140,8 @@ def test_the_overview_is_marked_too(report: Path) -> None:
 def test_layouts_never_mix_roles(report: Path) -> None:
     html = (report / "report.html").read_text()
     for kind in ("report scene, sampled lens", "report scene, scatter", "development scene, scatter"):
-        assert f"Refocusing, and the lens that was learned, refocus-v2, {kind}</h3>" in html
-    section = html.split("learned, refocus-v2, report scene, scatter</h3>")[1].split("</section>")[0]
+        assert f"Refocusing, and the lens that was learned, refocus-v3, {kind}</h3>" in html
+    section = html.split("learned, refocus-v3, report scene, scatter</h3>")[1].split("</section>")[0]
     assert "mean over 2 scenes" in section and "fern" not in section
 
 

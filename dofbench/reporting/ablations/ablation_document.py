@@ -12,7 +12,7 @@ from dofbench.reporting.held_out import asked_section
 from dofbench.reporting.how_made import commit_text, machine_text
 from dofbench.reporting.leaderboard import column_section
 from dofbench.reporting.paired import EXPLANATION
-from dofbench.reporting.paper import of_scene
+from dofbench.reporting.paper import OF_THEIR_SSIM, names_their_ssim, of_scene
 from dofbench.reporting.score_table import Beside, score_table
 from dofbench.reporting.summary import Line
 from dofbench.reporting.view import Block, Cell, Command, Document, Items, Paragraph, Section, Table
@@ -57,11 +57,12 @@ def _reading(filled: Filled) -> Iterator[Paragraph]:
         "make it better: see the differences. A gap is –, with its reason; a run that failed shows how, and "
         "nothing averages over an incomplete set."
     )
-    if declared.paper_columns():
+    if paper := declared.paper_columns():
+        of_ssim = f" {OF_THEIR_SSIM}" if names_their_ssim(paper) else ""
         yield Paragraph(
             f"Columns headed *paper* were not measured here: they are the figures of {declared.source}, "
             f"{declared.paper_data}. The data differ, so rows may be compared within them, "
-            "not across to ours."
+            f"not across to ours.{of_ssim}"
         )
 
 
