@@ -57,7 +57,7 @@ def test_what_a_trial_may_bring_is_known_before_training():
     def kinds(**changes):
         return {type(model) for model in possible_models(GaussianOptions.of(**changes))}
 
-    assert kinds(lens_trials="lens,model") == {ScatterBlur, OwnBlur}
+    assert kinds(lens_trials="lens,model") == {ScatterBlur, OwnBlur, LensSamples}
     assert kinds(lens_trials="lens") == {ScatterBlur}
     assert kinds(lens_trials="model", lens=False) == {Pinhole}
 
