@@ -184,12 +184,16 @@ class Trials:
         figures = f"points of the lens make held-back pixels {_signed(gain, error)} dB better than the scatter"
         better = gain > max(WORTH, SURE * error)
         return (points if better else scatter), Decision(
-            "lens_samples", better, f"tried while training: {figures}", {"points gain": gain, "points error": error}
+            "lens_samples",
+            better,
+            f"tried while training: {figures}",
+            {"points gain": gain, "points error": error},
         )
 
 
-# Tried are points of the lens, since only they show at once what the scatter lacks: after the same steps each Gaussian's
-# own blur, a fifth as dear, can't be told from the scatter on photographs that a lens took (reports/notes/training.md).
+# Tried are points of the lens, since only they show at once what the scatter lacks: after the same steps each
+# Gaussian's own blur, a fifth as dear, can't be told from the scatter on photographs that a lens took
+# (reports/notes/training.md).
 _LENS_POINTS = {"lens_model": "samples", "lens_samples_from": 0.0, "lens_rings": 1}
 # Until the last fifth each Gaussian's own blur goes on with what the points began, since it takes one rasterisation.
 _AFTER = {"samples": {"lens_rings_from": 0.8, "depth_every": 4}}
