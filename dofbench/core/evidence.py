@@ -2,8 +2,8 @@
 
 On a *development* scene anything may be tried, so its scores show what tuning has reached. On a *report* scene a preset
 is run only after it was frozen. Photographs that were made by the blur model that a method trains through flatter that
-method (an "inverse crime", in the words of Colton and Kress, Inverse Acoustic and Electromagnetic Scattering Theory),
-so it is stated how they were made.
+method (an "inverse crime" in the words of Colton and Kress, Inverse Acoustic and Electromagnetic Scattering Theory), so
+it is stated how they were made.
 """
 
 from __future__ import annotations
