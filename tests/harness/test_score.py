@@ -107,6 +107,20 @@ def test_what_a_run_kept_of_depth_is_scored_by_its_model(call, tmp_path: Path) -
     assert {column: one.value for column, one in read_added(end.folder).scores.items()} == pytest.approx(expected)
 
 
+def test_the_authors_ssim_is_added_to_a_result_of_an_older_protocol(call) -> None:
+    end = call()
+    data = json.loads((end.folder / "result.json").read_text())
+    assert data["protocol"]["id"] == "refocus-v3"
+    expected = {column: data["scores"].pop(column) for column in ("ssim_uniform7", "aif_ssim_uniform7")}
+    data["protocol"]["id"] = data["plan"]["protocol"] = data["spec"]["protocol"] = "refocus-v2"
+    for metrics in ("refocus", "all_in_focus"):
+        data["protocol"][metrics].remove("ssim_uniform7")
+    (end.folder / "result.json").write_text(json.dumps(data))
+    assert scored(end.folder, "ssim_uniform7,aif_ssim_uniform7")[0]
+    assert {column: one.value for column, one in read_added(end.folder).scores.items()} == pytest.approx(expected)
+    assert expected["ssim_uniform7"] != data["scores"]["ssim"]  # another metric than ours
+
+
 def test_without_a_truth_it_is_left_out_with_the_reason(call, tmp_path: Path) -> None:
     write_dataset(tmp_path / "data", exact=False)
     end = call(method="pinhole")
