@@ -163,7 +163,10 @@ def test_a_table_of_photographs_whose_lens_nobody_knows(ablate, tmp_path: Path) 
 def test_every_value_of_the_files_is_a_run_s(ablate, tmp_path: Path) -> None:
     _, _, _, out = ablate()
     cells = rows(out / "noise.csv")
-    assert len(cells) == 3 * 2 * 4 and list(cells[0]) == "table row dataset seed column value status".split()
+    columns = "table row dataset seed column value status method preset options budget role"
+    assert len(cells) == 3 * 2 * 4 and list(cells[0]) == columns.split()
+    (noisy,) = {(row["method"], row["preset"], row["options"]) for row in cells if row["row"] == "more"}
+    assert noisy == ("fake", "quick", "noise=0.8") and {row["role"] for row in cells} == {"not stated"}
     expected = scores(tmp_path / "results", "pinhole", "aif_psnr")
     found = [float(row["value"]) for row in cells if (row["row"], row["column"]) == ("pinhole", "aif_psnr")]
     assert found == pytest.approx(expected, rel=CSV_DIGITS)
