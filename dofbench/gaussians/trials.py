@@ -36,7 +36,10 @@ NO_CIRCLE = 0.3  # px, radius: smaller circles of confusion are invisible in a p
 SMALL_CIRCLE = 1.0  # px, radius: with smaller circles a lens is kept only if it explains held-back pixels better
 EXPLAINED = 0.01  # dB on held-back pixels: a smaller gain is noise; sharp photographs gave up to 0.003 (reports/lens)
 WORTH = 0.05  # dB on held-back pixels: with a smaller difference the simpler setting counts as equally good
-SURE = 2.0  # standard errors by which a setting that costs more must be better
+SURE = 2.0  # standard errors by which held-back pixels must be better with a lens, or worse for leaving it out
+# Standard errors by which the forward model that costs more must be better. Whatever a lens took has occlusion, so less
+# is asked than of a lens: photographs of widely differing circles of confusion differ widely in their gains.
+LIKELY = 1.0
 FOCI_APART = 1.0  # px: photographs in which a point's circles differ by more can't share a focus
 
 
@@ -182,7 +185,7 @@ class Trials:
         points = attempt({**scatter.changes, **_LENS_POINTS}, "points of the lens")
         gain, error = _gain(points, scatter)
         figures = f"points of the lens make held-back pixels {_signed(gain, error)} dB better than the scatter"
-        better = gain > max(WORTH, SURE * error)
+        better = gain > max(WORTH, LIKELY * error)
         return (points if better else scatter), Decision(
             "lens_samples",
             better,

@@ -228,3 +228,19 @@ def test_what_other_options_settle_is_not_asked():
 def test_an_unknown_question_is_named():
     with pytest.raises(InputError, match="lens_trials.*'colour'"):
         GaussianOptions.of(lens_trials="lens,colour")
+
+
+@pytest.mark.parametrize(("gains", "better"), [((0.1, 1.0), True), ((-0.2, 1.0), False), ((0.04, 0.04), False)])
+def test_a_forward_model_is_taken_that_is_better_by_a_standard_error(gains, better):
+    """Means of 0.55, 0.4 and 0.04 dB with standard errors of 0.45, 0.6 and 0; as good as equal up to 0.05 dB."""
+
+    class Told(Scripted):
+        def held_back_scores(self, share):
+            points = self.changes.get("lens_model") == "samples"
+            values = gains if points else (0.0, 0.0)
+            return HeldBackScores(0.0, 0.0, {name: (gain, 0.0) for name, gain in zip("ab", values, strict=True)})
+
+    trainer = Told({})
+    _, [decision] = Trials(trainer, GaussianOptions.of(lens_trials="model")).decide(400, 1000, 0.4)
+    assert decision.runs is better and (trainer.changes != {}) is better
+    assert set(decision.figures) == {"points gain", "points error"}

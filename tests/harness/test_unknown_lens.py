@@ -39,7 +39,10 @@ def test_what_has_its_truth_is_scored(unknown: Callable[..., RunEnd]) -> None:
     assert not {"psnr", "delta_a", "disparity_error"} & result.scores.keys()
     assert result.left_out["psnr"] == "no test lens" and result.left_out["delta_a"] == "no true lens"
     assert result.do_nothing == {} and result.lens == []
-    assert all(set(view.scores) == {"aif_psnr", "aif_ssim", "aif_flip", "resolved"} for view in result.views)
+    assert all(
+        set(view.scores) == {"aif_psnr", "aif_ssim", "aif_ssim_uniform7", "aif_flip", "resolved"}
+        for view in result.views
+    )
     assert all(set(point.scores) == {"aif_psnr", "aif_ssim"} for point in result.curve)
     assert not any(name.startswith("predictions/refocus") for name in result.predictions)
 
