@@ -227,7 +227,9 @@ def _run(
             if test and test not in trusted:
                 alone = [one for one in job["tests"] if one[0] == test]
                 unchanged = list(_serve(settings.work, copy, sources, [job | {"mutated": None, "tests": alone}]))
-                trusted[test] = bool(unchanged) and unchanged[0]["outcome"] == "survived"
+                if not unchanged:
+                    raise InputError(settings.work / "serve.log", "no verdict on unchanged code", "tests that collect")
+                trusted[test] = unchanged[0]["outcome"] == "survived"
             if not test or trusted[test]:
                 break
             job["tests"] = [one for one in job["tests"] if one[0] != test]

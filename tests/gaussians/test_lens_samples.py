@@ -71,6 +71,16 @@ def _options(**changes):
     return GaussianOptions().with_overrides({"lens_model": "samples", "sh_degree": 0, **changes})
 
 
+@pytest.mark.parametrize("radius", [0.5, -3.0])
+def test_a_cell_has_its_share_of_the_variance_of_a_disc_of_any_radius(radius):
+    """Against points drawn evenly from the disc, within five standard errors of their variance."""
+    random = np.random.default_rng(0)
+    count = 20_000
+    x = radius * np.sqrt(random.uniform(size=count)) * np.cos(random.uniform(0, 2 * np.pi, count))
+    found = 7 * float(cell_variance(torch.tensor([radius]), 7))
+    assert abs(found - x.var()) < 5 * (x**2).std() / np.sqrt(count)
+
+
 @given(rings=st.integers(0, 6), rotation=st.floats(-10, 10))
 def test_points_and_cells_have_the_discs_variance(rings, rotation):
     pattern = lens_points(rings, rotation)
