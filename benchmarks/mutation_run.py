@@ -76,7 +76,7 @@ class Settings:
     """Of the draw."""
     count: int = 300
     """How many mutants are drawn."""
-    limit: float = 120.0
+    limit: float = 60.0
     """Seconds of tests that are run for a mutant at most, the cheapest tests first; one that survives them survives."""
     work: Path = field(default_factory=lambda: Path(tempfile.gettempdir()) / "dofbench-mutation")
     """Folder of the copy and of the tests' map, which the next call finds again."""
