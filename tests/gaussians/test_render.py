@@ -29,3 +29,9 @@ def test_blur_reaches_the_kernel_and_gets_the_gradient():
     assert not torch.equal(raster.color, rasterise(gaussians, view(), options).color)
     raster.color.square().sum().backward()
     assert blur.grad.any()
+
+
+def test_harmonics_come_one_degree_at_a_time_or_all_at_once():
+    gradual, at_once = AppearanceOptions(sh_degree=2, sh_every=0.25), AppearanceOptions(sh_degree=2, sh_every=0.0)
+    assert [gradual.degree(progress) for progress in (0.0, 0.2, 0.25, 0.5, 0.75, 1.0)] == [0, 0, 1, 2, 2, 2]
+    assert [at_once.degree(progress) for progress in (0.0, 0.5, 1.0)] == [2, 2, 2]
