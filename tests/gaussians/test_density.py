@@ -218,6 +218,19 @@ def test_filter_3d_is_the_finest_sampling_of_the_views_that_see_a_gaussian():
     assert np.allclose(gaussians.filter_3d.numpy(), finest)
 
 
+def test_the_filter_counts_views_behind_the_near_plane_and_up_to_15_per_cent_beside_the_image():
+    """3DGS's near plane is at 0.2; the image is 20 by 10 pixels, and a Gaussian just outside a bound gets the largest
+    size of the others, that of the one at 9."""
+    camera, beside = frontal(20, 10, 10.0), []
+    for share, seen in ((1.14, True), (1.16, False), (-0.14, True), (-0.16, False)):
+        beside += [((20 * share - 10) / 10 * 4, 0.0, 4.0, seen), (0.0, (10 * share - 5) / 10 * 4, 4.0, seen)]
+    places = [(0.0, 0.0, 9.0, True), (0.0, 0.0, 0.21, True), (0.0, 0.0, 0.19, False), *beside]
+    gaussians = Gaussians.from_points(cloud([place[:3] for place in places]), 0)
+    gaussians.update_filter_3d([camera])
+    expected = [(z if seen else 9.0) / 10 * math.sqrt(0.2) for *_, z, seen in places]
+    assert np.allclose(gaussians.filter_3d.numpy(), expected, rtol=FLOAT32_VALUE)
+
+
 def test_saving_and_loading_gives_the_same_bits(tmp_path):
     gaussians, _, _ = _setup()
     gaussians.filter_3d = torch.rand(len(gaussians))
