@@ -29,8 +29,8 @@ def test_angles_of_three_to_twelve_degrees_are_the_best(degrees: float, worth: f
 
 @pytest.mark.parametrize(("shift", "count"), [(0.01, 16), (0.2, 56), (0.42, 120), (3.0, 192)])
 def test_planes_move_the_image_by_three_quarters_of_a_pixel(shift: float, count: int) -> None:
-    """Between cameras side by side a disparity moves every pixel by focal length x shift x disparity: 0.2 x 400 x 0.5 px
-    is 40 px, 53.3 steps, 55 planes with both ends, 56 as a multiple of eight."""
+    """Between cameras side by side a disparity moves every pixel by focal length x shift x disparity: 400 x 0.2 x 0.5
+    px are 40 px, 53.3 steps, 55 planes with both ends, 56 as a multiple of eight."""
     camera = frontal(80, 60, 400.0)
     found = stereo._planes(
         camera, [frontal(80, 60, 400.0, (shift, 0, 0)), frontal(80, 60, 400.0, (0, shift / 9, 0))], 0.1, 0.6
