@@ -3,8 +3,8 @@
 A mutant is one small change of the code that a programmer could have made by mistake. Left out by rule, since no test
 should have to notice: docstrings and all other texts, annotations, decorators, what a `raise` or an `assert` says,
 `__all__`, blocks that only type checkers read, protocols (they have no code), calls that only tell somebody something
-(progress, prints, warnings), the order of what commutes, and arguments that decide nothing here (a zip's `strict`, a
-device where there is one).
+(progress, prints, warnings), the order of what commutes, detaching where there are no gradients, and arguments that
+decide nothing here (a zip's `strict`, a device where there is one).
 """
 
 from __future__ import annotations
@@ -59,9 +59,10 @@ REMOVABLE = {
 # Calls that tell somebody something, and decide nothing.
 TELLING = {"print", "warn", "progress", "debug", "info", "warning", "stage", "silent"}
 _NOT_CODE = {"InputError", "TypeVar", "cast", "Literal"}  # calls that make a message or a type
-# The order of two arguments that decides nothing: of what commutes.
+# The order of two arguments that decides nothing: of what commutes, and of a value and its lower bound.
 _COMMUTES = {
-    "allclose", "equal", "gcd", "hypot", "isclose", "logical_and", "logical_or", "max", "maximum", "min", "minimum",
+    "allclose", "clip", "equal", "gcd", "hypot", "isclose", "logical_and", "logical_or", "max", "maximum", "min",
+    "minimum",
 }  # fmt: skip
 # Arguments that decide nothing where all goes well on a machine with one device: `strict` of a zip says what is known.
 _IDLE_ARGUMENTS = {"device", "memory_format", "non_blocking", "strict", "copy", "stacklevel"}
@@ -183,7 +184,11 @@ def _statement(statement: ast.stmt, function: str, qualified: str, *, alone: boo
             for default in (*statement.args.defaults, *(one for one in statement.args.kw_defaults if one)):
                 for node, operator, new in _constants(default):
                     yield place, node, "default changed" if operator == "constant changed" else operator, new
-            yield from _block(statement.body, function or inner, inner)
+            free = any(_last_name(one) == "no_grad" for one in statement.decorator_list)
+            for change in _block(statement.body, function or inner, inner):
+                # Where there are no gradients, nothing can be detached from them.
+                if not (free and change[2] == "call removed" and ast.unparse(change[1]).endswith(".detach()")):
+                    yield change
             return
         case ast.ClassDef():
             inner = f"{qualified}.{statement.name}" if qualified else statement.name

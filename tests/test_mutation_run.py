@@ -85,6 +85,8 @@ def test_what_only_tells_stays(sites: ModuleType, tmp_path: Path) -> None:
     assert {operator for operator, _, _ in _changes(sites, tmp_path, told)} == {"return value dropped"}
     idle = "def f(x, y):\n    return zip(x, y, strict=True)\n"
     assert {after for _, _, after in _changes(sites, tmp_path, idle)} == {"return None", "zip(y, x, strict=True)"}
+    free = "@torch.no_grad()\ndef f(x):\n    return x.detach()\n"
+    assert {after for _, _, after in _changes(sites, tmp_path, free)} == {"return None"}
     same = "def f(x, y):\n    return max(x, y)\n"
     assert {after for _, _, after in _changes(sites, tmp_path, same)} == {"return None", "min(x, y)"}
 
