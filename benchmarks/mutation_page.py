@@ -28,6 +28,9 @@ def write_page(out: Path, rows: Sequence[dict[str, str]], *, seed: int, count: i
     dead = [row for row in rows if row["outcome"] in killed]
     commits = " and ".join(sorted({row["commit"] for row in rows}))
     seconds = sorted(float(row["seconds"]) for row in rows)
+    alive = [row for row in rows if row["outcome"] not in killed]
+    equal = [row for row in alive if reasons.get(row["id"], {}).get("kind") == "equivalent"]
+    others = [row for row in rows if row not in equal]
     parts = [(name, [row for row in rows if row["file"].startswith(start)]) for name, start in PARTS]
     kinds = sorted({row["operator"] for row in rows})
     code, module = "../../benchmarks/mutation_run.py", "../../benchmarks/mutation_sites.py"
@@ -35,7 +38,9 @@ def write_page(out: Path, rows: Sequence[dict[str, str]], *, seed: int, count: i
         "# Do the tests notice when the code changes?",
         "",
         f"Of {len(rows)} mutants drawn at random, {len(dead)} were killed: **{_share(dead, rows)}**. A mutant is the "
-        "code with one small change; it is killed if a test fails that passes without the change.",
+        "code with one small change; it is killed if a test fails that passes without the change. "
+        f"{len(equal)} of the survivors are equivalent to the code; of all others {_share(dead, others)} were killed.",
+        *([] if len(rows) >= count else ["", f"The run isn't finished: {count} are drawn."]),
         "",
         "```sh",
         f"python benchmarks/mutation_run.py --seed {seed} --count {count} --out reports/mutation",
@@ -57,7 +62,6 @@ def write_page(out: Path, rows: Sequence[dict[str, str]], *, seed: int, count: i
         "## Survivors",
         "",
     ]
-    alive = [row for row in rows if row["outcome"] not in killed]
     for kind, heading in (
         ("equivalent", "Equivalent: the change makes no difference that a user could see."),
         ("gap", "Gaps: a test could notice, and none does."),

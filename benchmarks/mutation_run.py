@@ -103,11 +103,17 @@ def main(settings: Settings) -> None:
         marks = {"code": code, "suite": suite, "commit": _commit()}
         for mutant, answer in _run(settings, copy, sources, left, tests, known):
             rows[mutant.id] = _row(mutant, answer) | marks
-            _write(table, [rows[one.id] for one in drawn if one.id in rows])
+            _publish(settings, [rows[one.id] | {"line": str(one.line)} for one in drawn if one.id in rows])
             print(f"{len(rows)}: {mutant.file}:{mutant.line} {answer['outcome']} {answer['test']}", flush=True)
-    rows = {one.id: rows[one.id] | {"line": str(one.line)} for one in drawn}
-    _write(table, list(rows.values()))
-    write_page(settings.out, list(rows.values()), seed=settings.seed, count=settings.count, killed=KILLED)
+    _publish(settings, [rows[one.id] | {"line": str(one.line)} for one in drawn])
+
+
+def _publish(settings: Settings, rows: Sequence[dict[str, str]]) -> None:
+    with replacing(settings.out / "mutants.csv") as temporary, temporary.open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, FIELDS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    write_page(settings.out, rows, seed=settings.seed, count=settings.count, killed=KILLED)
 
 
 def draw(mutants: Sequence[Mutant], seed: int, count: int) -> list[Mutant]:
@@ -373,13 +379,6 @@ def _row(mutant: Mutant, answer: dict[str, Any]) -> dict[str, str]:
         "tests": str(answer["ran"]),
         "seconds": f"{answer['seconds']:.2f}",
     }
-
-
-def _write(file: Path, rows: Sequence[dict[str, str]]) -> None:
-    with replacing(file) as temporary, temporary.open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, FIELDS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def _digest(root: Path, files: Iterable[Path]) -> str:

@@ -249,6 +249,7 @@ def test_the_page_counts_and_gives_reasons(run: ModuleType, tmp_path: Path) -> N
     run.write_page(tmp_path, rows, seed=14, count=4, killed=run.KILLED)
     page = (tmp_path / "README.md").read_text()
     assert "Of 4 mutants drawn at random, 2 were killed: **50.0 %**" in page
+    assert "1 of the survivors are equivalent to the code; of all others 66.7 % were killed." in page
     assert "| optics | 4 | 2 | 50.0 % |" in page
     assert page.index("Equivalent") < page.index("Both are the same.") < page.index("Without a reason")
     assert "`a \\| b`" in page
