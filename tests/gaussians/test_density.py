@@ -80,6 +80,17 @@ def test_the_cap_keeps_the_neediest():
     assert int((gaussians.parameters["means"].detach() == wanted).all(dim=1).sum()) == 2
 
 
+def test_the_cap_is_filled_by_those_at_the_threshold_too():
+    gaussians, _, density = _setup(grow_gradient=0.25, max_gaussians=14)
+    with torch.no_grad():
+        gaussians.parameters["log_scales"][:] = math.log(1e-4)
+    gradient = torch.zeros(12, 2)
+    gradient[[1, 5, 8], 0] = 0.25 / 5  # times half of 10 pixels
+    _see(density, gradient)
+    density.after_step(1, 0.0)
+    assert len(gaussians) == 14
+
+
 def test_opacity_reset_lowers_opacity_and_forgets_moments():
     gaussians, optimiser, density = _setup(reset_every=0.1, densify_every=1000)
     density.after_step(1, 0.15)
