@@ -15,7 +15,7 @@ from dofbench.core.blur import Blur
 from dofbench.core.lens import PhysicalLens
 from dofbench.kernels import load
 from dofbench.optics.defocus import defocus_numpy
-from dofbench.optics.layered import layered_blur
+from dofbench.optics.layered import _continued, _nearest, layered_blur
 
 MARGIN, HEIGHT, WIDTH = 16, 96, 112
 
@@ -150,3 +150,45 @@ def test_a_seam_between_flat_surfaces_stays_clean():
     # A flat wall blurs into itself, and the plate is sharp: the photograph is the picture.
     error = (layered_blur(image, radius, scatter) - image).abs().max()
     assert error < 0.05 < (scatter(image, radius) - image).abs().max()
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10**6), st.floats(0.02, 0.9))
+def test_what_is_hidden_is_a_mean_of_what_is_seen_whichever_way_the_picture_lies(seed, share):
+    """Seen pixels stay, filled ones lie within their colours, and a picture mirrored or on its side is filled likewise.
+    Sides are powers of two, so that no size is odd."""
+    generator = np.random.default_rng(seed)
+    image, known = generator.random((16, 32, 3)).astype(np.float32), generator.random((16, 32)) < share
+    known[3, 5] = True
+    filled = _continued(image, known)
+    assert np.array_equal(filled[known], image[known])
+    slack = FLOAT32_VALUE
+    assert (filled >= image[known].min(axis=0) - slack).all() and (filled <= image[known].max(axis=0) + slack).all()
+    for turn in (lambda it: it[:, ::-1], lambda it: it[::-1], lambda it: it.swapaxes(0, 1)):
+        turned = _continued(np.ascontiguousarray(turn(image)), np.ascontiguousarray(turn(known)))
+        assert np.allclose(turned, turn(filled), atol=FLOAT32_VALUE)
+
+
+def test_what_is_hidden_behind_one_pixel_is_the_mean_around_it():
+    """Of a block of 2 x 2 three pixels are seen, and the block's mean is theirs; what the pyramid then says between the
+    blocks is a mixture by 9, 3, 3 and 1 sixteenths of the four nearest blocks."""
+    blocks = np.arange(16, dtype=np.float32).reshape(4, 4)
+    image = np.kron(blocks, np.ones((2, 2), np.float32))[..., None].repeat(3, axis=2)
+    known = np.ones((8, 8), bool)
+    known[4, 4] = False  # the upper left pixel of block (2, 2), near blocks (1, 2), (2, 1) and (1, 1)
+    expected = (9 * blocks[2, 2] + 3 * blocks[1, 2] + 3 * blocks[2, 1] + blocks[1, 1]) / 16
+    assert np.allclose(_continued(image, known)[4, 4], expected, rtol=FLOAT32_VALUE)
+
+
+def test_the_nearest_pixel_is_found_for_every_pixel():
+    """Of a half plane the pixel on its rim in the same row; of two plates that one which is nearer; a chosen pixel's
+    own is itself."""
+    chosen = np.zeros((9, 20), bool)
+    chosen[:, :6], chosen[4, 17] = True, True
+    rows, columns = np.divmod(_nearest(chosen), 20)
+    y, x = np.mgrid[:9, :20]
+    assert np.array_equal(rows[chosen], y[chosen]) and np.array_equal(columns[chosen], x[chosen])
+    beside = (x > 5) & (x < 11)  # nearer to the half plane than to the pixel, in every row
+    assert (rows[beside] == y[beside]).all() and (columns[beside] == 5).all()
+    around = np.hypot(y - 4, x - 17) < 3.5
+    assert (rows[around] == 4).all() and (columns[around] == 17).all()

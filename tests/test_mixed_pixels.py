@@ -65,3 +65,18 @@ def test_a_wire_is_left_as_it_is():
     radius = np.zeros((20, 20))
     radius[:, 10] = 5.0
     assert mixed_pixels(np.zeros((20, 20, 3)), radius).rows.size == 0
+
+
+def test_nearer_pixels_say_more_by_the_square_of_their_distance():
+    """A straight outline before column 8: of the far surface the columns 9 and 10 are seen, of which those in five rows
+    weigh 1 / (1 + dy^2) and 1 / (4 + dy^2), together 2.4 and 0.9."""
+    cover = np.tile(np.where(np.arange(16) < 8, 1.0, 0.0), (12, 1))
+    cover[:, 8] = 0.5
+    image, radius = step(cover, np.full(3, 0.8), np.full(3, 0.2))
+    radius[:, 10] = -3.6
+    found = mixed_pixels(image, radius)
+    inside = (found.columns == 8) & (found.rows > 1) & (found.rows < 10)
+    assert inside.sum() == 8
+    expected = (2.4 * -3.0 + 0.9 * -3.6) / 3.3
+    assert np.allclose(found.far_radius[inside], expected, rtol=FLOAT32_VALUE)
+    assert np.allclose(found.near_radius[inside], 4.0, rtol=FLOAT32_VALUE)

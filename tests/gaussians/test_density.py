@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 from made_up import cloud, frontal
-from tolerances import DEVIATION_OF_4000, FLOAT32_SCALAR
+from tolerances import DEVIATION_OF_4000, FLOAT32_GRADIENT, FLOAT32_SCALAR, FLOAT32_VALUE
 
 from dofbench.compute.raster import ViewStatistics
 from dofbench.core.errors import InputError
@@ -81,6 +81,17 @@ def test_the_cap_keeps_the_neediest():
     density.after_step(1, 0.0)
     assert len(gaussians) == 13
     assert int((gaussians.parameters["means"].detach() == wanted).all(dim=1).sum()) == 2
+
+
+def test_the_cap_is_filled_by_those_at_the_threshold_too():
+    gaussians, _, density = _setup(grow_gradient=0.25, max_gaussians=14)
+    with torch.no_grad():
+        gaussians.parameters["log_scales"][:] = math.log(1e-4)
+    gradient = torch.zeros(12, 2)
+    gradient[[1, 5, 8], 0] = 0.25 / 5  # times half of 10 pixels
+    _see(density, gradient)
+    density.after_step(1, 0.0)
+    assert len(gaussians) == 14
 
 
 def test_opacity_reset_lowers_opacity_and_forgets_moments():
@@ -159,6 +170,119 @@ def test_the_opacity_below_which_a_gaussian_goes_falls_with_the_world_s_z():
     assert gaussians.parameters["means"][:, 2].tolist() == [0.0, 2.0]
 
 
+def test_a_gradient_at_the_threshold_grows_and_an_opacity_at_the_threshold_stays():
+    """3DGS grows at 2e-4 or more, and removes below its least opacity: at these very values, which are whole powers of
+    two here, nothing is rounded."""
+    gaussians, _, density = _setup(grow_gradient=0.25, prune_opacity=0.5)
+    with torch.no_grad():
+        gaussians.parameters["opacity_logits"][:] = 0.0
+        gaussians.parameters["log_scales"][:] = math.log(1e-4)
+    gradient = torch.zeros(12, 2)
+    gradient[3, 0], gradient[4, 1] = 0.25 / 5, 0.2499 / 5  # times half of 10 pixels
+    _see(density, gradient)
+    density.after_step(1, 0.0)
+    assert len(gaussians) == 13
+
+
+def test_the_gradient_is_the_mean_over_visits_in_units_of_half_the_image():
+    def grown(width, height, gradient, seen):
+        gaussians, _, density = _setup(grow_gradient=0.9)
+        with torch.no_grad():
+            gaussians.parameters["log_scales"][:] = math.log(1e-4)
+        for one, visible in zip(gradient, seen, strict=True):
+            both = torch.zeros(12, 2)
+            both[7] = torch.tensor(one)
+            statistics = ViewStatistics(visible=torch.full((12,), visible), grad_2d=both)
+            density.record(statistics, width, height)
+        density.after_step(1, 0.0)
+        return len(gaussians) - 12
+
+    # Half of 8 times 3 and half of 6 times 4 are 12 and 12: 17 by Pythagoras, over the views that see it.
+    assert grown(8, 6, [(0.21, 0.0)], [True]) == 0 and grown(8, 6, [(0.24, 0.0)], [True]) == 1
+    assert grown(8, 6, [(0.0, 0.29)], [True]) == 0 and grown(8, 6, [(0.0, 0.31)], [True]) == 1
+    assert grown(8, 6, [(0.15, 0.2)], [True]) == 0 and grown(8, 6, [(0.17, 0.22)], [True]) == 1
+    assert grown(8, 6, [(0.3, 0.0), (0.1, 0.0)], [True, True]) == 0
+    assert grown(8, 6, [(0.3, 0.0), (0.0, 0.0)], [True, False]) == 1
+
+
+def test_when_gaussians_are_added_and_removed():
+    _, _, density = _setup(densify_from=0.2, densify_until=0.5, densify_every=10)
+    due = [(10, 0.2), (20, 0.3), (30, 0.49)]
+    for step, progress in [(10, 0.19), (11, 0.3), (25, 0.4), (30, 0.5), (40, 0.9)]:
+        _record(density._gaussians, density, [])
+        assert density.after_step(step, progress) is False, (step, progress)
+    for step, progress in due:
+        _record(density._gaussians, density, [])
+        assert density.after_step(step, progress) is True, (step, progress)
+
+
+def test_when_opacities_are_reset():
+    """Every tenth of the training from the first one on, between the beginning and the end of densification."""
+    gaussians, _, density = _setup(reset_every=0.1, densify_from=0.15, densify_until=0.45, densify_every=1000)
+    logits, reset = gaussians.parameters["opacity_logits"], []
+    for step in range(1, 100):
+        with torch.no_grad():
+            logits[:] = 3.0
+        density.after_step(step, step / 100)
+        reset += [step] if float(logits.detach().max()) < 3 else []
+    assert len(reset) == 3 and all(abs(step - due) <= 1 for step, due in zip(reset, (20, 30, 40), strict=True))
+    expected = math.log(0.01 / 0.99)
+    with torch.no_grad():
+        logits[:] = torch.tensor([3.0, -6.0]).repeat(6)
+    density._reset_opacity()
+    assert np.allclose(logits.detach().numpy()[:2], [expected, -6.0], rtol=FLOAT32_VALUE)
+
+
+def test_a_clone_that_shares_lets_as_much_light_through():
+    gaussians, _, density = _setup(clone_opacity="share")
+    with torch.no_grad():
+        gaussians.parameters["log_scales"][:] = math.log(1e-4)
+        gaussians.parameters["opacity_logits"][:] = torch.linspace(-3, 3, 12)
+    before = torch.sigmoid(gaussians.parameters["opacity_logits"].detach().clone())
+    _record(gaussians, density, [2, 9])
+    density.after_step(1, 0.0)
+    after = torch.sigmoid(gaussians.parameters["opacity_logits"].detach())
+    for index, clone in ((2, 12), (9, 13)):
+        through = (1 - float(after[index])) * (1 - float(after[clone]))
+        assert through == pytest.approx(1 - float(before[index]), rel=FLOAT32_GRADIENT)
+    others = [index for index in range(12) if index not in (2, 9)]
+    assert np.allclose(after[others].numpy(), before[others].numpy(), rtol=FLOAT32_VALUE)
+
+
+def test_graded_pruning_asks_a_third_of_the_opacity_of_the_farthest():
+    gaussians, _, density = _setup(count=6, prune_opacity=0.3, prune_depth_graded=True)
+    with torch.no_grad():
+        gaussians.parameters["means"][:, 2] = torch.tensor([2.0, 2.0, 6.0, 6.0, 4.0, 4.0])
+        wanted = torch.tensor([0.31, 0.29, 0.11, 0.09, 0.16, 0.14])  # 0.3 over 1, 3, and 2 in the middle
+        gaussians.parameters["opacity_logits"][:] = torch.logit(wanted)
+    _record(gaussians, density, [])
+    density.after_step(1, 0.0)
+    left = torch.sigmoid(gaussians.parameters["opacity_logits"].detach())
+    assert np.allclose(left.numpy(), [0.31, 0.11, 0.16], rtol=FLOAT32_VALUE)
+
+
+def test_children_are_drawn_from_their_parent():
+    """Of 4 000 children mean and covariance are those of the parent, within five standard errors, and all else is
+    inherited but for the size."""
+    from scipy.spatial.transform import Rotation
+
+    gaussians, _, density = _setup(count=4)
+    parent = {
+        name: value.detach()[:1].repeat(2000, *[1] * (value.ndim - 1)) for name, value in gaussians.parameters.items()
+    }
+    parent["log_scales"][:] = torch.tensor([0.5, -1.0, -2.0])
+    parent["quaternions"][:] = torch.tensor([0.7, 0.2, -0.4, 0.3])
+    children = density._children(parent)
+    axes = Rotation.from_quat([0.2, -0.4, 0.3, 0.7]).as_matrix()
+    local = (children["means"] - parent["means"][0]).numpy() @ axes / np.exp([0.5, -1.0, -2.0])
+    error = 5 / math.sqrt(len(local))
+    assert local.shape == (4000, 3) and np.abs(local.mean(axis=0)).max() < error
+    assert np.abs(np.cov(local.T) - np.eye(3)).max() < error * math.sqrt(2)
+    assert np.allclose(children["log_scales"].exp().numpy() * 1.6, np.exp([0.5, -1.0, -2.0]), rtol=FLOAT32_VALUE)
+    for name in ("quaternions", "opacity_logits", "sh_dc", "sh_rest"):
+        assert torch.equal(children[name][:2000], parent[name]) and torch.equal(children[name][2000:], parent[name])
+
+
 def test_rotate_is_the_rotation_matrix():
     from scipy.spatial.transform import Rotation
 
@@ -174,6 +298,19 @@ def test_filter_3d_is_the_finest_sampling_of_the_views_that_see_a_gaussian():
     # The Gaussian that no view sees gets the largest size of the others
     finest = np.array([2, 8, 4, 8]) / 20 * math.sqrt(0.2)
     assert np.allclose(gaussians.filter_3d.numpy(), finest)
+
+
+def test_the_filter_counts_views_behind_the_near_plane_and_up_to_15_per_cent_beside_the_image():
+    """3DGS's near plane is at 0.2; the image is 20 by 10 pixels, and a Gaussian just outside a bound gets the largest
+    size of the others, that of the one at 9."""
+    camera, beside = frontal(20, 10, 10.0), []
+    for share, seen in ((1.14, True), (1.16, False), (-0.14, True), (-0.16, False)):
+        beside += [((20 * share - 10) / 10 * 4, 0.0, 4.0, seen), (0.0, (10 * share - 5) / 10 * 4, 4.0, seen)]
+    places = [(0.0, 0.0, 9.0, True), (0.0, 0.0, 0.21, True), (0.0, 0.0, 0.19, False), *beside]
+    gaussians = Gaussians.from_points(cloud([place[:3] for place in places]), 0)
+    gaussians.update_filter_3d([camera])
+    expected = [(z if seen else 9.0) / 10 * math.sqrt(0.2) for *_, z, seen in places]
+    assert np.allclose(gaussians.filter_3d.numpy(), expected, rtol=FLOAT32_VALUE)
 
 
 def test_saving_and_loading_gives_the_same_bits(tmp_path):

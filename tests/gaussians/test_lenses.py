@@ -58,3 +58,16 @@ def test_the_estimate_does_not_depend_on_the_methods_own_range():
         found = Lens.from_physical(lenses.estimate(0, 504), RANGE)
         assert found.aperture == pytest.approx(0.7, abs=FLOAT32_VALUE)
         assert found.focus == pytest.approx(0.3, abs=FLOAT32_VALUE)
+
+
+def test_a_closed_lens_keeps_the_least_aperture():
+    """The released code adds 1e-5 behind the relu: A is never less, and F never below it."""
+    lenses = LearnedLenses(1, RANGE, LensOptions(lens_activation="relu"))
+    lenses.spoil(-0.3)
+    slope, offset = lenses.forward(0)
+    assert float(slope.detach()) == pytest.approx(1e-5, rel=FLOAT32_VALUE)
+    assert float(offset.detach()) == pytest.approx(-1e-10, rel=FLOAT32_VALUE)
+    lenses.spoil(0.3)
+    slope, offset = lenses.forward(0)
+    assert float(slope.detach()) == pytest.approx(0.30001, rel=FLOAT32_VALUE / 10)
+    assert float(offset.detach()) == pytest.approx(-(0.30001**2), rel=FLOAT32_VALUE / 10)

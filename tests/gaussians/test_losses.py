@@ -6,8 +6,9 @@ import torch
 from tolerances import FLOAT32_SCALAR, PLANE_NORMAL
 
 from dofbench.core.cameras import Camera
-from dofbench.gaussians.distortion import distortion_loss
-from dofbench.gaussians.normals import normal_consistency, normals_from_depth
+from dofbench.gaussians.distortion import DistortionOptions, distortion_loss
+from dofbench.gaussians.normals import NormalOptions, normal_consistency, normals_from_depth
+from dofbench.gaussians.surface_terms import Distortion, Normals
 from dofbench.learning.adaptation import AdaptationOptions
 from dofbench.learning.depth_loss import SupervisionOptions, depth_loss
 from dofbench.learning.supervision import DepthSamples
@@ -118,3 +119,28 @@ def test_depth_loss_by_hand(norm, space, expected):
 def test_sparse_depth_says_nothing_where_there_is_no_surface():
     truth = DepthSamples(torch.tensor([1]), torch.tensor([2]), torch.tensor([2.0]))
     assert depth_loss(torch.zeros(4, 4), torch.zeros(4, 4), truth, SupervisionOptions(), 1.0, None) is None
+
+
+def test_depth_counts_by_its_confidence_and_by_the_adaptation():
+    """Differences 1 and 3 of confidence 0.2 and 0.6, that is 1/2 and 3/2 of their mean, and adaptation 1 and 1/4."""
+    depth = torch.full((4, 4), 2.0)
+    depth[1, 2], depth[3, 0] = 3.0, 5.0
+    rows, columns = torch.tensor([1, 3]), torch.tensor([2, 0])
+    truth = DepthSamples(rows, columns, torch.tensor([2.0, 2.0]), torch.tensor([0.2, 0.6]))
+    weight = torch.ones(4, 4)
+    weight[3, 0] = 0.25
+
+    def loss(adaptation, norm):
+        options = SupervisionOptions(depth_norm=norm)
+        return float(depth_loss(depth, torch.ones(4, 4), truth, options, 0.5, adaptation))
+
+    assert loss(None, "l1") == pytest.approx((1 * 0.5 + 3 * 1.5) / 2, rel=FLOAT32_SCALAR)
+    assert loss(weight, "l1") == pytest.approx((1 * 0.5 + 3 * 1.5 / 4) / 2, rel=FLOAT32_SCALAR)
+    assert loss(weight, "l2") == pytest.approx(math.sqrt((1 * 0.5 + 9 * 1.5 / 4) / 2), rel=FLOAT32_SCALAR)
+
+
+def test_normals_and_distortion_act_from_their_share_of_the_training_on():
+    normals = Normals(NormalOptions(normal_from=0.4))
+    distortion = Distortion(DistortionOptions(distortion_weight=1.0, distortion_from=0.4))
+    for term in (normals, distortion):
+        assert [term.acts(1, progress, None) for progress in (0.0, 0.39, 0.4, 1.0)] == [False, False, True, True]

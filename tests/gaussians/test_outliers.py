@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from made_up import Recorder
@@ -11,7 +12,8 @@ from small_scene import options, training_set
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import TrainingSet
 from dofbench.gaussians.trainer import Trainer
-from dofbench.learning.outliers import MOST, VISITS, OutlierViews
+from dofbench.learning.outliers import MOST, VISITS, OutlierOptions, OutlierViews
+from dofbench.learning.view_order import ViewOrder
 
 
 def _found(losses, visits=VISITS):
@@ -50,3 +52,24 @@ def test_a_photograph_of_something_else_is_trained_on_no_more():
     trainer = Trainer(TrainingSet(tuple(views), given_set.points), chosen, 0)
     trainer.fit(Budget(), Recorder())
     assert trainer.left_out_views == {5}
+
+
+def test_a_photograph_that_was_hardly_seen_keeps_all_in():
+    """Two visits of every photograph are needed; until then none is left out, whatever the others' losses say."""
+    views = OutlierViews(12)
+    for view in range(12):
+        for _ in range(1 if view == 5 else 2):
+            views.record(view, 0.9 if view == 4 else 0.05)
+    assert views.found() == set()
+    views.record(5, 0.05)
+    assert views.found() == {4}
+
+
+@pytest.mark.parametrize(("progress", "left_out"), [(0.29, set()), (0.3, {4})])
+def test_outliers_are_left_out_from_their_share_of_the_training_on(progress, left_out):
+    order = ViewOrder(12, OutlierOptions(outlier_views=True, outliers_from=0.3))
+    for view in range(12):
+        for _ in range(2):
+            order.record(view, 0.9 if view == 4 else 0.05)
+    seen = [order.next(progress, np.random.default_rng(0)) for _ in range(11)]
+    assert order.left_out == left_out and set(seen) & left_out == set()

@@ -1,15 +1,23 @@
-"""The spread of depth that a reconstruction reports."""
+"""A reconstruction as a source of depth: its spread, its confidence, and what is kept of it."""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from made_up import frontal
-from tolerances import FLOAT32_GRADIENT
+from made_up import frontal, scene_of
+from small_scene import cameras, training_set
+from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE
 
+from dofbench import gaussians as gaussian_package
+from dofbench.core.errors import InputError
 from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.scene_fit import OPTIONS, Reconstruction
+from dofbench.gaussians.scene_fit import OPTIONS, Reconstruction, Surface, reconstruct
+from dofbench.gaussians.splat_depth import SplatDepth
+from dofbench.scenes.scene import Scene
 
 CAMERA = frontal(16, 12, 12.0)
 
@@ -58,3 +66,66 @@ def test_spread_is_the_deviation_of_what_is_blended():
 def test_nothing_is_unknown():
     surface = reconstruction([2.0], [0.05]).surface(CAMERA)
     assert (surface.depth == 0).all() and (surface.spread == 0).all()
+
+
+def small_scene() -> Scene:
+    """The scene on which trainings take a second, as one on disk would be: two planes at 3 and 6."""
+    given, scene = training_set(), scene_of(cameras())
+    views = [
+        replace(view, image=lambda image=shown.image: image)
+        for view, shown in zip(scene.views, given.views, strict=True)
+    ]
+    return replace(scene, views=tuple(views), points=given.points)
+
+
+def test_a_reconstruction_is_made_once_and_read_back_from_then_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, told = small_scene(), []
+    made = SplatDepth.make(scene, steps=40, seed=3, work=tmp_path, progress=lambda *done: told.append(done))
+    assert told == [(step, 40) for step in range(1, 41)]
+    assert made.provenance()["steps"] == 40 == made.provenance()["options"]["steps"] and made.provenance()["seed"] == 3
+    monkeypatch.setattr(gaussian_package, "reconstruct", lambda *_, **__: pytest.fail("trained again"))
+    again = SplatDepth.make(scene, steps=40, seed=3, work=tmp_path)
+    one, other = (source.estimate(scene.views[0]) for source in (made, again))
+    assert np.array_equal(one.depth, other.depth) and np.array_equal(one.confidence, other.confidence)
+    # The points stand at 3 and 6, and the training begins at them: what is seen lies there, or is blended of both.
+    low, high = np.quantile(one.depth[one.depth > 0], [0.05, 0.95])
+    assert 2.5 < low < high < 6.5
+
+
+def test_a_scene_without_points_is_refused() -> None:
+    with pytest.raises(InputError, match="a Gaussian reconstruction"):
+        reconstruct(replace(small_scene(), points=None), steps=2, seed=0)
+
+
+def test_a_training_that_diverges_is_no_reconstruction() -> None:
+    scene = small_scene()
+    bad = np.full((36, 48, 3), np.nan, np.float32)
+    views = [replace(view, image=lambda: bad) for view in scene.views]
+    with pytest.raises(FloatingPointError, match="scene: reconstruction diverged"):
+        reconstruct(replace(scene, views=tuple(views)), steps=2, seed=0)
+
+
+def test_confidence_by_hand() -> None:
+    """Opacity over 1 + (s / 5 % of the range)^2; the range is that from the 5th to the 95th per cent of disparity."""
+    disparity = np.linspace(1.0, 3.0, 101).reshape(1, 101)  # the range is 1.1 to 2.9; scene units below 1
+    alpha = np.full(disparity.shape, 0.8)
+    alpha[0, 7] = 1.0 + 1e-6
+    spread = np.linspace(0.0, 0.3, 101).reshape(1, 101)
+    depth = (1 / disparity).astype(np.float32)
+    depth[0, 50] = 0.0
+
+    class Fixed(Reconstruction):
+        def __init__(self) -> None:
+            """Nothing was trained."""
+
+        def surface(self, camera: object) -> Surface:
+            return Surface(depth, alpha, spread)
+
+    found = SplatDepth(Fixed(), {}).estimate(scene_of([CAMERA]).views[0])
+    low, high = np.percentile(np.delete(disparity, 50), [5, 95])
+    expected = np.minimum(alpha, 1) / (1 + (spread / (0.05 * (high - low))) ** 2)
+    expected[0, 50] = 0.0
+    assert np.array_equal(found.depth, depth) and found.confidence.dtype == np.float32
+    assert np.allclose(found.confidence, expected, rtol=FLOAT32_VALUE)

@@ -32,3 +32,9 @@ def test_the_filters_and_the_degree_are_the_same_from_every_point():
     for options in (AppearanceOptions(), AppearanceOptions(filter_3d=False, filter_2d=0.5)):
         (image,) = rasterise_from_points(gaussians, view(), options, np.zeros((1, 2)), nothing, nothing, sh_degree=1)
         assert torch.equal(image, rasterise(gaussians, view(), options, sh_degree=1, geometry="none").color)
+
+
+def test_harmonics_come_one_degree_at_a_time_or_all_at_once():
+    gradual, at_once = AppearanceOptions(sh_degree=2, sh_every=0.25), AppearanceOptions(sh_degree=2, sh_every=0.0)
+    assert [gradual.degree(progress) for progress in (0.0, 0.2, 0.25, 0.5, 0.75, 1.0)] == [0, 0, 1, 2, 2, 2]
+    assert [at_once.degree(progress) for progress in (0.0, 0.5, 1.0)] == [2, 2, 2]

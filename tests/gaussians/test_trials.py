@@ -151,6 +151,22 @@ def test_another_forward_model_must_be_better_for_sure():
     assert _decided(Scripted(better, noise=3.0), "model")[0] == {}
 
 
+@pytest.mark.parametrize(("gain", "better"), [(0.05, False), (0.0501, True)])
+def test_a_forward_model_that_costs_more_must_gain_more_than_what_counts_as_equal(gain, better):
+    """Both views gain the same, so that the standard error is 0, and 0.05 dB is the bound itself."""
+
+    class Exact(Scripted):
+        count = 2
+
+        def held_back_scores(self, share):
+            own = self.changes.get("lens_model") == "samples"
+            return HeldBackScores(0.0, 0.0, dict.fromkeys("ab", (gain if own else 0.0, 0.0)))
+
+    trainer = Exact({})
+    _, [decision] = Trials(trainer, GaussianOptions.of(lens_trials="model")).decide(400, 1000, 0.4)
+    assert decision.runs is better and (trainer.changes != {}) is better
+
+
 def test_training_goes_on_without_the_lens_that_sharp_photographs_do_without():
     trainer = Trainer(training_set(), options(**OPEN, lens_init_aperture=0.05), 0)
     outcome = trainer.fit(Budget(), Recorder())

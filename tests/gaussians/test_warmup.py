@@ -1,0 +1,40 @@
+"""Compiling with a second process leaves this one as it was."""
+
+from __future__ import annotations
+
+import gc
+import sys
+from collections.abc import Iterator
+
+import pytest
+from made_up import cloud, frontal
+
+from dofbench.gaussians import warmup
+from dofbench.gaussians.gaussian_options import GaussianOptions
+from dofbench.gaussians.model import Gaussians
+
+
+@pytest.fixture
+def collecting() -> Iterator[None]:
+    """The garbage collector as it was, whatever a test did to it."""
+    before = gc.isenabled()
+    yield
+    (gc.enable if before else gc.disable)()
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_the_garbage_collector_rests_while_compiling_and_is_then_as_before(
+    enabled: bool, collecting: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    during = []
+    monkeypatch.setattr(sys, "executable", "true")  # the other process has nothing to do
+    monkeypatch.setattr(warmup, "is_warm", lambda op: False)
+    monkeypatch.setattr(warmup, "_rasterise_once", lambda *_: during.append((gc.isenabled(), _[-1])))
+    (gc.enable if enabled else gc.disable)()
+    points = cloud([(0, 0, 2.0), (0, 1, 2.0), (1, 0, 2.0), (1, 1, 2.0)])
+    later = ("full", "depth", "none")
+    warmup.compile_kernels(Gaussians.from_points(points, 0), frontal(4, 4, 4.0), GaussianOptions(), later)
+    assert gc.isenabled() is enabled
+    # The geometry of every training first, beside the other process; then what else comes up, each once.
+    assert during[0] == (False, "depth") and {geometry for _, geometry in during[1:]} == {"full", "none"}
+    assert len(during) == 3

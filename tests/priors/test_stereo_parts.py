@@ -1,0 +1,95 @@
+"""The stereo prior's parts, each against a closed form or a plain loop: planes, angles, outlines, filling."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from made_up import frontal
+from tolerances import FLOAT32_VALUE, FLOAT64_VALUE
+
+from dofbench.learning.priors import stereo
+from dofbench.learning.supervision import DepthMap
+
+
+def _turned(degrees: float) -> np.ndarray:
+    return np.array([[math.sin(math.radians(degrees)), 0.0, math.cos(math.radians(degrees))]])
+
+
+@pytest.mark.parametrize(
+    ("degrees", "worth"),
+    [(0.0, 0.0), (1.5, 0.25), (3.0, 1.0), (7.0, 1.0), (12.0, 1.0), (24.0, 0.25), (60.0, 0.04), (180.0, 1 / 225)],
+)
+def test_angles_of_three_to_twelve_degrees_are_the_best(degrees: float, worth: float) -> None:
+    """Below and above the worth falls with the square of the angle's ratio to the bound."""
+    assert stereo._fairness(_turned(20.0), _turned(20.0 + degrees)) == pytest.approx([worth], abs=FLOAT64_VALUE)
+
+
+@pytest.mark.parametrize(("shift", "count"), [(0.01, 16), (0.2, 56), (0.42, 120), (3.0, 192)])
+def test_planes_move_the_image_by_three_quarters_of_a_pixel(shift: float, count: int) -> None:
+    """Between cameras side by side a disparity moves every pixel by focal length x shift x disparity: 400 x 0.2 x 0.5
+    px are 40 px, 53.3 steps, 55 planes with both ends, 56 as a multiple of eight."""
+    camera = frontal(80, 60, 400.0)
+    found = stereo._planes(
+        camera, [frontal(80, 60, 400.0, (shift, 0, 0)), frontal(80, 60, 400.0, (0, shift / 9, 0))], 0.1, 0.6
+    )
+    assert len(found) == count and found[0] == 0.1 and found[-1] == 0.6
+    assert np.ptp(np.diff(found)) < FLOAT64_VALUE
+
+
+def test_a_source_that_looks_elsewhere_says_nothing_of_the_planes() -> None:
+    """Points before this camera lie behind one far in front of it."""
+    camera = frontal(80, 60, 400.0)
+    assert len(stereo._planes(camera, [frontal(80, 60, 400.0, (0, 0, 50.0))], 0.1, 0.6)) == stereo.PLANES[0]
+
+
+def test_outlines_are_pixels_with_a_much_farther_surface_nearby() -> None:
+    """Pixel by pixel: within three pixels up, down and aside, something farther by 3 % of the range; nothing known is
+    as far as can be."""
+    random = np.random.default_rng(0)
+    depth = 1 / random.choice([0.2, 0.21, 0.5], (20, 30), p=[0.55, 0.43, 0.02])
+    depth[15:, 20:] = 0
+    expected = np.zeros(depth.shape, bool)
+    disparity = np.divide(1, depth, out=np.zeros(depth.shape), where=depth > 0)
+    for row, column in np.ndindex(depth.shape):
+        window = disparity[max(row - 3, 0) : row + 4, max(column - 3, 0) : column + 4]
+        expected[row, column] = disparity[row, column] - window.min() > 0.03 * 0.5
+    assert np.array_equal(stereo._outline(depth, 0.5), expected) and 0 < expected.mean() < 0.5
+
+
+def test_holes_are_filled_from_the_smaller_map_at_less_weight() -> None:
+    depth = np.array([[0.5, 0.0, 3.0, 0.0]] * 2, np.float32)
+    weight = np.array([[0.9, 0.0, 0.8, 0.0]] * 2, np.float32)
+    coarse = DepthMap(np.array([[7.0, 0.25]], np.float32), np.array([[0.6, 0.4]], np.float32))
+    found = stereo._filled(DepthMap(depth, weight), coarse, 0.5)
+    assert found.depth.tolist() == [[0.5, 7.0, 3.0, 0.25]] * 2
+    assert np.allclose(found.weight, [[0.9, 0.3, 0.8, 0.2]] * 2, rtol=FLOAT32_VALUE)
+
+
+def test_what_is_kept_of_a_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A flat wall, for which matching is said to give these planes, scores and margins: the first and the last plane
+    and low scores give no depth, a small margin gives depth without weight, and all else counts by its score."""
+    camera = frontal(80, 60, 400.0)
+    count = len(stereo._planes(camera, [camera], 0.1, 0.6))
+    plane, score, margin = (torch.full((60, 80), value) for value in (3.0, 0.8, 0.2))
+    plane[20, :4] = torch.tensor([0.4, 0.6, count - 1.4, count - 1.6])
+    score[30, :3] = torch.tensor([0.59, 0.61, 1.2])
+    margin[40, :2] = torch.tensor([0.04, 0.06])
+
+    def load(op: str, *, function: str | None = None) -> object:
+        if function == "semiglobal":
+            return lambda *_, **__: (plane, score, margin)
+        return lambda grey, *_, **__: torch.zeros(1)
+
+    monkeypatch.setattr(stereo, "load", load)
+    monkeypatch.setattr(stereo, "_outline", lambda depth, extent: np.zeros(depth.shape, bool))
+    grey = [(torch.zeros(60, 80), camera)]
+    swept = stereo._sweep([grey, grey], 0, [1], 0.1, 0.6)
+    expected = 1 / (0.1 + 0.5 * plane.numpy() / (count - 1))
+    expected[20, 0] = expected[20, 2] = expected[30, 0] = 0
+    assert np.allclose(swept.depth, expected, rtol=FLOAT32_VALUE)
+    weight = np.where(expected > 0, np.minimum(score.numpy(), 1), 0)
+    weight[40, 0] = 0
+    assert np.allclose(swept.weight, weight, rtol=FLOAT32_VALUE)
