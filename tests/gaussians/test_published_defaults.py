@@ -27,6 +27,8 @@ THREE_DGS = {
     "grow_gradient": 0.0002,
     "dense_share": 1 / 100,
     "clone_opacity": "keep",
+    "clone_place": "same",
+    "reset_filtered": False,
     "prune_opacity": 1 / 200,
     "reset_every": 3_000 / 30_000,
     "sh_degree": 3,
