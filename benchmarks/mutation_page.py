@@ -23,8 +23,7 @@ PARTS = (
 def write_page(out: Path, rows: Sequence[dict[str, str]], *, seed: int, count: int, killed: Sequence[str]) -> None:
     """README.md in `out` of the rows of mutants.csv; the survivors' reasons are those of survivors.toml, by id: `kind`
     (equivalent or gap) and `reason`."""
-    file = out / "survivors.toml"
-    reasons = tomllib.loads(file.read_text()) if file.is_file() else {}
+    reasons = survivors(out)
     dead = [row for row in rows if row["outcome"] in killed]
     commits = " and ".join(sorted({row["commit"] for row in rows}))
     seconds = sorted(float(row["seconds"]) for row in rows)
@@ -40,6 +39,9 @@ def write_page(out: Path, rows: Sequence[dict[str, str]], *, seed: int, count: i
         f"Of {len(rows)} mutants drawn at random, {len(dead)} were killed: **{_share(dead, rows)}**. A mutant is the "
         "code with one small change; it is killed if a test fails that passes without the change. "
         f"{len(equal)} of the survivors are equivalent to the code; of all others {_share(dead, others)} were killed.",
+        "",
+        "Tests were added for what survived of this very draw, so the share isn't that of mutants in general: a first "
+        "run with another `--seed` tells that.",
         *([] if len(rows) >= count else ["", f"The run isn't finished: {count} are drawn."]),
         "",
         "```sh",
@@ -78,6 +80,12 @@ def write_page(out: Path, rows: Sequence[dict[str, str]], *, seed: int, count: i
             lines.append("")
     with replacing(out / "README.md") as temporary:
         temporary.write_text("\n".join(lines).rstrip() + "\n")
+
+
+def survivors(out: Path) -> dict[str, dict[str, str]]:
+    """What survivors.toml in the folder says, by id: `kind` and `reason`."""
+    file = out / "survivors.toml"
+    return tomllib.loads(file.read_text()) if file.is_file() else {}
 
 
 def _table(name: str, groups: Sequence[tuple[str, list[dict[str, str]]]], killed: Sequence[str]) -> list[str]:

@@ -30,13 +30,13 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import tyro
-from mutation_page import write_page
+from mutation_page import survivors, write_page
 from mutation_sites import Mutant, mutants_of
 
 from dofbench.core.errors import InputError
@@ -95,7 +95,8 @@ def main(settings: Settings) -> None:
     drawn = draw([mutant for file in sources for mutant in mutants_of(copy, file)], settings.seed, settings.count)
     table = settings.out / "mutants.csv"
     known = {row["id"]: row for row in csv.DictReader(table.open())} if table.is_file() else {}
-    rows = {one.id: known[one.id] for one in drawn if one.id in known and _holds(known[one.id], code, suite)}
+    equal = {mark for mark, one in survivors(settings.out).items() if one["kind"] == "equivalent"}
+    rows = {one.id: known[one.id] for one in drawn if one.id in known and _holds(known[one.id], code, suite, equal)}
     left = [one for one in drawn if one.id not in rows]
     print(f"{len(drawn)} mutants of {len(sources)} files, {len(rows)} of them known", flush=True)
     if left:
@@ -169,8 +170,10 @@ class Map:
             for file, part in _by_file(json.loads(fresh.read_text()), stale).items():
                 parts[file].write_text(json.dumps({"digest": digests[file], **part}))
             print(f"map of {len(stale)} files of tests: {time.monotonic() - start:.0f} s", flush=True)
+        self._words: dict[str, set[str]] = {}
         for file in files:
             self._add(json.loads(parts[file].read_text()))
+            self._words[file] = set(re.findall(r"[A-Za-z_]\w*", (copy / file).read_text()))
         for file in sources:
             for line, text in enumerate((copy / file).read_text().splitlines(), 1):
                 for name in re.findall(r"[A-Za-z_]\w*", text.partition("#")[0]):
@@ -187,14 +190,15 @@ class Map:
         """The tests that run the mutant's lines, with their seconds: `first`, if it is one, then the cheapest, up to
         `limit` seconds in all.
 
-        What runs at import has no test of its own: taken are the tests that run a line that mentions its name, or else
-        all that run anything of its file.
+        What runs at import has no test of its own: taken are the tests that run a line that mentions its name, or whose
+        own file does, or else all that run anything of its file.
         """
         lines = range(mutant.line, mutant.end + 1)
         found = set().union(*(self._lines[mutant.file].get(line, ()) for line in lines))
         if not mutant.name:
             for name in mutant.mentioned:
                 found |= set().union(*(self._lines[file].get(line, ()) for file, line in self._names.get(name, ())))
+                found |= {test for test in self.seconds if name in self._words[test.partition("::")[0]]}
             found = found or set().union(*self._lines[mutant.file].values())
         chosen, spent = [], 0.0
         for name in sorted(found, key=lambda name: (name != first, self.seconds[name], name)):
@@ -361,8 +365,9 @@ def _test_files(copy: Path) -> list[Path]:
     return found
 
 
-def _holds(row: dict[str, str], code: str, suite: str) -> bool:
-    return row["code"] == code and (row["outcome"] in KILLED or row["suite"] == suite)
+def _holds(row: dict[str, str], code: str, suite: str, equal: Collection[str]) -> bool:
+    """Whether a row still says what becomes of its mutant. equal: ids of mutants that no test can kill."""
+    return row["code"] == code and (row["outcome"] in KILLED or row["suite"] == suite or row["id"] in equal)
 
 
 def _row(mutant: Mutant, answer: dict[str, Any]) -> dict[str, str]:

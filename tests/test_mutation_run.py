@@ -256,6 +256,7 @@ def test_the_page_counts_and_gives_reasons(run: ModuleType, tmp_path: Path) -> N
 
 
 def test_what_is_known_is_not_run_again(run: ModuleType) -> None:
-    killed, alive = ({"outcome": outcome, "code": "1", "suite": "1"} for outcome in ("failed", "survived"))
-    assert run._holds(killed, "1", "2") and not run._holds(killed, "2", "1")
-    assert run._holds(alive, "1", "1") and not run._holds(alive, "1", "2")
+    killed, alive = ({"id": "m", "outcome": outcome, "code": "1", "suite": "1"} for outcome in ("failed", "survived"))
+    assert run._holds(killed, "1", "2", ()) and not run._holds(killed, "2", "1", ())
+    assert run._holds(alive, "1", "1", ()) and not run._holds(alive, "1", "2", ())
+    assert run._holds(alive, "1", "2", {"m"}) and not run._holds(alive, "2", "2", {"m"})  # equivalent to this code

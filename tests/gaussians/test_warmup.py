@@ -33,7 +33,7 @@ def test_the_garbage_collector_rests_while_compiling_and_is_then_as_before(
     (gc.enable if enabled else gc.disable)()
     points = cloud([(0, 0, 2.0), (0, 1, 2.0), (1, 0, 2.0), (1, 1, 2.0)])
     later = ("full", "depth", "none")
-    warmup.compile_kernels(Gaussians.from_points(points, 0), frontal(4, 4, 4.0), GaussianOptions(), later)
+    warmup.compile_kernels(Gaussians.from_points(points, 0), frontal(4, 4, 4.0), GaussianOptions(), later, False)
     assert gc.isenabled() is enabled
     # The geometry of every training first, beside the other process; then what else comes up, each once.
     assert during[0] == (False, "depth") and {geometry for _, geometry in during[1:]} == {"full", "none"}
