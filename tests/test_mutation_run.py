@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ast
+import csv
 import importlib
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -260,3 +262,16 @@ def test_what_is_known_is_not_run_again(run: ModuleType) -> None:
     assert run._holds(killed, "1", "2", ()) and not run._holds(killed, "2", "1", ())
     assert run._holds(alive, "1", "1", ()) and not run._holds(alive, "1", "2", ())
     assert run._holds(alive, "1", "2", {"m"}) and not run._holds(alive, "2", "2", {"m"})  # equivalent to this code
+
+
+def test_the_published_page_is_what_its_csv_says(run: ModuleType, tmp_path: Path) -> None:
+    published = ROOT / "reports" / "mutation"
+    (tmp_path / "survivors.toml").write_bytes((published / "survivors.toml").read_bytes())
+    rows = list(csv.DictReader((published / "mutants.csv").open()))
+    run.write_page(tmp_path, rows, seed=14, count=300, killed=run.KILLED)
+    machine = re.compile(r", in \S+ \S+ on one core of \S+\. Every")
+    made, page = (
+        machine.sub(". Every", (folder / "README.md").read_text(encoding="utf-8")) for folder in (tmp_path, published)
+    )
+    assert made == page
+    assert len(rows) >= 300 and sum(row["outcome"] in run.KILLED for row in rows) >= 0.95 * len(rows)
