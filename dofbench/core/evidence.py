@@ -26,13 +26,10 @@ ROLE_SAYS: dict[Role | None, str] = {
 }
 PHOTOGRAPHER_SAYS: dict[Photographer | None, str] = {
     "thinlens": (
-        "Photographed by a sampled lens: many rays a pixel from points of the lens, through the scene's own geometry. "
-        "No method here renders like this."
+        "Photographed by a sampled lens: many rays a pixel from points of the lens, through the scene's own geometry, "
+        "by a ray tracer that shares nothing with what the methods here render with."
     ),
-    "unknown": (
-        "Photographed by a lens of its own: the photographs came with the scene, and nobody knows their lens. No "
-        "method here renders like this."
-    ),
+    "unknown": ("Photographed by a lens of its own: the photographs came with the scene, and nobody knows their lens."),
     "layered": (
         "Photographed by a formula: blurred in layers from a sharp image and its depth, with occlusion. Not the "
         "forward model that DoF-Gaussian trains through, but no lens either."

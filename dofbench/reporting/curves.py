@@ -61,7 +61,7 @@ def _figure(plot: Plot) -> Figure:
     axes.set_xscale("log")
     axes.set_xlabel("training time [s]")
     axes.set_ylabel(plot.score.heading)
-    axes.set_title(f"{plot.dataset}, {plot.protocol}")
+    axes.set_title(plot.title)
     axes.grid(True, which="both", alpha=0.3)
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter("{x:g}")
@@ -73,7 +73,7 @@ def _figure(plot: Plot) -> Figure:
 
 def _label(series: Series) -> str:
     seeds = f", median of {len(series.runs)} seeds" if _several(series) else ""
-    return series.name + (f" ({series.failures})" if series.failures else "") + seeds
+    return series.label + (f" ({series.failures})" if series.failures else "") + seeds
 
 
 def _wrapped(label: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from dofbench.core.evidence import Role
+from dofbench.core.evidence import ROLE_WORDS, Role
 from dofbench.reporting import standing
 from dofbench.reporting.pareto import FrontPoint, front_of
 from dofbench.reporting.reach import levels
@@ -17,8 +17,7 @@ from dofbench.results.columns import COLUMNS, Column
 @dataclass(frozen=True)
 class Plot:
     """The plot of one score on one board. dataset: the board's name. role: of its scene. levels: scores for which times
-    are reported;
-    chosen: whether the user chose them. nothing: the score of a lens predictor that learns nothing."""
+    are reported; chosen: whether the user chose them. nothing: the score of a lens predictor that learns nothing."""
 
     board: tuple[str, ...]
     dataset: str
@@ -35,6 +34,11 @@ class Plot:
     def protocol(self) -> str:
         """The protocol under which the board's runs were scored."""
         return self.board[2]
+
+    @property
+    def title(self) -> str:
+        """The board's name and protocol, and the role of its scene where one is stated."""
+        return ", ".join(filter(None, (self.dataset, self.protocol, ROLE_WORDS[self.role])))
 
     @property
     def score(self) -> Column:

@@ -40,8 +40,13 @@ class Series:
 
     @property
     def name(self) -> str:
-        """Method and preset, as legends show them."""
+        """Method and preset."""
         return f"{self.method} {self.preset}".strip()
+
+    @property
+    def label(self) -> str:
+        """Method and preset with the signs, as legends show them."""
+        return f"{self.name} {self.signs}".strip()
 
     @property
     def failures(self) -> str:

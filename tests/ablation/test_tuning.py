@@ -22,25 +22,10 @@ from dofbench.running.ablation_tables import TUNING, read_tables, tables_of
 from dofbench.running.frozen_presets import choices_digest
 from dofbench.running.method_cards import find_method
 
-TABLES = """\
-method = "{method}"
-
+TABLE = """
 [[tables]]
-id = "tuning"
-title = "Tried"
-columns = ["aif_psnr"]
-reference = "base"
-
-[[tables.rows]]
-label = "base"
-
-[[tables.rows]]
-label = "noisy"
-set = {{ noise = 0.8 }}
-
-[[tables]]
-id = "other"
-title = "Another"
+id = "{id}"
+title = "{title}"
 columns = ["aif_psnr"]
 reference = "base"
 
@@ -51,6 +36,7 @@ label = "base"
 label = "noisy"
 set = {{ noise = 0.8 }}
 """
+TABLES = TABLE.format(id="tuning", title="Tried") + TABLE.format(id="other", title="Another")
 METHODS = sorted(path.parent.name for path in content_folder("methods").glob("*/method.toml"))
 
 
@@ -59,7 +45,7 @@ def ablate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., str
     """`ablate(data, …)` makes the tables of a fake method; returns what was said."""
     fake_run(tmp_path, monkeypatch)
     for method in ("fake", "pinhole"):
-        (tmp_path / "methods" / method / "ablations.toml").write_text(TABLES.format(method=method))
+        (tmp_path / "methods" / method / "ablations.toml").write_text(f'method = "{method}"\n{TABLES}')
 
     def call(*data: Path, **changes) -> str:
         stream = io.StringIO()

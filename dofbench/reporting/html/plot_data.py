@@ -16,7 +16,7 @@ def plot_data(plots: Sequence[Plot]) -> list[dict[str, Any]]:
 
 def _one(plot: Plot) -> dict[str, Any]:
     return {
-        "board": f"{plot.dataset}, {plot.protocol}",
+        "board": plot.title,
         "column": plot.column,
         "label": plot.score.label,
         "heading": plot.score.heading,
@@ -33,7 +33,7 @@ def _one(plot: Plot) -> dict[str, Any]:
 
 def _series(series: Series) -> dict[str, Any]:
     return {
-        "name": series.name,
+        "name": series.label,
         "failures": series.failures,
         "runs": [{"seed": run.seed, "points": _points(run.points), "dropped": run.dropped} for run in series.runs],
         "median": _points(series.median) if len(series.runs) > 1 else [],
