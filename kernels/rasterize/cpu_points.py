@@ -131,7 +131,7 @@ class _FromPoints(torch.autograd.Function):
                 raise FloatingPointError(f"radius[{bad}]: found {moved[bad]}, expected a finite number")
             raise FloatingPointError(describe(bad, parameters, settings.filter_3d, variance))
         # The order of depth is the same from all points, as they lie in one plane parallel to the image.
-        order = depth_order(depths, visible.astype(np.int32), n)
+        order = depth_order(depths, counts, n)
         threads = numba.get_num_threads()
         height, width = settings.height, settings.width
         color = np.empty((len(points), height, width, 3), np.float32)

@@ -402,7 +402,10 @@ def project_blocks(
         for lane in range(min(LANES, n - i)):
             if (lost >> lane) & 1:
                 bad = i + lane
-            counts[i + lane] = count_tiles(records, i + lane, view) if visible[i + lane] else 0
+            met = 0
+            if visible[i + lane]:
+                met = count_tiles(records, i + lane, view) if margin.size == 0 else 1
+            counts[i + lane] = met
         for k in range(n, i + LANES):
             visible[k] = False
             counts[k] = 0
@@ -435,8 +438,9 @@ def project(
 
     Inputs are flat, filter_3d, blur and margin empty where there is none; `rest` is the number of SH coefficients
     beyond the first. margin: pixels by which a Gaussian may be moved before it is drawn, so that those just outside the
-    image count as visible. geometry: 0 none, 1 depth, 2 full. The outputs have room for N rounded up to a multiple of
-    eight. Returns the index of a Gaussian that is not finite, or -1.
+    image count as visible; counts is then 1 for each visible one, since the tiles depend on the move. geometry: 0 none,
+    1 depth, 2 full. The outputs have room for N rounded up to a multiple of eight. Returns the index of a Gaussian that
+    is not finite, or -1.
     """
     blocks = (opacity_logits.size + LANES - 1) // LANES
     chunks = min(blocks, CHUNKS)
