@@ -28,7 +28,8 @@ HEIGHT, WIDTH = 130, 310
 def ssim(load: Callable[..., Callable[..., Tensor]], to: Callable[[Tensor], Tensor]) -> Iterator[Tensor]:
     target, weight = to(torch.rand(HEIGHT, WIDTH, 3)), to(torch.rand(HEIGHT, WIDTH))
     weighted = {"ssim_weight": 0.2, "weight": weight}
-    for function, options in (("ssim", {}), ("l1_ssim", weighted), ("l1_ssim", weighted | {"weigh_ssim": True})):
+    changed = ({}, {"weigh_ssim": True}, {"edge_weight": 1.0})
+    for function, options in (("ssim", {}), *(("l1_ssim", weighted | change) for change in changed)):
         prediction = to(torch.rand(HEIGHT, WIDTH, 3)).requires_grad_()
         value = load(function)(prediction, target, **options)
         value.backward()

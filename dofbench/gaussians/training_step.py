@@ -65,7 +65,7 @@ def _colour_loss(state: TrainingState, view: Photograph, image: Tensor, weight: 
     options, weigh_ssim = state.options.reconstruction, state.options.adaptation.adaptation_ssim
     image = state.colours.forward(view.index, image)
     image = looked_at(image, view.image, view.held_back, options.clipped_white)
-    return reconstruction(image, view.image, options.ssim_weight, weight, weigh_ssim)
+    return reconstruction(image, view.image, options.ssim_weight, weight, weigh_ssim, options.edge_weight)
 
 
 def _check_gradients(state: TrainingState, place: Place) -> None:

@@ -19,6 +19,10 @@ class ReconstructionOptions:
 
     ssim_weight: float = 0.2
     """lambda of (1 - lambda) L1 + lambda (1 - SSIM). Unit: none. Source: Eq. 7; 3DGS."""
+    edge_weight: float = 0.0
+    """Weight of the error of the edges, the mean absolute difference between the errors of neighbouring pixels, which
+    is added to the loss. What a blurred photograph still shows of fine detail has little contrast, and more weight in
+    this term than in the others. Unit: none. Source: own."""
     held_back: float = 0.0
     """How many tiles of every photograph are kept from all colour losses, for scoring. Unit: share of the tiles.
     Source: own."""
@@ -29,15 +33,24 @@ class ReconstructionOptions:
     def __post_init__(self) -> None:
         if not 0 <= self.held_back < 1:
             raise InputError("option held_back", str(self.held_back), "a share of 0 to below 1")
+        if self.edge_weight < 0:
+            raise InputError("option edge_weight", str(self.edge_weight), "at least 0")
 
 
 def reconstruction(
-    prediction: Tensor, target: Tensor, ssim_weight: float, weight: Tensor | None, weigh_ssim: bool = False
+    prediction: Tensor,
+    target: Tensor,
+    ssim_weight: float,
+    weight: Tensor | None,
+    weigh_ssim: bool = False,
+    edge_weight: float = 0.0,
 ) -> Tensor:
-    """Eq. 7: (1 - lambda) L1 + lambda (1 - SSIM) of images (H, W, 3); `weight` (H, W) acts on the L1 term, and on the
-    other too if `weigh_ssim` is true (Eq. 13)."""
+    """Eq. 7: (1 - lambda) L1 + lambda (1 - SSIM) of images (H, W, 3), and edge_weight times the error of the edges;
+    `weight` (H, W) acts on the L1 term and on the edges, and on the other too if `weigh_ssim` is true (Eq. 13)."""
     loss = load("ssim", function="l1_ssim")
-    return loss(prediction, target, ssim_weight=ssim_weight, weight=weight, weigh_ssim=weigh_ssim)
+    return loss(
+        prediction, target, ssim_weight=ssim_weight, weight=weight, weigh_ssim=weigh_ssim, edge_weight=edge_weight
+    )
 
 
 def looked_at(

@@ -1,1 +1,1 @@
-"""Structural similarity as a training loss: `ssim` and `l1_ssim` in `reference.py` (torch) and `cpu.py` (numba)."""
+"""The colour loss of a training: `ssim` and `l1_ssim` in `reference.py` (torch) and `cpu.py` (numba)."""

@@ -22,6 +22,7 @@ from torch.autograd.function import once_differentiable
 from dofbench.compute.backend import Backend
 from dofbench.compute.kernel_cache import is_compiled
 
+from .cpu_edges import add_edges_gradient, edges
 from .cpu_windows import BAND, build
 from .reference import K1, K2, Border, check_images, check_weight, gaussian_window
 
@@ -29,7 +30,7 @@ from .reference import K1, K2, Border, check_images, check_weight, gaussian_wind
 @dataclass(frozen=True)
 class _Settings:
     """The options of a call. with_l1: whether the L1 mean is computed too. weigh_ssim: whether the weight acts on 1 - S
-    too."""
+    too. with_edges: whether the error of the edges is computed."""
 
     border: Border
     window: int
@@ -37,11 +38,12 @@ class _Settings:
     data_range: float
     with_l1: bool
     weigh_ssim: bool = False
+    with_edges: bool = False
 
 
 class _Compare(torch.autograd.Function):
-    """(mean of 1 - S, or of weight times 1 - S; mean of weight times |prediction - target|), both differentiable with
-    respect to the prediction."""
+    """(mean of 1 - S, or of weight times 1 - S; mean of weight times |prediction - target|; error of the edges), all
+    differentiable with respect to the prediction."""
 
     @staticmethod
     def forward(context, prediction: Tensor, target: Tensor, weight: Tensor | None, settings: _Settings):
@@ -66,16 +68,27 @@ class _Compare(torch.autograd.Function):
         context.counts = counted, p.size
         context.shape = prediction.shape
         unlike, l1 = sums.sum(axis=0)
-        return prediction.new_tensor(unlike / counted), prediction.new_tensor(l1 / p.size)
+        # Numbers in a row, and in a column, that have a neighbour behind them; never 0, since they are divided by.
+        context.pairs = max(height * (width - 1) * channels, 1), max((height - 1) * width * channels, 1)
+        context.with_edges, edge_error = settings.with_edges, 0.0
+        if settings.with_edges:
+            steps = np.empty((height, 2))
+            edges(p, t, w, channels, steps)
+            edge_error = float((steps.sum(axis=0) / context.pairs).sum())
+        return tuple(prediction.new_tensor(value) for value in (unlike / counted, l1 / p.size, edge_error))
 
     @staticmethod
     @once_differentiable
-    def backward(context, by_unlike: Tensor, by_l1: Tensor):
+    def backward(context, by_unlike: Tensor, by_l1: Tensor, by_edges: Tensor):
         context.saved_tensors  # noqa: B018 (raises if one was changed in place)
         counted, size = context.counts
         gradient = np.empty_like(context.call[0])
         scale, scale_l1 = np.float32(-float(by_unlike) / counted), np.float32(float(by_l1) / size)
         context.kernel(*context.call, scale, scale_l1, gradient)
+        if context.with_edges:
+            p, t, weight = context.call[:3]
+            scales = (np.float32(float(by_edges) / pairs) for pairs in context.pairs)
+            add_edges_gradient(p, t, weight, context.shape[2], *scales, gradient)
         return torch.from_numpy(gradient).view(context.shape), None, None, None
 
 
@@ -122,32 +135,35 @@ def l1_ssim(
     ssim_weight: float,
     weight: Tensor | None = None,
     weigh_ssim: bool = False,
+    edge_weight: float = 0.0,
     border: Border = "same",
     window: int = 11,
     sigma: float = 1.5,
     data_range: float = 1.0,
 ) -> Tensor:
-    """(1 - ssim_weight) L1 + ssim_weight (1 - SSIM) in one pass; see `reference.l1_ssim`. float32 on the CPU.
+    """(1 - ssim_weight) L1 + ssim_weight (1 - SSIM) + edge_weight times the error of the edges; see
+    `reference.l1_ssim`. float32 on the CPU.
 
     Raises ValueError for invalid arguments.
     """
     check_images(prediction, target, border, window, sigma, data_range)
     check_weight(prediction, weight)
     _check_device(prediction, target, weight)
-    settings = _Settings(border, window, sigma, data_range, with_l1=True, weigh_ssim=weigh_ssim)
-    unlike, l1 = _Compare.apply(prediction, target, weight, settings)
-    return (1 - ssim_weight) * l1 + ssim_weight * unlike
+    settings = _Settings(border, window, sigma, data_range, True, weigh_ssim, with_edges=edge_weight != 0)
+    unlike, l1, edge_error = _Compare.apply(prediction, target, weight, settings)
+    loss = (1 - ssim_weight) * l1 + ssim_weight * unlike
+    return loss + edge_weight * edge_error if edge_weight else loss
 
 
-def _warm_up(*, ssim_weight: float = 0.2, **options: Any) -> None:
+def _warm_up(*, ssim_weight: float = 0.2, edge_weight: float = 1.0, **options: Any) -> None:
     """Compile both functions for images of three channels; options: those of `l1_ssim`."""
     image = torch.rand((32, 32, 3), generator=torch.Generator().manual_seed(0)).requires_grad_()
-    l1_ssim(image, torch.zeros_like(image), ssim_weight=ssim_weight, **options).backward()
+    l1_ssim(image, torch.zeros_like(image), ssim_weight=ssim_weight, edge_weight=edge_weight, **options).backward()
 
 
 def _is_warm() -> bool:
     _, backward = build(5, 3)  # the usual window, three channels
-    return is_compiled(backward)
+    return is_compiled(backward) and is_compiled(add_edges_gradient)
 
 
 BACKEND = Backend(devices=("cpu",), dtypes=("float32",), bits_repeat=True, warm_up=_warm_up, is_warm=_is_warm)

@@ -111,16 +111,20 @@ def l1_ssim(
     ssim_weight: float,
     weight: Tensor | None = None,
     weigh_ssim: bool = False,
+    edge_weight: float = 0.0,
     border: Border = "same",
     window: int = 11,
     sigma: float = 1.5,
     data_range: float = 1.0,
 ) -> Tensor:
-    """The colour loss of 3DGS, (1 - ssim_weight) mean(weight |p - t|) + ssim_weight (1 - SSIM); a scalar.
+    """The colour loss of 3DGS, (1 - ssim_weight) mean(weight |p - t|) + ssim_weight (1 - SSIM), and edge_weight times
+    the error of the edges; a scalar.
 
     Kerbl et al. 2023, equation 7. weight: (H, W), no gradient; it acts on L1 and, if `weigh_ssim` is true, also on the
     dissimilarity of each pixel, so that the second term is mean(weight (1 - S)). Means are taken over all pixels (with
-    the border "valid", those that `ssim` counts) and channels, whatever the sum of the weights. Other arguments as in
+    the border "valid", those that `ssim` counts) and channels, whatever the sum of the weights. The error of the edges
+    is that of the differences between neighbouring pixels, mean |(p - t)(x + 1) - (p - t)(x)| over all neighbours in a
+    row, and the same in columns, added up; a pair has the mean of its two pixels' weights. Other arguments as in
     `ssim`.
     """
     check_images(prediction, target, border, window, sigma, data_range)
@@ -134,4 +138,18 @@ def l1_ssim(
         margin = window // 2 if border == "valid" else 0
         height, width = weight.shape
         unlike = unlike * weight[margin : height - margin, margin : width - margin]
-    return colour + ssim_weight * unlike.mean()
+    loss = colour + ssim_weight * unlike.mean()
+    return loss + edge_weight * _edges(prediction - target, weight) if edge_weight else loss
+
+
+def _edges(error: Tensor, weight: Tensor | None) -> Tensor:
+    """mean |error(x + 1) - error(x)| over rows, and over columns, added up; a direction without neighbours counts 0."""
+    total = error.new_zeros(())
+    for along in (0, 1):
+        steps = error.diff(dim=along).abs()
+        if weight is not None:
+            first, second = (weight.narrow(along, start, steps.shape[along]) for start in (0, 1))
+            steps = steps * (0.5 * (first + second))[..., None]
+        if steps.numel():
+            total = total + steps.mean()
+    return total

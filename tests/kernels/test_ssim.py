@@ -10,6 +10,7 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+import scipy.signal
 import torch
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -108,12 +109,63 @@ def test_reference_gradient_is_the_derivative(border: str) -> None:
         lambda p: reference(p, target, border=border),
         lambda p: reference_l1(p, target, ssim_weight=0.3, weight=weight, border=border),
         lambda p: reference_l1(p, target, ssim_weight=0.3, weight=weight, weigh_ssim=True, border=border),
+        lambda p: reference_l1(p, target, ssim_weight=0.3, weight=weight, edge_weight=2.0, border=border),
     )
     for function in functions:
         assert torch.autograd.gradcheck(function, prediction, fast_mode=True)
 
 
+@pytest.mark.parametrize("function", [reference_l1, kernel_l1])
+def test_edges_have_no_error_where_all_pixels_err_alike(function) -> None:
+    """A brightness that is off everywhere leaves all edges as they are; a step of 1/4 in one of 8 columns, twice as
+    heavy as the others on its right, has its height over 7 pairs of columns."""
+    target = torch.full((6, 8, 3), 0.25)
+    error, step = torch.full_like(target, 0.125), torch.zeros_like(target)
+    step[:, 3:] = 0.25
+    weight = torch.ones(6, 8)
+    weight[:, 3:] = 2.0
+
+    def edges(change, weight=None):
+        values = [function(target + change, target, ssim_weight=0.0, weight=weight, edge_weight=e) for e in (0.0, 4.0)]
+        return (values[1] - values[0]).item()
+
+    assert edges(error) == 0.0
+    assert edges(step) == pytest.approx(4 * 0.25 / 7, abs=FLOAT32_VALUE)
+    assert edges(step.transpose(0, 1)[:6, :6].repeat(1, 2, 1)[:, :8]) == pytest.approx(4 * 0.25 / 5, abs=FLOAT32_VALUE)
+    assert edges(step, weight) == pytest.approx(4 * 0.25 * 1.5 / 7, abs=FLOAT32_VALUE)
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_edges_by_finite_differences(weighted: bool) -> None:
+    prediction, target = (image.double() for image in pair(30, 41, 0.1))
+    weight = torch.rand(30, 41, dtype=torch.float64, generator=torch.Generator().manual_seed(1)) if weighted else None
+    shares = np.ones((30, 41)) if weight is None else weight.numpy()
+    error, expected = (prediction - target).numpy(), 0.0
+    for axis in (0, 1):
+        kernel_of_two = np.ones((2, 1)) if axis == 0 else np.ones((1, 2))
+        means = scipy.signal.convolve2d(shares, kernel_of_two / 2, mode="valid")
+        expected += (means[..., None] * np.abs(np.diff(error, axis=axis))).mean()
+    plain, found = (reference_l1(prediction, target, ssim_weight=0.3, weight=weight, edge_weight=e) for e in (0, 2.5))
+    assert (found - plain).item() == pytest.approx(2.5 * expected, abs=FLOAT64_VALUE)
+
+
 # ---- the CPU kernel ----
+
+
+@given(
+    height=st.integers(1, 20),
+    width=st.integers(1, 20),
+    channels=st.sampled_from([1, 3]),
+    weighted=st.booleans(),
+    seed=st.integers(0, 99),
+)
+def test_edges_of_the_kernel_agree_with_the_definition(height, width, channels, weighted, seed) -> None:
+    """Levels of 8 bits: their differences are exact, so a slope's sign is the same in both precisions."""
+    rng = np.random.default_rng(seed)
+    images = (torch.tensor(rng.integers(0, 256, (height, width, channels)) / 256, dtype=torch.float32) for _ in "pt")
+    weight = torch.rand(height, width, generator=torch.Generator().manual_seed(seed)) if weighted else None
+    # Without the two other terms the edges' error isn't hidden by theirs.
+    assert_agrees(kernel_l1, reference_l1, *images, ssim_weight=0.0, weight=weight, edge_weight=50.0)
 
 
 @given(
@@ -125,6 +177,7 @@ def test_reference_gradient_is_the_derivative(border: str) -> None:
     seed=st.integers(0, 99),
 )
 @example(height=16, width=512, noise=0.05, border="valid", weighted="l1", seed=0)
+@example(height=11, width=13, noise=0.0, border="valid", weighted="nothing", seed=4)
 @example(height=33, width=257, noise=0.05, border="same", weighted="nothing", seed=0)
 @example(height=33, width=257, noise=0.05, border="same", weighted="both", seed=0)
 @example(height=16, width=512, noise=0.05, border="valid", weighted="both", seed=0)
@@ -134,8 +187,8 @@ def test_kernel_agrees_with_the_definition(height, width, noise, border, weighte
         height, width = max(height, 11), max(width, 11)
     prediction, target = pair(height, width, noise, seed)
     if not noise:
-        # Equal images have gradient zero, which leaves no scale to compare by: off by one step, everywhere.
-        target = target + 0.01
+        # Equal images have gradient zero, which leaves no scale to compare by: off by a tenth, everywhere.
+        target = target + 0.1
     shares = torch.rand(height, width, generator=torch.Generator().manual_seed(seed))
     weight, both = (None if weighted == "nothing" else shares), weighted == "both"
     assert_agrees(kernel, reference, prediction, target, border=border)
@@ -192,7 +245,7 @@ def test_number_of_threads_changes_no_bit() -> None:
     try:
         for count in {1, threads}:
             numba.set_num_threads(count)
-            value, gradient = value_and_gradient(kernel_l1, prediction, target, ssim_weight=0.2)
+            value, gradient = value_and_gradient(kernel_l1, prediction, target, ssim_weight=0.2, edge_weight=1.0)
             found.add((value, gradient.numpy().tobytes()))
     finally:
         numba.set_num_threads(threads)
@@ -204,7 +257,7 @@ def test_kernel_from_the_cache_gives_the_same_bits(tmp_path: Path) -> None:
     script = (
         "import hashlib, torch; from dofbench.kernels import load\n"
         "p, t = torch.rand(2, 40, 260, 3, generator=torch.Generator().manual_seed(0)); p.requires_grad_()\n"
-        "loss = load('ssim', 'cpu', function='l1_ssim')(p, t, ssim_weight=0.2); loss.backward()\n"
+        "loss = load('ssim', 'cpu', function='l1_ssim')(p, t, ssim_weight=0.2, edge_weight=1.0); loss.backward()\n"
         "print(loss.item().hex(), hashlib.sha256(p.grad.numpy().tobytes()).hexdigest())"
     )
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
