@@ -74,9 +74,9 @@ def within_the_image(setting: Setting, image: np.ndarray, radius: np.ndarray) ->
     return Found(max(0.0, float(image.min() - found.min()), float(found.max() - image.max())), 64 * setting.eps)
 
 
-def l1_ssim(setting: Setting, image: Tensor, target: Tensor) -> Tensor:
-    """3DGS' loss of an image."""
-    return setting.kernel("ssim", "l1_ssim")(image, target, ssim_weight=0.2)
+def l1_ssim(setting: Setting, image: Tensor, target: Tensor, edge_weight: float = 0.0) -> Tensor:
+    """3DGS' loss of an image, and so many times the error of its edges."""
+    return setting.kernel("ssim", "l1_ssim")(image, target, ssim_weight=0.2, edge_weight=edge_weight)
 
 
 def sweep(

@@ -167,6 +167,13 @@ def raster_loss(setting: Setting, inputs: dict[str, Tensor], geometry: str = "fu
     return (drawn * setting.tensor(_weights(tuple(drawn.shape)))).sum()
 
 
+def points_loss(setting: Setting, inputs: dict[str, Tensor]) -> Tensor:
+    """The views from three points of the lens, off its centre, summed with random weights."""
+    points = np.array([[0.0, 0.6], [-0.5, -0.3], [0.5, -0.3]])
+    views = setting.kernel("rasterize", "rasterize_from_points")(**inputs, camera=straight(), points=points)
+    return (views * setting.tensor(_weights(tuple(views.shape)))).sum()
+
+
 def photograph_loss(setting: Setting, inputs: dict[str, Tensor]) -> Tensor:
     """The loss that trains a lens: 3DGS' loss of a photograph blurred by the signed circles of confusion slope d +
     offset."""
@@ -189,9 +196,15 @@ def _of_itself(setting: Setting) -> Found:
     return Found(float(np.abs(gradient_at(image)).max()) * image.numel(), 64 * setting.eps / 9e-4)
 
 
-def ssim_loss(setting: Setting, inputs: dict[str, Tensor], target: np.ndarray) -> Tensor:
-    """3DGS' loss against a target."""
-    return l1_ssim(setting, inputs["image"], setting.tensor(target))
+def _stepped(shape: tuple[int, ...]) -> np.ndarray:
+    grey = np.full(shape, 0.5)
+    grey[:, shape[1] // 2 :] += 1e-3
+    return grey
+
+
+def ssim_loss(setting: Setting, inputs: dict[str, Tensor], target: np.ndarray, edge_weight: float = 0.0) -> Tensor:
+    """3DGS' loss against a target, and so many times the error of its edges."""
+    return l1_ssim(setting, inputs["image"], setting.tensor(target), edge_weight)
 
 
 # ---- scenes at the kinks ----
@@ -352,12 +365,19 @@ def _cases() -> tuple[Case, ...]:
         problem = Problem(scene, partial(raster_loss, geometry=geometry), whole=whole)
         return rasterize.case(name, holds, ROUNDED, problem.compared)
 
+    def points(name: str, holds: str, circle: float, scene: Inputs) -> Case:
+        count = len(scene["means"])
+        signs = np.random.default_rng(4).choice((-1.0, 1.0), count)
+        seen = {**scene, "radius": circle * signs, "blur": np.full(count, 0.1 * circle**2)}
+        return rasterize.case(name, holds, ROUNDED, Problem(seen, points_loss).compared)
+
     def lens(name: str, holds: str, aperture: float, focus: float) -> Case:
         inputs = {"slope": np.array(aperture), "offset": np.array(-aperture * focus), "disparity": disparity()}
         return scatter.case(name, holds, powers, Problem(inputs, photograph_loss, 0.0, TAIL + 8 * POWER).compared)
 
-    def alike(name: str, holds: str, found: np.ndarray, target: np.ndarray) -> Case:
-        return ssim.case(name, holds, ROUNDED, Problem({"image": found}, partial(ssim_loss, target=target)).compared)
+    def alike(name: str, holds: str, found: np.ndarray, target: np.ndarray, edges: float = 0.0) -> Case:
+        loss = partial(ssim_loss, target=target, edge_weight=edges)
+        return ssim.case(name, holds, ROUNDED, Problem({"image": found}, loss).compared)
 
     above, below = 1 / 255 * (1 + 1e-4), 1 / 255 * (1 - 1e-4)
     return (
@@ -400,7 +420,16 @@ def _cases() -> tuple[Case, ...]:
             single(scale=(3.0, 0.03, 0.03), quaternion=(0.9, 0.1, 0.2, 0.3)),
             "depth",
         ),
+        points("points-in-focus", "from three points of the lens, all in focus", 0.0, gaussians(rest=15)),
+        points("points-blurred", "from three points of the lens, circles of 3 pixels", 3.0, gaussians(rest=15)),
+        points(
+            "points-far-out", "from three points of the lens, circles wider than the image", 40.0, gaussians(rest=0)
+        ),
         alike("ssim-away", "two unlike images", image, picture(seed=1)),
+        alike("edges-away", "the edges of two unlike images", image, picture(seed=1), edges=4.0),
+        alike(
+            "edges-step", "a grey image that is 10^-3 brighter on one side", _stepped(image.shape), image * 0 + 0.5, 4.0
+        ),
         alike("ssim-close", "images 10^-4 apart", image, image + 1e-4 * _weights(image.shape)),
         alike("ssim-flat", "a grey image 10^-3 from a grey one", np.full_like(image, 0.5), np.full_like(image, 0.501)),
         ssim.case("ssim-same", "an image and itself: no gradient", "64 roundings over C2", _of_itself),

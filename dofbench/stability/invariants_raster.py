@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import torch
 
 from dofbench.stability.case import KERNELS, Case, Found, Setting, differing, off, values
 from dofbench.stability.comparisons import EXACT, Scene, outputs, render
@@ -88,6 +89,17 @@ def _scaled_scene(setting: Setting, factor: float) -> Found:
     return Found(max(off(color, plain_color), off(alpha, plain_alpha), off(values(depth) / factor, plain_depth)), bound)
 
 
+def _closed_lens(setting: Setting) -> Found:
+    scene, view = gaussians(), camera()
+    given = {name: setting.tensor(value) for name, value in scene.items()}
+    still = setting.tensor(np.zeros(40, np.float32))
+    points = np.array([[0.0, 0.6], [0.5, -0.3]])
+    with torch.no_grad():
+        found = setting.kernel("rasterize", "rasterize_from_points")(**given, camera=view, points=points, radius=still)
+    plain = render(setting, scene, camera=view, geometry="none").color
+    return Found(max(off(one, plain) for one in found), 64 * setting.eps)
+
+
 def _layers_of_one_colour(setting: Setting) -> Found:
     scene, background = gaussians(), np.array([0.3, 0.6, 0.1])
     scene["sh_rest"] = np.zeros((40, 0, 3), np.float32)
@@ -129,6 +141,12 @@ def _cases() -> tuple[Case, ...]:
             "what float32 keeps of the logarithms of the scales, 64 times",
             _scaled_scene,
             factor=(4.0, 1e3, 1e-3),
+        ),
+        rasterize.case(
+            "closed-lens",
+            "from every point of a closed lens the view is that from its centre",
+            "64 roundings",
+            _closed_lens,
         ),
         rasterize.case(
             "one-colour",
