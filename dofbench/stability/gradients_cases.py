@@ -196,12 +196,6 @@ def _of_itself(setting: Setting) -> Found:
     return Found(float(np.abs(gradient_at(image)).max()) * image.numel(), 64 * setting.eps / 9e-4)
 
 
-def _stepped(shape: tuple[int, ...]) -> np.ndarray:
-    grey = np.full(shape, 0.5)
-    grey[:, shape[1] // 2 :] += 1e-3
-    return grey
-
-
 def ssim_loss(setting: Setting, inputs: dict[str, Tensor], target: np.ndarray, edge_weight: float = 0.0) -> Tensor:
     """3DGS' loss against a target, and so many times the error of its edges."""
     return l1_ssim(setting, inputs["image"], setting.tensor(target), edge_weight)
@@ -427,9 +421,6 @@ def _cases() -> tuple[Case, ...]:
         ),
         alike("ssim-away", "two unlike images", image, picture(seed=1)),
         alike("edges-away", "the edges of two unlike images", image, picture(seed=1), edges=4.0),
-        alike(
-            "edges-step", "a grey image that is 10^-3 brighter on one side", _stepped(image.shape), image * 0 + 0.5, 4.0
-        ),
         alike("ssim-close", "images 10^-4 apart", image, image + 1e-4 * _weights(image.shape)),
         alike("ssim-flat", "a grey image 10^-3 from a grey one", np.full_like(image, 0.5), np.full_like(image, 0.501)),
         ssim.case("ssim-same", "an image and itself: no gradient", "64 roundings over C2", _of_itself),
