@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import pytest
-from harness_fakes import write_method
+from fake_method import write_method
 
 from dofbench.core.content import content_folder
 from dofbench.synthesis import make_dataset

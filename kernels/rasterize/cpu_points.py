@@ -25,8 +25,9 @@ from dofbench.core.cameras import Camera
 from . import cpu_layout as layout
 from .cpu_bin import count_tiles, depth_order, fill_tiles
 from .cpu_blend import blend, blend_backward
+from .cpu_blocks import CHUNKS
 from .cpu_inputs import NOTHING, Settings, check, describe
-from .cpu_project import CHUNKS, project
+from .cpu_project import project
 from .cpu_project_backward import project_backward
 
 _WIDTH = 16  # floats of an intersection's gradient: no normals

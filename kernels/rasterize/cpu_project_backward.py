@@ -21,9 +21,8 @@ from dofbench.compute.simd import (
 )
 
 from . import cpu_layout as layout
-from .cpu_project import (
-    CHUNKS,
-    HALF,
+from .cpu_blocks import CHUNKS, tail_of, tails_of
+from .cpu_footprint import (
     ONE,
     ZERO,
     axes8,
@@ -32,13 +31,12 @@ from .cpu_project import (
     plane8,
     ratio8,
     sizes8,
-    tail_of,
-    tails_of,
     to_camera8,
     unit_quaternion8,
 )
 from .cpu_sh import TERMS, color_backward8
 
+HALF = np.float32(0.5)
 TWO = np.float32(2.0)
 SLOT = layout.SLOT
 

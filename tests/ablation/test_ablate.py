@@ -11,9 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from harness_fakes import Here, fake_run, write_dataset
+from fake_method import fake_run
+from harness_fakes import Here
 from report_pages import notes, table_rows
 from rich.console import Console
+from small_dataset import write_dataset
 from tolerances import CSV_DIGITS
 
 from dofbench.commands.ablate import make_tables

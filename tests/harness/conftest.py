@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from harness_fakes import fake_run
+from fake_method import fake_run
 
 from dofbench.running.one_run import RunEnd
 

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from harness_fakes import write_dataset, write_method
+from fake_method import write_method
+from small_dataset import write_dataset
 
 from dofbench.core.budget import Budget
 from dofbench.dataset.benchmark_dataset import BenchmarkDataset, BenchmarkView

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from harness_fakes import fake_run
+from fake_method import fake_run
 from rich.console import Console
 
 from dofbench.commands.check import check

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from harness_fakes import write_method
+from fake_method import write_method
 
 from dofbench import cli
 from dofbench.core.content import content_folder
@@ -107,7 +107,7 @@ def test_a_wrong_call_is_one_line(checkout: Path, capsys: pytest.CaptureFixture[
 def test_a_result_says_whether_the_frozen_preset_made_it(
     checkout: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: dict, state: str
 ) -> None:
-    from harness_fakes import fake_run
+    from fake_method import fake_run
 
     change(checkout, "[presets.quick]", "[presets.quick]\nnoise = 0.2")
     git(checkout, "commit", "-qam", "Noise of its own")

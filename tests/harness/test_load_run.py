@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from called import imported_by
-from harness_fakes import write_dataset
+from small_dataset import write_dataset
 
 from dofbench.core.errors import InputError
 from dofbench.core.images import read_image, to_8bit

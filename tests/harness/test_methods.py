@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
-from harness_fakes import METHOD_TOML, write_method
+from fake_method import METHOD_TOML, write_method
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError

@@ -6,7 +6,8 @@ import dataclasses
 from pathlib import Path
 
 import pytest
-from harness_fakes import write_dataset, write_method
+from fake_method import write_method
+from small_dataset import write_dataset
 
 from dofbench.core.contracts import Decision
 from dofbench.core.errors import InputError

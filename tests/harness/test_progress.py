@@ -9,8 +9,8 @@ import threading
 import time
 
 import pytest
-from harness_fakes import write_dataset
 from rich.console import Console
+from small_dataset import write_dataset
 from tolerances import LATEST_PACE, WHOLE_SECONDS
 
 from dofbench.core.budget import Budget

@@ -6,7 +6,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from harness_fakes import text_console, write_dataset
+from harness_fakes import text_console
+from small_dataset import write_dataset
 
 from dofbench.results.result import read_result
 from dofbench.results.run_spec import Run

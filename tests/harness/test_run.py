@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from harness_fakes import text_console, write_dataset
+from harness_fakes import text_console
 from rich.console import Console
+from small_dataset import write_dataset
 from tolerances import PSNR_OF_FLOAT32
 
 from dofbench.compute import kernel_cache

@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from harness_fakes import fake_run, write_dataset
+from fake_method import fake_run
 from rich.console import Console
+from small_dataset import write_dataset
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from harness_fakes import write_dataset
 from rich.console import Console
+from small_dataset import write_dataset
 
 from dofbench.core.errors import Status
 from dofbench.reporting.report_files import write_report

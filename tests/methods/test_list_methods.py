@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from called import called
-from harness_fakes import write_method
+from fake_method import write_method
 
 from dofbench import cli
 from dofbench.commands import list_methods

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from harness_fakes import METHOD_TOML, write_method
+from fake_method import METHOD_TOML, write_method
 from made_up import Recorder
 from small_scene import noise
 

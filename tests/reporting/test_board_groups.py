@@ -9,8 +9,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from harness_fakes import write_dataset
 from report_pages import notes, rows, table_rows
+from small_dataset import write_dataset
 from tolerances import CSV_DIGITS
 
 from dofbench.results.result import read_result

@@ -6,7 +6,7 @@ import html
 from pathlib import Path
 
 import pytest
-from harness_fakes import write_dataset
+from small_dataset import write_dataset
 
 from dofbench.dataset.points_record import PointsRecord, points_in_words
 from dofbench.results.result import read_result

@@ -8,10 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from harness_fakes import fake_run, write_dataset
+from fake_method import fake_run
 from page_reader import read
 from report_pages import rows, table_rows
 from rich.console import Console
+from small_dataset import write_dataset
 
 from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS
 from dofbench.reporting import report_files

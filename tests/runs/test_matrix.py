@@ -9,8 +9,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from harness_fakes import Here, fake_run, write_dataset
+from fake_method import fake_run
+from harness_fakes import Here
 from rich.console import Console
+from small_dataset import write_dataset
 
 from dofbench import cli
 from dofbench.commands import run_methods as command

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from harness_fakes import write_method
+from fake_method import write_method
 
 from dofbench.stability.catalogue import catalogue, chosen
 from dofbench.stability.stability_options import Stability

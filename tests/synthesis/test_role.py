@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from harness_fakes import write_dataset as write_fake
+from small_dataset import write_dataset as write_fake
 
 from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS
 from dofbench.core.files import write_json
