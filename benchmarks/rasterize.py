@@ -9,14 +9,17 @@ on a busy machine only their ratios are meaningful.
 from __future__ import annotations
 
 import ctypes
+import functools
 import math
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 from dofbench.compute.threads import configure_threads
 
@@ -30,6 +33,7 @@ from dofbench.kernels.rasterize import cpu  # noqa: E402
 from dofbench.kernels.rasterize import cpu_layout as layout  # noqa: E402
 
 from dofbench.core.cameras import Camera  # noqa: E402
+from dofbench.gaussians.forward.lens_pattern import lens_points  # noqa: E402
 
 RUNS = 15
 # Gaussians, width, height, standard deviation in pixels: about 42, 80 and 178 thousand intersections with tiles.
@@ -37,6 +41,7 @@ PEER_SIZES = ((10_000, 256, 192, 2.9), (30_000, 256, 192, 1.7), (50_000, 504, 38
 STAGE_SIZES = ((10_000, 504, 378, 4.0), (50_000, 504, 378, 2.3), (100_000, 504, 378, 1.8))
 # Largest variance of blur, px**2: no argument, all zero, discs of up to 4 and up to 16 pixels in diameter.
 BLURS = (None, 0.0, 1.0, 16.0)
+RADIUS = 6.0  # px, largest circle of confusion of the views from points of the lens
 STAGES = ("project", "depth_order", "fill_tiles", "blend", "blend_backward", "project_backward")
 
 
@@ -256,6 +261,38 @@ def by_blur(clock: Clock) -> None:
         print(f"| {largest} | {intersections[largest]} | {' | '.join(f'{medians[name]:.2f}' for name in names)} |")
 
 
+def by_points() -> None:
+    """Print the times of a view from one point of the lens, as `rasterize` makes it, and of the views from five."""
+    print("| scene | one point, forward | backward | five points, forward | backward | five views / one |")
+    print("| --- " * 6 + "|")
+    points = lens_points(1)
+    for n, width, height, pixels in STAGE_SIZES:
+        parameters, camera = scene(n, width, height, pixels)
+        radius = torch.linspace(-RADIUS, RADIUS, n)
+        one = functools.partial(cpu.rasterize, camera=camera)
+        five = functools.partial(cpu.rasterize_from_points, camera=camera, points=points, radius=radius)
+        times: dict[str, list[tuple[float, float]]] = {"one": [], "five": []}
+        for run in range(RUNS + 1):
+            pairs = forward_and_backward(one, parameters), forward_and_backward(five, parameters)
+            if run:  # the first compiles
+                for name, pair in zip(times, pairs, strict=True):
+                    times[name].append(pair)
+        cells = [float(np.median([pair[k] for pair in times[name]])) for name in times for k in range(2)]
+        ratio = (cells[2] + cells[3]) / (cells[0] + cells[1])
+        print(f"| {n} at {width} x {height} | {' | '.join(f'{cell:.2f}' for cell in cells)} | {ratio:.2f} |")
+
+
+def forward_and_backward(rasterise: Callable[..., Any], parameters: list[torch.Tensor]) -> tuple[float, float]:
+    """Milliseconds of both passes, with gradients of colour alone."""
+    inputs = [parameter.clone().requires_grad_() for parameter in parameters]
+    start = perf_counter()
+    images = rasterise(*inputs)
+    images = images if isinstance(images, torch.Tensor) else images.color
+    middle = perf_counter()
+    torch.autograd.backward([images], [torch.ones_like(images)])
+    return 1e3 * (middle - start), 1e3 * (perf_counter() - middle)
+
+
 def first_call() -> None:
     """Print how long the first forward and backward pass takes in a new process, without and with a cache."""
     program = (
@@ -277,6 +314,8 @@ def main() -> None:
     by_stage(clock)
     print()
     by_blur(clock)
+    print()
+    by_points()
     print()
     if shutil.which("g++"):
         with tempfile.TemporaryDirectory() as folder:
