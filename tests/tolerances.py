@@ -245,3 +245,8 @@ EXIF_RATIONAL = 1e-4
 # Above 38 dB a photograph's score is what the search for its lens leaves: mean squares of two searches within a factor
 # of two, dB.
 TWO_FITS_DB = 3.02
+
+# Two trainings whose numbers differ by rounding alone: Adam's first steps have their full length whatever the
+# gradient's, so a gradient near zero may go either way. On average over a picture that is less than
+# half of an 8-bit level.
+UNSEEN = 0.5 / 255

@@ -16,8 +16,8 @@ from dofbench.core.errors import InputError
 from dofbench.core.lens import PhysicalLens
 from dofbench.gaussians.exposure import Exposures
 from dofbench.gaussians.gaussian_options import GaussianOptions
-from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.rendering_options import CONVENTIONS, RENDERING
+from dofbench.gaussians.model import NEAR, Gaussians
+from dofbench.gaussians.rendering_options import CONVENTIONS, NEAR_PLANE, RENDERING
 from dofbench.gaussians.splats import lower_degree, read_splats, write_splats
 from dofbench.gaussians.trainer import Trainer
 from dofbench.learning.lens_file import read_lenses, write_lenses
@@ -92,7 +92,7 @@ class GaussianMethod:
         """
         write_splats(folder / _MODEL, self._trained())
         values = self.options.flat()
-        rendering = {name: values[name] for name in RENDERING}
+        rendering = {**{name: values[name] for name in RENDERING}, NEAR_PLANE: self._trained().near}
         write_lenses(folder / _LENSES, self.lens_estimates(), rendering, CONVENTIONS)
         if (colours := self.colour_estimates()) is not None:
             write_colours(folder / _COLOURS, colours)
@@ -100,7 +100,11 @@ class GaussianMethod:
     def load(self, folder: Path) -> None:
         """Read a model that `save` wrote; raises InputError when a file is missing or damaged."""
         gaussians = read_splats(folder / _MODEL)
-        self._lenses, rendering = read_lenses(folder / _LENSES, RENDERING)
+        self._lenses, rendering = read_lenses(folder / _LENSES, (*RENDERING, NEAR_PLANE))
+        near = rendering.pop(NEAR_PLANE, NEAR)
+        if isinstance(near, str) or not near > 0:
+            raise InputError(folder / _LENSES, f"rendering.{NEAR_PLANE}: {near}", "a distance above 0")
+        gaussians.near = float(near)
         self._options = self._options.with_overrides(rendering, f"{folder / _LENSES}: rendering")
         self._gaussians = lower_degree(gaussians, self._options.appearance.sh_degree)
         self._colours = read_colours(folder / _COLOURS) if (folder / _COLOURS).is_file() else None

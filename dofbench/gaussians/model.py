@@ -14,11 +14,13 @@ from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.core.files import replacing
+from dofbench.core.lens import DisparityRange
 
 SH_C0 = 0.5 / math.sqrt(math.pi)  # value of the constant spherical harmonic
 INITIAL_OPACITY = 0.1  # 3DGS
 FILTER_3D_VARIANCE = 0.2  # Mip-Splatting, section 4.1: sampling interval to standard deviation
-_NEAR = 0.2
+NEAR = 0.2  # 3DGS: Gaussians that aren't farther than this from a camera aren't drawn; scene units
+NEAREST_SHARE = 4  # the near plane is at most this part of the distance of the nearest surfaces
 
 PARAMETERS = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
 
@@ -27,12 +29,13 @@ class Gaussians:
     """N Gaussians, float32 tensors in the units that the optimiser sees.
 
     means (N, 3) scene units; log_scales (N, 3); quaternions (N, 4), w first, any length;
-    opacity_logits (N,); sh_dc (N, 3); sh_rest (N, K - 1, 3); filter_3d (N,) scene units or None.
+    opacity_logits (N,); sh_dc (N, 3); sh_rest (N, K - 1, 3); filter_3d (N,) scene units or None. near: z, scene units,
+    up to which a Gaussian isn't drawn.
     """
 
-    def __init__(self, parameters: dict[str, Tensor], filter_3d: Tensor | None = None):
+    def __init__(self, parameters: dict[str, Tensor], filter_3d: Tensor | None = None, near: float = NEAR):
         self.parameters = {name: parameters[name].detach().contiguous().requires_grad_() for name in PARAMETERS}
-        self.filter_3d = filter_3d
+        self.filter_3d, self.near = filter_3d, near
 
     def __len__(self) -> int:
         return len(self.parameters["means"])
@@ -88,7 +91,7 @@ class Gaussians:
             depth = local[:, 2]
             u, v = camera.pixels(local[:, 0], local[:, 1], depth)
             w, h = camera.width, camera.height
-            seen = (depth > _NEAR) & (u > -0.15 * w) & (u < 1.15 * w) & (v > -0.15 * h) & (v < 1.15 * h)
+            seen = (depth > self.near) & (u > -0.15 * w) & (u < 1.15 * w) & (v > -0.15 * h) & (v < 1.15 * h)
             size = depth / max(camera.fx, camera.fy) * math.sqrt(FILTER_3D_VARIANCE)
             finest = torch.where(seen, torch.minimum(finest, size), finest)
         unseen = torch.isinf(finest)
@@ -103,6 +106,7 @@ class Gaussians:
         A file for other programs is written by `splats.write_splats`.
         """
         arrays = {name: value.detach().numpy() for name, value in self.parameters.items()}
+        arrays["near"] = np.array(self.near)
         if self.filter_3d is not None:
             arrays["filter_3d"] = self.filter_3d.numpy()
         with replacing(path) as temporary:
@@ -113,13 +117,23 @@ class Gaussians:
         """Read a file that `save` wrote; raises InputError for any other file."""
         try:
             with np.load(path) as archive:
-                arrays = {name: torch.from_numpy(archive[name]) for name in archive.files}
+                near = float(archive["near"]) if "near" in archive.files else NEAR
+                arrays = {name: torch.from_numpy(archive[name]) for name in archive.files if name != "near"}
         except (EOFError, OSError, ValueError) as error:
             raise InputError(path, str(error), "saved Gaussians (.npz)") from None
         missing = [name for name in PARAMETERS if name not in arrays]
         if missing:
             raise InputError(path, f"no {', '.join(missing)}", "saved Gaussians (.npz)")
-        return Gaussians(arrays, arrays.get("filter_3d"))
+        return Gaussians(arrays, arrays.get("filter_3d"), near)
+
+
+def near_plane(sparse: DisparityRange) -> float:
+    """Where the near plane of a scene lies, scene units: where 3DGS has it, or nearer if the sparse points reach so
+    near.
+
+    The unit of a reconstruction is arbitrary, and a macro scene in metres lies within 3DGS's near plane as a whole.
+    """
+    return min(NEAR, 1 / (NEAREST_SHARE * sparse.q_max))
 
 
 def scene_extent(cameras: Sequence[Camera]) -> float:

@@ -93,5 +93,6 @@ def _drawn(
         "sh_degree": appearance.sh_degree if sh_degree is None else sh_degree,
         "filter_3d": gaussians.filter_3d if appearance.filter_3d else None,
         "filter_2d": appearance.filter_2d,
+        "near": gaussians.near,
         "background": None if dark else parameters["means"].new_full((3,), appearance.background),
     }

@@ -94,7 +94,8 @@ class Reconstruction:
         disparity = 1 / z.clamp_min(1e-3 * float(z.max().clamp_min(1e-6)))
         unit = float(disparity.max())
         moments = torch.stack([disparity / unit, (disparity / unit) ** 2, torch.zeros_like(z)], dim=1)
-        painted = Gaussians({**self.gaussians.parameters, "sh_dc": (moments - 0.5) / SH_C0}, self.gaussians.filter_3d)
+        colours = {"sh_dc": (moments - 0.5) / SH_C0}
+        painted = Gaussians({**self.gaussians.parameters, **colours}, self.gaussians.filter_3d, self.gaussians.near)
         blended = (
             rasterise(painted, camera, replace(self._options.appearance, background=0.0), sh_degree=0, geometry="none")
             .color.numpy()

@@ -111,5 +111,7 @@ def lower_degree(gaussians: Gaussians, degree: int) -> Gaussians:
     """The Gaussians without the harmonics above `degree`."""
     terms = (min(degree, gaussians.max_sh_degree) + 1) ** 2 - 1
     return Gaussians(
-        {**gaussians.parameters, "sh_rest": gaussians.parameters["sh_rest"][:, :terms]}, gaussians.filter_3d
+        {**gaussians.parameters, "sh_rest": gaussians.parameters["sh_rest"][:, :terms]},
+        gaussians.filter_3d,
+        gaussians.near,
     )

@@ -19,7 +19,7 @@ from dofbench.gaussians.density import DensityControl
 from dofbench.gaussians.forward.forward_model import SharpView
 from dofbench.gaussians.forward.shot import Shot
 from dofbench.gaussians.gaussian_options import GaussianOptions
-from dofbench.gaussians.model import Gaussians, scene_extent
+from dofbench.gaussians.model import Gaussians, near_plane, scene_extent
 from dofbench.gaussians.optimiser import GaussianOptimiser
 from dofbench.gaussians.surface_terms import surface_terms
 from dofbench.learning.adaptation import NO_ADAPTATION, AdaptationOptions
@@ -65,6 +65,7 @@ class TrainingState:
         self.random = np.random.default_rng(seed)
         assert training_set.points is not None  # `Gaussians.from_points` refuses a training set without
         self.range = DisparityRange.of_disparity(all_disparities(training_set.points, self.cameras))
+        self.gaussians.near = near_plane(self.range)
         self.lenses: LearnedLenses | None = None
         if options.lens.lens:
             ties = lens_ties(self._views, options.lens.lens_per)

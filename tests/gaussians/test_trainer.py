@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,14 @@ from small_scene import HEIGHT, WIDTH
 from small_scene import cameras as _cameras
 from small_scene import options as _options
 from small_scene import training_set as _training_set
+from tolerances import UNSEEN
 
 from dofbench.core.budget import Budget
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import Status
 from dofbench.gaussians.forward import lens_samples
+from dofbench.gaussians.model import NEAR
 from dofbench.gaussians.render import rasterise
 from dofbench.gaussians.trainer import Trainer
 from dofbench.learning.supervision import sparse_depth
@@ -182,3 +187,28 @@ def test_freshly_compiled_kernels_train_to_the_same_bits_as_cached_ones(tmp_path
     assert found[0] == found[1]
     # The kernels of the lens were compiled by the second process, not by this one.
     assert found[0][1] == "0"
+
+
+def test_a_scene_in_other_units_is_learned_alike() -> None:
+    """The unit of a reconstruction is arbitrary. In one 64 times as large, a power of two, nothing is rounded anew but
+    the logarithms of the scales; and the scene then lies nearer than 3DGS's near plane, 0.2 of its units."""
+    in_disparity = {"lens": False, "depth_space": "disparity"}  # the published loss is of depth in scene units
+    images, nearest = [], []
+    for unit in (1.0, 64.0):
+        shown = _training_set()
+        views = tuple(replace(view, camera=_in_units(view.camera, unit)) for view in shown.views)
+        trainer = Trainer(
+            TrainingSet(views, replace(shown.points, xyz=shown.points.xyz / unit)), _options(**in_disparity), 0
+        )
+        assert trainer.fit(Budget(steps=30), Recorder()).status is Status.OK
+        nearest.append(trainer.gaussians.near)
+        with torch.no_grad():
+            images.append(rasterise(trainer.gaussians, views[0].camera, trainer.options.appearance).color)
+    assert nearest == [NEAR, pytest.approx(3 / 64 / 4)]  # the nearer plane stands at 3
+    assert images[0].std() > 0.1 and (images[0] - images[1]).abs().mean() < UNSEEN
+
+
+def _in_units(camera: Camera, unit: float) -> Camera:
+    moved = camera.world_to_camera.copy()
+    moved[:3, 3] /= unit
+    return replace(camera, world_to_camera=moved)

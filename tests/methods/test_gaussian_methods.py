@@ -48,6 +48,16 @@ def test_a_saved_method_renders_the_same_with_its_own_settings(name, training_se
     assert again.describe() == method.describe()
 
 
+def test_a_scene_nearer_than_the_usual_near_plane_is_saved_with_its_own(training_set, tmp_path):
+    """Surfaces between 3 / 64 and 6 / 64 of a unit from the first camera; 3DGS draws nothing there."""
+    points = replace(training_set.points, xyz=training_set.points.xyz / 64)
+    entry, method = _trained("mipsplatting", replace(training_set, points=points))
+    method.save(tmp_path)
+    before, after = method.render(CAMERA, None), _loaded(entry, tmp_path).render(CAMERA, None)
+    assert before.image.mean() > 0.1
+    assert np.abs(before.image - after.image).max() < FLOAT32_VALUE
+
+
 @pytest.mark.parametrize("name", ["dofgaussian", "mipsplatting"])
 def test_colours_of_the_photographs_are_kept_and_aren_t_the_scene_s(name, training_set, tmp_path):
     entry, method = _trained(name, training_set, colour_per_view="affine")
@@ -116,6 +126,8 @@ def _loaded(entry, folder):
         ("lenses.json", lambda data: data.replace(b'"aperture"', b'"opening"', 3), "views.a"),
         ("lenses.json", lambda data: data.replace(b'"sh_degree"', b'"degree"'), "rendering.degree"),
         ("lenses.json", lambda data: data.replace(b'"filter_2d": 0.1', b'"filter_2d": "wide"'), "wide"),
+        ("lenses.json", lambda data: data.replace(b'"near": 0.2', b'"near": -0.2'), "rendering.near: -0.2"),
+        ("lenses.json", lambda data: data.replace(b'"near": 0.2', b'"near": "here"'), "rendering.near: here"),
     ],
 )
 def test_a_damaged_model_is_named(training_set, tmp_path, file, change, found):
