@@ -98,7 +98,7 @@ def _table(name: str, groups: Sequence[tuple[str, list[dict[str, str]]]], killed
 
 
 def _share(part: Sequence[object], whole: Sequence[object]) -> str:
-    return f"{100 * len(part) / len(whole):.1f} %"
+    return f"{100 * len(part) / len(whole):.1f} %" if whole else "–"
 
 
 def _code(text: str) -> str:

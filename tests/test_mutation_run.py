@@ -255,6 +255,8 @@ def test_the_page_counts_and_gives_reasons(run: ModuleType, tmp_path: Path) -> N
     assert "| optics | 4 | 2 | 50.0 % |" in page
     assert page.index("Equivalent") < page.index("Both are the same.") < page.index("Without a reason")
     assert "`a \\| b`" in page
+    run.write_page(tmp_path, rows[2:3], seed=14, count=4, killed=run.KILLED)  # as after the first mutant of a run
+    assert "of all others – were killed." in (tmp_path / "README.md").read_text()
 
 
 def test_what_is_known_is_not_run_again(run: ModuleType) -> None:
