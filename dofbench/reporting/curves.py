@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PLOTTED = ("psnr", "ssim", "aif_psnr", "aif_ssim", "photo_psnr", "across_psnr", "delta_a", "delta_f")
+PLOTTED = ("psnr", "ssim", "aif_psnr", "aif_ssim", "photo_psnr", "across_psnr", "delta_a", "delta_f", "delta_r")
 FRONT_LABEL = "Pareto front"
 _LEGEND_WIDTH = 95  # characters
 _LEGEND_LINE = 0.16  # inches

@@ -8,7 +8,7 @@ from dofbench.reporting.standing import frozen_state, role_of
 from dofbench.results.collecting import Entry, added_columns, board_names, grouped, variant_names
 from dofbench.results.columns import ALL_IN_FOCUS, DEPTH, FILE_SCORES, IDENTITY, LENS, PHOTOGRAPH, REFOCUS, STANDING
 
-CURVE_SCORES = ("psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f")
+CURVE_SCORES = ("psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f", "delta_r")
 CURVE_COLUMNS = (
     "method",
     "preset",

@@ -109,7 +109,7 @@ class Evaluator:
                 for column, value in _means(rows).items()
                 if column in [prefix + metric for metric in CURVE_METRICS]
             }
-        errors, _ = self._lens_errors(with_radius=False)
+        errors, _ = self._lens_errors()
         return scores | errors
 
     def final(self, folder: Path, progress: Progress = silent) -> Evaluation:
@@ -147,7 +147,7 @@ class Evaluator:
         found.views = [ViewScores(name=name, scores=scores) for name, scores in rows.items()]
         found.scores = _means(list(rows.values()))
         self._score_by_exif(found)
-        errors, found.lens = self._lens_errors(with_radius=True)
+        errors, found.lens = self._lens_errors()
         found.scores |= errors
         if not errors and any(column in self._columns for column in LENS_COLUMNS):
             found.left_out |= dict.fromkeys(LENS_COLUMNS, "the method gave no lens estimates")
@@ -299,21 +299,14 @@ class Evaluator:
             write_png(folder / relative, pixels)
             found.predictions[relative] = sha256_file(folder / relative)
 
-    def _lens_errors(self, with_radius: bool) -> tuple[dict[str, float], list[ViewLens]]:
-        """(means by column, per view). with_radius: also compute delta_r, which needs every training view's depth."""
+    def _lens_errors(self) -> tuple[dict[str, float], list[ViewLens]]:
+        """(means by column, per view)."""
         if not any(column in self._columns for column in LENS_COLUMNS):
             return {}, []
         estimated = self._method.lens_estimates()
         if estimated is None:
             return {}, []
         true, disparity_range = self._true_lenses(), self._disparity_range()
-        if not with_radius:
-            found = [Lens.from_physical(estimated[name], disparity_range) for name in true]
-            pairs = list(zip(true.values(), found, strict=True))
-            return {
-                "delta_a": math.fsum(abs(t.aperture - e.aperture) for t, e in pairs) / len(pairs),
-                "delta_f": math.fsum(abs(t.focus - e.focus) for t, e in pairs) / len(pairs),
-            }, []
         errors = lens_errors(true, estimated, disparity_range, self._width(), self._depths())
         views = []
         for name, lens in true.items():

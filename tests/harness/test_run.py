@@ -53,7 +53,7 @@ def test_a_good_run(call, tmp_path: Path) -> None:
     assert result.scores["psnr"] > 30 and result.scores["peak_mb"] > 10
     assert [point.steps for point in result.curve][:: len(result.curve) - 1] == [1, 8]
     assert result.curve[-1].scores["psnr"] > result.curve[0].scores["psnr"] + 10
-    assert {"psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f"} == set(result.curve[0].scores)
+    assert {"psnr", "ssim", "aif_psnr", "aif_ssim", *LENS_COLUMNS} == set(result.curve[0].scores)
     assert result.left_out_stages == {"normals": "a fake has none"} and result.method_stages == {"guess": 0.01}
     assert {"train", "score", "evaluate during training"} <= set(result.stages)
     assert result.model == {"model/model.json": sha256_file(end.folder / "model" / "model.json")}
@@ -117,7 +117,8 @@ def test_lens_errors_of_every_training_view(call) -> None:
     for lens in result.lens:
         assert lens.delta_a == pytest.approx(abs(lens.aperture - lens.aperture_estimated))
         assert lens.delta_f == pytest.approx(abs(lens.focus - lens.focus_estimated))
-    assert result.curve[-1].scores["delta_a"] == pytest.approx(result.scores["delta_a"])
+    for column in ("delta_a", "delta_f", "delta_r"):
+        assert result.curve[-1].scores[column] == pytest.approx(result.scores[column])
     true = [(0.5, 0.8), (1.0, 0.2), (0.5, 0.5), (1.0, 0.8)]
     assert result.do_nothing["delta_a"] == pytest.approx(np.mean([abs(a - 0.5) for a, _ in true]))
     assert result.do_nothing["delta_f"] == pytest.approx(np.mean([abs(f - 0.5) for _, f in true]))

@@ -137,6 +137,9 @@ def test_per_view_and_curve_tables(plain, call, made) -> None:
     assert [float(row["train_cpu_s"]) for row in taken] == pytest.approx(
         [point.train_cpu_s for point in result.curve], rel=CSV_DIGITS
     )
+    assert [float(row["delta_r"]) for row in taken] == pytest.approx(
+        [point.scores["delta_r"] for point in result.curve], rel=CSV_DIGITS
+    )
 
 
 def test_time_to_reach_a_score(plain, call, made) -> None:
@@ -168,7 +171,7 @@ def test_time_to_reach_a_score(plain, call, made) -> None:
 
 
 def test_figures_are_there_and_linked(call, made, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert {"psnr", "aif_psnr", "delta_a", "delta_f"} < set(curves.PLOTTED)
+    assert {"psnr", "aif_psnr", "delta_a", "delta_f", "delta_r"} < set(curves.PLOTTED)
     monkeypatch.setattr(curves, "PLOTTED", ("psnr", "delta_f"))
     call()
     call(method="pinhole")
