@@ -20,6 +20,7 @@ SH_C0 = 0.5 / math.sqrt(math.pi)  # value of the constant spherical harmonic
 INITIAL_OPACITY = 0.1  # 3DGS
 FILTER_3D_VARIANCE = 0.2  # Mip-Splatting, section 4.1: sampling interval to standard deviation
 NEAR = 0.2  # 3DGS: Gaussians that aren't farther than this from a camera aren't drawn; scene units
+LEAST_SPACING = 0.01  # of the median distance between points; 3DGS has 3e-4 scene units, which are arbitrary
 NEAREST_SHARE = 4  # the near plane is at most this part of the distance of the nearest surfaces
 
 PARAMETERS = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
@@ -49,14 +50,19 @@ class Gaussians:
     def from_points(points: PointCloud | None, sh_degree: int, device: torch.device | str = "cpu") -> Gaussians:
         """One Gaussian a point: scale from the three nearest neighbours, the point's colour (3DGS).
 
-        device: where the parameters lie. Raises InputError when there are fewer than four points.
+        Neighbours count as at least `LEAST_SPACING` of the median distance away, so that points that coincide have a
+        size too. device: where the parameters lie. Raises InputError when there are fewer than four points, or all
+        coincide.
         """
         from scipy.spatial import cKDTree
 
         if points is None or len(points) < 4:
             raise InputError("sparse points", f"{0 if points is None else len(points)}", "at least 4 to start from")
         distances, _ = cKDTree(points.xyz).query(points.xyz, k=4, workers=-1)
-        mean_square = np.maximum((distances[:, 1:] ** 2).mean(axis=1), 1e-7)
+        mean_square = (distances[:, 1:] ** 2).mean(axis=1)
+        if not mean_square.any():
+            raise InputError("sparse points", "all at the same place", "at least two places to start from")
+        mean_square = np.maximum(mean_square, LEAST_SPACING**2 * np.median(mean_square[mean_square > 0]))
         count = len(points)
         scales = torch.from_numpy(0.5 * np.log(mean_square)).float().to(device)
         quaternions = torch.zeros(count, 4, device=device)
