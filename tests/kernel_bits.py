@@ -19,6 +19,7 @@ from random_gaussians import render, scene, view
 from torch import Tensor
 
 from dofbench.compute.devices import kinds_here
+from dofbench.compute.factored_grid import GridShape
 from dofbench.kernels import backend_of, backends, load, ops
 
 # Large enough for torch to split a sum among threads (from 32 768 numbers on) and for several of each kernel's blocks.
@@ -81,12 +82,26 @@ def tone(load: Callable[..., Callable[..., Tensor]], to: Callable[[Tensor], Tens
     yield from (decoded, values.grad)
 
 
+def field(load: Callable[..., Callable[..., Any]], to: Callable[[Tensor], Tensor]) -> Iterator[Tensor]:
+    shape, rays, each = GridShape((9, 8, 7), 8, 8, 4), 400, 100
+    sizes = ((shape.density_size,), (shape.colour_size,), shape.basis_shape, (rays, 3), (rays, 3))
+    inputs = [to(torch.rand(size)).requires_grad_() for size in sizes]
+    views = to(torch.nn.functional.normalize(torch.rand(rays, 3), dim=1)).requires_grad_()
+    starts = each * torch.arange(rays + 1, device=views.device)
+    places, lengths = to(torch.linspace(0, 1, each).repeat(rays)), to(torch.rand(rays * each))
+    seen = load("field")(*inputs, views, starts, places, lengths, shape=shape, shift=-4.0, least_weight=1e-3)
+    (seen.color.sum() + seen.opacity.sum() + seen.distance.sum()).backward()
+    yield from (seen.color, seen.opacity, seen.distance, *(value.grad for value in (*inputs, views)))
+    yield load("field_density")(inputs[0], inputs[3].detach(), shape=shape, shift=-4.0)
+
+
 CALLS: dict[str, Callable[..., Iterator[Tensor]]] = {
     "ssim": ssim,
     "scatter": scatter,
     "rasterize": rasterize,
     "stereo": stereo,
     "tone": tone,
+    "field": field,
 }
 
 

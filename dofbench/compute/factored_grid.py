@@ -1,0 +1,87 @@
+"""The layout of a factorised grid: how a function on the unit cube is stored as products of planes and lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import accumulate
+
+from torch import Tensor
+
+# The function is a sum over these modes: a plane over the first two axes (columns, rows) times a line along the third.
+MODES = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
+
+
+@dataclass(frozen=True)
+class GridShape:
+    """Sizes of a factorised grid (TensoRF's vector-matrix decomposition; Chen et al., ECCV 2022, section 4.2).
+
+    nodes: along x, y and z of the unit cube, the first on 0 and the last on 1. density_rank, colour_rank: channels of a
+    plane and its line, multiples of 8. harmonics: number of spherical harmonics of a colour, 1, 4 or 9.
+    """
+
+    nodes: tuple[int, int, int]
+    density_rank: int
+    colour_rank: int
+    harmonics: int
+
+    def __post_init__(self) -> None:
+        if min(self.nodes) < 2:
+            raise ValueError(f"nodes: expected at least 2 along each axis, found {self.nodes}")
+        for name in ("density_rank", "colour_rank"):
+            rank = getattr(self, name)
+            if rank < 8 or rank % 8:
+                raise ValueError(f"{name}: expected a positive multiple of 8, found {rank}")
+        if self.harmonics not in (1, 4, 9):
+            raise ValueError(f"harmonics: expected 1, 4 or 9, found {self.harmonics}")
+
+    @property
+    def density_size(self) -> int:
+        """Numbers in the flat tensor of the density."""
+        return sum(self._sizes(self.density_rank))
+
+    @property
+    def colour_size(self) -> int:
+        """Numbers in the flat tensor of the colour."""
+        return sum(self._sizes(self.colour_rank))
+
+    @property
+    def basis_shape(self) -> tuple[int, int]:
+        """Of the matrix from a point's colour channels to the coefficients of its colour, channel by channel."""
+        return 3 * self.colour_rank, 3 * self.harmonics
+
+    def offsets(self, rank: int) -> tuple[int, ...]:
+        """Where in the flat tensor the three planes and then the three lines begin."""
+        return tuple(accumulate(self._sizes(rank), initial=0))[:6]
+
+    def planes(self, flat: Tensor, rank: int) -> list[Tensor]:
+        """Views of the flat tensor: a (rows, columns, rank) plane for each mode."""
+        starts = self.offsets(rank)
+        shapes = [(self.nodes[row], self.nodes[column], rank) for column, row, _ in MODES]
+        return [_view(flat, start, shape) for start, shape in zip(starts[:3], shapes, strict=True)]
+
+    def lines(self, flat: Tensor, rank: int) -> list[Tensor]:
+        """Views of the flat tensor: a (nodes, rank) line for each mode."""
+        starts = self.offsets(rank)
+        shapes = [(self.nodes[axis], rank) for _, _, axis in MODES]
+        return [_view(flat, start, shape) for start, shape in zip(starts[3:], shapes, strict=True)]
+
+    def _sizes(self, rank: int) -> list[int]:
+        planes = [self.nodes[column] * self.nodes[row] * rank for column, row, _ in MODES]
+        return [*planes, *(self.nodes[axis] * rank for _, _, axis in MODES)]
+
+
+@dataclass(frozen=True, eq=False)
+class FieldRender:
+    """What R rays see. color: (R, 3), without a background. opacity: (R,), the sum of the samples' weights.
+    distance: (R,), the sum of the weights times the samples' places along the ray."""
+
+    color: Tensor
+    opacity: Tensor
+    distance: Tensor
+
+
+def _view(flat: Tensor, start: int, shape: tuple[int, ...]) -> Tensor:
+    size = 1
+    for length in shape:
+        size *= length
+    return flat[start : start + size].view(shape)

@@ -1,0 +1,1 @@
+"""A radiance field on a factorised grid: `field` renders rays, `field_density` gives its density at points."""

@@ -1,0 +1,190 @@
+"""The radiance field on a CPU: float32, numba, one autograd function; see reference.py for the definition."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from numba import njit, prange
+from torch import Tensor
+
+from dofbench.compute.backend import Backend
+from dofbench.compute.factored_grid import FieldRender, GridShape
+from dofbench.compute.kernel_cache import cached, is_compiled
+from dofbench.compute.simd import LANES, store8, sums8
+
+from . import cpu_grids, cpu_rays
+from .cpu_rays import KEPT, RAYS_PER_TASK, WEIGHT, feature_lanes, softplus8
+
+_POINTS_PER_TASK = 1024
+
+
+def field(
+    density: Tensor,
+    colour: Tensor,
+    basis: Tensor,
+    origins: Tensor,
+    directions: Tensor,
+    views: Tensor,
+    starts: Tensor,
+    places: Tensor,
+    lengths: Tensor,
+    *,
+    shape: GridShape,
+    shift: float,
+    least_weight: float = 0.0,
+) -> FieldRender:
+    """Render R rays, each through samples of its own; see `reference.field`. float32 on the CPU.
+
+    The same input gives the same bits, whatever the number of threads. Raises ValueError for tensors of another type,
+    device or shape, FloatingPointError for rays or places that aren't finite.
+    """
+    grids, rays, samples = (density, colour, basis), (origins, directions, views), (places, lengths)
+    _check(grids, rays, starts, samples, shape)
+    constants = np.float32(shift), np.float32(least_weight)
+    found = _Field.apply(*grids, *rays, starts, *samples, shape, constants)
+    return FieldRender(color=found[:, :3], opacity=found[:, 3], distance=found[:, 4])
+
+
+def field_density(density: Tensor, points: Tensor, *, shape: GridShape, shift: float) -> Tensor:
+    """(P,) density at points (P, 3); see `reference.field_density`. float32 on the CPU, without gradient."""
+    flat, places = density.detach().numpy(), points.detach().contiguous().numpy()
+    found = np.empty(-(-len(places) // LANES) * LANES, np.float32)
+    if len(places):
+        _densities(
+            flat, places, shape.nodes, shape.offsets(shape.density_rank), shape.density_rank, np.float32(shift), found
+        )
+    return torch.from_numpy(found[: len(places)])
+
+
+def _check(grids, rays, starts: Tensor, samples, shape: GridShape) -> None:
+    count, size = len(rays[0]), len(samples[0])
+    expected: dict[str, tuple[Tensor, tuple[int, ...]]] = {
+        "density": (grids[0], (shape.density_size,)),
+        "colour": (grids[1], (shape.colour_size,)),
+        "basis": (grids[2], shape.basis_shape),
+        "origins": (rays[0], (count, 3)),
+        "directions": (rays[1], (count, 3)),
+        "views": (rays[2], (count, 3)),
+        "places": (samples[0], (size,)),
+        "lengths": (samples[1], (size,)),
+    }
+    for name, (tensor, wanted) in expected.items():
+        if tensor.dtype != torch.float32 or tensor.device.type != "cpu" or tuple(tensor.shape) != wanted:
+            found = f"{tensor.dtype} {tuple(tensor.shape)} on {tensor.device}"
+            raise ValueError(f"{name}: expected float32 {wanted} on cpu, found {found}")
+    if starts.dtype != torch.int64 or tuple(starts.shape) != (count + 1,):
+        raise ValueError(f"starts: expected int64 ({count + 1},), found {starts.dtype} {tuple(starts.shape)}")
+    if int(starts[0]) != 0 or int(starts[-1]) != size or bool((starts.diff() < 0).any()):
+        raise ValueError(f"starts: expected numbers that rise from 0 to {size}")
+    for name, tensor in (("origins", rays[0]), ("directions", rays[1]), ("places", samples[0])):
+        if not bool(torch.isfinite(tensor).all()):  # it would have no node beside it
+            raise FloatingPointError(f"{name}: expected finite numbers")
+
+
+class _Field(torch.autograd.Function):
+    """(R, 5): colour, opacity and distance."""
+
+    @staticmethod
+    def forward(context, density, colour, basis, origins, directions, views, starts, places, lengths, shape, constants):
+        width = -(-basis.shape[1] // LANES) * LANES
+        padded = torch.nn.functional.pad(basis, (0, width - basis.shape[1])).contiguous()
+        grids = density.numpy(), colour.numpy(), padded.numpy().reshape(-1)
+        rays = tuple(rows.contiguous().numpy() for rows in (origins, directions, views))
+        samples = starts.numpy(), places.numpy(), lengths.numpy()
+        ranks = shape.density_rank, shape.colour_rank
+        sizes = (shape.nodes, shape.offsets(ranks[0]), ranks[0], shape.offsets(ranks[1]), ranks[1], shape.harmonics)
+        kept, seen = np.empty((len(places), KEPT), np.float32), np.empty(len(origins), np.int64)
+        results = np.empty((len(origins), 5), np.float32)
+        cpu_rays.render(grids, rays, samples, sizes, constants, kept, seen, results)
+        context.save_for_backward(density, colour, basis)
+        context.kept = grids, rays, samples, sizes, constants, kept, seen
+        return torch.from_numpy(results)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(context, gradient):
+        context.saved_tensors  # noqa: B018 (raises if one was changed in place)
+        grids, rays, samples, sizes, constants, kept, seen = context.kept
+        nodes, density_at, density_rank, colour_at, colour_rank, terms = sizes
+        (starts, places, _), origins = samples, rays[0]
+        wanted = any(context.needs_input_grad[3:6])
+        ray_of = np.repeat(np.arange(len(origins)), np.diff(starts))
+        counted = np.arange(len(places)) - starts[ray_of] < seen[ray_of]
+        has_colour = counted & (kept[:, WEIGHT] >= constants[1])
+        lit_from = np.concatenate([[0], np.cumsum(has_colour)])[starts]
+        lit = np.empty(lit_from[-1], np.int64)
+        by_feature = np.empty(len(places), np.float32)
+        by_channels = np.empty((len(lit), 3 * colour_rank), np.float32)
+        tasks = -(-len(origins) // RAYS_PER_TASK)
+        by_basis = np.empty((tasks, grids[2].size), np.float32)
+        by_rays = np.empty((len(origins), 9), np.float32)
+        outputs = by_feature, lit, by_channels, by_basis, by_rays
+        cpu_rays.backward(
+            grids, rays, samples, sizes, constants, kept, seen, gradient.contiguous().numpy(), lit_from, wanted, outputs
+        )
+        numbers = np.flatnonzero(counted)
+        by_density = _spread(
+            grids[0], numbers, ray_of, rays, places, by_feature[numbers], 0, nodes, density_at, density_rank
+        )
+        by_colour = _spread(
+            grids[1], lit, ray_of, rays, places, by_channels.reshape(-1), colour_rank, nodes, colour_at, colour_rank
+        )
+        summed = torch.from_numpy(by_basis.sum(axis=0).reshape(3 * colour_rank, -1)[:, : 3 * terms].copy())
+        of_rays = (torch.from_numpy(by_rays[:, 3 * k : 3 * k + 3].copy()) if wanted else None for k in range(3))
+        return (torch.from_numpy(by_density), torch.from_numpy(by_colour), summed, *of_rays, *[None] * 5)
+
+
+def _spread(flat, numbers, ray_of, rays, places, by_channels, step, nodes, offsets, rank) -> np.ndarray:
+    points = np.empty((len(numbers), 3), np.float32)
+    cpu_grids.points_of(numbers, ray_of, rays[0], rays[1], places, points)
+    result = np.empty_like(flat)
+    lines = np.empty((cpu_grids.BANDS, flat.size - offsets[3]), np.float32)
+    cpu_grids.spread(flat, points, by_channels, step, nodes, offsets, rank, result, lines)
+    return result
+
+
+@njit(forceinline=True)
+def _point_lanes(flat, points, p, nodes, offsets, rank):
+    q = min(p, len(points) - 1)
+    return feature_lanes(flat, points[q, 0], points[q, 1], points[q, 2], nodes, offsets, rank)
+
+
+@cached
+@njit(parallel=True, error_model="numpy")
+def _densities(flat, points, nodes, offsets, rank, shift, found):
+    for task in prange(-(-len(points) // _POINTS_PER_TASK)):
+        for p in range(task * _POINTS_PER_TASK, min(len(points), (task + 1) * _POINTS_PER_TASK), LANES):
+            total = sums8(
+                _point_lanes(flat, points, p, nodes, offsets, rank),
+                _point_lanes(flat, points, p + 1, nodes, offsets, rank),
+                _point_lanes(flat, points, p + 2, nodes, offsets, rank),
+                _point_lanes(flat, points, p + 3, nodes, offsets, rank),
+                _point_lanes(flat, points, p + 4, nodes, offsets, rank),
+                _point_lanes(flat, points, p + 5, nodes, offsets, rank),
+                _point_lanes(flat, points, p + 6, nodes, offsets, rank),
+                _point_lanes(flat, points, p + 7, nodes, offsets, rank),
+            )
+            value, _ = softplus8(total + shift)
+            store8(found, p, value)
+
+
+def _warm_up(**_options: Any) -> None:
+    shape = GridShape((2, 2, 2), 8, 8, 1)
+    random = torch.Generator().manual_seed(0)
+    density = torch.rand(shape.density_size, generator=random).requires_grad_()
+    colour, basis = (torch.rand(size, generator=random) for size in ((shape.colour_size,), shape.basis_shape))
+    rays, starts, places = torch.rand((1, 3), generator=random), torch.tensor([0, 1]), torch.zeros(1)
+    seen = field(density, colour, basis, rays, rays, rays, starts, places, places + 1, shape=shape, shift=0.0)
+    (seen.color.sum() + seen.opacity.sum()).backward()
+    field_density(density, rays, shape=shape, shift=0.0)
+
+
+BACKEND = Backend(
+    devices=("cpu",),
+    dtypes=("float32",),
+    bits_repeat=True,
+    warm_up=_warm_up,
+    is_warm=lambda: is_compiled(cpu_grids.spread) and is_compiled(_densities),
+)

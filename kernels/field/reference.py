@@ -1,0 +1,115 @@
+"""The definition of `field` in plain torch, for any floating type; gradients by autograd.
+
+A point of the unit cube has a density and a colour's coefficients by TensoRF's vector-matrix decomposition (Chen et
+al., ECCV 2022, section 4.2): for each mode, a plane at two coordinates times a line at the third, both interpolated
+linearly between nodes. Rays are rendered by the quadrature of NeRF (Mildenhall et al., ECCV 2020, Eq. 3).
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn.functional import softplus
+
+from dofbench.compute.backend import Backend
+from dofbench.compute.factored_grid import MODES, FieldRender, GridShape
+
+BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
+LEAST_TRANSMITTANCE = 1e-4  # samples behind so little light are left out, as in 3DGS
+
+
+def harmonics(directions: Tensor, count: int) -> Tensor:
+    """(N, count): the real spherical harmonics up to degree 0, 1 or 2 in unit directions (N, 3), orthonormal on the
+    sphere."""
+    x, y, z = directions.unbind(1)
+    terms = [torch.full_like(x, 0.28209479177387814)]
+    if count > 1:
+        terms += [0.4886025119029199 * y, 0.4886025119029199 * z, 0.4886025119029199 * x]
+    if count > 4:
+        terms += [
+            1.0925484305920792 * x * y,
+            1.0925484305920792 * y * z,
+            0.31539156525252005 * (2 * z * z - x * x - y * y),
+            1.0925484305920792 * x * z,
+            0.5462742152960396 * (x * x - y * y),
+        ]
+    return torch.stack(terms, 1)
+
+
+def field_density(density: Tensor, points: Tensor, *, shape: GridShape, shift: float) -> Tensor:
+    """(P,) density per unit of length at points (P, 3) of the unit cube; points outside count as on its border.
+
+    density: flat, `shape.density_size` numbers. shift: added before the softplus, so that an empty grid is nearly
+    transparent.
+    """
+    factors = _factors(density, points, shape, shape.density_rank)
+    return softplus(torch.stack([factor.sum(1) for factor in factors]).sum(0) + shift)
+
+
+def field(
+    density: Tensor,
+    colour: Tensor,
+    basis: Tensor,
+    origins: Tensor,
+    directions: Tensor,
+    views: Tensor,
+    starts: Tensor,
+    places: Tensor,
+    lengths: Tensor,
+    *,
+    shape: GridShape,
+    shift: float,
+    least_weight: float = 0.0,
+) -> FieldRender:
+    """Render R rays, each through samples of its own.
+
+    density, colour: flat, `shape.density_size` and `shape.colour_size` numbers. basis: `shape.basis_shape`, from a
+    point's colour channels to its coefficients. origins, directions: (R, 3) in the unit cube; a sample lies at origin +
+    place * direction. views: (R, 3), unit directions that colours depend on. starts: (R + 1,) int64; ray r has samples
+    starts[r] to starts[r + 1], from near to far. places: (S,) along the rays. lengths: (S,), what a sample's density is
+    multiplied by. least_weight: samples of less weight have no colour.
+
+    Differentiable with respect to all but the last three tensors. Samples behind a transmittance of
+    `LEAST_TRANSMITTANCE` are left out.
+    """
+    count = len(origins)
+    ray = torch.repeat_interleave(torch.arange(count, device=starts.device), starts.diff())
+    points = origins[ray] + places[:, None] * directions[ray]
+    optical = field_density(density, points, shape=shape, shift=shift) * lengths
+    before = optical.cumsum(0) - optical
+    transmittance = torch.exp(before[starts[:-1].clamp(max=max(len(places) - 1, 0))][ray] - before)
+    seen = transmittance.detach() >= LEAST_TRANSMITTANCE
+    weight = torch.where(seen, -transmittance * torch.expm1(-optical), 0.0)
+    factors = _factors(colour, points, shape, shape.colour_rank)
+    coefficients = (torch.cat(factors, 1) @ basis).view(-1, 3, shape.harmonics)
+    colours = torch.sigmoid((coefficients * harmonics(views, shape.harmonics)[ray][:, None]).sum(2))
+    lit = torch.where(weight.detach() >= least_weight, weight, 0.0)
+    return FieldRender(
+        color=_per_ray(lit[:, None] * colours, ray, count),
+        opacity=_per_ray(weight, ray, count),
+        distance=_per_ray(weight * places, ray, count),
+    )
+
+
+def _per_ray(values: Tensor, ray: Tensor, count: int) -> Tensor:
+    return values.new_zeros((count, *values.shape[1:])).index_add(0, ray, values)
+
+
+def _factors(flat: Tensor, points: Tensor, shape: GridShape, rank: int) -> list[Tensor]:
+    """For each mode (P, rank): its plane times its line at the points."""
+    found = []
+    for (column, row, axis), plane, line in zip(MODES, shape.planes(flat, rank), shape.lines(flat, rank), strict=True):
+        across, u = _cell(points[:, column], shape.nodes[column])
+        down, v = _cell(points[:, row], shape.nodes[row])
+        along, w = _cell(points[:, axis], shape.nodes[axis])
+        upper = plane[down, across] * (1 - u) + plane[down, across + 1] * u
+        lower = plane[down + 1, across] * (1 - u) + plane[down + 1, across + 1] * u
+        found.append((upper * (1 - v) + lower * v) * (line[along] * (1 - w) + line[along + 1] * w))
+    return found
+
+
+def _cell(coordinate: Tensor, nodes: int) -> tuple[Tensor, Tensor]:
+    """The node below each coordinate (P,) in [0, 1], and (P, 1) the share of the way to the next."""
+    scaled = coordinate.clamp(0, 1) * (nodes - 1)
+    below = scaled.detach().floor().clamp(max=nodes - 2)
+    return below.long(), (scaled - below)[:, None]
