@@ -92,6 +92,9 @@ def field(load: Callable[..., Callable[..., Any]], to: Callable[[Tensor], Tensor
     seen = load("field")(*inputs, views, starts, places, lengths, shape=shape, shift=-4.0, least_weight=1e-3)
     (seen.color.sum() + seen.opacity.sum() + seen.distance.sum()).backward()
     yield from (seen.color, seen.opacity, seen.distance, *(value.grad for value in (*inputs, views)))
+    cells, spans = to(torch.rand(5, 6, 7)) > 0.5, to(torch.tensor([0.0, 1.0])).expand(rays, 2)
+    samples = load("field_samples")(inputs[3], inputs[4], spans, to(torch.rand(rays)), cells, count=each)
+    yield from (samples.starts, samples.places, samples.steps)
     yield load("field_density")(inputs[0], inputs[3].detach(), shape=shape, shift=-4.0)
 
 

@@ -80,6 +80,17 @@ class FieldRender:
     distance: Tensor
 
 
+@dataclass(frozen=True, eq=False)
+class RaySamples:
+    """Samples of R rays, ray after ray, from near to far. starts: (R + 1,) int64; ray r has samples starts[r] to
+    starts[r + 1]. places: (S,), a sample lies at origin + place * direction. steps: (S,), the part of the ray, in the
+    unit of places, that a sample stands for."""
+
+    starts: Tensor
+    places: Tensor
+    steps: Tensor
+
+
 def _view(flat: Tensor, start: int, shape: tuple[int, ...]) -> Tensor:
     size = 1
     for length in shape:

@@ -10,12 +10,13 @@ from numba import njit, prange
 from torch import Tensor
 
 from dofbench.compute.backend import Backend
-from dofbench.compute.factored_grid import FieldRender, GridShape
+from dofbench.compute.factored_grid import FieldRender, GridShape, RaySamples
 from dofbench.compute.kernel_cache import cached, is_compiled
 from dofbench.compute.simd import LANES, store8, sums8
 
 from . import cpu_grids, cpu_rays
 from .cpu_rays import KEPT, RAYS_PER_TASK, WEIGHT, feature_lanes, softplus8
+from .cpu_samples import march
 
 _POINTS_PER_TASK = 1024
 
@@ -58,6 +59,31 @@ def field_density(density: Tensor, points: Tensor, *, shape: GridShape, shift: f
     return torch.from_numpy(found[: len(places)])
 
 
+def field_samples(
+    origins: Tensor, directions: Tensor, spans: Tensor, offsets: Tensor, occupied: Tensor, *, count: int
+) -> RaySamples:
+    """The samples of R rays in occupied cells; see `reference.field_samples`. float32 on the CPU.
+
+    Raises FloatingPointError for rays that aren't finite.
+    """
+    _check_finite(origins=origins, directions=directions, spans=spans)
+    rays = tuple(tensor.detach().contiguous().numpy() for tensor in (origins, directions, spans, offsets))
+    cells, starts = occupied.contiguous().numpy(), np.zeros(len(origins) + 1, np.int64)
+    nothing = np.empty(0, np.float32)
+    march(*rays, cells, count, starts, nothing, nothing, False)
+    starts = np.cumsum(starts)
+    places, steps = np.empty(starts[-1], np.float32), np.empty(starts[-1], np.float32)
+    march(*rays, cells, count, starts, places, steps, True)
+    return RaySamples(*(torch.from_numpy(array) for array in (starts, places, steps)))
+
+
+def _check_finite(**tensors: Tensor) -> None:
+    """Such a point would have no node beside it."""
+    for name, tensor in tensors.items():
+        if not bool(torch.isfinite(tensor).all()):
+            raise FloatingPointError(f"{name}: expected finite numbers")
+
+
 def _check(grids, rays, starts: Tensor, samples, shape: GridShape) -> None:
     count, size = len(rays[0]), len(samples[0])
     expected: dict[str, tuple[Tensor, tuple[int, ...]]] = {
@@ -78,9 +104,7 @@ def _check(grids, rays, starts: Tensor, samples, shape: GridShape) -> None:
         raise ValueError(f"starts: expected int64 ({count + 1},), found {starts.dtype} {tuple(starts.shape)}")
     if int(starts[0]) != 0 or int(starts[-1]) != size or bool((starts.diff() < 0).any()):
         raise ValueError(f"starts: expected numbers that rise from 0 to {size}")
-    for name, tensor in (("origins", rays[0]), ("directions", rays[1]), ("places", samples[0])):
-        if not bool(torch.isfinite(tensor).all()):  # it would have no node beside it
-            raise FloatingPointError(f"{name}: expected finite numbers")
+    _check_finite(origins=rays[0], directions=rays[1], places=samples[0])
 
 
 class _Field(torch.autograd.Function):
@@ -179,6 +203,8 @@ def _warm_up(**_options: Any) -> None:
     seen = field(density, colour, basis, rays, rays, rays, starts, places, places + 1, shape=shape, shift=0.0)
     (seen.color.sum() + seen.opacity.sum()).backward()
     field_density(density, rays, shape=shape, shift=0.0)
+    cells = torch.ones((1, 1, 1), dtype=torch.bool)
+    field_samples(rays, rays, torch.zeros((1, 2)), places, cells, count=1)
 
 
 BACKEND = Backend(
@@ -186,5 +212,5 @@ BACKEND = Backend(
     dtypes=("float32",),
     bits_repeat=True,
     warm_up=_warm_up,
-    is_warm=lambda: is_compiled(cpu_grids.spread) and is_compiled(_densities),
+    is_warm=lambda: all(is_compiled(function) for function in (cpu_grids.spread, _densities, march)),
 )

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn.functional import softplus
 
 from dofbench.compute.backend import Backend
-from dofbench.compute.factored_grid import MODES, FieldRender, GridShape
+from dofbench.compute.factored_grid import MODES, FieldRender, GridShape, RaySamples
 
 BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
 LEAST_TRANSMITTANCE = 1e-4  # samples behind so little light are left out, as in 3DGS
@@ -89,6 +89,28 @@ def field(
         opacity=_per_ray(weight, ray, count),
         distance=_per_ray(weight * places, ray, count),
     )
+
+
+def field_samples(
+    origins: Tensor, directions: Tensor, spans: Tensor, offsets: Tensor, occupied: Tensor, *, count: int
+) -> RaySamples:
+    """The samples of R rays in occupied cells of the unit cube. No gradients.
+
+    origins, directions: (R, 3) in the unit cube. spans: (R, 2), the places where each ray begins and ends; a ray that
+    ends before it begins has no samples. offsets: (R,) in [0, 1): each ray is divided into `count` equal steps, and a
+    sample lies so far into its step. occupied: (Z, Y, X) bool; points outside the cube count as on its border.
+    """
+    length = (spans[:, 1] - spans[:, 0]) / count
+    places = spans[:, :1] + (torch.arange(count, device=spans.device) + offsets[:, None]) * length[:, None]
+    points = origins[:, None] + places[..., None] * directions[:, None]
+    cells = [_cell_of(points[..., axis], occupied.shape[2 - axis]) for axis in range(3)]
+    taken = occupied[cells[2], cells[1], cells[0]] & (length > 0)[:, None]
+    starts = torch.nn.functional.pad(taken.sum(1).cumsum(0), (1, 0))
+    return RaySamples(starts, places[taken], length[:, None].expand_as(places)[taken].contiguous())
+
+
+def _cell_of(coordinate: Tensor, cells: int) -> Tensor:
+    return (coordinate.clamp(0, 1) * cells).floor().clamp(max=cells - 1).long()
 
 
 def _per_ray(values: Tensor, ray: Tensor, count: int) -> Tensor:

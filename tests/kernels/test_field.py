@@ -260,3 +260,33 @@ def test_thin_fog_keeps_its_digits() -> None:
     case |= {"density": flat, "starts": torch.tensor([0, *[1] * 11]), "places": torch.zeros(1)}
     seen = load("field", "cpu")(**{**case, "lengths": torch.full((1,), 1e-3)}, shape=SMALL, shift=math.log(1e-6))
     assert float(seen.opacity[0]) == pytest.approx(1e-9, rel=FLOAT32_SCALAR)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**31))
+def test_samples_lie_in_occupied_cells(seed: int) -> None:
+    """The CPU's are the definition's, and those of a loop over cells; places an eps from a cell's border excepted."""
+    generator = torch.Generator().manual_seed(seed)
+    rays, count = 9, 23
+    occupied = torch.rand(4, 5, 6, generator=generator) > 0.5
+    origins, directions = torch.rand(rays, 3, generator=generator), torch.rand(rays, 3, generator=generator) - 0.5
+    spans = torch.rand(rays, 2, generator=generator)  # some end before they begin
+    offsets = torch.rand(rays, generator=generator)
+    case = (origins, directions, spans, offsets, occupied)
+    expected: list[tuple[int, float, float]] = []
+    for ray in range(rays):
+        begin, end = spans[ray].tolist()
+        for k in range(count if end > begin else 0):
+            place = begin + (k + float(offsets[ray])) * (end - begin) / count
+            point = [float(origins[ray, axis]) + place * float(directions[ray, axis]) for axis in range(3)]
+            scaled = [min(max(p, 0), 1) * cells for p, cells in zip(point, (6, 5, 4), strict=True)]
+            assume(all(abs(value - round(value)) > FLOAT32_VALUE or value == round(value) for value in scaled))
+            x, y, z = (min(int(value), cells - 1) for value, cells in zip(scaled, (6, 5, 4), strict=True))
+            if occupied[z, y, x]:
+                expected.append((ray, place, (end - begin) / count))
+    for backend, dtype in BACKENDS.items():
+        tensors = (tensor if tensor.dtype == torch.bool else tensor.to(dtype) for tensor in case)
+        found = load("field", backend, function="field_samples")(*tensors, count=count)
+        assert found.starts.diff().tolist() == [sum(ray == r for ray, _, _ in expected) for r in range(rays)]
+        assert found.places.tolist() == pytest.approx([place for _, place, _ in expected], abs=FLOAT32_VALUE)
+        assert found.steps.tolist() == pytest.approx([step for _, _, step in expected], abs=FLOAT32_VALUE)
