@@ -250,3 +250,9 @@ TWO_FITS_DB = 3.02
 # gradient's, so a gradient near zero may go either way. On average over a picture that is less than
 # half of an 8-bit level.
 UNSEEN = 0.5 / 255
+# Places along a ray are searched among 100 001.
+SEARCHED_PLACE = 1e-5
+# A world point through a camera's float32 matrices, in units of a box of about 2 scene units, and ends of a ray on it.
+FLOAT32_CAMERA = 2e-6
+# Weights so near a threshold, relative, that float32 may put them on its other side: some hundred roundings.
+AT_A_THRESHOLD = 1e-3

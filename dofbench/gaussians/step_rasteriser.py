@@ -11,9 +11,9 @@ from torch import Tensor
 from dofbench.compute.raster import Geometry, Raster, ViewStatistics
 from dofbench.core.cameras import Camera
 from dofbench.gaussians.render import rasterise, rasterise_from_points
-from dofbench.gaussians.stage_clock import StageClock
 from dofbench.gaussians.training_state import TrainingState
 from dofbench.learning.nonfinite import Place
+from dofbench.learning.stage_clock import StageClock
 
 _STAGE = "rasterise"
 

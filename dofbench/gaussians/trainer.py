@@ -26,7 +26,6 @@ from dofbench.gaussians.exposure import render_view
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.render import rasterise
-from dofbench.gaussians.stage_clock import StageClock
 from dofbench.gaussians.training_state import Snapshot, TrainingState
 from dofbench.gaussians.training_step import take_step, update_filter
 from dofbench.gaussians.trials import HELD_BACK, Trials, possible_models
@@ -37,6 +36,7 @@ from dofbench.learning.nonfinite import NonFiniteError, Place
 from dofbench.learning.photograph_colours import LearnedColours
 from dofbench.learning.priors import Prior, make_prior, with_surface_points
 from dofbench.learning.rendered_surface import surface_disparity
+from dofbench.learning.stage_clock import StageClock
 from dofbench.learning.training_views import Photograph, all_photographs
 
 

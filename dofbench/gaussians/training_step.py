@@ -8,12 +8,12 @@ from torch import Tensor
 
 from dofbench.core.errors import InputError
 from dofbench.gaussians.forward.forward_model import SharpView
-from dofbench.gaussians.stage_clock import StageClock
 from dofbench.gaussians.step_rasteriser import StepRasteriser
 from dofbench.gaussians.surface_terms import richest
 from dofbench.gaussians.training_state import TrainingState
 from dofbench.learning.image_losses import looked_at, reconstruction
 from dofbench.learning.nonfinite import Place
+from dofbench.learning.stage_clock import StageClock
 from dofbench.learning.training_views import Photograph
 
 _FILTER_3D_EVERY = 100  # steps; Mip-Splatting's interval

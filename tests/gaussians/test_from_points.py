@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_up import cloud
+from tolerances import FLOAT32_SCALAR, FLOAT32_VALUE
 
 from dofbench.core.errors import InputError
 from dofbench.gaussians.model import Gaussians
-from tests.made_up import cloud
-from tests.tolerances import FLOAT32_SCALAR, FLOAT32_VALUE
 
 SPREAD = np.random.default_rng(5).uniform(size=(40, 3))
 

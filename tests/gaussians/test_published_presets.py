@@ -23,12 +23,12 @@ from dofbench.gaussians.forward.shot import Shot
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.normals import normal_consistency
 from dofbench.gaussians.render import AppearanceOptions, rasterise
-from dofbench.gaussians.stage_clock import StageClock
 from dofbench.gaussians.trainer import Trainer
 from dofbench.gaussians.training_state import TrainingState
 from dofbench.gaussians.training_step import take_step
 from dofbench.kernels import load
 from dofbench.learning.rendered_surface import SURFACE_ALPHA
+from dofbench.learning.stage_clock import StageClock
 from dofbench.learning.supervision import sparse_depth
 from dofbench.learning.training_views import Photograph
 from dofbench.optics.tone import TOE, decode, encode

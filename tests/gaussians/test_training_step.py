@@ -7,11 +7,11 @@ import pytest
 import torch
 from small_scene import cameras, options, training_set
 
-from dofbench.gaussians.stage_clock import StageClock
 from dofbench.gaussians.step_rasteriser import StepRasteriser
 from dofbench.gaussians.training_state import TrainingState
 from dofbench.learning.nonfinite import NonFiniteError, Place
 from dofbench.learning.outliers import LEAST_VIEWS, OutlierOptions
+from dofbench.learning.stage_clock import StageClock
 from dofbench.learning.view_order import ViewOrder
 
 

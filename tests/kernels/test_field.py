@@ -9,7 +9,7 @@ import pytest
 import torch
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from tolerances import FINITE_DIFFERENCE, FLOAT32_GRADIENT, FLOAT32_SCALAR, FLOAT32_VALUE, FLOAT64_VALUE
+from tolerances import AT_A_THRESHOLD, FINITE_DIFFERENCE, FLOAT32_GRADIENT, FLOAT32_SCALAR, FLOAT32_VALUE, FLOAT64_VALUE
 from torch import Tensor
 
 from dofbench.compute.factored_grid import MODES, GridShape
@@ -160,7 +160,9 @@ def _near_a_threshold(case: dict[str, Any], shape: GridShape, least_weight: floa
     for s in range(len(ray)):
         left = left if s and ray[s] == ray[s - 1] else 1.0
         weight = left * -math.expm1(-float(density[s] * case["lengths"][s]))
-        if abs(left / 1e-4 - 1) < 1e-3 or (least_weight and abs(weight / least_weight - 1) < 1e-3):
+        if any(
+            abs(value / limit - 1) < AT_A_THRESHOLD for value, limit in ((left, 1e-4), (weight, least_weight)) if limit
+        ):
             return True
         left -= weight
     return False

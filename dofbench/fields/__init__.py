@@ -1,0 +1,1 @@
+"""Radiance fields: a scene as density and colour in the unit cube, rendered along rays."""

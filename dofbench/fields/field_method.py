@@ -1,0 +1,107 @@
+"""The `Method` contract implemented on the trainer of radiance fields; a method adds its forward model."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+import torch
+
+from dofbench.compute.devices import resolve
+from dofbench.core.budget import Budget
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import FitOutcome, Observer, Rendering, TrainingSet
+from dofbench.core.errors import InputError
+from dofbench.core.files import replacing
+from dofbench.core.lens import PhysicalLens
+from dofbench.fields.field_options import FieldOptions
+from dofbench.fields.field_scene import FieldScene
+from dofbench.fields.field_trainer import FieldTrainer
+from dofbench.fields.forward.pinhole_rays import PinholeRays
+from dofbench.fields.forward.ray_model import RayModel
+from dofbench.fields.grid_field import PARAMETERS, GridField
+from dofbench.fields.space import space_of
+from dofbench.learning.option_groups import ListedOption, listed_options
+
+_MODEL = "field.npz"
+_EXPECTED = "a field that `dofbench run` stored"
+
+
+class FieldMethod:
+    """Base of the methods that are radiance fields; by itself it is one that takes every photograph for sharp."""
+
+    def __init__(self, options: Mapping[str, Any], seed: int, device: str):
+        resolve(device, ("cpu",), "this version's training of fields")
+        self._options, self._seed = FieldOptions.of(**options), seed
+        self._scene: FieldScene | None = None
+
+    @classmethod
+    def available_options(cls) -> tuple[ListedOption, ...]:
+        """Every option that a user of this method may set, with type, default, meaning, unit and source."""
+        return listed_options(FieldOptions)
+
+    def model(self, training_set: TrainingSet) -> RayModel:
+        """The forward model that photographs are explained by."""
+        return PinholeRays()
+
+    def fit(self, training_set: TrainingSet, budget: Budget, observer: Observer) -> FitOutcome:
+        """Train from an empty field; raises InputError without sparse points, which say where the scene lies."""
+        trainer = FieldTrainer(training_set, self._options, self.model(training_set), self._seed)
+        self._scene = trainer.scene
+        return trainer.fit(budget, observer)
+
+    def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
+        """Render all in focus; ValueError for a lens."""
+        if lens is not None:
+            raise ValueError("this method has no lens: it can't refocus")
+        return self._trained().render(camera)
+
+    def lens_estimates(self) -> dict[str, PhysicalLens] | None:
+        """None: there is no lens."""
+        return None
+
+    def describe(self) -> dict[str, float]:
+        """Nothing that is comparable between methods."""
+        return {}
+
+    def save(self, folder: Path) -> None:
+        """Write the field, its space and the options that it is rendered with, as one NumPy archive."""
+        scene = self._trained()
+        field = scene.field
+        arrays: dict[str, Any] = {name: tensor.detach().numpy() for name, tensor in field.parameters.items()}
+        arrays |= {f"space_{name}": array for name, array in scene.space.record().items()}
+        arrays |= {"nodes": np.array(field.shape.nodes), "occupied": np.packbits(scene.occupancy.occupied.numpy())}
+        arrays["options"] = np.array(json.dumps(self._options.flat()))
+        with replacing(folder / _MODEL) as temporary, temporary.open("wb") as stream:
+            np.savez(stream, **arrays)
+
+    def load(self, folder: Path) -> None:
+        """Read a model that `save` wrote; raises InputError when the file is missing or damaged."""
+        path = folder / _MODEL
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = dict(file)
+            options = FieldOptions.of(**json.loads(str(arrays["options"])))
+            shape = options.grid.shape([int(count) for count in arrays["nodes"]])
+            parameters = {name: torch.from_numpy(arrays[name]) for name in PARAMETERS}
+            record = {name.removeprefix("space_"): arrays[name] for name in arrays if name.startswith("space_")}
+            space, cells = space_of(record), options.rays.cells
+            occupied = np.unpackbits(arrays["occupied"], count=cells**3).reshape(cells, cells, cells)
+        except (OSError, ValueError, KeyError, BadZipFile) as error:
+            raise InputError(path, str(error), _EXPECTED) from None
+        sizes = (len(parameters["density"]), len(parameters["colour"]), tuple(parameters["basis"].shape))
+        if sizes != (shape.density_size, shape.colour_size, shape.basis_shape):
+            raise InputError(path, f"tensors of {sizes}", f"those of a grid of {shape.nodes} nodes")
+        self._options = options
+        field = GridField(shape, parameters, options.grid.density_shift)
+        self._scene = FieldScene(field, space, options.rays)
+        self._scene.occupancy.occupied = torch.from_numpy(occupied.astype(bool))
+
+    def _trained(self) -> FieldScene:
+        if self._scene is None:
+            raise RuntimeError("the method holds no model: call fit or load first")
+        return self._scene

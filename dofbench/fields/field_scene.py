@@ -1,0 +1,51 @@
+"""A radiance field in its place in the scene: what world rays see, for training and for rendering."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from dofbench.compute.factored_grid import FieldRender
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import Rendering
+from dofbench.fields.field_options import RayOptions
+from dofbench.fields.grid_field import GridField
+from dofbench.fields.occupancy import Occupancy
+from dofbench.fields.pixels import CameraTable, whole_image
+from dofbench.fields.space import Space
+
+_STEPS = 100.0  # `space.py`: density is per hundredth of a ray
+_CHUNK = 8192  # rays rendered at once
+_LEAST_OPACITY = 1e-3  # of a ray that has a depth
+
+
+class FieldScene:
+    """A field, the space that it fills, and which of its cells are empty."""
+
+    def __init__(self, field: GridField, space: Space, options: RayOptions):
+        self.field, self.space, self._options = field, space, options
+        self.occupancy = Occupancy(options.cells, options.cells_absorb, _STEPS / options.ray_samples)
+
+    def see(self, origins: Tensor, directions: Tensor, offsets: Tensor) -> FieldRender:
+        """What world rays (R, 3) see, whose directions have the length 1 in z of their camera; differentiable. offsets:
+        (R,) in [0, 1), where in its step a sample lies."""
+        rays = self.space.rays(origins, directions)
+        samples = self.occupancy.samples(rays, self._options.ray_samples, offsets)
+        views = torch.nn.functional.normalize(directions, dim=1)
+        return self.field.render(rays, views, samples, self._options.least_weight)
+
+    @torch.no_grad()
+    def render(self, camera: Camera) -> Rendering:
+        """A sharp view, and its depth: the mean place of what a ray meets."""
+        table, places = CameraTable([camera]), whole_image(camera)
+        colours, depths = [], []
+        for part in places.split(_CHUNK):
+            origins, directions = table.rays(torch.zeros(len(part), dtype=torch.int64), part)
+            seen = self.see(origins, directions, torch.full((len(part),), 0.5))
+            met = seen.opacity >= _LEAST_OPACITY
+            depth = self.space.depths(origins, directions, seen.distance / seen.opacity.clamp_min(_LEAST_OPACITY))
+            colours.append(seen.color)
+            depths.append(torch.where(met, depth, 0.0))
+        shape = camera.height, camera.width
+        image = torch.cat(colours).view(*shape, 3).clamp(0, 1).numpy()
+        return Rendering(image, torch.cat(depths).view(shape).numpy())

@@ -1,0 +1,127 @@
+"""The training loop that every radiance field of this project shares."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dofbench.core.budget import Budget
+from dofbench.core.contracts import FitOutcome, NonFinite, Observer, TrainingSet
+from dofbench.core.errors import InputError, Status
+from dofbench.fields.field_options import FieldOptions
+from dofbench.fields.field_scene import FieldScene
+from dofbench.fields.forward.ray_model import RayModel, RayScene
+from dofbench.fields.grid_field import GridField
+from dofbench.fields.pixels import CameraTable, Pixels, TrainingPixels
+from dofbench.fields.space import space_for
+from dofbench.kernels import warm_up
+from dofbench.learning.nonfinite import NonFiniteError, Place
+from dofbench.learning.stage_clock import StageClock
+
+_BETAS, _EPSILON = (0.9, 0.99), 1e-15  # TensoRF
+
+
+class FieldTrainer:
+    """Trains a field, and what its forward model learns, on a training set. After `fit`, or during it from an observer,
+    `scene` can be rendered at any time."""
+
+    def __init__(self, training_set: TrainingSet, options: FieldOptions, model: RayModel, seed: int):
+        if training_set.points is None or len(training_set.points) < 4:
+            found = 0 if training_set.points is None else len(training_set.points)
+            raise InputError("sparse points", str(found), "at least 4, which say where the scene lies")
+        self._options, self._model = options, model
+        self._generator = torch.Generator().manual_seed(seed)
+        self._pixels = TrainingPixels(training_set.views, np.random.default_rng(seed))
+        cameras = [view.camera for view in training_set.views]
+        space = space_for(cameras, training_set.points.xyz)
+        shape = options.grid.shape(space.nodes(options.grid.nodes(0.0)))
+        field = GridField.at_random(shape, options.grid.density_shift, self._generator)
+        self.scene = FieldScene(field, space, options.rays)
+        self._rays = RayScene(self.scene, CameraTable(cameras), self._generator)
+        self._optimiser = self._new_optimiser()
+        self._clock = StageClock()
+        self._loss = math.nan
+
+    def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
+        """Train until the budget or the observer ends it. A non-finite value ends with the status "diverged"."""
+        warm_up("field")
+        total = budget.steps or self._options.rays.steps
+        step = 0
+        event: NonFinite | None = None
+        try:
+            while step < total:
+                progress = step / total
+                if budget.seconds is not None:
+                    progress = max(progress, observer.seconds() / budget.seconds)
+                    if progress >= 1:
+                        break
+                self._step(step + 1, progress)
+                step += 1
+                if not observer.after_step(step, self._loss):
+                    break
+        except NonFiniteError as error:
+            event = error.event
+            step += 1  # the step that failed counts as taken
+            self._optimiser.zero_grad()
+        return FitOutcome(
+            status=Status.DIVERGED if event else Status.OK,
+            steps=step,
+            message=str(event) if event else "",
+            nonfinite=(event,) if event else (),
+            stages=dict(self._clock.seconds),
+        )
+
+    def _step(self, step: int, progress: float) -> None:
+        place, options = Place(step, ""), self._options
+        self._grow(progress)
+        with self._clock.timed("cells"):
+            if progress >= options.rays.cells_from and step % options.rays.cells_every == 0:
+                self.scene.occupancy.update(self.scene.field, self._generator)
+        pixels = self._pixels.draw(options.rays.batch_pixels)
+        with self._clock.timed(self._model.stage), place.located(self._model.stage):
+            colours = self._model.colours(self._rays, pixels, progress)
+        place.check(colours, self._model.stage)
+        with self._clock.timed("loss"):
+            loss = self._cost(colours, pixels, step)
+            self._loss = float(loss.detach())
+        if not math.isfinite(self._loss):
+            raise place.error("loss", f"loss is {self._loss}")
+        with self._clock.timed("backward"):
+            loss.backward()
+        for name, tensor in {**self.scene.field.parameters, **self._model.learned()}.items():
+            place.check(tensor.grad, f"gradient by {name}")
+        with self._clock.timed("optimiser"):
+            for group in self._optimiser.param_groups:
+                group["lr"] = group["first"] * options.rates.lr_final**progress
+            self._optimiser.step()
+            self._optimiser.zero_grad()
+            self._model.step(progress)
+
+    def _cost(self, colours: Tensor, pixels: Pixels, step: int) -> Tensor:
+        """Mean squared error, and every so often the roughness of the grid."""
+        rates = self._options.rates
+        loss = (colours - pixels.colours).square().mean()
+        if step % rates.smooth_every == 0:
+            rough = self.scene.field.roughness()
+            smooth = rates.density_smooth * rough["density"] + rates.colour_smooth * rough["colour"]
+            loss = loss + rates.smooth_every * smooth
+        return loss
+
+    def _grow(self, progress: float) -> None:
+        """Give the grid the nodes that it has at `progress`; the optimiser then begins anew, as in TensoRF."""
+        options, field = self._options.grid, self.scene.field
+        shape = options.shape(self.scene.space.nodes(options.nodes(progress)))
+        if shape != field.shape:
+            self.scene.field = field.resized(shape)
+            self._optimiser = self._new_optimiser()
+
+    def _new_optimiser(self) -> torch.optim.Adam:
+        rates, parameters = self._options.rates, self.scene.field.parameters
+        groups = [
+            {"params": [parameters["density"], parameters["colour"]], "first": rates.grid_lr},
+            {"params": [parameters["basis"]], "first": rates.basis_lr},
+        ]
+        return torch.optim.Adam(groups, betas=_BETAS, eps=_EPSILON, fused=True)

@@ -1,0 +1,54 @@
+"""Which cells of the unit cube hold anything, so that rays take no samples in empty ones."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from dofbench.compute.factored_grid import RaySamples
+from dofbench.fields.grid_field import GridField
+from dofbench.fields.space import CubeRays
+from dofbench.kernels import load
+
+_FORGET = 0.9  # share of a cell's largest density that is kept from update to update (Instant-NGP 0.95)
+_CHUNK = 1 << 18
+
+
+class Occupancy:
+    """A grid of cells over the unit cube, all occupied at first.
+
+    A cell is occupied while its density, or that of a neighbour, would absorb at least `least` of the light over
+    `length`, in units of the density's reciprocal.
+    """
+
+    def __init__(self, cells: int, least: float, length: float):
+        self._least, self._length = least, length
+        self.occupied = torch.ones((cells, cells, cells), dtype=torch.bool)
+        self._densest = torch.zeros((cells, cells, cells))
+
+    def update(self, field: GridField, generator: torch.Generator) -> None:
+        """Look at the density at a random point of each cell."""
+        cells = len(self.occupied)
+        index = torch.arange(cells**3)
+        corner = torch.stack([index % cells, index // cells % cells, index // cells**2], 1)
+        points = (corner + torch.rand((cells**3, 3), generator=generator)) / cells
+        found = torch.cat([field.density(part) for part in points.split(_CHUNK)]).view(cells, cells, cells)
+        self._densest = torch.maximum(_FORGET * self._densest, found)
+        absorbed = -torch.expm1(-self._densest * self._length)
+        # A neighbour's sample is interpolated from nodes that this cell's point didn't see.
+        widest = torch.nn.functional.max_pool3d(absorbed[None, None], 3, 1, 1)[0, 0]
+        self.occupied = widest >= self._least
+
+    @torch.no_grad()
+    def samples(self, rays: CubeRays, count: int, offsets: Tensor) -> RaySamples:
+        """Where rays are sampled: `count` steps from their beginning to their end, in occupied cells. offsets: (R,) in
+        [0, 1), how far into each step."""
+        found: RaySamples = load("field", function="field_samples")(
+            rays.origins.detach().contiguous(),
+            rays.directions.detach().contiguous(),
+            rays.spans.contiguous(),
+            offsets,
+            self.occupied,
+            count=count,
+        )
+        return found

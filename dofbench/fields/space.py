@@ -1,0 +1,202 @@
+"""From the scene to the unit cube in which a radiance field lives.
+
+Views that look in one direction share a frustum, in which places are counted in disparity, so that far things have no
+more cells than the views can resolve (NeRF's normalised device coordinates; Mildenhall et al., ECCV 2020, appendix C,
+here for any near and far plane). Views from around a scene share a box.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dofbench.core.cameras import Camera
+
+_LEAST_FORWARD = 0.5  # cosine of the angle between a frustum's axis and its widest rays
+_POINTS_SHARE = 0.005  # of the sparse points that may be outliers, at each end
+_NEARER, _FARTHER = 0.7, 0.7  # of the nearest points' distance from the cameras, and of the farthest points' disparity
+_INFINITE = 0.02  # a far plane is at infinity if its disparity is less than this share of the near plane's
+_MARGIN = 0.05  # of the extent of a frustum or box, on each side
+_STEPS = 100.0  # density is per hundredth of a ray
+
+
+@dataclass(frozen=True, eq=False)
+class CubeRays:
+    """R rays in the unit cube. origins, directions: (R, 3). spans: (R, 2), the places where they begin and end. gain:
+    (R,), what the length of a step along the ray is multiplied by before it meets the density."""
+
+    origins: Tensor
+    directions: Tensor
+    spans: Tensor
+    gain: Tensor
+
+
+class Space(Protocol):
+    """A part of the scene, and where its points lie in the unit cube."""
+
+    def rays(self, origins: Tensor, directions: Tensor) -> CubeRays:
+        """World rays (R, 3) in the cube; differentiable. directions: of length 1 in z of their camera."""
+
+    def depths(self, origins: Tensor, directions: Tensor, places: Tensor) -> Tensor:
+        """(R,) z in the cameras' frames, scene units, of places along world rays."""
+
+    def nodes(self, most: int) -> tuple[int, int, int]:
+        """Nodes along the cube's axes, for cells that are alike in the images; `most` along the longest."""
+
+    def record(self) -> dict[str, np.ndarray]:
+        """The numbers that the space is made of, by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frustum:
+    """What lies before a reference camera: x / z and y / z from `low` to `high`, (2,), and disparity from `near` to
+    `far`, 1 / scene unit.
+
+    pose: (4, 4) world to reference camera. A place along a ray is its share of the way from near to far disparity.
+    """
+
+    pose: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    near: float
+    far: float
+
+    def rays(self, origins: Tensor, directions: Tensor) -> CubeRays:
+        """See `Space.rays`."""
+        start, end = self._ends(*self._seen(origins, directions))
+        ones = torch.ones_like(start[:, 0])
+        directions = torch.cat([end - start, ones[:, None]], 1)
+        spans = torch.stack([torch.zeros_like(ones), ones], 1)
+        return CubeRays(torch.cat([start, 0 * ones[:, None]], 1), directions, spans, _STEPS * ones)
+
+    def depths(self, origins: Tensor, directions: Tensor, places: Tensor) -> Tensor:
+        """See `Space.depths`."""
+        seen_from, along = self._seen(origins, directions)
+        disparity = self.near + places * (self.far - self.near)
+        z = 1 / disparity.clamp_min(_INFINITE * self.near / 100)
+        return (z - seen_from[:, 2]) / along[:, 2]
+
+    def nodes(self, most: int) -> tuple[int, int, int]:
+        """See `Space.nodes`. Along z as many as half of those along the longer side."""
+        extent = self.high - self.low
+        x, y = (max(2, round(most * float(side / extent.max()))) for side in extent)
+        return x, y, max(2, most // 2)
+
+    def record(self) -> dict[str, np.ndarray]:
+        """See `Space.record`."""
+        return {"pose": self.pose, "low": self.low, "high": self.high, "disparities": np.array([self.near, self.far])}
+
+    def _seen(self, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+        pose = origins.new_tensor(self.pose)
+        return origins @ pose[:3, :3].T + pose[:3, 3], directions @ pose[:3, :3].T
+
+    def _ends(self, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+        """(R, 2) each: x and y in the cube on the near and on the far plane."""
+        slope = directions[:, :2] / directions[:, 2:]
+        low, extent = origins.new_tensor(self.low), origins.new_tensor(self.high - self.low)
+
+        def at(disparity: float) -> Tensor:
+            # x / z on the plane z = 1 / q is q o_x + (1 - q o_z) d_x / d_z, which holds at infinity too.
+            place = origins[:, :2] * disparity + (1 - origins[:, 2:] * disparity) * slope
+            return (place - low) / extent
+
+        return at(self.near), at(self.far)
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A box along the world's axes, from `low` to `high`, (3,). A place along a ray is z in its camera's frame."""
+
+    low: np.ndarray
+    high: np.ndarray
+
+    def rays(self, origins: Tensor, directions: Tensor) -> CubeRays:
+        """See `Space.rays`. A ray that misses the box ends before it begins."""
+        low, extent = origins.new_tensor(self.low), origins.new_tensor(self.high - self.low)
+        begin, along = (origins - low) / extent, directions / extent
+        with torch.no_grad():
+            safe = torch.where(along.abs() < 1e-9, torch.full_like(along, 1e-9), along)
+            walls = torch.stack([-begin / safe, (1 - begin) / safe])
+            spans = torch.stack([walls.amin(0).amax(1).clamp_min(0), walls.amax(0).amin(1)], 1)
+        gain = _STEPS / float(np.linalg.norm(self.high - self.low)) * directions.norm(dim=1)
+        return CubeRays(begin, along, spans, gain)
+
+    def depths(self, origins: Tensor, directions: Tensor, places: Tensor) -> Tensor:
+        """See `Space.depths`."""
+        return places
+
+    def nodes(self, most: int) -> tuple[int, int, int]:
+        """See `Space.nodes`."""
+        extent = self.high - self.low
+        x, y, z = (max(2, round(most * float(side / extent.max()))) for side in extent)
+        return x, y, z
+
+    def record(self) -> dict[str, np.ndarray]:
+        """See `Space.record`."""
+        return {"low": self.low, "high": self.high}
+
+
+def space_of(record: dict[str, np.ndarray]) -> Space:
+    """The space with this `record`."""
+    if "pose" not in record:
+        return Box(record["low"], record["high"])
+    near, far = (float(value) for value in record["disparities"])
+    return Frustum(record["pose"], record["low"], record["high"], near, far)
+
+
+def space_for(cameras: Sequence[Camera], points: np.ndarray) -> Space:
+    """A frustum if all cameras look in about one direction at points that lie before all of them, else a box.
+
+    points: (P, 3), what the cameras see, scene units.
+    """
+    pose = _mean_pose(cameras)
+    centres = _transformed(pose, np.array([camera.centre for camera in cameras]))
+    borders = [_transformed(pose, _border(camera)) for camera in cameras]
+    rays = np.concatenate([border - centre for border, centre in zip(borders, centres, strict=True)])
+    z = np.quantile(_transformed(pose, points)[:, 2], [_POINTS_SHARE, 1 - _POINTS_SHARE])
+    forward = rays[:, 2] / np.linalg.norm(rays, axis=1)
+    if forward.min() < _LEAST_FORWARD or z[0] <= centres[:, 2].max():
+        return Box(*_widened(*np.quantile(points, [_POINTS_SHARE, 1 - _POINTS_SHARE], axis=0)))
+    first = float(centres[:, 2].max())
+    near = 1 / (first + _NEARER * (float(z[0]) - first))
+    far = _FARTHER / float(z[1])
+    far = far if far > _INFINITE * near else 0.0
+    origins = np.repeat(centres, [len(border) for border in borders], axis=0)
+    slope = rays[:, :2] / rays[:, 2:]
+    ends = np.concatenate([origins[:, :2] * q + (1 - origins[:, 2:] * q) * slope for q in (near, far)])
+    low, high = _widened(ends.min(axis=0), ends.max(axis=0))
+    return Frustum(pose, low, high, near, far)
+
+
+def _widened(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    margin = _MARGIN * (high - low)
+    return low - margin, high + margin
+
+
+def _mean_pose(cameras: Sequence[Camera]) -> np.ndarray:
+    """(4, 4) world to the camera at the mean centre, with the mean orientation (the rotation nearest to the mean of the
+    rotations)."""
+    left, _, right = np.linalg.svd(np.mean([camera.world_to_camera[:3, :3] for camera in cameras], axis=0))
+    rotation = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    pose[:3, 3] = -rotation @ np.mean([camera.centre for camera in cameras], axis=0)
+    return pose
+
+
+def _transformed(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
+    return points @ pose[:3, :3].T + pose[:3, 3]
+
+
+def _border(camera: Camera) -> np.ndarray:
+    """(8, 3) world points at depth 1 behind the corners of the image and the middles of its sides."""
+    ends = [(x, y) for x in (0, 0.5, 1) for y in (0, 0.5, 1) if (x, y) != (0.5, 0.5)]
+    x, y = camera.rays(*(np.array(ends).T * [[camera.width], [camera.height]]))
+    local = np.stack([x, y, np.ones_like(x)], axis=1)
+    pose = camera.camera_to_world
+    return local @ pose[:3, :3].T + pose[:3, 3]

@@ -1,0 +1,122 @@
+"""A radiance field learns a small scene, repeats bit for bit, is stored and read, and stops at the first bad number."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up import Recorder
+from small_scene import HEIGHT, WIDTH, cameras, training_set
+
+from dofbench.core.budget import Budget
+from dofbench.core.contracts import TrainingSet
+from dofbench.core.errors import InputError, Status
+from dofbench.core.lens import PhysicalLens
+from dofbench.fields.field_method import FieldMethod
+
+SHORT = {
+    "steps": 120,
+    "batch_pixels": 256,
+    "ray_samples": 32,
+    "grid_nodes": 48,
+    "grid_nodes_first": 24,
+    "grid_grows": 1,
+    "cells": 16,
+    "cells_from": 0.4,
+    "cells_every": 10,
+    "density_shift": -3.0,
+}
+
+
+def trained(shown: TrainingSet | None = None, seed: int = 0, **changes: object) -> tuple[FieldMethod, Recorder]:
+    method, recorder = FieldMethod({**SHORT, **changes}, seed, "cpu"), Recorder()
+    outcome = method.fit(shown or training_set(), Budget(), recorder)
+    assert outcome.status is Status.OK
+    return method, recorder
+
+
+def test_it_learns_the_photographs_and_the_planes() -> None:
+    method, recorder = trained(steps=400)
+    assert np.mean(recorder.losses[-20:]) < 0.3 * np.mean(recorder.losses[:20])
+    for view in training_set().views:
+        rendering = method.render(view.camera, None)
+        assert rendering.image.shape == (HEIGHT, WIDTH, 3) and rendering.depth.shape == (HEIGHT, WIDTH)
+        assert float(np.square(rendering.image - view.image).mean()) < 0.03
+
+
+def test_the_same_seed_gives_the_same_field_and_another_seed_another() -> None:
+    images = [trained(seed=seed)[0].render(cameras()[0], None).image for seed in (3, 3, 4)]
+    assert np.array_equal(images[0], images[1]) and not np.array_equal(images[0], images[2])
+
+
+def test_looking_at_it_in_between_changes_nothing() -> None:
+    class Looking(Recorder):
+        def after_step(self, step: int, loss: float) -> bool:
+            watched.render(cameras()[1], None)
+            return super().after_step(step, loss)
+
+    watched = FieldMethod(SHORT, 0, "cpu")
+    watched.fit(training_set(), Budget(steps=20), Looking())
+    alone = FieldMethod(SHORT, 0, "cpu")
+    alone.fit(training_set(), Budget(steps=20), Recorder())
+    assert np.array_equal(watched.render(cameras()[0], None).image, alone.render(cameras()[0], None).image)
+
+
+def test_a_stored_field_renders_the_same(tmp_path: Path) -> None:
+    method, _ = trained()
+    method.save(tmp_path)
+    again = FieldMethod({}, 0, "cpu")
+    again.load(tmp_path)
+    for camera in cameras():
+        one, other = method.render(camera, None), again.render(camera, None)
+        assert np.array_equal(one.image, other.image) and np.array_equal(one.depth, other.depth)
+
+
+@pytest.mark.parametrize("damage", ["missing", "text", "cut", "other"])
+def test_a_damaged_file_is_one_line(tmp_path: Path, damage: str) -> None:
+    method, _ = trained(steps=2)
+    method.save(tmp_path)
+    path = tmp_path / "field.npz"
+    if damage == "missing":
+        path.unlink()
+    elif damage == "text":
+        path.write_text("no field")
+    elif damage == "cut":
+        path.write_bytes(path.read_bytes()[:5000])
+    else:
+        arrays = dict(np.load(path))
+        np.savez(path, **{**arrays, "nodes": arrays["nodes"] + 1})
+    with pytest.raises(InputError, match=r"field\.npz"):
+        FieldMethod({}, 0, "cpu").load(tmp_path)
+
+
+def test_a_bad_pixel_ends_training_with_its_step() -> None:
+    method = FieldMethod({**SHORT, "batch_pixels": WIDTH * HEIGHT * 3}, 0, "cpu")
+    outcome = method.fit(training_set(bad_view=1), Budget(), Recorder())
+    assert outcome.status is Status.DIVERGED and outcome.steps == 1
+    assert [(event.step, event.stage) for event in outcome.nonfinite] == [(1, "loss")]
+    assert np.isfinite(method.render(cameras()[0], None).image).all()
+
+
+def test_without_points_there_is_no_place() -> None:
+    with pytest.raises(InputError, match="sparse points"):
+        FieldMethod(SHORT, 0, "cpu").fit(TrainingSet(training_set().views, None), Budget(), Recorder())
+
+
+def test_it_has_no_lens() -> None:
+    method, _ = trained(steps=2)
+    assert method.lens_estimates() is None
+    with pytest.raises(ValueError, match="no lens"):
+        method.render(cameras()[0], PhysicalLens(1.0, 0.2, WIDTH))
+    with pytest.raises(RuntimeError, match="fit or load"):
+        FieldMethod({}, 0, "cpu").render(cameras()[0], None)
+
+
+def test_time_ends_it_too() -> None:
+    class Clock(Recorder):
+        def seconds(self) -> float:
+            return 0.2 * len(self.losses)
+
+    method = FieldMethod(SHORT, 0, "cpu")
+    assert method.fit(training_set(), Budget(seconds=1.0), Clock()).steps == 5

@@ -1,0 +1,68 @@
+"""Pixels are drawn without repetition, and their rays are those of their cameras."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from made_up import frontal
+from tolerances import FLOAT32_VALUE
+
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import TrainingView
+from dofbench.fields.pixels import CameraTable, TrainingPixels, whole_image
+
+
+def turned() -> Camera:
+    angle = 0.4
+    pose = np.eye(4)
+    pose[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+    pose[:3, 3] = 0.3, -0.2, 0.5
+    return Camera(5, 4, 6.0, 7.0, 2.2, 2.1, pose)
+
+
+def views() -> list[TrainingView]:
+    """Two sizes; a pixel's colour says where it is: view, row, column."""
+    found = []
+    for index, camera in enumerate((frontal(3, 2, 4.0), turned())):
+        rows, columns = np.mgrid[: camera.height, : camera.width]
+        image = np.stack([np.full(rows.shape, index), rows, columns], axis=2).astype(np.float32)
+        found.append(TrainingView(f"v{index}", camera, image))
+    return found
+
+
+def test_every_pixel_is_drawn_once_in_a_round() -> None:
+    pixels = TrainingPixels(views(), np.random.default_rng(0))
+    rounds = []
+    for _ in range(2):
+        drawn = [pixels.draw(13), pixels.draw(13)]  # 6 + 20 pixels
+        for part in drawn:
+            expected = torch.stack([part.views, part.places[:, 1] - 0.5, part.places[:, 0] - 0.5], 1)
+            assert torch.equal(part.colours, expected.float())
+        colours = [tuple(row) for part in drawn for row in part.colours.tolist()]
+        assert len(set(colours)) == 26
+        rounds.append(colours)
+    assert rounds[0] != rounds[1]
+
+
+def test_rays_meet_what_a_pixel_shows() -> None:
+    cameras = [view.camera for view in views()]
+    points = np.array([[0.1, 0.2, 3.0], [-0.3, 0.1, 5.0]])
+    table = CameraTable(cameras)
+    for index, camera in enumerate(cameras):
+        xy, depth = camera.project(points)
+        origins, directions = table.rays(torch.full((2,), index), torch.from_numpy(xy).float())
+        met = origins + torch.from_numpy(depth).float()[:, None] * directions
+        np.testing.assert_allclose(met.numpy(), points, atol=10 * FLOAT32_VALUE)
+
+
+def test_a_shift_is_along_the_camera_s_axes() -> None:
+    camera = turned()
+    shift = torch.tensor([[0.2, -0.1]])
+    origins, _ = CameraTable([camera]).rays(torch.zeros(1).long(), torch.tensor([[1.0, 2.0]]), shift)
+    local = camera.world_to_camera[:3, :3] @ origins[0].double().numpy() + camera.world_to_camera[:3, 3]
+    np.testing.assert_allclose(local, [0.2, -0.1, 0], atol=FLOAT32_VALUE)
+
+
+def test_a_whole_image_is_row_after_row() -> None:
+    places = whole_image(frontal(3, 2, 4.0))
+    assert places.tolist() == [[0.5, 0.5], [1.5, 0.5], [2.5, 0.5], [0.5, 1.5], [1.5, 1.5], [2.5, 1.5]]
