@@ -256,3 +256,5 @@ SEARCHED_PLACE = 1e-5
 FLOAT32_CAMERA = 2e-6
 # Weights so near a threshold, relative, that float32 may put them on its other side: some hundred roundings.
 AT_A_THRESHOLD = 1e-3
+# Second moments of a disc by some ten thousand points, one in each ring of equal area, relative and of its quarter.
+SAMPLED_DISC = 0.01

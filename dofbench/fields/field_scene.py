@@ -34,6 +34,13 @@ class FieldScene:
         views = torch.nn.functional.normalize(directions, dim=1)
         return self.field.render(rays, views, samples, self._options.least_weight)
 
+    def disparity(self, origins: Tensor, directions: Tensor, seen: FieldRender) -> Tensor:
+        """(R,) 1 / z in the cameras' frames of the mean place of what the rays met; see `RayScene.disparity`."""
+        spans = self.space.rays(origins, directions).spans
+        missing = 1 - seen.opacity
+        places = seen.distance + missing * torch.maximum(spans[:, 1], spans[:, 0])
+        return 1 / self.space.depths(origins, directions, places)
+
     @torch.no_grad()
     def render(self, camera: Camera) -> Rendering:
         """A sharp view, and its depth: the mean place of what a ray meets."""

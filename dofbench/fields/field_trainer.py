@@ -80,19 +80,20 @@ class FieldTrainer:
         with self._clock.timed("cells"):
             if progress >= options.rays.cells_from and step % options.rays.cells_every == 0:
                 self.scene.occupancy.update(self.scene.field, self._generator)
-        pixels = self._pixels.draw(options.rays.batch_pixels)
+        pixels = self._model.draw(self._pixels, options.rays.batch_pixels, progress)
         with self._clock.timed(self._model.stage), place.located(self._model.stage):
             colours = self._model.colours(self._rays, pixels, progress)
         place.check(colours, self._model.stage)
         with self._clock.timed("loss"):
-            loss = self._cost(colours, pixels, step)
+            loss = self._cost(colours, pixels, step, progress)
             self._loss = float(loss.detach())
         if not math.isfinite(self._loss):
             raise place.error("loss", f"loss is {self._loss}")
         with self._clock.timed("backward"):
             loss.backward()
-        for name, tensor in {**self.scene.field.parameters, **self._model.learned()}.items():
-            place.check(tensor.grad, f"gradient by {name}")
+        own = {name: tensor.grad for name, tensor in self.scene.field.parameters.items()}
+        for name, gradient in {**own, **self._model.gradients()}.items():
+            place.check(gradient, f"gradient by {name}")
         with self._clock.timed("optimiser"):
             for group in self._optimiser.param_groups:
                 group["lr"] = group["first"] * options.rates.lr_final**progress
@@ -100,10 +101,12 @@ class FieldTrainer:
             self._optimiser.zero_grad()
             self._model.step(progress)
 
-    def _cost(self, colours: Tensor, pixels: Pixels, step: int) -> Tensor:
-        """Mean squared error, and every so often the roughness of the grid."""
+    def _cost(self, colours: Tensor, pixels: Pixels, step: int, progress: float) -> Tensor:
+        """Mean squared error, the forward model's own term, and every so often the roughness of the grid."""
         rates = self._options.rates
         loss = (colours - pixels.colours).square().mean()
+        if (own := self._model.cost(progress)) is not None:
+            loss = loss + own
         if step % rates.smooth_every == 0:
             rough = self.scene.field.roughness()
             smooth = rates.density_smooth * rough["density"] + rates.colour_smooth * rough["colour"]

@@ -23,20 +23,33 @@ class Pixels:
 
 
 class CameraTable:
-    """The cameras of V views as tensors."""
+    """The cameras of V views as tensors. sizes: (V, 2), width and height, pixels."""
 
     def __init__(self, cameras: Sequence[Camera]):
         to_world = np.stack([camera.camera_to_world for camera in cameras])
         self._rotations = torch.from_numpy(to_world[:, :3, :3]).float()
         self._centres = torch.from_numpy(to_world[:, :3, 3].copy()).float()
         self._intrinsics = torch.tensor([camera.parameters for camera in cameras], dtype=torch.float32)
+        self.sizes = torch.tensor([(camera.width, camera.height) for camera in cameras], dtype=torch.float32)
 
-    def rays(self, views: Tensor, places: Tensor, shift: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    @property
+    def focal(self) -> Tensor:
+        """(V, 2) focal lengths along x and y, pixels."""
+        return self._intrinsics[:, :2]
+
+    def rays(
+        self, views: Tensor, places: Tensor, shift: Tensor | None = None, tilt: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
         """World origins and directions (R, 3) behind places (R, 2), pixels, of views (R,); differentiable. The
-        directions' z in the camera's frame is 1. shift: (R, 2), scene units, by which the origins lie beside the
-        cameras' centres, along their x and y axes."""
+        directions' z in the camera's frame is 1.
+
+        shift: (R, 2), scene units, by which the origins lie beside the cameras' centres, along their x and y axes.
+        tilt: (R, 2), added to the directions' x and y in the cameras' frames.
+        """
         intrinsics, rotations = self._intrinsics[views], self._rotations[views]
         slope = (places - intrinsics[:, 2:]) / intrinsics[:, :2]
+        if tilt is not None:
+            slope = slope + tilt
         directions = (rotations[:, :, :2] @ slope[:, :, None])[:, :, 0] + rotations[:, :, 2]
         origins = self._centres[views]
         if shift is not None:
@@ -45,16 +58,17 @@ class CameraTable:
 
 
 class TrainingPixels:
-    """All pixels of the training photographs, in a random order that is drawn anew when all were used."""
+    """The pixels of the training photographs. `draw` takes them in a random order that is drawn anew when all were
+    used; `draw_view` and `draw_patch` take them from one photograph, in rounds of all photographs."""
 
     def __init__(self, views: Sequence[TrainingView], random: np.random.Generator):
         self._random = random
-        sizes = [(view.camera.width, view.camera.height) for view in views]
-        self._widths = np.array([width for width, _ in sizes])
-        self._starts = np.cumsum([0, *(width * height for width, height in sizes)])
+        self._sizes = np.array([(view.camera.width, view.camera.height) for view in views])
+        self._starts = np.cumsum([0, *self._sizes.prod(axis=1)])
         images = [np.ascontiguousarray(view.image, np.float32).reshape(-1, 3) for view in views]
         self._colours = torch.from_numpy(np.concatenate(images))
         self._order, self._next = np.empty(0, np.int64), 0
+        self._round: list[int] = []
 
     def draw(self, count: int) -> Pixels:
         """The next `count` pixels of the order, or all if there are fewer."""
@@ -62,8 +76,30 @@ class TrainingPixels:
             self._order, self._next = self._random.permutation(int(self._starts[-1])), 0
         chosen = self._order[self._next : self._next + count]
         self._next += count
+        return self._pixels(chosen)
+
+    def draw_view(self, count: int) -> Pixels:
+        """`count` different pixels of one photograph, or all if it has fewer."""
+        view = self._next_view()
+        size = int(self._sizes[view].prod())
+        return self._pixels(self._starts[view] + self._random.permutation(size)[:count])
+
+    def draw_patch(self, side: int) -> Pixels:
+        """A patch of one photograph, row after row, `side` pixels high and wide or as much as the photograph has."""
+        view = self._next_view()
+        width, height = (int(size) for size in self._sizes[view])
+        left, top = (int(self._random.integers(max(length - side, 0) + 1)) for length in (width, height))
+        rows, columns = np.mgrid[top : min(top + side, height), left : min(left + side, width)]
+        return self._pixels(self._starts[view] + (rows * width + columns).reshape(-1))
+
+    def _next_view(self) -> int:
+        if not self._round:
+            self._round = [int(view) for view in self._random.permutation(len(self._sizes))]
+        return self._round.pop()
+
+    def _pixels(self, chosen: np.ndarray) -> Pixels:
         views = np.searchsorted(self._starts, chosen, side="right") - 1
-        within, widths = chosen - self._starts[views], self._widths[views]
+        within, widths = chosen - self._starts[views], self._sizes[views, 0]
         places = np.stack([within % widths, within // widths], axis=1) + 0.5
         numbers = torch.from_numpy(chosen)
         return Pixels(torch.from_numpy(views), torch.from_numpy(places).float(), self._colours[numbers])

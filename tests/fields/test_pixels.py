@@ -66,3 +66,30 @@ def test_a_shift_is_along_the_camera_s_axes() -> None:
 def test_a_whole_image_is_row_after_row() -> None:
     places = whole_image(frontal(3, 2, 4.0))
     assert places.tolist() == [[0.5, 0.5], [1.5, 0.5], [2.5, 0.5], [0.5, 1.5], [1.5, 1.5], [2.5, 1.5]]
+
+
+def test_one_photograph_at_a_time_in_rounds() -> None:
+    pixels = TrainingPixels(views(), np.random.default_rng(0))
+    for _ in range(3):
+        drawn = [pixels.draw_view(4) for _ in range(2)]
+        assert {int(part.views[0]) for part in drawn} == {0, 1}
+        for part in drawn:
+            assert len(part.views) == 4 and len(set(part.views.tolist())) == 1
+            assert len({tuple(row) for row in part.places.tolist()}) == 4
+    assert len(pixels.draw_view(99).views) in (6, 20)
+
+
+def test_a_patch_is_a_rectangle_row_after_row() -> None:
+    pixels = TrainingPixels(views(), np.random.default_rng(0))
+    corners = set()
+    for _ in range(60):
+        part = pixels.draw_patch(3)
+        view = int(part.views[0])
+        rows, columns = (2, 3) if view == 0 else (3, 3)  # the first photograph has but two rows
+        assert len(part.views) == rows * columns
+        left, top = part.places[0].tolist()
+        expected = [[left + x, top + y] for y in range(rows) for x in range(columns)]
+        assert part.places.tolist() == expected
+        assert torch.equal(part.colours[:, 1:], part.places.flip(1) - 0.5)
+        corners.add((view, left, top))
+    assert corners == {(0, 0.5, 0.5), *((1, x + 0.5, y + 0.5) for x in range(3) for y in range(2))}

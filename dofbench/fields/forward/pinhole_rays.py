@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from torch import Tensor
 
 from dofbench.fields.forward.ray_model import RayScene
-from dofbench.fields.pixels import Pixels
+from dofbench.fields.pixels import Pixels, TrainingPixels
 
 
 class PinholeRays:
@@ -15,11 +15,19 @@ class PinholeRays:
 
     stage = "rays"
 
+    def draw(self, photographs: TrainingPixels, count: int, progress: float) -> Pixels:
+        """Pixels of all photographs."""
+        return photographs.draw(count)
+
     def colours(self, scene: RayScene, pixels: Pixels, progress: float) -> Tensor:
         """What the ray through each pixel's centre sees."""
         return scene.trace(*scene.cameras.rays(pixels.views, pixels.places)).color
 
-    def learned(self) -> Mapping[str, Tensor]:
+    def cost(self, progress: float) -> Tensor | None:
+        """None."""
+        return None
+
+    def gradients(self) -> Mapping[str, Tensor | None]:
         """Nothing."""
         return {}
 

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from dofbench.compute.factored_grid import FieldRender
 from dofbench.fields.field_scene import FieldScene
-from dofbench.fields.pixels import CameraTable, Pixels
+from dofbench.fields.pixels import CameraTable, Pixels, TrainingPixels
 
 
 class RayScene:
@@ -25,17 +25,29 @@ class RayScene:
         sampled at random places of its steps."""
         return self._scene.see(origins, directions, torch.rand(len(origins), generator=self._generator))
 
+    def disparity(self, origins: Tensor, directions: Tensor, seen: FieldRender) -> Tensor:
+        """(R,) 1 / z in the cameras' frames, 1 / scene unit, of the mean place of what `trace` found; differentiable.
+        Rays that met nothing count as if they had met something at their end."""
+        return self._scene.disparity(origins, directions, seen)
+
 
 class RayModel(Protocol):
     """How pixels of photographs come about. stage: what the time that it takes is called."""
 
     stage: str
 
-    def colours(self, scene: RayScene, pixels: Pixels, progress: float) -> Tensor:
-        """(P, 3), encoded: the colours that the photographs would have at these pixels, at `progress`, 0 to 1."""
+    def draw(self, photographs: TrainingPixels, count: int, progress: float) -> Pixels:
+        """The pixels of a training step at `progress`, 0 to 1: about `count` rays' worth of them, as the model needs
+        them."""
 
-    def learned(self) -> Mapping[str, Tensor]:
-        """The tensors that are learned beside the field, by name."""
+    def colours(self, scene: RayScene, pixels: Pixels, progress: float) -> Tensor:
+        """(P, 3), encoded: the colours that the photographs would have at these pixels."""
+
+    def cost(self, progress: float) -> Tensor | None:
+        """A term of the loss about what is learned beside the field, after `colours`; None for no such term."""
+
+    def gradients(self) -> Mapping[str, Tensor | None]:
+        """Gradients of what is learned beside the field, by name; None for what the step didn't use."""
 
     def step(self, progress: float) -> None:
         """Update what is learned by its gradients, which are then dropped."""

@@ -1,0 +1,92 @@
+"""A thin lens for every photograph, sampled by rays: a pixel is the mean of rays from points of the lens that meet in
+the plane of focus (Cook et al., 1984; for fields LensNeRF and NeRFocus)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from dofbench.core.errors import InputError
+from dofbench.core.lens import COC_FRACTION
+from dofbench.fields.forward.blur_kernels import mixed
+from dofbench.fields.forward.ray_model import RayScene
+from dofbench.fields.pixels import Pixels, TrainingPixels
+from dofbench.learning.lenses import LearnedLenses
+
+
+@dataclass(frozen=True)
+class LensRayOptions:
+    """How a lens is sampled."""
+
+    lens_points: int = 9
+    """Rays from points of the lens that a pixel is mixed from. Unit: none. Source: LensNeRF, 3 x 3."""
+
+    def __post_init__(self) -> None:
+        if self.lens_points < 1:
+            raise InputError("option lens_points", str(self.lens_points), "at least 1")
+
+
+class LensRays:
+    """A `RayModel` with a learned lens for every view."""
+
+    stage = "lens rays"
+
+    def __init__(self, lenses: LearnedLenses, options: LensRayOptions, generator: torch.Generator):
+        self.lenses, self._options, self._generator = lenses, options, generator
+        self._view: int | None = None
+
+    def draw(self, photographs: TrainingPixels, count: int, progress: float) -> Pixels:
+        """Pixels of one photograph, since a step learns one lens; fewer by the number of rays that each is mixed
+        from."""
+        return photographs.draw_view(count // self._options.lens_points)
+
+    def colours(self, scene: RayScene, pixels: Pixels, progress: float) -> Tensor:
+        """The mean light of the rays from points of the lens."""
+        self._view = view = int(pixels.views[0])
+        count = self._options.lens_points
+        points = disc_points(len(pixels.views), count, self._generator)
+        width, focal = scene.cameras.sizes[view, 0], scene.cameras.focal[view]
+        slope, offset = circles(self.lenses, view, float(width))
+        # A point at disparity q, seen from beside the lens's centre by s, moves by s (q - focus) against the pixel.
+        shift, tilt = (points.view(-1, 2) * (value / focal) for value in (slope, offset))
+        seen = scene.trace(
+            *scene.cameras.rays(
+                pixels.views.repeat_interleave(count), pixels.places.repeat_interleave(count, 0), shift, tilt
+            )
+        )
+        return mixed(seen.color.view(-1, count, 3), torch.full((1, count), 1 / count))
+
+    def cost(self, progress: float) -> Tensor | None:
+        """None."""
+        return None
+
+    def gradients(self) -> Mapping[str, Tensor | None]:
+        """That of the last photograph's lens."""
+        return {"lens": self.lenses.gradient()}
+
+    def step(self, progress: float) -> None:
+        """A step on the lens of the last photograph."""
+        assert self._view is not None
+        self.lenses.step(self._view, progress)
+
+
+def circles(lenses: LearnedLenses, view: int, width: float) -> tuple[Tensor, Tensor]:
+    """(slope, offset): the signed circle of confusion of disparity q, 1 / scene unit, is slope q + offset, pixels of an
+    image `width` wide; differentiable by the lens's parameters."""
+    slope, offset = lenses.forward(view)
+    bounds = lenses.ranges[view]
+    scaled = COC_FRACTION * width * slope / bounds.extent
+    return scaled, COC_FRACTION * width * offset - scaled * bounds.q_min
+
+
+def disc_points(pixels: int, count: int, generator: torch.Generator) -> Tensor:
+    """(P, N, 2) points of the unit disc, for each pixel one in each of N parts of equal area (sectors of the disc's
+    polar coordinates, turned at random)."""
+    radius = (torch.arange(count) + torch.rand(pixels, count, generator=generator)).div(count).sqrt()
+    golden = math.pi * (3 - math.sqrt(5))
+    angle = golden * torch.arange(count) + 2 * math.pi * torch.rand(pixels, 1, generator=generator)
+    return torch.stack([radius * torch.cos(angle), radius * torch.sin(angle)], -1)

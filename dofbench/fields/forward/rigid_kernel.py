@@ -1,0 +1,121 @@
+"""DP-NeRF's rigid blurring kernel (Lee et al., CVPR 2023, section 4.1): all pixels of a photograph are mixed from the
+same few rigid motions of their rays, by weights of the photograph's own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from dofbench.fields.forward.blur_kernels import KernelAdam, KernelOptions, mixed
+from dofbench.fields.forward.ray_model import RayScene
+from dofbench.fields.pixels import Pixels, TrainingPixels
+
+_EMBEDDING, _WIDTH, _HIDDEN, _SKIP, _BRANCH = 64, 64, 4, 4, 32
+_SCALE = 0.1  # of rotations (radians) and translations (units of depth) against the network's output
+_FIRST = 1e-5  # the motions' last layers begin this close to no motion
+_LEAST_ANGLE = 1e-10
+
+
+class RigidKernel:
+    """A `RayModel`. centre: (3,) the world point that rotations turn about. unit: the depth, scene units, that counts
+    as 1 in translations. The first of a pixel's rays is its own, the others are moved."""
+
+    stage = "kernel rays"
+
+    def __init__(self, views: int, centre: np.ndarray, unit: float, options: KernelOptions, generator: torch.Generator):
+        self._centre, self._unit, self._options = torch.from_numpy(centre).float(), unit, options
+        self._network = _MotionNetwork(views, options.kernel_points - 1, generator)
+        self._adam = KernelAdam(self._network, options)
+
+    def draw(self, photographs: TrainingPixels, count: int, progress: float) -> Pixels:
+        """Pixels of all photographs, fewer by the number of rays that each is mixed from."""
+        return photographs.draw(count if progress < self._options.kernel_from else count // self._options.kernel_points)
+
+    def colours(self, scene: RayScene, pixels: Pixels, progress: float) -> Tensor:
+        """The mixture of what the moved rays see."""
+        origins, directions = scene.cameras.rays(pixels.views, pixels.places)
+        if progress < self._options.kernel_from:
+            return scene.trace(origins, directions).color
+        rotation, velocity, weights = self._network()
+        moved_origins, moved_directions = [origins], [directions]
+        for motion in range(rotation.shape[1]):
+            turn, slide = screw_motion(rotation[:, motion], velocity[:, motion] * self._unit)
+            turn, slide = turn[pixels.views], slide[pixels.views]
+            moved_origins.append((turn @ (origins - self._centre)[:, :, None])[:, :, 0] + slide + self._centre)
+            moved_directions.append((turn @ directions[:, :, None])[:, :, 0])
+        stacked = (torch.stack(parts, 1).reshape(-1, 3) for parts in (moved_origins, moved_directions))
+        seen = scene.trace(*stacked)
+        return mixed(seen.color.view(len(origins), -1, 3), weights[pixels.views])
+
+    def cost(self, progress: float) -> Tensor | None:
+        """None."""
+        return None
+
+    def gradients(self) -> Mapping[str, Tensor | None]:
+        """Those of the network's parameters."""
+        return self._adam.gradients()
+
+    def step(self, progress: float) -> None:
+        """An Adam step on the network."""
+        self._adam.step(progress)
+
+
+def screw_motion(rotation: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
+    """Rotations (V, 3, 3) and translations (V, 3) of screw motions: the exponential map of SE(3) (Lynch and Park,
+    Modern Robotics, Eq. 3.88), as in Nerfies.
+
+    rotation: (V, 3), axis times angle, radians. velocity: (V, 3), the translation per radian, times the angle.
+    """
+    angle = (rotation.square().sum(1, keepdim=True) + _LEAST_ANGLE**2).sqrt()
+    axis, along = rotation / angle, velocity / angle
+    zero = torch.zeros_like(axis[:, 0])
+    x, y, z = axis.unbind(1)
+    cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], 1).view(-1, 3, 3)
+    square, angle = cross @ cross, angle[:, :, None]
+    unit = torch.eye(3, dtype=axis.dtype).expand_as(cross)
+    turn = unit + torch.sin(angle) * cross + (1 - torch.cos(angle)) * square
+    reach = angle * unit + (1 - torch.cos(angle)) * cross + (angle - torch.sin(angle)) * square
+    return turn, (reach @ along[:, :, None])[:, :, 0]
+
+
+class _MotionNetwork(nn.Module):
+    """From a photograph's embedding to its motions and weights."""
+
+    def __init__(self, views: int, motions: int, generator: torch.Generator):
+        super().__init__()
+        self._motions = motions
+        self.embedding = nn.Parameter(torch.randn(views, _EMBEDDING, generator=generator))
+        inputs = [_EMBEDDING, *[_WIDTH] * (_HIDDEN - 1)]
+        inputs[_SKIP - 1] += _EMBEDDING
+        self.hidden = nn.ModuleList(nn.Linear(width, _WIDTH) for width in inputs)
+        self.rotation, self.velocity = _branch(3 * motions), _branch(3 * motions)
+        self.weights = _branch(motions + 1)
+        with torch.no_grad():
+            for layer in (layer for layer in self.modules() if isinstance(layer, nn.Linear)):
+                bound = 1 / math.sqrt(layer.in_features)
+                for parameter in layer.parameters():
+                    parameter.uniform_(-bound, bound, generator=generator)
+            for branch in (self.rotation, self.velocity):
+                for parameter in branch[-1].parameters():
+                    parameter.uniform_(-_FIRST, _FIRST, generator=generator)
+
+    def forward(self) -> tuple[Tensor, Tensor, Tensor]:
+        """(rotations (V, M, 3), velocities (V, M, 3), weights (V, M + 1) that add up to 1) of all photographs."""
+        features: Tensor = self.embedding
+        for number, layer in enumerate(self.hidden, 1):
+            if number == _SKIP:
+                features = torch.cat([features, self.embedding], 1)
+            features = torch.relu(layer(features))
+        rotation, velocity = (
+            _SCALE * branch(features).view(-1, self._motions, 3) for branch in (self.rotation, self.velocity)
+        )
+        weights = torch.sigmoid(self.weights(features))
+        return rotation, velocity, weights / weights.sum(1, keepdim=True)
+
+
+def _branch(count: int) -> nn.Sequential:
+    return nn.Sequential(nn.Linear(_WIDTH, _BRANCH), nn.ReLU(), nn.Linear(_BRANCH, count))

@@ -1,0 +1,262 @@
+"""Forward models of rays before a wall whose pattern is known."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.linalg
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from plane_scene import FOCAL, HEIGHT, WIDTH, PlaneScene, cameras, waves
+from tolerances import FLOAT32_GRADIENT, FLOAT32_SCALAR, FLOAT32_VALUE, FLOAT64_VALUE, LENS_FOUND, SAMPLED_DISC
+from torch import Tensor
+
+from dofbench.core.blur import Blur
+from dofbench.core.contracts import TrainingView
+from dofbench.core.errors import InputError
+from dofbench.core.lens import DisparityRange
+from dofbench.fields.forward.blur_kernels import KernelOptions, encoded_places, mixed
+from dofbench.fields.forward.deformable_kernel import DeformableKernel, DeformableOptions
+from dofbench.fields.forward.lens_rays import LensRayOptions, LensRays, disc_points
+from dofbench.fields.forward.pinhole_rays import PinholeRays
+from dofbench.fields.forward.ray_model import RayModel
+from dofbench.fields.forward.rendered_patch import PatchOptions, RenderedPatch
+from dofbench.fields.forward.rigid_kernel import RigidKernel, screw_motion
+from dofbench.fields.pixels import Pixels, TrainingPixels, whole_image
+from dofbench.learning.lenses import LearnedLenses, LensOptions
+from dofbench.optics.defocus import defocus
+
+UNIT = 2.0  # depth that counts as 1 for the kernels
+RANGE = DisparityRange(0.1, 0.6)
+
+
+def pixels(view: int = 0, count: int = 25) -> Pixels:
+    generator = torch.Generator().manual_seed(4)
+    places = torch.rand(count, 2, generator=generator) * torch.tensor([WIDTH, HEIGHT])
+    return Pixels(torch.full((count,), view), places, torch.zeros(count, 3))
+
+
+def generator() -> torch.Generator:
+    return torch.Generator().manual_seed(0)
+
+
+def deformable(**changes: Any) -> DeformableKernel:
+    return DeformableKernel(2, UNIT, KernelOptions(), DeformableOptions(**changes), generator())
+
+
+def rigid() -> RigidKernel:
+    return RigidKernel(2, np.zeros(3), UNIT, KernelOptions(), generator())
+
+
+def lenses(aperture: float = 0.5, focus: float = 0.5, rate: float = 5e-3) -> LearnedLenses:
+    options = LensOptions(lens_init_aperture=aperture, lens_init_focus=focus, lens_lr=rate, lens_lr_final=rate)
+    return LearnedLenses(2, RANGE, options)
+
+
+def sharp(scene: PlaneScene, at: Pixels) -> Tensor:
+    return PinholeRays().colours(scene, at, 0.0)
+
+
+def test_a_pinhole_shows_the_wall() -> None:
+    scene, at = PlaneScene(3.0, waves), pixels(1)
+    where = (at.places - torch.tensor([WIDTH / 2, HEIGHT / 2])) / FOCAL * 3.0 + torch.tensor([0.2, -0.1])
+    torch.testing.assert_close(sharp(scene, at), waves(where), rtol=FLOAT32_VALUE, atol=0)
+
+
+@pytest.mark.parametrize("model", [deformable(), rigid()], ids=["deformable", "rigid"])
+def test_kernels_begin_after_a_while(model: RayModel) -> None:
+    scene, at = PlaneScene(3.0, waves), pixels()
+    assert torch.equal(model.colours(scene, at, 0.005), sharp(scene, at))
+    assert model.cost(0.005) is None
+    assert not torch.equal(model.colours(scene, at, 0.007), sharp(scene, at))
+
+
+def test_kernels_draw_as_many_rays_as_a_pinhole() -> None:
+    views = [TrainingView("v", cameras()[0], np.zeros((HEIGHT, WIDTH, 3), np.float32))]
+    photographs = TrainingPixels(views, np.random.default_rng(0))
+    for model in (deformable(), rigid()):
+        assert [len(model.draw(photographs, 100, progress).views) for progress in (0.0, 0.5)] == [100, 20]
+
+
+def test_a_kernel_whose_rays_are_all_the_pixel_s_own_changes_nothing() -> None:
+    model, scene, at = deformable(kernel_noise=0.0), PlaneScene(3.0, waves), pixels()
+    for name, parameter in model._network.named_parameters():
+        if name == "pattern" or name.startswith("head"):
+            parameter.data.zero_()
+    torch.testing.assert_close(model.colours(scene, at, 0.5), sharp(scene, at), rtol=FLOAT32_VALUE, atol=0)
+    assert float(model.cost(0.5).detach()) == 0 and model.cost(0.95) is None
+
+
+def test_a_kernel_s_points_are_pixels_of_its_window() -> None:
+    """With the head at 0 the canonical points remain: tanh(0.3) of the window to the right, in equal parts."""
+    model, at = deformable(kernel_noise=0.0), pixels()
+    for name, parameter in model._network.named_parameters():
+        if name.startswith("head"):
+            parameter.data.zero_()
+    model._network.pattern.data[:] = torch.tensor([0.3, 0.0])
+    moved = Pixels(at.views, at.places + torch.tensor([10 * math.tanh(0.3), 0.0]), at.colours)
+    scene = PlaneScene(3.0, waves)
+    torch.testing.assert_close(model.colours(scene, at, 0.5), sharp(scene, moved), rtol=FLOAT32_VALUE, atol=0)
+    assert float(model.cost(0.5).detach()) == pytest.approx(0.1 * 10 * math.tanh(0.3) / 2, rel=FLOAT32_VALUE)
+
+
+def test_origins_turn_rays_about_the_unit_of_depth() -> None:
+    """The head's bias moves origins alone: at that depth nothing changes, beyond it things move the other way."""
+    at = pixels()
+    for depth in (UNIT, 2 * UNIT):
+        model, scene = deformable(kernel_noise=0.0), PlaneScene(depth, waves)
+        for name, parameter in model._network.named_parameters():
+            if name == "pattern" or name.startswith("head"):
+                parameter.data.zero_()
+        model._network.head.bias.data[0] = 5.0
+        along = 0.01 * 5 * UNIT * (1 - depth / UNIT) / depth * FOCAL  # pixels
+        moved = Pixels(at.views, at.places + torch.tensor([along, 0.0]), at.colours)
+        torch.testing.assert_close(model.colours(scene, at, 0.5), sharp(scene, moved), rtol=FLOAT32_VALUE, atol=0)
+
+
+@pytest.mark.parametrize("model", [deformable(), rigid()], ids=["deformable", "rigid"])
+def test_a_network_is_learned(model: RayModel) -> None:
+    scene, at = PlaneScene(3.0, waves), pixels()
+    target = sharp(scene, Pixels(at.views, at.places + 1.0, at.colours))
+    losses = []
+    for _ in range(60):
+        loss = (model.colours(scene, at, 0.5) - target).square().mean()
+        loss.backward()
+        assert all(g is not None and bool(torch.isfinite(g).all()) for g in model.gradients().values())
+        losses.append(float(loss.detach()))
+        model.step(0.5)
+    assert np.mean(losses[-5:]) < 0.7 * np.mean(losses[:5])
+
+
+@given(st.lists(st.floats(-2, 2), min_size=6, max_size=6))
+def test_a_screw_motion_is_the_matrix_exponential(numbers: list[float]) -> None:
+    rotation, velocity = np.array(numbers[:3]), np.array(numbers[3:])
+    x, y, z = rotation
+    twist = np.zeros((4, 4))
+    twist[:3, :3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
+    twist[:3, 3] = velocity
+    turn, slide = screw_motion(torch.from_numpy(rotation)[None], torch.from_numpy(velocity)[None])
+    expected = scipy.linalg.expm(twist)
+    if np.linalg.norm(rotation) > 1e-3:  # below, the formula's own least angle of 1e-10 shows
+        np.testing.assert_allclose(turn[0].numpy(), expected[:3, :3], atol=FLOAT64_VALUE)
+        np.testing.assert_allclose(slide[0].numpy(), expected[:3, 3], atol=FLOAT64_VALUE)
+
+
+def test_no_motion_is_the_pixel_s_own_ray() -> None:
+    model, scene, at = rigid(), PlaneScene(3.0, waves), pixels()
+    for branch in (model._network.rotation, model._network.velocity):
+        for parameter in branch[-1].parameters():
+            parameter.data.zero_()
+    torch.testing.assert_close(model.colours(scene, at, 0.5), sharp(scene, at), rtol=FLOAT32_VALUE, atol=0)
+    weights = model._network()[2].detach()
+    torch.testing.assert_close(weights.sum(1), torch.ones(2))
+
+
+def test_a_rigid_motion_moves_all_rays_alike() -> None:
+    """A translation by 0.1 of the unit along x, weighed alone: the wall moves by as much the other way."""
+    model, scene, at = rigid(), PlaneScene(3.0, waves), pixels()
+    network = model._network
+    for branch in (network.rotation, network.velocity, network.weights):
+        for parameter in branch[-1].parameters():
+            parameter.data.zero_()
+    network.velocity[-1].bias.data[3] = 1.0  # the second motion's x, times 0.1
+    network.weights[-1].bias.data[:] = torch.tensor([-60.0, -60.0, 60.0, -60.0, -60.0])
+    moved = Pixels(at.views, at.places + torch.tensor([0.1 * UNIT / 3.0 * FOCAL, 0.0]), at.colours)
+    torch.testing.assert_close(model.colours(scene, at, 0.5), sharp(scene, moved), rtol=FLOAT32_GRADIENT, atol=0)
+
+
+def test_light_is_mixed_linearly() -> None:
+    colours = torch.tensor([[[0.2, 1.0, 0.5], [0.8, 0.0, 0.5]]])
+    found = mixed(colours, torch.tensor([[0.25, 0.75]]))
+    expected = (0.25 * np.array([0.2, 1.0, 0.5]) ** 2.2 + 0.75 * np.array([0.8, 0.0, 0.5]) ** 2.2) ** (1 / 2.2)
+    np.testing.assert_allclose(found[0].numpy(), expected, rtol=FLOAT32_VALUE)
+
+
+def test_encoded_places() -> None:
+    found = encoded_places(torch.tensor([[0.3, -1.0]]), 2)[0].tolist()
+    waves_of = [[math.sin(v * k), math.cos(v * k)] for k in (1, 2) for v in (0.3, -1.0)]
+    expected = {round(number, 5) for number in (0.3, -1.0, *(value for pair in waves_of for value in pair))}
+    assert len(found) == 10 and {round(number, 5) for number in found} == expected
+
+
+def test_points_of_the_lens_cover_it_evenly() -> None:
+    points = disc_points(4000, 9, generator())
+    radius = points.norm(dim=2)
+    strata = (radius.square() * 9).floor()
+    assert bool((strata == torch.arange(9)).all())  # one in each ring of equal area
+    moments = points.reshape(-1, 2).T.cov()
+    np.testing.assert_allclose(moments.numpy(), np.eye(2) / 4, atol=SAMPLED_DISC)
+
+
+@pytest.mark.parametrize("aperture", [0.5, 3.0])
+@pytest.mark.parametrize("depth", [2.0, 4.0, 8.0])
+def test_a_lens_blurs_the_wall_over_its_circle_of_confusion(aperture: float, depth: float) -> None:
+    """The mean of x^2 over a disc of radius R is x0^2 + R^2 / 4."""
+
+    def pattern(where: Tensor) -> Tensor:
+        light = 0.05 + (where[:, :1] * FOCAL / depth / WIDTH).square()
+        return light.pow(1 / 2.2).expand(-1, 3)
+
+    scene, at, learned = PlaneScene(depth, pattern), pixels(0, 40), lenses(aperture, 0.3)
+    model = LensRays(learned, LensRayOptions(lens_points=400), generator())
+    light = model.colours(scene, at, 0.5).detach().pow(2.2)[:, 0]
+    radius = learned.estimate(0, WIDTH).signed_radius(np.array(1 / depth), WIDTH)
+    place = (at.places[:, 0] - WIDTH / 2) / WIDTH
+    expected = 0.05 + place.square() + float(radius / WIDTH) ** 2 / 4
+    found = float((light - 0.05 - place.square()).mean())
+    assert found == pytest.approx(float(radius / WIDTH) ** 2 / 4, rel=SAMPLED_DISC, abs=FLOAT32_SCALAR)
+    assert float((light - expected).abs().max()) < 0.05 * float(expected.max())
+
+
+def test_a_lens_is_found_before_two_walls() -> None:
+    """Photographs of walls at two depths through a known lens: aperture and focus follow."""
+    true, learned = lenses(1.2, 0.25), lenses(rate=0.01)
+    scenes = [PlaneScene(depth, lambda where: waves(8 * where)) for depth in (2.0, 9.0)]
+    target = LensRays(true, LensRayOptions(lens_points=64), generator())
+    model = LensRays(learned, LensRayOptions(lens_points=16), torch.Generator().manual_seed(1))
+    for step in range(400):
+        scene, at = scenes[step % 2], pixels(0, 60)
+        with torch.no_grad():
+            wanted = target.colours(scene, at, 0.0)
+        (model.colours(scene, at, step / 400) - wanted).square().mean().backward()
+        gradient = model.gradients()["lens"]
+        assert gradient is not None and bool(torch.isfinite(gradient).all())
+        model.step(step / 400)
+    found, expected = learned.aperture_and_focus(0), true.aperture_and_focus(0)
+    assert found == pytest.approx(expected, abs=5 * LENS_FOUND)
+
+
+def test_a_patch_is_the_sharp_patch_through_the_lens() -> None:
+    scene, learned = PlaneScene(2.5, lambda where: waves(20 * where)), lenses(1.5, 0.2)
+    model = RenderedPatch(learned, PatchOptions(patch_from=0.3))
+    places = whole_image(cameras()[1])
+    at = Pixels(torch.ones(len(places)).long(), places, torch.zeros(len(places), 3))
+    assert torch.equal(model.colours(scene, at, 0.29), sharp(scene, at))
+    model.step(0.29)  # no lens was used: nothing happens
+    found = model.colours(scene, at, 0.3)
+    radius = float(learned.estimate(1, WIDTH).signed_radius(np.array(1 / 2.5), WIDTH))
+    image = sharp(scene, at).view(HEIGHT, WIDTH, 3)
+    expected = defocus(image, torch.full((HEIGHT, WIDTH), radius), Blur(2.0)).view(-1, 3)
+    torch.testing.assert_close(found, expected, rtol=FLOAT32_GRADIENT, atol=FLOAT32_VALUE)
+    found.square().sum().backward()
+    assert float(model.gradients()["lens"].abs().min()) > 0
+    before = learned.aperture_and_focus(1)
+    model.step(0.3)
+    assert learned.aperture_and_focus(1) != before
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda: KernelOptions(kernel_points=1), "kernel_points"),
+        (lambda: LensRayOptions(lens_points=0), "lens_points"),
+        (lambda: PatchOptions(patch_side=1), "patch_side"),
+    ],
+)
+def test_wrong_options(make: Any, match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        make()

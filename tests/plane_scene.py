@@ -1,0 +1,41 @@
+"""A wall that faces the cameras, with a pattern that a formula gives: what a forward model of rays sees without a
+field."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from made_up import frontal
+from torch import Tensor
+
+from dofbench.compute.factored_grid import FieldRender
+from dofbench.core.cameras import Camera
+from dofbench.fields.pixels import CameraTable
+
+WIDTH, HEIGHT, FOCAL = 40, 30, 50.0
+
+
+def cameras() -> list[Camera]:
+    return [frontal(WIDTH, HEIGHT, FOCAL, (x, y, 0.0)) for x, y in ((0.0, 0.0), (0.2, -0.1))]
+
+
+class PlaneScene:
+    """A `RayScene` of a wall at depth `z`. pattern: (R, 2) places on the wall, scene units, to (R, 3) encoded."""
+
+    def __init__(self, z: float, pattern: Callable[[Tensor], Tensor]):
+        self.cameras, self._z, self._pattern = CameraTable(cameras()), z, pattern
+
+    def trace(self, origins: Tensor, directions: Tensor) -> FieldRender:
+        along = (self._z - origins[:, 2:]) / directions[:, 2:]
+        where = origins[:, :2] + along * directions[:, :2]
+        return FieldRender(self._pattern(where), torch.ones(len(origins)), along[:, 0])
+
+    def disparity(self, origins: Tensor, directions: Tensor, seen: FieldRender) -> Tensor:
+        return 1 / seen.distance
+
+
+def waves(where: Tensor) -> Tensor:
+    """A smooth pattern with a slope everywhere."""
+    x, y = where.unbind(1)
+    return torch.stack([0.5 + 0.3 * torch.sin(3 * x + k) * torch.cos(2 * y - k) for k in range(3)], 1)
