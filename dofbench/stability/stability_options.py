@@ -11,6 +11,7 @@ GROUPS = {
     "light": "Light",
     "invariants": "Invariants",
     "gaussians": "Gaussians",
+    "fields": "Radiance fields",
     "images": "Images",
     "files": "Files",
     "datasets": "Datasets",
@@ -24,11 +25,12 @@ class Stability:
     """Run stiff and extreme cases and report which error bounds are met: as a table, and by the exit status."""
 
     kernel: str | None = None
-    """Only the cases of this kernel: rasterize, scatter, ssim or stereo."""
+    """Only the cases of this kernel: field, rasterize, scatter, ssim, stereo or tone."""
     method: str | None = None
     """Only the training of this method. Without it, of every method found."""
     group: tuple[str, ...] = ()
-    """Only these groups: lens, light, invariants, gaussians, images, files, datasets, training, gradients."""
+    """Only these groups: lens, light, invariants, gaussians, fields, images, files, datasets, training,
+    gradients."""
     case: tuple[str, ...] = ()
     """Only these cases, by the names in the table."""
     out: Path = Path("reports/stability")

@@ -39,7 +39,8 @@ def softplus8(x):
     small = exp8(-max8(x, -x))
     series = small * (ONE - small * (_HALF - small * (_THIRD - small * _QUARTER)))
     excess = select8(small < _SMALL, series, log2_8(ONE + small) * _LN_2)
-    return max8(x, ZERO) + excess, select8(x < ZERO, small, splat8(ONE)) / (ONE + small)
+    value = select8(x == x, max8(x, ZERO) + excess, x)  # `max8` and `log2_8` would lose a NaN
+    return value, select8(x < ZERO, small, splat8(ONE)) / (ONE + small)
 
 
 @njit(forceinline=True)

@@ -76,9 +76,8 @@ def field(
     ray = torch.repeat_interleave(torch.arange(count, device=starts.device), starts.diff())
     points = origins[ray] + places[:, None] * directions[ray]
     optical = field_density(density, points, shape=shape, shift=shift) * lengths
-    before = optical.cumsum(0) - optical
-    transmittance = torch.exp(before[starts[:-1].clamp(max=max(len(places) - 1, 0))][ray] - before)
-    seen = transmittance.detach() >= LEAST_TRANSMITTANCE
+    transmittance = torch.exp(-_before(optical, ray, starts))
+    seen = ~(transmittance.detach() < LEAST_TRANSMITTANCE)  # NaN counts, so that it comes out
     weight = torch.where(seen, -transmittance * torch.expm1(-optical), 0.0)
     factors = _factors(colour, points, shape, shape.colour_rank)
     coefficients = (torch.cat(factors, 1) @ basis).view(-1, 3, shape.harmonics)
@@ -111,6 +110,15 @@ def field_samples(
 
 def _cell_of(coordinate: Tensor, cells: int) -> Tensor:
     return (coordinate.clamp(0, 1) * cells).floor().clamp(max=cells - 1).long()
+
+
+def _before(optical: Tensor, ray: Tensor, starts: Tensor) -> Tensor:
+    """(S,) the sum over the samples of the same ray that lie before each. Summed ray by ray, so that rays don't round
+    each other's sums."""
+    number = torch.arange(len(optical), device=optical.device) - starts[ray]
+    most = int(starts.diff().max()) if len(starts) > 1 else 0
+    table = optical.new_zeros((len(starts) - 1, most + 1)).index_put((ray, number + 1), optical)
+    return table.cumsum(1)[ray, number]
 
 
 def _per_ray(values: Tensor, ray: Tensor, count: int) -> Tensor:
