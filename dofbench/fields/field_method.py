@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 from zipfile import BadZipFile
 
 import numpy as np
@@ -32,25 +32,31 @@ _EXPECTED = "a field that `dofbench run` stored"
 
 
 class FieldMethod:
-    """Base of the methods that are radiance fields; by itself it is one that takes every photograph for sharp."""
+    """Base of the methods that are radiance fields; by itself it is one that takes every photograph for sharp.
+
+    OPTIONS: the class of the method's options.
+    """
+
+    OPTIONS: ClassVar[type[FieldOptions]] = FieldOptions
 
     def __init__(self, options: Mapping[str, Any], seed: int, device: str):
         resolve(device, ("cpu",), "this version's training of fields")
-        self._options, self._seed = FieldOptions.of(**options), seed
+        self._options, self._seed = self.OPTIONS.of(**options), seed
         self._scene: FieldScene | None = None
 
     @classmethod
     def available_options(cls) -> tuple[ListedOption, ...]:
         """Every option that a user of this method may set, with type, default, meaning, unit and source."""
-        return listed_options(FieldOptions)
+        return listed_options(cls.OPTIONS)
 
-    def model(self, training_set: TrainingSet) -> RayModel:
-        """The forward model that photographs are explained by."""
+    def model(self, training_set: TrainingSet, generator: torch.Generator) -> RayModel:
+        """The forward model that photographs are explained by. generator: for all that it draws."""
         return PinholeRays()
 
     def fit(self, training_set: TrainingSet, budget: Budget, observer: Observer) -> FitOutcome:
         """Train from an empty field; raises InputError without sparse points, which say where the scene lies."""
-        trainer = FieldTrainer(training_set, self._options, self.model(training_set), self._seed)
+        model = self.model(training_set, torch.Generator().manual_seed(self._seed))
+        trainer = FieldTrainer(training_set, self._options, model, self._seed)
         self._scene = trainer.scene
         return trainer.fit(budget, observer)
 
@@ -85,7 +91,7 @@ class FieldMethod:
         try:
             with np.load(path, allow_pickle=False) as file:
                 arrays = dict(file)
-            options = FieldOptions.of(**json.loads(str(arrays["options"])))
+            options = self.OPTIONS.of(**json.loads(str(arrays["options"])))
             shape = options.grid.shape([int(count) for count in arrays["nodes"]])
             parameters = {name: torch.from_numpy(arrays[name]) for name in PARAMETERS}
             record = {name.removeprefix("space_"): arrays[name] for name in arrays if name.startswith("space_")}

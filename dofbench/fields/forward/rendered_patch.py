@@ -33,6 +33,11 @@ class PatchOptions:
         if self.patch_side < 2:
             raise InputError("option patch_side", str(self.patch_side), "at least 2")
 
+    @property
+    def blur(self) -> Blur:
+        """How light is spread."""
+        return Blur(self.patch_gamma)
+
 
 class RenderedPatch:
     """A `RayModel` with a learned lens for every view. Light from beside a patch is missing at its border."""
@@ -63,7 +68,7 @@ class RenderedPatch:
         shape = len(pixels.views) // width, width
         radius = (slope * disparity + offset).view(shape)
         sharp = seen.color.view(*shape, 3).contiguous()
-        return defocus(sharp, radius.contiguous(), Blur(self._options.patch_gamma)).view(-1, 3)
+        return defocus(sharp, radius.contiguous(), self._options.blur).view(-1, 3)
 
     def cost(self, progress: float) -> Tensor | None:
         """None."""

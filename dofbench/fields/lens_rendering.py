@@ -1,0 +1,43 @@
+"""A radiance field through a lens that is given: sampled by rays, or scattered by its depth."""
+
+from __future__ import annotations
+
+import torch
+
+from dofbench.core.blur import Blur
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import Rendering
+from dofbench.core.lens import PhysicalLens
+from dofbench.fields.field_scene import FieldScene
+from dofbench.fields.forward.blur_kernels import mixed
+from dofbench.fields.forward.lens_rays import disc_points
+from dofbench.fields.pixels import CameraTable, whole_image
+from dofbench.optics.defocus import defocus_numpy
+
+_RAYS = 8192  # rendered at once
+
+
+@torch.no_grad()
+def through_points(scene: FieldScene, camera: Camera, lens: PhysicalLens, count: int) -> Rendering:
+    """The photograph as the mean light of `count` rays a pixel from points of the lens, the same in every call. The
+    depth is the sharp view's."""
+    table, places = CameraTable([camera]), whole_image(camera)
+    generator = torch.Generator().manual_seed(0)
+    aperture = lens.aperture * camera.width / lens.width
+    parts = []
+    for part in places.split(max(1, _RAYS // count)):
+        points = disc_points(len(part), count, generator).view(-1, 2)
+        shift = points * (aperture / table.focal[0])
+        views = torch.zeros(len(part) * count, dtype=torch.int64)
+        rays = table.rays(views, part.repeat_interleave(count, 0), shift, -lens.focus_disparity * shift)
+        seen = scene.see(*rays, torch.full((len(views),), 0.5))
+        parts.append(mixed(seen.color.view(-1, count, 3), torch.full((1, count), 1 / count)))
+    image = torch.cat(parts).view(camera.height, camera.width, 3).clamp(0, 1).numpy()
+    return Rendering(image, scene.render(camera).depth)
+
+
+def scattered(scene: FieldScene, camera: Camera, lens: PhysicalLens, blur: Blur) -> Rendering:
+    """The photograph as the sharp view whose pixels are spread over their circles of confusion."""
+    sharp = scene.render(camera)
+    image, _ = defocus_numpy(sharp.image, sharp.depth, lens, blur)
+    return Rendering(image.clip(0, 1), sharp.depth)
