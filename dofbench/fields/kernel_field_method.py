@@ -1,0 +1,67 @@
+"""Radiance fields with a learned blur kernel for every view: sharp scenes from blurred photographs, without a lens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from dofbench.core.contracts import TrainingSet
+from dofbench.core.lens import DisparityRange
+from dofbench.fields.field_method import FieldMethod
+from dofbench.fields.field_options import FieldOptions
+from dofbench.fields.forward.blur_kernels import KernelOptions
+from dofbench.fields.forward.deformable_kernel import DeformableKernel, DeformableOptions
+from dofbench.fields.forward.ray_model import RayModel
+from dofbench.fields.forward.rigid_kernel import RigidKernel
+from dofbench.learning.supervision import all_disparities
+
+_UNIT = 0.75  # of the nearest points' depth: Deblur-NeRF scales LLFF's scenes so that they lie beyond 4 / 3
+
+
+@dataclass(frozen=True)
+class KernelFieldOptions(FieldOptions):
+    """Those of a radiance field, and of its blur kernels."""
+
+    kernel: KernelOptions = KernelOptions()
+
+
+@dataclass(frozen=True)
+class DeformableFieldOptions(KernelFieldOptions):
+    """Those of a field with deformable sparse kernels."""
+
+    deformable: DeformableOptions = DeformableOptions()
+
+
+class DeformableField(FieldMethod):
+    """Photographs mixed by Deblur-NeRF's deformable sparse kernel."""
+
+    OPTIONS = DeformableFieldOptions
+
+    def model(self, training_set: TrainingSet, generator: torch.Generator) -> RayModel:
+        """See `DeformableKernel`."""
+        options = self._options
+        assert isinstance(options, DeformableFieldOptions)
+        views, unit = len(training_set.views), unit_of_depth(training_set)
+        return DeformableKernel(views, unit, options.kernel, options.deformable, generator)
+
+
+class RigidField(FieldMethod):
+    """Photographs mixed by DP-NeRF's rigid blurring kernel."""
+
+    OPTIONS = KernelFieldOptions
+
+    def model(self, training_set: TrainingSet, generator: torch.Generator) -> RayModel:
+        """See `RigidKernel`; rotations turn about the mean of the cameras' places."""
+        options = self._options
+        assert isinstance(options, KernelFieldOptions)
+        centre = np.mean([view.camera.centre for view in training_set.views], axis=0)
+        return RigidKernel(len(training_set.views), centre, unit_of_depth(training_set), options.kernel, generator)
+
+
+def unit_of_depth(training_set: TrainingSet) -> float:
+    """The depth, scene units, that counts as 1 for kernels."""
+    assert training_set.points is not None
+    cameras = [view.camera for view in training_set.views]
+    return _UNIT / DisparityRange.of_disparity(all_disparities(training_set.points, cameras)).q_max
