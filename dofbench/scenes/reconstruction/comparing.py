@@ -49,10 +49,9 @@ def compare(
     groups: the cameras; none where all poses are known. most: features of a photograph. error: pixels by which a match
     may miss the geometry of its two views; None for COLMAP's own. timed: measures the stages "features" and "matches".
     """
-    threads = _threads()
     with timed("features"), progress.stage("features", len(photographs)) as advance:
         register_images(database, folder, photographs, groups, camera_model)
-        features = extract(database, folder, photographs, most=most, threads=threads, wait=wait, advance=advance)
+        features = extract(database, folder, photographs, most=most, threads=_threads(), wait=wait, advance=advance)
     mode = choose(matching, len(photographs), video)
     with timed("matches"):
         pairs = choose_pairs(mode, database, photographs, seed)
@@ -63,7 +62,6 @@ def compare(
                 pairs,
                 database.parent,
                 seed=seed,
-                threads=threads,
                 wait=wait,
                 advance=advance,
                 error=error,
