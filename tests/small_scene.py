@@ -53,6 +53,21 @@ def options(**overrides: Any) -> GaussianOptions:
     )
 
 
+def field_options(**overrides: Any) -> dict[str, Any]:
+    """A short schedule of a radiance field."""
+    return {
+        "steps": 240,
+        "batch_pixels": 300,
+        "ray_samples": 32,
+        "grid_nodes": 40,
+        "grid_nodes_first": 20,
+        "grid_grows": 1,
+        "cells": 16,
+        "density_shift": -3.0,
+        **overrides,
+    }
+
+
 def noise() -> TrainingSet:
     """Two views, a and b, whose one photograph is noise, and 300 points of any colour."""
     random = np.random.default_rng(1)

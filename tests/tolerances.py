@@ -258,3 +258,13 @@ FLOAT32_CAMERA = 2e-6
 AT_A_THRESHOLD = 1e-3
 # Second moments of a disc by some ten thousand points, one in each ring of equal area, relative and of its quarter.
 SAMPLED_DISC = 0.01
+# A point about 5 scene units from a camera, by float32 places and directions: some roundings of 3e-7.
+FLOAT32_POINT = 1e-5
+# A field's lens after 400 steps with 16 random points of the lens a pixel: at the end Adam still walks by its rate,
+# 0.01, a few steps of one direction long.
+LENS_FOUND_BY_RAYS = 0.05
+# The mean of x^2 over a disc, between the pixels of a small picture: it has some hundred points a pixel, and a sum over
+# pixels that differ in where they lie; relative, whole and at half the size, with a quarter of the pixels.
+DISC_ON_PIXELS, DISC_ON_FEWER_PIXELS = 0.02, 0.04
+# One pixel's mean over a disc by 400 points: the square of a place varies by its mean over the disc, in 400 strata.
+DISC_OF_A_PIXEL = 0.05

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from dofbench.core.errors import InputError
@@ -16,6 +17,12 @@ class Budget:
 
     steps: int | None = None
     seconds: float | None = None
+
+    def progress(self, step: int, total: int, seconds: Callable[[], float]) -> float:
+        """The share of a training of `total` steps that is over after `step`, by steps or by time, whichever is more.
+        seconds: tells the training time so far; asked only where time is limited."""
+        by_steps = step / total
+        return by_steps if self.seconds is None else max(by_steps, seconds() / self.seconds)
 
     def __str__(self) -> str:
         parts = []

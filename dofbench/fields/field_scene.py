@@ -12,9 +12,8 @@ from dofbench.fields.field_options import RayOptions
 from dofbench.fields.grid_field import GridField
 from dofbench.fields.occupancy import Occupancy
 from dofbench.fields.pixels import CameraTable, whole_image
-from dofbench.fields.space import Space
+from dofbench.fields.space import PER_RAY, Space
 
-_STEPS = 100.0  # `space.py`: density is per hundredth of a ray
 _CHUNK = 8192  # rays rendered at once
 _LEAST_OPACITY = 1e-3  # of a ray that has a depth
 
@@ -24,7 +23,7 @@ class FieldScene:
 
     def __init__(self, field: GridField, space: Space, options: RayOptions):
         self.field, self.space, self._options = field, space, options
-        self.occupancy = Occupancy(options.cells, options.cells_absorb, _STEPS / options.ray_samples)
+        self.occupancy = Occupancy(options.cells, options.cells_absorb, PER_RAY / options.ray_samples)
 
     def see(self, origins: Tensor, directions: Tensor, offsets: Tensor) -> FieldRender:
         """What world rays (R, 3) see, whose directions have the length 1 in z of their camera; differentiable. offsets:

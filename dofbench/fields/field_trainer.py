@@ -47,17 +47,16 @@ class FieldTrainer:
 
     def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
         """Train until the budget or the observer ends it. A non-finite value ends with the status "diverged"."""
-        warm_up("field")
+        for op in ("field", *self._model.kernels):
+            warm_up(op)
         total = budget.steps or self._options.rays.steps
         step = 0
         event: NonFinite | None = None
         try:
             while step < total:
-                progress = step / total
-                if budget.seconds is not None:
-                    progress = max(progress, observer.seconds() / budget.seconds)
-                    if progress >= 1:
-                        break
+                progress = budget.progress(step, total, observer.seconds)
+                if progress >= 1:
+                    break
                 self._step(step + 1, progress)
                 step += 1
                 if not observer.after_step(step, self._loss):

@@ -37,7 +37,7 @@ class LensFieldOptions(FieldOptions):
 
     def __post_init__(self) -> None:
         if not self.lens.lens:
-            raise InputError("option lens", "false", "true: without a lens the method is `nerf`")
+            raise InputError("option lens", "false", "true: this method has a lens")
         if self.lens.lens_range != "points" or self.lens.lens_clip:
             raise InputError("option lens_range", "render, or lens_clip", "points without lens_clip, for a field")
 

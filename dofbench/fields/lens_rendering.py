@@ -9,8 +9,8 @@ from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Rendering
 from dofbench.core.lens import PhysicalLens
 from dofbench.fields.field_scene import FieldScene
-from dofbench.fields.forward.blur_kernels import mixed
 from dofbench.fields.forward.lens_rays import disc_points
+from dofbench.fields.forward.mixed_rays import mixed
 from dofbench.fields.pixels import CameraTable, whole_image
 from dofbench.optics.defocus import defocus_numpy
 

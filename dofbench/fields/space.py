@@ -22,7 +22,7 @@ _POINTS_SHARE = 0.005  # of the sparse points that may be outliers, at each end
 _NEARER, _FARTHER = 0.7, 0.7  # of the nearest points' distance from the cameras, and of the farthest points' disparity
 _INFINITE = 0.02  # a far plane is at infinity if its disparity is less than this share of the near plane's
 _MARGIN = 0.05  # of the extent of a frustum or box, on each side
-_STEPS = 100.0  # density is per hundredth of a ray
+PER_RAY = 100.0  # density is per hundredth of a ray through the whole space
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class Frustum:
         ones = torch.ones_like(start[:, 0])
         directions = torch.cat([end - start, ones[:, None]], 1)
         spans = torch.stack([torch.zeros_like(ones), ones], 1)
-        return CubeRays(torch.cat([start, 0 * ones[:, None]], 1), directions, spans, _STEPS * ones)
+        return CubeRays(torch.cat([start, 0 * ones[:, None]], 1), directions, spans, PER_RAY * ones)
 
     def depths(self, origins: Tensor, directions: Tensor, places: Tensor) -> Tensor:
         """See `Space.depths`."""
@@ -123,7 +123,7 @@ class Box:
             safe = torch.where(along.abs() < 1e-9, torch.full_like(along, 1e-9), along)
             walls = torch.stack([-begin / safe, (1 - begin) / safe])
             spans = torch.stack([walls.amin(0).amax(1).clamp_min(0), walls.amax(0).amin(1)], 1)
-        gain = _STEPS / float(np.linalg.norm(self.high - self.low)) * directions.norm(dim=1)
+        gain = PER_RAY / float(np.linalg.norm(self.high - self.low)) * directions.norm(dim=1)
         return CubeRays(begin, along, spans, gain)
 
     def depths(self, origins: Tensor, directions: Tensor, places: Tensor) -> Tensor:

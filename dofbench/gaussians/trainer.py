@@ -99,11 +99,9 @@ class Trainer:
                 self._prepare(total, observer)
             self._photographs = self._all_photographs()
             while step < total:
-                progress = step / total
-                if budget.seconds is not None:
-                    progress = max(progress, observer.seconds() / budget.seconds)
-                    if progress >= 1:
-                        break
+                progress = budget.progress(step, total, observer.seconds)
+                if progress >= 1:
+                    break
                 if self._trials.due(progress):
                     step = self._decide(step, total, progress, observer)
                 else:

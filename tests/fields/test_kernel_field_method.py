@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_up import Recorder
-from small_scene import cameras, training_set
+from small_scene import cameras, field_options, training_set
 from tolerances import FLOAT32_VALUE
 
 from dofbench.core.budget import Budget
@@ -17,16 +17,7 @@ from dofbench.core.errors import InputError, Status
 from dofbench.fields.field_method import FieldMethod
 from dofbench.fields.kernel_field_method import DeformableField, RigidField, unit_of_depth
 
-SHORT = {
-    "steps": 240,
-    "batch_pixels": 300,
-    "ray_samples": 32,
-    "grid_nodes": 40,
-    "grid_nodes_first": 20,
-    "grid_grows": 1,
-    "cells": 16,
-    "density_shift": -3.0,
-}
+SHORT = field_options()
 
 
 @pytest.mark.parametrize("kind", [DeformableField, RigidField])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 from made_up import Recorder
-from small_scene import WIDTH, cameras, training_set
-from tolerances import FLOAT32_VALUE, SAMPLED_DISC
+from small_scene import WIDTH, cameras, field_options, training_set
+from tolerances import DISC_ON_FEWER_PIXELS, DISC_ON_PIXELS, FLOAT32_VALUE
 
 from dofbench.compute.factored_grid import FieldRender
 from dofbench.core.budget import Budget
@@ -20,16 +20,7 @@ from dofbench.fields.lens_field_method import LensFieldMethod, LensRayField, Pat
 from dofbench.fields.lens_rendering import scattered, through_points
 from dofbench.optics.defocus import defocus_numpy
 
-SHORT = {
-    "steps": 240,
-    "batch_pixels": 300,
-    "ray_samples": 32,
-    "grid_nodes": 40,
-    "grid_nodes_first": 20,
-    "grid_grows": 1,
-    "cells": 16,
-    "density_shift": -3.0,
-}
+SHORT = field_options()
 METHODS = {"rays": (LensRayField, {"lens_points": 5}), "patch": (PatchField, {"patch_side": 20, "patch_from": 0.4})}
 
 
@@ -84,11 +75,11 @@ def test_a_wall_through_points_of_a_lens() -> None:
     found = through_points(wall, camera, lens, 100).image.astype(np.float64)[..., 0] ** 2.2
     plain = through_points(wall, camera, PhysicalLens(0.0, 0.1, WIDTH), 1).image.astype(np.float64)[..., 0] ** 2.2
     radius = float(lens.signed_radius(np.array(1 / 4), WIDTH)) * 4.0 / camera.fx
-    assert float((found - plain).mean()) == pytest.approx(0.05 * radius**2 / 4, rel=2 * SAMPLED_DISC)
+    assert float((found - plain).mean()) == pytest.approx(0.05 * radius**2 / 4, rel=DISC_ON_PIXELS)
     half = camera.resized(WIDTH // 2, camera.height // 2)  # the same lens at half the size
     small = through_points(wall, half, lens, 100).image.astype(np.float64)[..., 0] ** 2.2
     sharp = through_points(wall, half, PhysicalLens(0.0, 0.1, WIDTH), 1).image.astype(np.float64)[..., 0] ** 2.2
-    assert float((small - sharp).mean()) == pytest.approx(0.05 * radius**2 / 4, rel=4 * SAMPLED_DISC)
+    assert float((small - sharp).mean()) == pytest.approx(0.05 * radius**2 / 4, rel=DISC_ON_FEWER_PIXELS)
 
 
 def test_a_scattered_view_is_the_sharp_view_defocused() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 from made_up import frontal
-from tolerances import FLOAT32_VALUE
+from tolerances import FLOAT32_POINT, FLOAT32_VALUE
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingView
@@ -52,7 +52,7 @@ def test_rays_meet_what_a_pixel_shows() -> None:
         xy, depth = camera.project(points)
         origins, directions = table.rays(torch.full((2,), index), torch.from_numpy(xy).float())
         met = origins + torch.from_numpy(depth).float()[:, None] * directions
-        np.testing.assert_allclose(met.numpy(), points, atol=10 * FLOAT32_VALUE)
+        np.testing.assert_allclose(met.numpy(), points, atol=FLOAT32_POINT)
 
 
 def test_a_shift_is_along_the_camera_s_axes() -> None:

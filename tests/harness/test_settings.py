@@ -37,6 +37,15 @@ def test_budget_takes_both_in_either_order() -> None:
     assert parse_budget("5min,7000it") == parse_budget("7000it,300s") and parse_budget("1.5min") == Budget(None, 90.0)
 
 
+def test_progress_is_by_what_is_more() -> None:
+    def never() -> float:
+        raise AssertionError("asked for the time")
+
+    assert Budget(steps=10).progress(3, 10, never) == 0.3
+    assert Budget(steps=10, seconds=4.0).progress(3, 10, lambda: 1.0) == 0.3
+    assert Budget(steps=10, seconds=4.0).progress(3, 10, lambda: 6.0) == 1.5
+
+
 @pytest.mark.parametrize(
     "text", ["", "lots", "0s", "-1it", "nans", "infs", "1.5it", "3s,4s", "1min,4s", "min", "1it,2it", "300", ","]
 )

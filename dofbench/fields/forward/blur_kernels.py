@@ -1,8 +1,4 @@
-"""What learned blur kernels share: a network's optimiser, the encoding of its inputs, and the mixing of rays.
-
-A kernel explains a pixel of a blurred photograph as the mean of several rays' light, so it is mixed in linear light
-(Ma et al., Deblur-NeRF, CVPR 2022, Eq. 5 and 6, gamma 2.2).
-"""
+"""What learned blur kernels share: their options, a network's optimiser, and the encoding of its inputs."""
 
 from __future__ import annotations
 
@@ -12,8 +8,6 @@ import torch
 from torch import Tensor, nn
 
 from dofbench.core.errors import InputError
-from dofbench.core.lens import GAMMA
-from dofbench.optics.tone import fast_decode, fast_encode
 
 
 @dataclass(frozen=True)
@@ -58,9 +52,3 @@ def encoded_places(values: Tensor, frequencies: int) -> Tensor:
     """(..., D (1 + 2 F)): values (..., D) in radians with the sines and cosines of 2^k times them (NeRF, Eq. 4)."""
     scaled = [values * 2.0**k for k in range(frequencies)]
     return torch.cat([values, *(wave(angle) for angle in scaled for wave in (torch.sin, torch.cos))], -1)
-
-
-def mixed(colours: Tensor, weights: Tensor) -> Tensor:
-    """(P, 3) encoded: colours (P, N, 3), encoded, mixed in linear light by weights (P, N)."""
-    light = fast_decode(colours.contiguous(), GAMMA)
-    return fast_encode((weights[..., None] * light).sum(1), GAMMA)

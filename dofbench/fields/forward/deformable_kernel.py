@@ -11,7 +11,8 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from dofbench.fields.forward.blur_kernels import KernelAdam, KernelOptions, encoded_places, mixed
+from dofbench.fields.forward.blur_kernels import KernelAdam, KernelOptions, encoded_places
+from dofbench.fields.forward.mixed_rays import mixed
 from dofbench.fields.forward.ray_model import RayScene
 from dofbench.fields.pixels import Pixels, TrainingPixels
 
@@ -40,6 +41,7 @@ class DeformableKernel:
     pass through the same point there."""
 
     stage = "kernel rays"
+    kernels: tuple[str, ...] = ("tone",)
 
     def __init__(
         self, views: int, unit: float, options: KernelOptions, own: DeformableOptions, generator: torch.Generator

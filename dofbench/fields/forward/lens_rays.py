@@ -12,7 +12,7 @@ from torch import Tensor
 
 from dofbench.core.errors import InputError
 from dofbench.core.lens import COC_FRACTION
-from dofbench.fields.forward.blur_kernels import mixed
+from dofbench.fields.forward.mixed_rays import mixed
 from dofbench.fields.forward.ray_model import RayScene
 from dofbench.fields.pixels import Pixels, TrainingPixels
 from dofbench.learning.lenses import LearnedLenses
@@ -34,6 +34,7 @@ class LensRays:
     """A `RayModel` with a learned lens for every view."""
 
     stage = "lens rays"
+    kernels: tuple[str, ...] = ("tone",)
 
     def __init__(self, lenses: LearnedLenses, options: LensRayOptions, generator: torch.Generator):
         self.lenses, self._options, self._generator = lenses, options, generator

@@ -14,6 +14,7 @@ class PinholeRays:
     """A `RayModel` that explains every photograph as sharp."""
 
     stage = "rays"
+    kernels: tuple[str, ...] = ()
 
     def draw(self, photographs: TrainingPixels, count: int, progress: float) -> Pixels:
         """Pixels of all photographs."""

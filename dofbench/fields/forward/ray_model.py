@@ -32,9 +32,11 @@ class RayScene:
 
 
 class RayModel(Protocol):
-    """How pixels of photographs come about. stage: what the time that it takes is called."""
+    """How pixels of photographs come about. stage: what the time that it takes is called. kernels: the ops that it
+    calls beside `field`, which are compiled before the training's clock starts."""
 
     stage: str
+    kernels: tuple[str, ...]
 
     def draw(self, photographs: TrainingPixels, count: int, progress: float) -> Pixels:
         """The pixels of a training step at `progress`, 0 to 1: about `count` rays' worth of them, as the model needs

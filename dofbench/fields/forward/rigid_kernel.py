@@ -10,7 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from dofbench.fields.forward.blur_kernels import KernelAdam, KernelOptions, mixed
+from dofbench.fields.forward.blur_kernels import KernelAdam, KernelOptions
+from dofbench.fields.forward.mixed_rays import mixed
 from dofbench.fields.forward.ray_model import RayScene
 from dofbench.fields.pixels import Pixels, TrainingPixels
 
@@ -25,6 +26,7 @@ class RigidKernel:
     as 1 in translations. The first of a pixel's rays is its own, the others are moved."""
 
     stage = "kernel rays"
+    kernels: tuple[str, ...] = ("tone",)
 
     def __init__(self, views: int, centre: np.ndarray, unit: float, options: KernelOptions, generator: torch.Generator):
         self._centre, self._unit, self._options = torch.from_numpy(centre).float(), unit, options

@@ -55,7 +55,7 @@ def match(
 
     matching = pycolmap.FeatureMatchingOptions()
     # With several threads COLMAP's search for similar features finds others now and then: with two, in 2 of 250 runs
-    # over 6 small photographs.
+    # over 4 small photographs.
     matching.num_threads = 1
     geometry = pycolmap.TwoViewGeometryOptions()
     geometry.ransac.random_seed = seed
