@@ -16,6 +16,7 @@ from dofbench.core.budget import Budget
 from dofbench.core.contracts import Rendering
 from dofbench.core.errors import InputError, Status
 from dofbench.core.lens import PhysicalLens
+from dofbench.fields import field_trainer
 from dofbench.fields.lens_field_method import LensFieldMethod, LensRayField, PatchField
 from dofbench.fields.lens_rendering import scattered, through_points
 from dofbench.optics.defocus import defocus_numpy
@@ -54,6 +55,22 @@ def test_it_learns_refocuses_and_is_read_again(kind: str, tmp_path: Path) -> Non
     )
     np.testing.assert_allclose(closed, sharp, atol=FLOAT32_VALUE)
     assert np.abs(wide - sharp).mean() > 0.01
+
+
+@pytest.mark.parametrize(("kind", "expected"), [("rays", ["field", "tone"]), ("patch", ["field", "scatter", "tone"])])
+def test_kernels_are_compiled_before_the_clock_starts(
+    kind: str, expected: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+    monkeypatch.setattr(field_trainer, "warm_up", asked.append)
+
+    class Watching(Recorder):
+        def after_step(self, step: int, loss: float) -> bool:
+            assert asked == expected
+            return False
+
+    METHODS[kind][0](SHORT, 0, "cpu").fit(training_set(), Budget(), Watching())
+    assert asked == expected
 
 
 class _Wall:
