@@ -16,7 +16,6 @@ from dofbench.core.errors import InputError
 from dofbench.core.file_lock import only_writer
 from dofbench.core.files import canonical_json, read_json, sha256_text, write_json
 from dofbench.core.images import read_exr, read_image, to_8bit, write_exr, write_png
-from dofbench.core.lens import DisparityRange
 from dofbench.core.progress import Progress
 from dofbench.dataset import layout
 from dofbench.dataset.schema import SourceRecord, ViewRecord
@@ -29,6 +28,7 @@ from dofbench.scenes.reconstruction.posed_points import program
 from dofbench.scenes.scene import Scene, Split
 from dofbench.synthesis import write
 from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.synthesis.depth_bounds import bounds_of_views
 from dofbench.synthesis.depth_record import make_depth
 from dofbench.synthesis.depth_sources import source_for
 from dofbench.synthesis.lens_plan import Plan, deal_plan, draw_plan
@@ -36,7 +36,7 @@ from dofbench.synthesis.method_points import choose_points
 from dofbench.synthesis.photographing import Optics, exposed
 from dofbench.synthesis.real_photographs import make_of_photographs
 from dofbench.synthesis.render_views import Photography, shallow_image, view_record
-from dofbench.synthesis.scene_source import NEAR_FAR, check_source, encoded, source_record
+from dofbench.synthesis.scene_source import check_source, encoded, source_record
 from dofbench.synthesis.sibling import take_over, take_over_all
 from dofbench.synthesis.work import WORK, Identity, finish, noise_file, prepare
 
@@ -114,7 +114,7 @@ def make(
             "dofbench": __version__,
             **({} if network is None else {"network": network_digest(network)}),
             **({} if optics is None else {"thinlens": optics.record.model_dump()}),
-            **({} if options.points == "scene" else {"points": program()}),
+            **({} if options.points == "scene" else {"points": program(), "bounds": "points"}),
             "source": source.model_dump(mode="json", include={"scene", "layout", "geometry"}),
         }
         return Identity(
@@ -148,8 +148,9 @@ def make(
         shoot = partial(_shoot, out=out, shared=shared, half=settings.linear == "exr-half", optics=optics)
         records = _shallow(plan, scene, out, shared, shoot, progress)
         points, points_record = choose_points(scene, settings.points, out, out / WORK / "points", progress)
-        near_far = _near_far(scene, out, shared.disparity_range)
-        notes = write.geometry(out, replace(scene, points=points), near_far)
+        scene = replace(scene, points=points)
+        near_far = bounds_of_views(scene, out, settings.points, {view.name for view in scene.views})
+        notes = write.geometry(out, scene, near_far)
         write.lens_file(out, shared, records)
         write.sheet(out, f"{scene.name}: {len(records)} views with a known lens", records, shared.disparity_range)
         write.readme(out, scene, settings, source, depth_record, points_record, records, notes, shared.thinlens)
@@ -181,18 +182,6 @@ def _all_in_focus(scene: Scene, out: Path, progress: Progress) -> None:
             if not path.is_file():
                 write_png(path, encoded(view))
             advance(index + 1)
-
-
-def _near_far(scene: Scene, out: Path, disparity_range: DisparityRange) -> np.ndarray:
-    """(N, 2) depth bounds of every view, scene units; the scene's bounds for a view without a known pixel."""
-    bounds = []
-    for view in scene.views:
-        depth_map = read_exr(layout.depth_path(out, view.name))
-        known = depth_map[depth_map > 0]
-        bounds.append(
-            np.percentile(known, NEAR_FAR) if known.size else (1 / disparity_range.q_max, 1 / disparity_range.q_min)
-        )
-    return np.array(bounds)
 
 
 def _shallow(

@@ -10,12 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from dofbench import __version__
 from dofbench.core.file_lock import only_writer
 from dofbench.core.files import canonical_json, sha256_text, write_text
-from dofbench.core.images import read_exr, write_png
+from dofbench.core.images import write_png
 from dofbench.core.lens import DisparityRange
 from dofbench.core.progress import Progress
 from dofbench.dataset import layout
@@ -25,13 +23,13 @@ from dofbench.depth.source import SourceId
 from dofbench.scenes.named import ResolvedScene
 from dofbench.scenes.reconstruction.posed_points import program
 from dofbench.scenes.scene import Scene
-from dofbench.scenes.visibility import visible
 from dofbench.synthesis import write
 from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.synthesis.depth_bounds import bounds_of_views
 from dofbench.synthesis.depth_record import make_depth
 from dofbench.synthesis.method_points import choose_points
 from dofbench.synthesis.photographs_readme import photographs_readme
-from dofbench.synthesis.scene_source import NEAR_FAR, check_source, encoded, source_record
+from dofbench.synthesis.scene_source import check_source, encoded, source_record
 from dofbench.synthesis.work import WORK, Identity, finish, prepare
 
 
@@ -60,7 +58,7 @@ def make_of_photographs(
                     "settings": recipe,
                     "photographs": {view.name: view.photograph for view in scene.views},
                     "dofbench": __version__,
-                    **({} if settings.points == "scene" else {"points": program()}),
+                    **({} if settings.points == "scene" else {"points": program(), "bounds": "points"}),
                     "source": source.model_dump(mode="json", include={"scene", "layout", "geometry"}),
                     **({"exif": exif} if (exif := _exif_data(scene)) else {}),
                 }
@@ -79,7 +77,7 @@ def make_of_photographs(
         points, points_record = choose_points(scene, settings.points, out, out / WORK / "points", progress)
         scene = replace(scene, points=points)
         measured = {record.view for record in depth.views} if depth is not None else set()
-        notes = write.geometry(out, scene, _near_far(scene, out, measured), measured)
+        notes = write.geometry(out, scene, bounds_of_views(scene, out, settings.points, measured), measured)
         write.unknown_lens_file(out, scene, disparity_range)
         write.exif_file(out, scene)
         write.photographs_sheet(out, scene, measured, disparity_range)
@@ -139,23 +137,3 @@ def _depth(
     measured = replace(scene, views=tuple(scene.views[index] for index in indices), points=points)
     source: SourceId = "folder" if settings.depth_source[0] == "folder" else "given"
     return make_depth(measured, source, None, settings, out, progress)
-
-
-def _near_far(scene: Scene, out: Path, measured: set[str]) -> np.ndarray | None:
-    """(N, 2) depth bounds of every view, scene units: of its depth, else of the points that it sees, else of all views
-    together. None if no view has depth or points."""
-    bounds = np.full((len(scene.views), 2), np.nan)
-    for index, view in enumerate(scene.views):
-        known = np.empty(0)
-        if view.name in measured:
-            depth_map = read_exr(layout.depth_path(out, view.name))
-            known = depth_map[depth_map > 0]
-        if not known.size and scene.points is not None and len(scene.points):
-            known = visible(scene.points, view.camera, index).depth
-        if known.size:
-            bounds[index] = np.percentile(known, NEAR_FAR)
-    told = np.isfinite(bounds[:, 0])
-    if not told.any():
-        return None
-    bounds[~told] = bounds[told, 0].min(), bounds[told, 1].max()
-    return bounds

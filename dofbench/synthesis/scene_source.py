@@ -14,8 +14,6 @@ from dofbench.dataset.schema import SourceImage, SourceRecord
 from dofbench.scenes.named import ResolvedScene
 from dofbench.scenes.scene import Scene, SceneView
 
-NEAR_FAR = (0.1, 99.9)  # percentiles of depth that are LLFF's near and far bounds
-
 
 def source_record(scene: Scene, found: ResolvedScene, with_depth: bool) -> SourceRecord:
     """The record of a scene's content. with_depth: whether its depth maps are part of it."""

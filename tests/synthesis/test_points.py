@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 import pytest
-from tolerances import TRIANGULATED_DEPTH
+from tolerances import POSE_ROUND_TRIP, TRIANGULATED_DEPTH
 
 from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
@@ -196,7 +197,24 @@ def test_nothing_but_the_points_differs(shallow: Path, dataset_folder: Path, con
     before, after = contents(dataset_folder), contents(shallow)
     assert before.keys() == after.keys()
     different = {name for name in before if before[name] != after[name]}
-    assert different == {"README.md", "dataset.json", "sparse/0/images.bin", "sparse/0/points3D.bin"}
+    assert different == {"README.md", "dataset.json", "sparse/0/images.bin", "sparse/0/points3D.bin", "poses_bounds.npy"}
+
+
+def test_depth_bounds_are_those_of_the_points(shallow: Path, dataset_folder: Path) -> None:
+    """The depth of the truth must not reach a method by the bounds that LLFF's layout has."""
+    scene = pycolmap.Reconstruction(shallow / "sparse/0")
+    found = {}
+    for image in scene.images.values():
+        seen = [scene.points3D[point.point3D_id].xyz for point in image.get_observation_points2D()]
+        z = [(image.cam_from_world() * place)[2] for place in seen]
+        if z:
+            found[Path(image.name).stem] = np.percentile(z, (0.1, 99.9))
+    assert sorted(found) == sorted(TRAIN)
+    nearest, farthest = min(near for near, _ in found.values()), max(far for _, far in found.values())
+    rows = [found.get(view.name, (nearest, farthest)) for view in Dataset.load(shallow).views]
+    before, after = (np.load(folder / "poses_bounds.npy") for folder in (dataset_folder, shallow))
+    np.testing.assert_allclose(after[:, 15:], rows, rtol=POSE_ROUND_TRIP)
+    np.testing.assert_array_equal(after[:, :15], before[:, :15])
 
 
 def test_test_photographs_have_no_part_in_the_points(shallow: Path, scene: Path, tmp_path: Path) -> None:

@@ -1,0 +1,49 @@
+"""Near and far bounds of every view, scene units, as LLFF's layout states them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence, Set
+from pathlib import Path
+
+import numpy as np
+
+from dofbench.core.images import read_exr
+from dofbench.dataset import layout
+from dofbench.dataset.points_choice import Points
+from dofbench.scenes.scene import Scene
+from dofbench.scenes.visibility import visible
+
+_NEAR_FAR = (0.1, 99.9)  # percentiles of depth that are LLFF's near and far bounds
+
+
+def depth_bounds(depths: Sequence[np.ndarray]) -> np.ndarray | None:
+    """(N, 2) near and far, from the depths (any number of each) that are known in each of N views.
+
+    A view without any gets the nearest and the farthest bound of all views. None if no view has any.
+    """
+    bounds = np.array([np.percentile(known, _NEAR_FAR) if known.size else (np.nan, np.nan) for known in depths])
+    told = np.isfinite(bounds[:, 0])
+    if not told.any():
+        return None
+    bounds[~told] = bounds[told, 0].min(), bounds[told, 1].max()
+    return bounds
+
+
+def bounds_of_views(scene: Scene, root: Path, kind: Points, measured: Set[str]) -> np.ndarray | None:
+    """(N, 2) near and far of the scene's views, in its order; None if nothing is known of any.
+
+    From a view's depth map in the dataset folder `root`, if it is one of `measured`, else from the points that it sees.
+    kind: `--points`. Where the points were triangulated between the training photographs, a method must not be told
+    more than these photographs say, so then all bounds are from the points, and a test view gets those of all views.
+    """
+    sparse = scene.points if scene.points is not None and len(scene.points) else None
+    depths = []
+    for index, view in enumerate(scene.views):
+        known = np.empty(0)
+        if kind == "scene" and view.name in measured:
+            depth_map = read_exr(layout.depth_path(root, view.name))
+            known = depth_map[depth_map > 0]
+        if not known.size and sparse is not None:
+            known = visible(sparse, view.camera, index).depth
+        depths.append(known)
+    return depth_bounds(depths)
