@@ -46,6 +46,7 @@ def rasterize(
     sh_degree: int = 3,
     background: Tensor | None = None,
     filter_2d: float = 0.1,
+    filter_2d_fades: bool = True,
     blur: Tensor | None = None,
     geometry: Geometry = "depth",
     near: float = 0.2,
@@ -61,9 +62,9 @@ def rasterize(
 
     filter_3d: (N,), scene units, or None: Mip-Splatting's 3D filter, added to the scales in quadrature, the
     opacity lowered to match; it gets no gradient. sh_degree: highest degree used (or that of K, if it is lower).
-    background: (3,), None for black; it gets no gradient. filter_2d: px**2, added to the footprint's covariance, with
-    Mip-Splatting's reduction of opacity; 0 turns both off. near: scene units; Gaussians whose centre isn't farther than
-    this are left out. statistics: filled in if given.
+    background: (3,), None for black; it gets no gradient. filter_2d: px**2, added to the footprint's covariance, 0 for
+    none. filter_2d_fades: whether that lowers the opacity, as Mip-Splatting's filter does; 3DGS's dilation doesn't.
+    near: scene units; Gaussians whose centre isn't farther than this are left out. statistics: filled in if given.
 
     blur: (N,), px**2, at least 0, or None: an isotropic variance for each Gaussian, added to its footprint's covariance
     after the 2D filter, while its opacity is multiplied by sqrt(det before / det after). This keeps the Gaussian's
@@ -79,7 +80,8 @@ def rasterize(
     rounding of disparity.
 
     A Gaussian counts at a pixel where its alpha, at most 0.99, is at least 1/255, and the transmittance in front of it
-    is at least 1e-4; a Gaussian whose unfiltered footprint has a determinant of at most 1e-6 px**4 is left out. With
+    is at least 1e-4; a Gaussian whose footprint has a determinant of at most 1e-6 px**4 is left out: without the 2D
+    filter if that lowers opacities, else with it. With
     blur, the threshold 1/255 is lowered by the same factor as the opacity, because otherwise most widely blurred
     Gaussians would be lost, even where many faint ones overlap.
 
@@ -89,7 +91,9 @@ def rasterize(
     parameters = (means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest)
     check(parameters, filter_3d, background, blur, geometry, sh_degree, filter_2d, near)
     degree = min(sh_degree, math.isqrt(sh_rest.shape[1] + 1) - 1)
-    settings = Settings(camera, degree, filter_2d, near, GEOMETRIES.index(geometry), filter_3d, background)
+    settings = Settings(
+        camera, degree, filter_2d, filter_2d_fades, near, GEOMETRIES.index(geometry), filter_3d, background
+    )
     return Raster(*_Rasterize.apply(settings, statistics, blur, *parameters))
 
 

@@ -45,7 +45,7 @@ def check(parameters, filter_3d, background, blur, geometry, sh_degree, filter_2
 class Settings:
     """The arguments that aren't differentiated, in the form that the kernels need."""
 
-    def __init__(self, camera, degree, filter_2d, near, geometry, filter_3d, background):
+    def __init__(self, camera, degree, filter_2d, filter_2d_fades, near, geometry, filter_3d, background):
         self.degree, self.geometry = degree, geometry
         self.width, self.height = camera.width, camera.height
         self.columns = -(-camera.width // layout.TILE_WIDTH)
@@ -67,6 +67,7 @@ class Settings:
             camera.height,
             near,
             filter_2d,
+            filter_2d_fades and filter_2d > 0,
             (-camera.cx - margin_x) / camera.fx,
             (camera.width - camera.cx + margin_x) / camera.fx,
             (-camera.cy - margin_y) / camera.fy,

@@ -30,12 +30,12 @@ SLOT = 24
 Q, QX, QXX, QY, QXY, QYY, S_RED, S_GREEN, S_BLUE, S_T, S_TX, S_TY, ABS_X, ABS_Y, S_NX, S_NY, S_NZ = range(17)
 S_POINT_XX, S_POINT_XY, S_POINT_YY = S_T, S_TX, S_TY
 
-# The camera and the constants of one view, one float32 each.
+# The camera and the constants of one view, one float32 each. FADES: 1 if the 2D filter lowers opacities, else 0.
 VIEW = 32
 ROTATION = 0
 TRANSLATION = 9
 CENTRE = 12
-FX, FY, CX, CY, WIDTH, HEIGHT, NEAR, FILTER_2D, U_LOW, U_HIGH, V_LOW, V_HIGH = range(15, 27)
+FX, FY, CX, CY, WIDTH, HEIGHT, NEAR, FILTER_2D, FADES, U_LOW, U_HIGH, V_LOW, V_HIGH = range(15, 28)
 
 MAX_ALPHA = np.float32(0.99)
 MIN_ALPHA = 1.0 / 255.0

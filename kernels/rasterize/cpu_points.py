@@ -51,6 +51,7 @@ def rasterize_from_points(
     sh_degree: int = 3,
     background: Tensor | None = None,
     filter_2d: float = 0.1,
+    filter_2d_fades: bool = True,
     near: float = 0.2,
     statistics: ViewStatistics | None = None,
 ) -> Tensor:
@@ -75,7 +76,7 @@ def rasterize_from_points(
             f"{tuple(radius.shape)}"
         )
     degree = min(sh_degree, math.isqrt(sh_rest.shape[1] + 1) - 1)
-    settings = Settings(camera, degree, filter_2d, near, 0, filter_3d, background)
+    settings = Settings(camera, degree, filter_2d, filter_2d_fades, near, 0, filter_3d, background)
     images: Tensor = _FromPoints.apply(settings, statistics, lens, blur, radius, *parameters)
     return images
 

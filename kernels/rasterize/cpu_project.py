@@ -98,12 +98,14 @@ def project_block(
 
     opacity = ONE / (ONE + exp8(-load8(opacity_logits, i)))
     opacity = opacity * (ratio8(s0, e0) * ratio8(s1, e1) * ratio8(s2, e2))
-    if filter_2d > ZERO:
+    drawn = det
+    if view[layout.FADES] > ZERO:
+        drawn = det_bare
         opacity = opacity * sqrt8(det_bare / (det + layout.MIN_DETERMINANT) + layout.MIN_DETERMINANT)
     # A logit of +inf gives opacity 1, and a scale of 0 gives opacity 0; both are finite and accepted.
     finite = finite & ((~in_front) | ((det - det) + (opacity - opacity) == ZERO))
 
-    seen = in_front & finite & (det_bare > layout.MIN_DETERMINANT) & (opacity > MIN_ALPHA)
+    seen = in_front & finite & (drawn > layout.MIN_DETERMINANT) & (opacity > MIN_ALPHA)
     det = select8(seen, det, ONE)
     fxx, fyy = select8(seen, fxx, ONE), select8(seen, fyy, ONE)
     sxy = select8(seen, sxy, ZERO)

@@ -149,9 +149,10 @@ def backward_block(
 
     opacity = ONE / (ONE + exp8(-load8(opacity_logits, i)))
     store8(d_logits, i, select8(seen, q0 * (ONE - opacity), ZERO))
-    if filter_2d > ZERO or blur.size > 0:
+    fades = view[layout.FADES] > ZERO
+    if fades or blur.size > 0:
         to_bare, to_trace = splat8(ZERO), splat8(ZERO)
-        if filter_2d > ZERO:
+        if fades:
             padded = det + layout.MIN_DETERMINANT
             ratio = det_bare / padded
             to_ratio = q0 / (ratio + layout.MIN_DETERMINANT)

@@ -106,6 +106,7 @@ def rasterize(
     sh_degree: int = 3,
     background: Tensor | None = None,
     filter_2d: float = 0.1,
+    filter_2d_fades: bool = True,
     blur: Tensor | None = None,
     geometry: Geometry = "depth",
     near: float = 0.2,
@@ -114,7 +115,18 @@ def rasterize(
     """Same arguments, results and conventions as `cpu.rasterize`, which documents them."""
     parameters = (means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest)
     return _moved(
-        parameters, None, camera, filter_3d, sh_degree, background, filter_2d, blur, geometry, near, statistics
+        parameters,
+        None,
+        camera,
+        filter_3d,
+        sh_degree,
+        background,
+        filter_2d,
+        filter_2d_fades,
+        blur,
+        geometry,
+        near,
+        statistics,
     )
 
 
@@ -134,6 +146,7 @@ def rasterize_from_points(
     sh_degree: int = 3,
     background: Tensor | None = None,
     filter_2d: float = 0.1,
+    filter_2d_fades: bool = True,
     near: float = 0.2,
     statistics: ViewStatistics | None = None,
 ) -> Tensor:
@@ -146,7 +159,18 @@ def rasterize_from_points(
     for point in torch.tensor(points, dtype=means.dtype, device=means.device):
         moved = radius[:, None] * point
         raster = _moved(
-            parameters, moved, camera, filter_3d, sh_degree, background, filter_2d, blur, "none", near, None
+            parameters,
+            moved,
+            camera,
+            filter_3d,
+            sh_degree,
+            background,
+            filter_2d,
+            filter_2d_fades,
+            blur,
+            "none",
+            near,
+            None,
         )
         images.append(raster.color)
     return torch.stack(images)
@@ -160,6 +184,7 @@ def _moved(
     sh_degree: int,
     background: Tensor | None,
     filter_2d: float,
+    filter_2d_fades: bool,
     blur: Tensor | None,
     geometry: Geometry,
     near: float,
@@ -207,8 +232,9 @@ def _moved(
     # Opacity: logistic, Mip-Splatting's 3D filter, then its 2D filter (docs/published-methods.md, "Mip-Splatting").
     shrink = torch.where(bare_scales == scales, torch.ones_like(scales), bare_scales / scales)
     opacity = torch.sigmoid(opacity_logits[index]) * shrink.prod(1)
-    drawn = determinant > MIN_DETERMINANT
-    if filter_2d > 0:
+    # 3DGS's dilation keeps the opacity, and so even a Gaussian that the camera sees edge-on is drawn.
+    drawn = (determinant if filter_2d_fades else filtered_determinant) > MIN_DETERMINANT
+    if filter_2d > 0 and filter_2d_fades:
         ratio = determinant / (filtered_determinant + MIN_DETERMINANT) + MIN_DETERMINANT
         opacity = opacity * torch.where(drawn, ratio, 1.0).sqrt()
 
