@@ -60,6 +60,12 @@ class DensityOptions:
     """Whether the opacity that is reset is the one after the 3D filter, which lowers it. Unit: none. Source: off: 3DGS;
     on: Mip-Splatting's code, released code."""
 
+    @property
+    def largest_kept(self) -> float:
+        """Largest scale with which a Gaussian is kept after the first reset of opacities, share of the scene's
+        extent."""
+        return math.inf
+
 
 class DensityControl:
     """Accumulates screen-space gradients and, when due, clones, splits, prunes and resets."""
@@ -125,12 +131,14 @@ class DensityControl:
                 self._reset_opacity()
         if not due or not options.densify_from <= progress < options.densify_until:
             return False
-        self._grow_and_prune()
+        pruned = options.largest_kept if 0 < options.reset_every < progress else math.inf
+        self._grow_and_prune(pruned * self._extent)
         self._clear()
         return True
 
     @torch.no_grad()
-    def _grow_and_prune(self) -> None:
+    def _grow_and_prune(self, largest: float) -> None:
+        """largest: scale above which a Gaussian is removed, scene units."""
         gaussians, options = self._gaussians, self._options
         parameters = {name: value.detach() for name, value in gaussians.parameters.items()}
         gradient = self._gradient_sum / self._visits.clamp(min=1)
@@ -142,7 +150,8 @@ class DensityControl:
             if room > 0:
                 grow[torch.topk(gradient, room).indices] = True
                 grow &= gradient >= options.grow_gradient
-        large = parameters["log_scales"].max(dim=1).values > math.log(options.dense_share * self._extent)
+        longest = parameters["log_scales"].max(dim=1).values
+        large = longest > math.log(options.dense_share * self._extent)
         clone, split = grow & ~large, grow & large
 
         threshold = torch.full_like(gradient, options.prune_opacity)
@@ -151,7 +160,7 @@ class DensityControl:
             near, far = depth.min(), depth.max()
             threshold /= 1 + 2 * (depth - near) / (far - near).clamp(min=1e-12)
         opacity = torch.sigmoid(parameters["opacity_logits"])
-        transparent = opacity < threshold
+        transparent, huge = opacity < threshold, longest > math.log(largest)
         if options.clone_opacity == "share":
             # Two Gaussians of opacity 1 - sqrt(1 - o), one behind the other, let as much light through as one of
             # opacity o.
@@ -161,8 +170,10 @@ class DensityControl:
         if options.clone_place == "drawn":
             cloned["means"] = cloned["means"] + self._drawn(cloned)
         children = self._children({name: value[split & ~transparent] for name, value in parameters.items()})
+        small = children["log_scales"].max(dim=1).values <= math.log(largest)
+        children = {name: value[small] for name, value in children.items()}
         added = {name: torch.cat([cloned[name], children[name]]) for name in PARAMETERS}
-        kept = torch.nonzero(~(transparent | split))[:, 0]
+        kept = torch.nonzero(~(transparent | huge | split))[:, 0]
         self._optimiser.rebuild(kept, added)
 
     def _children(self, parents: dict[str, Tensor]) -> dict[str, Tensor]:

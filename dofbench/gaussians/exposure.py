@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -28,6 +30,10 @@ class StillRasteriser:
     def rasterise(self, camera: Camera, geometry: Geometry) -> Raster:
         """One sharp view."""
         return rasterise(self.gaussians, camera, self._appearance, geometry=geometry)
+
+    def changed(self, camera: Camera, parameters: Mapping[str, Tensor]) -> Tensor:
+        """(H, W, 3), a view with some parameters replaced."""
+        return rasterise(self.gaussians, camera, self._appearance, geometry="none", changes=parameters).color
 
     def from_points(self, camera: Camera, points: np.ndarray, radius: Tensor, blur: Tensor) -> Tensor:
         """(P, H, W, 3) as seen from points of the lens."""

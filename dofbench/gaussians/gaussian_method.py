@@ -28,9 +28,10 @@ _MODEL, _LENSES, _COLOURS = "gaussians.ply", "lenses.json", "colours.json"
 
 
 class GaussianMethod:
-    """Base of the methods that use this project's trainer. `FORCED`: options that define the method and can't be
-    set."""
+    """Base of the methods that use this project's trainer. `OPTIONS`: the class of the method's options. `FORCED`:
+    options that define the method and can't be set."""
 
+    OPTIONS: ClassVar[type[GaussianOptions]] = GaussianOptions
     FORCED: ClassVar[Mapping[str, Any]] = {}
 
     def __init__(self, options: Mapping[str, Any], seed: int, device: str):
@@ -38,7 +39,7 @@ class GaussianMethod:
         fixed = sorted(set(options) & set(self.FORCED))
         if fixed:
             raise InputError(f"option {fixed[0]}", "a value", "none: this method fixes it")
-        self._options = GaussianOptions.of(**options, **self.FORCED)
+        self._options = self.OPTIONS.of(**options, **self.FORCED)
         self._seed = seed
         self._gaussians: Gaussians | None = None
         self._trainer: Trainer | None = None
@@ -49,7 +50,7 @@ class GaussianMethod:
     @classmethod
     def available_options(cls) -> tuple[ListedOption, ...]:
         """Every option that a user of this method may set, with type, default, meaning, unit and source."""
-        return tuple(option for option in listed_options(GaussianOptions) if option.name not in cls.FORCED)
+        return tuple(option for option in listed_options(cls.OPTIONS) if option.name not in cls.FORCED)
 
     @property
     def options(self) -> GaussianOptions:

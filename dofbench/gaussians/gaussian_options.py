@@ -3,12 +3,16 @@ combined."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import torch
+
+from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
 from dofbench.gaussians.density import DensityOptions
 from dofbench.gaussians.distortion import DistortionOptions
-from dofbench.gaussians.forward.forward_model import BlurOptions
+from dofbench.gaussians.forward.forward_model import BlurOptions, LearnedBlur
 from dofbench.gaussians.forward.forward_schedule import ForwardSchedule, training_models
 from dofbench.gaussians.forward.lens_samples import SamplesOptions
 from dofbench.gaussians.forward.scatter_blur import ScatterOptions
@@ -58,5 +62,10 @@ class GaussianOptions(OptionGroups):
             raise InputError("option reset_filtered", "true with filter_3d=false", "false: there is no filter")
 
     def forward_models(self) -> ForwardSchedule:
-        """The forward models of a training with these options."""
+        """The forward models of a training with these options, if no other blur is learned."""
         return training_models(self.lens.lens, self.blur, self.scatter, self.samples)
+
+    def learned_blur(self, cameras: Sequence[Camera], extent: float, generator: torch.Generator) -> LearnedBlur | None:
+        """The blur other than a lens's that is learned for the photographs of these cameras; None for none. extent: of
+        the scene, `model.scene_extent`. generator: for all that the blur draws."""
+        return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +32,11 @@ class AppearanceOptions:
     filter_3d: bool = True
     """Whether Gaussians are at least as large as their finest sampling. Unit: none. Source: Mip-Splatting."""
 
+    @property
+    def filter_2d_fades(self) -> bool:
+        """Whether the 2D filter lowers opacities."""
+        return True
+
     def degree(self, progress: float) -> int:
         """The degree of the spherical harmonics that training has reached at `progress`, 0 to 1."""
         return min(self.sh_degree, int(progress / self.sh_every)) if self.sh_every > 0 else self.sh_degree
@@ -44,14 +50,15 @@ def rasterise(
     sh_degree: int | None = None,
     geometry: Geometry = "depth",
     statistics: ViewStatistics | None = None,
+    changes: Mapping[str, Tensor] | None = None,
 ) -> Raster:
     """The rasteriser kernel with the method's filters and background.
 
-    Without `sh_degree` all spherical harmonics are used; those that training hasn't reached yet are zero.
+    Without `sh_degree` all spherical harmonics are used; those that training hasn't reached yet are zero. changes:
+    parameters that replace the Gaussians' own.
     """
-    raster: Raster = load("rasterize")(
-        **_drawn(gaussians, camera, appearance, sh_degree), geometry=geometry, statistics=statistics
-    )
+    drawn = {**_drawn(gaussians, camera, appearance, sh_degree), **(changes or {})}
+    raster: Raster = load("rasterize")(**drawn, geometry=geometry, statistics=statistics)
     return raster
 
 
@@ -93,6 +100,7 @@ def _drawn(
         "sh_degree": appearance.sh_degree if sh_degree is None else sh_degree,
         "filter_3d": gaussians.filter_3d if appearance.filter_3d else None,
         "filter_2d": appearance.filter_2d,
+        "filter_2d_fades": appearance.filter_2d_fades,
         "near": gaussians.near,
         "background": None if dark else parameters["means"].new_full((3,), appearance.background),
     }

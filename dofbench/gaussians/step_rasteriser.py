@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 import torch
@@ -54,6 +55,21 @@ class StepRasteriser:
             normal=None if raster.normal is None else self._leaf(raster.normal),
             distortion=None if raster.distortion is None else self._leaf(raster.distortion),
         )
+
+    def changed(self, camera: Camera, parameters: Mapping[str, Tensor]) -> Tensor:
+        """(H, W, 3), a view with some parameters replaced, which collects gradients."""
+        statistics = self._watched()
+        with self._clock.timed(_STAGE), self._place.located(_STAGE):
+            raster = rasterise(
+                self.gaussians,
+                camera,
+                self._appearance,
+                sh_degree=self._degree,
+                geometry="none",
+                statistics=statistics,
+                changes=parameters,
+            )
+        return self._leaf(raster.color)
 
     def from_points(self, camera: Camera, points: np.ndarray, radius: Tensor, blur: Tensor) -> Tensor:
         """(P, H, W, 3) as seen from points of the lens, which collect gradients."""

@@ -22,7 +22,9 @@ from dofbench.core.contracts import (
 from dofbench.core.errors import InputError, Status
 from dofbench.core.lens import PhysicalLens
 from dofbench.gaussians.blur_circles import foci_apart, widest_circle
-from dofbench.gaussians.exposure import render_view
+from dofbench.gaussians.exposure import StillRasteriser, render_view
+from dofbench.gaussians.forward.forward_model import SharpView
+from dofbench.gaussians.forward.shot import Shot
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.render import rasterise
@@ -90,7 +92,7 @@ class Trainer:
         """Train until the budget or the observer ends it. A non-finite value, or no Gaussian left in front of the
         cameras, ends with the status "diverged"."""
         geometries = [term.reads for term in self.state.terms]
-        from_points = any(model.from_points for model in possible_models(self.options))
+        from_points = any(model.from_points for model in (*possible_models(self.options), *self.state.forward.models))
         compile_kernels(self.gaussians, self.state.cameras[0], self.options, geometries, from_points)
         total = budget.steps or self.options.schedule.steps
         step, event = 0, None
@@ -214,11 +216,24 @@ class Trainer:
         return render_view(self.gaussians, camera, self.options, lens=lens)
 
     def photograph(self, index: int) -> np.ndarray:
-        """Training view number `index` rendered through its learned lens and with its learned colour: (H, W, 3),
-        encoded."""
-        lens = None if self.lenses is None else self._lens_estimate(index)
-        image = self.render(self.views[index].camera, lens).image
-        return self.colours.apply(index, torch.from_numpy(image)).numpy()
+        """Training view number `index` rendered through its learned lens or blur and with its learned colour:
+        (H, W, 3), encoded."""
+        image = self._blurred(index)
+        if image is None:
+            lens = None if self.lenses is None else self._lens_estimate(index)
+            image = torch.from_numpy(self.render(self.views[index].camera, lens).image)
+        return self.colours.apply(index, image).numpy()
+
+    @torch.no_grad()
+    def _blurred(self, index: int) -> torch.Tensor | None:
+        """(H, W, 3): training view number `index` through the learned blur that isn't a lens's; None without."""
+        if self.state.blur is None:
+            return None
+        model, appearance = self.state.forward.at(1.0), self.options.appearance
+        camera = self.views[index].camera
+        sharp = SharpView(lambda: rasterise(self.gaussians, camera, appearance))
+        shot = Shot(camera, self.state.range, 0.0, 0.0, number=index)
+        return model.photograph(StillRasteriser(self.gaussians, appearance), sharp, shot)
 
     def held_back_scores(self, share: float | None = None) -> HeldBackScores:
         """Scores of the renderings of training photographs on held-back pixels. share: share of the tiles that trials

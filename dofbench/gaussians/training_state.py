@@ -16,7 +16,8 @@ from dofbench.compute.raster import Geometry
 from dofbench.core.contracts import PointCloud, TrainingSet
 from dofbench.core.lens import DisparityRange
 from dofbench.gaussians.density import DensityControl
-from dofbench.gaussians.forward.forward_model import SharpView
+from dofbench.gaussians.forward.forward_model import LearnedBlur, SharpView
+from dofbench.gaussians.forward.forward_schedule import ForwardSchedule
 from dofbench.gaussians.forward.shot import Shot
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.model import Gaussians, near_plane, scene_extent
@@ -45,6 +46,7 @@ class Snapshot:
     generator: Tensor
     loss: float
     colours: LearnedColours
+    blur: LearnedBlur | None
 
 
 class TrainingState:
@@ -53,7 +55,7 @@ class TrainingState:
     device: where the tensors lie.
     random: draws the order of photographs and turns the points of the lens. generator: draws the children of Gaussians.
     cameras: those of the photographs at the current training size. range: the range of the sparse points' disparities.
-    loss: the loss of the last step.
+    loss: the loss of the last step. blur: learned blur that isn't a lens's, or None.
     """
 
     def __init__(self, training_set: TrainingSet, options: GaussianOptions, seed: int, device: str = "cpu"):
@@ -72,13 +74,15 @@ class TrainingState:
             self.lenses = LearnedLenses(len(self._views), self.range, options.lens, ties, device)
         self.colours = LearnedColours(len(self._views), options.colours, device)
         self.order = ViewOrder(len(self._views), options.outliers)
+        self.blur = options.learned_blur(self.cameras, self._extent, torch.Generator().manual_seed(seed))
         self.loss = math.nan
         self._use(options)
         self._optimise()
         self.gaussians.update_filter_3d(self.cameras)
 
     def _use(self, options: GaussianOptions) -> None:
-        self.options, self.forward = options, options.forward_models()
+        self.options = options
+        self.forward = options.forward_models() if self.blur is None else ForwardSchedule(self.blur.models())
         self.terms = surface_terms(options.supervision, options.normals, options.distortion, self.range.extent)
 
     def _optimise(self) -> None:
@@ -93,9 +97,10 @@ class TrainingState:
         self._optimise()
         self.gaussians.update_filter_3d(self.cameras)
 
-    def learned(self) -> Mapping[str, LearnedLenses | LearnedColours]:
+    def learned(self) -> Mapping[str, LearnedLenses | LearnedColours | LearnedBlur]:
         """Quantities learned for the photographs beside the scene, by name."""
-        return {"colours": self.colours} if self.lenses is None else {"lens": self.lenses, "colours": self.colours}
+        found = {"lens": self.lenses, "blur": self.blur, "colours": self.colours}
+        return {name: one for name, one in found.items() if one is not None}
 
     def adaptation(self, progress: float) -> AdaptationOptions:
         """The defocus-to-focus adaptation at `progress`, 0 to 1; none for a training without lenses."""
@@ -110,13 +115,13 @@ class TrainingState:
         """Camera and lens, as learned so far, of a photograph in one step; a lens of aperture 0 in a training without
         lenses."""
         if self.lenses is None:
-            return Shot(view.camera, self.range, 0.0, 0.0)
+            return Shot(view.camera, self.range, 0.0, 0.0, number=view.index)
         if self.lenses.follows_rendering:
             self.lenses.follow(view.index, sharp.disparity, sharp.raster.alpha)
         narrowed = adaptation.psi if adaptation.adaptation_aperture else None
         slope, offset = self.lenses.forward(view.index)
         clipped = self.options.lens.lens_clip
-        return Shot(view.camera, self.lenses.ranges[view.index], slope, offset, narrowed, clipped)
+        return Shot(view.camera, self.lenses.ranges[view.index], slope, offset, narrowed, clipped, view.index)
 
     def shots(self) -> Sequence[Shot]:
         """All photographs with their lenses as learned so far, as numbers."""
@@ -152,10 +157,12 @@ class TrainingState:
             generator=self.generator.get_state(),
             loss=self.loss,
             colours=copy.deepcopy(self.colours),
+            blur=copy.deepcopy(self.blur),
         )
 
     def restore(self, snapshot: Snapshot) -> None:
         """Set the state to a snapshot, which stays usable."""
+        self.blur = copy.deepcopy(snapshot.blur)
         self._use(snapshot.options)
         self.optimiser.restore(snapshot.optimiser)
         self.density.restore(snapshot.density)

@@ -29,7 +29,7 @@ def take_step(state: TrainingState, step: int, progress: float, view: Photograph
     scene = StepRasteriser(state, progress, place, clock)
     geometry = richest([model.reads, state.reads(adaptation), *(term.reads for term in terms)])
     sharp = SharpView(lambda: scene.rasterise(view.camera, geometry))
-    if not model.from_points or geometry != "none":
+    if model.looks or geometry != "none":
         _ = sharp.raster  # here, so that its time counts as rasterising and not as the lens's
     with clock.timed(model.stage), place.located(model.stage):
         shot = state.shot(view, sharp, adaptation)
@@ -39,6 +39,8 @@ def take_step(state: TrainingState, step: int, progress: float, view: Photograph
 
     with clock.timed("loss"):
         loss = _colour_loss(state, view, image, weight)
+        if (own := model.cost(sharp, shot, view)) is not None:
+            loss = loss + own
         for term in terms:
             if (cost := term.cost(sharp, view, progress, weight)) is not None:
                 loss = loss + cost

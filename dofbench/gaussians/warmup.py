@@ -11,7 +11,7 @@ import contextlib
 import gc
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import torch
@@ -34,8 +34,12 @@ def compile_kernels(
     later: geometries other than "depth" that steps rasterise; without this they would be compiled in the middle of
     training, within the time that is measured. from_points: whether steps rasterise from points of the lens.
     """
+    others = [op for op in ("ssim", *(("scatter", "tone") if options.lens.lens else ())) if not is_warm(op)]
     if not is_warm("rasterize"):
-        _compile_side_by_side(gaussians, camera, options)
+        _compile_side_by_side(gaussians, camera, options, others)
+    else:
+        for op in others:
+            warm_up(op)
     for geometry in sorted(set(later) - {"depth"}, key=GEOMETRIES.index):
         _rasterise_once(gaussians, camera, options, geometry)
     if from_points:
@@ -61,8 +65,9 @@ def _rasterise_once(gaussians: Gaussians, camera: Camera, options: GaussianOptio
         torch.autograd.grad(total, list(gaussians.parameters.values()), allow_unused=True)
 
 
-def _compile_side_by_side(gaussians: Gaussians, camera: Camera, options: GaussianOptions) -> None:
-    others = ("ssim", *(("scatter", "tone") if options.lens.lens else ()))
+def _compile_side_by_side(
+    gaussians: Gaussians, camera: Camera, options: GaussianOptions, others: Sequence[str]
+) -> None:
     command = [sys.executable, "-P", "-m", "dofbench.gaussians.warmup", *others]
     # The garbage collector would take a tenth of the compile time and find nothing to free.
     collecting = gc.isenabled()

@@ -114,10 +114,11 @@ _places: Callable[[type], dict[str, tuple[str, Any]]] = cache(_found_places)
 
 
 def _found_docstrings(group: type) -> dict[str, str]:
-    """Field -> the docstring below it in the source of the group."""
+    """Field -> the docstring below it in the source of the group, or of the group that it is derived from."""
+    parent = group.__mro__[1]
+    found = {} if parent is object else dict(_docstrings(parent))
     (definition,) = ast.parse(textwrap.dedent(inspect.getsource(group))).body
     assert isinstance(definition, ast.ClassDef)
-    found = {}
     for node, below in zip(definition.body, definition.body[1:], strict=False):
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
             text = below.value if isinstance(below, ast.Expr) else None

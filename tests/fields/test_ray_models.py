@@ -27,7 +27,7 @@ from dofbench.core.blur import Blur
 from dofbench.core.contracts import TrainingView
 from dofbench.core.errors import InputError
 from dofbench.core.lens import DisparityRange
-from dofbench.fields.forward.blur_kernels import KernelOptions, encoded_places
+from dofbench.fields.forward.blur_kernels import KernelOptions
 from dofbench.fields.forward.deformable_kernel import DeformableKernel, DeformableOptions
 from dofbench.fields.forward.lens_rays import LensRayOptions, LensRays, disc_points
 from dofbench.fields.forward.mixed_rays import mixed
@@ -183,12 +183,6 @@ def test_light_is_mixed_linearly() -> None:
     found = mixed(colours, torch.tensor([[0.25, 0.75]]))
     expected = (0.25 * np.array([0.2, 1.0, 0.5]) ** 2.2 + 0.75 * np.array([0.8, 0.0, 0.5]) ** 2.2) ** (1 / 2.2)
     np.testing.assert_allclose(found[0].numpy(), expected, rtol=FLOAT32_VALUE)
-
-
-def test_encoded_places() -> None:
-    found = encoded_places(torch.tensor([[0.3, -1.0]]), 2)[0].tolist()
-    waves_of = [wave(k * value) for wave in (math.sin, math.cos) for k in (1, 2) for value in (0.3, -1.0)]
-    assert sorted(found) == pytest.approx(sorted([0.3, -1.0, *waves_of]), rel=FLOAT32_SCALAR)
 
 
 def test_points_of_the_lens_cover_it_evenly() -> None:

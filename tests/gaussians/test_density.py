@@ -13,6 +13,7 @@ from dofbench.gaussians.density import DensityControl, DensityOptions, rotate
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.model import PARAMETERS, Gaussians, scene_extent
 from dofbench.gaussians.optimiser import GaussianOptimiser, RateOptions
+from dofbench.gaussians.vanilla import PrunedDensity
 from dofbench.running.method_cards import find_method
 
 
@@ -54,6 +55,22 @@ def test_large_ones_split_small_ones_clone_transparent_ones_go():
     assert int((means == before[1]).all(dim=1).sum()) == 2
     assert not bool((means == before[0]).all(dim=1).any()) and not bool((means == before[5]).all(dim=1).any())
     assert torch.allclose(gaussians.parameters["log_scales"][-1].detach(), torch.tensor(math.log(0.5 / 1.6)))
+
+
+@pytest.mark.parametrize(("progress", "left"), [(0.1, {0.05, 0.2, 0.4 / 1.6, 0.11 / 1.6}), (0.3, {0.05, 0.11 / 1.6})])
+def test_3dgs_removes_what_is_huge_after_the_first_reset(progress: float, left: set[float]) -> None:
+    """Of the scene's extent: 0.05 is small, 0.2 huge, 0.4 is split into two that are still huge, 0.11 into two that
+    aren't."""
+    gaussians, optimiser, _ = _setup(count=4)
+    with torch.no_grad():
+        gaussians.parameters["log_scales"][:] = torch.tensor([0.05, 0.2, 0.4, 0.11]).log()[:, None]
+    options = PrunedDensity(densify_from=0.0, densify_every=1, reset_every=0.2, prune_scale=0.1)
+    density = DensityControl(gaussians, optimiser, options, 1.0, torch.Generator().manual_seed(0))
+    density._next_reset = 1.0  # opacities stay
+    _record(gaussians, density, [2, 3])
+    assert density.after_step(1, progress)
+    found = gaussians.parameters["log_scales"].detach().exp().max(dim=1).values
+    assert sorted(set(found.tolist())) == pytest.approx(sorted(left), rel=FLOAT32_SCALAR)
 
 
 def test_moments_follow_their_gaussians_and_new_ones_start_at_zero():
@@ -148,7 +165,7 @@ def test_density_control_keeps_the_published_hours(preset, grown, reset, monkeyp
     steps, done = options.schedule.steps, {"grown": [], "reset": []}
     _, _, density = _setup(**asdict(options.density))
     now = []
-    monkeypatch.setattr(density, "_grow_and_prune", lambda: done["grown"].append(now[-1]))
+    monkeypatch.setattr(density, "_grow_and_prune", lambda largest: done["grown"].append(now[-1]))
     monkeypatch.setattr(density, "_reset_opacity", lambda: done["reset"].append(now[-1]))
     for step in range(1, steps + 1):
         now.append(step)

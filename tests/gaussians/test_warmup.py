@@ -38,3 +38,17 @@ def test_the_garbage_collector_rests_while_compiling_and_is_then_as_before(
     # The geometry of every training first, beside the other process; then what else comes up, each once.
     assert during[0] == (False, "depth") and {geometry for _, geometry in during[1:]} == {"full", "none"}
     assert len(during) == 3
+
+
+@pytest.mark.parametrize(("lens", "expected"), [(True, ["scatter", "tone"]), (False, [])])
+def test_a_kernel_that_alone_is_cold_is_compiled_before_training(
+    lens: bool, expected: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Otherwise its compilation would count as training."""
+    compiled: list[str] = []
+    monkeypatch.setattr(warmup, "is_warm", lambda op: op not in ("scatter", "tone"))
+    monkeypatch.setattr(warmup, "warm_up", compiled.append)
+    points = cloud([(0, 0, 2.0), (0, 1, 2.0), (1, 0, 2.0), (1, 1, 2.0)])
+    options = GaussianOptions.of(lens=lens)
+    warmup.compile_kernels(Gaussians.from_points(points, 0), frontal(4, 4, 4.0), options, (), False)
+    assert compiled == expected

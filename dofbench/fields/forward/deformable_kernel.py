@@ -11,10 +11,11 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from dofbench.fields.forward.blur_kernels import KernelAdam, KernelOptions, encoded_places
+from dofbench.fields.forward.blur_kernels import KernelOptions
 from dofbench.fields.forward.mixed_rays import mixed
 from dofbench.fields.forward.ray_model import RayScene
 from dofbench.fields.pixels import Pixels, TrainingPixels
+from dofbench.learning.networks import NetworkAdam, encoded_places, redraw
 
 _EMBEDDING, _WIDTH, _HIDDEN, _FREQUENCIES = 32, 64, 4, 2
 _FIRST_SPREAD = 0.1  # standard deviation of the canonical points' parameters at the start
@@ -48,7 +49,7 @@ class DeformableKernel:
     ):
         self._unit, self._options, self._own, self._generator = unit, options, own, generator
         self._network = _KernelNetwork(views, options.kernel_points, generator)
-        self._adam = KernelAdam(self._network, options)
+        self._adam = NetworkAdam(self._network.named_parameters(), options.kernel_lr, options.kernel_lr_final)
         self._cost: Tensor | None = None
 
     def draw(self, photographs: TrainingPixels, count: int, progress: float) -> Pixels:
@@ -104,11 +105,7 @@ class _KernelNetwork(nn.Module):
         widths = [inputs, *[_WIDTH] * _HIDDEN]
         self.hidden = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(widths))
         self.head = nn.Linear(_WIDTH + inputs, 5)
-        for layer in (*self.hidden, self.head):
-            bound = 1 / math.sqrt(layer.in_features)
-            with torch.no_grad():
-                for parameter in layer.parameters():
-                    parameter.uniform_(-bound, bound, generator=generator)
+        redraw(self, generator)
 
     def canonical(self, views: Tensor) -> Tensor:
         """(P, N, 2) canonical points of the pixels' photographs, each coordinate from -1 to 1."""

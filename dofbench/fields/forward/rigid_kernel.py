@@ -3,17 +3,17 @@ same few rigid motions of their rays, by weights of the photograph's own."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-from dofbench.fields.forward.blur_kernels import KernelAdam, KernelOptions
+from dofbench.fields.forward.blur_kernels import KernelOptions
 from dofbench.fields.forward.mixed_rays import mixed
 from dofbench.fields.forward.ray_model import RayScene
 from dofbench.fields.pixels import Pixels, TrainingPixels
+from dofbench.learning.networks import NetworkAdam, redraw
 
 _EMBEDDING, _WIDTH, _HIDDEN, _SKIP, _BRANCH = 64, 64, 4, 4, 32
 _SCALE = 0.1  # of rotations (radians) and translations (units of depth) against the network's output
@@ -31,7 +31,7 @@ class RigidKernel:
     def __init__(self, views: int, centre: np.ndarray, unit: float, options: KernelOptions, generator: torch.Generator):
         self._centre, self._unit, self._options = torch.from_numpy(centre).float(), unit, options
         self._network = _MotionNetwork(views, options.kernel_points - 1, generator)
-        self._adam = KernelAdam(self._network, options)
+        self._adam = NetworkAdam(self._network.named_parameters(), options.kernel_lr, options.kernel_lr_final)
 
     def draw(self, photographs: TrainingPixels, count: int, progress: float) -> Pixels:
         """Pixels of all photographs, fewer by the number of rays that each is mixed from."""
@@ -96,11 +96,8 @@ class _MotionNetwork(nn.Module):
         self.hidden = nn.ModuleList(nn.Linear(width, _WIDTH) for width in inputs)
         self.rotation, self.velocity = _branch(3 * motions), _branch(3 * motions)
         self.weights = _branch(motions + 1)
+        redraw(self, generator)
         with torch.no_grad():
-            for layer in (layer for layer in self.modules() if isinstance(layer, nn.Linear)):
-                bound = 1 / math.sqrt(layer.in_features)
-                for parameter in layer.parameters():
-                    parameter.uniform_(-bound, bound, generator=generator)
             for branch in (self.rotation, self.velocity):
                 for parameter in branch[-1].parameters():
                     parameter.uniform_(-_FIRST, _FIRST, generator=generator)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, Protocol
@@ -16,6 +16,7 @@ from dofbench.core.lens import GAMMA
 from dofbench.gaussians.forward.shot import Shot
 from dofbench.gaussians.model import Gaussians
 from dofbench.learning.rendered_surface import surface_disparity
+from dofbench.learning.training_views import Photograph
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,10 @@ class Rasteriser(Protocol):
     def rasterise(self, camera: Camera, geometry: Geometry) -> Raster:
         """One sharp view; arguments as in `gaussians.render.rasterise`."""
 
+    def changed(self, camera: Camera, parameters: Mapping[str, Tensor]) -> Tensor:
+        """(H, W, 3): a view of the scene with some of the Gaussians' parameters replaced, by name. Gradients reach
+        these, and the Gaussians' own parameters where the new ones are computed from them."""
+
     def from_points(self, camera: Camera, points: np.ndarray, radius: Tensor, blur: Tensor) -> Tensor:
         """(P, H, W, 3) as seen from points of the lens; arguments as in `gaussians.render.rasterise_from_points`."""
 
@@ -73,14 +78,42 @@ class Rasteriser(Protocol):
 class ForwardModel(Protocol):
     """Makes a photograph from the sharp view and, if it needs more, from rasterisations of its own.
 
-    reads: the geometry that it needs of the sharp view. from_points: whether it rasterises the scene from points of the
-    lens, and doesn't look at the sharp view. stage: the part of a training step under which its time and its non-finite
-    values are reported.
+    reads: the geometry that it needs of the sharp view. looks: whether it looks at the sharp view at all. from_points:
+    whether it rasterises the scene from points of the lens. stage: the part of a training step under which its time and
+    its non-finite values are reported.
     """
 
     reads: Geometry
+    looks: bool
     from_points: bool
     stage: str
 
     def photograph(self, scene: Rasteriser, sharp: SharpView, shot: Shot) -> Tensor:
         """(H, W, 3) encoded, as the shot's camera sees the scene through its lens; differentiable."""
+
+    def cost(self, sharp: SharpView, shot: Shot, view: Photograph) -> Tensor | None:
+        """A term of the loss that belongs to the model, for the photograph just made; None for none. view: the real
+        photograph."""
+
+
+class WithoutCost:
+    """Part of a `ForwardModel` that adds nothing to the loss."""
+
+    def cost(self, sharp: SharpView, shot: Shot, view: Photograph) -> Tensor | None:
+        """None."""
+        return None
+
+
+class LearnedBlur(Protocol):
+    """Blur that is learned with the scene and isn't a lens: it explains the training photographs, and is left out when
+    the scene is rendered."""
+
+    def models(self) -> Sequence[tuple[float, ForwardModel]]:
+        """The forward models of the training, each with the share of it from which it is used; the first starts at
+        0."""
+
+    def gradient(self) -> Tensor | None:
+        """All gradients of the last step in one row, for a check; None if there are none."""
+
+    def step(self, view: int, progress: float, cooldown: float) -> None:
+        """Learn from a step on photograph number `view` at `progress`, 0 to 1. cooldown: a factor on the rates."""

@@ -19,7 +19,7 @@ from torch import Tensor
 from dofbench.compute.raster import Geometry
 from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
-from dofbench.gaussians.forward.forward_model import BlurOptions, Rasteriser, SharpView
+from dofbench.gaussians.forward.forward_model import BlurOptions, Rasteriser, SharpView, WithoutCost
 from dofbench.gaussians.forward.lens_pattern import cell_variance, lens_points, rings_for
 from dofbench.gaussians.forward.shot import Shot
 from dofbench.gaussians.model import Gaussians
@@ -48,7 +48,7 @@ class SamplesOptions:
             raise InputError("option lens_rings", str(self.lens_rings), "at least 0")
 
 
-class LensSamples:
+class LensSamples(WithoutCost):
     """A `ForwardModel` that renders the scene from points of the lens, as many as a photograph's circles of confusion
     need.
 
@@ -56,6 +56,7 @@ class LensSamples:
     """
 
     reads: Geometry = "none"
+    looks = False
     from_points = True
     stage = "lens"
 

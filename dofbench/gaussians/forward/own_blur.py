@@ -8,15 +8,16 @@ from __future__ import annotations
 from torch import Tensor
 
 from dofbench.compute.raster import Geometry
-from dofbench.gaussians.forward.forward_model import BlurOptions, Rasteriser, SharpView
+from dofbench.gaussians.forward.forward_model import BlurOptions, Rasteriser, SharpView, WithoutCost
 from dofbench.gaussians.forward.lens_samples import views_from_lens
 from dofbench.gaussians.forward.shot import Shot
 
 
-class OwnBlur:
+class OwnBlur(WithoutCost):
     """A `ForwardModel` that rasterises a second time, with every Gaussian enlarged by the lens's blur."""
 
     reads: Geometry = "none"
+    looks = False
     from_points = True
     stage = "lens"
 

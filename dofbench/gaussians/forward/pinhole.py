@@ -5,14 +5,15 @@ from __future__ import annotations
 from torch import Tensor
 
 from dofbench.compute.raster import Geometry
-from dofbench.gaussians.forward.forward_model import Rasteriser, SharpView
+from dofbench.gaussians.forward.forward_model import Rasteriser, SharpView, WithoutCost
 from dofbench.gaussians.forward.shot import Shot
 
 
-class Pinhole:
+class Pinhole(WithoutCost):
     """A `ForwardModel` whose photograph is the sharp view."""
 
     reads: Geometry = "none"
+    looks = True
     from_points = False
     stage = "rasterise"
 

@@ -10,7 +10,7 @@ from dofbench.compute.raster import Geometry
 from dofbench.core.blur import Blur
 from dofbench.core.errors import InputError
 from dofbench.core.lens import ALPHA, ApertureShape, Energy
-from dofbench.gaussians.forward.forward_model import BlurOptions, Rasteriser, SharpView
+from dofbench.gaussians.forward.forward_model import BlurOptions, Rasteriser, SharpView, WithoutCost
 from dofbench.gaussians.forward.shot import Shot
 from dofbench.optics.defocus import defocus
 
@@ -34,10 +34,11 @@ class ScatterOptions:
             raise InputError("option lens_blades", str(self.lens_blades), "0, a disc, or at least 3")
 
 
-class ScatterBlur:
+class ScatterBlur(WithoutCost):
     """A `ForwardModel` that blurs the sharp view by the depth it was rendered with."""
 
     reads: Geometry = "depth"
+    looks = True
     from_points = False
     stage = "lens"
 

@@ -24,6 +24,7 @@ class Shot:
 
     narrowed: Eq. 11's factor on the aperture as a function of the distance from the focus (`out_of_focus`), or None.
     clipped: whether normalised disparities are clipped to 1e-5 to 1 (released code), where they then have no gradient.
+    number: of the training photograph, None for a rendering.
     """
 
     camera: Camera
@@ -32,6 +33,7 @@ class Shot:
     offset: Tensor | float
     narrowed: Callable[[Tensor], Tensor] | None = None
     clipped: bool = False
+    number: int | None = None
 
     @staticmethod
     def through(lens: PhysicalLens, camera: Camera) -> Shot:

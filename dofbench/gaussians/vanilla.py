@@ -1,0 +1,57 @@
+"""3D Gaussian Splatting as it was published (Kerbl et al., SIGGRAPH 2023), on the shared trainer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from dofbench.gaussians.density import DensityOptions
+from dofbench.gaussians.gaussian_method import GaussianMethod
+from dofbench.gaussians.gaussian_options import GaussianOptions
+from dofbench.gaussians.render import AppearanceOptions
+
+
+@dataclass(frozen=True)
+class DilatedAppearance(AppearanceOptions):
+    """Footprints dilated by 0.3 px^2 without lowering opacities, and no 3D filter."""
+
+    filter_2d: float = 0.3
+    """Dilation: variance that is added to every footprint, which keeps its opacity. Unit: px^2. Source: 3DGS."""
+    filter_3d: bool = False
+    """Whether Gaussians are at least as large as their finest sampling. Unit: none. Source: Mip-Splatting; off in
+    3DGS."""
+
+    @property
+    def filter_2d_fades(self) -> bool:
+        """False: opacities are kept."""
+        return False
+
+
+@dataclass(frozen=True)
+class PrunedDensity(DensityOptions):
+    """Large Gaussians are removed, too."""
+
+    prune_scale: float = 0.1
+    """Scale above which a Gaussian is removed, after the first reset of opacities. Unit: share of the scene's extent.
+    Source: 3DGS."""
+
+    @property
+    def largest_kept(self) -> float:
+        """The option."""
+        return self.prune_scale
+
+
+@dataclass(frozen=True)
+class VanillaOptions(GaussianOptions):
+    """Those of the trainer, with 3DGS's appearance and density control."""
+
+    appearance: DilatedAppearance = DilatedAppearance()
+    density: PrunedDensity = PrunedDensity()
+
+
+class Vanilla(GaussianMethod):
+    """3DGS: the same trainer without a lens and without Mip-Splatting's filters."""
+
+    OPTIONS = VanillaOptions
+    FORCED: ClassVar[Mapping[str, Any]] = {"lens": False, "adaptation": "off", "filter_3d": False}

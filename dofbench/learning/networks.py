@@ -1,0 +1,48 @@
+"""What the small networks of learned blur share: the encoding of places, first weights, an optimiser."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor, nn
+
+
+class NetworkAdam:
+    """Adam over parameters, at a rate that falls exponentially to `final` times itself at the end.
+
+    Weights of a network that isn't used in a step keep their values.
+    """
+
+    def __init__(self, parameters: Iterable[tuple[str, nn.Parameter]], rate: float, final: float):
+        self._parameters, self._rate, self._final = dict(parameters), rate, final
+        self._adam = torch.optim.Adam(self._parameters.values(), lr=rate)
+
+    def gradients(self) -> dict[str, Tensor | None]:
+        """Gradients of the parameters by name."""
+        return {name: parameter.grad for name, parameter in self._parameters.items()}
+
+    def step(self, progress: float, cooldown: float = 1.0) -> None:
+        """Update by the gradients, which are then dropped; nothing happens before there are any. progress: 0 to 1.
+        cooldown: a factor on the rate."""
+        for group in self._adam.param_groups:
+            group["lr"] = self._rate * self._final**progress * cooldown
+        self._adam.step()
+        self._adam.zero_grad()
+
+
+def encoded_places(values: Tensor, frequencies: int) -> Tensor:
+    """(..., D (1 + 2 F)): values (..., D) in radians with the sines and cosines of 2^k times them (NeRF, Eq. 4)."""
+    scaled = [values * 2.0**k for k in range(frequencies)]
+    return torch.cat([values, *(wave(angle) for angle in scaled for wave in (torch.sin, torch.cos))], -1)
+
+
+@torch.no_grad()
+def redraw(network: nn.Module, generator: torch.Generator) -> None:
+    """Draw the weights of all linear and convolutional layers as torch does, but from this generator."""
+    for layer in network.modules():
+        if isinstance(layer, nn.Linear | nn.Conv2d):
+            bound = 1 / math.sqrt(layer.weight[0].numel())
+            for parameter in layer.parameters():
+                parameter.uniform_(-bound, bound, generator=generator)

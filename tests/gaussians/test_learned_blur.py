@@ -1,0 +1,249 @@
+"""Blur that is learned for photographs and isn't a lens's: what each model computes, learns, and leaves out of
+renderings; and DOF-GS's loss where photographs are in focus."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from made_up import Recorder, cloud, frontal
+from small_scene import cameras, training_set
+from tolerances import BLUR_INTEGRAL, FLOAT32_GRADIENT, FLOAT32_SCALAR, FLOAT32_VALUE
+
+from dofbench.core.budget import Budget
+from dofbench.core.errors import InputError, Status
+from dofbench.core.lens import DisparityRange, PhysicalLens
+from dofbench.gaussians.blur_methods import Enlarged, Focused, UniformlyBlurred
+from dofbench.gaussians.exposure import StillRasteriser
+from dofbench.gaussians.forward.enlarged_gaussians import EnlargedGaussians, EnlargingOptions
+from dofbench.gaussians.forward.focused_blur import FocusedBlur, FocusOptions
+from dofbench.gaussians.forward.forward_model import BlurOptions, SharpView
+from dofbench.gaussians.forward.shot import Shot
+from dofbench.gaussians.forward.uniform_blur import UniformBlur, UniformBlurOptions
+from dofbench.gaussians.gaussian_method import GaussianMethod
+from dofbench.gaussians.model import Gaussians
+from dofbench.gaussians.render import AppearanceOptions
+from dofbench.learning.training_views import Photograph
+
+CAMERA = frontal(48, 36, 45.0, (0.0, 0.0, 0.0))
+BARE = AppearanceOptions(filter_2d=0.0, filter_3d=False)
+RANGE = DisparityRange(0.1, 1.0)
+SHORT = {"steps": 90, "sh_degree": 1, "densify_from": 0.1, "densify_every": 20, "reset_every": 0.0}
+
+
+def shot(number: int | None = 0, slope: float = 0.0, offset: float = 0.0) -> Shot:
+    return Shot(CAMERA, RANGE, slope, offset, number=number)
+
+
+def one_gaussian(deviation: float, z: float = 4.0) -> StillRasteriser:
+    """A round Gaussian of so many pixels on the axis, faint enough to stay below the largest alpha."""
+    points = cloud([(0, 0, z), (0, 1, z), (1, 0, z), (1, 1, z)])
+    gaussians = Gaussians.from_points(points, 0)
+    with torch.no_grad():
+        gaussians.parameters["opacity_logits"][:] = torch.tensor([0.0, -30.0, -30.0, -30.0])
+        gaussians.parameters["log_scales"][:] = math.log(deviation * z / 45.0)
+        gaussians.parameters["sh_dc"][:] = 1.0
+    return StillRasteriser(gaussians, BARE)
+
+
+def no_view() -> SharpView:
+    def refuse():
+        raise AssertionError("the sharp view was looked at")
+
+    return SharpView(refuse)
+
+
+def trained(kind: type[GaussianMethod], **options) -> GaussianMethod:
+    method = kind({**SHORT, **options}, 0, "cpu")
+    outcome = method.fit(training_set(), Budget(steps=90), Recorder())
+    assert outcome.status is Status.OK and outcome.steps == 90, outcome.message
+    return method
+
+
+# ---- one blur for a whole photograph ----
+
+
+def test_a_uniform_blur_adds_its_variance_to_every_footprint_and_keeps_its_light() -> None:
+    """A Gaussian of 1.5 px through a blur of 2 px is one of 2.5 px."""
+    own, through = 1.5, 2.0
+    blur = UniformBlur(2, UniformBlurOptions(view_blur_init=1e3 * through / CAMERA.width))
+    image = blur.photograph(one_gaussian(own), no_view(), shot(1))
+    sharp = one_gaussian(own).rasterise(CAMERA, "none").color
+    rows, columns = np.mgrid[:36, :48] + 0.5
+    square = (columns - CAMERA.cx) ** 2 + (rows - CAMERA.cy) ** 2
+    colour = 0.5 + 0.5 / math.sqrt(math.pi)
+    expected = 0.5 * colour * own**2 / 6.25 * np.exp(-square / (2 * 6.25))
+    near = square < 16
+    np.testing.assert_allclose(image.detach().numpy()[near][:, 0], expected[near], rtol=FLOAT32_GRADIENT)
+    assert float(image.detach().sum()) == pytest.approx(float(sharp.detach().sum()), rel=BLUR_INTEGRAL)
+
+
+def test_a_uniform_blur_is_found_for_each_photograph_by_itself() -> None:
+    """The scene is known; photograph 0 was blurred by 0.5 px, photograph 1 by 2 px."""
+    scene, true = one_gaussian(1.5), (0.5, 2.0)
+    targets = [
+        UniformBlur(1, UniformBlurOptions(view_blur_init=1e3 * one / CAMERA.width)).photograph(
+            scene, no_view(), shot(0)
+        )
+        for one in true
+    ]
+    blur = UniformBlur(2, UniformBlurOptions(view_blur_init=20.0, view_blur_lr=0.5))
+    for step in range(300):
+        view = step % 2
+        found = blur.photograph(scene, no_view(), shot(view))
+        (found - targets[view].detach()).square().sum().backward()
+        assert blur.gradient() is not None
+        blur.step(view, step / 300, 1.0 if step < 200 else 0.1)
+    pixels = blur.deviations() * CAMERA.width * 1e-3
+    assert pixels.abs().tolist() == pytest.approx(true, rel=0.02)
+
+
+# ---- Gaussians enlarged by a network ----
+
+
+def enlarging(**options) -> EnlargedGaussians:
+    return EnlargedGaussians(torch.zeros(3), 1.0, EnlargingOptions(**options), torch.Generator().manual_seed(0))
+
+
+def with_outputs(blur: EnlargedGaussians, scales: float, turns: float) -> EnlargedGaussians:
+    """The network gives these outputs, whatever it is asked."""
+    with torch.no_grad():
+        head = blur._network.head
+        head.weight.zero_()
+        head.bias[:3], head.bias[3:] = scales, turns
+    return blur
+
+
+@pytest.mark.parametrize(("output", "factor"), [(0.0, 1.0), (-50.0, 1.0), (3.0, 1.02), (11.0, 1.1), (50.0, 1.1)])
+def test_scales_grow_by_the_published_factor(output: float, factor: float) -> None:
+    """clamp(0.01 o + 0.99, 1, 1.1)."""
+    scene = one_gaussian(2.0)
+    blur = with_outputs(enlarging(), output, 0.0)
+    found = blur.enlarged(scene.gaussians.parameters, shot())["log_scales"] - scene.gaussians.parameters["log_scales"]
+    assert found.detach().exp().unique().tolist() == pytest.approx([factor], rel=FLOAT32_SCALAR)
+    image = blur.photograph(scene, no_view(), shot())
+    expected = one_gaussian(2.0 * factor).rasterise(CAMERA, "none").color
+    np.testing.assert_allclose(image.detach().numpy(), expected.detach().numpy(), atol=FLOAT32_VALUE)
+
+
+def test_quaternions_change_by_component() -> None:
+    scene = one_gaussian(2.0)
+    with torch.no_grad():
+        scene.gaussians.parameters["quaternions"][:] = torch.tensor([0.5, -0.5, 0.5, 0.5])
+    blur = with_outputs(enlarging(), 0.0, 0.0)
+    with torch.no_grad():
+        blur._network.head.bias[3:] = torch.tensor([0.0, 11.0, 3.0, 99.0])
+    found = blur.enlarged(scene.gaussians.parameters, shot())["quaternions"]
+    assert found[0].tolist() == pytest.approx([0.5, -0.55, 0.51, 0.55], rel=FLOAT32_SCALAR)
+
+
+def test_the_network_learns_and_what_it_sees_does_not() -> None:
+    """Places, scales and rotations reach the network detached: a Gaussian learns by its picture alone."""
+    scene = one_gaussian(2.0)
+    blur = with_outputs(enlarging(), 5.0, 0.0)
+    head = blur._network.head
+    with torch.no_grad():
+        head.weight.normal_(0, 1e-3, generator=torch.Generator().manual_seed(1))
+    changed = blur.enlarged(scene.gaussians.parameters, shot())
+    changed["log_scales"].sum().backward()
+    assert float(blur.gradient().abs().sum()) > 0
+    assert scene.gaussians.parameters["log_scales"].grad.unique().tolist() == [1.0]
+    assert scene.gaussians.parameters["means"].grad is None
+    before = head.weight.detach().clone()
+    blur.step(0, 0.0, 1.0)
+    assert not torch.equal(head.weight, before) and blur.gradient() is None
+
+
+def test_the_network_tells_gaussians_and_cameras_apart() -> None:
+    scene = one_gaussian(2.0)
+    blur = enlarging(enlarge_lambda=1.0, enlarge_most=100.0)
+    with torch.no_grad():
+        blur._network.head.bias.fill_(50.0)
+    here = blur.enlarged(scene.gaussians.parameters, shot())["log_scales"]
+    there = Shot(frontal(48, 36, 45.0, (0.3, 0.0, 0.0)), RANGE, 0.0, 0.0, number=1)
+    assert not torch.equal(here, blur.enlarged(scene.gaussians.parameters, there)["log_scales"])
+    grown = here - scene.gaussians.parameters["log_scales"]
+    assert len(grown.unique(dim=0)) > 1
+
+
+def test_the_network_may_begin_later() -> None:
+    assert [start for start, _ in enlarging(enlarge_from=0.2).models()] == [0.0, 0.2]
+    assert [start for start, _ in enlarging().models()] == [0.0]
+
+
+# ---- DOF-GS ----
+
+
+def test_the_sharp_view_is_compared_where_the_photograph_is_in_focus() -> None:
+    """Focused at z = 4: the circle of what lies there is 0. Elsewhere nothing is drawn."""
+    scene = one_gaussian(4.0)
+    raster = scene.rasterise(CAMERA, "depth")
+    image = torch.full((36, 48, 3), 0.25)
+    view = Photograph(0, "v", CAMERA, image, None, None)
+    focus = float(RANGE.normalise(torch.tensor(0.25)))
+    model = FocusedBlur(BlurOptions(), FocusOptions(in_focus_weight=3.0, in_focus_circle=0.5))
+    cost = model.cost(SharpView(lambda: raster), shot(0, 2.0, -2.0 * focus), view)
+    drawn = raster.alpha.detach() > 0
+    difference = (raster.color.detach() - 0.25).abs().mean(dim=2)
+    assert float(cost.detach()) == pytest.approx(
+        3 * float((difference * drawn).sum().detach()) / (36 * 48), rel=FLOAT32_VALUE
+    )
+    assert 0 < int(drawn.sum()) < drawn.numel()
+    # Focused elsewhere nothing is compared, held-back pixels never.
+    assert model.cost(SharpView(lambda: raster), shot(0, 2.0, -2.0 * (focus + 0.5)), view) is None
+    kept = Photograph(0, "v", CAMERA, image, None, torch.ones(36, 48, dtype=torch.bool))
+    assert float(model.cost(SharpView(lambda: raster), shot(0, 2.0, -2.0 * focus), kept).detach()) == 0
+
+
+# ---- in training ----
+
+
+@pytest.mark.parametrize("kind", [UniformlyBlurred, Enlarged])
+def test_what_is_learned_explains_the_photographs_and_is_left_out_of_renderings(kind, tmp_path) -> None:
+    strong = {"view_blur_init": 20.0} if kind is UniformlyBlurred else {"enlarge_lambda": 1.0, "enlarge_most": 3.0}
+    method = trained(kind, **strong)
+    trainer = method._trainer
+    sharp = method.render(cameras()[0], None).image
+    assert np.abs(trainer.photograph(0) - sharp).max() > 0.01
+    assert method.lens_estimates() is None
+    with pytest.raises(ValueError, match="no lens"):
+        method.render(cameras()[0], PhysicalLens(1.0, 0.2, 48))
+    method.save(tmp_path)
+    loaded = kind({}, 0, "cpu")
+    loaded.load(tmp_path)
+    np.testing.assert_allclose(loaded.render(cameras()[0], None).image, sharp, atol=1e-3)
+
+
+@pytest.mark.parametrize("kind", [UniformlyBlurred, Enlarged])
+def test_a_snapshot_has_the_blur(kind) -> None:
+    method = trained(kind, **({} if kind is UniformlyBlurred else {"enlarge_lambda": 0.1, "enlarge_most": 9.0}))
+    state = method._trainer.state
+    before, kept = method._trainer.photograph(0), state.snapshot()
+    state.blur.step(0, 0.0, 1.0)
+    image = state.forward.at(0.9).photograph(StillRasteriser(state.gaussians, BARE), no_view(), shot(0))
+    (-image.sum()).backward()  # a step enlarges
+    state.blur.step(0, 0.0, 100.0)
+    assert not np.array_equal(method._trainer.photograph(0), before)
+    state.restore(kept)
+    np.testing.assert_array_equal(method._trainer.photograph(0), before)
+
+
+def test_dof_gs_learns_lenses_and_refocuses() -> None:
+    method = trained(Focused)
+    lenses = method.lens_estimates()
+    assert set(lenses) == {"v0", "v1", "v2"}
+    stages = method._trainer.stages
+    assert stages["lens"] > 0
+    wide = PhysicalLens(30.0, 1 / 6, 48)
+    assert not np.array_equal(method.render(cameras()[0], wide).image, method.render(cameras()[0], None).image)
+
+
+def test_what_defines_a_method_cannot_be_set() -> None:
+    for kind, option in ((UniformlyBlurred, "lens"), (Focused, "lens_rings"), (Focused, "lens_trials")):
+        assert option not in {listed.name for listed in kind.available_options()}
+        with pytest.raises(InputError, match=option):
+            kind({option: 1}, 0, "cpu")
+    own = {listed.name: listed for listed in Enlarged.available_options()}
+    assert own["enlarge_most"].default == 1.1 and "ssim_weight" in own
