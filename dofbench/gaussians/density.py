@@ -89,6 +89,10 @@ class DensityControl:
         self._gradient_sum = means.new_zeros(len(means))
         self._visits = means.new_zeros(len(means))
 
+    def cost(self) -> Tensor | None:
+        """None: density control adds nothing to the loss."""
+        return None
+
     def state(self) -> tuple[Tensor, Tensor, float]:
         """A copy of the accumulated statistics, for `restore`."""
         return self._gradient_sum.clone(), self._visits.clone(), self._next_reset

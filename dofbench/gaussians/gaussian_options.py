@@ -9,15 +9,18 @@ from dataclasses import dataclass
 import torch
 
 from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
-from dofbench.gaussians.density import DensityOptions
+from dofbench.gaussians.density import DensityControl, DensityOptions
 from dofbench.gaussians.distortion import DistortionOptions
 from dofbench.gaussians.forward.forward_model import BlurOptions, LearnedBlur
 from dofbench.gaussians.forward.forward_schedule import ForwardSchedule, training_models
 from dofbench.gaussians.forward.lens_samples import SamplesOptions
 from dofbench.gaussians.forward.scatter_blur import ScatterOptions
+from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.normals import NormalOptions
-from dofbench.gaussians.optimiser import RateOptions
+from dofbench.gaussians.optimiser import GaussianOptimiser, RateOptions
+from dofbench.gaussians.relocation import Relocation
 from dofbench.gaussians.render import AppearanceOptions
 from dofbench.gaussians.trial_options import TrialOptions
 from dofbench.learning.adaptation import AdaptationOptions
@@ -64,6 +67,16 @@ class GaussianOptions(OptionGroups):
     def forward_models(self) -> ForwardSchedule:
         """The forward models of a training with these options, if no other blur is learned."""
         return training_models(self.lens.lens, self.blur, self.scatter, self.samples)
+
+    def first_gaussians(self, points: PointCloud | None, device: str) -> Gaussians:
+        """The Gaussians that training starts from. Raises the errors of `Gaussians.from_points`."""
+        return Gaussians.from_points(points, self.appearance.sh_degree, device)
+
+    def density_control(
+        self, gaussians: Gaussians, optimiser: GaussianOptimiser, extent: float, generator: torch.Generator
+    ) -> DensityControl | Relocation:
+        """What adds and removes Gaussians. extent: of the scene, scene units. generator: for all that it draws."""
+        return DensityControl(gaussians, optimiser, self.density, extent, generator)
 
     def learned_blur(self, cameras: Sequence[Camera], extent: float, generator: torch.Generator) -> LearnedBlur | None:
         """The blur other than a lens's that is learned for the photographs of these cameras; None for none. extent: of

@@ -96,6 +96,19 @@ class GaussianOptimiser:
             group["params"] = [new]
             self.gaussians.parameters[name] = new
 
+    @property
+    def means_rate(self) -> float:
+        """The rate of the means in the last step, scene units; 0 before the first."""
+        return float(next(group["lr"] for group in self._adam.param_groups if group["name"] == "means"))
+
+    def forget(self, rows: Tensor) -> None:
+        """Forget the moments of these Gaussians."""
+        for parameter in self.gaussians.parameters.values():
+            state = self._adam.state.get(parameter)
+            if state:
+                for moment in _MOMENTS:
+                    state[moment][rows] = 0
+
     def replace(self, name: str, value: Tensor) -> None:
         """Overwrite one parameter and forget its moments (opacity reset)."""
         parameter = self.gaussians.parameters[name]

@@ -15,12 +15,11 @@ from torch import Tensor
 from dofbench.compute.raster import Geometry
 from dofbench.core.contracts import PointCloud, TrainingSet
 from dofbench.core.lens import DisparityRange
-from dofbench.gaussians.density import DensityControl
 from dofbench.gaussians.forward.forward_model import LearnedBlur, SharpView
 from dofbench.gaussians.forward.forward_schedule import ForwardSchedule
 from dofbench.gaussians.forward.shot import Shot
 from dofbench.gaussians.gaussian_options import GaussianOptions
-from dofbench.gaussians.model import Gaussians, near_plane, scene_extent
+from dofbench.gaussians.model import near_plane, scene_extent
 from dofbench.gaussians.optimiser import GaussianOptimiser
 from dofbench.gaussians.surface_terms import surface_terms
 from dofbench.learning.adaptation import NO_ADAPTATION, AdaptationOptions
@@ -38,7 +37,7 @@ class Snapshot:
 
     options: GaussianOptions
     optimiser: dict[str, dict[str, Tensor]]
-    density: tuple[Tensor, Tensor, float]
+    density: Any
     filter_3d: Tensor
     lenses: LearnedLenses | None
     order: OrderState
@@ -61,7 +60,7 @@ class TrainingState:
     def __init__(self, training_set: TrainingSet, options: GaussianOptions, seed: int, device: str = "cpu"):
         self._views, self._device = training_set.views, device
         self.cameras = [view.camera for view in self._views]
-        self.gaussians = Gaussians.from_points(training_set.points, options.appearance.sh_degree, device)
+        self.gaussians = options.first_gaussians(training_set.points, device)
         self._extent = scene_extent(self.cameras)
         self.generator = torch.Generator().manual_seed(seed)
         self.random = np.random.default_rng(seed)
@@ -88,11 +87,11 @@ class TrainingState:
     def _optimise(self) -> None:
         options = self.options
         self.optimiser = GaussianOptimiser(self.gaussians, options.rates, self._extent)
-        self.density = DensityControl(self.gaussians, self.optimiser, options.density, self._extent, self.generator)
+        self.density = options.density_control(self.gaussians, self.optimiser, self._extent, self.generator)
 
     def start_from(self, points: PointCloud) -> None:
         """Start again from these points. The object `gaussians` stays the same, since other objects refer to it."""
-        begun = Gaussians.from_points(points, self.options.appearance.sh_degree, self._device)
+        begun = self.options.first_gaussians(points, self._device)
         self.gaussians.parameters = begun.parameters
         self._optimise()
         self.gaussians.update_filter_3d(self.cameras)

@@ -41,6 +41,8 @@ def take_step(state: TrainingState, step: int, progress: float, view: Photograph
         loss = _colour_loss(state, view, image, weight)
         if (own := model.cost(sharp, shot, view)) is not None:
             loss = loss + own
+        if (own := state.density.cost()) is not None:
+            loss = loss + own
         for term in terms:
             if (cost := term.cost(sharp, view, progress, weight)) is not None:
                 loss = loss + cost

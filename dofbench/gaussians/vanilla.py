@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from dofbench.gaussians.density import DensityOptions
+import torch
+
+from dofbench.core.contracts import PointCloud
+from dofbench.gaussians.density import DensityControl, DensityOptions
 from dofbench.gaussians.gaussian_method import GaussianMethod
 from dofbench.gaussians.gaussian_options import GaussianOptions
+from dofbench.gaussians.model import Gaussians
+from dofbench.gaussians.optimiser import GaussianOptimiser
+from dofbench.gaussians.relocation import Relocation, RelocationOptions
 from dofbench.gaussians.render import AppearanceOptions
 
 
@@ -48,6 +55,25 @@ class VanillaOptions(GaussianOptions):
 
     appearance: DilatedAppearance = DilatedAppearance()
     density: PrunedDensity = PrunedDensity()
+    relocation: RelocationOptions = RelocationOptions()
+
+    def first_gaussians(self, points: PointCloud | None, device: str) -> Gaussians:
+        """As always, or with the opacities and scales that density control by sampling begins with."""
+        gaussians = super().first_gaussians(points, device)
+        if self.relocation.mcmc:
+            with torch.no_grad():
+                first = torch.tensor(self.relocation.init_opacity)
+                gaussians.parameters["opacity_logits"].fill_(float(torch.logit(first)))
+                gaussians.parameters["log_scales"] += math.log(self.relocation.init_scale)
+        return gaussians
+
+    def density_control(
+        self, gaussians: Gaussians, optimiser: GaussianOptimiser, extent: float, generator: torch.Generator
+    ) -> DensityControl | Relocation:
+        """By gradients, or by sampling."""
+        if self.relocation.mcmc:
+            return Relocation(gaussians, optimiser, self.density, self.relocation, extent, generator)
+        return super().density_control(gaussians, optimiser, extent, generator)
 
 
 class Vanilla(GaussianMethod):
