@@ -78,7 +78,9 @@ class GaussianOptions(OptionGroups):
         """What adds and removes Gaussians. extent: of the scene, scene units. generator: for all that it draws."""
         return DensityControl(gaussians, optimiser, self.density, extent, generator)
 
-    def learned_blur(self, cameras: Sequence[Camera], extent: float, generator: torch.Generator) -> LearnedBlur | None:
-        """The blur other than a lens's that is learned for the photographs of these cameras; None for none. extent: of
-        the scene, `model.scene_extent`. generator: for all that the blur draws."""
+    def learned_blur(
+        self, gaussians: Gaussians, cameras: Sequence[Camera], extent: float, generator: torch.Generator
+    ) -> LearnedBlur | None:
+        """The blur other than a lens's that is learned for the photographs of these cameras; None for none. gaussians:
+        the first ones. extent: of the scene, `model.scene_extent`. generator: for all that the blur draws."""
         return None

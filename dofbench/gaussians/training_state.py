@@ -73,7 +73,9 @@ class TrainingState:
             self.lenses = LearnedLenses(len(self._views), self.range, options.lens, ties, device)
         self.colours = LearnedColours(len(self._views), options.colours, device)
         self.order = ViewOrder(len(self._views), options.outliers)
-        self.blur = options.learned_blur(self.cameras, self._extent, torch.Generator().manual_seed(seed))
+        self.blur = options.learned_blur(
+            self.gaussians, self.cameras, self._extent, torch.Generator().manual_seed(seed)
+        )
         self.loss = math.nan
         self._use(options)
         self._optimise()

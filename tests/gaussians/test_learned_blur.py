@@ -15,11 +15,13 @@ from tolerances import BLUR_INTEGRAL, FLOAT32_GRADIENT, FLOAT32_SCALAR, FLOAT32_
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
 from dofbench.core.lens import DisparityRange, PhysicalLens
-from dofbench.gaussians.blur_methods import Enlarged, Focused, UniformlyBlurred
+from dofbench.gaussians.blur_methods import Copied, Enlarged, Focused, Masked, UniformlyBlurred
 from dofbench.gaussians.exposure import StillRasteriser
+from dofbench.gaussians.forward.circle_copies import CircleCopies, CopiesOptions
 from dofbench.gaussians.forward.enlarged_gaussians import EnlargedGaussians, EnlargingOptions
 from dofbench.gaussians.forward.focused_blur import FocusedBlur, FocusOptions
 from dofbench.gaussians.forward.forward_model import BlurOptions, SharpView
+from dofbench.gaussians.forward.masked_blur import MaskedBlur, MaskOptions
 from dofbench.gaussians.forward.shot import Shot
 from dofbench.gaussians.forward.uniform_blur import UniformBlur, UniformBlurOptions
 from dofbench.gaussians.gaussian_method import GaussianMethod
@@ -173,6 +175,119 @@ def test_the_network_may_begin_later() -> None:
     assert [start for start, _ in enlarging().models()] == [0.0]
 
 
+# ---- mixed by a mask ----
+
+
+def masked(**options) -> MaskedBlur:
+    return MaskedBlur(enlarging(), 3, MaskOptions(**options), torch.Generator().manual_seed(0))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
+def test_a_mask_mixes_the_blurred_and_the_sharp_view(share: float) -> None:
+    scene, blur = one_gaussian(3.0), masked(mask_cost=2.0)
+    with_outputs(blur._enlarged, 11.0, 0.0)
+    with torch.no_grad():
+        blur._network.head.weight.zero_()
+        blur._network.head.bias.fill_(
+            math.log(share / (1 - share)) if 0 < share < 1 else math.copysign(99, share - 0.5)
+        )
+    raster = scene.rasterise(CAMERA, "depth")
+    image = blur.photograph(scene, SharpView(lambda: raster), shot())
+    wide = one_gaussian(3.3).rasterise(CAMERA, "none").color
+    expected = share * wide + (1 - share) * raster.color
+    np.testing.assert_allclose(image.detach().numpy(), expected.detach().numpy(), atol=FLOAT32_VALUE)
+    view = Photograph(0, "v", CAMERA, torch.zeros(36, 48, 3), None, None)
+    cost = blur.cost(SharpView(lambda: raster), shot(), view)
+    assert float(cost.detach()) == pytest.approx(2 * share, rel=FLOAT32_SCALAR)
+
+
+def test_a_mask_depends_on_photograph_depth_and_place() -> None:
+    blur = masked()
+
+    def mask(number: int, z: float) -> np.ndarray:
+        raster = one_gaussian(30.0, z).rasterise(CAMERA, "depth")
+        return blur.mask(SharpView(lambda: raster), shot(number)).detach().numpy()
+
+    first = mask(0, 4.0)
+    assert first.shape == (36, 48) and 0 < first.min() < first.max() < 1
+    assert not np.allclose(first, mask(1, 4.0)) and not np.allclose(first, mask(0, 2.0))
+
+
+def test_both_networks_of_a_mask_learn() -> None:
+    scene, blur = one_gaussian(3.0), masked()
+    with_outputs(blur._enlarged, 5.0, 0.0)
+    with torch.no_grad():
+        blur._enlarged._network.head.weight.normal_(0, 1e-3, generator=torch.Generator().manual_seed(1))
+    raster = scene.rasterise(CAMERA, "depth")
+    before = [
+        parameter.detach().clone()
+        for part in (blur._network, blur._enlarged._network)
+        for parameter in (part.head.weight,)
+    ]
+    blur.photograph(scene, SharpView(lambda: raster), shot()).square().sum().backward()
+    assert bool(torch.isfinite(blur.gradient()).all())
+    blur.step(0, 0.0, 1.0)
+    after = [blur._network.head.weight, blur._enlarged._network.head.weight]
+    assert not any(torch.equal(a, b) for a, b in zip(before, after, strict=True)) and blur.gradient() is None
+
+
+# ---- copies in proportion to the circle of confusion ----
+
+
+def copying(focus: float = 4.0, **options) -> CircleCopies:
+    first = torch.tensor([focus, focus])
+    return CircleCopies(first, torch.zeros(3), 2.0, CopiesOptions(**options), torch.Generator().manual_seed(0))
+
+
+def test_what_is_in_focus_is_not_copied_elsewhere() -> None:
+    """At the focused distance, on the axis, the circle is 0: all copies are the scene itself."""
+    scene = one_gaussian(2.0)
+    blur = copying(4.0)
+    copies = blur.copies(scene.gaussians.parameters, shot())
+    assert len(copies) == 5 and "means" not in copies[0]
+    for changes in copies:
+        for name, value in changes.items():
+            difference = (value - scene.gaussians.parameters[name])[0].abs().max()
+            assert float(difference.detach()) < FLOAT32_SCALAR, name
+    elsewhere = copying(8.0).copies(scene.gaussians.parameters, shot())
+    moved = (elsewhere[1]["means"] - scene.gaussians.parameters["means"]).detach()
+    assert float(moved[0].abs().max()) > 0.001
+
+
+def test_a_copy_moves_and_grows_by_the_published_formulae() -> None:
+    """d = |1/4 - 1/8| times the unit of 2: moves of 2 d o, factors log(clamp(d o + e - 0.01, e, e^1.1))."""
+    scene, blur = one_gaussian(2.0), copying(8.0)
+    with torch.no_grad():
+        blur._network.head.weight.zero_()
+        blur._network.head.bias[:12], blur._network.head.bias[12:] = 0.5, 0.4
+    copies = blur.copies(scene.gaussians.parameters, shot())
+    circle = 2 * (1 / 4 - 1 / 8)
+    moved = (copies[3]["means"] - scene.gaussians.parameters["means"]).detach()[0]
+    assert moved.tolist() == pytest.approx([2 * circle * 0.5] * 3, rel=FLOAT32_GRADIENT)
+    factor = math.log(min(max(circle * 0.4 + math.e - 0.01, math.e), math.e**1.1))
+    grown = (copies[0]["log_scales"] - scene.gaussians.parameters["log_scales"]).detach()[0].exp()
+    assert grown.tolist() == pytest.approx([factor] * 3, rel=FLOAT32_GRADIENT)
+    assert copies[2]["quaternions"][0].tolist() == pytest.approx([factor, 0, 0, 0], rel=FLOAT32_GRADIENT)
+
+
+def test_copies_are_mixed_evenly_at_first() -> None:
+    scene, blur = one_gaussian(2.0), copying(8.0, copies=2)
+    views = [scene.changed(CAMERA, changes) for changes in blur.copies(scene.gaussians.parameters, shot())]
+    expected = torch.stack(views).mean(dim=0).detach()
+    found = blur.photograph(scene, no_view(), shot()).detach()
+    np.testing.assert_allclose(found.numpy(), expected.numpy(), atol=FLOAT32_VALUE)
+
+
+def test_focus_and_networks_of_copies_learn() -> None:
+    scene, blur = one_gaussian(2.0), copying(8.0, focus_lr=0.1)
+    blur.photograph(scene, no_view(), shot(1)).square().sum().backward()
+    assert bool(torch.isfinite(blur.gradient()).all())
+    blur.step(1, 0.0, 1.0)
+    found = blur.focuses()
+    assert float(found[0]) == 8.0 and abs(math.log(float(found[1]) / 8.0)) == pytest.approx(0.1, rel=1e-3)
+    assert [start for start, _ in blur.models()] == [0.0, 0.05]
+
+
 # ---- DOF-GS ----
 
 
@@ -200,9 +315,10 @@ def test_the_sharp_view_is_compared_where_the_photograph_is_in_focus() -> None:
 # ---- in training ----
 
 
-@pytest.mark.parametrize("kind", [UniformlyBlurred, Enlarged])
+@pytest.mark.parametrize("kind", [UniformlyBlurred, Enlarged, Masked, Copied])
 def test_what_is_learned_explains_the_photographs_and_is_left_out_of_renderings(kind, tmp_path) -> None:
-    strong = {"view_blur_init": 20.0} if kind is UniformlyBlurred else {"enlarge_lambda": 1.0, "enlarge_most": 3.0}
+    enlarged = {"enlarge_lambda": 1.0, "enlarge_most": 3.0}
+    strong = {UniformlyBlurred: {"view_blur_init": 20.0}, Copied: {}}.get(kind, enlarged)
     method = trained(kind, **strong)
     trainer = method._trainer
     sharp = method.render(cameras()[0], None).image
