@@ -82,6 +82,13 @@ def tone(load: Callable[..., Callable[..., Tensor]], to: Callable[[Tensor], Tens
     yield from (decoded, values.grad)
 
 
+def mix(load: Callable[..., Callable[..., Tensor]], to: Callable[[Tensor], Tensor]) -> Iterator[Tensor]:
+    image, logits = (to(torch.rand(size)).requires_grad_() for size in ((70, 60, 3), (70, 60, 49)))
+    mixed = load("mix")(image, logits)
+    (mixed * to(torch.rand(70, 60, 3))).sum().backward()
+    yield from (mixed, image.grad, logits.grad)
+
+
 def field(load: Callable[..., Callable[..., Any]], to: Callable[[Tensor], Tensor]) -> Iterator[Tensor]:
     shape, rays, each = GridShape((9, 8, 7), 8, 8, 4), 400, 100
     sizes = ((shape.density_size,), (shape.colour_size,), shape.basis_shape, (rays, 3), (rays, 3))
@@ -104,6 +111,7 @@ CALLS: dict[str, Callable[..., Iterator[Tensor]]] = {
     "rasterize": rasterize,
     "stereo": stereo,
     "tone": tone,
+    "mix": mix,
     "field": field,
 }
 

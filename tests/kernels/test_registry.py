@@ -127,7 +127,7 @@ def test_tensors_on_two_devices_are_refused(folder: Path) -> None:
 
 
 def test_unknown_names_are_one_line() -> None:
-    with pytest.raises(InputError, match="kernel: found 'blur', expected one of field, rasterize, scatter, ssim"):
+    with pytest.raises(InputError, match="kernel: found 'blur', expected one of field, mix, rasterize, scatter, ssim"):
         kernels.load("blur")
     with pytest.raises(InputError, match="backend of kernel ssim: found 'gpu', expected auto or one of cpu, reference"):
         kernels.load("ssim", "gpu")

@@ -26,6 +26,8 @@ CHEAP = (
     "light/black-gradient-gamma-4",
     "light/round-trip-gamma-2.2",
     "light/nan-8-bit",
+    "light/mix-1000",
+    "light/mix-nan",
     "invariants/constant",
     "invariants/order",
     "invariants/tiles",
