@@ -16,10 +16,12 @@ from dofbench.gaussians.forward.focused_blur import FocusedBlur, FocusOptions
 from dofbench.gaussians.forward.forward_model import LearnedBlur
 from dofbench.gaussians.forward.forward_schedule import ForwardSchedule
 from dofbench.gaussians.forward.masked_blur import MaskedBlur, MaskOptions
+from dofbench.gaussians.forward.proposed_blur import ProposalOptions, ProposedBlur
 from dofbench.gaussians.forward.uniform_blur import UniformBlur, UniformBlurOptions
 from dofbench.gaussians.gaussian_method import GaussianMethod
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.model import Gaussians
+from dofbench.learning.training_schedule import ScheduleOptions
 
 _NO_LENS: Mapping[str, Any] = {"lens": False, "adaptation": "off"}
 
@@ -109,6 +111,49 @@ class Copied(GaussianMethod):
 
     OPTIONS = CopiedOptions
     FORCED: ClassVar[Mapping[str, Any]] = _NO_LENS
+
+
+@dataclass(frozen=True)
+class ThreeScales(ScheduleOptions):
+    """A schedule that begins with photographs of a quarter of their size."""
+
+    quarter_until: float = 0.1
+    """Train on photographs of a quarter of their size up to here, and on those of half their size up to coarse_until.
+    Unit: share of the training. Source: BAGS, step 3000 of about 30 000."""
+    coarse_until: float = 0.2
+    """Train on shrunk photographs up to this share of the training. Unit: share of the training. Source: BAGS, step
+    6000."""
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """1, 2 and 4, but for scales that last no time."""
+        lasting = {1: 1.0, 2: self.coarse_until - self.quarter_until, 4: self.quarter_until}
+        return tuple(factor for factor, time in lasting.items() if time > 0)
+
+    def size(self, progress: float) -> int:
+        """4, 2 or 1."""
+        return 4 if progress < self.quarter_until else 2 if progress < self.coarse_until else 1
+
+
+@dataclass(frozen=True)
+class ProposedOptions(GaussianOptions):
+    """Those of the trainer, on three scales, and of the network that proposes blur."""
+
+    schedule: ThreeScales = ThreeScales()
+    proposal: ProposalOptions = ProposalOptions()
+
+    def learned_blur(
+        self, gaussians: Gaussians, cameras: Sequence[Camera], extent: float, generator: torch.Generator
+    ) -> LearnedBlur | None:
+        """See `ProposedBlur`."""
+        return ProposedBlur([camera.width for camera in cameras], self.proposal, generator)
+
+
+class Proposed(GaussianMethod):
+    """Blur proposed for every pixel by a network, as in BAGS."""
+
+    OPTIONS = ProposedOptions
+    FORCED: ClassVar[Mapping[str, Any]] = {**_NO_LENS, "coarse_factor": 2}
 
 
 @dataclass(frozen=True)

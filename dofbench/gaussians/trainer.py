@@ -93,7 +93,8 @@ class Trainer:
         cameras, ends with the status "diverged"."""
         geometries = [term.reads for term in self.state.terms]
         from_points = any(model.from_points for model in (*possible_models(self.options), *self.state.forward.models))
-        compile_kernels(self.gaussians, self.state.cameras[0], self.options, geometries, from_points)
+        more = () if self.state.blur is None else self.state.blur.kernels
+        compile_kernels(self.gaussians, self.state.cameras[0], self.options, geometries, from_points, more)
         total = budget.steps or self.options.schedule.steps
         step, event = 0, None
         try:

@@ -27,14 +27,21 @@ _PATIENCE = 300.0  # seconds to wait for the other process; after that this proc
 
 
 def compile_kernels(
-    gaussians: Gaussians, camera: Camera, options: GaussianOptions, later: Iterable[Geometry], from_points: bool
+    gaussians: Gaussians,
+    camera: Camera,
+    options: GaussianOptions,
+    later: Iterable[Geometry],
+    from_points: bool,
+    more: Sequence[str] = (),
 ) -> None:
     """Compile the kernels of all training steps, unless an earlier process has done so; changes no argument.
 
     later: geometries other than "depth" that steps rasterise; without this they would be compiled in the middle of
-    training, within the time that is measured. from_points: whether steps rasterise from points of the lens.
+    training, within the time that is measured. from_points: whether steps rasterise from points of the lens. more: ops
+    that steps call beside those of every training.
     """
-    others = [op for op in ("ssim", *(("scatter", "tone") if options.lens.lens else ())) if not is_warm(op)]
+    called = ("ssim", *(("scatter", "tone") if options.lens.lens else ()), *more)
+    others = [op for op in called if not is_warm(op)]
     if not is_warm("rasterize"):
         _compile_side_by_side(gaussians, camera, options, others)
     else:

@@ -15,13 +15,14 @@ from tolerances import BLUR_INTEGRAL, FLOAT32_GRADIENT, FLOAT32_SCALAR, FLOAT32_
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
 from dofbench.core.lens import DisparityRange, PhysicalLens
-from dofbench.gaussians.blur_methods import Copied, Enlarged, Focused, Masked, UniformlyBlurred
+from dofbench.gaussians.blur_methods import Copied, Enlarged, Focused, Masked, Proposed, ThreeScales, UniformlyBlurred
 from dofbench.gaussians.exposure import StillRasteriser
 from dofbench.gaussians.forward.circle_copies import CircleCopies, CopiesOptions
 from dofbench.gaussians.forward.enlarged_gaussians import EnlargedGaussians, EnlargingOptions
 from dofbench.gaussians.forward.focused_blur import FocusedBlur, FocusOptions
 from dofbench.gaussians.forward.forward_model import BlurOptions, SharpView
 from dofbench.gaussians.forward.masked_blur import MaskedBlur, MaskOptions
+from dofbench.gaussians.forward.proposed_blur import ProposalOptions, ProposedBlur
 from dofbench.gaussians.forward.shot import Shot
 from dofbench.gaussians.forward.uniform_blur import UniformBlur, UniformBlurOptions
 from dofbench.gaussians.gaussian_method import GaussianMethod
@@ -288,6 +289,77 @@ def test_focus_and_networks_of_copies_learn() -> None:
     assert [start for start, _ in blur.models()] == [0.0, 0.05]
 
 
+# ---- blur proposed for every pixel ----
+
+
+def proposing(width: int = 48, **options) -> ProposedBlur:
+    return ProposedBlur([width, width], ProposalOptions(**options), torch.Generator().manual_seed(0))
+
+
+def fixed(blur: ProposedBlur, logit: float, neighbour: int, mask: float) -> ProposedBlur:
+    """The network gives this neighbour a weight of its own, and this mask's logit, everywhere: its last features are
+    made constant."""
+    network = blur._network
+    with torch.no_grad():
+        network.base.weight.zero_()
+        network.photograph.weight.zero_()
+        network.photograph.weight[0] = 1.0
+        network.embedding.fill_(1 / 32)  # so the first feature is 1, and the others are 0
+        for layer in network.deeper:
+            layer.weight.copy_(torch.eye(64))
+        for head in network.heads.values():
+            head.weight.zero_()
+            head.weight[neighbour, 0], head.weight[-1, 0] = logit, mask
+    return blur
+
+
+@pytest.mark.parametrize(("width", "size"), [(48, 17), (96, 9), (192, 5), (150, 5), (1000, 5)])
+def test_the_kernel_is_as_large_as_the_scale_asks(width: int, size: int) -> None:
+    """A picture 48 px wide of photographs of other widths: all weight on the first neighbour moves it by half a
+    kernel."""
+    scene = one_gaussian(4.0)
+    raster = scene.rasterise(CAMERA, "depth")
+    blur = fixed(proposing(width), 300.0, 0, 300.0)
+    found = blur.photograph(scene, SharpView(lambda: raster), shot()).detach().numpy()
+    half = size // 2
+    expected = np.zeros_like(found)
+    expected[half:, half:] = raster.color.detach().numpy()[:-half, :-half]
+    np.testing.assert_allclose(found, expected, atol=FLOAT32_VALUE)
+
+
+def test_a_proposal_is_mixed_by_its_mask_and_charged_for_it() -> None:
+    scene = one_gaussian(4.0)
+    raster = scene.rasterise(CAMERA, "depth")
+    blur = fixed(proposing(192, proposal_cost=3.0), 300.0, 0, math.log(0.25 / 0.75))
+    found = blur.photograph(scene, SharpView(lambda: raster), shot()).detach().numpy()
+    sharp = raster.color.detach().numpy()
+    moved = np.zeros_like(sharp)
+    moved[2:, 2:] = sharp[:-2, :-2]
+    np.testing.assert_allclose(found, 0.25 * moved + 0.75 * sharp, atol=FLOAT32_VALUE)
+    view = Photograph(0, "v", CAMERA, torch.zeros(36, 48, 3), None, None)
+    cost = blur.cost(SharpView(lambda: raster), shot(), view)
+    assert float(cost.detach()) == pytest.approx(3 * 0.25, rel=FLOAT32_VALUE)
+
+
+def test_the_network_of_proposals_learns_from_the_picture_and_tells_photographs_apart() -> None:
+    scene, blur = one_gaussian(4.0), proposing(96)
+    raster = scene.rasterise(CAMERA, "depth")
+    pictures = [blur.photograph(scene, SharpView(lambda: raster), shot(number)) for number in (0, 1)]
+    assert not torch.equal(*pictures)
+    pictures[1].square().sum().backward()
+    assert bool(torch.isfinite(blur.gradient()).all()) and float(blur.gradient().abs().sum()) > 0
+    before = blur._network.heads["2"].weight.detach().clone()
+    blur.step(1, 0.0, 1.0)
+    assert not torch.equal(blur._network.heads["2"].weight, before) and blur.gradient() is None
+
+
+def test_three_scales() -> None:
+    scales = ThreeScales()
+    assert [scales.size(progress) for progress in (0.0, 0.0999, 0.1, 0.1999, 0.2, 1.0)] == [4, 4, 2, 2, 1, 1]
+    assert scales.sizes == (1, 2, 4)
+    assert ThreeScales(quarter_until=0.0).sizes == (1, 2) and ThreeScales(quarter_until=0.2).sizes == (1, 4)
+
+
 # ---- DOF-GS ----
 
 
@@ -315,10 +387,10 @@ def test_the_sharp_view_is_compared_where_the_photograph_is_in_focus() -> None:
 # ---- in training ----
 
 
-@pytest.mark.parametrize("kind", [UniformlyBlurred, Enlarged, Masked, Copied])
+@pytest.mark.parametrize("kind", [UniformlyBlurred, Enlarged, Masked, Copied, Proposed])
 def test_what_is_learned_explains_the_photographs_and_is_left_out_of_renderings(kind, tmp_path) -> None:
     enlarged = {"enlarge_lambda": 1.0, "enlarge_most": 3.0}
-    strong = {UniformlyBlurred: {"view_blur_init": 20.0}, Copied: {}}.get(kind, enlarged)
+    strong = {UniformlyBlurred: {"view_blur_init": 20.0}, Copied: {}, Proposed: {}}.get(kind, enlarged)
     method = trained(kind, **strong)
     trainer = method._trainer
     sharp = method.render(cameras()[0], None).image

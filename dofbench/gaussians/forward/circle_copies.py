@@ -53,6 +53,7 @@ class CircleCopies(WithoutCost):
     looks = False
     from_points = False
     stage = "blur"
+    kernels: tuple[str, ...] = ()
 
     def __init__(self, first: Tensor, origin: Tensor, unit: float, options: CopiesOptions, generator: torch.Generator):
         self._first, self._unit, self._options = first, unit, options

@@ -41,6 +41,7 @@ class EnlargedGaussians(WithoutCost):
     looks = False
     from_points = False
     stage = "blur"
+    kernels: tuple[str, ...] = ()
 
     def __init__(self, origin: Tensor, unit: float, options: EnlargingOptions, generator: torch.Generator):
         self._options = options

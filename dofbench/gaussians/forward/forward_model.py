@@ -106,7 +106,9 @@ class WithoutCost:
 
 class LearnedBlur(Protocol):
     """Blur that is learned with the scene and isn't a lens: it explains the training photographs, and is left out when
-    the scene is rendered."""
+    the scene is rendered. kernels: ops that it calls beside `rasterize`."""
+
+    kernels: tuple[str, ...]
 
     def models(self) -> Sequence[tuple[float, ForwardModel]]:
         """The forward models of the training, each with the share of it from which it is used; the first starts at

@@ -45,6 +45,7 @@ class MaskedBlur:
     looks = True
     from_points = False
     stage = "blur"
+    kernels: tuple[str, ...] = ()
 
     def __init__(
         self,

@@ -45,6 +45,7 @@ class UniformBlur(WithoutCost):
     looks = False
     from_points = True
     stage = "blur"
+    kernels: tuple[str, ...] = ()
 
     def __init__(self, views: int, options: UniformBlurOptions):
         self._options = options
