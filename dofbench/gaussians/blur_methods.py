@@ -10,6 +10,8 @@ import numpy as np
 import torch
 
 from dofbench.core.cameras import Camera
+from dofbench.gaussians.density import DensityControl
+from dofbench.gaussians.extra_points import ExtraOptions, GrowingOnce
 from dofbench.gaussians.forward.circle_copies import CircleCopies, CopiesOptions
 from dofbench.gaussians.forward.enlarged_gaussians import EnlargedGaussians, EnlargingOptions
 from dofbench.gaussians.forward.focused_blur import FocusedBlur, FocusOptions
@@ -21,6 +23,7 @@ from dofbench.gaussians.forward.uniform_blur import UniformBlur, UniformBlurOpti
 from dofbench.gaussians.gaussian_method import GaussianMethod
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.model import Gaussians
+from dofbench.gaussians.optimiser import GaussianOptimiser
 from dofbench.learning.training_schedule import ScheduleOptions
 
 _NO_LENS: Mapping[str, Any] = {"lens": False, "adaptation": "off"}
@@ -47,8 +50,21 @@ class UniformlyBlurred(GaussianMethod):
 
 
 @dataclass(frozen=True)
-class EnlargedOptions(GaussianOptions):
-    """Those of the trainer, and of the network that enlarges Gaussians."""
+class GrownOnceOptions(GaussianOptions):
+    """Those of the trainer, and of points that are added once."""
+
+    extra: ExtraOptions = ExtraOptions()
+
+    def density_control(
+        self, gaussians: Gaussians, optimiser: GaussianOptimiser, extent: float, generator: torch.Generator
+    ) -> DensityControl:
+        """By gradients, and points added once."""
+        return GrowingOnce(gaussians, optimiser, self.density, self.extra, extent, generator)
+
+
+@dataclass(frozen=True)
+class EnlargedOptions(GrownOnceOptions):
+    """Those of the trainer, of added points, and of the network that enlarges Gaussians."""
 
     enlarging: EnlargingOptions = EnlargingOptions()
 
@@ -91,8 +107,8 @@ class Masked(GaussianMethod):
 
 
 @dataclass(frozen=True)
-class CopiedOptions(GaussianOptions):
-    """Those of the trainer, and of the copies of the scene."""
+class CopiedOptions(GrownOnceOptions):
+    """Those of the trainer, of added points, and of the copies of the scene."""
 
     copies: CopiesOptions = CopiesOptions()
 
