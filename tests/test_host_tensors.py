@@ -28,6 +28,7 @@ NUMPY_FACE = "NumPy arrays in and out: what datasets are written with and photog
 OPENCV = "OpenCV cuts and continues the layers, on the host and without a gradient"
 FILES = "a reader or a writer"
 PHOTOGRAPHS = "where photographs, points and depth maps of a dataset, NumPy arrays, become tensors"
+NEIGHBOURS = "the tree that neighbours are searched in is scipy's: once in a training"
 PRIOR = "depth priors come and go as NumPy arrays: sweeps, networks and checks run once, before training"
 NUMBERS = "a few numbers of the kind that options and reports hold: nothing of the size of an image"
 
@@ -62,6 +63,7 @@ ALLOWED: dict[str, dict[str, int]] = {
         "gaussians Trainer.photograph: .numpy()": 1,
         "gaussians Trainer.photograph: torch.from_numpy": 1,
     },
+    NEIGHBOURS: {"gaussians _nearest: .numpy()": 2},
     PRIOR: {
         "learning with_surface_points: .numpy()": 4,
         "learning DepthMap.with_samples: .numpy()": 3,

@@ -268,3 +268,6 @@ LENS_FOUND_BY_RAYS = 0.05
 DISC_ON_PIXELS, DISC_ON_FEWER_PIXELS = 0.02, 0.04
 # One pixel's mean over a disc by 400 points: the square of a place varies by its mean over the disc, in 400 strata.
 DISC_OF_A_PIXEL = 0.05
+# Steps: Adam near a minimum walks at its rate, and turns around once its mean of gradients, which remembers some ten
+# (beta 0.9), has changed its sign.
+ADAM_TURNS = 10

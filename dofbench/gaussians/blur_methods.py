@@ -39,7 +39,7 @@ class UniformlyBlurredOptions(GaussianOptions):
         self, gaussians: Gaussians, cameras: Sequence[Camera], extent: float, generator: torch.Generator
     ) -> LearnedBlur | None:
         """See `UniformBlur`."""
-        return UniformBlur(len(cameras), self.uniform)
+        return UniformBlur(len(cameras), self.uniform, device_of(gaussians))
 
 
 class UniformlyBlurred(GaussianMethod):
@@ -72,11 +72,13 @@ class EnlargedOptions(GrownOnceOptions):
         self, gaussians: Gaussians, cameras: Sequence[Camera], extent: float, generator: torch.Generator
     ) -> LearnedBlur | None:
         """See `EnlargedGaussians`."""
-        return self.enlarged(cameras, extent, generator)
+        return self.enlarged(gaussians, cameras, extent, generator)
 
-    def enlarged(self, cameras: Sequence[Camera], extent: float, generator: torch.Generator) -> EnlargedGaussians:
+    def enlarged(
+        self, gaussians: Gaussians, cameras: Sequence[Camera], extent: float, generator: torch.Generator
+    ) -> EnlargedGaussians:
         """The enlarging network, whose places begin at the mean of the cameras, in units of the scene's extent."""
-        return EnlargedGaussians(mean_place(cameras), extent, self.enlarging, generator)
+        return EnlargedGaussians(mean_place(gaussians, cameras), extent, self.enlarging, generator)
 
 
 class Enlarged(GaussianMethod):
@@ -96,7 +98,13 @@ class MaskedOptions(EnlargedOptions):
         self, gaussians: Gaussians, cameras: Sequence[Camera], extent: float, generator: torch.Generator
     ) -> LearnedBlur | None:
         """See `MaskedBlur`."""
-        return MaskedBlur(self.enlarged(cameras, extent, generator), len(cameras), self.mask, generator)
+        return MaskedBlur(
+            self.enlarged(gaussians, cameras, extent, generator),
+            len(cameras),
+            self.mask,
+            generator,
+            device_of(gaussians),
+        )
 
 
 class Masked(GaussianMethod):
@@ -117,9 +125,8 @@ class CopiedOptions(GrownOnceOptions):
     ) -> LearnedBlur | None:
         """See `CircleCopies`; photographs begin to be focused at the mean distance of the Gaussians."""
         means = gaussians.parameters["means"].detach()
-        centres = torch.from_numpy(np.stack([camera.centre for camera in cameras])).float()
-        first = torch.stack([(means - centre).norm(dim=1).mean() for centre in centres])
-        return CircleCopies(first, mean_place(cameras), extent, self.copies, generator)
+        first = torch.stack([(means - means.new_tensor(camera.centre)).norm(dim=1).mean() for camera in cameras])
+        return CircleCopies(first, mean_place(gaussians, cameras), extent, self.copies, generator)
 
 
 class Copied(GaussianMethod):
@@ -162,7 +169,7 @@ class ProposedOptions(GaussianOptions):
         self, gaussians: Gaussians, cameras: Sequence[Camera], extent: float, generator: torch.Generator
     ) -> LearnedBlur | None:
         """See `ProposedBlur`."""
-        return ProposedBlur([camera.width for camera in cameras], self.proposal, generator)
+        return ProposedBlur([camera.width for camera in cameras], self.proposal, generator, device_of(gaussians))
 
 
 class Proposed(GaussianMethod):
@@ -198,6 +205,11 @@ class Focused(GaussianMethod):
     }
 
 
-def mean_place(cameras: Sequence[Camera]) -> torch.Tensor:
-    """(3,) the mean of the cameras' places, scene units."""
-    return torch.from_numpy(np.mean([camera.centre for camera in cameras], axis=0)).float()
+def mean_place(gaussians: Gaussians, cameras: Sequence[Camera]) -> torch.Tensor:
+    """(3,) the mean of the cameras' places, scene units, on the device of the Gaussians."""
+    return gaussians.parameters["means"].new_tensor(np.mean([camera.centre for camera in cameras], axis=0))
+
+
+def device_of(gaussians: Gaussians) -> torch.device:
+    """Where the Gaussians' parameters lie."""
+    return gaussians.parameters["means"].device

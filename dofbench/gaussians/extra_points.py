@@ -72,18 +72,19 @@ class GrowingOnce(DensityControl):
         count = len(places)
         added = {name: value.new_zeros(count, *value.shape[1:]) for name, value in parameters.items()}
         added["means"], added["sh_dc"] = places, colours
-        self._optimiser.rebuild(torch.arange(len(self._gaussians)), added)
+        kept = torch.arange(len(self._gaussians), device=places.device)
+        self._optimiser.rebuild(kept, added)
         means = self._gaussians.parameters["means"].detach()
         scales = neighbour_distances(means)[0].square().mean(dim=1).sqrt().clamp_min(1e-7)
-        logit = torch.logit(torch.tensor(INITIAL_OPACITY))
-        identity = torch.tensor([1.0, 0.0, 0.0, 0.0]).expand(len(means), 4)
+        opacity = means.new_full((len(means),), INITIAL_OPACITY)
+        identity = means.new_tensor([1.0, 0.0, 0.0, 0.0]).expand(len(means), 4)
         for name, value in (
             ("log_scales", scales.log()[:, None].expand(-1, 3)),
             ("quaternions", identity),
-            ("opacity_logits", logit.expand(len(means))),
+            ("opacity_logits", torch.logit(opacity)),
         ):
             self._optimiser.replace(name, value)
-        self._optimiser.forget(torch.arange(len(means)))
+        self._optimiser.forget(torch.arange(len(means), device=means.device))
 
 
 def drawn_between(
@@ -97,7 +98,9 @@ def drawn_between(
     outermost = min(_OUTERMOST, (len(means) - 1) // 2)
     ordered = means.sort(dim=0).values
     low, high = ordered[outermost], ordered[len(means) - 1 - outermost]
-    places = low + (high - low) * torch.rand(options.extra_points, 3, generator=generator)
+    # The generator is one of the host, so that a seed draws the same places on every device.
+    drawn = torch.rand(options.extra_points, 3, generator=generator, device=generator.device)
+    places = low + (high - low) * drawn.to(means.device)
     spacing = neighbour_distances(means)[0][:, 0].median()
     distances, nearest = _nearest(means, places, _NEIGHBOURS)
     near = distances[:, 0] < options.extra_within * spacing
@@ -116,6 +119,6 @@ def _nearest(means: Tensor, places: Tensor, count: int) -> tuple[Tensor, Tensor]
     from scipy.spatial import cKDTree
 
     # One thread: the same search gives the same order of equal distances.
-    distances, index = cKDTree(means.numpy()).query(places.numpy(), k=count)
+    distances, index = cKDTree(means.numpy(force=True)).query(places.numpy(force=True), k=count)
     found = np.atleast_2d(distances).astype(np.float32)
-    return torch.from_numpy(found), torch.from_numpy(np.atleast_2d(index))
+    return torch.from_numpy(found).to(means.device), torch.from_numpy(np.atleast_2d(index)).to(means.device)

@@ -104,7 +104,7 @@ class Relocation:
         alive = torch.nonzero(opacity > self._density.prune_opacity)[:, 0]
         if not len(dead) or not len(alive):
             return
-        drawn = alive[torch.multinomial(opacity[alive], len(dead), replacement=True, generator=self._generator)]
+        drawn = alive[self._drawn(opacity[alive], len(dead))]
         self._copy(drawn, dead)
 
     @torch.no_grad()
@@ -115,11 +115,17 @@ class Relocation:
         if more <= 0:
             return
         opacity = torch.sigmoid(self._gaussians.parameters["opacity_logits"].detach())
-        drawn = torch.multinomial(opacity, more, replacement=True, generator=self._generator)
-        kept = torch.arange(count)
+        drawn = self._drawn(opacity, more)
+        kept = torch.arange(count, device=opacity.device)
         added = {name: self._gaussians.parameters[name].detach()[drawn].clone() for name in PARAMETERS}
         self._optimiser.rebuild(kept, added)
-        self._copy(drawn, count + torch.arange(more))
+        self._copy(drawn, count + torch.arange(more, device=drawn.device))
+
+    def _drawn(self, weights: Tensor, count: int) -> Tensor:
+        """(count,) indices drawn in proportion to the weights, with replacement, by the host's generator."""
+        host = weights.to(self._generator.device)
+        found = torch.multinomial(host, count, replacement=True, generator=self._generator)
+        return found.to(weights.device)
 
     def _copy(self, drawn: Tensor, places: Tensor) -> None:
         """Make the Gaussians in `places` copies of those drawn, and let each with its copies look as it did alone.
@@ -138,10 +144,11 @@ class Relocation:
     def _shake(self) -> None:
         """Add noise with each transparent Gaussian's own covariance to its mean."""
         parameters = {name: value.detach() for name, value in self._gaussians.parameters.items()}
-        normal = torch.randn(parameters["means"].shape, generator=self._generator)
+        # The generator is one of the host, so that a seed draws the same noise on every device.
+        normal = torch.randn(parameters["means"].shape, generator=self._generator, device=self._generator.device)
         scales, quaternions = parameters["log_scales"].exp(), parameters["quaternions"]
-        inverse = quaternions * torch.tensor([1.0, -1.0, -1.0, -1.0])
-        noise = rotate(quaternions, scales.square() * rotate(inverse, normal))
+        inverse = quaternions * quaternions.new_tensor([1.0, -1.0, -1.0, -1.0])
+        noise = rotate(quaternions, scales.square() * rotate(inverse, normal.to(scales.device)))
         opacity = torch.sigmoid(parameters["opacity_logits"])
         transparent = torch.sigmoid(-_STEEP * (opacity - self._density.prune_opacity))
         strength = self._options.noise_lr * self._optimiser.means_rate

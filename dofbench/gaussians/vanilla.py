@@ -62,8 +62,8 @@ class VanillaOptions(GaussianOptions):
         gaussians = super().first_gaussians(points, device)
         if self.relocation.mcmc:
             with torch.no_grad():
-                first = torch.tensor(self.relocation.init_opacity)
-                gaussians.parameters["opacity_logits"].fill_(float(torch.logit(first)))
+                opacity = self.relocation.init_opacity
+                gaussians.parameters["opacity_logits"].fill_(math.log(opacity / (1 - opacity)))
                 gaussians.parameters["log_scales"] += math.log(self.relocation.init_scale)
         return gaussians
 

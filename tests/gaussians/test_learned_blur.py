@@ -10,7 +10,7 @@ import pytest
 import torch
 from made_up import Recorder, cloud, frontal
 from small_scene import cameras, training_set
-from tolerances import BLUR_INTEGRAL, FLOAT32_GRADIENT, FLOAT32_SCALAR, FLOAT32_VALUE
+from tolerances import ADAM_TURNS, BLUR_INTEGRAL, FLOAT32_GRADIENT, FLOAT32_SCALAR, FLOAT32_VALUE
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
@@ -100,7 +100,8 @@ def test_a_uniform_blur_is_found_for_each_photograph_by_itself() -> None:
         assert blur.gradient() is not None
         blur.step(view, step / 300, 1.0 if step < 200 else 0.1)
     pixels = blur.deviations() * CAMERA.width * 1e-3
-    assert pixels.abs().tolist() == pytest.approx(true, rel=0.02)
+    step = 0.5 * 0.1 * CAMERA.width * 1e-3  # px, the last ones
+    assert (pixels.abs() - torch.tensor(true)).abs().max() / step < ADAM_TURNS
 
 
 # ---- Gaussians enlarged by a network ----
@@ -285,7 +286,7 @@ def test_focus_and_networks_of_copies_learn() -> None:
     assert bool(torch.isfinite(blur.gradient()).all())
     blur.step(1, 0.0, 1.0)
     found = blur.focuses()
-    assert float(found[0]) == 8.0 and abs(math.log(float(found[1]) / 8.0)) == pytest.approx(0.1, rel=1e-3)
+    assert float(found[0]) == 8.0 and abs(math.log(float(found[1]) / 8.0)) == pytest.approx(0.1, rel=FLOAT32_VALUE)
     assert [start for start, _ in blur.models()] == [0.0, 0.05]
 
 
@@ -401,7 +402,7 @@ def test_what_is_learned_explains_the_photographs_and_is_left_out_of_renderings(
     method.save(tmp_path)
     loaded = kind({}, 0, "cpu")
     loaded.load(tmp_path)
-    np.testing.assert_allclose(loaded.render(cameras()[0], None).image, sharp, atol=1e-3)
+    np.testing.assert_allclose(loaded.render(cameras()[0], None).image, sharp, atol=FLOAT32_VALUE)
 
 
 @pytest.mark.parametrize("kind", [UniformlyBlurred, Enlarged])

@@ -63,6 +63,7 @@ class CircleCopies(WithoutCost):
         last = nn.Conv2d(_MIXING_WIDTH, count + 1, 3, padding=1)
         self._mixing = nn.Sequential(nn.Conv2d(3 * (count + 1), _MIXING_WIDTH, 3, padding=1), nn.ReLU(), last)
         redraw(self._mixing, generator)
+        self._mixing.to(first.device)
         with torch.no_grad():  # equal weights
             for parameter in last.parameters():
                 parameter.zero_()
@@ -72,7 +73,7 @@ class CircleCopies(WithoutCost):
             for name, parameter in network.named_parameters()
         ]
         self._adam = NetworkAdam(parameters, options.copies_lr, options.copies_lr_final)
-        self._focuses = RowAdam(len(first), 1)
+        self._focuses = RowAdam(len(first), 1, first.device)
 
     def models(self) -> Sequence[tuple[float, ForwardModel]]:
         """The sharp view, then this model."""
@@ -109,8 +110,7 @@ class CircleCopies(WithoutCost):
         """(N,) |1 / distance - 1 / focus|, times the network's unit, of Gaussians at places (N, 3), which get no
         gradient by it; the focus gets one."""
         assert shot.number is not None
-        centre = torch.from_numpy(shot.camera.centre.copy()).float()
-        distance = (means.detach() - centre).norm(dim=1)
+        distance = (means.detach() - means.new_tensor(shot.camera.centre)).norm(dim=1)
         focus = self._first[shot.number] * self._focuses.leaf(shot.number).exp()
         return self._unit * (1 / distance - 1 / focus).abs()
 

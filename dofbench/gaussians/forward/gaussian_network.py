@@ -47,11 +47,12 @@ class GaussianNetwork(nn.Module):
                 _xavier((layer,), _WIDTH, generator)
             for part, value in zip(self.head.bias.split(self._sizes), first, strict=True):
                 part.fill_(value)
+        self.to(origin.device)
 
     def forward(self, parameters: Mapping[str, Tensor], camera: Camera) -> tuple[Tensor, ...]:
         """(N, size) for each group. parameters: the Gaussians', which get no gradient."""
-        centre = torch.from_numpy(camera.centre.copy()).float()
-        places, eye = ((place - self._origin) / self._unit for place in (parameters["means"].detach(), centre))
+        means = parameters["means"].detach()
+        places, eye = ((place - self._origin) / self._unit for place in (means, means.new_tensor(camera.centre)))
         scales = parameters["log_scales"].detach().exp() / self._unit
         turns = nn.functional.normalize(parameters["quaternions"].detach(), dim=1)
         inputs = torch.cat([encoded_places(places, _PLACE_FREQUENCIES), scales, turns], 1)

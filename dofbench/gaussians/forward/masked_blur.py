@@ -53,9 +53,10 @@ class MaskedBlur:
         views: int,
         options: MaskOptions,
         generator: torch.Generator,
+        device: torch.device | str = "cpu",
     ):
         self._enlarged, self._options = enlarged, options
-        self._network = _MaskNetwork(views, generator)
+        self._network = _MaskNetwork(views, generator).to(device)
         self._adam = NetworkAdam(self._network.named_parameters(), options.mask_lr, 1.0)
         self._mask: Tensor | None = None
 
@@ -74,7 +75,8 @@ class MaskedBlur:
         assert shot.number is not None
         depth = shot.bounds.normalise(sharp.disparity.detach()).clamp(0, 1)
         height, width = depth.shape
-        rows, columns = torch.meshgrid(torch.linspace(-1, 1, height), torch.linspace(-1, 1, width), indexing="ij")
+        down, across = (torch.linspace(-1, 1, count, device=depth.device) for count in (height, width))
+        rows, columns = torch.meshgrid(down, across, indexing="ij")
         pixels = torch.stack([depth, columns, rows], 2).reshape(-1, 3)
         return self._network(shot.number, pixels).view(height, width)
 
@@ -102,7 +104,7 @@ class _MaskNetwork(nn.Module):
 
     def __init__(self, views: int, generator: torch.Generator):
         super().__init__()
-        self.embedding = nn.Parameter(torch.randn(views, _EMBEDDING, generator=generator))
+        self.embedding = nn.Parameter(torch.randn(views, _EMBEDDING, generator=generator, device=generator.device))
         own = (1 + 2 * _DEPTH_FREQUENCIES) + 2 * (1 + 2 * _PLACE_FREQUENCIES)
         # The photograph is the same for all pixels, so its part of the first layer is computed once.
         self.first, self.photograph = nn.Linear(own, _WIDTH), nn.Linear(_EMBEDDING, _WIDTH, bias=False)

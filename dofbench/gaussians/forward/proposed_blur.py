@@ -56,9 +56,15 @@ class ProposedBlur:
     stage = "blur"
     kernels: tuple[str, ...] = ("mix",)
 
-    def __init__(self, widths: Sequence[int], options: ProposalOptions, generator: torch.Generator):
+    def __init__(
+        self,
+        widths: Sequence[int],
+        options: ProposalOptions,
+        generator: torch.Generator,
+        device: torch.device | str = "cpu",
+    ):
         self._widths, self._options = tuple(widths), options
-        self._network = _ProposalNetwork(len(widths), options.proposal_width, generator)
+        self._network = _ProposalNetwork(len(widths), options.proposal_width, generator).to(device)
         self._adam = NetworkAdam(self._network.named_parameters(), options.proposal_lr, 1.0)
         self._mask: Tensor | None = None
 
@@ -98,7 +104,7 @@ class _ProposalNetwork(nn.Module):
 
     def __init__(self, views: int, width: int, generator: torch.Generator):
         super().__init__()
-        self.embedding = nn.Parameter(torch.randn(views, _EMBEDDING, generator=generator))
+        self.embedding = nn.Parameter(torch.randn(views, _EMBEDDING, generator=generator, device=generator.device))
         self.picture = nn.Sequential(
             nn.Conv2d(4, width, 5, padding=2),
             nn.ReLU(),
@@ -125,7 +131,7 @@ class _ProposalNetwork(nn.Module):
         normalised = (depth - nearest) / (farthest - nearest).clamp_min(1e-12)
         picture = torch.cat([color, normalised[..., None]], 2).permute(2, 0, 1)[None]
         features = self.picture(picture)[0].flatten(1).T
-        inputs = torch.cat([_waves(height, width), features], 1)
+        inputs = torch.cat([_waves(height, width, depth.device), features], 1)
         found = torch.relu(self.base(inputs) + self.photograph(self.embedding[number]))
         for layer in self.deeper[: list(_SIZES).index(factor)]:
             found = torch.relu(layer(found))
@@ -133,9 +139,10 @@ class _ProposalNetwork(nn.Module):
         return found[:, :-1].reshape(height, width, -1), torch.sigmoid(found[:, -1]).view(height, width)
 
 
-def _waves(height: int, width: int) -> Tensor:
+def _waves(height: int, width: int, device: torch.device) -> Tensor:
     """(H * W, 4 waves): sines and cosines of a pixel's row and column."""
-    rows, columns = torch.meshgrid(torch.linspace(0, 1, height), torch.linspace(0, 1, width), indexing="ij")
+    down, across = (torch.linspace(0, 1, count, device=device) for count in (height, width))
+    rows, columns = torch.meshgrid(down, across, indexing="ij")
     places = torch.stack([rows, columns], 2).reshape(-1, 2) * math.pi
     angles = torch.cat([places * 2.0**k for k in range(_WAVES)], 1)
     return torch.cat([angles.sin(), angles.cos()], 1)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from dofbench.compute.raster import Geometry
@@ -47,9 +48,9 @@ class UniformBlur(WithoutCost):
     stage = "blur"
     kernels: tuple[str, ...] = ()
 
-    def __init__(self, views: int, options: UniformBlurOptions):
+    def __init__(self, views: int, options: UniformBlurOptions, device: torch.device | str = "cpu"):
         self._options = options
-        self._table = RowAdam(views, 1)
+        self._table = RowAdam(views, 1, device)
 
     def models(self) -> Sequence[tuple[float, ForwardModel]]:
         """This model, all the time."""
