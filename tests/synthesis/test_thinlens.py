@@ -141,6 +141,7 @@ def test_points_change_no_photograph(
     assert {name for name in before if before[name] != found.get(name)} == {
         "README.md",
         "dataset.json",
+        "poses_bounds.npy",
         "sparse/0/images.bin",
         "sparse/0/points3D.bin",
     }
