@@ -7,7 +7,7 @@ import torch
 from tolerances import FLOAT32_SCALAR
 from torch import nn
 
-from dofbench.learning.networks import NetworkAdam, encoded_places, redraw
+from dofbench.learning.networks import NetworkAdam, encoded_places, in_a_row, redraw
 
 
 def test_encoded_places() -> None:
@@ -42,3 +42,13 @@ def test_weights_come_from_the_generator_alone() -> None:
     bounds = [1 / 3, 1 / 3, 27**-0.5, 27**-0.5]  # 1 / sqrt(inputs), of weights and of biases
     assert all(bool((values.abs() <= bound).all()) for values, bound in zip(first, bounds, strict=True))
     assert float(first[0].abs().max()) > 0.8 / 3
+
+
+def test_the_gradient_in_a_row_holds_every_parameter_that_has_one():
+    network = torch.nn.Linear(2, 3)
+    adam = NetworkAdam(network.named_parameters(), 0.1, 1.0)
+    assert adam.gradient() is None
+    network(torch.tensor([1.0, 2.0]))[1].backward()
+    assert adam.gradient().tolist() == [0, 0, 1, 2, 0, 0, 0, 1, 0]
+    assert in_a_row([None, adam.gradient(), torch.tensor([[7.0]])]).tolist()[-1] == 7
+    assert in_a_row([None]) is None

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 import torch
 
-from dofbench.core.cameras import Camera
 from dofbench.gaussians.density import DensityControl
 from dofbench.gaussians.extra_points import ExtraOptions, GrowingOnce
 from dofbench.gaussians.forward.circle_copies import CircleCopies, CopiesOptions
 from dofbench.gaussians.forward.enlarged_gaussians import EnlargedGaussians, EnlargingOptions
 from dofbench.gaussians.forward.focused_blur import FocusedBlur, FocusOptions
-from dofbench.gaussians.forward.forward_model import LearnedBlur
+from dofbench.gaussians.forward.forward_model import BlurStart, LearnedBlur
 from dofbench.gaussians.forward.forward_schedule import ForwardSchedule
 from dofbench.gaussians.forward.masked_blur import MaskedBlur, MaskOptions
 from dofbench.gaussians.forward.proposed_blur import ProposalOptions, ProposedBlur
@@ -26,7 +25,11 @@ from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.optimiser import GaussianOptimiser
 from dofbench.learning.training_schedule import ScheduleOptions
 
-_NO_LENS: Mapping[str, Any] = {"lens": False, "adaptation": "off"}
+
+class LearnedBlurMethod(GaussianMethod):
+    """Blur that isn't a lens's, so there is none, and no adaptation to it."""
+
+    FORCED: ClassVar[Mapping[str, Any]] = {"lens": False, "adaptation": "off"}
 
 
 @dataclass(frozen=True)
@@ -35,18 +38,15 @@ class UniformlyBlurredOptions(GaussianOptions):
 
     uniform: UniformBlurOptions = UniformBlurOptions()
 
-    def learned_blur(
-        self, gaussians: Gaussians, cameras: Sequence[Camera], extent: float, generator: torch.Generator
-    ) -> LearnedBlur | None:
+    def learned_blur(self, start: BlurStart) -> LearnedBlur | None:
         """See `UniformBlur`."""
-        return UniformBlur(len(cameras), self.uniform, device_of(gaussians))
+        return UniformBlur(len(start.cameras), self.uniform, start.device)
 
 
-class UniformlyBlurred(GaussianMethod):
+class UniformlyBlurred(LearnedBlurMethod):
     """One blur for each photograph, as in Robust Gaussian Splatting."""
 
     OPTIONS = UniformlyBlurredOptions
-    FORCED: ClassVar[Mapping[str, Any]] = _NO_LENS
 
 
 @dataclass(frozen=True)
@@ -68,24 +68,19 @@ class EnlargedOptions(GrownOnceOptions):
 
     enlarging: EnlargingOptions = EnlargingOptions()
 
-    def learned_blur(
-        self, gaussians: Gaussians, cameras: Sequence[Camera], extent: float, generator: torch.Generator
-    ) -> LearnedBlur | None:
+    def learned_blur(self, start: BlurStart) -> LearnedBlur | None:
         """See `EnlargedGaussians`."""
-        return self.enlarged(gaussians, cameras, extent, generator)
+        return self.enlarged(start)
 
-    def enlarged(
-        self, gaussians: Gaussians, cameras: Sequence[Camera], extent: float, generator: torch.Generator
-    ) -> EnlargedGaussians:
+    def enlarged(self, start: BlurStart) -> EnlargedGaussians:
         """The enlarging network, whose places begin at the mean of the cameras, in units of the scene's extent."""
-        return EnlargedGaussians(mean_place(gaussians, cameras), extent, self.enlarging, generator)
+        return EnlargedGaussians(start.place, start.extent, self.enlarging, start.generator)
 
 
-class Enlarged(GaussianMethod):
+class Enlarged(LearnedBlurMethod):
     """Gaussians enlarged by a network, as in Deblurring 3D Gaussian Splatting."""
 
     OPTIONS = EnlargedOptions
-    FORCED: ClassVar[Mapping[str, Any]] = _NO_LENS
 
 
 @dataclass(frozen=True)
@@ -94,24 +89,15 @@ class MaskedOptions(EnlargedOptions):
 
     mask: MaskOptions = MaskOptions()
 
-    def learned_blur(
-        self, gaussians: Gaussians, cameras: Sequence[Camera], extent: float, generator: torch.Generator
-    ) -> LearnedBlur | None:
+    def learned_blur(self, start: BlurStart) -> LearnedBlur | None:
         """See `MaskedBlur`."""
-        return MaskedBlur(
-            self.enlarged(gaussians, cameras, extent, generator),
-            len(cameras),
-            self.mask,
-            generator,
-            device_of(gaussians),
-        )
+        return MaskedBlur(self.enlarged(start), len(start.cameras), self.mask, start.generator, start.device)
 
 
-class Masked(GaussianMethod):
+class Masked(LearnedBlurMethod):
     """Enlarged Gaussians and sharp ones mixed by a mask, as in gsplat's defocus module."""
 
     OPTIONS = MaskedOptions
-    FORCED: ClassVar[Mapping[str, Any]] = _NO_LENS
 
 
 @dataclass(frozen=True)
@@ -120,20 +106,17 @@ class CopiedOptions(GrownOnceOptions):
 
     copies: CopiesOptions = CopiesOptions()
 
-    def learned_blur(
-        self, gaussians: Gaussians, cameras: Sequence[Camera], extent: float, generator: torch.Generator
-    ) -> LearnedBlur | None:
+    def learned_blur(self, start: BlurStart) -> LearnedBlur | None:
         """See `CircleCopies`; photographs begin to be focused at the mean distance of the Gaussians."""
-        means = gaussians.parameters["means"].detach()
-        first = torch.stack([(means - means.new_tensor(camera.centre)).norm(dim=1).mean() for camera in cameras])
-        return CircleCopies(first, mean_place(gaussians, cameras), extent, self.copies, generator)
+        centres = start.means.new_tensor(np.stack([camera.centre for camera in start.cameras]))
+        first = torch.stack([(start.means - centre).norm(dim=1).mean() for centre in centres])
+        return CircleCopies(first, start.place, start.extent, self.copies, start.generator)
 
 
-class Copied(GaussianMethod):
+class Copied(LearnedBlurMethod):
     """Photographs mixed from the scene and copies of it, as in CoCoGaussian."""
 
     OPTIONS = CopiedOptions
-    FORCED: ClassVar[Mapping[str, Any]] = _NO_LENS
 
 
 @dataclass(frozen=True)
@@ -165,18 +148,16 @@ class ProposedOptions(GaussianOptions):
     schedule: ThreeScales = ThreeScales()
     proposal: ProposalOptions = ProposalOptions()
 
-    def learned_blur(
-        self, gaussians: Gaussians, cameras: Sequence[Camera], extent: float, generator: torch.Generator
-    ) -> LearnedBlur | None:
+    def learned_blur(self, start: BlurStart) -> LearnedBlur | None:
         """See `ProposedBlur`."""
-        return ProposedBlur([camera.width for camera in cameras], self.proposal, generator, device_of(gaussians))
+        return ProposedBlur([camera.width for camera in start.cameras], self.proposal, start.generator, start.device)
 
 
-class Proposed(GaussianMethod):
+class Proposed(LearnedBlurMethod):
     """Blur proposed for every pixel by a network, as in BAGS."""
 
     OPTIONS = ProposedOptions
-    FORCED: ClassVar[Mapping[str, Any]] = {**_NO_LENS, "coarse_factor": 2}
+    FORCED: ClassVar[Mapping[str, Any]] = {**LearnedBlurMethod.FORCED, "coarse_factor": 2}
 
 
 @dataclass(frozen=True)
@@ -203,13 +184,3 @@ class Focused(GaussianMethod):
         "lens_trials": "",
         "adaptation": "off",
     }
-
-
-def mean_place(gaussians: Gaussians, cameras: Sequence[Camera]) -> torch.Tensor:
-    """(3,) the mean of the cameras' places, scene units, on the device of the Gaussians."""
-    return gaussians.parameters["means"].new_tensor(np.mean([camera.centre for camera in cameras], axis=0))
-
-
-def device_of(gaussians: Gaussians) -> torch.device:
-    """Where the Gaussians' parameters lie."""
-    return gaussians.parameters["means"].device

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,6 +10,7 @@ import torch
 from torch import Tensor
 
 from dofbench.compute.raster import ViewStatistics
+from dofbench.gaussians.density_pace import DensityPace
 from dofbench.gaussians.model import PARAMETERS, Gaussians
 from dofbench.gaussians.optimiser import GaussianOptimiser
 
@@ -68,7 +67,7 @@ class DensityOptions:
 
 
 class DensityControl:
-    """Accumulates screen-space gradients and, when due, clones, splits, prunes and resets."""
+    """Accumulates screen-space gradients and, when due, clones, splits, prunes and resets. pace: when it is due."""
 
     def __init__(
         self,
@@ -81,7 +80,7 @@ class DensityControl:
         self._gaussians, self._optimiser, self._options = gaussians, optimiser, options
         self._extent, self._generator = extent, generator
         self._next_reset = options.reset_every
-        self._resting = self._overdue = False
+        self.pace = DensityPace(options.densify_every)
         self._clear()
 
     def _clear(self) -> None:
@@ -111,23 +110,12 @@ class DensityControl:
         self._gradient_sum += torch.sqrt(x * x + y * y)
         self._visits += statistics.visible
 
-    @contextmanager
-    def resting(self) -> Iterator[None]:
-        """A block in which nothing is added, removed or reset; growing and pruning that was due in the block happens
-        after the first step behind the block."""
-        self._resting = True
-        try:
-            yield
-        finally:
-            self._resting = False
-
     def after_step(self, step: int, progress: float) -> bool:
         """Grow, prune or reset if it is due after step number `step`, at `progress`; True when Gaussians were added or
         removed."""
         options = self._options
-        due = step % options.densify_every == 0 or self._overdue
-        self._overdue = self._resting and due
-        if self._resting:
+        due = self.pace.due(step)
+        if self.pace.resting:
             return False
         if options.reset_every > 0 and progress >= self._next_reset and progress < options.densify_until:
             self._next_reset += options.reset_every

@@ -58,7 +58,7 @@ class GrowingOnce(DensityControl):
 
     def after_step(self, step: int, progress: float) -> bool:
         """As `DensityControl.after_step`, and True when the points were added."""
-        due = not self._added and not self._resting and progress >= self._extra.extra_at
+        due = not self._added and not self.pace.resting and progress >= self._extra.extra_at
         if due:
             self._add()
             self._clear()

@@ -3,17 +3,15 @@ combined."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 
-from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.gaussians.density import DensityControl, DensityOptions
 from dofbench.gaussians.distortion import DistortionOptions
-from dofbench.gaussians.forward.forward_model import BlurOptions, LearnedBlur
+from dofbench.gaussians.forward.forward_model import BlurOptions, BlurStart, LearnedBlur
 from dofbench.gaussians.forward.forward_schedule import ForwardSchedule, training_models
 from dofbench.gaussians.forward.lens_samples import SamplesOptions
 from dofbench.gaussians.forward.scatter_blur import ScatterOptions
@@ -78,9 +76,6 @@ class GaussianOptions(OptionGroups):
         """What adds and removes Gaussians. extent: of the scene, scene units. generator: for all that it draws."""
         return DensityControl(gaussians, optimiser, self.density, extent, generator)
 
-    def learned_blur(
-        self, gaussians: Gaussians, cameras: Sequence[Camera], extent: float, generator: torch.Generator
-    ) -> LearnedBlur | None:
-        """The blur other than a lens's that is learned for the photographs of these cameras; None for none. gaussians:
-        the first ones. extent: of the scene, `model.scene_extent`. generator: for all that the blur draws."""
+    def learned_blur(self, start: BlurStart) -> LearnedBlur | None:
+        """The blur other than a lens's that is learned for the photographs; None for none."""
         return None

@@ -4,8 +4,6 @@ transparent Gaussians are moved to where opaque ones are, noise explores, and a 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import torch
@@ -13,6 +11,7 @@ from torch import Tensor
 
 from dofbench.compute.raster import ViewStatistics
 from dofbench.gaussians.density import DensityOptions, rotate
+from dofbench.gaussians.density_pace import DensityPace
 from dofbench.gaussians.model import PARAMETERS, Gaussians
 from dofbench.gaussians.optimiser import GaussianOptimiser
 
@@ -54,7 +53,7 @@ class Relocation:
     ):
         self._gaussians, self._optimiser, self._density, self._options = gaussians, optimiser, density, options
         self._extent, self._generator = extent, generator
-        self._resting = self._overdue = False
+        self.pace = DensityPace(density.densify_every)
 
     def cost(self) -> Tensor:
         """The term of the loss that charges opacity and scales."""
@@ -74,22 +73,11 @@ class Relocation:
     def record(self, statistics: ViewStatistics, width: int, height: int) -> None:
         """Nothing: where Gaussians go doesn't depend on gradients."""
 
-    @contextmanager
-    def resting(self) -> Iterator[None]:
-        """A block in which nothing is moved or added; what was due happens after the first step behind the block."""
-        self._resting = True
-        try:
-            yield
-        finally:
-            self._resting = False
-
     def after_step(self, step: int, progress: float) -> bool:
         """Move and add Gaussians if it is due after step number `step`, at `progress`, and shake all; True when
         Gaussians were moved or added."""
         density = self._density
-        due = step % density.densify_every == 0 or self._overdue
-        self._overdue = self._resting and due
-        changed = due and not self._resting and density.densify_from <= progress < density.densify_until
+        changed = self.pace.due(step) and density.densify_from <= progress < density.densify_until
         if changed:
             self._move_transparent()
             self._add()

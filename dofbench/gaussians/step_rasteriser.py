@@ -37,16 +37,7 @@ class StepRasteriser:
 
     def rasterise(self, camera: Camera, geometry: Geometry) -> Raster:
         """One sharp view, all outputs of which collect gradients."""
-        statistics = self._watched()
-        with self._clock.timed(_STAGE), self._place.located(_STAGE):
-            raster = rasterise(
-                self.gaussians,
-                camera,
-                self._appearance,
-                sh_degree=self._degree,
-                geometry=geometry,
-                statistics=statistics,
-            )
+        raster = self._raster(camera, geometry)
         return Raster(
             color=self._leaf(raster.color),
             alpha=self._leaf(raster.alpha),
@@ -58,18 +49,7 @@ class StepRasteriser:
 
     def changed(self, camera: Camera, parameters: Mapping[str, Tensor]) -> Tensor:
         """(H, W, 3), a view with some parameters replaced, which collects gradients."""
-        statistics = self._watched()
-        with self._clock.timed(_STAGE), self._place.located(_STAGE):
-            raster = rasterise(
-                self.gaussians,
-                camera,
-                self._appearance,
-                sh_degree=self._degree,
-                geometry="none",
-                statistics=statistics,
-                changes=parameters,
-            )
-        return self._leaf(raster.color)
+        return self._leaf(self._raster(camera, "none", parameters).color)
 
     def from_points(self, camera: Camera, points: np.ndarray, radius: Tensor, blur: Tensor) -> Tensor:
         """(P, H, W, 3) as seen from points of the lens, which collect gradients."""
@@ -86,6 +66,19 @@ class StepRasteriser:
                 statistics=statistics,
             )
         return self._leaf(images)
+
+    def _raster(self, camera: Camera, geometry: Geometry, changes: Mapping[str, Tensor] | None = None) -> Raster:
+        statistics = self._watched()
+        with self._clock.timed(_STAGE), self._place.located(_STAGE):
+            return rasterise(
+                self.gaussians,
+                camera,
+                self._appearance,
+                sh_degree=self._degree,
+                geometry=geometry,
+                statistics=statistics,
+                changes=changes,
+            )
 
     def _watched(self) -> ViewStatistics:
         self._statistics.append(ViewStatistics(want_abs=self._want_abs))

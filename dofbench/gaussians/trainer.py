@@ -186,7 +186,7 @@ class Trainer:
         Density control is postponed: for some steps after it has split Gaussians, single views are off by decibels,
         which would distort the trial's scores.
         """
-        with self.state.density.resting():
+        with self.state.density.pace.rest():
             for taken in range(count):
                 tell(taken, count)
                 self._next(step + taken, max(progress, (step + taken) / total))

@@ -15,7 +15,7 @@ from torch import Tensor
 from dofbench.compute.raster import Geometry
 from dofbench.core.contracts import PointCloud, TrainingSet
 from dofbench.core.lens import DisparityRange
-from dofbench.gaussians.forward.forward_model import LearnedBlur, SharpView
+from dofbench.gaussians.forward.forward_model import BlurStart, LearnedBlur, SharpView
 from dofbench.gaussians.forward.forward_schedule import ForwardSchedule
 from dofbench.gaussians.forward.shot import Shot
 from dofbench.gaussians.gaussian_options import GaussianOptions
@@ -73,9 +73,8 @@ class TrainingState:
             self.lenses = LearnedLenses(len(self._views), self.range, options.lens, ties, device)
         self.colours = LearnedColours(len(self._views), options.colours, device)
         self.order = ViewOrder(len(self._views), options.outliers)
-        self.blur = options.learned_blur(
-            self.gaussians, self.cameras, self._extent, torch.Generator().manual_seed(seed)
-        )
+        generator = torch.Generator().manual_seed(seed)
+        self.blur = options.learned_blur(BlurStart(self.gaussians, self.cameras, self._extent, generator))
         self.loss = math.nan
         self._use(options)
         self._optimise()

@@ -23,6 +23,10 @@ class NetworkAdam:
         """Gradients of the parameters by name."""
         return {name: parameter.grad for name, parameter in self._parameters.items()}
 
+    def gradient(self) -> Tensor | None:
+        """All of them in one row."""
+        return in_a_row(self.gradients().values())
+
     def step(self, progress: float, cooldown: float = 1.0) -> None:
         """Update by the gradients, which are then dropped; nothing happens before there are any. progress: 0 to 1.
         cooldown: a factor on the rate."""
@@ -30,6 +34,12 @@ class NetworkAdam:
             group["lr"] = self._rate * self._final**progress * cooldown
         self._adam.step()
         self._adam.zero_grad()
+
+
+def in_a_row(gradients: Iterable[Tensor | None]) -> Tensor | None:
+    """Those gradients that there are, in one row; None if there are none."""
+    found = [gradient.flatten() for gradient in gradients if gradient is not None]
+    return torch.cat(found) if found else None
 
 
 def encoded_places(values: Tensor, frequencies: int) -> Tensor:

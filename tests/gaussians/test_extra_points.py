@@ -71,7 +71,7 @@ def test_points_come_once_and_shapes_and_moments_begin_anew() -> None:
     gaussians, optimiser, density = control()
     before = gaussians.parameters["means"].detach().clone()
     assert not density.after_step(1, 0.19) and len(gaussians) == 100
-    with density.resting():
+    with density.pace.rest():
         assert not density.after_step(2, 0.2)
     kept = density.state()
     assert density.after_step(3, 0.2) and len(gaussians) == 140

@@ -87,7 +87,7 @@ def test_more_are_added_up_to_the_limit_and_moments_of_the_others_stay() -> None
 
 def test_what_is_due_in_a_trial_happens_after_it() -> None:
     gaussians, _, relocation = setup(noise_lr=0.0)
-    with relocation.resting():
+    with relocation.pace.rest():
         assert not relocation.after_step(5, 0.1) and len(gaussians) == 40
     assert relocation.after_step(6, 0.1) and len(gaussians) == 42
 

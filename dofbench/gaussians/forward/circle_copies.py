@@ -20,7 +20,7 @@ from dofbench.gaussians.forward.forward_model import ForwardModel, Rasteriser, S
 from dofbench.gaussians.forward.gaussian_network import GaussianNetwork
 from dofbench.gaussians.forward.pinhole import Pinhole
 from dofbench.gaussians.forward.shot import Shot
-from dofbench.learning.networks import NetworkAdam, redraw
+from dofbench.learning.networks import NetworkAdam, in_a_row, redraw
 from dofbench.learning.row_adam import RowAdam
 
 _MOST = 1.1  # the largest factor
@@ -120,9 +120,7 @@ class CircleCopies(WithoutCost):
 
     def gradient(self) -> Tensor | None:
         """Those by the networks' parameters and by the last photograph's focus."""
-        found = [*self._adam.gradients().values(), self._focuses.gradient]
-        some = [gradient.flatten() for gradient in found if gradient is not None]
-        return torch.cat(some) if some else None
+        return in_a_row([self._adam.gradient(), self._focuses.gradient])
 
     def step(self, view: int, progress: float, cooldown: float) -> None:
         """An Adam step on the networks and on the photograph's focus."""

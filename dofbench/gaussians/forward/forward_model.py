@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Literal, Protocol
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from dofbench.compute.raster import Geometry, Raster
@@ -102,6 +103,35 @@ class WithoutCost:
     def cost(self, sharp: SharpView, shot: Shot, view: Photograph) -> Tensor | None:
         """None."""
         return None
+
+
+@dataclass(frozen=True, eq=False)
+class BlurStart:
+    """What learned blur begins with.
+
+    gaussians: the first ones. cameras: those of the photographs. extent: of the scene, scene units,
+    `model.scene_extent`. generator: for all that the blur draws.
+    """
+
+    gaussians: Gaussians
+    cameras: Sequence[Camera]
+    extent: float
+    generator: torch.Generator
+
+    @property
+    def means(self) -> Tensor:
+        """(N, 3) the Gaussians' means, scene units, without gradient."""
+        return self.gaussians.parameters["means"].detach()
+
+    @property
+    def device(self) -> torch.device:
+        """Where the Gaussians lie."""
+        return self.means.device
+
+    @property
+    def place(self) -> Tensor:
+        """(3,) the mean of the cameras' places, scene units."""
+        return self.means.new_tensor(np.mean([camera.centre for camera in self.cameras], axis=0))
 
 
 class LearnedBlur(Protocol):

@@ -20,7 +20,7 @@ from dofbench.compute.raster import Geometry
 from dofbench.gaussians.forward.enlarged_gaussians import EnlargedGaussians
 from dofbench.gaussians.forward.forward_model import ForwardModel, Rasteriser, SharpView
 from dofbench.gaussians.forward.shot import Shot
-from dofbench.learning.networks import NetworkAdam, encoded_places, redraw
+from dofbench.learning.networks import NetworkAdam, encoded_places, in_a_row, redraw
 from dofbench.learning.training_views import Photograph
 
 _EMBEDDING, _WIDTH, _HIDDEN = 4, 64, 4
@@ -87,10 +87,7 @@ class MaskedBlur:
 
     def gradient(self) -> Tensor | None:
         """Those by both networks' parameters."""
-        own = [gradient.flatten() for gradient in self._adam.gradients().values() if gradient is not None]
-        other = self._enlarged.gradient()
-        found = own if other is None else [*own, other]
-        return torch.cat(found) if found else None
+        return in_a_row([self._adam.gradient(), self._enlarged.gradient()])
 
     def step(self, view: int, progress: float, cooldown: float) -> None:
         """An Adam step on both networks."""

@@ -90,8 +90,7 @@ class ProposedBlur:
 
     def gradient(self) -> Tensor | None:
         """Those by the network's parameters."""
-        found = [gradient.flatten() for gradient in self._adam.gradients().values() if gradient is not None]
-        return torch.cat(found) if found else None
+        return self._adam.gradient()
 
     def step(self, view: int, progress: float, cooldown: float) -> None:
         """An Adam step on the network."""
