@@ -195,23 +195,28 @@ def variant_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], tuple[str
     device or code is added to the preset."""
     first = {variant: found[0] for variant, found in grouped(entries, "variant").items()}
     names = {variant: (entry.spec.method, entry.preset) for variant, entry in first.items()}
-    details_of: tuple[Callable[[Entry], str], ...] = (
+    details_of: tuple[Callable[[Sequence[Entry]], list[str]], ...] = (
         _left_out_stages,
-        lambda entry: entry.spec.budget,
-        lambda entry: entry.spec.device,
-        lambda entry: f"code {entry.spec.code[-64:][:8]}",
+        lambda those: [entry.spec.budget for entry in those],
+        lambda those: [entry.spec.device for entry in those],
+        lambda those: [f"code {entry.spec.code[-64:][:8]}" for entry in those],
     )
     for detail in details_of:
         alike: dict[tuple[str, str], list[tuple[str, ...]]] = {}
         for variant, name in names.items():
             alike.setdefault(name, []).append(variant)
         for (method, preset), variants in alike.items():
-            details = {variant: detail(first[variant]) for variant in variants}
+            details = dict(zip(variants, detail([first[variant] for variant in variants]), strict=True))
             if len(set(details.values())) > 1:
                 names |= {variant: (method, f"{preset}, {details[variant]}") for variant in variants}
     return names
 
 
-def _left_out_stages(entry: Entry) -> str:
-    stages = entry.result.plan["stages"] if entry.result else []
-    return ", ".join(f"{stage['name']} left out" for stage in stages if not stage["runs"]) or "nothing left out"
+def _left_out_stages(entries: Sequence[Entry]) -> list[str]:
+    """What the plan of each left out, but for stages that the plans of all left out."""
+    plans = [entry.result.plan["stages"] if entry.result else [] for entry in entries]
+    absent = [[stage["name"] for stage in plan if not stage["runs"]] for plan in plans]
+    planned = [set(names) for plan, names in zip(plans, absent, strict=True) if plan]
+    common = set.intersection(*planned) if planned else set()
+    nothing = "nothing else left out" if common else "nothing left out"
+    return [", ".join(f"{name} left out" for name in names if name not in common) or nothing for names in absent]

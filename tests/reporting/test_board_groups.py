@@ -62,6 +62,17 @@ def test_a_forced_stage_is_no_second_seed(plain, call, made) -> None:
     }
 
 
+def test_a_stage_that_all_leave_out_names_no_variant(plain, call, made) -> None:
+    for force_all in (False, True):
+        file = call(inputs="all-in-focus", force_all=force_all).folder / "result.json"
+        data = json.loads(file.read_text())
+        data["plan"]["stages"].append({**data["plan"]["stages"][0], "name": "normals", "runs": False, "reason": "flat"})
+        file.write_text(json.dumps(data))
+    _, out, _ = made()
+    rows = table_rows((out / "leaderboard.md").read_text(), "waves, sharp-inputs-v3")
+    assert {row["preset"] for row in rows} == {"quick, lens left out", "quick, nothing else left out"}
+
+
 def test_two_versions_of_a_dataset_never_share_a_table(plain, call, made, tmp_path: Path) -> None:
     first = read_result(call().folder).spec.dataset_checksum
     write_dataset(tmp_path / "data", test=3)
