@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from dofbench.core.lens import PhysicalLens as PhysicalLens
     from dofbench.dataset.dataset import Dataset as Dataset
     from dofbench.dataset.dataset import DatasetView as DatasetView
+    from dofbench.external.external_method import External as External
     from dofbench.metrics import METRICS as METRICS
     from dofbench.metrics import Metric as Metric
     from dofbench.metrics import score_image as score_image
@@ -88,6 +89,7 @@ _PLACES = {
     "Observer": "core.contracts",
     "FitOutcome": "core.contracts",
     "Rendering": "core.contracts",
+    "External": "external.external_method",
     # runs, results, reports
     "Run": "results.run_spec",
     "run": "running.one_run",
@@ -117,6 +119,7 @@ __all__ = [
     "Dataset",
     "DatasetView",
     "DisparityRange",
+    "External",
     "FitOutcome",
     "InputError",
     "Lens",

@@ -237,6 +237,11 @@ def test_a_method_as_the_page_adds_it(done) -> None:
     assert (place / "reports" / "nearest" / "report.html").is_file()
 
 
+def test_another_program_as_the_page_adds_it(done) -> None:
+    place = done(ROOT / "docs" / "external-methods.md", ROOT)
+    assert (place / "reports" / "copies" / "report.html").is_file()
+
+
 def test_a_reader_as_the_page_adds_it(done, tree: Path) -> None:
     done(ROOT / "docs" / "add-a-reader.md", tree)
 

@@ -118,7 +118,8 @@ class Decision:
 class FitOutcome:
     """How training ended: its status, with a message where that isn't `ok`, after so many steps. nonfinite: where a NaN
     or an infinity appeared. stages: wall seconds by part of the step, for the time table. left_out: parts of the method
-    that were switched off by themselves, each with its reason. decisions: how training revised the plan."""
+    that were switched off by themselves, each with its reason. decisions: how training revised the plan. peak_mb: of
+    resident memory of other processes that trained, MB."""
 
     status: Status
     steps: int
@@ -127,6 +128,7 @@ class FitOutcome:
     stages: dict[str, float] = field(default_factory=dict)
     left_out: dict[str, str] = field(default_factory=dict)
     decisions: tuple[Decision, ...] = ()
+    peak_mb: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,6 +176,14 @@ class Method(Protocol):
 
     def load(self, folder: Path) -> None:
         """Read what `save` wrote."""
+
+
+@runtime_checkable
+class RendersAhead(Protocol):
+    """What a method offers beside `Method` if it makes all pictures together, as another program does."""
+
+    def render_ahead(self, views: Sequence[tuple[Camera, PhysicalLens | None]]) -> None:
+        """Make what `render` will be asked for; called after training, again with the same views too."""
 
 
 class MethodOption(Protocol):

@@ -49,3 +49,11 @@ class Status(StrEnum):
     OUT_OF_MEMORY = "out_of_memory"
     OUT_OF_TIME = "out_of_time"
     CRASHED = "crashed"
+
+
+class Ended(Exception):
+    """A method couldn't go on: a numerical or practical outcome of a run, as opposed to a bug. status: not `ok`."""
+
+    def __init__(self, status: Status, message: str):
+        self.status = status
+        super().__init__(message)

@@ -13,8 +13,8 @@ from rich.console import Console
 
 from dofbench.core.budget import Budget
 from dofbench.core.clock import StageTimes, timestamp
-from dofbench.core.contracts import Decision, FitOutcome, Method
-from dofbench.core.errors import InputError, Status, interruption
+from dofbench.core.contracts import Decision, FitOutcome, Method, TrainingSet
+from dofbench.core.errors import Ended, InputError, Status, interruption
 from dofbench.core.files import read_json, sha256_file, write_json
 from dofbench.core.leases import Lease
 from dofbench.core.progress import say
@@ -133,16 +133,8 @@ class Execution:
             shutil.rmtree(self.folder / name, ignore_errors=True)
         with self.stages["load data"].running():
             training_set = self.dataset.training_set(self.settings.inputs)
-        say(self.console, "warming up: the first call compiles kernels, which isn't counted")
-        with (
-            self.progress(self.console, self.budget) as progress,
-            still_alive(progress, "warming up"),
-            self.stages[WARM_UP].running(),
-        ):
-            # Kernels compile at their first call, for a minute or for none, as their cache has it. A first
-            # step that isn't counted keeps that out of the training time, and of a budget in seconds.
-            self.method.fit(miniature(training_set), Budget(steps=1), OneStep())
-        self._use(self.entry.create(dict(self.plan.options), self.spec.seed, self.spec.device))
+        if not self.entry.card.elsewhere:
+            self._warm_up(training_set)
         provenance.reset_peak_memory()
         clock, evaluating = self.stages[TRAIN], self.stages["evaluate during training"]
         with self.progress(self.console, self.budget) as progress:
@@ -150,7 +142,8 @@ class Execution:
             self.observer = observer
             with clock.running():
                 outcome = self.method.fit(training_set, self.budget, observer)
-        failure = observer.failure()
+        # The end alone is seen of a training elsewhere, so its first step says nothing about the budget.
+        failure = None if self.entry.card.elsewhere else observer.failure()
         if failure is not None and outcome.status is Status.OK:
             outcome = replace(outcome, status=failure[0], message=failure[1])
         if outcome.status is Status.OK:
@@ -161,9 +154,8 @@ class Execution:
                 self.method.save(self.folder / MODEL_FOLDER)
                 # Scored is what was kept, whether or not the run is interrupted here and goes on later.
                 self.method.load(self.folder / MODEL_FOLDER)
-        trained = _Trained(
-            outcome, observer.curve, provenance.peak_memory_mb(), self._compiled(), self.stages.as_data()
-        )
+        peak_mb = max(provenance.peak_memory_mb(), outcome.peak_mb)
+        trained = _Trained(outcome, observer.curve, peak_mb, self._compiled(), self.stages.as_data())
         if outcome.status is Status.OK:
             write_json(
                 self.folder / TRAINED_FILE,
@@ -182,6 +174,18 @@ class Execution:
                 },
             )
         return trained
+
+    def _warm_up(self, training_set: TrainingSet) -> None:
+        say(self.console, "warming up: the first call compiles kernels, which isn't counted")
+        with (
+            self.progress(self.console, self.budget) as progress,
+            still_alive(progress, "warming up"),
+            self.stages[WARM_UP].running(),
+        ):
+            # Kernels compile at their first call, for a minute or for none, as their cache has it. A first
+            # step that isn't counted keeps that out of the training time, and of a budget in seconds.
+            self.method.fit(miniature(training_set), Budget(steps=1), OneStep())
+        self._use(self.entry.create(dict(self.plan.options), self.spec.seed, self.spec.device))
 
     def _use(self, method: Method) -> None:
         self.method = method
@@ -214,18 +218,24 @@ class Execution:
         self.lease.check()
         with self.progress(self.console, self.budget) as progress, self.stages["score"].running():
             found = self.evaluator.final(self.folder, progress.stage)
-        with self.stages["measure speed"].running():
-            frames = self.evaluator.frames_per_second()
-        if frames is None:
-            found.left_out["render_fps"] = "the dataset has no test views"
-        else:
-            found.scores["render_fps"] = frames
+        self._measure_speed(found)
         self.description = {name: float(value) for name, value in self.method.describe().items()}
         if "gaussians" in self.description:
             found.scores["gaussians"] = self.description["gaussians"]
         else:
             found.left_out["gaussians"] = f"{self.entry.card.name} has no Gaussians"
         return found
+
+    def _measure_speed(self, found: Evaluation) -> None:
+        if self.entry.card.elsewhere:
+            found.left_out["render_fps"] = f"{self.entry.card.name} renders in another program"
+            return
+        with self.stages["measure speed"].running():
+            frames = self.evaluator.frames_per_second()
+        if frames is None:
+            found.left_out["render_fps"] = "the dataset has no test views"
+        else:
+            found.scores["render_fps"] = frames
 
     def _model(self) -> dict[str, str]:
         root = self.folder / MODEL_FOLDER
@@ -316,6 +326,8 @@ def kernels_compiled() -> int:
 
 def classify(error: BaseException) -> tuple[Status, str]:
     """The typed status of an exception out of a method, and one line about it."""
+    if isinstance(error, Ended):
+        return error.status, " ".join(str(error).split())
     text = " ".join(f"{type(error).__name__}: {error}".split())
     # torch raises its own kinds: OutOfMemoryError on a GPU, a plain RuntimeError by its CPU allocator.
     memory = isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError"

@@ -31,11 +31,12 @@ class _Strict(BaseModel):
 
 class Capabilities(_Strict):
     """What a method can do. refocus: renders with a given lens. learns_lens: estimates the lens of
-    every training view. needs_points: can't start without sparse points."""
+    every training view. needs_points: can't start without sparse points. depth: renders depth."""
 
     refocus: bool
     learns_lens: bool
     needs_points: bool
+    depth: bool = True
 
 
 class Claims(_Strict):
@@ -91,6 +92,7 @@ class Card(_Strict):
     stages: name -> a part of the method that a plan may leave out where the data don't need it.
     trials: the option that names, with commas between, what training tries out for itself.
     costs: what its default preset's training takes.
+    elsewhere: it trains and renders in another program, so there is nothing to warm up, no curve and no speed.
     """
 
     name: str
@@ -106,6 +108,7 @@ class Card(_Strict):
     stages: dict[str, StageCard] = {}
     trials: str | None = None
     costs: Costs | None = None
+    elsewhere: bool = False
     claims: Claims | None = None
 
     @field_validator("devices")

@@ -16,6 +16,7 @@ from dofbench.running.method_cards import Card, MethodEntry
 from dofbench.running.stage_deciders import DECIDERS, Asked
 from dofbench.scoring.exif_scores import asked_by_exif, missing_exif
 from dofbench.scoring.ground_truth import NO_TEST_VIEWS, MissingTruth, missing_truth
+from dofbench.scoring.resolved import RESOLVED_COLUMN
 
 TRIED = "whether that helps is tried while training"
 
@@ -252,11 +253,13 @@ def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], missi
         blur = f"{BY_BLUR}: {entry.card.name} has no lens"
     elif no_lens:
         blur = f"{BY_BLUR}: the lens was left out: {no_lens}"
+    no_depth = "" if capabilities.depth else f"{entry.card.name} renders no depth"
     reasons = (
         (tuple(column for column in protocol.photograph if column in OF_LENSES), blur),
         (protocol.refocus_columns, refocus),
         (protocol.all_in_focus_columns, missing.all_in_focus),
         (LENS_COLUMNS, lens),
-        (protocol.depth, missing.depth),
+        (protocol.depth, missing.depth or no_depth),
+        ((RESOLVED_COLUMN,), no_depth),
     )
     return {column: reason for columns, reason in reasons if reason for column in columns}

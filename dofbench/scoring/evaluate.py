@@ -12,10 +12,11 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from dofbench.core.contracts import Method, NonFinite, Rendering
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import Method, NonFinite, Rendering, RendersAhead
 from dofbench.core.files import sha256_file
 from dofbench.core.images import from_8bit, to_8bit, write_png
-from dofbench.core.lens import DisparityRange, Lens
+from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
 from dofbench.core.time_left import Progress, silent
 from dofbench.dataset.benchmark_dataset import BenchmarkDataset, BenchmarkView
 from dofbench.metrics import score_image
@@ -96,6 +97,7 @@ class Evaluator:
     def quick(self) -> dict[str, float]:
         """Mean PSNR and SSIM of the kinds of prediction that are scored, and the lens errors, by column. Of photographs
         of unknown lens only a few are scored, by a shorter search."""
+        self._ahead()
         scores: dict[str, float] = {}
         for kind in self._possible_kinds():
             metrics = [metric for metric in CURVE_METRICS if metric in self._metrics(kind)]
@@ -117,15 +119,15 @@ class Evaluator:
 
         progress: called for every picture that is scored, since a photograph of unknown lens takes seconds to minutes.
         """
+        self._ahead()
         found = Evaluation()
         rows: dict[str, dict[str, float]] = {view.name: {} for view in self._test}
         kinds = self._possible_kinds()
         of_depth = any(column in self._columns for column in DEPTH_COLUMNS)
-        lenses = self._method.lens_estimates()
         # Photographs are a stage of their own in the progress, because they take much longer than other pictures.
         if self._photographs():
             self._score_photographs(folder, rows, found, _Counted(progress, "predict photographs", len(self._test)))
-        pictures = _Counted(progress, "score", (len(kinds) + of_depth + (lenses is not None)) * len(self._test))
+        pictures = _Counted(progress, "score", (len(kinds) + of_depth + self._resolvable()) * len(self._test))
         if self._refused is not None:
             reason = f"the method refused to refocus: {self._refused}"
             found.left_out |= dict.fromkeys(self._protocol.refocus_columns, reason)
@@ -153,11 +155,26 @@ class Evaluator:
             found.left_out |= dict.fromkeys(LENS_COLUMNS, "the method gave no lens estimates")
         return found
 
+    def _ahead(self) -> None:
+        """Tell a method that makes its pictures together which ones will be looked at."""
+        if not isinstance(self._method, RendersAhead):
+            return
+        sharp = [*self._test, *(self._train if self._resolvable() else ())]
+        views: list[tuple[Camera, PhysicalLens | None]] = [(view.camera, None) for view in sharp]
+        if self._metrics("refocus"):
+            views += [(view.camera, view.physical_lens) for view in self._test]
+        self._method.render_ahead(views)
+
+    def _resolvable(self) -> bool:
+        """Whether it can be told what the photographs resolve."""
+        return bool(self._test) and RESOLVED_COLUMN not in self._left_out and self._method.lens_estimates() is not None
+
     def _resolved(self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation, pictures: _Counted) -> None:
         """Score and map of the share of each test view that the training photographs resolve."""
-        lenses = self._method.lens_estimates() if self._test else None
-        if lenses is None:
-            found.left_out[RESOLVED_COLUMN] = "no test views" if not self._test else "the method has no learned lenses"
+        lenses = self._method.lens_estimates()
+        if lenses is None or not self._resolvable():
+            reason = "no test views" if not self._test else "the method has no learned lenses"
+            found.left_out[RESOLVED_COLUMN] = self._left_out.get(RESOLVED_COLUMN, reason)
             return
         photographs = photographs_of({view.name: view.camera for view in self._train}, lenses)
         circles = ResolvedCircles(self._method, photographs)

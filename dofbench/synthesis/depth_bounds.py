@@ -1,8 +1,8 @@
-"""Near and far bounds of every view, scene units, as LLFF's layout states them."""
+"""Near and far bounds of a dataset's views."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
+from collections.abc import Set
 from pathlib import Path
 
 import numpy as np
@@ -10,23 +10,9 @@ import numpy as np
 from dofbench.core.images import read_exr
 from dofbench.dataset import layout
 from dofbench.dataset.points_choice import Points
+from dofbench.scenes.near_far import depth_bounds
 from dofbench.scenes.scene import Scene
 from dofbench.scenes.visibility import visible
-
-_NEAR_FAR = (0.1, 99.9)  # percentiles of depth that are LLFF's near and far bounds
-
-
-def depth_bounds(depths: Sequence[np.ndarray]) -> np.ndarray | None:
-    """(N, 2) near and far, from the depths (any number of each) that are known in each of N views.
-
-    A view without any gets the nearest and the farthest bound of all views. None if no view has any.
-    """
-    bounds = np.array([np.percentile(known, _NEAR_FAR) if known.size else (np.nan, np.nan) for known in depths])
-    told = np.isfinite(bounds[:, 0])
-    if not told.any():
-        return None
-    bounds[~told] = bounds[told, 0].min(), bounds[told, 1].max()
-    return bounds
 
 
 def bounds_of_views(scene: Scene, root: Path, kind: Points, measured: Set[str]) -> np.ndarray | None:

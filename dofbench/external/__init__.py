@@ -1,0 +1,1 @@
+"""Methods that are another program: it is given a folder, and its pictures are scored."""
