@@ -57,7 +57,7 @@ TESTS = (
     "gaussians", "kernels", "metrics", "methods", "priors", "ablation", "harness", "depth", "photographs", "validation",
     "stability", "reporting/test_differences.py", "reporting/test_paired.py", "reporting/test_report.py",
     "reporting/test_verdict.py", "test_blur.py", "test_defocus.py", "test_layered.py", "test_lens.py",
-    "test_mixed_pixels.py", "test_photographs_run.py", "test_tone.py",
+    "test_mixed_pixels.py", "test_networks.py", "test_photographs_run.py", "test_tone.py",
 )  # fmt: skip
 FIELDS = (
     "id", "file", "line", "function", "operator", "before", "after", "outcome", "killed_by", "tests", "seconds", "code",

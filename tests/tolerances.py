@@ -271,3 +271,5 @@ DISC_OF_A_PIXEL = 0.05
 # Steps: Adam near a minimum walks at its rate, and turns around once its mean of gradients, which remembers some ten
 # (beta 0.9), has changed its sign.
 ADAM_TURNS = 10
+# Adam's first step by its rate of 1e-4, as the difference of two float32 numbers about 1, which are rounded to 6e-8.
+ADAM_FIRST_STEP = 2e-3

@@ -15,7 +15,7 @@ from dofbench.core.budget import Budget
 from dofbench.core.errors import Status
 from dofbench.gaussians.blur_methods import Copied, Enlarged
 from dofbench.gaussians.density import DensityOptions
-from dofbench.gaussians.extra_points import ExtraOptions, GrowingOnce, drawn_between
+from dofbench.gaussians.extra_points import ExtraOptions, GrowingOnce, drawn_between, neighbour_distances
 from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.optimiser import GaussianOptimiser, RateOptions
 
@@ -49,6 +49,15 @@ def test_a_colour_is_the_mean_of_the_four_nearest_by_distance() -> None:
         four = distance.argsort()[:4]
         expected = (distance[four, None] * colours[four]).sum(dim=0) / distance[four].sum()
         assert colour.tolist() == pytest.approx(expected.tolist(), rel=FLOAT32_VALUE)
+
+
+def test_the_three_nearest_others() -> None:
+    means = torch.from_numpy(np.random.default_rng(2).normal(size=(50, 3))).float().requires_grad_()
+    distances, nearest = neighbour_distances(means)
+    every = torch.cdist(means.detach().double(), means.detach().double())
+    assert torch.equal(nearest, every.argsort(dim=1)[:, 1:4])
+    expected = every.sort(dim=1).values[:, 1:4]
+    np.testing.assert_allclose(distances.numpy(), expected.numpy(), rtol=FLOAT32_VALUE)
 
 
 def control(points: int = 40) -> tuple[Gaussians, GaussianOptimiser, GrowingOnce]:

@@ -10,7 +10,7 @@ import pytest
 import torch
 from made_up import Recorder, cloud, frontal
 from small_scene import cameras, training_set
-from tolerances import ADAM_TURNS, BLUR_INTEGRAL, FLOAT32_GRADIENT, FLOAT32_SCALAR, FLOAT32_VALUE
+from tolerances import ADAM_FIRST_STEP, ADAM_TURNS, BLUR_INTEGRAL, FLOAT32_GRADIENT, FLOAT32_SCALAR, FLOAT32_VALUE
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
@@ -20,13 +20,14 @@ from dofbench.gaussians.exposure import StillRasteriser
 from dofbench.gaussians.forward.circle_copies import CircleCopies, CopiesOptions
 from dofbench.gaussians.forward.enlarged_gaussians import EnlargedGaussians, EnlargingOptions
 from dofbench.gaussians.forward.focused_blur import FocusedBlur, FocusOptions
-from dofbench.gaussians.forward.forward_model import BlurOptions, SharpView
+from dofbench.gaussians.forward.forward_model import BlurOptions, BlurStart, SharpView
+from dofbench.gaussians.forward.gaussian_network import GaussianNetwork
 from dofbench.gaussians.forward.masked_blur import MaskedBlur, MaskOptions
 from dofbench.gaussians.forward.proposed_blur import ProposalOptions, ProposedBlur
 from dofbench.gaussians.forward.shot import Shot
 from dofbench.gaussians.forward.uniform_blur import UniformBlur, UniformBlurOptions
 from dofbench.gaussians.gaussian_method import GaussianMethod
-from dofbench.gaussians.model import Gaussians
+from dofbench.gaussians.model import PARAMETERS, Gaussians
 from dofbench.gaussians.render import AppearanceOptions
 from dofbench.learning.training_views import Photograph
 
@@ -288,6 +289,38 @@ def test_focus_and_networks_of_copies_learn() -> None:
     found = blur.focuses()
     assert float(found[0]) == 8.0 and abs(math.log(float(found[1]) / 8.0)) == pytest.approx(0.1, rel=FLOAT32_VALUE)
     assert [start for start, _ in blur.models()] == [0.0, 0.05]
+
+
+def test_the_rate_of_copies_falls_and_is_cooled_down() -> None:
+    """Adam's first step is as long as its rate: a hundredth of the first at the end, and half of that cooled down."""
+    scene, blur = one_gaussian(2.0), copying(8.0, focus_lr=0.1, copies_lr=0.02)
+    with torch.no_grad():
+        blur._network.head.weight.normal_(0, 1e-2, generator=torch.Generator().manual_seed(1))
+    blur.photograph(scene, no_view(), shot(1)).square().sum().backward()
+    before = blur._network.head.bias.detach().clone()
+    blur.step(1, 1.0, 0.5)
+    assert float((blur._network.head.bias - before).abs().max()) == pytest.approx(0.02 / 100 / 2, rel=ADAM_FIRST_STEP)
+    assert abs(math.log(float(blur.focuses()[1]) / 8.0)) == pytest.approx(0.05, rel=FLOAT32_VALUE)
+
+
+# ---- the network of a Gaussian's place ----
+
+
+def test_every_part_of_the_network_learns() -> None:
+    network = GaussianNetwork((2,), (1.0,), torch.zeros(3), 1.0, torch.Generator().manual_seed(0))
+    names = dict(network.named_parameters())
+    # The camera's part of the first layer has no bias of its own.
+    hidden = [name for name in names if name.startswith("hidden")]
+    assert set(names) == {"first.weight", "first.bias", "camera.weight", "head.weight", "head.bias", *hidden}
+    (found,) = network(one_gaussian(2.0).gaussians.parameters, CAMERA)
+    found.square().sum().backward()
+    assert all(float(one.grad.abs().max()) > 0 for one in names.values())
+
+
+def test_what_a_blur_begins_with_lies_where_the_gaussians_do() -> None:
+    gaussians = Gaussians({name: torch.zeros(5, 3, device="meta") for name in PARAMETERS})
+    start = BlurStart(gaussians, cameras(), 1.0, torch.Generator())
+    assert start.device == torch.device("meta") and start.place.device == start.device
 
 
 # ---- blur proposed for every pixel ----

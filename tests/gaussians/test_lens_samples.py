@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from made_up import cloud
+from made_up import cloud, frontal
 from tolerances import (
     FEW_POINTS,
     FINITE_DIFFERENCE,
@@ -149,6 +149,13 @@ def test_circles_are_those_of_the_gaussians_that_the_camera_sees():
     expected = np.abs(lens.physical(BOUNDS, WIDTH).signed_radius(1 / depth[seen], WIDTH))
     found = circles_in_view(gaussians, Shot(camera, BOUNDS, lens.aperture, -lens.aperture * lens.focus))
     assert found.numpy() == pytest.approx(expected, rel=FLOAT32_VALUE, abs=FLOAT32_VALUE)
+
+
+def test_circles_count_a_gaussian_on_the_edge_that_belongs_to_the_image():
+    """A pixel contains its left and its upper edge."""
+    camera = frontal(4, 4, 2.0, (0.0, 0.0, 0.0))
+    gaussians = Gaussians.from_points(cloud([(-1, -1, 1.0), (1, -1, 1.0), (-1, 1, 1.0), (1, 1, 1.0)]), 0)
+    assert len(circles_in_view(gaussians, Shot(camera, BOUNDS, 1.0, 0.0))) == 1
 
 
 @pytest.mark.parametrize("aperture", [1.5, 4.0, 9.0])

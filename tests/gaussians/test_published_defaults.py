@@ -7,10 +7,25 @@ from __future__ import annotations
 
 import pytest
 
+from dofbench.gaussians.blur_methods import (
+    CopiedOptions,
+    FocusedOptions,
+    MaskedOptions,
+    ProposedOptions,
+    UniformlyBlurredOptions,
+)
 from dofbench.gaussians.gaussian_options import GaussianOptions
+from dofbench.gaussians.vanilla import VanillaOptions
 from dofbench.learning.option_groups import listed_options
 
 OPTIONS = {option.name: option for option in listed_options(GaussianOptions)}
+BLUR = {
+    option.name: option
+    for kind in (UniformlyBlurredOptions, MaskedOptions, CopiedOptions, ProposedOptions, FocusedOptions, VanillaOptions)
+    for option in listed_options(kind)
+    if option.name not in OPTIONS or kind is VanillaOptions
+}
+PROPOSED = {option.name: option for option in listed_options(ProposedOptions)}
 
 # 3DGS, Kerbl et al. 2023, and its code.
 THREE_DGS = {
@@ -80,6 +95,54 @@ ADDED = {
 }
 # What docs/methods.md says: up to seven points of the lens; trials at 35 % of the training, for 3 % of its steps.
 OWN = {"lens_rings": 1, "lens_trials_at": 35 / 100, "lens_trials_steps": 3 / 100}
+
+
+# What the methods that learn another blur than a lens's publish, in their steps (docs/published-methods.md), and 3DGS
+# where it differs from Mip-Splatting.
+OTHER_BLUR = {
+    "enlarge_from": 0,
+    "enlarge_lambda": 0.01,
+    "enlarge_most": 1.1,
+    "enlarge_lr": 0.001,
+    "extra_at": 2_500 / 20_000,
+    "mask_lr": 0.001,
+    "mask_cost": 0.002,
+    "copies": 4,
+    "copies_from": 1_500 / 30_000,
+    "copies_lr": 0.001,
+    "copies_lr_final": 1 / 100,
+    "proposal_from": 0.008,  # of 30 000 steps, 250 rounded down
+    "proposal_lr": 0.0005,
+    "proposal_cost": 0.001,
+    "quarter_until": 3_000 / 30_000,
+    "coarse_until": 6_000 / 30_000,
+    "filter_2d": 0.3,
+    "filter_3d": False,
+    "prune_scale": 0.1,
+    "noise_lr": 500_000,
+    "opacity_cost": 0.01,
+    "scale_cost": 0.01,
+    "init_opacity": 0.5,
+    "init_scale": 0.1,
+}
+# Ours: points are added and Gaussians sampled only where that is asked for; the rest is stated at the option.
+OTHER_OWN = {
+    "extra_points": 0,
+    "extra_within": 10,
+    "mcmc": False,
+    "focus_lr": 0.01,
+    "proposal_width": 16,
+    "view_blur_init": 1,
+    "view_blur_lr": 0.02,
+    "in_focus_weight": 0.5,
+    "in_focus_circle": 0.5,
+}
+
+
+@pytest.mark.parametrize(("name", "value"), [*OTHER_BLUR.items(), *OTHER_OWN.items()])
+def test_a_default_of_another_blur_is_what_was_published(name: str, value: float) -> None:
+    default = PROPOSED[name].default if name == "coarse_until" else BLUR[name].default
+    assert default == pytest.approx(value)
 
 
 @pytest.mark.parametrize(("name", "value"), [*THREE_DGS.items(), *DOF_GAUSSIAN.items(), *ADDED.items(), *OWN.items()])

@@ -7,9 +7,12 @@ import sys
 from collections.abc import Iterator
 
 import pytest
-from made_up import cloud, frontal
+from made_up import Recorder, cloud, frontal
+from small_scene import training_set
 
-from dofbench.gaussians import warmup
+from dofbench.core.budget import Budget
+from dofbench.gaussians import trainer, warmup
+from dofbench.gaussians.gaussian_method import GaussianMethod
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.model import Gaussians
 
@@ -52,3 +55,21 @@ def test_a_kernel_that_alone_is_cold_is_compiled_before_training(
     options = GaussianOptions.of(lens=lens)
     warmup.compile_kernels(Gaussians.from_points(points, 0), frontal(4, 4, 4.0), options, (), False)
     assert compiled == expected
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [({}, False), ({"lens_model": "samples"}, True), ({"lens_trials": "lens,model"}, True), ({"lens": False}, False)],
+)
+def test_views_from_the_lens_are_warmed_up_where_any_model_may_need_them(
+    options: dict[str, object], expected: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Asked(Exception):
+        pass
+
+    def asked(*given: object) -> None:
+        raise Asked(given[4])
+
+    monkeypatch.setattr(trainer, "compile_kernels", asked)
+    with pytest.raises(Asked, match=str(expected)):
+        GaussianMethod({"steps": 5, **options}, 0, "cpu").fit(training_set(), Budget(steps=5), Recorder())
