@@ -22,8 +22,12 @@ from dofbench.gaussians.forward.enlarged_gaussians import EnlargedGaussians, Enl
 from dofbench.gaussians.forward.focused_blur import FocusedBlur, FocusOptions
 from dofbench.gaussians.forward.forward_model import BlurOptions, BlurStart, SharpView
 from dofbench.gaussians.forward.gaussian_network import GaussianNetwork
+from dofbench.gaussians.forward.lens_samples import LensSamples
 from dofbench.gaussians.forward.masked_blur import MaskedBlur, MaskOptions
+from dofbench.gaussians.forward.own_blur import OwnBlur
+from dofbench.gaussians.forward.pinhole import Pinhole
 from dofbench.gaussians.forward.proposed_blur import ProposalOptions, ProposedBlur
+from dofbench.gaussians.forward.scatter_blur import ScatterBlur, ScatterOptions
 from dofbench.gaussians.forward.shot import Shot
 from dofbench.gaussians.forward.uniform_blur import UniformBlur, UniformBlurOptions
 from dofbench.gaussians.gaussian_method import GaussianMethod
@@ -321,6 +325,35 @@ def test_what_a_blur_begins_with_lies_where_the_gaussians_do() -> None:
     gaussians = Gaussians({name: torch.zeros(5, 3, device="meta") for name in PARAMETERS})
     start = BlurStart(gaussians, cameras(), 1.0, torch.Generator())
     assert start.device == torch.device("meta") and start.place.device == start.device
+
+
+# ---- what all forward models say of themselves ----
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        Pinhole(),
+        ScatterBlur(BlurOptions(), ScatterOptions()),
+        LensSamples(BlurOptions(), 1),
+        OwnBlur(BlurOptions()),
+        UniformBlur(2, UniformBlurOptions()),
+        EnlargedGaussians(torch.zeros(3), 1.0, EnlargingOptions(), torch.Generator()),
+        lambda: masked(),
+        lambda: copying(),
+        lambda: proposing(),
+    ],
+)
+def test_a_model_says_what_it_needs(model, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sharp view is rasterised before the model, under its own name in the table of times; what rasterises from
+    points of the lens is compiled before training."""
+    model = model() if not hasattr(model, "looks") else model
+    scene, looked, moved = one_gaussian(3.0), [], []
+    from_points = scene.from_points
+    monkeypatch.setattr(scene, "from_points", lambda *given: moved.append(1) or from_points(*given))
+    sharp = SharpView(lambda: looked.append(1) or scene.rasterise(CAMERA, "depth"))
+    model.photograph(scene, sharp, shot(slope=0.1))
+    assert (model.looks, model.from_points) == (bool(looked), bool(moved))
 
 
 # ---- blur proposed for every pixel ----

@@ -41,6 +41,13 @@ def test_extreme_opacities_stay_finite() -> None:
         assert all(bool(torch.isfinite(values).all()) for values in found)
 
 
+def test_opacities_of_0_and_1_are_shared_as_the_nearest_that_a_logit_has() -> None:
+    """1e-6 from the ends: two copies of what is opaque but for that let 1e-3 each through."""
+    each, smaller = shared_among(torch.tensor([0.0, 1.0], dtype=torch.float64), torch.tensor([2, 2]))
+    assert each.tolist() == pytest.approx([5e-7, 1 - 1e-3], rel=FLOAT32_SCALAR)
+    assert bool(torch.isfinite(smaller).all())
+
+
 def setup(count: int = 40, rate: float = 0.0, **options) -> tuple[Gaussians, GaussianOptimiser, Relocation]:
     random = np.random.default_rng(3)
     points = cloud(random.normal(size=(count, 3)), rgb=random.uniform(size=(count, 3)))
