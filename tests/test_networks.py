@@ -52,3 +52,11 @@ def test_the_gradient_in_a_row_holds_every_parameter_that_has_one():
     assert adam.gradient().tolist() == [0, 0, 1, 2, 0, 0, 0, 1, 0]
     assert in_a_row([None, adam.gradient(), torch.tensor([[7.0]])]).tolist()[-1] == 7
     assert in_a_row([None]) is None
+
+
+def test_a_step_that_is_not_cooled_down_is_the_whole_rate() -> None:
+    weight = nn.Parameter(torch.tensor([1.0]))
+    adam = NetworkAdam([("weight", weight)], 0.1, 0.2)
+    (3 * weight).sum().backward()
+    adam.step(0.0)
+    assert weight.tolist() == pytest.approx([0.9], rel=FLOAT32_SCALAR)
