@@ -88,6 +88,7 @@ def main(settings: Settings) -> None:
     settings.work.mkdir(parents=True, exist_ok=True)
     copy = settings.work / "checkout"
     _copy(ROOT, copy)
+    commit = _commit()  # of what was copied, whatever is committed while the mutants run
     sources = sorted({str(path.relative_to(copy)) for glob in SOURCES for path in copy.glob(glob)})
     code = _digest(copy, [*copy.glob("dofbench/**/*.py"), *copy.glob("kernels/**/*.py")])
     files = [str(path.relative_to(copy)) for path in _test_files(copy)]
@@ -101,7 +102,7 @@ def main(settings: Settings) -> None:
     print(f"{len(drawn)} mutants of {len(sources)} files, {len(rows)} of them known", flush=True)
     if left:
         tests = Map(settings.work, copy, sources, files, code)
-        marks = {"code": code, "suite": suite, "commit": _commit()}
+        marks = {"code": code, "suite": suite, "commit": commit}
         for mutant, answer in _run(settings, copy, sources, left, tests, known):
             rows[mutant.id] = _row(mutant, answer) | marks
             _publish(settings, [rows[one.id] | {"line": str(one.line)} for one in drawn if one.id in rows])
