@@ -9,12 +9,14 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from dofbench.core.errors import Ended, InputError, Status
 
 _GUARD = Path(__file__).parent / "guard.py"
 _EVERY = 1.0  # seconds between two signs of life
 _LAST_LINES = 3  # of the log, in a message
+_NOTED = 20_000  # characters of the log that a failed run keeps
 # Words by which programs say that memory, of the machine or of an accelerator, was not enough.
 _NO_MEMORY = ("out of memory", "MemoryError", "DefaultCPUAllocator", "bad_alloc")
 
@@ -40,8 +42,8 @@ def run_command(
 ) -> Taken:
     """Run a command in `folder`; what it prints is added to `log`. alive: told every second how long it has run.
 
-    Raises `Ended` with a typed status and the log's last lines if it fails, runs into a limit or can't be started, and
-    lets KeyboardInterrupt pass; in any case none of its processes is left.
+    Raises `Ended` with a typed status and the log's last lines, with more of them as a note, if it fails or runs into a
+    limit; InputError if it can't be started. In any case, also after KeyboardInterrupt, none of its processes is left.
     """
     wanted = {
         "command": list(command),
@@ -80,15 +82,23 @@ def run_command(
         raise RuntimeError(f"the guard of {command[0]} died: {' '.join(last[-1:])}")
     end = json.loads(said)
     taken = Taken(end["seconds"], end["peak_mb"])
-    if end["how"] == "time":
-        raise Ended(Status.OUT_OF_TIME, f"{command[0]} was ended after {limits.seconds:.0f} s, its limit")
-    if end["how"] == "memory":
-        found = f"{command[0]} was ended at {taken.peak_mb:.0f} MB, its limit is {limits.memory_mb:.0f} MB"
-        raise Ended(Status.OUT_OF_MEMORY, found)
-    if end["code"]:
-        text = log.read_text(encoding="utf-8", errors="replace")
-        lines = [line.strip() for line in text.splitlines() if line.strip()]
-        status = Status.OUT_OF_MEMORY if any(word in text for word in _NO_MEMORY) else Status.CRASHED
-        how = f"exit status {end['code']}" if end["code"] > 0 else f"killed by signal {-end['code']}"
-        raise Ended(status, f"{command[0]}: {how}: {' | '.join(lines[-_LAST_LINES:]) or 'it printed nothing'}")
+    text = log.read_text(encoding="utf-8", errors="replace")
+    if (failure := _failure(end, command[0], limits, text)) is not None:
+        failure.add_note(f"The end of what it printed:\n{text[-_NOTED:]}")
+        raise failure
     return taken
+
+
+def _failure(end: dict[str, Any], program: str, limits: Limits, text: str) -> Ended | None:
+    """What the guard said, as an exception; None if all went well. text: what the command printed."""
+    if end["how"] == "time":
+        return Ended(Status.OUT_OF_TIME, f"{program} was ended after {limits.seconds:.0f} s, its limit")
+    if end["how"] == "memory":
+        found = f"{program} was ended at {end['peak_mb']:.0f} MB, its limit is {limits.memory_mb:.0f} MB"
+        return Ended(Status.OUT_OF_MEMORY, found)
+    if not end["code"]:
+        return None
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    status = Status.OUT_OF_MEMORY if any(word in text for word in _NO_MEMORY) else Status.CRASHED
+    how = f"exit status {end['code']}" if end["code"] > 0 else f"killed by signal {-end['code']}"
+    return Ended(status, f"{program}: {how}: {' | '.join(lines[-_LAST_LINES:]) or 'it printed nothing'}")

@@ -156,7 +156,7 @@ def test_what_the_program_is_given(made: Make, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "status", "message"),
     [
-        ({"train": "print('no', 'CUDA'); sys.exit(3)"}, Status.CRASHED, "exit status 3: no CUDA"),
+        ({"train": "print('a\\nb\\nc\\nno', 'CUDA'); sys.exit(3)"}, Status.CRASHED, "exit status 3: b | c | no CUDA"),
         ({"train": "os.kill(os.getpid(), 9)"}, Status.CRASHED, "killed by signal 9"),
         ({"train": "sys.exit('CUDA error: out of memory')"}, Status.OUT_OF_MEMORY, "out of memory"),
         ({"train": "time.sleep(60)", "set": ("limit=1",)}, Status.OUT_OF_TIME, "after 1 s, its limit"),
@@ -190,6 +190,7 @@ def test_a_failure_has_a_typed_status(made: Make, changes: dict[str, object], st
     end = made(**changes)
     found = result_of(end)
     assert end.status is status and message in found.message, found.message
+    assert ("a\nb\nc\nno CUDA" in found.traceback) == ("b | c" in message)
 
 
 def alive(pid: int) -> bool:
