@@ -14,36 +14,24 @@ the training photographs are most blurred are used, as in the protocol.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 import tyro
+from finished_runs import RunsSettings, finished_runs
 
 from dofbench.core.contracts import Method
-from dofbench.core.errors import InputError, Status
+from dofbench.core.errors import InputError
 from dofbench.core.images import read_image
 from dofbench.dataset.dataset import Dataset, DatasetView
 from dofbench.optics.defocus import defocus
 from dofbench.reporting.csv_writer import write_csv
-from dofbench.results.collecting import Entry, collect
+from dofbench.results.collecting import Entry
 from dofbench.running.load_run import load_run
 from dofbench.scoring.photograph_scores import BLURRED, blurred_thirds
 
 FIELDS = ("seed", "view", "blur_psnr", "without_psnr", "circle_px", "correlation", "gain", "most_gain")
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What to measure."""
-
-    data: Path
-    """The dataset, made with --train-f-number and --test-f-number."""
-    results: Path
-    """Folder of results, with a run of dofgaussian and one of mipsplatting for every seed."""
-    out: Path
-    """Folder for across-limit.csv."""
 
 
 def trained(entry: Entry) -> Method:
@@ -100,13 +88,13 @@ def rows(dataset: Dataset, seed: int, with_lens: Method, without: Path) -> list[
     return [*found, {"seed": seed, "view": "mean", **means}]
 
 
-def main(settings: Settings) -> None:
-    """Measure every seed that has both runs."""
+def main(settings: RunsSettings) -> None:
+    """Measure every seed that has a run of dofgaussian and one of mipsplatting."""
     dataset = Dataset.load(settings.data)
     runs = {
         (entry.spec.method, entry.spec.seed): entry
-        for entry in collect(settings.results).entries
-        if entry.status is Status.OK and entry.spec.dataset_checksum == dataset.checksum and not entry.spec.overrides
+        for entry in finished_runs(settings.results, dataset)
+        if not entry.spec.overrides
     }
     table = []
     for (method, seed), entry in runs.items():
@@ -119,4 +107,4 @@ def main(settings: Settings) -> None:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Settings))
+    main(tyro.cli(RunsSettings))

@@ -12,34 +12,22 @@ sees a sparse point. distance: from the nearest training camera, scene units.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import tyro
+from finished_runs import RunsSettings, finished_runs
 
-from dofbench.core.errors import InputError, Status
+from dofbench.core.errors import InputError
 from dofbench.dataset.dataset import Dataset
+from dofbench.gaussians.gaussian_method import GaussianMethod
 from dofbench.metrics import score_image
 from dofbench.reporting.csv_writer import write_csv
-from dofbench.results.collecting import collect
 from dofbench.running.load_run import load_run
 from dofbench.scenes.visibility import visible
 
 SHARES = {"psnr": 0.0, "half_psnr": 0.5, "whole_psnr": 1.0}
 FIELDS = ("method", "seed", "view", "distance", "near", *SHARES)
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What to measure."""
-
-    data: Path
-    """The dataset."""
-    results: Path
-    """Folder of results of Gaussian methods."""
-    out: Path
-    """Folder for near-plane.csv."""
 
 
 def nearest_point(dataset: Dataset) -> float:
@@ -53,7 +41,8 @@ def nearest_point(dataset: Dataset) -> float:
 def rows(dataset: Dataset, folder: Path, nearest: float) -> Iterator[dict[str, object]]:
     """A row for each test view, and one for their mean."""
     method = load_run(folder).method
-    gaussians = method._trained()  # type: ignore[attr-defined]  # of a Gaussian method
+    assert isinstance(method, GaussianMethod)
+    gaussians = method.gaussians
     usual, centres = gaussians.near, [view.camera.centre for view in dataset.training_views()]
     found = []
     for view in dataset.test_views():
@@ -68,19 +57,18 @@ def rows(dataset: Dataset, folder: Path, nearest: float) -> Iterator[dict[str, o
     yield from [*found, {"view": "mean", **means}]
 
 
-def main(settings: Settings) -> None:
+def main(settings: RunsSettings) -> None:
     """Measure every finished run on the dataset."""
     dataset = Dataset.load(settings.data)
     nearest, table = nearest_point(dataset), []
-    for entry in collect(settings.results).entries:
-        if entry.status is Status.OK and entry.spec.dataset_checksum == dataset.checksum:
-            told = {"method": entry.spec.method, "seed": entry.spec.seed}
-            table += [{**told, **row} for row in rows(dataset, entry.folder, nearest)]
-            print(table[-1], flush=True)
+    for entry in finished_runs(settings.results, dataset):
+        told = {"method": entry.spec.method, "seed": entry.spec.seed}
+        table += [{**told, **row} for row in rows(dataset, entry.folder, nearest)]
+        print(table[-1], flush=True)
     if not table:
         raise InputError(settings.results, "no finished run", f"runs on {settings.data}")
     write_csv(settings.out / "near-plane.csv", FIELDS, table)
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Settings))
+    main(tyro.cli(RunsSettings))

@@ -69,7 +69,7 @@ class GaussianMethod:
         """Render; ValueError for a lens when the method has none."""
         if lens is not None and not self.options.lens.lens:
             raise ValueError("this method has no lens: it can't refocus")
-        exposures = self._exposures or Exposures(self._trained(), self.options)
+        exposures = self._exposures or Exposures(self.gaussians, self.options)
         return exposures.render(camera, lens)
 
     def lens_estimates(self) -> dict[str, PhysicalLens] | None:
@@ -83,7 +83,7 @@ class GaussianMethod:
 
     def describe(self) -> dict[str, float]:
         """Number of Gaussians."""
-        return {"gaussians": len(self._trained())}
+        return {"gaussians": len(self.gaussians)}
 
     def save(self, folder: Path) -> None:
         """Write the Gaussians as 3DGS' .ply, the learned lenses and the rendering options as JSON, and the photographs'
@@ -91,9 +91,9 @@ class GaussianMethod:
 
         The 3D filter is merged into the Gaussians, so a model that is read back renders the same except for rounding.
         """
-        write_splats(folder / _MODEL, self._trained())
+        write_splats(folder / _MODEL, self.gaussians)
         values = self.options.flat()
-        rendering = {**{name: values[name] for name in RENDERING}, NEAR_PLANE: self._trained().near}
+        rendering = {**{name: values[name] for name in RENDERING}, NEAR_PLANE: self.gaussians.near}
         write_lenses(folder / _LENSES, self.lens_estimates(), rendering, CONVENTIONS)
         if (colours := self.colour_estimates()) is not None:
             write_colours(folder / _COLOURS, colours)
@@ -111,7 +111,9 @@ class GaussianMethod:
         self._colours = read_colours(folder / _COLOURS) if (folder / _COLOURS).is_file() else None
         self._trainer, self._exposures = None, Exposures(self._gaussians, self._options)
 
-    def _trained(self) -> Gaussians:
+    @property
+    def gaussians(self) -> Gaussians:
+        """The trained Gaussians. Raises RuntimeError before there are any."""
         if self._gaussians is None:
             raise RuntimeError("the method holds no model: call fit or load first")
         return self._gaussians

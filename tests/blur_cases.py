@@ -1,0 +1,71 @@
+"""What the tests of learned blur share: one Gaussian, its photograph, and the models as the tests make them."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from made_up import cloud, frontal
+
+from dofbench.core.lens import DisparityRange
+from dofbench.gaussians.exposure import StillRasteriser
+from dofbench.gaussians.forward.circle_copies import CircleCopies, CopiesOptions
+from dofbench.gaussians.forward.enlarged_gaussians import EnlargedGaussians, EnlargingOptions
+from dofbench.gaussians.forward.forward_model import SharpView
+from dofbench.gaussians.forward.masked_blur import MaskedBlur, MaskOptions
+from dofbench.gaussians.forward.proposed_blur import ProposalOptions, ProposedBlur
+from dofbench.gaussians.forward.shot import Shot
+from dofbench.gaussians.model import Gaussians
+from dofbench.gaussians.render import AppearanceOptions
+
+CAMERA = frontal(48, 36, 45.0, (0.0, 0.0, 0.0))
+BARE = AppearanceOptions(filter_2d=0.0, filter_3d=False)
+RANGE = DisparityRange(0.1, 1.0)
+
+
+def shot(number: int | None = 0, slope: float = 0.0, offset: float = 0.0) -> Shot:
+    return Shot(CAMERA, RANGE, slope, offset, number=number)
+
+
+def one_gaussian(deviation: float, z: float = 4.0) -> StillRasteriser:
+    """A round Gaussian of so many pixels on the axis, faint enough to stay below the largest alpha."""
+    points = cloud([(0, 0, z), (0, 1, z), (1, 0, z), (1, 1, z)])
+    gaussians = Gaussians.from_points(points, 0)
+    with torch.no_grad():
+        gaussians.parameters["opacity_logits"][:] = torch.tensor([0.0, -30.0, -30.0, -30.0])
+        gaussians.parameters["log_scales"][:] = math.log(deviation * z / 45.0)
+        gaussians.parameters["sh_dc"][:] = 1.0
+    return StillRasteriser(gaussians, BARE)
+
+
+def no_view() -> SharpView:
+    def refuse():
+        raise AssertionError("the sharp view was looked at")
+
+    return SharpView(refuse)
+
+
+def enlarging(**options) -> EnlargedGaussians:
+    return EnlargedGaussians(torch.zeros(3), 1.0, EnlargingOptions(**options), torch.Generator().manual_seed(0))
+
+
+def with_outputs(blur: EnlargedGaussians, scales: float, turns: float) -> EnlargedGaussians:
+    """The network gives these outputs, whatever it is asked."""
+    with torch.no_grad():
+        head = blur._network.head
+        head.weight.zero_()
+        head.bias[:3], head.bias[3:] = scales, turns
+    return blur
+
+
+def masked(**options) -> MaskedBlur:
+    return MaskedBlur(enlarging(), 3, MaskOptions(**options), torch.Generator().manual_seed(0))
+
+
+def copying(focus: float = 4.0, **options) -> CircleCopies:
+    first = torch.tensor([focus, focus])
+    return CircleCopies(first, torch.zeros(3), 2.0, CopiesOptions(**options), torch.Generator().manual_seed(0))
+
+
+def proposing(width: int = 48, **options) -> ProposedBlur:
+    return ProposedBlur([width, width], ProposalOptions(**options), torch.Generator().manual_seed(0))

@@ -1,0 +1,33 @@
+"""DOF-GS: its loss where photographs are in focus."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from blur_cases import CAMERA, RANGE, one_gaussian, shot
+from tolerances import FLOAT32_VALUE
+
+from dofbench.gaussians.forward.focused_blur import FocusedBlur, FocusOptions
+from dofbench.gaussians.forward.forward_model import BlurOptions, SharpView
+from dofbench.learning.training_views import Photograph
+
+
+def test_the_sharp_view_is_compared_where_the_photograph_is_in_focus() -> None:
+    """Focused at z = 4: the circle of what lies there is 0. Elsewhere nothing is drawn."""
+    scene = one_gaussian(4.0)
+    raster = scene.rasterise(CAMERA, "depth")
+    image = torch.full((36, 48, 3), 0.25)
+    view = Photograph(0, "v", CAMERA, image, None, None)
+    focus = float(RANGE.normalise(torch.tensor(0.25)))
+    model = FocusedBlur(BlurOptions(), FocusOptions(in_focus_weight=3.0, in_focus_circle=0.5))
+    cost = model.cost(SharpView(lambda: raster), shot(0, 2.0, -2.0 * focus), view)
+    drawn = raster.alpha.detach() > 0
+    difference = (raster.color.detach() - 0.25).abs().mean(dim=2)
+    assert float(cost.detach()) == pytest.approx(
+        3 * float((difference * drawn).sum().detach()) / (36 * 48), rel=FLOAT32_VALUE
+    )
+    assert 0 < int(drawn.sum()) < drawn.numel()
+    # Focused elsewhere nothing is compared, held-back pixels never.
+    assert model.cost(SharpView(lambda: raster), shot(0, 2.0, -2.0 * (focus + 0.5)), view) is None
+    kept = Photograph(0, "v", CAMERA, image, None, torch.ones(36, 48, dtype=torch.bool))
+    assert float(model.cost(SharpView(lambda: raster), shot(0, 2.0, -2.0 * focus), kept).detach()) == 0
