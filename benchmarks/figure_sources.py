@@ -81,10 +81,16 @@ def _wrong(words: list[str]) -> str | None:
     script = _HERE / Path(words[1]).name
     if not script.is_file():
         return "no such script"
-    source = script.read_text(encoding="utf-8")
     for word in words[2:]:
-        option = word.removeprefix("--")
-        field = rf"^    {option.replace('-', '_')}: |add_argument\(\"--{option}\""
-        if word.startswith("--") and not re.search(field, source, re.MULTILINE):
+        if word.startswith("--") and not takes_option(script, option := word.removeprefix("--")):
             return f"the script has no --{option}"
     return None
+
+
+def takes_option(script: Path, option: str) -> bool:
+    """Whether a benchmark has `--option`: itself, or in the settings that it shares with others beside it."""
+    source = script.read_text(encoding="utf-8")
+    beside = [script.with_name(f"{name}.py") for name in re.findall(r"^from (\w+) import", source, re.MULTILINE)]
+    source += "".join(file.read_text(encoding="utf-8") for file in beside if file.is_file())
+    field = rf"^    {option.replace('-', '_')}: |add_argument\(\"--{option}\""
+    return re.search(field, source, re.MULTILINE) is not None
