@@ -68,7 +68,6 @@ def test_the_rate_of_copies_falls_and_is_cooled_down() -> None:
     blur.photograph(scene, no_view(), shot(1)).square().sum().backward()
     before = blur._network.head.bias.detach().clone()
     blur.step(1, 1.0, 0.5)
-    assert float((blur._network.head.bias.detach() - before).abs().max()) == pytest.approx(
-        0.02 / 100 / 2, rel=ADAM_FIRST_STEP
-    )
+    change = (blur._network.head.bias.detach() - before).abs().max()
+    assert float(change) == pytest.approx(0.02 / 100 / 2, rel=ADAM_FIRST_STEP)
     assert abs(math.log(float(blur.focuses()[1]) / 8.0)) == pytest.approx(0.05, rel=FLOAT32_VALUE)
