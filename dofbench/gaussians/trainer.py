@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -30,7 +31,7 @@ from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.render import rasterise
 from dofbench.gaussians.training_state import Snapshot, TrainingState
 from dofbench.gaussians.training_step import take_step, update_filter
-from dofbench.gaussians.trials import HELD_BACK, Trials, possible_models
+from dofbench.gaussians.trials import HELD_BACK, MOST_TIME, Left, Trials, possible_models, unlimited
 from dofbench.gaussians.warmup import compile_kernels
 from dofbench.learning.held_back import HeldBackScores, held_back_scores
 from dofbench.learning.lenses import LearnedLenses
@@ -40,6 +41,8 @@ from dofbench.learning.priors import Prior, make_prior, with_surface_points
 from dofbench.learning.rendered_surface import surface_disparity
 from dofbench.learning.stage_clock import StageClock
 from dofbench.learning.training_views import Photograph, all_photographs
+
+_PACE = 3  # steps of a trial that tell how long the rest will take
 
 
 class Trainer:
@@ -105,8 +108,8 @@ class Trainer:
                 progress = budget.progress(step, total, observer.seconds)
                 if progress >= 1:
                     break
-                if self._trials.due(progress):
-                    step = self._decide(step, total, progress, observer)
+                if self._trials.due(step, progress):
+                    step = self._decide(step, progress, budget, observer)
                 else:
                     self._next(step, progress)
                     step += 1
@@ -151,11 +154,15 @@ class Trainer:
         held_back = max(options.reconstruction.held_back, HELD_BACK if self._trials.open else 0)
         return all_photographs(self.views, options.schedule.sizes, supervisor, held_back, self._seed)
 
-    def _decide(self, step: int, total: int, progress: float, observer: Observer) -> int:
+    def _decide(self, step: int, progress: float, budget: Budget, observer: Observer) -> int:
         """Carry out the trials; returns the number of steps taken in all. A trial's steps are timed twice: as "trials"
         and by part of the step."""
         start = time.perf_counter()
-        step, self.decisions = self._trials.decide(step, total, progress, observer.stage)
+        began, limit = observer.seconds(), math.inf if budget.seconds is None else MOST_TIME * budget.seconds
+        total = round(step / progress)  # at the pace so far; by then a limited time may allow fewer than were planned
+        step, self.decisions = self._trials.decide(
+            step, total, progress, observer.stage, lambda: limit - (observer.seconds() - began)
+        )
         self.stages["trials"] = time.perf_counter() - start
         self._photographs = self._all_photographs()
         return step
@@ -179,17 +186,24 @@ class Trainer:
         total: int,
         progress: float,
         tell: Callable[[int, int], None] = lambda done, of: None,
-    ) -> None:
+        left: Left = unlimited,
+    ) -> bool:
         """Take `count` steps of a trial, after `step` of `total`, without telling the observer. tell: called with
-        progress.
+        progress. False, after fewer steps, where at their pace `count` would take longer than what is left.
 
         Density control is postponed: for some steps after it has split Gaussians, single views are off by decibels,
         which would distort the trial's scores.
         """
+        limit = left()
+        if limit <= 0:
+            return False
         with self.state.density.pace.rest():
             for taken in range(count):
+                if taken >= _PACE and limit < math.inf and (limit - left()) / taken * count > limit:
+                    return False
                 tell(taken, count)
                 self._next(step + taken, max(progress, (step + taken) / total))
+        return True
 
     def snapshot(self) -> Snapshot:
         """A copy of everything that training changes."""

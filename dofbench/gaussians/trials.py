@@ -7,6 +7,9 @@ tiles of the training photographs that no loss has used (`held_back.py`). Differ
 the better setting is kept, so only the steps of the other one are lost. Afterwards the tiles are used in training like
 all others.
 
+Where training is limited in time, trials get a share of it. A trial that would not end within what is left of that
+share is given up, and its question stays undecided: training keeps the setting that it began with.
+
 Figures of a decision: "NAME gain", by how many dB the setting NAME explains held-back pixels better than the setting
 that it was compared with, and "NAME error", the standard error of the gain; "circle", `Trainee.widest_circle`, and
 "apart", `Trainee.foci_apart`, both in pixels.
@@ -31,7 +34,8 @@ from dofbench.learning.held_back import HeldBackScores
 
 HELD_BACK = 0.08  # share of the tiles
 VISITS = 2  # smallest number of visits of each photograph in a trial
-MOST = 0.06  # largest share of the training that a trial may take
+MOST = 0.06  # largest share of the training's steps that a trial may take
+MOST_TIME = 0.35  # largest share of a limited training time that all trials may take
 NO_CIRCLE = 0.3  # px, radius: smaller circles of confusion are invisible in a photograph
 SMALL_CIRCLE = 1.0  # px, radius: with smaller circles a lens is kept only if it explains held-back pixels better
 EXPLAINED = 0.01  # dB on held-back pixels: a smaller gain is noise; sharp photographs gave up to 0.003 (reports/lens)
@@ -41,6 +45,14 @@ SURE = 2.0  # standard errors by which held-back pixels must be better with a le
 # is asked than of a lens: photographs of widely differing circles of confusion differ widely in their gains.
 LIKELY = 1.0
 FOCI_APART = 1.0  # px: photographs in which a point's circles differ by more can't share a focus
+
+
+Left = Callable[[], float]  # how many seconds of a limited time are left
+
+
+def unlimited() -> float:
+    """Time without a limit."""
+    return math.inf
 
 
 class Trainee(Protocol):
@@ -60,9 +72,11 @@ class Trainee(Protocol):
     def revise(self, changes: Mapping[str, Any]) -> None:
         """Change options; training continues with them."""
 
-    def train(self, step: int, count: int, total: int, progress: float, tell: Callable[[int, int], None]) -> None:
-        """Take `count` steps after `step` of `total`, at `progress` or later; tell: called with the number of steps
-        taken and `count`."""
+    def train(
+        self, step: int, count: int, total: int, progress: float, tell: Callable[[int, int], None], left: Left
+    ) -> bool:
+        """Take `count` steps after `step` of `total`, at `progress` or later. tell: called with the number of steps
+        taken and `count`. False, after fewer steps, where `count` would take longer than what is left."""
 
     def held_back_scores(self, share: float) -> HeldBackScores:
         """Scores of the renderings of the training photographs on their held-back tiles. share: share of the tiles."""
@@ -85,7 +99,8 @@ class _Attempt:
     psnr: np.ndarray
 
 
-_Try = Callable[[Mapping[str, Any], str], _Attempt]  # by what it changes, and what to call it
+_Try = Callable[[Mapping[str, Any], str], _Attempt | None]  # by what it changes, and what to call it; None: no time
+_NO_TIME = "not decided: the training time that is left doesn't allow a trial of"
 
 
 class Trials:
@@ -101,33 +116,40 @@ class Trials:
         """Whether the trials are still to come."""
         return bool(self._open)
 
-    def due(self, progress: float) -> bool:
-        """Whether the trials are to take place now."""
-        return self.open and progress >= self._at
+    def due(self, step: int, progress: float) -> bool:
+        """Whether the trials are to take place after `step`: when it is time, but not before every photograph has been
+        seen, since a training of a few seconds may have taken hardly a step by then."""
+        return self.open and progress >= self._at and step >= len(self._trainee.views)
 
     def length(self, total: int, views: int) -> int:
         """Steps of one trial, in a training of `total` steps on so many views."""
         return max(1, min(max(round(self._share * total), VISITS * views), round(MOST * total)))
 
-    def decide(self, step: int, total: int, progress: float, tell: Progress = silent) -> tuple[int, list[Decision]]:
+    def decide(
+        self, step: int, total: int, progress: float, tell: Progress = silent, left: Left = unlimited
+    ) -> tuple[int, list[Decision]]:
         """Carry out the trials and leave the trainee in the state of the best one; returns the number of steps taken in
         all, and the decisions.
 
-        tell: called with the name of a trial, the steps taken, and its length.
+        total: as far as is known, where time is limited. tell: called with the name of a trial, the steps taken, and
+        its length. left: tells how many seconds all trials may still take.
         """
         trainee, questions_open = self._trainee, self._open
         self._open = ()
         steps = min(self.length(total, len(trainee.views)), total - step)
         start = trainee.snapshot()
 
-        def attempt(changes: Mapping[str, Any], words: str) -> _Attempt:
+        def attempt(changes: Mapping[str, Any], words: str, left: Left = left) -> _Attempt | None:
             trainee.restore(start)
             trainee.revise(changes)
-            trainee.train(step, steps, total, progress, partial(tell, f"trying {words}"))
+            if not trainee.train(step, steps, total, progress, partial(tell, f"trying {words}"), left):
+                return None
             views = trainee.held_back_scores(HELD_BACK).views
             return _Attempt(changes, trainee.snapshot(), np.array([psnr for psnr, _ in views.values()]))
 
-        best, decisions = attempt({}, "what was learned so far"), []
+        # The first trial is no detour, since training goes on as it was: it has all the time that it takes.
+        best, decisions = attempt({}, "what was learned so far", unlimited), []
+        assert best is not None
         if "lens" in questions_open:
             best, decided = self._lens(attempt, best)
             decisions.append(decided)
@@ -143,6 +165,8 @@ class Trials:
     def _lens(self, attempt: _Try, with_lens: _Attempt) -> tuple[_Attempt, Decision]:
         circle = self._trainee.widest_circle()
         without = attempt({"lens": False, "adaptation": "off"}, "no lens")
+        if without is None:
+            return with_lens, Decision("lens", True, f"{_NO_TIME} no lens")
         gain, error = _gain(with_lens, without)
         figures = (
             f"with the lens that was learned so far held-back pixels are {_signed(gain, error)} dB better, "
@@ -174,6 +198,9 @@ class Trials:
         told, found = [], {"apart": apart}
         for per, words in ways:
             shared = attempt({**each.changes, "lens_per": per}, words)
+            if shared is None:
+                told.append(f"{_NO_TIME} {words} for all")
+                break
             gain, error = _gain(shared, each)
             told.append(f"{words} for all makes held-back pixels {_signed(gain, error)} dB better")
             found |= {f"{per} gain": gain, f"{per} error": error}
@@ -183,6 +210,8 @@ class Trials:
 
     def _model(self, attempt: _Try, scatter: _Attempt) -> tuple[_Attempt, Decision]:
         points = attempt({**scatter.changes, **_LENS_POINTS}, "points of the lens")
+        if points is None:
+            return scatter, Decision("lens_samples", False, f"{_NO_TIME} points of the lens")
         gain, error = _gain(points, scatter)
         figures = f"points of the lens make held-back pixels {_signed(gain, error)} dB better than the scatter"
         better = gain > max(WORTH, LIKELY * error)

@@ -1,6 +1,7 @@
 """Trials while training, on photographs through a lens and on sharp ones."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -33,6 +34,8 @@ class Scripted:
     """A fake trainer with a given score for each setting: dB on held-back pixels by the option that was changed."""
 
     count = 20
+    seconds = 1.0  # of a trial
+    passed = 0.0
 
     def __init__(self, dB, circle=4.0, apart=5.0, exif=(None,), noise=0.01):
         views = [dataclasses.replace(training_set().views[0], exif=one) for one in exif]
@@ -49,9 +52,14 @@ class Scripted:
     def revise(self, changes):
         self.changes.update(changes)
 
-    def train(self, step, count, total, progress, tell):
+    def train(self, step, count, total, progress, tell, left):
+        if left() < self.seconds:
+            return False
+        if left() < math.inf:
+            self.passed += self.seconds
         self.log.append((step, count))
         tell(0, count)
+        return True
 
     def held_back_scores(self, share):
         key = self.changes.get("lens_model") or (
@@ -260,3 +268,83 @@ def test_a_forward_model_is_taken_that_is_better_by_a_standard_error(gains, bett
     _, [decision] = Trials(trainer, GaussianOptions.of(lens_trials="model")).decide(400, 1000, 0.4)
     assert decision.runs is better and (trainer.changes != {}) is better
     assert set(decision.figures) == {"points gain", "points error"}
+
+
+@pytest.mark.parametrize(
+    ("limit", "decided"),
+    [
+        (0.5, {"lens": None, "lens_per_view": None, "lens_samples": None}),
+        (1.5, {"lens": True, "lens_per_view": None, "lens_samples": None}),
+        (2.5, {"lens": True, "lens_per_view": True, "lens_samples": None}),
+        (3.5, {"lens": True, "lens_per_view": True, "lens_samples": True}),
+    ],
+)
+def test_trials_without_time_leave_their_question_undecided(limit, decided):
+    """A trial takes a second, and the first of four goes on with the training. What isn't tried stays as it was, also
+    where a trial would have changed it."""
+    trainer = Scripted({**GOOD, "samples": 3.0})
+    asked = GaussianOptions.of(lens_trials="lens,share,model")
+    step, decisions = Trials(trainer, asked).decide(400, 1000, 0.4, left=lambda: limit - trainer.passed)
+    assert step == 440 and len(trainer.log) == 1 + int(limit)
+    tried = {one.stage: (one.runs if "dB" in one.reason else None) for one in decisions}
+    assert tried == decided
+    untried = [one for one in decisions if decided[one.stage] is None]
+    assert all("doesn't allow" in one.reason and not one.figures for one in untried if one.stage != "lens_per_view")
+    assert {one.stage: one.runs for one in untried} == {
+        stage: stage != "lens_samples" for stage, known in decided.items() if known is None
+    }
+    assert (trainer.changes != {}) is (decided["lens_samples"] is True)
+
+
+def test_trials_wait_until_every_photograph_was_seen():
+    trials = Trials(Scripted({}), GaussianOptions.of(lens_trials="lens", lens_trials_at=0.3))
+    assert not trials.due(19, 0.9) and trials.due(20, 0.3) and not trials.due(20, 0.29)
+
+
+class Ticking(Recorder):
+    """Training time by the call: each look at the clock takes so long."""
+
+    def __init__(self, tick):
+        super().__init__()
+        self._now, self._tick = 0.0, tick
+
+    def seconds(self):
+        self._now += self._tick
+        return self._now
+
+
+def test_trials_keep_a_training_time():
+    """240 steps are planned; 2 s at 10 ms a look, one look a step, allow 200. The trials are due at 0.4 of the time,
+    when 80 steps are taken; their length is a share of 200 steps, and all of them may take 0.35 of the time."""
+    trainer = Trainer(training_set(), options(**OPEN), 0)
+    lengths = []
+    decide = trainer._trials.decide
+
+    def seen(step, total, progress, tell, left):
+        lengths.append((step, total, left()))
+        return decide(step, total, progress, tell, left)
+
+    trainer._trials.decide = seen
+    clock = Ticking(0.01)
+    outcome = trainer.fit(Budget(seconds=2.0), clock)
+    [(step, total, allowed)] = lengths
+    assert outcome.status is Status.OK and clock.seconds() <= 2.1
+    assert 78 <= step <= 80 and 195 <= total <= 200 and 0.68 <= allowed < 0.7
+    assert outcome.decisions[0].figures
+
+
+def test_a_trial_that_is_too_slow_is_given_up_after_few_steps():
+    trainer = Trainer(training_set(), options(**OPEN), 0)
+    trainer._photographs = trainer._all_photographs()
+    taken, now = [], [0.0]
+
+    def left():
+        now[0] += 0.1
+        return 2.0 - now[0]
+
+    assert not trainer.train(0, 60, 240, 0.4, lambda done, of: taken.append(done), left)
+    assert taken == [0, 1, 2]
+    assert not trainer.train(0, 60, 240, 0.4, lambda done, of: taken.append(done), lambda: 0.0)
+    assert taken == [0, 1, 2]
+    assert trainer.train(0, 5, 240, 0.4, lambda done, of: taken.append(done), lambda: 2.0)
+    assert taken == [0, 1, 2, *range(5)]
