@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tolerances import FLOAT32_VALUE, MIXED_COLOUR, MIXED_SHARE
 
+from dofbench.optics.depth_edges import JUMP
 from dofbench.optics.mixed_pixels import mixed_pixels
 
 
@@ -80,3 +81,15 @@ def test_nearer_pixels_say_more_by_the_square_of_their_distance():
     expected = (2.4 * -3.0 + 0.9 * -3.6) / 3.3
     assert np.allclose(found.far_radius[inside], expected, rtol=FLOAT32_VALUE)
     assert np.allclose(found.near_radius[inside], 4.0, rtol=FLOAT32_VALUE)
+
+
+def test_a_surface_exactly_a_jump_nearer_is_the_same_surface():
+    """Both sides of an outline, and a third surface that is nearer than the far one by the bound itself: it counts as
+    the far one's, so the near part of a mixed pixel hasn't its colour."""
+    cover = np.tile(np.where(np.arange(16) < 8, 1.0, 0.0), (12, 1))
+    cover[:, 8] = 0.5
+    image, radius = step(cover, np.full(3, 0.2), np.full(3, 0.6))
+    radius[:, 8] = -3.0
+    image[:, 10:], radius[:, 10:] = 0.9, -3.0 + JUMP
+    found = mixed_pixels(image, radius)
+    assert len(found.rows) and np.allclose(found.near_radius, 4)

@@ -57,6 +57,16 @@ def test_large_ones_split_small_ones_clone_transparent_ones_go():
     assert torch.allclose(gaussians.parameters["log_scales"][-1].detach(), torch.tensor(math.log(0.5 / 1.6)))
 
 
+def test_one_as_large_as_the_bound_is_cloned():
+    """3DGS splits what is larger than the share of the extent, and clones the rest."""
+    gaussians, _, density = _setup(dense_share=0.25)
+    with torch.no_grad():
+        gaussians.parameters["log_scales"][:] = math.log(0.25)
+    _record(gaussians, density, [1])
+    assert density.after_step(1, 0.0)
+    assert bool((gaussians.parameters["log_scales"].detach() == math.log(0.25)).all()) and len(gaussians) == 13
+
+
 @pytest.mark.parametrize(("progress", "left"), [(0.1, {0.05, 0.2, 0.4 / 1.6, 0.11 / 1.6}), (0.3, {0.05, 0.11 / 1.6})])
 def test_3dgs_removes_what_is_huge_after_the_first_reset(progress: float, left: set[float]) -> None:
     """Of the scene's extent: 0.05 is small, 0.2 huge, 0.4 is split into two that are still huge, 0.11 into two that

@@ -45,6 +45,11 @@ def test_which_model_trains_when(changes, expected):
     assert [type(models.at(progress)) for progress in (0.0, 0.3, 0.59, 0.6, 1.0)] == expected
 
 
+def test_points_of_the_lens_replace_the_scatter_in_the_middle_unless_asked_otherwise():
+    models = GaussianOptions.of(lens_model="samples").forward_models()
+    assert isinstance(models.at(0.499), ScatterBlur) and isinstance(models.at(0.5), LensSamples)
+
+
 def test_a_scene_is_rendered_through_more_points_than_it_was_trained_through():
     def chosen(model, rings):
         return rendering_model(BlurOptions(lens_model=model), ScatterOptions(), SamplesOptions(lens_rings=rings))

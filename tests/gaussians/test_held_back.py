@@ -103,6 +103,8 @@ def test_views_count_alike_and_light_above_white_is_white():
     assert scores.views["a"][0] == pytest.approx(20.0, abs=PSNR_OF_FLOAT32)
     assert scores.views["b"][0] == pytest.approx(20 * np.log10(2550), abs=PSNR_OF_FLOAT32)
     assert scores.psnr == pytest.approx((20 + 20 * np.log10(2550)) / 2, abs=PSNR_OF_FLOAT32)
+    of_each = [ssim for _, ssim in scores.views.values()]
+    assert np.isfinite(of_each).all() and scores.ssim == pytest.approx(sum(of_each) / 2, abs=FLOAT32_SCALAR)
 
 
 def test_held_back_pixels_of_a_training_are_scored_worse_than_the_rest():

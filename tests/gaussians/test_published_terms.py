@@ -123,6 +123,10 @@ def test_a_training_step_hands_the_cooldown_on_to_the_lens(monkeypatch: pytest.M
         assert cooldown == pytest.approx(1 - 0.8 * max(0.0, progress - 0.5) / 0.5)
 
 
+def test_without_a_surface_the_range_is_the_sparse_points() -> None:
+    assert rendered_range(torch.ones(4, 4), torch.zeros(4, 4), RANGE) is RANGE
+
+
 def test_the_rendered_range_ends_at_the_95th_percentile() -> None:
     disparity = torch.linspace(0.0, 1.0, 101).reshape(1, 101) + 0.2
     found = rendered_range(disparity, torch.ones(1, 101), RANGE)

@@ -68,6 +68,13 @@ def test_nothing_is_unknown():
     assert (surface.depth == 0).all() and (surface.spread == 0).all()
 
 
+def test_a_manifest_has_the_options_that_are_not_as_usual():
+    usual, changed = (OPTIONS.with_overrides({"depth_every": every}) for every in (1, 7))
+    found = [Reconstruction(reconstruction([2.0], [0.9]).gaussians, one).settings() for one in (usual, changed)]
+    assert found[1] == {**found[0], "depth_every": 7} and "depth_every" not in found[0]
+    assert not {"clone_place", "lens_clip"} & set(found[1])
+
+
 def small_scene() -> Scene:
     """The scene on which trainings take a second, as one on disk would be: two planes at 3 and 6."""
     given, scene = training_set(), scene_of(cameras())

@@ -212,3 +212,15 @@ def _in_units(camera: Camera, unit: float) -> Camera:
     moved = camera.world_to_camera.copy()
     moved[:3, 3] /= unit
     return replace(camera, world_to_camera=moved)
+
+
+def test_every_step_of_the_budget_is_taken_and_told():
+    told = []
+
+    class Listening(Recorder):
+        def after_step(self, step, loss):
+            told.append(step)
+            return True
+
+    outcome = Trainer(_training_set(), _options(steps=50), 0).fit(Budget(steps=7), Listening())
+    assert told == [1, 2, 3, 4, 5, 6, 7] and outcome.steps == 7

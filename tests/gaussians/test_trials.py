@@ -231,7 +231,7 @@ def test_tiles_are_held_back_until_the_trials_are_over():
     trainer = Trainer(training_set(), options(**OPEN), 0)
     assert trainer._all_photographs()[1][0].held_back is not None
     trainer.fit(Budget(), Recorder())
-    assert trainer._all_photographs()[1][0].held_back is None
+    assert trainer._photographs[1][0].held_back is None
 
 
 def test_the_length_of_a_trial_is_a_share_of_the_training_and_shows_every_photograph_twice():

@@ -7,9 +7,10 @@ import math
 import numpy as np
 import pytest
 import torch
-from made_up import frontal
+from made_up import cloud, frontal
 from tolerances import FLOAT32_VALUE, FLOAT64_VALUE
 
+from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.learning.priors import stereo
 from dofbench.learning.supervision import DepthMap
 
@@ -37,6 +38,12 @@ def test_planes_move_the_image_by_three_quarters_of_a_pixel(shift: float, count:
     )
     assert len(found) == count and found[0] == 0.1 and found[-1] == 0.6
     assert np.ptp(np.diff(found)) < FLOAT64_VALUE
+
+
+def test_planes_are_as_fine_as_the_source_s_own_pixels() -> None:
+    """A source of half the focal length sees half the displacement: 20 px, 26.7 steps, 28 planes, 32 of them."""
+    found = stereo._planes(frontal(80, 60, 400.0), [frontal(80, 60, 200.0, (0.2, 0, 0))], 0.1, 0.6)
+    assert len(found) == 32
 
 
 def test_a_source_that_looks_elsewhere_says_nothing_of_the_planes() -> None:
@@ -93,3 +100,25 @@ def test_what_is_kept_of_a_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
     weight = np.where(expected > 0, np.minimum(score.numpy(), 1), 0)
     weight[40, 0] = 0
     assert np.allclose(swept.weight, weight, rtol=FLOAT32_VALUE)
+
+
+def test_a_view_is_matched_with_its_four_best_sources(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    monkeypatch.setattr(stereo, "_sweep", lambda pyramids, index, chosen, *bounds: seen.append(chosen))
+    monkeypatch.setattr(stereo, "_agreed", lambda cameras, swept, index, chosen: chosen)
+    pyramids = [[(torch.zeros(6, 8), frontal(8, 6, 9.0))]] * 2
+    kept = stereo._matched(pyramids, [[3, 1, 4, 2, 5, 6], [2]], (0.1, 0.6), "", lambda *told: None)
+    assert seen == [[3, 1, 4, 2], [2]] and kept == [[3, 1, 4, 2, 5, 6], [2]]
+
+
+def test_views_without_a_common_point_come_last() -> None:
+    """Three cameras side by side; the second sees other points than the first, and yet it has the better angle."""
+    cameras = [frontal(80, 60, 80.0, (x, 0.0, 0.0)) for x in (0.0, 0.3, 4.0)]
+    black = np.zeros((60, 80, 3), np.float32)
+    views = tuple(TrainingView(f"v{index}", camera, black) for index, camera in enumerate(cameras))
+    tracks = [np.array(seen) for seen in ([0, 2], [0, 2], [1])]
+    points = cloud([(0.0, 0.0, 5.0), (0.1, 0.0, 5.0), (0.2, 0.0, 5.0)], views=tracks)
+    given = TrainingSet(views, points)
+    assert stereo.choose_sources(given, 2)[0] == [2, 1]
+    assert stereo.choose_sources(given, 1)[0] == [2]
+    assert sorted(stereo.choose_sources(given, 2)[1]) == [0, 2]
