@@ -34,6 +34,16 @@ class PlaneScene:
     def disparity(self, origins: Tensor, directions: Tensor, seen: FieldRender) -> Tensor:
         return 1 / seen.distance
 
+    def features_met(self, origins: Tensor, directions: Tensor, seen: FieldRender) -> Tensor:
+        """The place on the wall."""
+        return (origins + seen.distance[:, None] * directions).detach()
+
+    def features_along(self, origins: Tensor, directions: Tensor, count: int) -> Tensor:
+        """Places along the ray up to the wall."""
+        end = (self._z - origins[:, 2:]) / directions[:, 2:]
+        shares = (torch.arange(count) + 0.5) / count
+        return (origins[:, None] + (shares * end)[..., None] * directions[:, None]).detach()
+
 
 def waves(where: Tensor) -> Tensor:
     """A smooth pattern with a slope everywhere."""

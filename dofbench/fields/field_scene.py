@@ -12,7 +12,7 @@ from dofbench.fields.field_options import RayOptions
 from dofbench.fields.grid_field import GridField
 from dofbench.fields.occupancy import Occupancy
 from dofbench.fields.pixels import CameraTable, whole_image
-from dofbench.fields.space import PER_RAY, Space
+from dofbench.fields.space import PER_RAY, CubeRays, Space
 
 _CHUNK = 8192  # rays rendered at once
 _LEAST_OPACITY = 1e-3  # of a ray that has a depth
@@ -35,10 +35,25 @@ class FieldScene:
 
     def disparity(self, origins: Tensor, directions: Tensor, seen: FieldRender) -> Tensor:
         """(R,) 1 / z in the cameras' frames of the mean place of what the rays met; see `RayScene.disparity`."""
-        spans = self.space.rays(origins, directions).spans
-        missing = 1 - seen.opacity
-        places = seen.distance + missing * torch.maximum(spans[:, 1], spans[:, 0])
+        places = _mean_places(self.space.rays(origins, directions), seen)
         return 1 / self.space.depths(origins, directions, places)
+
+    def features_met(self, origins: Tensor, directions: Tensor, seen: FieldRender) -> Tensor:
+        """(R, C); see `RayScene.features_met`."""
+        with torch.no_grad():
+            rays = self.space.rays(origins, directions)
+            points = rays.origins + _mean_places(rays, seen)[:, None] * rays.directions
+        return self.field.features(points)
+
+    def features_along(self, origins: Tensor, directions: Tensor, count: int) -> Tensor:
+        """(R, count, C); see `RayScene.features_along`."""
+        with torch.no_grad():
+            rays = self.space.rays(origins, directions)
+            begin, end = rays.spans.unbind(1)
+            shares = (torch.arange(count, device=begin.device) + 0.5) / count
+            places = begin[:, None] + shares * (end - begin).clamp_min(0)[:, None]
+            points = rays.origins[:, None] + places[..., None] * rays.directions[:, None]
+        return self.field.features(points.view(-1, 3)).view(len(origins), count, -1)
 
     @torch.no_grad()
     def render(self, camera: Camera) -> Rendering:
@@ -55,3 +70,9 @@ class FieldScene:
         shape = camera.height, camera.width
         image = torch.cat(colours).view(*shape, 3).clamp(0, 1).numpy()
         return Rendering(image, torch.cat(depths).view(shape).numpy())
+
+
+def _mean_places(rays: CubeRays, seen: FieldRender) -> Tensor:
+    """(R,) where rays met something on average; those that met nothing count as if they had at their end."""
+    missing = 1 - seen.opacity
+    return seen.distance + missing * torch.maximum(rays.spans[:, 1], rays.spans[:, 0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -13,7 +14,7 @@ from dofbench.core.contracts import FitOutcome, NonFinite, Observer, TrainingSet
 from dofbench.core.errors import InputError, Status
 from dofbench.fields.field_options import FieldOptions
 from dofbench.fields.field_scene import FieldScene
-from dofbench.fields.forward.ray_model import RayModel, RayScene
+from dofbench.fields.forward.ray_model import Prediction, RayModel, RayScene
 from dofbench.fields.grid_field import GridField
 from dofbench.fields.pixels import CameraTable, Pixels, TrainingPixels
 from dofbench.fields.space import space_for
@@ -81,10 +82,11 @@ class FieldTrainer:
                 self.scene.occupancy.update(self.scene.field, self._generator)
         pixels = self._model.draw(self._pixels, options.rays.batch_pixels, progress)
         with self._clock.timed(self._model.stage), place.located(self._model.stage):
-            colours = self._model.colours(self._rays, pixels, progress)
-        place.check(colours, self._model.stage)
+            predictions = self._model.predict(self._rays, pixels, progress)
+        for prediction in predictions:
+            place.check(prediction.colours, self._model.stage)
         with self._clock.timed("loss"):
-            loss = self._cost(colours, pixels, step, progress)
+            loss = self._cost(predictions, pixels, step, progress)
             self._loss = float(loss.detach())
         if not math.isfinite(self._loss):
             raise place.error("loss", f"loss is {self._loss}")
@@ -100,10 +102,11 @@ class FieldTrainer:
             self._optimiser.zero_grad()
             self._model.step(progress)
 
-    def _cost(self, colours: Tensor, pixels: Pixels, step: int, progress: float) -> Tensor:
-        """Mean squared error, the forward model's own term, and every so often the roughness of the grid."""
+    def _cost(self, predictions: Sequence[Prediction], pixels: Pixels, step: int, progress: float) -> Tensor:
+        """Mean squared errors, the forward model's own term, and every so often the roughness of the grid."""
         rates = self._options.rates
-        loss = (colours - pixels.colours).square().mean()
+        errors = [one.weight * (one.colours - pixels.colours).square().mean() for one in predictions]
+        loss = torch.stack(errors).sum()
         if (own := self._model.cost(progress)) is not None:
             loss = loss + own
         if step % rates.smooth_every == 0:

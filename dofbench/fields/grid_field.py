@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from dofbench.compute.factored_grid import FieldRender, GridShape, RaySamples
+from dofbench.compute.factored_grid import MODES, FieldRender, GridShape, RaySamples
 from dofbench.core.errors import InputError
 from dofbench.fields.space import CubeRays
 from dofbench.kernels import load
@@ -58,6 +58,11 @@ class GridOptions:
         )
         return round(self.grid_nodes_first * (self.grid_nodes / self.grid_nodes_first) ** done)
 
+    @property
+    def feature_count(self) -> int:
+        """C of `GridField.features`."""
+        return len(MODES) * (self.density_rank + self.colour_rank)
+
     def shape(self, nodes: Sequence[int]) -> GridShape:
         """The grid with these nodes along x, y and z."""
         x, y, z = nodes
@@ -103,6 +108,21 @@ class GridField:
         )
         return found
 
+    def features(self, points: Tensor) -> Tensor:
+        """(P, C) what planes times lines give at points (P, 3) of the cube, without the sums that make a density and
+        colours of them: the density's channels, then the colour's, mode by mode. Points outside count as on the border.
+        Differentiable by the field."""
+        unit = 2 * points.clamp(0, 1) - 1
+        found = []
+        for name, rank in self._ranks().items():
+            flat = self.parameters[name]
+            planes, lines = self.shape.planes(flat, rank), self.shape.lines(flat, rank)
+            for (column, row, axis), plane, line in zip(MODES, planes, lines, strict=True):
+                across = _sampled(plane.permute(2, 0, 1), unit[:, column], unit[:, row])
+                along = _sampled(line.T[:, :, None], torch.zeros_like(unit[:, axis]), unit[:, axis])
+                found.append(across * along)
+        return torch.cat(found, 1)
+
     @torch.no_grad()
     def resized(self, shape: GridShape) -> GridField:
         """The same function, interpolated at other nodes."""
@@ -132,6 +152,12 @@ class GridField:
 
     def _ranks(self) -> dict[str, int]:
         return {"density": self.shape.density_rank, "colour": self.shape.colour_rank}
+
+
+def _sampled(plane: Tensor, x: Tensor, y: Tensor) -> Tensor:
+    """(P, channels) of a plane (channels, rows, columns), whose outermost nodes lie at -1 and 1."""
+    where = torch.stack([x, y], 1)[None, :, None]
+    return torch.nn.functional.grid_sample(plane[None], where, align_corners=True)[0, :, :, 0].T
 
 
 def _interpolated(plane: Tensor, size: Sequence[int]) -> Tensor:

@@ -13,8 +13,10 @@ from dofbench.fields.field_method import FieldMethod
 from dofbench.fields.field_options import FieldOptions
 from dofbench.fields.forward.blur_kernels import KernelOptions
 from dofbench.fields.forward.deformable_kernel import DeformableKernel, DeformableOptions
+from dofbench.fields.forward.progressive_kernel import ProgressiveKernel, ProgressiveOptions
 from dofbench.fields.forward.ray_model import RayModel
 from dofbench.fields.forward.rigid_kernel import RigidKernel
+from dofbench.fields.forward.weight_proposal import WeightProposalOptions
 from dofbench.learning.supervision import all_disparities
 
 _UNIT = 0.75  # of the nearest points' depth: Deblur-NeRF scales LLFF's scenes so that they lie beyond 4 / 3
@@ -34,6 +36,20 @@ class DeformableFieldOptions(KernelFieldOptions):
     deformable: DeformableOptions = DeformableOptions()
 
 
+@dataclass(frozen=True)
+class RigidFieldOptions(KernelFieldOptions):
+    """Those of a field with rigid blurring kernels."""
+
+    proposal: WeightProposalOptions = WeightProposalOptions()
+
+
+@dataclass(frozen=True)
+class ProgressiveFieldOptions(KernelFieldOptions):
+    """Those of a field with progressively estimated kernels."""
+
+    kernel: ProgressiveOptions = ProgressiveOptions()
+
+
 class DeformableField(FieldMethod):
     """Photographs mixed by Deblur-NeRF's deformable sparse kernel."""
 
@@ -50,14 +66,28 @@ class DeformableField(FieldMethod):
 class RigidField(FieldMethod):
     """Photographs mixed by DP-NeRF's rigid blurring kernel."""
 
-    OPTIONS = KernelFieldOptions
+    OPTIONS = RigidFieldOptions
 
     def model(self, training_set: TrainingSet, generator: torch.Generator) -> RayModel:
         """See `RigidKernel`; rotations turn about the mean of the cameras' places."""
         options = self._options
-        assert isinstance(options, KernelFieldOptions)
+        assert isinstance(options, RigidFieldOptions)
         centre = np.mean([view.camera.centre for view in training_set.views], axis=0)
-        return RigidKernel(len(training_set.views), centre, unit_of_depth(training_set), options.kernel, generator)
+        views, unit, channels = len(training_set.views), unit_of_depth(training_set), options.grid.feature_count
+        return RigidKernel(views, centre, unit, channels, options.kernel, options.proposal, generator)
+
+
+class ProgressiveField(FieldMethod):
+    """Photographs mixed by PDRF's kernel, which is estimated in two stages."""
+
+    OPTIONS = ProgressiveFieldOptions
+
+    def model(self, training_set: TrainingSet, generator: torch.Generator) -> RayModel:
+        """See `ProgressiveKernel`."""
+        options = self._options
+        assert isinstance(options, ProgressiveFieldOptions)
+        views, unit = len(training_set.views), unit_of_depth(training_set)
+        return ProgressiveKernel(views, unit, options.grid.feature_count, options.kernel, generator)
 
 
 def unit_of_depth(training_set: TrainingSet) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 import torch
-from tolerances import FLOAT32_VALUE
+from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE
 
 from dofbench.core.errors import InputError
 from dofbench.fields.grid_field import PARAMETERS, GridField, GridOptions
@@ -32,6 +32,22 @@ def test_a_finer_grid_whose_nodes_hold_the_old_ones_is_the_same_function() -> No
         for a, b in zip(old, new, strict=True):
             torch.testing.assert_close(b[::2, ::2], a, rtol=FLOAT32_VALUE, atol=FLOAT32_VALUE)
     assert all(fine.parameters[name].requires_grad for name in PARAMETERS)
+
+
+def test_features_are_what_density_and_colours_are_made_of() -> None:
+    """The density is the softplus of the sum of its channels; a plane times a line at a node is their numbers there."""
+    made = field()
+    points = torch.rand(50, 3, generator=torch.Generator().manual_seed(2)) * 1.4 - 0.2  # some outside
+    features = made.features(points).detach()
+    assert features.shape == (50, OPTIONS.feature_count) == (50, 72)
+    found = torch.nn.functional.softplus(features[:, :24].sum(1) - 1.0)
+    torch.testing.assert_close(found, made.density(points), rtol=FLOAT32_GRADIENT, atol=0)
+    flat = made.parameters["colour"].detach()
+    plane, line = made.shape.planes(flat, 16)[1], made.shape.lines(flat, 16)[1]  # x and z, along y
+    node = made.features(torch.tensor([[2 / 4, 1 / 3, 2 / 2]])).detach()[0, 24 + 16 : 24 + 32]
+    torch.testing.assert_close(node, plane[2, 2] * line[1], rtol=FLOAT32_GRADIENT, atol=FLOAT32_VALUE)
+    made.features(points).sum().backward()
+    assert all(float(made.parameters[name].grad.abs().sum()) > 0 for name in ("density", "colour"))
 
 
 def test_roughness_of_a_ramp() -> None:

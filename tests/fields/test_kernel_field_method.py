@@ -15,12 +15,12 @@ from dofbench.core.budget import Budget
 from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import InputError, Status
 from dofbench.fields.field_method import FieldMethod
-from dofbench.fields.kernel_field_method import DeformableField, RigidField, unit_of_depth
+from dofbench.fields.kernel_field_method import DeformableField, ProgressiveField, RigidField, unit_of_depth
 
 SHORT = field_options()
 
 
-@pytest.mark.parametrize("kind", [DeformableField, RigidField])
+@pytest.mark.parametrize("kind", [DeformableField, RigidField, ProgressiveField])
 def test_it_learns_and_renders_without_its_kernel(kind: type[FieldMethod], tmp_path: Path) -> None:
     method, recorder = kind(SHORT, 0, "cpu"), Recorder()
     assert method.fit(training_set(), Budget(), recorder).status is Status.OK

@@ -32,9 +32,11 @@ from dofbench.fields.forward.deformable_kernel import DeformableKernel, Deformab
 from dofbench.fields.forward.lens_rays import LensRayOptions, LensRays, disc_points
 from dofbench.fields.forward.mixed_rays import mixed
 from dofbench.fields.forward.pinhole_rays import PinholeRays
+from dofbench.fields.forward.progressive_kernel import ProgressiveKernel, ProgressiveOptions
 from dofbench.fields.forward.ray_model import RayModel
 from dofbench.fields.forward.rendered_patch import PatchOptions, RenderedPatch
 from dofbench.fields.forward.rigid_kernel import RigidKernel, screw_motion
+from dofbench.fields.forward.weight_proposal import WeightProposal, WeightProposalOptions, integrated
 from dofbench.fields.pixels import Pixels, TrainingPixels, whole_image
 from dofbench.learning.lenses import LearnedLenses, LensOptions
 from dofbench.optics.defocus import defocus
@@ -57,8 +59,14 @@ def deformable(**changes: Any) -> DeformableKernel:
     return DeformableKernel(2, UNIT, KernelOptions(), DeformableOptions(**changes), generator())
 
 
-def rigid() -> RigidKernel:
-    return RigidKernel(2, np.zeros(3), UNIT, KernelOptions(), generator())
+def rigid(proposal: bool = False) -> RigidKernel:
+    own = WeightProposalOptions(weight_proposal=proposal, proposal_samples=4)
+    return RigidKernel(2, np.zeros(3), UNIT, 3, KernelOptions(), own, generator())
+
+
+def progressive() -> ProgressiveKernel:
+    options = ProgressiveOptions(kernel_points=4, kernel_from=0.006, kernel_lr_final=0.16)
+    return ProgressiveKernel(2, UNIT, 3, options, generator())
 
 
 def lenses(aperture: float = 0.5, focus: float = 0.5, rate: float = 5e-3) -> LearnedLenses:
@@ -66,8 +74,13 @@ def lenses(aperture: float = 0.5, focus: float = 0.5, rate: float = 5e-3) -> Lea
     return LearnedLenses(2, RANGE, options)
 
 
+def colours(model: RayModel, scene: PlaneScene, at: Pixels, progress: float) -> Tensor:
+    """What the model says first."""
+    return model.predict(scene, at, progress)[0].colours
+
+
 def sharp(scene: PlaneScene, at: Pixels) -> Tensor:
-    return PinholeRays().colours(scene, at, 0.0)
+    return colours(PinholeRays(), scene, at, 0.0)
 
 
 def test_a_pinhole_shows_the_wall() -> None:
@@ -76,19 +89,22 @@ def test_a_pinhole_shows_the_wall() -> None:
     torch.testing.assert_close(sharp(scene, at), waves(where), rtol=FLOAT32_VALUE, atol=0)
 
 
-@pytest.mark.parametrize("model", [deformable(), rigid()], ids=["deformable", "rigid"])
+KERNELS = {"deformable": deformable(), "rigid": rigid(), "proposed": rigid(True), "progressive": progressive()}
+
+
+@pytest.mark.parametrize("model", KERNELS.values(), ids=KERNELS)
 def test_kernels_begin_after_a_while(model: RayModel) -> None:
     scene, at = PlaneScene(3.0, waves), pixels()
-    assert torch.equal(model.colours(scene, at, 0.005), sharp(scene, at))
+    assert torch.equal(colours(model, scene, at, 0.005), sharp(scene, at))
     assert model.cost(0.005) is None
-    assert not torch.equal(model.colours(scene, at, 0.007), sharp(scene, at))
+    assert not torch.equal(colours(model, scene, at, 0.007), sharp(scene, at))
 
 
 def test_kernels_draw_as_many_rays_as_a_pinhole() -> None:
     views = [TrainingView("v", cameras()[0], np.zeros((HEIGHT, WIDTH, 3), np.float32))]
     photographs = TrainingPixels(views, np.random.default_rng(0))
-    for model in (deformable(), rigid()):
-        assert [len(model.draw(photographs, 100, progress).views) for progress in (0.0, 0.5)] == [100, 20]
+    for model, pixels_of_a_step in ((deformable(), 20), (rigid(), 20), (progressive(), 12)):
+        assert [len(model.draw(photographs, 100, progress).views) for progress in (0.0, 0.5)] == [100, pixels_of_a_step]
 
 
 def test_a_kernel_whose_rays_are_all_the_pixel_s_own_changes_nothing() -> None:
@@ -96,7 +112,7 @@ def test_a_kernel_whose_rays_are_all_the_pixel_s_own_changes_nothing() -> None:
     for name, parameter in model._network.named_parameters():
         if name == "pattern" or name.startswith("head"):
             parameter.data.zero_()
-    torch.testing.assert_close(model.colours(scene, at, 0.5), sharp(scene, at), rtol=FLOAT32_VALUE, atol=0)
+    torch.testing.assert_close(colours(model, scene, at, 0.5), sharp(scene, at), rtol=FLOAT32_VALUE, atol=0)
     assert float(model.cost(0.5).detach()) == 0 and model.cost(0.95) is None
 
 
@@ -109,7 +125,7 @@ def test_a_kernel_s_points_are_pixels_of_its_window() -> None:
     model._network.pattern.data[:] = torch.tensor([0.3, 0.0])
     moved = Pixels(at.views, at.places + torch.tensor([10 * math.tanh(0.3), 0.0]), at.colours)
     scene = PlaneScene(3.0, waves)
-    torch.testing.assert_close(model.colours(scene, at, 0.5), sharp(scene, moved), rtol=FLOAT32_VALUE, atol=0)
+    torch.testing.assert_close(colours(model, scene, at, 0.5), sharp(scene, moved), rtol=FLOAT32_VALUE, atol=0)
     assert float(model.cost(0.5).detach()) == pytest.approx(0.1 * 10 * math.tanh(0.3) / 2, rel=FLOAT32_VALUE)
 
 
@@ -124,16 +140,16 @@ def test_origins_turn_rays_about_the_unit_of_depth() -> None:
         model._network.head.bias.data[0] = 5.0
         along = 0.01 * 5 * UNIT * (1 - depth / UNIT) / depth * FOCAL  # pixels
         moved = Pixels(at.views, at.places + torch.tensor([along, 0.0]), at.colours)
-        torch.testing.assert_close(model.colours(scene, at, 0.5), sharp(scene, moved), rtol=FLOAT32_VALUE, atol=0)
+        torch.testing.assert_close(colours(model, scene, at, 0.5), sharp(scene, moved), rtol=FLOAT32_VALUE, atol=0)
 
 
-@pytest.mark.parametrize("model", [deformable(), rigid()], ids=["deformable", "rigid"])
+@pytest.mark.parametrize("model", KERNELS.values(), ids=KERNELS)
 def test_a_network_is_learned(model: RayModel) -> None:
     scene, at = PlaneScene(3.0, waves), pixels()
     target = sharp(scene, Pixels(at.views, at.places + 1.0, at.colours))
     losses = []
     for _ in range(60):
-        loss = (model.colours(scene, at, 0.5) - target).square().mean()
+        loss = sum(one.weight * (one.colours - target).square().mean() for one in model.predict(scene, at, 0.5))
         loss.backward()
         assert all(g is not None and bool(torch.isfinite(g).all()) for g in model.gradients().values())
         losses.append(float(loss.detach()))
@@ -160,7 +176,7 @@ def test_no_motion_is_the_pixel_s_own_ray() -> None:
     for branch in (model._network.rotation, model._network.velocity):
         for parameter in branch[-1].parameters():
             parameter.data.zero_()
-    torch.testing.assert_close(model.colours(scene, at, 0.5), sharp(scene, at), rtol=FLOAT32_VALUE, atol=0)
+    torch.testing.assert_close(colours(model, scene, at, 0.5), sharp(scene, at), rtol=FLOAT32_VALUE, atol=0)
     weights = model._network()[2].detach()
     torch.testing.assert_close(weights.sum(1), torch.ones(2), rtol=FLOAT32_SCALAR, atol=0)
 
@@ -175,7 +191,66 @@ def test_a_rigid_motion_moves_all_rays_alike() -> None:
     network.velocity[-1].bias.data[3] = 1.0  # the second motion's x, times 0.1
     network.weights[-1].bias.data[:] = torch.tensor([-60.0, -60.0, 60.0, -60.0, -60.0])
     moved = Pixels(at.views, at.places + torch.tensor([0.1 * UNIT / 3.0 * FOCAL, 0.0]), at.colours)
-    torch.testing.assert_close(model.colours(scene, at, 0.5), sharp(scene, moved), rtol=FLOAT32_GRADIENT, atol=0)
+    torch.testing.assert_close(colours(model, scene, at, 0.5), sharp(scene, moved), rtol=FLOAT32_GRADIENT, atol=0)
+
+
+def test_the_first_ray_of_both_proposals_is_the_pixel_s_own() -> None:
+    model, scene, at = progressive(), PlaneScene(3.0, waves), pixels()
+    for told in (torch.zeros(25, 4, 15), torch.rand(25, 4, 15)):
+        rays = model._proposed(scene, at, told)
+        assert not rays.places[:, 0].any() and not rays.origins[:, 0].any()
+        assert bool((rays.places[:, 1:] != 0).all()) and bool((rays.origins[:, 1:] != 0).all())
+
+
+def test_the_second_proposal_follows_what_the_first_one_met() -> None:
+    """Both models draw the same noise; the wall of one stores other numbers. The second prediction is the mean of both
+    stages."""
+    stages = []
+    for stored in (1.0, 3.0):
+        scene = PlaneScene(3.0, waves)
+        scene.features_met = lambda origins, directions, seen, stored=stored: torch.full((len(origins), 3), stored)
+        second, mean = (one.colours.detach() for one in progressive().predict(scene, pixels(), 0.5))
+        stages.append((2 * mean - second, second))
+    torch.testing.assert_close(stages[0][0], stages[1][0], rtol=FLOAT32_GRADIENT, atol=FLOAT32_VALUE)
+    assert float((stages[0][1] - stages[1][1]).abs().max()) > 100 * FLOAT32_VALUE
+
+
+def test_proposed_weights_count_more_and_more() -> None:
+    model, scene, at = rigid(True), PlaneScene(3.0, waves), pixels()
+    shares = {}
+    for progress in (0.007, 0.049, 0.5, 0.54, 0.999, 1.0):
+        by_photograph, proposed = model.predict(scene, at, progress)
+        assert by_photograph.weight + proposed.weight == pytest.approx(1)
+        shares[progress] = proposed.weight
+    assert shares[0.007] == shares[0.049] == pytest.approx(0.1)
+    assert shares[0.5] == shares[0.54] == pytest.approx(0.1 * 9 ** (0.494 / 0.994))
+    assert shares[0.999] == pytest.approx(0.1 * 9 ** (0.944 / 0.994)) and shares[1.0] == pytest.approx(0.9)
+    [only] = rigid().predict(scene, at, 0.5)
+    assert only.weight == 1
+
+
+def test_weights_are_proposed_by_what_lies_along_the_rays() -> None:
+    proposal = WeightProposal(5, 7, 4, generator())
+    samples, about = torch.rand(6, 5, 3, 7, generator=generator()), torch.zeros(6, 4)
+    directions = torch.nn.functional.normalize(torch.ones(6, 3), dim=1)
+    weights = proposal(samples, about, directions).detach()
+    assert weights.shape == (6, 5) and bool((weights > 0).all())
+    torch.testing.assert_close(weights.sum(1), torch.ones(6), rtol=FLOAT32_SCALAR, atol=0)
+    alike = proposal(samples[:1].expand(6, -1, -1, -1), about, directions).detach()
+    assert float((weights - weights[:1]).abs().max()) > 1e-3 > float((alike - alike[:1]).abs().max())
+
+
+@given(st.lists(st.floats(0, 20), min_size=1, max_size=8))
+def test_what_lies_along_a_ray_is_rendered_as_a_volume(values: list[float]) -> None:
+    """Sample by sample: each takes its share of the light that is left. A constant c gives c (1 - exp(-c))."""
+    left, expected = 1.0, 0.0
+    for value in values:
+        taken = 1 - math.exp(-value / len(values))
+        expected, left = expected + left * taken * value, left * (1 - taken)
+    found = integrated(torch.tensor(values, dtype=torch.float64)[:, None])
+    assert float(found) == pytest.approx(expected, abs=FLOAT64_VALUE)
+    constant = integrated(torch.full((5, 1), values[0], dtype=torch.float64))
+    assert float(constant) == pytest.approx(values[0] * (1 - math.exp(-values[0])), abs=FLOAT64_VALUE)
 
 
 def test_light_is_mixed_linearly() -> None:
@@ -205,7 +280,7 @@ def test_a_lens_blurs_the_wall_over_its_circle_of_confusion(aperture: float, dep
 
     scene, at, learned = PlaneScene(depth, pattern), pixels(0, 40), lenses(aperture, 0.3)
     model = LensRays(learned, LensRayOptions(lens_points=400), generator())
-    light = model.colours(scene, at, 0.5).detach().pow(2.2)[:, 0]
+    light = colours(model, scene, at, 0.5).detach().pow(2.2)[:, 0]
     radius = learned.estimate(0, WIDTH).signed_radius(np.array(1 / depth), WIDTH)
     place = (at.places[:, 0] - WIDTH / 2) / WIDTH
     expected = 0.05 + place.square() + float(radius / WIDTH) ** 2 / 4
@@ -223,8 +298,8 @@ def test_a_lens_is_found_before_two_walls() -> None:
     for step in range(400):
         scene, at = scenes[step % 2], pixels(0, 60)
         with torch.no_grad():
-            wanted = target.colours(scene, at, 0.0)
-        (model.colours(scene, at, step / 400) - wanted).square().mean().backward()
+            wanted = colours(target, scene, at, 0.0)
+        (colours(model, scene, at, step / 400) - wanted).square().mean().backward()
         gradient = model.gradients()["lens"]
         assert gradient is not None and bool(torch.isfinite(gradient).all())
         model.step(step / 400)
@@ -237,9 +312,9 @@ def test_a_patch_is_the_sharp_patch_through_the_lens() -> None:
     model = RenderedPatch(learned, PatchOptions(patch_from=0.3))
     places = whole_image(cameras()[1])
     at = Pixels(torch.ones(len(places)).long(), places, torch.zeros(len(places), 3))
-    assert torch.equal(model.colours(scene, at, 0.29), sharp(scene, at))
+    assert torch.equal(colours(model, scene, at, 0.29), sharp(scene, at))
     model.step(0.29)  # no lens was used: nothing happens
-    found = model.colours(scene, at, 0.3)
+    found = colours(model, scene, at, 0.3)
     radius = float(learned.estimate(1, WIDTH).signed_radius(np.array(1 / 2.5), WIDTH))
     image = sharp(scene, at).view(HEIGHT, WIDTH, 3)
     expected = defocus(image, torch.full((HEIGHT, WIDTH), radius), Blur(2.0)).view(-1, 3)
@@ -257,6 +332,10 @@ def test_a_patch_is_the_sharp_patch_through_the_lens() -> None:
         (lambda: KernelOptions(kernel_points=1), "kernel_points"),
         (lambda: LensRayOptions(lens_points=0), "lens_points"),
         (lambda: PatchOptions(patch_side=1), "patch_side"),
+        (lambda: WeightProposalOptions(proposal_samples=0), "proposal_samples"),
+        (lambda: WeightProposalOptions(proposal_first=0.0), "proposal_first"),
+        (lambda: WeightProposalOptions(proposal_last=1.0), "proposal_last"),
+        (lambda: WeightProposalOptions(proposal_every=0.0), "proposal_every"),
     ],
 )
 def test_wrong_options(make: Any, match: str) -> None:

@@ -4,7 +4,7 @@ the plane of focus (Cook et al., 1984; for fields LensNeRF and NeRFocus)."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -13,7 +13,7 @@ from torch import Tensor
 from dofbench.core.errors import InputError
 from dofbench.core.lens import COC_FRACTION
 from dofbench.fields.forward.mixed_rays import mixed
-from dofbench.fields.forward.ray_model import RayScene
+from dofbench.fields.forward.ray_model import Prediction, RayScene
 from dofbench.fields.pixels import Pixels, TrainingPixels
 from dofbench.learning.lenses import LearnedLenses
 
@@ -45,7 +45,7 @@ class LensRays:
         from."""
         return photographs.draw_view(count // self._options.lens_points)
 
-    def colours(self, scene: RayScene, pixels: Pixels, progress: float) -> Tensor:
+    def predict(self, scene: RayScene, pixels: Pixels, progress: float) -> Sequence[Prediction]:
         """The mean light of the rays from points of the lens."""
         self._view = view = int(pixels.views[0])
         count = self._options.lens_points
@@ -59,7 +59,7 @@ class LensRays:
                 pixels.views.repeat_interleave(count), pixels.places.repeat_interleave(count, 0), shift, tilt
             )
         )
-        return mixed(seen.color.view(-1, count, 3), torch.full((1, count), 1 / count))
+        return [Prediction(mixed(seen.color.view(-1, count, 3), torch.full((1, count), 1 / count)))]
 
     def cost(self, progress: float) -> Tensor | None:
         """None."""

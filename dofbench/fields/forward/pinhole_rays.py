@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from torch import Tensor
 
-from dofbench.fields.forward.ray_model import RayScene
+from dofbench.fields.forward.ray_model import Prediction, RayScene
 from dofbench.fields.pixels import Pixels, TrainingPixels
 
 
@@ -20,9 +20,9 @@ class PinholeRays:
         """Pixels of all photographs."""
         return photographs.draw(count)
 
-    def colours(self, scene: RayScene, pixels: Pixels, progress: float) -> Tensor:
+    def predict(self, scene: RayScene, pixels: Pixels, progress: float) -> Sequence[Prediction]:
         """What the ray through each pixel's centre sees."""
-        return scene.trace(*scene.cameras.rays(pixels.views, pixels.places)).color
+        return [Prediction(scene.trace(*scene.cameras.rays(pixels.views, pixels.places)).color)]
 
     def cost(self, progress: float) -> Tensor | None:
         """None."""

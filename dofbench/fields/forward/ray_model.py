@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import torch
@@ -11,6 +12,15 @@ from torch import Tensor
 from dofbench.compute.factored_grid import FieldRender
 from dofbench.fields.field_scene import FieldScene
 from dofbench.fields.pixels import CameraTable, Pixels, TrainingPixels
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What photographs show, according to a model. colours: (P, 3), encoded. weight: of its mean squared error in the
+    loss."""
+
+    colours: Tensor
+    weight: float = 1.0
 
 
 class RayScene:
@@ -30,6 +40,15 @@ class RayScene:
         Rays that met nothing count as if they had met something at their end."""
         return self._scene.disparity(origins, directions, seen)
 
+    def features_met(self, origins: Tensor, directions: Tensor, seen: FieldRender) -> Tensor:
+        """(R, C) what the field stores (`GridField.features`) at the mean place of what `trace` found; differentiable
+        by the field alone, not by the rays."""
+        return self._scene.features_met(origins, directions, seen)
+
+    def features_along(self, origins: Tensor, directions: Tensor, count: int) -> Tensor:
+        """(R, count, C) the same in the middle of each of `count` equal parts of the rays."""
+        return self._scene.features_along(origins, directions, count)
+
 
 class RayModel(Protocol):
     """How pixels of photographs come about. stage: what the time that it takes is called. kernels: the ops that it
@@ -42,11 +61,11 @@ class RayModel(Protocol):
         """The pixels of a training step at `progress`, 0 to 1: about `count` rays' worth of them, as the model needs
         them."""
 
-    def colours(self, scene: RayScene, pixels: Pixels, progress: float) -> Tensor:
-        """(P, 3), encoded: the colours that the photographs would have at these pixels."""
+    def predict(self, scene: RayScene, pixels: Pixels, progress: float) -> Sequence[Prediction]:
+        """What the photographs would show at these pixels; a model may say it in more than one way."""
 
     def cost(self, progress: float) -> Tensor | None:
-        """A term of the loss about what is learned beside the field, after `colours`; None for no such term."""
+        """A term of the loss about what is learned beside the field, after `predict`; None for no such term."""
 
     def gradients(self) -> Mapping[str, Tensor | None]:
         """Gradients of what is learned beside the field, by name; None for what the step didn't use."""

@@ -3,7 +3,7 @@ with its depth, and each pixel's light is spread over its circle of confusion.""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from torch import Tensor
@@ -11,7 +11,7 @@ from torch import Tensor
 from dofbench.core.blur import Blur
 from dofbench.core.errors import InputError
 from dofbench.fields.forward.lens_rays import circles
-from dofbench.fields.forward.ray_model import RayScene
+from dofbench.fields.forward.ray_model import Prediction, RayScene
 from dofbench.fields.pixels import Pixels, TrainingPixels
 from dofbench.learning.lenses import LearnedLenses
 from dofbench.optics.defocus import defocus
@@ -55,13 +55,13 @@ class RenderedPatch:
             return photographs.draw(count)
         return photographs.draw_patch(self._options.patch_side)
 
-    def colours(self, scene: RayScene, pixels: Pixels, progress: float) -> Tensor:
+    def predict(self, scene: RayScene, pixels: Pixels, progress: float) -> Sequence[Prediction]:
         """The patch through the lens."""
         origins, directions = scene.cameras.rays(pixels.views, pixels.places)
         seen = scene.trace(origins, directions)
         self._view = None
         if progress < self._options.patch_from:
-            return seen.color
+            return [Prediction(seen.color)]
         self._view = view = int(pixels.views[0])
         slope, offset = circles(self.lenses, view, float(scene.cameras.sizes[view, 0]))
         disparity = scene.disparity(origins, directions, seen)
@@ -69,7 +69,7 @@ class RenderedPatch:
         shape = len(pixels.views) // width, width
         radius = (slope * disparity + offset).view(shape)
         sharp = seen.color.view(*shape, 3).contiguous()
-        return defocus(sharp, radius.contiguous(), self._options.blur).view(-1, 3)
+        return [Prediction(defocus(sharp, radius.contiguous(), self._options.blur).view(-1, 3))]
 
     def cost(self, progress: float) -> Tensor | None:
         """None."""

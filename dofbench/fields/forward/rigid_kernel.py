@@ -1,9 +1,10 @@
 """DP-NeRF's rigid blurring kernel (Lee et al., CVPR 2023, section 4.1): all pixels of a photograph are mixed from the
-same few rigid motions of their rays, by weights of the photograph's own."""
+same few rigid motions of their rays, by weights of the photograph's own and by weights that are proposed for each
+pixel."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
@@ -11,7 +12,8 @@ from torch import Tensor, nn
 
 from dofbench.fields.forward.blur_kernels import KernelOptions
 from dofbench.fields.forward.mixed_rays import mixed
-from dofbench.fields.forward.ray_model import RayScene
+from dofbench.fields.forward.ray_model import Prediction, RayScene
+from dofbench.fields.forward.weight_proposal import WeightProposal, WeightProposalOptions
 from dofbench.fields.pixels import Pixels, TrainingPixels
 from dofbench.learning.networks import NetworkAdam, redraw
 
@@ -23,35 +25,60 @@ _LEAST_ANGLE = 1e-10
 
 class RigidKernel:
     """A `RayModel`. centre: (3,) the world point that rotations turn about. unit: the depth, scene units, that counts
-    as 1 in translations. The first of a pixel's rays is its own, the others are moved."""
+    as 1 in translations. channels: what the field stores at a point (`GridOptions.feature_count`), by which weights are
+    proposed. The first of a pixel's rays is its own, the others are moved."""
 
     stage = "kernel rays"
     kernels: tuple[str, ...] = ("tone",)
 
-    def __init__(self, views: int, centre: np.ndarray, unit: float, options: KernelOptions, generator: torch.Generator):
-        self._centre, self._unit, self._options = torch.from_numpy(centre).float(), unit, options
+    def __init__(
+        self,
+        views: int,
+        centre: np.ndarray,
+        unit: float,
+        channels: int,
+        options: KernelOptions,
+        own: WeightProposalOptions,
+        generator: torch.Generator,
+    ):
+        self._centre, self._unit, self._options, self._own = torch.from_numpy(centre).float(), unit, options, own
         self._network = _MotionNetwork(views, options.kernel_points - 1, generator)
-        self._adam = NetworkAdam(self._network.named_parameters(), options.kernel_lr, options.kernel_lr_final)
+        self._proposal = None
+        parameters = dict(self._network.named_parameters())
+        if own.weight_proposal:
+            self._proposal = WeightProposal(options.kernel_points, channels, _WIDTH, generator)
+            parameters |= {f"proposal.{name}": value for name, value in self._proposal.named_parameters()}
+        self._adam = NetworkAdam(parameters.items(), options.kernel_lr, options.kernel_lr_final)
 
     def draw(self, photographs: TrainingPixels, count: int, progress: float) -> Pixels:
         """Pixels of all photographs, fewer by the number of rays that each is mixed from."""
         return photographs.draw(count if progress < self._options.kernel_from else count // self._options.kernel_points)
 
-    def colours(self, scene: RayScene, pixels: Pixels, progress: float) -> Tensor:
-        """The mixture of what the moved rays see."""
+    def predict(self, scene: RayScene, pixels: Pixels, progress: float) -> Sequence[Prediction]:
+        """The mixture of what the moved rays see, by the photograph's weights and by proposed ones."""
         origins, directions = scene.cameras.rays(pixels.views, pixels.places)
         if progress < self._options.kernel_from:
-            return scene.trace(origins, directions).color
-        rotation, velocity, weights = self._network()
+            return [Prediction(scene.trace(origins, directions).color)]
+        rotation, velocity, weights, about = self._network()
         moved_origins, moved_directions = [origins], [directions]
         for motion in range(rotation.shape[1]):
             turn, slide = screw_motion(rotation[:, motion], velocity[:, motion] * self._unit)
             turn, slide = turn[pixels.views], slide[pixels.views]
             moved_origins.append((turn @ (origins - self._centre)[:, :, None])[:, :, 0] + slide + self._centre)
             moved_directions.append((turn @ directions[:, :, None])[:, :, 0])
-        stacked = (torch.stack(parts, 1).reshape(-1, 3) for parts in (moved_origins, moved_directions))
-        seen = scene.trace(*stacked)
-        return mixed(seen.color.view(len(origins), -1, 3), weights[pixels.views])
+        starts, ways = (torch.stack(parts, 1).reshape(-1, 3) for parts in (moved_origins, moved_directions))
+        colours = scene.trace(starts, ways).color.view(len(origins), -1, 3)
+        by_photograph = mixed(colours, weights[pixels.views])
+        if self._proposal is None:
+            return [Prediction(by_photograph)]
+        samples = scene.features_along(starts, ways, self._own.proposal_samples)
+        proposed = self._proposal(
+            samples.view(*colours.shape[:2], *samples.shape[1:]),
+            about[pixels.views],
+            torch.nn.functional.normalize(directions, dim=1),
+        )
+        share = self._own.share(progress, self._options.kernel_from)
+        return [Prediction(by_photograph, 1 - share), Prediction(mixed(colours, proposed), share)]
 
     def cost(self, progress: float) -> Tensor | None:
         """None."""
@@ -102,8 +129,9 @@ class _MotionNetwork(nn.Module):
                 for parameter in branch[-1].parameters():
                     parameter.uniform_(-_FIRST, _FIRST, generator=generator)
 
-    def forward(self) -> tuple[Tensor, Tensor, Tensor]:
-        """(rotations (V, M, 3), velocities (V, M, 3), weights (V, M + 1) that add up to 1) of all photographs."""
+    def forward(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Of all photographs: rotations (V, M, 3), velocities (V, M, 3), weights (V, M + 1) that add up to 1, and what
+        they were made from, (V, W)."""
         features: Tensor = self.embedding
         for number, layer in enumerate(self.hidden, 1):
             if number == _SKIP:
@@ -113,7 +141,7 @@ class _MotionNetwork(nn.Module):
             _SCALE * branch(features).view(-1, self._motions, 3) for branch in (self.rotation, self.velocity)
         )
         weights = torch.sigmoid(self.weights(features))
-        return rotation, velocity, weights / weights.sum(1, keepdim=True)
+        return rotation, velocity, weights / weights.sum(1, keepdim=True), features
 
 
 def _branch(count: int) -> nn.Sequential:

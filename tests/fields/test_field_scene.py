@@ -1,0 +1,54 @@
+"""Where along a ray the field is looked at, beside what it renders."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE
+
+from dofbench.compute.factored_grid import FieldRender
+from dofbench.fields.field_options import RayOptions
+from dofbench.fields.field_scene import FieldScene
+from dofbench.fields.grid_field import GridField, GridOptions
+from dofbench.fields.space import Box
+
+# A box from -1 to 1, 2 to 6 and 1 to 5: rays along z from the origin of the first two axes begin at 1 and end at 5.
+BOX = Box(np.array([-1.0, 2.0, 1.0]), np.array([1.0, 6.0, 5.0]))
+
+
+def scene() -> FieldScene:
+    shape = GridOptions().shape((6, 5, 4))
+    return FieldScene(GridField.at_random(shape, -4.0, torch.Generator().manual_seed(0)), BOX, RayOptions(cells=4))
+
+
+def rays(count: int) -> tuple[torch.Tensor, torch.Tensor]:
+    origins = torch.tensor([[0.5, 3.0, 0.0]]).repeat(count, 1).requires_grad_()
+    return origins, torch.tensor([[0.0, 0.0, 1.0]]).repeat(count, 1)
+
+
+def test_features_along_a_ray_are_those_in_the_middle_of_its_parts() -> None:
+    made = scene()
+    origins, directions = rays(3)
+    found = made.features_along(origins, directions, 4)
+    places = torch.tensor([[0.75, 0.25, share] for share in (0.125, 0.375, 0.625, 0.875)])
+    expected = made.field.features(places)
+    assert found.shape == (3, 4, GridOptions().feature_count)
+    for one in found:
+        torch.testing.assert_close(one, expected, rtol=FLOAT32_GRADIENT, atol=FLOAT32_VALUE)
+    found.sum().backward()
+    assert origins.grad is None and float(made.field.parameters["colour"].grad.abs().sum()) > 0
+
+
+def test_features_met_are_those_at_the_mean_place() -> None:
+    """All light from 2; half of it, the other half from nowhere, which counts as the end; all from nowhere."""
+    made = scene()
+    opacity, distance = torch.tensor([1.0, 0.5, 0.0]), torch.tensor([2.0, 1.0, 0.0])
+    found = made.features_met(*rays(3), FieldRender(torch.zeros(3, 3), opacity, distance))
+    places = torch.tensor([[0.75, 0.25, (z - 1) / 4] for z in (2.0, 3.5, 5.0)])
+    torch.testing.assert_close(found, made.field.features(places), rtol=FLOAT32_GRADIENT, atol=FLOAT32_VALUE)
+
+
+def test_a_ray_that_misses_the_box_has_features_of_its_border() -> None:
+    made = scene()
+    found = made.features_along(torch.tensor([[9.0, 9.0, 0.0]]), torch.tensor([[0.0, 0.0, 1.0]]), 2)
+    assert bool(torch.isfinite(found).all()) and torch.equal(found[0, 0], found[0, 1])
