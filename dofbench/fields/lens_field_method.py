@@ -56,6 +56,26 @@ class PatchFieldOptions(LensFieldOptions):
     patches: PatchOptions = PatchOptions()
 
 
+@dataclass(frozen=True)
+class RefocusedFieldOptions(FieldOptions):
+    """Those of a field that is rendered through a lens, but was trained without one."""
+
+    lens_rays: LensRayOptions = LensRayOptions()
+
+
+class RefocusedField(FieldMethod):
+    """A field that takes every photograph for sharp, and is rendered through any lens that is given."""
+
+    OPTIONS = RefocusedFieldOptions
+
+    def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
+        """Render all in focus, or through a lens; see `through_points`."""
+        if lens is None:
+            return super().render(camera, None)
+        assert isinstance(self._options, RefocusedFieldOptions)
+        return through_points(self._trained(), camera, lens, self._options.lens_rays.lens_points)
+
+
 class LensFieldMethod(FieldMethod, ABC):
     """Base of the fields with lenses: what they share whichever way a lens blurs."""
 

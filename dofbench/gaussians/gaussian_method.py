@@ -89,9 +89,13 @@ class GaussianMethod:
         """Write the Gaussians as 3DGS' .ply, the learned lenses and the rendering options as JSON, and the photographs'
         colours if they were learned.
 
-        The 3D filter is merged into the Gaussians, so a model that is read back renders the same except for rounding.
+        The 3D filter, where it is on, is merged into the Gaussians, so a model that is read back renders the same
+        except for rounding.
         """
-        write_splats(folder / _MODEL, self.gaussians)
+        shown = self.gaussians
+        if not self.options.appearance.filter_3d:
+            shown = Gaussians(shown.parameters, None, shown.near)
+        write_splats(folder / _MODEL, shown)
         values = self.options.flat()
         rendering = {**{name: values[name] for name in RENDERING}, NEAR_PLANE: self.gaussians.near}
         write_lenses(folder / _LENSES, self.lens_estimates(), rendering, CONVENTIONS)

@@ -25,6 +25,20 @@ from dofbench.running.stage_deciders import DECIDERS, LENS_DECIDERS
 _PARTS = ("fit", "render", "lens_estimates", "describe", "save", "load")
 
 
+# What a card takes from that of the method that it is `like`.
+LIKE = (
+    "capabilities",
+    "devices",
+    "kernels",
+    "presets",
+    "default_preset",
+    "builtin_preset",
+    "stages",
+    "trials",
+    "costs",
+)
+
+
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -93,6 +107,8 @@ class Card(_Strict):
     trials: the option that names, with commas between, what training tries out for itself.
     costs: what its default preset's training takes.
     elsewhere: it trains and renders in another program, so there is nothing to warm up, no curve and no speed.
+    like: id of another method, whose card holds for all of `LIKE` that this card doesn't say. Stages are added to that
+    card's, and so are presets, where an option of a preset of the same name replaces that card's.
     """
 
     name: str
@@ -109,6 +125,7 @@ class Card(_Strict):
     trials: str | None = None
     costs: Costs | None = None
     elsewhere: bool = False
+    like: str | None = None
     claims: Claims | None = None
 
     @field_validator("devices")
@@ -250,13 +267,42 @@ def _entry(file: Path) -> MethodEntry:
     return MethodEntry(id=file.parent.name, folder=file.parent, card=_read_card(file))
 
 
-def _read_card(file: Path) -> Card:
-    if not file.parent.name.isidentifier():
-        raise InputError(file.parent, "a folder name that is no Python identifier", "letters, digits and _")
+def _read_toml(file: Path) -> dict[str, Any]:
     try:
-        card = Card.model_validate(tomllib.loads(file.read_text(encoding="utf-8")))
+        return tomllib.loads(file.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(file, f"no TOML ({error})", "a TOML file") from None
+
+
+def _completed(own: dict[str, Any], file: Path) -> dict[str, Any]:
+    """The content of a method.toml with what it takes from that of the method that it is `like`."""
+    if not isinstance(other := own.get("like"), str):
+        return own
+    files = method_files()
+    known = [name for name, path in files.items() if path != file]
+    if other not in known:
+        raise InputError(file, f"like = {other!r}", f"another method: {', '.join(known)}")
+    base = _read_toml(files[other])
+    if "like" in base:
+        raise InputError(
+            file, f"like = {other!r}, which is itself like {base['like']!r}", "a method with all of a card"
+        )
+    found = {**{key: base[key] for key in LIKE if key in base}, **own}
+    for table in ("stages", "presets"):
+        theirs, ours = (card.get(table, {}) for card in (base, own))
+        if isinstance(theirs, dict) and isinstance(ours, dict):
+            found[table] = {**theirs, **ours}
+    for name in base.get("presets", {}).keys() & own.get("presets", {}).keys():
+        found["presets"][name] = {**base["presets"][name], **own["presets"][name]}
+    return found
+
+
+def _read_card(file: Path) -> Card:
+    if not f"_{file.parent.name}".isidentifier():
+        raise InputError(file.parent, "a folder name with other characters", "letters, digits and _")
+    own = _completed(_read_toml(file), file)
+    try:
+        card = Card.model_validate(own)
     except ValidationError as error:
         found = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
         raise InputError(file, found, "the keys that dofbench.running.method_cards.Card describes") from None

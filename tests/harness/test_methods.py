@@ -64,6 +64,76 @@ def test_a_preset_extends_another_and_one_is_for_the_built_in_dataset(folder: Pa
     assert entry.preset("quick", builtin=True)[0] == "quick"
 
 
+LIKE_FAKE = """\
+name = "Fake again"
+summary = "As the fake, but noisier"
+paper = "Nobody, 2021"
+class = "trainer:Fake"
+like = "fake"
+kernels = ["tone"]
+
+[stages.colours]
+decided_by = "colour_spread"
+option = "tints"
+off = 0
+
+[presets.slow]
+noise = 0.9
+
+[presets.own]
+extends = "slow"
+steps = 3
+"""
+
+
+@pytest.fixture
+def like(folder: Path) -> Path:
+    """A method beside the fake that is like it."""
+    other = folder.parent / "fake2"
+    other.mkdir()
+    for code in folder.glob("*.py"):
+        (other / code.name).write_text(code.read_text())
+    (other / "method.toml").write_text(LIKE_FAKE)
+    return other / "method.toml"
+
+
+def test_a_method_like_another_says_what_differs(like: Path) -> None:
+    entry, base = find_method("fake2"), find_method("fake")
+    assert entry.card.capabilities == base.card.capabilities and entry.card.default_preset == "quick"
+    assert entry.card.name == "Fake again" and entry.card.kernels == ("tone",)
+    assert entry.preset("slow") == ("slow", {"steps": 12, "noise": 0.9}, None)
+    assert entry.preset("own") == ("own", {"steps": 3, "noise": 0.9}, None)
+    assert entry.preset("quick") == base.preset("quick") and base.preset("slow")[1]["noise"] == 0.2
+    assert entry.card.stages.keys() == base.card.stages.keys() and entry.card.stages["colours"].option == "tints"
+    assert entry.card.claims is None  # what others published isn't shared
+    assert entry.create({"noise": 0.9}, 7, "cpu").options["noise"] == 0.9
+
+
+@pytest.mark.parametrize(
+    ("new", "match"),
+    [
+        ('like = "nobody"', "like = 'nobody', expected another method: .*fake"),
+        ('like = "fake2"', "like = 'fake2', expected another method"),
+        ("like = 3", "like: Input should be a valid string"),
+        ('like = "fake"\nstages = 3', "stages: Input should be a valid dictionary"),
+    ],
+)
+def test_a_wrong_like_is_one_line(like: Path, new: str, match: str) -> None:
+    text = LIKE_FAKE if "stages" not in new else LIKE_FAKE.replace("[stages.colours]", "[other]")
+    like.write_text(text.replace('like = "fake"', new))
+    with pytest.raises(InputError, match=match) as caught:
+        find_method("fake2")
+    assert "fake2/method.toml" in caught.value.subject
+
+
+def test_a_method_is_like_one_with_a_whole_card(like: Path) -> None:
+    third = like.parents[1] / "fake3"
+    third.mkdir()
+    (third / "method.toml").write_text(LIKE_FAKE.replace('like = "fake"', 'like = "fake2"'))
+    with pytest.raises(InputError, match="which is itself like 'fake'"):
+        find_method("fake3")
+
+
 def test_unknown_method_lists_what_there_is(folder: Path) -> None:
     with pytest.raises(InputError, match="'none', expected one of .*fake"):
         find_method("none")

@@ -33,9 +33,11 @@ def _trained(name, training_set, **options):
     return entry, method
 
 
+@pytest.mark.parametrize("filter_3d", [True, False])
 @pytest.mark.parametrize("name", ["dofgaussian", "mipsplatting"])
-def test_a_saved_method_renders_the_same_with_its_own_settings(name, training_set, tmp_path):
-    entry, method = _trained(name, training_set, filter_2d=0.3, background=0.2, lens_gamma=2.0)
+def test_a_saved_method_renders_the_same_with_its_own_settings(name, filter_3d, training_set, tmp_path):
+    settings = {"filter_2d": 0.3, "filter_3d": filter_3d, "background": 0.2, "lens_gamma": 2.0}
+    entry, method = _trained(name, training_set, **settings)
     method.save(tmp_path)
     # This method is made without these settings; they are read from the file.
     again = entry.create({}, 0, "cpu")
