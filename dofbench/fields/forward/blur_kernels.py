@@ -1,10 +1,14 @@
-"""The options that learned blur kernels share."""
+"""What learned blur kernels share: their options, and how their networks are updated."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from torch import Tensor, nn
+
 from dofbench.core.errors import InputError
+from dofbench.learning.networks import NetworkAdam
 
 
 @dataclass(frozen=True)
@@ -24,3 +28,27 @@ class KernelOptions:
     def __post_init__(self) -> None:
         if self.kernel_points < 2:
             raise InputError("option kernel_points", str(self.kernel_points), "at least 2")
+
+
+class LearnedKernel:
+    """Base of the `RayModel`s whose kernel a network gives, without a term of the loss of its own. parameters: the
+    network's, with names."""
+
+    stage = "kernel rays"
+    kernels: tuple[str, ...] = ("tone",)
+
+    def __init__(self, parameters: Iterable[tuple[str, nn.Parameter]], options: KernelOptions):
+        self._options = options
+        self._adam = NetworkAdam(parameters, options.kernel_lr, options.kernel_lr_final)
+
+    def cost(self, progress: float) -> Tensor | None:
+        """None."""
+        return None
+
+    def gradients(self) -> Mapping[str, Tensor | None]:
+        """Those of the network's parameters."""
+        return self._adam.gradients()
+
+    def step(self, progress: float) -> None:
+        """An Adam step on the network."""
+        self._adam.step(progress)

@@ -3,18 +3,17 @@ it, whose places and weights a network gives for each photograph and pixel."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from dofbench.fields.forward.blur_kernels import KernelOptions
+from dofbench.fields.forward.blur_kernels import KernelOptions, LearnedKernel
 from dofbench.fields.forward.kernel_network import KernelNetwork
 from dofbench.fields.forward.mixed_rays import mixed
 from dofbench.fields.forward.ray_model import Prediction, RayScene
 from dofbench.fields.pixels import Pixels, TrainingPixels
-from dofbench.learning.networks import NetworkAdam
 
 _ALIGN_ORIGIN = 10.0  # weight of the origin against the place in the alignment
 
@@ -33,19 +32,16 @@ class DeformableOptions:
     """When this term ends. Unit: share of the training. Source: Deblur-NeRF, step 180 000 of 200 000."""
 
 
-class DeformableKernel:
+class DeformableKernel(LearnedKernel):
     """A `RayModel`. unit: the depth, scene units, that counts as 1: origins move by hundredths of it, and rays still
     pass through the same point there."""
-
-    stage = "kernel rays"
-    kernels: tuple[str, ...] = ("tone",)
 
     def __init__(
         self, views: int, unit: float, options: KernelOptions, own: DeformableOptions, generator: torch.Generator
     ):
-        self._unit, self._options, self._own, self._generator = unit, options, own, generator
+        self._unit, self._own, self._generator = unit, own, generator
         self._network = KernelNetwork(views, options.kernel_points, generator)
-        self._adam = NetworkAdam(self._network.named_parameters(), options.kernel_lr, options.kernel_lr_final)
+        super().__init__(self._network.named_parameters(), options)
         self._cost: Tensor | None = None
 
     def draw(self, photographs: TrainingPixels, count: int, progress: float) -> Pixels:
@@ -71,11 +67,3 @@ class DeformableKernel:
         if self._cost is None or progress >= self._own.align_until:
             return None
         return self._own.align_weight * self._cost
-
-    def gradients(self) -> Mapping[str, Tensor | None]:
-        """Those of the network's parameters."""
-        return self._adam.gradients()
-
-    def step(self, progress: float) -> None:
-        """An Adam step on the network."""
-        self._adam.step(progress)

@@ -3,18 +3,18 @@ proposed from the pixel alone, and proposed again from what the rays of the firs
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 
-from dofbench.fields.forward.blur_kernels import KernelOptions
+from dofbench.fields.forward.blur_kernels import KernelOptions, LearnedKernel
 from dofbench.fields.forward.kernel_network import KernelNetwork, KernelRays
 from dofbench.fields.forward.mixed_rays import mixed
 from dofbench.fields.forward.ray_model import Prediction, RayScene
 from dofbench.fields.pixels import Pixels, TrainingPixels
-from dofbench.learning.networks import NetworkAdam, redraw
+from dofbench.learning.networks import redraw
 
 _FEATURES = 15  # numbers that the second proposal is told about each ray
 _WINDOW = 10.0  # px: how far from the pixel canonical points can lie
@@ -36,7 +36,7 @@ class ProgressiveOptions(KernelOptions):
     """Share of it that is left at the end; it falls exponentially. Unit: none. Source: PDRF, 0.1^(30 / 10)."""
 
 
-class ProgressiveKernel:
+class ProgressiveKernel(LearnedKernel):
     """A `RayModel`. unit: the depth, scene units, that counts as 1, as for `DeformableKernel`. channels: what the field
     stores at a point (`GridOptions.feature_count`), of which a layer makes what the second proposal is told.
 
@@ -44,13 +44,10 @@ class ProgressiveKernel:
     here they are those of the one field, where the ray meets something on average.
     """
 
-    stage = "kernel rays"
-    kernels: tuple[str, ...] = ("tone",)
-
     def __init__(self, views: int, unit: float, channels: int, options: KernelOptions, generator: torch.Generator):
-        self._unit, self._options, self._generator = unit, options, generator
+        self._unit, self._generator = unit, generator
         self._network = _ProgressiveNetwork(views, options.kernel_points, channels, generator)
-        self._adam = NetworkAdam(self._network.named_parameters(), options.kernel_lr, options.kernel_lr_final)
+        super().__init__(self._network.named_parameters(), options)
 
     def draw(self, photographs: TrainingPixels, count: int, progress: float) -> Pixels:
         """Pixels of all photographs, fewer by the number of rays that each is mixed from, twice."""
@@ -72,18 +69,6 @@ class ProgressiveKernel:
         seen = scene.trace(*again.in_world(scene, pixels, self._unit))
         second = mixed(seen.color.view(*again.weights.shape, 3), again.weights)
         return [Prediction(second), Prediction((first + second) / 2)]
-
-    def cost(self, progress: float) -> Tensor | None:
-        """None: a pixel's first ray is its own."""
-        return None
-
-    def gradients(self) -> Mapping[str, Tensor | None]:
-        """Those of the network's parameters."""
-        return self._adam.gradients()
-
-    def step(self, progress: float) -> None:
-        """An Adam step on the network."""
-        self._adam.step(progress)
 
     def _proposed(self, scene: RayScene, pixels: Pixels, told: Tensor) -> KernelRays:
         points = self._network.kernel.canonical(pixels.views) * _WINDOW

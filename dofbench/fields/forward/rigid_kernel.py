@@ -4,18 +4,18 @@ pixel."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-from dofbench.fields.forward.blur_kernels import KernelOptions
+from dofbench.fields.forward.blur_kernels import KernelOptions, LearnedKernel
 from dofbench.fields.forward.mixed_rays import mixed
 from dofbench.fields.forward.ray_model import Prediction, RayScene
 from dofbench.fields.forward.weight_proposal import WeightProposal, WeightProposalOptions
 from dofbench.fields.pixels import Pixels, TrainingPixels
-from dofbench.learning.networks import NetworkAdam, redraw
+from dofbench.learning.networks import redraw
 
 _EMBEDDING, _WIDTH, _HIDDEN, _SKIP, _BRANCH = 64, 64, 4, 4, 32
 _SCALE = 0.1  # of rotations (radians) and translations (units of depth) against the network's output
@@ -23,13 +23,10 @@ _FIRST = 1e-5  # the motions' last layers begin this close to no motion
 _LEAST_ANGLE = 1e-10
 
 
-class RigidKernel:
+class RigidKernel(LearnedKernel):
     """A `RayModel`. centre: (3,) the world point that rotations turn about. unit: the depth, scene units, that counts
     as 1 in translations. channels: what the field stores at a point (`GridOptions.feature_count`), by which weights are
     proposed. The first of a pixel's rays is its own, the others are moved."""
-
-    stage = "kernel rays"
-    kernels: tuple[str, ...] = ("tone",)
 
     def __init__(
         self,
@@ -41,14 +38,14 @@ class RigidKernel:
         own: WeightProposalOptions,
         generator: torch.Generator,
     ):
-        self._centre, self._unit, self._options, self._own = torch.from_numpy(centre).float(), unit, options, own
+        self._centre, self._unit, self._own = torch.from_numpy(centre).float(), unit, own
         self._network = _MotionNetwork(views, options.kernel_points - 1, generator)
         self._proposal = None
         parameters = dict(self._network.named_parameters())
         if own.weight_proposal:
             self._proposal = WeightProposal(options.kernel_points, channels, _WIDTH, generator)
             parameters |= {f"proposal.{name}": value for name, value in self._proposal.named_parameters()}
-        self._adam = NetworkAdam(parameters.items(), options.kernel_lr, options.kernel_lr_final)
+        super().__init__(parameters.items(), options)
 
     def draw(self, photographs: TrainingPixels, count: int, progress: float) -> Pixels:
         """Pixels of all photographs, fewer by the number of rays that each is mixed from."""
@@ -79,18 +76,6 @@ class RigidKernel:
         )
         share = self._own.share(progress, self._options.kernel_from)
         return [Prediction(by_photograph, 1 - share), Prediction(mixed(colours, proposed), share)]
-
-    def cost(self, progress: float) -> Tensor | None:
-        """None."""
-        return None
-
-    def gradients(self) -> Mapping[str, Tensor | None]:
-        """Those of the network's parameters."""
-        return self._adam.gradients()
-
-    def step(self, progress: float) -> None:
-        """An Adam step on the network."""
-        self._adam.step(progress)
 
 
 def screw_motion(rotation: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
