@@ -290,10 +290,11 @@ def _completed(own: dict[str, Any], file: Path) -> dict[str, Any]:
     found = {**{key: base[key] for key in LIKE if key in base}, **own}
     for table in ("stages", "presets"):
         theirs, ours = (card.get(table, {}) for card in (base, own))
-        if isinstance(theirs, dict) and isinstance(ours, dict):
+        if isinstance(theirs, dict) and isinstance(ours, dict):  # of another type it is refused later
             found[table] = {**theirs, **ours}
-    for name in base.get("presets", {}).keys() & own.get("presets", {}).keys():
-        found["presets"][name] = {**base["presets"][name], **own["presets"][name]}
+            if table == "presets":
+                for name in theirs.keys() & ours.keys():
+                    found[table][name] = {**theirs[name], **ours[name]}
     return found
 
 

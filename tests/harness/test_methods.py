@@ -116,10 +116,11 @@ def test_a_method_like_another_says_what_differs(like: Path) -> None:
         ('like = "fake2"', "like = 'fake2', expected another method"),
         ("like = 3", "like: Input should be a valid string"),
         ('like = "fake"\nstages = 3', "stages: Input should be a valid dictionary"),
+        ('like = "fake"\npresets = 3', "presets: Input should be a valid dictionary"),
     ],
 )
 def test_a_wrong_like_is_one_line(like: Path, new: str, match: str) -> None:
-    text = LIKE_FAKE if "stages" not in new else LIKE_FAKE.replace("[stages.colours]", "[other]")
+    text = LIKE_FAKE.split("[stages.colours]")[0] if "= 3" in new else LIKE_FAKE
     like.write_text(text.replace('like = "fake"', new))
     with pytest.raises(InputError, match=match) as caught:
         find_method("fake2")
