@@ -1,0 +1,116 @@
+"""What a training step of each Gaussian method takes, and what its own parts must take: method-steps.csv.
+
+    python benchmarks/method_steps.py DATASET --out reports/notes
+
+Every method trains with its default preset on the dataset's photographs, on one thread. Steps in the middle of the
+schedule are profiled: `kernels_ms` is the time in this project's ops and their gradients, `products_ms` that in matrix
+products and convolutions of the method's networks, `adam_ms` that of the optimiser; `rest_ms` is all else, mostly
+element-wise operations, copies and Python. `ratio` is the step over kernels, products and optimiser together.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+import tyro
+from torch.profiler import ProfilerActivity, profile
+
+from dofbench.core.budget import Budget
+from dofbench.dataset.dataset import Dataset
+from dofbench.gaussians.gaussian_method import GaussianMethod
+from dofbench.gaussians.trainer import Trainer
+from dofbench.reporting.csv_writer import write_csv
+from dofbench.running.method_cards import find_method, method_files
+
+FIELDS = ("method", "gaussians", "step_ms", "kernels_ms", "products_ms", "adam_ms", "rest_ms", "ratio")
+PRODUCTS = ("mm", "bmm", "convolution", "conv", "linear")  # parts of the names of torch's ops
+ADAM = ("adam",)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What to measure."""
+
+    data: tyro.conf.Positional[Path]
+    """The dataset."""
+    out: Path
+    """Folder for method-steps.csv."""
+    steps: int = 300
+    """Length of the training, whose last tenth is profiled."""
+
+
+class Profiled:
+    """An observer that profiles the last tenth of a training."""
+
+    def __init__(self, steps: int):
+        self._first, self.count = steps - steps // 10, steps // 10
+        self.profile = profile(activities=[ProfilerActivity.CPU])
+        self.seconds_taken = 0.0
+        self._began = 0.0
+
+    def seconds(self) -> float:
+        """No time is limited."""
+        return 0.0
+
+    def after_step(self, step: int, loss: float) -> bool:
+        """Begin behind the first nine tenths; end with the last step."""
+        if step == self._first:
+            self.profile.start()
+            self._began = time.perf_counter()
+        if step == self._first + self.count:
+            self.seconds_taken = time.perf_counter() - self._began
+            self.profile.stop()
+        return True
+
+    def stage(self, name: str, done: int, total: int) -> None:
+        """Nothing is shown of it."""
+
+
+def kind_of(name: str) -> str:
+    """Where an event of the profile belongs."""
+    low = name.lower()
+    if any(word in low for word in ADAM):
+        return "adam_ms"
+    if low.startswith("aten::"):
+        return "products_ms" if any(word in low for word in PRODUCTS) else "rest_ms"
+    return "kernels_ms" if name.startswith("_") else "rest_ms"
+
+
+def row(method_id: str, dataset: Dataset, steps: int) -> dict[str, object] | None:
+    """The row of a method; None for one that has no Gaussians."""
+    entry = find_method(method_id)
+    _, options, _ = entry.preset(None)
+    method = entry.create({**options, "steps": steps}, 0, "cpu")
+    if not isinstance(method, GaussianMethod):
+        return None
+    trainer, observer = Trainer(dataset.training_set("shallow"), method.options, 0), Profiled(steps)
+    outcome = trainer.fit(Budget(steps=steps), observer)
+    found = dict.fromkeys(FIELDS[3:7], 0.0)
+    for event in observer.profile.key_averages():
+        found[kind_of(event.key)] += event.self_cpu_time_total / 1e3 / observer.count
+    step = 1e3 * observer.seconds_taken / observer.count
+    needed = found["kernels_ms"] + found["products_ms"] + found["adam_ms"]
+    print(f"{method_id}: {outcome.status}, {step:.1f} ms a step, {step / needed:.2f} times its parts", flush=True)
+    return {
+        "method": method_id,
+        "gaussians": len(trainer.gaussians),
+        "step_ms": step,
+        **found,
+        "rest_ms": step - needed,
+        "ratio": step / needed,
+    }
+
+
+def main(settings: Settings) -> None:
+    """Measure every Gaussian method that is found."""
+    torch.set_num_threads(1)
+    dataset = Dataset.load(settings.data)
+    rows = [row(method_id, dataset, settings.steps) for method_id in method_files()]
+    write_csv(settings.out / "method-steps.csv", FIELDS, [one for one in rows if one is not None])
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Settings))
