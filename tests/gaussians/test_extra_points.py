@@ -109,4 +109,4 @@ def test_a_training_goes_on_with_them(kind) -> None:
     options = {"steps": 60, "sh_degree": 1, "densify_from": 0.9, "reset_every": 0.0, "extra_points": 200}
     method = kind(options, 0, "cpu")
     outcome = method.fit(training_set(), Budget(steps=60), Recorder())
-    assert outcome.status is Status.OK and len(method._trained()) > 250
+    assert outcome.status is Status.OK and len(method.gaussians) > 250

@@ -149,8 +149,8 @@ def test_3dgs_trains_with_either_control() -> None:
         assert float(torch.sigmoid(first["opacity_logits"].detach()[0])) == pytest.approx(0.5 if mcmc else 0.1)
         outcome = method.fit(training_set(), Budget(steps=90), Recorder())
         assert outcome.status is Status.OK
-        assert len(method._trained()) != 250 and method.render(cameras()[0], None).image.max() > 0.3
-        assert set(method._trained().parameters) == set(PARAMETERS)
+        assert len(method.gaussians) != 250 and method.render(cameras()[0], None).image.max() > 0.3
+        assert set(method.gaussians.parameters) == set(PARAMETERS)
 
 
 def test_3dgs_dilates_and_keeps_opacity() -> None:
