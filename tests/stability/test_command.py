@@ -93,7 +93,7 @@ def test_an_interrupted_run_goes_on_from_what_is_measured(tmp_path, monkeypatch)
     [
         (["--group", "optics"], "--group: found 'optics'"),
         (["--kernel", "blur"], "--kernel: found 'blur'"),
-        (["--method", "nerf"], "method: found 'nerf'"),
+        (["--method", "nobodys"], "method: found 'nobodys'"),
         (["--case", "lens/none"], "--case: found 'lens/none'"),
         (["--kernel", "ssim", "--method", "dofgaussian"], "--kernel: found --method as well"),
         (["--kernel", "stereo", "--group", "light"], "no case that fits"),
