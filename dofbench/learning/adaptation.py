@@ -19,8 +19,8 @@ class AdaptationOptions:
     adaptation_from: float = 1 / 3
     """When the adaptation begins. Unit: share of the training. Source: released code, 10 000 of 30 000 steps."""
     adaptation_ssim: bool = False
-    """Whether the weight acts on the D-SSIM term too, pixel by pixel. Unit: none. Source: on: Eq. 13, whose weight is
-    of the whole reconstruction loss; off: released code."""
+    """Whether the weight acts on the D-SSIM term and on the edges too, pixel by pixel. Unit: none. Source: on: Eq. 13,
+    whose weight is of the whole reconstruction loss; off: released code."""
     adaptation_aperture: bool = False
     """Whether the aperture is also narrowed for pixels in focus, A' = A psi. Unit: none. Source: Eq. 11; off in
     the released code."""

@@ -30,7 +30,7 @@ from .reference import K1, K2, Border, check_images, check_weight, gaussian_wind
 @dataclass(frozen=True)
 class _Settings:
     """The options of a call. with_l1: whether the L1 mean is computed too. weigh_ssim: whether the weight acts on 1 - S
-    too. with_edges: whether the error of the edges is computed."""
+    and on the edges too. with_edges: whether the error of the edges is computed."""
 
     border: Border
     window: int
@@ -73,7 +73,8 @@ class _Compare(torch.autograd.Function):
         context.with_edges, edge_error = settings.with_edges, 0.0
         if settings.with_edges:
             steps = np.empty((height, 2))
-            edges(p, t, w, channels, steps)
+            context.edge_shares = w if settings.weigh_ssim else np.empty((0, 0), dtype=np.float32)
+            edges(p, t, context.edge_shares, channels, steps)
             edge_error = float((steps.sum(axis=0) / context.pairs).sum())
         return tuple(prediction.new_tensor(value) for value in (unlike / counted, l1 / p.size, edge_error))
 
@@ -86,9 +87,9 @@ class _Compare(torch.autograd.Function):
         scale, scale_l1 = np.float32(-float(by_unlike) / counted), np.float32(float(by_l1) / size)
         context.kernel(*context.call, scale, scale_l1, gradient)
         if context.with_edges:
-            p, t, weight = context.call[:3]
+            p, t = context.call[:2]
             scales = (np.float32(float(by_edges) / pairs) for pairs in context.pairs)
-            add_edges_gradient(p, t, weight, context.shape[2], *scales, gradient)
+            add_edges_gradient(p, t, context.edge_shares, context.shape[2], *scales, gradient)
         return torch.from_numpy(gradient).view(context.shape), None, None, None
 
 

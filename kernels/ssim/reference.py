@@ -121,11 +121,11 @@ def l1_ssim(
     the error of the edges; a scalar.
 
     Kerbl et al. 2023, equation 7. weight: (H, W), no gradient; it acts on L1 and, if `weigh_ssim` is true, also on the
-    dissimilarity of each pixel, so that the second term is mean(weight (1 - S)). Means are taken over all pixels (with
-    the border "valid", those that `ssim` counts) and channels, whatever the sum of the weights. The error of the edges
-    is that of the differences between neighbouring pixels, mean |(p - t)(x + 1) - (p - t)(x)| over all neighbours in a
-    row, and the same in columns, added up; a pair has the mean of its two pixels' weights. Other arguments as in
-    `ssim`.
+    dissimilarity of each pixel, so that the second term is mean(weight (1 - S)), and on the edges, where a pair has the
+    mean of its two pixels' weights. Means are taken over all pixels (with the border "valid", those that `ssim` counts)
+    and channels, whatever the sum of the weights. The error of the edges is that of the differences between
+    neighbouring pixels, mean |(p - t)(x + 1) - (p - t)(x)| over all neighbours in a row, and the same in columns, added
+    up. Other arguments as in `ssim`.
     """
     check_images(prediction, target, border, window, sigma, data_range)
     check_weight(prediction, weight)
@@ -139,7 +139,9 @@ def l1_ssim(
         height, width = weight.shape
         unlike = unlike * weight[margin : height - margin, margin : width - margin]
     loss = colour + ssim_weight * unlike.mean()
-    return loss + edge_weight * _edges(prediction - target, weight) if edge_weight else loss
+    if not edge_weight:
+        return loss
+    return loss + edge_weight * _edges(prediction - target, weight if weigh_ssim else None)
 
 
 def _edges(error: Tensor, weight: Tensor | None) -> Tensor:

@@ -110,6 +110,7 @@ def test_reference_gradient_is_the_derivative(border: str) -> None:
         lambda p: reference_l1(p, target, ssim_weight=0.3, weight=weight, border=border),
         lambda p: reference_l1(p, target, ssim_weight=0.3, weight=weight, weigh_ssim=True, border=border),
         lambda p: reference_l1(p, target, ssim_weight=0.3, weight=weight, edge_weight=2.0, border=border),
+        lambda p: reference_l1(p, target, ssim_weight=0.3, weight=weight, weigh_ssim=True, edge_weight=2.0),
     )
     for function in functions:
         assert torch.autograd.gradcheck(function, prediction, fast_mode=True)
@@ -118,34 +119,37 @@ def test_reference_gradient_is_the_derivative(border: str) -> None:
 @pytest.mark.parametrize("function", [reference_l1, kernel_l1])
 def test_edges_have_no_error_where_all_pixels_err_alike(function) -> None:
     """A brightness that is off everywhere leaves all edges as they are; a step of 1/4 in one of 8 columns, twice as
-    heavy as the others on its right, has its height over 7 pairs of columns."""
+    heavy as the others on its right, has its height over 7 pairs of columns; the weight acts on edges if it acts on
+    all of the loss."""
     target = torch.full((6, 8, 3), 0.25)
     error, step = torch.full_like(target, 0.125), torch.zeros_like(target)
     step[:, 3:] = 0.25
     weight = torch.ones(6, 8)
     weight[:, 3:] = 2.0
 
-    def edges(change, weight=None):
-        values = [function(target + change, target, ssim_weight=0.0, weight=weight, edge_weight=e) for e in (0.0, 4.0)]
+    def edges(change, **weights):
+        values = [function(target + change, target, ssim_weight=0.0, edge_weight=e, **weights) for e in (0.0, 4.0)]
         return (values[1] - values[0]).item()
 
     assert edges(error) == 0.0
     assert edges(step) == pytest.approx(4 * 0.25 / 7, abs=FLOAT32_VALUE)
     assert edges(step.transpose(0, 1)[:6, :6].repeat(1, 2, 1)[:, :8]) == pytest.approx(4 * 0.25 / 5, abs=FLOAT32_VALUE)
-    assert edges(step, weight) == pytest.approx(4 * 0.25 * 1.5 / 7, abs=FLOAT32_VALUE)
+    assert edges(step, weight=weight, weigh_ssim=True) == pytest.approx(4 * 0.25 * 1.5 / 7, abs=FLOAT32_VALUE)
+    assert edges(step, weight=weight) == pytest.approx(4 * 0.25 / 7, abs=FLOAT32_VALUE)
 
 
-@pytest.mark.parametrize("weighted", [False, True])
-def test_edges_by_finite_differences(weighted: bool) -> None:
+@pytest.mark.parametrize("both", [False, True])
+def test_edges_by_finite_differences(both: bool) -> None:
     prediction, target = (image.double() for image in pair(30, 41, 0.1))
-    weight = torch.rand(30, 41, dtype=torch.float64, generator=torch.Generator().manual_seed(1)) if weighted else None
-    shares = np.ones((30, 41)) if weight is None else weight.numpy()
+    weight = torch.rand(30, 41, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    shares = weight.numpy() if both else np.ones((30, 41))
+    options = {"ssim_weight": 0.0, "weight": weight, "weigh_ssim": both}
     error, expected = (prediction - target).numpy(), 0.0
     for axis in (0, 1):
         kernel_of_two = np.ones((2, 1)) if axis == 0 else np.ones((1, 2))
         means = scipy.signal.convolve2d(shares, kernel_of_two / 2, mode="valid")
         expected += (means[..., None] * np.abs(np.diff(error, axis=axis))).mean()
-    plain, found = (reference_l1(prediction, target, ssim_weight=0.3, weight=weight, edge_weight=e) for e in (0, 2.5))
+    plain, found = (reference_l1(prediction, target, edge_weight=e, **options) for e in (0, 2.5))
     assert (found - plain).item() == pytest.approx(2.5 * expected, abs=FLOAT64_VALUE)
 
 
@@ -157,15 +161,17 @@ def test_edges_by_finite_differences(weighted: bool) -> None:
     width=st.integers(1, 20),
     channels=st.sampled_from([1, 3]),
     weighted=st.booleans(),
+    both=st.booleans(),
     seed=st.integers(0, 99),
 )
-def test_edges_of_the_kernel_agree_with_the_definition(height, width, channels, weighted, seed) -> None:
+def test_edges_of_the_kernel_agree_with_the_definition(height, width, channels, weighted, both, seed) -> None:
     """Levels of 8 bits: their differences are exact, so a slope's sign is the same in both precisions."""
     rng = np.random.default_rng(seed)
     images = (torch.tensor(rng.integers(0, 256, (height, width, channels)) / 256, dtype=torch.float32) for _ in "pt")
     weight = torch.rand(height, width, generator=torch.Generator().manual_seed(seed)) if weighted else None
     # Without the two other terms the edges' error isn't hidden by theirs.
-    assert_agrees(kernel_l1, reference_l1, *images, ssim_weight=0.0, weight=weight, edge_weight=50.0)
+    options = {"ssim_weight": 0.0, "weight": weight, "weigh_ssim": both, "edge_weight": 50.0}
+    assert_agrees(kernel_l1, reference_l1, *images, **options)
 
 
 @given(
