@@ -54,6 +54,7 @@ class FieldTrainer:
         step = 0
         event: NonFinite | None = None
         try:
+            self._pixels.check(step=1)
             while step < total:
                 progress = budget.progress(step, total, observer.seconds)
                 if progress >= 1:

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingView
+from dofbench.learning.nonfinite import Place
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +68,17 @@ class TrainingPixels:
         self._starts = np.cumsum([0, *self._sizes.prod(axis=1)])
         images = [np.ascontiguousarray(view.image, np.float32).reshape(-1, 3) for view in views]
         self._colours = torch.from_numpy(np.concatenate(images))
+        self._names = [view.name for view in views]
         self._order, self._next = np.empty(0, np.int64), 0
         self._round: list[int] = []
+
+    def check(self, step: int) -> None:
+        """Raises NonFiniteError, at this step and with the photograph's name, unless all colours are finite.
+
+        A step draws few pixels of every photograph, so without this a training may run for long before it fails.
+        """
+        for name, start, end in zip(self._names, self._starts[:-1], self._starts[1:], strict=True):
+            Place(step, name).check(self._colours[start:end], "photograph")
 
     def draw(self, count: int) -> Pixels:
         """The next `count` pixels of the order, or all if there are fewer."""

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from made_up import Recorder
 from small_scene import HEIGHT, WIDTH, cameras, training_set
 
@@ -91,12 +92,30 @@ def test_a_damaged_file_is_one_line(tmp_path: Path, damage: str) -> None:
         FieldMethod({}, 0, "cpu").load(tmp_path)
 
 
-def test_a_bad_pixel_ends_training_with_its_step() -> None:
-    method = FieldMethod({**SHORT, "batch_pixels": WIDTH * HEIGHT * 3}, 0, "cpu")
+def test_a_bad_pixel_ends_training_at_once_with_the_photograph_s_name() -> None:
+    """A step draws 16 of 5184 pixels, so the first step that drew the bad one would come late."""
+    method = FieldMethod({**SHORT, "batch_pixels": 16}, 0, "cpu")
     outcome = method.fit(training_set(bad_view=1), Budget(), Recorder())
     assert outcome.status is Status.DIVERGED and outcome.steps == 1
-    assert [(event.step, event.stage) for event in outcome.nonfinite] == [(1, "loss")]
+    assert [(event.step, event.view, event.stage) for event in outcome.nonfinite] == [(1, "v1", "photograph")]
     assert np.isfinite(method.render(cameras()[0], None).image).all()
+
+
+@pytest.mark.parametrize(("what", "value", "stage"), [("basis", np.nan, "rays"), ("density", 1e25, "loss")])
+def test_a_bad_number_in_the_field_ends_training_with_its_step(what: str, value: float, stage: str) -> None:
+    """NaN shows in the colours. The square of 10^25 is infinite, and is in the term that keeps the grid smooth."""
+
+    class Spoiling(Recorder):
+        def after_step(self, step: int, loss: float) -> bool:
+            if step == 3:
+                with torch.no_grad():
+                    method._trained().field.parameters[what].view(-1)[11] = value
+            return super().after_step(step, loss)
+
+    method = FieldMethod({**SHORT, "smooth_every": 1}, 0, "cpu")
+    outcome = method.fit(training_set(), Budget(), Spoiling())
+    assert outcome.status is Status.DIVERGED and outcome.steps == 4
+    assert [(event.step, event.stage) for event in outcome.nonfinite] == [(4, stage)]
 
 
 def test_without_points_there_is_no_place() -> None:
