@@ -29,7 +29,7 @@ HEIGHT, WIDTH = 130, 310
 def ssim(load: Callable[..., Callable[..., Tensor]], to: Callable[[Tensor], Tensor]) -> Iterator[Tensor]:
     target, weight = to(torch.rand(HEIGHT, WIDTH, 3)), to(torch.rand(HEIGHT, WIDTH))
     weighted = {"ssim_weight": 0.2, "weight": weight}
-    changed = ({}, {"weigh_ssim": True}, {"weigh_ssim": True, "edge_weight": 1.0})
+    changed = ({}, {"weigh_all": True}, {"weigh_all": True, "edge_weight": 1.0})
     for function, options in (("ssim", {}), *(("l1_ssim", weighted | change) for change in changed)):
         prediction = to(torch.rand(HEIGHT, WIDTH, 3)).requires_grad_()
         value = load(function)(prediction, target, **options)

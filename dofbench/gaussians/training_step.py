@@ -66,10 +66,10 @@ def take_step(state: TrainingState, step: int, progress: float, view: Photograph
 
 def _colour_loss(state: TrainingState, view: Photograph, image: Tensor, weight: Tensor | None) -> Tensor:
     """The reconstruction loss, Eq. 7, on the pixels that aren't held back. weight: (H, W), that of the adaptation."""
-    options, weigh_ssim = state.options.reconstruction, state.options.adaptation.adaptation_ssim
+    options, weigh_all = state.options.reconstruction, state.options.adaptation.adaptation_ssim
     image = state.colours.forward(view.index, image)
     image = looked_at(image, view.image, view.held_back, options.clipped_white)
-    return reconstruction(image, view.image, options.ssim_weight, weight, weigh_ssim, options.edge_weight)
+    return reconstruction(image, view.image, options.ssim_weight, weight, weigh_all, options.edge_weight)
 
 
 def _check_gradients(state: TrainingState, place: Place) -> None:

@@ -42,14 +42,14 @@ def reconstruction(
     target: Tensor,
     ssim_weight: float,
     weight: Tensor | None,
-    weigh_ssim: bool = False,
+    weigh_all: bool = False,
     edge_weight: float = 0.0,
 ) -> Tensor:
     """Eq. 7: (1 - lambda) L1 + lambda (1 - SSIM) of images (H, W, 3), and edge_weight times the error of the edges;
-    `weight` (H, W) acts on the L1 term, and on the two others too if `weigh_ssim` is true (Eq. 13)."""
+    `weight` (H, W) acts on the L1 term, and on the two others too if `weigh_all` is true (Eq. 13)."""
     loss = load("ssim", function="l1_ssim")
     return loss(
-        prediction, target, ssim_weight=ssim_weight, weight=weight, weigh_ssim=weigh_ssim, edge_weight=edge_weight
+        prediction, target, ssim_weight=ssim_weight, weight=weight, weigh_all=weigh_all, edge_weight=edge_weight
     )
 
 

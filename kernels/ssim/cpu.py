@@ -26,10 +26,12 @@ from .cpu_edges import add_edges_gradient, edges
 from .cpu_windows import BAND, build
 from .reference import K1, K2, Border, check_images, check_weight, gaussian_window
 
+_NOTHING = np.empty((0, 0), dtype=np.float32)  # what the kernels take for no weight
+
 
 @dataclass(frozen=True)
 class _Settings:
-    """The options of a call. with_l1: whether the L1 mean is computed too. weigh_ssim: whether the weight acts on 1 - S
+    """The options of a call. with_l1: whether the L1 mean is computed too. weigh_all: whether the weight acts on 1 - S
     and on the edges too. with_edges: whether the error of the edges is computed."""
 
     border: Border
@@ -37,7 +39,7 @@ class _Settings:
     sigma: float
     data_range: float
     with_l1: bool
-    weigh_ssim: bool = False
+    weigh_all: bool = False
     with_edges: bool = False
 
 
@@ -49,7 +51,7 @@ class _Compare(torch.autograd.Function):
     def forward(context, prediction: Tensor, target: Tensor, weight: Tensor | None, settings: _Settings):
         height, width, channels = prediction.shape
         p, t = (image.detach().contiguous().view(height, width * channels).numpy() for image in (prediction, target))
-        w = np.empty((0, 0), dtype=np.float32) if weight is None else weight.detach().contiguous().numpy()
+        w = _NOTHING if weight is None else weight.detach().contiguous().numpy()
         window = gaussian_window(settings.window, settings.sigma)
         taps = np.asarray(window, dtype=np.float32)
         frame_y = _frame(height, window, settings.border)
@@ -60,7 +62,7 @@ class _Compare(torch.autograd.Function):
         maps = np.empty((3, height, width * channels), dtype=np.float32)
         sums = np.empty((-(-height // BAND), 2))
         forward, context.kernel = build(settings.window // 2, channels)
-        forward(p, t, w, taps, frame_y, frame_x, centre, c1, c2, settings.with_l1, settings.weigh_ssim, maps, sums)
+        forward(p, t, w, taps, frame_y, frame_x, centre, c1, c2, settings.with_l1, settings.weigh_all, maps, sums)
         counted = float(frame_y[1].sum(dtype=np.float64)) * float(frame_x[1].sum(dtype=np.float64))
         # Saved because torch then checks that they haven't been modified before the backward pass.
         context.save_for_backward(prediction, target, weight)
@@ -73,7 +75,7 @@ class _Compare(torch.autograd.Function):
         context.with_edges, edge_error = settings.with_edges, 0.0
         if settings.with_edges:
             steps = np.empty((height, 2))
-            context.edge_shares = w if settings.weigh_ssim else np.empty((0, 0), dtype=np.float32)
+            context.edge_shares = w if settings.weigh_all else _NOTHING
             edges(p, t, context.edge_shares, channels, steps)
             edge_error = float((steps.sum(axis=0) / context.pairs).sum())
         return tuple(prediction.new_tensor(value) for value in (unlike / counted, l1 / p.size, edge_error))
@@ -135,7 +137,7 @@ def l1_ssim(
     *,
     ssim_weight: float,
     weight: Tensor | None = None,
-    weigh_ssim: bool = False,
+    weigh_all: bool = False,
     edge_weight: float = 0.0,
     border: Border = "same",
     window: int = 11,
@@ -150,7 +152,7 @@ def l1_ssim(
     check_images(prediction, target, border, window, sigma, data_range)
     check_weight(prediction, weight)
     _check_device(prediction, target, weight)
-    settings = _Settings(border, window, sigma, data_range, True, weigh_ssim, with_edges=edge_weight != 0)
+    settings = _Settings(border, window, sigma, data_range, True, weigh_all, with_edges=edge_weight != 0)
     unlike, l1, edge_error = _Compare.apply(prediction, target, weight, settings)
     loss = (1 - ssim_weight) * l1 + ssim_weight * unlike
     return loss + edge_weight * edge_error if edge_weight else loss

@@ -93,8 +93,8 @@ def build(radius: int, channels: int):
 
     @cached
     @njit(error_model="numpy", parallel=True)
-    def forward(p, t, weight, taps_weights, frame_y, frame_x, centre, c1, c2, with_l1, weigh_ssim, maps, sums):
-        """Sum up 1 - S, times the weight if `weigh_ssim`, and weight |p - t|; write the derivatives of what of S was
+    def forward(p, t, weight, taps_weights, frame_y, frame_x, centre, c1, c2, with_l1, weigh_all, maps, sums):
+        """Sum up 1 - S, times the weight if `weigh_all`, and weight |p - t|; write the derivatives of what of S was
         summed up, which `backward` filters.
 
         p, t: (H, W C). weight: (H, W) or empty. frame_y: (2, H) and frame_x: (2, W C), the window's
@@ -143,7 +143,7 @@ def build(radius: int, channels: int):
                         scratch[column + _THREE * stride + j] = e_difference
                     for q in range(_FOUR):
                         _filter(scratch, column + q * stride, mixed + q * stride, count, in_row, taps, taps_weights)
-                    _repeat(scratch, share, weight, weigh_ssim, y, left, count, step)
+                    _repeat(scratch, share, weight, weigh_all, y, left, count, step)
                     for j in range(count):
                         mass = frame_y[_ZERO, y] * frame_x[_ZERO, left + j]
                         counts = frame_y[_ONE, y] * frame_x[_ONE, left + j] * scratch[share + j]

@@ -110,7 +110,7 @@ def l1_ssim(
     *,
     ssim_weight: float,
     weight: Tensor | None = None,
-    weigh_ssim: bool = False,
+    weigh_all: bool = False,
     edge_weight: float = 0.0,
     border: Border = "same",
     window: int = 11,
@@ -120,7 +120,7 @@ def l1_ssim(
     """The colour loss of 3DGS, (1 - ssim_weight) mean(weight |p - t|) + ssim_weight (1 - SSIM), and edge_weight times
     the error of the edges; a scalar.
 
-    Kerbl et al. 2023, equation 7. weight: (H, W), no gradient; it acts on L1 and, if `weigh_ssim` is true, also on the
+    Kerbl et al. 2023, equation 7. weight: (H, W), no gradient; it acts on L1 and, if `weigh_all` is true, also on the
     dissimilarity of each pixel, so that the second term is mean(weight (1 - S)), and on the edges, where a pair has the
     mean of its two pixels' weights. Means are taken over all pixels (with the border "valid", those that `ssim` counts)
     and channels, whatever the sum of the weights. The error of the edges is that of the differences between
@@ -134,14 +134,14 @@ def l1_ssim(
         difference = difference * weight[..., None]
     colour = (1 - ssim_weight) * difference.mean()
     unlike = 1 - _similarity(prediction, target, border, window, sigma, data_range)
-    if weigh_ssim and weight is not None:
+    if weigh_all and weight is not None:
         margin = window // 2 if border == "valid" else 0
         height, width = weight.shape
         unlike = unlike * weight[margin : height - margin, margin : width - margin]
     loss = colour + ssim_weight * unlike.mean()
     if not edge_weight:
         return loss
-    return loss + edge_weight * _edges(prediction - target, weight if weigh_ssim else None)
+    return loss + edge_weight * _edges(prediction - target, weight if weigh_all else None)
 
 
 def _edges(error: Tensor, weight: Tensor | None) -> Tensor:

@@ -94,7 +94,7 @@ def expected_loss(name: str, state: TrainingState, view: Photograph, progress: f
 
     reference = load("ssim", "reference", function="l1_ssim")
     shares = torch.from_numpy(weight)
-    loss = float(reference(image, view.image.double(), ssim_weight=0.2, weight=shares, weigh_ssim=paper))
+    loss = float(reference(image, view.image.double(), ssim_weight=0.2, weight=shares, weigh_all=paper))
 
     assert view.known is not None
     seen = there[view.known.rows, view.known.columns]

@@ -86,7 +86,7 @@ def test_a_weight_that_acts_on_both_terms_weighs_every_pixel_s_similarity() -> N
     )
     unlike = (weight.numpy()[..., None] * (1 - similarity))[5:-5, 5:-5].mean()
     absolute = (weight.numpy()[..., None] * (prediction - target).abs().numpy()).mean()
-    found = reference_l1(prediction, target, ssim_weight=0.3, weight=weight, weigh_ssim=True, border="valid")
+    found = reference_l1(prediction, target, ssim_weight=0.3, weight=weight, weigh_all=True, border="valid")
     assert found.item() == pytest.approx(0.7 * absolute + 0.3 * unlike, abs=FLOAT64_VALUE)
 
 
@@ -108,9 +108,9 @@ def test_reference_gradient_is_the_derivative(border: str) -> None:
     functions = (
         lambda p: reference(p, target, border=border),
         lambda p: reference_l1(p, target, ssim_weight=0.3, weight=weight, border=border),
-        lambda p: reference_l1(p, target, ssim_weight=0.3, weight=weight, weigh_ssim=True, border=border),
+        lambda p: reference_l1(p, target, ssim_weight=0.3, weight=weight, weigh_all=True, border=border),
         lambda p: reference_l1(p, target, ssim_weight=0.3, weight=weight, edge_weight=2.0, border=border),
-        lambda p: reference_l1(p, target, ssim_weight=0.3, weight=weight, weigh_ssim=True, edge_weight=2.0),
+        lambda p: reference_l1(p, target, ssim_weight=0.3, weight=weight, weigh_all=True, edge_weight=2.0),
     )
     for function in functions:
         assert torch.autograd.gradcheck(function, prediction, fast_mode=True)
@@ -134,7 +134,7 @@ def test_edges_have_no_error_where_all_pixels_err_alike(function) -> None:
     assert edges(error) == 0.0
     assert edges(step) == pytest.approx(4 * 0.25 / 7, abs=FLOAT32_VALUE)
     assert edges(step.transpose(0, 1)[:6, :6].repeat(1, 2, 1)[:, :8]) == pytest.approx(4 * 0.25 / 5, abs=FLOAT32_VALUE)
-    assert edges(step, weight=weight, weigh_ssim=True) == pytest.approx(4 * 0.25 * 1.5 / 7, abs=FLOAT32_VALUE)
+    assert edges(step, weight=weight, weigh_all=True) == pytest.approx(4 * 0.25 * 1.5 / 7, abs=FLOAT32_VALUE)
     assert edges(step, weight=weight) == pytest.approx(4 * 0.25 / 7, abs=FLOAT32_VALUE)
 
 
@@ -143,7 +143,7 @@ def test_edges_by_finite_differences(both: bool) -> None:
     prediction, target = (image.double() for image in pair(30, 41, 0.1))
     weight = torch.rand(30, 41, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
     shares = weight.numpy() if both else np.ones((30, 41))
-    options = {"ssim_weight": 0.0, "weight": weight, "weigh_ssim": both}
+    options = {"ssim_weight": 0.0, "weight": weight, "weigh_all": both}
     error, expected = (prediction - target).numpy(), 0.0
     for axis in (0, 1):
         kernel_of_two = np.ones((2, 1)) if axis == 0 else np.ones((1, 2))
@@ -170,7 +170,7 @@ def test_edges_of_the_kernel_agree_with_the_definition(height, width, channels, 
     images = (torch.tensor(rng.integers(0, 256, (height, width, channels)) / 256, dtype=torch.float32) for _ in "pt")
     weight = torch.rand(height, width, generator=torch.Generator().manual_seed(seed)) if weighted else None
     # Without the two other terms the edges' error isn't hidden by theirs.
-    options = {"ssim_weight": 0.0, "weight": weight, "weigh_ssim": both, "edge_weight": 50.0}
+    options = {"ssim_weight": 0.0, "weight": weight, "weigh_all": both, "edge_weight": 50.0}
     assert_agrees(kernel_l1, reference_l1, *images, **options)
 
 
@@ -199,7 +199,7 @@ def test_kernel_agrees_with_the_definition(height, width, noise, border, weighte
     weight, both = (None if weighted == "nothing" else shares), weighted == "both"
     assert_agrees(kernel, reference, prediction, target, border=border)
     for ssim_weight in (0.2, 1.0):  # the second shows errors of the similarity that the first term would hide
-        options = {"border": border, "ssim_weight": ssim_weight, "weight": weight, "weigh_ssim": both}
+        options = {"border": border, "ssim_weight": ssim_weight, "weight": weight, "weigh_all": both}
         assert_agrees(kernel_l1, reference_l1, prediction, target, **options)
 
 
@@ -207,7 +207,7 @@ def test_without_weights_there_is_nothing_to_weigh_by() -> None:
     prediction, target = pair(20, 24, 0.1)
     for function in (kernel_l1, reference_l1):
         plain = function(prediction, target, ssim_weight=0.2)
-        assert function(prediction, target, ssim_weight=0.2, weigh_ssim=True) == plain
+        assert function(prediction, target, ssim_weight=0.2, weigh_all=True) == plain
 
 
 @pytest.mark.parametrize("border", ["same", "valid"])
