@@ -1,0 +1,125 @@
+"""Triton kernels: how they are found and launched, and a record of their launches.
+
+Triton compiles kernels for CUDA tensors. Where `TRITON_INTERPRET=1` is set before the first kernel is loaded, Triton's
+interpreter runs them on CPU tensors instead, slowly, which tests use on machines without a GPU. Triton isn't needed, nor
+imported, before an op is called on a GPU.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from dofbench.core.errors import InputError
+
+_TYPES = {
+    torch.float32: "fp32",
+    torch.float16: "fp16",
+    torch.float64: "fp64",
+    torch.int64: "i64",
+    torch.int32: "i32",
+    torch.int16: "i16",
+    torch.uint8: "u8",
+    torch.bool: "i1",
+}
+
+
+@dataclass(frozen=True)
+class Launch:
+    """One way in which a kernel was launched: what has to be known to compile it for a GPU that isn't here.
+
+    module, function: where the kernel is. signature: (argument, Triton's type) in order, "constexpr" for constants.
+    constants: (argument, value). warps: groups of 32 threads in a program.
+    """
+
+    module: str
+    function: str
+    signature: tuple[tuple[str, str], ...]
+    constants: tuple[tuple[str, Any], ...]
+    warps: int
+
+
+_recorded: dict[Launch, int] | None = None
+
+
+def interpreted() -> bool:
+    """Whether Triton's interpreter runs the kernels, on CPU tensors."""
+    return os.environ.get("TRITON_INTERPRET") == "1"
+
+
+def kernels(module: str) -> ModuleType:
+    """A module of Triton kernels, such as "tone.gpu_power". Raises InputError where Triton isn't installed."""
+    try:
+        import_module("triton")
+    except ImportError as error:
+        op = module.partition(".")[0]
+        raise InputError(
+            f"kernel {op} on a GPU", "no package triton", "the extra gpu: pip install dofbench[gpu]"
+        ) from error
+    return import_module(f"dofbench.kernels.{module}")
+
+
+def check_tensors(op: str, **tensors: Tensor | None) -> None:
+    """Raise ValueError, naming the argument, for a tensor that isn't float32 on a GPU (or on the CPU, interpreted)."""
+    kind = "cpu" if interpreted() else "cuda"
+    for name, tensor in tensors.items():
+        if tensor is not None and (tensor.dtype != torch.float32 or tensor.device.type != kind):
+            raise ValueError(f"{op} {name}: expected float32 on {kind}, found {tensor.dtype} on {tensor.device}")
+
+
+def launch(kernel: Any, grid: tuple[int, ...], *arguments: Any, warps: int = 4, **constants: Any) -> None:
+    """Run a Triton kernel: `grid` programs, on the device of its first tensor.
+
+    arguments: tensors and numbers, in the order of the kernel's parameters. constants: its `tl.constexpr` parameters.
+    """
+    if 0 in grid:
+        return
+    first = next(argument for argument in arguments if isinstance(argument, Tensor))
+    if _recorded is not None:
+        one = _launch(kernel, arguments, constants, warps)
+        _recorded[one] = _recorded.get(one, 0) + 1
+    with torch.cuda.device(first.device) if first.is_cuda else nullcontext():
+        kernel[grid](*arguments, **constants, num_warps=warps)
+
+
+@contextmanager
+def recorded() -> Iterator[dict[Launch, int]]:
+    """A block whose launches are recorded, each with how often it occurred."""
+    global _recorded
+    before, _recorded = _recorded, {}
+    try:
+        yield _recorded
+    finally:
+        _recorded = before
+
+
+def _launch(kernel: Any, arguments: tuple[Any, ...], constants: dict[str, Any], warps: int) -> Launch:
+    function: Callable[..., Any] = kernel.fn
+    names = list(kernel.arg_names)
+    types = {name: _type(value) for name, value in zip(names, arguments, strict=False)}
+    types |= dict.fromkeys(constants, "constexpr")
+    return Launch(
+        function.__module__,
+        function.__name__,
+        tuple((name, types[name]) for name in names),
+        tuple((name, constants[name]) for name in names if name in constants),
+        warps,
+    )
+
+
+def _type(value: Any) -> str:
+    if isinstance(value, Tensor):
+        return f"*{_TYPES[value.dtype]}"
+    if isinstance(value, bool):
+        return "i1"
+    if isinstance(value, int):
+        return "i32" if -(2**31) <= value < 2**31 else "i64"
+    return "fp32"
