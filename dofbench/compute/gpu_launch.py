@@ -1,8 +1,8 @@
 """Triton kernels: how they are found and launched, and a record of their launches.
 
 Triton compiles kernels for CUDA tensors. Where `TRITON_INTERPRET=1` is set before the first kernel is loaded, Triton's
-interpreter runs them on CPU tensors instead, slowly, which tests use on machines without a GPU. Triton isn't needed, nor
-imported, before an op is called on a GPU.
+interpreter runs them on CPU tensors instead, slowly, which tests use on machines without a GPU. Triton isn't needed,
+nor imported, before an op is called on a GPU.
 """
 
 from __future__ import annotations
