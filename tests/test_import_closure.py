@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from dofbench.core import source_graph
+from dofbench.core import import_closure, source_graph
 from dofbench.core.content import content_folder
 from dofbench.core.import_closure import closure, closure_digest, own_sources
 from dofbench.core.source_graph import Sources
@@ -238,11 +238,13 @@ def versions(copied: Path, monkeypatch: pytest.MonkeyPatch):
 
     def now() -> dict[str, str]:
         fresh = Sources(sources)
-        monkeypatch.setattr(provenance, "own_sources", lambda: fresh)
+        on_a_cpu = Sources(sources, left_out=import_closure._GPU_ALONE)
+        monkeypatch.setattr(provenance, "own_sources", lambda device: on_a_cpu if device == "cpu" else fresh)
         monkeypatch.setattr(unfinished, "own_sources", lambda: fresh)
         monkeypatch.setattr(unfinished, "method_folders", lambda: [copied / "methods"])
         return {
-            "result": provenance.code_version(copied / "methods" / "dofgaussian"),
+            "result": provenance.code_version(copied / "methods" / "dofgaussian", "cpu"),
+            "result on a GPU": provenance.code_version(copied / "methods" / "dofgaussian", "cuda"),
             **{group: unfinished.code_of(group) for group in GROUPS},
             "renderer": closure_digest(RENDERER_SCORES, fresh),
             "scatter": closure_digest(["dofbench.kernels.scatter.cpu_linear:_spread"], fresh),
@@ -310,6 +312,12 @@ def test_arithmetic_outdates_what_used_it(copied, versions) -> None:
     assert {"result", "training", "light", "renderer", "scatter"} <= blur
     case = changed_by(copied, versions, "dofbench/stability/files_cases.py", "LEVEL = 1 / 255", "LEVEL = 2 / 255")
     assert case == {"files"}
+
+
+def test_a_backend_that_only_a_gpu_has_outdates_nothing_that_a_cpu_made(copied, versions) -> None:
+    kernel = changed_by(copied, versions, "kernels/tone/gpu_power.py", "x * slope", "x * slope * slope")
+    assert "result on a GPU" in kernel and "result" not in kernel
+    assert "result" not in changed_by(copied, versions, "kernels/tone/gpu.py", "_BLOCK = 1024", "_BLOCK = 512")
 
 
 def test_a_kernel_is_compiled_again_after_a_constant_in_another_package_changed(copied, tmp_path) -> None:

@@ -6,8 +6,8 @@ loaded by a string; what is reached is hashed. So a change outdates exactly what
 its file, and not what only shows results. Files and folders may be renamed and code may move: only what it says counts,
 without comments, docstrings and the texts of errors.
 
-Of a call as `load("scatter")` that one kernel is counted in, with all its backends. Where the kernel's name isn't
-written out in the call, every kernel is.
+Of a call as `load("scatter")` that one kernel is counted in, with all its backends that tensors of the device can get.
+Where the kernel's name isn't written out in the call, every kernel is.
 
 Other packages aren't followed: their versions stand in every result. Data files that decide something are handed over
 by whoever reads them.
@@ -16,6 +16,7 @@ by whoever reads them.
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
@@ -26,14 +27,18 @@ from dofbench.core.source_symbols import Symbol
 
 # Two references of one name are told apart by the code that they lead to, up to this many references away.
 _DEPTH = 3
+# The backends that no tensor on the CPU gets, and their parts (tests/kernels/test_registry.py holds the name to it).
+_GPU_ALONE = re.compile(r"dofbench\.kernels\.[^.]+\.gpu(_\w+)?")
 Entry = str | Callable[..., object]
 
 
 @cache
-def own_sources() -> Sources:
-    """The sources of dofbench and of its kernels."""
+def own_sources(device: str | None = None) -> Sources:
+    """The sources of dofbench and of its kernels. device: "cpu" leaves out backends that only a GPU's tensors get, so
+    that a change of them outdates nothing that was made on a CPU."""
     package = Path(__file__).resolve().parent.parent
-    return Sources({"dofbench": package, "dofbench.kernels": content_folder("kernels")})
+    roots = {"dofbench": package, "dofbench.kernels": content_folder("kernels")}
+    return Sources(roots, left_out=_GPU_ALONE if device == "cpu" else None)
 
 
 def closure_digest(entries: Iterable[Entry], sources: Sources | None = None, data: Iterable[bytes] = ()) -> str:

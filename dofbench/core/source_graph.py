@@ -24,12 +24,16 @@ class Sources:
     """Python sources by dotted module name.
 
     roots: dotted prefix -> folder; a longer prefix goes before a shorter one, and the prefix "" is a folder whose files
-    are modules on top. beside: sources that go before these ones and lead to nothing in these.
+    are modules on top. beside: sources that go before these ones and lead to nothing in these. left_out: modules that
+    count as if they weren't there, by their whole names.
     """
 
-    def __init__(self, roots: Mapping[str, Path], beside: Sources | None = None):
+    def __init__(
+        self, roots: Mapping[str, Path], beside: Sources | None = None, left_out: re.Pattern[str] | None = None
+    ):
         self.roots: dict[str, Path] = {**(beside.roots if beside is not None else {}), **roots}
         self._beside = beside
+        self._left_out = left_out
         self._roots = sorted(roots.items(), key=lambda root: -len(root[0]))
         self._files: dict[str, Path | None] = {}
         self._forget()
@@ -53,8 +57,13 @@ class Sources:
         """The module's file; None where it is no module of these sources."""
         if module not in self._files:
             beside = self._beside.file(module) if self._beside is not None else None
-            self._files[module] = beside or self._find(module)
+            self._files[module] = None if self._without(module) else beside or self._find(module)
         return self._files[module]
+
+    def _without(self, module: str) -> bool:
+        if self._left_out is not None and self._left_out.fullmatch(module):
+            return True
+        return self._beside is not None and self._beside._without(module)
 
     def _find(self, module: str) -> Path | None:
         for prefix, folder in self._roots:
@@ -79,8 +88,9 @@ class Sources:
             for file in sorted(top.rglob("*.py")):
                 parts = file.relative_to(top).with_suffix("").parts
                 parts = parts[:-1] if parts[-1] == "__init__" else parts
-                if parts:
-                    yield ".".join([name, *parts])
+                module = ".".join([name, *parts])
+                if parts and not self._without(module):
+                    yield module
 
     def matching(self, pattern: str) -> list[str]:
         """The modules whose name fits; `*` in the pattern stands for one part of a name."""

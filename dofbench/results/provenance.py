@@ -27,14 +27,14 @@ _MAKES_SCORES = ("dofbench.running.execution:Execution", "dofbench.scoring.evalu
 _STEERS = ("class", "capabilities")
 
 
-def code_version(method_folder: Path) -> str:
-    """`<package version>+<sha256>` over all code that can change a score.
+def code_version(method_folder: Path, device: str) -> str:
+    """`<package version>+<sha256>` over all code that can change a score on the device of this name.
 
     That is the code that training and scoring reach in dofbench and its kernels (`dofbench.core.import_closure`), all
     code in the method's own folder, and the class that its card names. Comments, documentation, reports, the text of
     errors and the location of files aren't included.
     """
-    sources = Sources({_METHOD: method_folder}, beside=own_sources())
+    sources = Sources({_METHOD: method_folder}, beside=own_sources(device))
     card = tomllib.loads((method_folder / "method.toml").read_text(encoding="utf-8"))
     steering = canonical_json({key: card.get(key) for key in _STEERS})
     return f"{dofbench.__version__}+{closure_digest([*_MAKES_SCORES, f'{_METHOD}.'], sources, [steering.encode()])}"

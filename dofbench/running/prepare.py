@@ -98,7 +98,7 @@ def _prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
         protocol=protocol.id,
         seed=settings.seed,
         device=choices.device,
-        code=provenance.code_version(entry.folder),
+        code=provenance.code_version(entry.folder, choices.device),
     )
     method = entry.create(dict(plan.options), settings.seed, choices.device)  # raises for an unknown option
     options = getattr(method, "options", None)

@@ -115,7 +115,8 @@ def score_result(run: LoadedRun, columns: Iterable[str]) -> Scored:
         found.left_out |= dict.fromkeys(depth, reason)
     elif depth:
         sources.append(("model", lambda: _of_depth(run.method, dataset), depth))
-    code, git = provenance.code_version(find_method(result.spec.method).folder), provenance.git_state()
+    folder = find_method(result.spec.method).folder
+    code, git = provenance.code_version(folder, result.spec.device), provenance.git_state()
     for of, compute, own in sources:
         views = compute()
         for column in own:

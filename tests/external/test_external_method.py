@@ -242,6 +242,6 @@ def test_a_wrong_command_is_the_users_mistake(made: Make) -> None:
 def test_the_programs_own_text_is_part_of_the_codes_version(made: Make, tmp_path: Path) -> None:
     folder = tmp_path / "methods" / "program"
     made()
-    before = code_version(folder)
+    before = code_version(folder, "cpu")
     (folder / "program.py").write_text((folder / "program.py").read_text() + "\nx = 1\n")
-    assert code_version(folder) != before
+    assert code_version(folder, "cpu") != before

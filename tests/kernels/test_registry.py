@@ -80,6 +80,13 @@ def test_every_backend_declares_itself_and_has_the_op(op: str) -> None:
     assert kernels.backend_of(op, "cpu").bits_repeat
 
 
+@pytest.mark.parametrize("op", kernels.ops())
+def test_only_a_gpu_gets_backends_of_that_name(op: str) -> None:
+    """What a result depends on is told by the name (dofbench/core/import_closure.py)."""
+    for name in kernels.backends(op):
+        assert (name == "gpu") == ("cpu" not in kernels.backend_of(op, name).devices)
+
+
 @pytest.mark.parametrize(
     ("op", "values", "expected"),
     [
