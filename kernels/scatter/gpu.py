@@ -18,7 +18,7 @@ from .reference import STOP_OPACITY
 BACKEND = Backend(devices=("cuda",), dtypes=("float32",), bits_repeat=True)
 _COLOURS = 3
 _TILE = {"TILE_Y": 8, "TILE_X": 32}
-_BLOCK = 1024
+_BLOCK = 512
 # Of the largest image values a highlight is told by this multiple of the mean, as on the CPU (cpu_pack.py).
 _BRIGHT = math.e * 4.0
 _LARGEST_RADIUS = torch.finfo(torch.float32).tiny ** -0.5

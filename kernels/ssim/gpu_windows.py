@@ -22,7 +22,7 @@ def filter_images_along_rows(
     mean_t = tl.zeros((BLOCK,), tl.float32)
     squares = tl.zeros((BLOCK,), tl.float32)
     errors = tl.zeros((BLOCK,), tl.float32)
-    for tap in tl.static_range(2 * RADIUS + 1):
+    for tap in range(2 * RADIUS + 1):
         column = at + (tap - RADIUS) * channels
         inside = (column >= 0) & (column < length)
         weight = tl.load(taps + tap)
@@ -69,7 +69,7 @@ def compare(
     mean_t = tl.zeros((BLOCK,), tl.float32)
     squares = tl.zeros((BLOCK,), tl.float32)
     errors = tl.zeros((BLOCK,), tl.float32)
-    for tap in tl.static_range(2 * RADIUS + 1):
+    for tap in range(2 * RADIUS + 1):
         other = rows + tap - RADIUS
         inside = mine & (other >= 0) & (other < height)
         weight, come = tl.load(taps + tap), maps + other * length + at
@@ -129,14 +129,20 @@ def filter_slopes_along_rows(slopes, taps, maps, length, channels, RADIUS: tl.co
     """The three maps of slopes under the window, which is its own transpose."""
     row, at = tl.program_id(1), tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     size = tl.num_programs(1) * length
-    for one in tl.static_range(3):
-        total = tl.zeros((BLOCK,), tl.float32)
-        for tap in tl.static_range(2 * RADIUS + 1):
-            column = at + (tap - RADIUS) * channels
-            inside = (column >= 0) & (column < length)
-            come = slopes + one * size + row * length + column
-            total += tl.load(taps + tap) * tl.load(come, mask=inside, other=0.0)
-        tl.store(maps + one * size + row * length + at, total, mask=at < length)
+    by_mean = tl.zeros((BLOCK,), tl.float32)
+    by_error = tl.zeros((BLOCK,), tl.float32)
+    by_square = tl.zeros((BLOCK,), tl.float32)
+    for tap in range(2 * RADIUS + 1):
+        column = at + (tap - RADIUS) * channels
+        inside = (column >= 0) & (column < length)
+        weight, come = tl.load(taps + tap), slopes + row * length + column
+        by_mean += weight * tl.load(come, mask=inside, other=0.0)
+        by_error += weight * tl.load(come + size, mask=inside, other=0.0)
+        by_square += weight * tl.load(come + 2 * size, mask=inside, other=0.0)
+    mine, to = at < length, maps + row * length + at
+    tl.store(to, by_mean, mask=mine)
+    tl.store(to + size, by_error, mask=mine)
+    tl.store(to + 2 * size, by_square, mask=mine)
 
 
 @triton.jit
@@ -158,7 +164,7 @@ def gradient(
     by_mean = tl.zeros((BLOCK,), tl.float32)
     by_error = tl.zeros((BLOCK,), tl.float32)
     by_square = tl.zeros((BLOCK,), tl.float32)
-    for tap in tl.static_range(2 * RADIUS + 1):
+    for tap in range(2 * RADIUS + 1):
         other = rows + tap - RADIUS
         inside = mine & (other >= 0) & (other < height)
         weight, come = tl.load(taps + tap), maps + other * length + at

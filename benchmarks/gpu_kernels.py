@@ -1,0 +1,186 @@
+"""What GPU kernels need of a GPU, by compiling them for GPUs that aren't here: reports/gpu/kernels.csv and kernels.md.
+
+    python benchmarks/gpu_kernels.py --out reports/gpu
+
+Every launch of a Triton kernel that training makes (`gpu_launches.py`) is compiled for each architecture. From the
+machine code come the registers of a thread, spilled bytes and the shared memory of a program, and from these the
+occupancy: which share of the threads that a multiprocessor can hold at once it holds of this kernel. A kernel that
+spills, or has less than half occupancy, needs a reason in gpu_kernels.toml beside this file; without one the command
+ends with status 1. No GPU and no driver are needed: Triton brings the assembler.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import tomllib
+from dataclasses import dataclass, fields
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from dofbench.core.files import write_text
+from dofbench.reporting.csv_writer import write_csv
+
+HERE = Path(__file__).resolve().parent
+LOW = 0.5  # occupancy
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Where the tables go, and for which architectures."""
+
+    out: Path
+    """Folder for kernels.csv and kernels.md."""
+    architectures: tuple[int, ...] = (80, 90, 100)
+    """Compute capabilities times ten: 80 is an A100, 89 an RTX 4090, 90 an H100, 100 a B200."""
+
+
+@dataclass(frozen=True)
+class Multiprocessor:
+    """Limits of one multiprocessor (NVIDIA, CUDA C++ Programming Guide, table of compute capabilities)."""
+
+    warps: int
+    programs: int
+    shared: int  # bytes
+    registers: int = 65536
+
+    def occupancy(self, registers: int, shared: int, warps: int) -> float:
+        """Share of the warps that it holds at once. registers: of a thread. shared: bytes of a program. warps: of a
+        program. Registers are given out to whole warps, 256 at a time, on each of four parts; each program takes 1 KiB
+        of shared memory besides."""
+        of_warp = -(-registers * 32 // 256) * 256
+        by_registers = 4 * (self.registers // 4 // of_warp) // warps if of_warp else self.programs
+        by_shared = self.shared // (shared + 1024)
+        return min(self.programs, by_registers, by_shared, self.warps // warps) * warps / self.warps
+
+
+MULTIPROCESSORS = {
+    80: Multiprocessor(64, 32, 164 * 1024),
+    89: Multiprocessor(48, 24, 100 * 1024),
+    90: Multiprocessor(64, 32, 228 * 1024),
+    100: Multiprocessor(64, 32, 228 * 1024),
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A kernel in one configuration on one architecture. constants: those that it was compiled with. spilled: bytes of
+    a thread. shared: bytes of a program. occupancy: 0 to 1."""
+
+    op: str
+    kernel: str
+    constants: str
+    architecture: int
+    warps: int
+    registers: int
+    spilled: int
+    shared: int
+    occupancy: float
+
+
+def main(settings: Settings) -> None:
+    """Compile, write the tables, and end with status 1 where a kernel has no reason for what it needs."""
+    rows = [compiled(launch, one) for launch in launches() for one in settings.architectures]
+    rows.sort(key=lambda row: (row.op, row.kernel, row.constants, row.architecture))
+    settings.out.mkdir(parents=True, exist_ok=True)
+    names = tuple(field.name for field in fields(Row))
+    write_csv(settings.out / "kernels.csv", names, [{name: getattr(row, name) for name in names} for row in rows])
+    reasons = tomllib.loads((HERE / "gpu_kernels.toml").read_text(encoding="utf-8"))
+    write_text(settings.out / "kernels.md", page(rows, reasons))
+    if lacking := unexplained(rows, reasons):
+        raise SystemExit("without a reason in gpu_kernels.toml: " + ", ".join(lacking))
+
+
+def launches() -> list[dict[str, Any]]:
+    """The launches of training, from a process in which kernels are interpreted."""
+    environment = os.environ | {"TRITON_INTERPRET": "1"}
+    command = [sys.executable, str(HERE / "gpu_launches.py")]
+    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def compiled(launch: dict[str, Any], architecture: int) -> Row:
+    """A launch's kernel as the assembler made it for an architecture."""
+    import triton
+    from triton.backends.compiler import GPUTarget
+    from triton.compiler import ASTSource
+
+    kernel = getattr(import_module(launch["module"]), launch["function"])
+    signature, constants = dict(launch["signature"]), dict(launch["constants"])
+    source = ASTSource(fn=kernel, signature=signature, constexprs=constants)
+    target = GPUTarget("cuda", architecture, 32)
+    binary = triton.compile(source, target=target, options={"num_warps": launch["warps"]})
+    registers, stack, shared = usage(binary.asm["cubin"])
+    return Row(
+        op=launch["module"].split(".")[-2],
+        kernel=launch["function"],
+        constants=" ".join(f"{name}={value}" for name, value in constants.items()),
+        architecture=architecture,
+        warps=launch["warps"],
+        registers=registers,
+        spilled=stack,
+        shared=max(shared, binary.metadata.shared),
+        occupancy=MULTIPROCESSORS[architecture].occupancy(
+            registers, max(shared, binary.metadata.shared), launch["warps"]
+        ),
+    )
+
+
+def usage(cubin: bytes) -> tuple[int, int, int]:
+    """(registers of a thread, bytes of its stack, bytes of a program's shared memory), as Triton's cuobjdump says."""
+    import triton
+
+    program = Path(triton.__file__).parent / "backends" / "nvidia" / "bin" / "cuobjdump"
+    with tempfile.NamedTemporaryFile(suffix=".cubin") as file:
+        file.write(cubin)
+        file.flush()
+        told = subprocess.run([program, "-res-usage", file.name], capture_output=True, text=True, check=True).stdout
+    registers, stack, shared = (int(re.search(rf"{word}:(\d+)", told)[1]) for word in ("REG", "STACK", "SHARED"))
+    return registers, stack, shared
+
+
+def unexplained(rows: list[Row], reasons: dict[str, Any]) -> list[str]:
+    """Kernels that spill or fill less than half a multiprocessor, and have no reason listed."""
+    needy = {f"{row.op}/{row.kernel}" for row in rows if row.spilled or row.occupancy < LOW}
+    return sorted(needy - reasons.keys())
+
+
+def page(rows: list[Row], reasons: dict[str, Any]) -> str:
+    """The table as Markdown: for each kernel its dearest configuration on each architecture."""
+    needy = [row for row in rows if row.spilled or row.occupancy < LOW]
+    lines = [
+        "# What the GPU's kernels need",
+        "",
+        f"Compiled ahead of time, on a machine without a GPU: {len(rows)} kernels in all configurations of training, "
+        f"of which {sum(row.spilled > 0 for row in rows)} spill and {sum(row.occupancy < LOW for row in rows)} have "
+        "less than half occupancy. Nothing here was run on a GPU. All rows: [kernels.csv](kernels.csv); of each kernel "
+        "here the configuration with the most registers.",
+        "",
+        "| op | kernel | architecture | warps | registers | spilled [B] | shared [B] | occupancy |",
+        "| :--- | :--- | ---: | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    dearest: dict[tuple[str, str, int], Row] = {}
+    for row in rows:
+        key = row.op, row.kernel, row.architecture
+        dearest[key] = max(dearest.get(key, row), row, key=lambda one: (one.spilled, one.registers))
+    for row in dearest.values():
+        cells = row.op, row.kernel, f"sm_{row.architecture}", row.warps, row.registers, row.spilled, row.shared
+        lines.append(f"| {' | '.join(map(str, cells))} | {row.occupancy:.0%} |")
+    if needy:
+        lines += ["", "## Why", ""]
+        lines += [
+            f"- `{name}`: {reasons[name]['reason']}"
+            for name in sorted({f"{r.op}/{r.kernel}" for r in needy} & reasons.keys())
+        ]
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Settings))

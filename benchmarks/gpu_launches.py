@@ -1,0 +1,64 @@
+"""The launches of Triton kernels that training makes, by small calls of every GPU backend through the interpreter.
+
+    TRITON_INTERPRET=1 python benchmarks/gpu_launches.py
+
+Prints one line of JSON for each launch: where the kernel is, the types of its arguments, its constants, its warps.
+What is compiled depends on types and constants alone, not on sizes, so pictures are tiny. `gpu_kernels.py` compiles
+them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+
+import torch
+
+from dofbench.compute.gpu_launch import recorded
+from dofbench.core.lens import ApertureShape
+from dofbench.kernels import load
+
+
+def tone() -> None:
+    """Decoding and encoding differ in numbers alone."""
+    load("tone", "gpu")(torch.rand(9).requires_grad_(), 2.2, 0.002, 0.002**1.2).sum().backward()
+
+
+def ssim() -> None:
+    """The colour loss of the presets: with and without a weight, and with edges."""
+    loss = load("ssim", "gpu", function="l1_ssim")
+    weight = torch.rand(3, 4)
+    for options in ({}, {"edge_weight": 4.0}, {"weight": weight}, {"weight": weight, "weigh_all": True}):
+        loss(torch.rand(3, 4, 3).requires_grad_(), torch.rand(3, 4, 3), ssim_weight=0.4, **options).backward()
+
+
+def scatter() -> None:
+    """Discs, polygons and apertures with a stop, with the area term and without."""
+    shapes = ApertureShape(), ApertureShape(blades=6), ApertureShape(blades=6, obstruction=0.3)
+    for shape, energy in (*((shape, "area") for shape in shapes), (ApertureShape(), "algorithm1")):
+        image, radius = torch.rand(1, 2, 3).requires_grad_(), torch.zeros(1, 2).requires_grad_()
+        load("scatter", "gpu")(image, radius, shape=shape, energy=energy).sum().backward()
+
+
+def mix() -> None:
+    """Kernels of BAGS' three scales."""
+    for size in (5, 9, 17):
+        image, logits = torch.rand(1, 2, 3).requires_grad_(), torch.rand(1, 2, size * size).requires_grad_()
+        load("mix", "gpu")(image, logits).sum().backward()
+
+
+CALLS: tuple[Callable[[], None], ...] = (tone, ssim, scatter, mix)
+
+
+def main() -> None:
+    """Print the launches of all calls, each once."""
+    with recorded() as launches:
+        for call in CALLS:
+            call()
+    for launch in launches:
+        print(json.dumps(asdict(launch)))
+
+
+if __name__ == "__main__":
+    main()
