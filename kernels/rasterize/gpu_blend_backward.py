@@ -1,9 +1,9 @@
 """Triton kernel of blending's gradient: one program for each tile, over its Gaussians, nearest first once more.
 
 The pixel's loss to first order is S = sum of weight times s over its Gaussians, plus the background's part, with
-s = colour . g_color + g_alpha' + t g_t + n . g_normal. The mean depth doesn't change when all weights are scaled, so its
-part of S vanishes and S follows from the images alone. Distortion is of second degree in the weights, so its part is
-twice itself; its s is g A (m - mean)**2 + g D / A, of which the second term is the same for every Gaussian and goes
+s = colour . g_color + g_alpha' + t g_t + n . g_normal. The mean depth doesn't change when all weights are scaled, so
+its part of S vanishes and S follows from the images alone. Distortion is of second degree in the weights, so its part
+is twice itself; its s is g A (m - mean)**2 + g D / A, of which the second term is the same for every Gaussian and goes
 into g_alpha'.
 """
 

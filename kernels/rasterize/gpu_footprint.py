@@ -100,6 +100,12 @@ def axes_of(view, w, x, y, z):
 
 
 @triton.jit
+def at_least(filtered, scale):
+    """The filtered scale, but not less than the scale, whose square underflows in float32 below 1e-19. A NaN stays."""
+    return tl.where(filtered < scale, scale, filtered)
+
+
+@triton.jit
 def sizes(log_scales, filter_3d, i, mask, FILTERED: tl.constexpr):
     """Per axis the scale s, and the filtered scale e = sqrt(s**2 + f**2): (s0, s1, s2, e0, e1, e2)."""
     s0, s1, s2 = load3(log_scales, 3 * i, mask)
@@ -107,11 +113,8 @@ def sizes(log_scales, filter_3d, i, mask, FILTERED: tl.constexpr):
     if FILTERED:
         f = tl.load(filter_3d + i, mask=mask, other=0.0)
         f2 = f * f
-        # The square of a scale below 1e-19 underflows in float32; the filtered scale must not become smaller than the
-        # scale.
-        e0 = tl.maximum(tl.sqrt(s0 * s0 + f2), s0)
-        e1 = tl.maximum(tl.sqrt(s1 * s1 + f2), s1)
-        e2 = tl.maximum(tl.sqrt(s2 * s2 + f2), s2)
+        e0, e1 = at_least(tl.sqrt(s0 * s0 + f2), s0), at_least(tl.sqrt(s1 * s1 + f2), s1)
+        e2 = at_least(tl.sqrt(s2 * s2 + f2), s2)
     else:
         e0, e1, e2 = s0, s1, s2
     return s0, s1, s2, e0, e1, e2

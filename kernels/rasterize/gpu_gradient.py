@@ -49,8 +49,8 @@ def gradients(
 ) -> list[Tensor | None]:
     """The gradients by blur and radius, None where there is none, and by the six parameters; fills in `statistics`.
 
-    outputs: what blending drew, by_outputs: the gradients by it, None where the loss doesn't use one or it wasn't drawn;
-    levels: of geometry that they belong to. blended: what it kept beside them, see `gpu_blend.blend`.
+    outputs: what blending drew. by_outputs: the gradients by them, None where the loss uses none. levels: of geometry
+    that they belong to. blended: what blending kept beside them, see `gpu_blend.blend`.
     """
     view, nothing = settings.view, settings.view
     n = parameters[0].shape[0]
@@ -173,7 +173,7 @@ def _blend_backward(
         settings.width,
         settings.height,
         tiles,
-        # All pixels of a tile in one warp: sums over them then need no memory that warps share, nor wait for each other.
+        # All pixels of a tile in one warp: sums over them need no memory that warps share, nor do warps wait.
         warps=1,
         LEVEL=level,
         MOVED=settings.moved,
