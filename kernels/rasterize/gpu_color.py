@@ -148,7 +148,7 @@ def color_backward(
         for k in tl.static_range(TERMS):
             store3(d_rest, row + 3 * k, basis[k] * red, basis[k] * green, basis[k] * blue, inside)
             r, g, b = load3(sh_rest, row + 3 * k, seen)
-            pulls = pulls + (r * red + g * green + b * blue,)
+            pulls = pulls + (r * red + g * green + b * blue,)  # type: ignore[assignment]  # it grows with each k
         gx, gy, gz = direction_gradient(pulls, x, y, z, TERMS)
         # Backward through the normalisation: only the part perpendicular to the direction passes.
         along = dot3(x, y, z, gx, gy, gz)
