@@ -160,5 +160,4 @@ class _Rasterize(torch.autograd.Function):
             by_outputs,
             _LEVELS,
         )
-        needed = ctx.needs_input_grad
-        return None, None, by_blur if needed[2] else None, by_radius if needed[3] else None, *by_parameters
+        return None, None, by_blur, by_radius, *by_parameters

@@ -188,4 +188,8 @@ def normal_of(m0x, m0y, m0z, m1x, m1y, m1z, m2x, m2y, m2z, b0, b1, b2, k0, k1, k
     k_i = m_i . r for the axes m and the ray r = (cu, cv, 1); b_i = w_i k_i with the weights of `weights_of`.
     """
     hx, hy, hz = dot3(b0, b1, b2, m0x, m1x, m2x), dot3(b0, b1, b2, m0y, m1y, m2y), dot3(b0, b1, b2, m0z, m1z, m2z)
-    return hx, hy, hz, dot3(b0, b1, b2, k0, k1, k2), tl.sqrt(dot3(hx, hy, hz, hx, hy, hz))
+    # h of a thin Gaussian that is seen along its plane is so short that its square underflows.
+    largest = tl.maximum(tl.abs(hx), tl.maximum(tl.abs(hy), tl.abs(hz)))
+    shrink = 1.0 / tl.where(largest > 0.0, largest, 1.0)
+    x, y, z = hx * shrink, hy * shrink, hz * shrink
+    return hx, hy, hz, dot3(b0, b1, b2, k0, k1, k2), largest * tl.sqrt(dot3(x, y, z, x, y, z))

@@ -9,7 +9,7 @@ import pytest
 import random_gaussians
 import torch
 from random_gaussians import NAMES, assert_agree, assert_close, reference, render, scene, turned, view
-from tolerances import BLUR_OF_NEEDLES, DISTORTION, FLOAT32_GRADIENT
+from tolerances import BLUR_OF_NEEDLES, DISTORTION, FLOAT32_GRADIENT, FLOAT32_VALUE
 
 from dofbench.compute.raster import ViewStatistics
 from dofbench.core.cameras import Camera
@@ -136,13 +136,57 @@ def test_around_the_near_plane() -> None:
 def test_gaussians_without_width() -> None:
     """Seen along its plane, a flat Gaussian's footprint is a line: its determinant is 0 before it is dilated."""
     gaussians = scene(25, 9)
-    gaussians["log_scales"] = torch.tensor([[-1.0, -30.0, -30.0]]).repeat(25, 1)
+    gaussians["log_scales"] = torch.tensor([[-1.0, -30.0, -200.0]]).repeat(25, 1)
     gaussians["opacity_logits"] += 5
     options = {"camera": view(), "geometry": "none"}
     outputs, gradients, statistics = assert_agree(gaussians, **options, filter_2d=0.3, filter_2d_fades=False)
     assert outputs.alpha.max() > 0.1 and gradients["means"].any() and statistics.visible.any()
     outputs, gradients, statistics = render(gpu, gaussians, torch.float32, **options)
     assert not (outputs.alpha.any() or gradients["means"].any() or statistics.visible.any())
+
+
+@pytest.mark.parametrize("opacity", [0.9995, 0.5, 0.0038])
+@pytest.mark.parametrize(("filter_2d", "fades"), [(0.0, True), (0.1, True), (0.1, False)])
+def test_small_gaussians_and_opacities_around_their_ends(opacity: float, filter_2d: float, fades: bool) -> None:
+    """Gaussians of 0.025, 0.04, 0.3 and 1 pixel, each in the middle of a pixel, before one that all see."""
+    sizes = torch.tensor([0.025, 0.04, 0.3, 1.0, 20.0])
+    gaussians = facing([3.0] * 5, opacity)
+    gaussians["means"] = torch.tensor(
+        [[-0.8, -0.6, 3.0], [0.0, 0.0, 3.0], [0.5, 0.3, 3.0], [-0.4, 0.4, 3.0], [0, 0, 4]]
+    )
+    gaussians["log_scales"] = torch.log(sizes * gaussians["means"][:, 2] / 30)[:, None] + torch.tensor([0.0, 0.2, -0.2])
+    gaussians["quaternions"] = torch.tensor([[0.9, 0.1, -0.2, 0.3]]).repeat(5, 1)
+    gaussians["opacity_logits"][-1] = 6.0  # held at the largest alpha around its middle
+    _, _, statistics = assert_agree(
+        gaussians, camera=FRONTAL, geometry="none", filter_2d=filter_2d, filter_2d_fades=fades
+    )
+    drawn = opacity > 1 / 255
+    # Without the filter or with one that fades, the determinant of the smallest is below the least.
+    assert statistics.visible.tolist() == [drawn and not fades, drawn, drawn, drawn, True]
+
+
+@pytest.mark.parametrize("aside", [0.0, 4e-8, 1e-3])
+def test_a_thin_gaussian_seen_along_its_plane(aside: float) -> None:
+    """On the axis, a hundred-millionth of its distance beside it, where it counts as seen edge-on, and further."""
+    gaussians = facing([4.0, 5.0])
+    gaussians["means"][0, 0] = aside
+    gaussians["log_scales"][0] = torch.tensor([-30.0, -1.0, -1.0])
+    options = {"camera": FRONTAL, "geometry": "full", "filter_2d": 0.3, "filter_2d_fades": False}
+    outputs, _, _ = assert_agree(gaussians, **options)
+    alone, _, _ = assert_agree({name: value[:1] for name, value in gaussians.items()}, **options)
+    assert outputs.alpha.any() and alone.alpha.any()
+    assert alone.normal.any() == (aside != 4e-8)
+
+
+def test_ray_lengths_are_held_at_the_near_plane() -> None:
+    """Two tilted planes that begin beyond the near plane and pass through it."""
+    gaussians = facing([0.6, 0.8], opacity=0.6)
+    gaussians["quaternions"] = torch.tensor([[math.cos(0.5), 0.0, math.sin(0.5), 0.0]]).repeat(2, 1)
+    gaussians["log_scales"] = torch.tensor([[-1.0, -1.0, -8.0]]).repeat(2, 1)
+    outputs, _, _ = assert_agree(gaussians, camera=FRONTAL, geometry="distortion", near=0.55)
+    lengths = outputs.depth.detach() * ((torch.arange(24) + 0.5 - 12.5) / 30).square().add(1).sqrt()
+    assert (lengths[10] > 0.56).any()
+    assert_close(lengths[10].min(), torch.tensor(0.55), FLOAT32_VALUE, "ray length")
 
 
 def test_zero_quaternion_is_no_rotation() -> None:
