@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from dofbench.compute.gpu_launch import kernels, launch
+from dofbench.core.errors import InputError
 
 from .gpu_inputs import BAD, RECORD, Settings, explain
 
@@ -43,7 +44,8 @@ def project_and_list(
     silently leave Gaussians out where the guess is too low, and sort what isn't there where it is too high. As one
     number is read anyway, Gaussians that aren't finite are told by it too.
 
-    Raises FloatingPointError and ValueError for such Gaussians as `cpu.rasterize` does.
+    Raises FloatingPointError and ValueError for such Gaussians as `cpu.rasterize` does, and InputError for more
+    intersections than can be numbered.
     """
     means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest = parameters
     view, views, n, rest = settings.view, settings.views, means.shape[0], sh_rest.shape[1]
@@ -113,9 +115,14 @@ def project_and_list(
     ends = counts.index_select(0, order).view(-1).cumsum(0)
     total = int(ends[-1]) if n else 0
     if total >= BAD:
-        if bool((worst := counts[:, 0].argmax()) >= 0) and int(counts[worst, 0]) == BAD:
-            raise explain(parameters, settings.filter_3d, blur, radius, int(worst))
-        raise MemoryError(f"rasterize: {total} intersections of Gaussians with tiles, more than 2^31 - 2")
+        worst = int(counts[:, 0].argmax())
+        if int(counts[worst, 0]) == BAD:
+            raise explain(parameters, settings.filter_3d, blur, radius, worst)
+        raise InputError(
+            "kernel rasterize",
+            f"{total} places where Gaussians meet tiles",
+            f"fewer than {BAD}: fewer Gaussians, pixels or points of the lens",
+        )
     tiles = settings.columns * settings.rows * views
     # A radix sort's time goes with the length of its keys.
     kind = torch.int16 if tiles < 2**15 else torch.int32

@@ -12,6 +12,7 @@ from dofbench.kernels.rasterize.gpu_lists import Lists, project_and_list
 from random_gaussians import scene, turned, view
 
 from dofbench.core.cameras import Camera
+from dofbench.core.errors import InputError
 
 NAMES = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
 
@@ -89,3 +90,9 @@ def test_the_neighbour_in_the_list_of_a_tile_that_holds_many() -> None:
     depths = (gaussians["means"] @ torch.tensor(turned()[2, :3]).float())[lists.ids]
     assert int(lists.visible.sum()) == len(lists.ids) == len(set(lists.ids.tolist())) > 256 / 2
     assert torch.equal(depths, depths.sort().values)
+
+
+def test_more_intersections_than_can_be_numbered_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dofbench.kernels.rasterize.gpu_lists.BAD", 30)
+    with pytest.raises(InputError, match=r"places where Gaussians meet tiles, expected fewer than 30: fewer Gauss"):
+        listed(scene(60, 3, rest=0), view())
