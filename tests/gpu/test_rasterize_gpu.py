@@ -236,6 +236,17 @@ def test_a_thin_layer_keeps_the_digits_of_its_distortion(seed: int) -> None:
     assert ((found / expected - 1).abs() < DISTORTION).all()
 
 
+def test_alpha_is_at_most_one_where_rounding_adds_up() -> None:
+    """Nine hundred faint Gaussians leave just over the least transmittance to an opaque one; their weights, rounded one
+    by one, sum to more than 1 at some pixels."""
+    faint = torch.rand(916, generator=torch.Generator().manual_seed(2)).mul(-2e-4).add(0.01)
+    gaussians = facing(torch.linspace(2, 4, 917).tolist())
+    gaussians["opacity_logits"][:916] = torch.logit(faint)
+    gaussians["opacity_logits"][916] = 9.0
+    alpha = gpu(**gaussians, camera=Camera(16, 16, 30.0, 30.0, 8.5, 8.5, np.eye(4))).alpha
+    assert (alpha <= 1).all() and (alpha == 1).any()
+
+
 # ---- scenes that show little, and numbers at their ends ----
 
 
