@@ -1,0 +1,189 @@
+"""Triton kernel of blending: one program for each tile, over its Gaussians, nearest first."""
+
+from __future__ import annotations
+
+import triton
+import triton.language as tl
+
+from .gpu_layout import (
+    CX,
+    CY,
+    FX,
+    FY,
+    L11,
+    L21,
+    L22,
+    LANES,
+    LIMIT,
+    LOG2_OPACITY,
+    MAX_ALPHA,
+    MIN_TRANSMITTANCE,
+    MX,
+    MY,
+    NEAR,
+    NX,
+    POINTS,
+    RECORD,
+    RED,
+    STRIPS,
+    T0,
+    TILE,
+    TX,
+    TY,
+)
+
+# After so many Gaussians it is tested whether the whole tile is opaque.
+_TEST_EVERY = tl.constexpr(16)
+
+
+@triton.jit
+def pixels_of(tile, width, height):
+    """The tile's pixels: column (1, 32), row (8, 32), whether they lie in the image, and index in the picture."""
+    columns = (width + TILE - 1) // TILE
+    lane, strip = tl.arange(0, LANES)[None, :], tl.arange(0, STRIPS)[:, None]
+    column = tile % columns * TILE + lane % TILE
+    row = tile // columns * TILE + (LANES // TILE) * strip + lane // TILE
+    return column, row, (column < width) & (row < height), row * width + column
+
+
+@triton.jit
+def mean_of(record, radius, view, i, number, MOVED: tl.constexpr):
+    """The Gaussian's mean in a picture, pixels."""
+    mx, my = tl.load(record + MX), tl.load(record + MY)
+    if MOVED:
+        shift = tl.load(radius + i)
+        mx = tl.fma(shift, tl.load(view + POINTS + 2 * number), mx)
+        my = tl.fma(shift, tl.load(view + POINTS + 2 * number + 1), my)
+    return mx, my
+
+
+@triton.jit
+def exponent_at(record, dx, dy):
+    """log2(alpha) at pixel - mean, and the two whitened coordinates whose squares it loses.
+
+    Fused by hand: forward and backward pass must agree to the last bit on where a Gaussian counts.
+    """
+    e = tl.load(record + L22) * dy
+    d = tl.fma(dy, tl.load(record + L21), tl.load(record + L11) * dx)
+    return tl.fma(-d, d, tl.fma(-e, e, tl.load(record + LOG2_OPACITY))), d, e
+
+
+@triton.jit
+def ray_length_at(record, dx, dy):
+    """Ray length at pixel - mean, on the Gaussian's plane of largest density."""
+    return tl.fma(-dy, tl.load(record + TY), tl.fma(-dx, tl.load(record + TX), tl.load(record + T0)))
+
+
+@triton.jit
+def cosine_of(view, column, row):
+    """Cosine between the optical axis and a pixel's ray: z-depth over ray length."""
+    u = (column.to(tl.float32) + 0.5 - tl.load(view + CX)) / tl.load(view + FX)
+    v = (row.to(tl.float32) + 0.5 - tl.load(view + CY)) / tl.load(view + FY)
+    return 1.0 / tl.sqrt(u * u + (v * v + 1.0))
+
+
+@triton.jit
+def blend(
+    records,
+    radius,
+    view,
+    background,
+    starts,
+    ids,
+    color,
+    alpha,
+    depth,
+    median,
+    median_at,
+    normal,
+    distortion,
+    mean_inverse,
+    looked_at,
+    width,
+    height,
+    tiles,
+    GEOMETRY: tl.constexpr,
+    MOVED: tl.constexpr,
+):
+    """Composite every tile, writing the images and how many Gaussians each tile processed.
+
+    GEOMETRY: 0 for colour and alpha, 1 to add depth, 2 to add median depth and normals, 3 to add distortion; images
+    beyond may be anything. median_at: the number in the tile's list, from 1, of the Gaussian with the median depth.
+    mean_inverse: the mean of the inverse ray lengths, which the backward pass needs for distortion.
+    """
+    place = tl.program_id(0)
+    number = place // tiles
+    column, row, inside, at = pixels_of(place - number * tiles, width, height)
+    x, y = column.to(tl.float32) + 0.5, row.to(tl.float32) + 0.5
+    near = tl.load(view + NEAR)
+    begin, end = tl.load(starts + place), tl.load(starts + place + 1)
+
+    zero = tl.zeros((STRIPS, LANES), tl.float32)
+    left = tl.where(inside, 1.0, zero)
+    red, green, blue, weights, depths, medians = zero, zero, zero, zero, zero, zero
+    medians_at = tl.zeros((STRIPS, LANES), tl.int32)
+    nx, ny, nz, origin, first_moment, second_moment = zero, zero, zero, zero, zero, zero
+    k = begin
+    while k < end:
+        stop = tl.minimum(k + _TEST_EVERY, end)
+        for j in range(k, stop):
+            i = tl.load(ids + j)
+            record = records + i * RECORD
+            mx, my = mean_of(record, radius, view, i, number, MOVED)
+            dx, dy = x - mx, y - my
+            exponent, _, _ = exponent_at(record, dx, dy)
+            taken = (exponent >= tl.load(record + LIMIT)) & (left >= MIN_TRANSMITTANCE)
+            share = tl.where(taken, tl.minimum(tl.exp2(exponent), MAX_ALPHA), 0.0)
+            weight = share * left
+            red += weight * tl.load(record + RED)
+            green += weight * tl.load(record + RED + 1)
+            blue += weight * tl.load(record + RED + 2)
+            if GEOMETRY > 0:
+                t = tl.maximum(ray_length_at(record, dx, dy), near)
+                depths += weight * t
+                if GEOMETRY > 1:
+                    nx += weight * tl.load(record + NX)
+                    ny += weight * tl.load(record + NX + 1)
+                    nz += weight * tl.load(record + NX + 2)
+                    upper = taken & (left > 0.5)
+                    medians = tl.where(upper, t, medians)
+                    medians_at = tl.where(upper, j - begin + 1, medians_at)
+                    if GEOMETRY > 2:
+                        # Moments about the inverse ray length of the first Gaussian that counts: it has a share of the
+                        # weight, so its distance from the mean is bounded by the spread, and their difference
+                        # keeps its digits. About 0 it would lose them all where the ray meets one surface.
+                        inverse = 1.0 / t
+                        origin = tl.where(taken & (weights == 0.0), inverse, origin)
+                        moment = weight * (inverse - origin)
+                        first_moment += moment
+                        second_moment += moment * (inverse - origin)
+                weights += weight
+            left = tl.fma(-share, left, left)
+        k = stop
+        end = tl.where(tl.max(tl.max(left, 1), 0) < MIN_TRANSMITTANCE, k, end)
+    tl.store(looked_at + place, k - begin)
+
+    at = number.to(tl.int64) * width * height + at
+    # A sum of weights keeps the digits of a faint alpha, by which depth is divided in the gradient.
+    covered = 1.0 - left
+    if GEOMETRY > 0:
+        covered = tl.minimum(weights, 1.0)
+    tl.store(color + 3 * at, tl.fma(left, tl.load(background), red), mask=inside)
+    tl.store(color + 3 * at + 1, tl.fma(left, tl.load(background + 1), green), mask=inside)
+    tl.store(color + 3 * at + 2, tl.fma(left, tl.load(background + 2), blue), mask=inside)
+    tl.store(alpha + at, covered, mask=inside)
+    if GEOMETRY > 0:
+        cosine = cosine_of(view, column, row)
+        some = tl.where(weights == 0.0, 1.0, weights)
+        tl.store(depth + at, depths / some * cosine, mask=inside)
+        if GEOMETRY > 1:
+            tl.store(median + at, medians * cosine, mask=inside)
+            tl.store(median_at + at, medians_at, mask=inside)
+            tl.store(normal + 3 * at, nx, mask=inside)
+            tl.store(normal + 3 * at + 1, ny, mask=inside)
+            tl.store(normal + 3 * at + 2, nz, mask=inside)
+            if GEOMETRY > 2:
+                # Dividing by the pixel's cosine turns inverse ray lengths into disparities.
+                spread = tl.maximum(weights * second_moment - first_moment * first_moment, 0.0)
+                tl.store(distortion + at, spread / (cosine * cosine), mask=inside)
+                tl.store(mean_inverse + at, origin + first_moment / some, mask=inside)
