@@ -12,10 +12,14 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import asdict
+from typing import Any
 
+import numpy as np
 import torch
 
 from dofbench.compute.gpu_launch import recorded
+from dofbench.compute.raster import GEOMETRIES, ViewStatistics
+from dofbench.core.cameras import Camera
 from dofbench.core.lens import ApertureShape
 from dofbench.kernels import load
 
@@ -48,7 +52,35 @@ def mix() -> None:
         load("mix", "gpu")(image, logits).sum().backward()
 
 
-CALLS: tuple[Callable[[], None], ...] = (tone, ssim, scatter, mix)
+def rasterize() -> None:
+    """Every level of geometry, harmonics of every degree, with density control's statistics and without; 3DGS's
+    dilation; Gaussians blurred each by itself; points of a lens."""
+    camera = Camera(4, 4, 4.0, 4.0, 2.0, 2.0, np.eye(4))
+    one = torch.ones(1)
+
+    def call(function: str, rest: int = 15, **options: Any) -> None:
+        shapes = (1, 3), (1, 3), (1, 4), (1,), (1, 3), (1, rest, 3)
+        parameters = [torch.zeros(shape) for shape in shapes]
+        parameters[0][:, 2] = 4.0
+        drawn = load("rasterize", "gpu", function=function)(
+            *(parameter.requires_grad_() for parameter in parameters), camera=camera, **options
+        )
+        outputs = [drawn] if isinstance(drawn, torch.Tensor) else [image for image in drawn if image is not None]
+        torch.stack([image.sum() for image in outputs]).sum().backward()
+
+    for geometry in GEOMETRIES:
+        for statistics in (None, ViewStatistics(), ViewStatistics(want_abs=True)):
+            call("rasterize", geometry=geometry, filter_3d=0.1 * one, statistics=statistics)
+    for degree in range(4):
+        call("rasterize", rest=(degree + 1) ** 2 - 1, filter_3d=0.1 * one)
+    call("rasterize", filter_2d_fades=False, filter_2d=0.3)
+    call("rasterize", filter_3d=0.1 * one, blur=one.clone().requires_grad_(), statistics=ViewStatistics(want_abs=True))
+    lens = {"points": np.zeros((2, 2)), "radius": one.clone().requires_grad_(), "blur": one.clone().requires_grad_()}
+    for statistics in (None, ViewStatistics(want_abs=True)):
+        call("rasterize_from_points", filter_3d=0.1 * one, statistics=statistics, **lens)
+
+
+CALLS: tuple[Callable[[], None], ...] = (tone, ssim, scatter, mix, rasterize)
 
 
 def main() -> None:

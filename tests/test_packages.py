@@ -13,7 +13,7 @@ from import_walk import arrows, modules, package_of
 ROOT = Path(__file__).resolve().parent.parent
 ORDER: list[str] = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["dofbench"]["packages"]
 # Names that several modules may have, because they are the same part of different things.
-SAME_NAMES = {"cpu", "reference", "schema", "method"}
+SAME_NAMES = {"cpu", "gpu", "reference", "schema", "method"}
 
 
 def upward(root: Path, order: list[str]) -> list[str]:

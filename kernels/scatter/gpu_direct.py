@@ -116,6 +116,7 @@ def gather(
     planes, window, blurred, total, height, width, alpha, normals, blades, apothem, curvature, obstruction,
     SHAPED: tl.constexpr, STOPPED: tl.constexpr, TILE_Y: tl.constexpr, TILE_X: tl.constexpr,
 ):  # fmt: skip
+    """Each target's colour, and the sum of weights that it was divided by."""
     y = tl.program_id(0) * TILE_Y + tl.arange(0, TILE_Y)[:, None]
     x = tl.program_id(1) * TILE_X + tl.arange(0, TILE_X)[None, :]
     size = height * width

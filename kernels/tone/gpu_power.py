@@ -8,6 +8,7 @@ import triton.language as tl
 
 @triton.jit
 def power(values, result, size, exponent, toe, slope, BLOCK: tl.constexpr):
+    """`reference.tone` of `size` numbers."""
     at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     inside = at < size
     x = tl.load(values + at, mask=inside, other=1.0)
@@ -18,6 +19,7 @@ def power(values, result, size, exponent, toe, slope, BLOCK: tl.constexpr):
 
 @triton.jit
 def power_gradient(gradient, values, powers, result, size, exponent, toe, slope, BLOCK: tl.constexpr):
+    """Its gradient by the numbers; powers: what it gave."""
     at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     inside = at < size
     upstream = tl.load(gradient + at, mask=inside, other=0.0)
