@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 import torch
 from blur_cases import CAMERA, copying, no_view, one_gaussian, shot
+from made_up import cloud, frontal
 from tolerances import ADAM_FIRST_STEP, FLOAT32_GRADIENT, FLOAT32_SCALAR, FLOAT32_VALUE
+
+from dofbench.gaussians.blur_methods import CopiedOptions
+from dofbench.gaussians.forward.circle_copies import CircleCopies
+from dofbench.gaussians.forward.forward_model import BlurStart
+from dofbench.gaussians.model import Gaussians
 
 
 def test_what_is_in_focus_is_not_copied_elsewhere() -> None:
@@ -71,3 +77,13 @@ def test_the_rate_of_copies_falls_and_is_cooled_down() -> None:
     change = (blur._network.head.bias.detach() - before).abs().max()
     assert float(change) == pytest.approx(0.02 / 100 / 2, rel=ADAM_FIRST_STEP)
     assert abs(math.log(float(blur.focuses()[1]) / 8.0)) == pytest.approx(0.05, rel=FLOAT32_VALUE)
+
+
+def test_photographs_begin_to_be_focused_at_the_mean_distance_of_the_gaussians() -> None:
+    gaussians = Gaussians.from_points(cloud([(0, 0, 3.0), (0, 4, 0.0), (0, 0, 13.0), (12, 0, 5.0)]), 0)
+    cameras = [frontal(8, 6, 8.0), frontal(8, 6, 8.0, (12.0, 0.0, 0.0))]
+    blur = CopiedOptions().learned_blur(BlurStart(gaussians, cameras, 1.0, torch.Generator().manual_seed(0)))
+    places = gaussians.parameters["means"].detach().double().numpy()
+    expected = [np.linalg.norm(places - camera.centre, axis=1).mean() for camera in cameras]
+    assert isinstance(blur, CircleCopies)
+    assert blur.focuses().tolist() == pytest.approx(expected, rel=FLOAT32_VALUE)

@@ -11,10 +11,11 @@ from made_up import Recorder, cloud
 from small_scene import training_set
 from tolerances import FLOAT32_VALUE
 
+from dofbench.compute.raster import ViewStatistics
 from dofbench.core.budget import Budget
 from dofbench.core.errors import Status
 from dofbench.gaussians.blur_methods import Copied, Enlarged
-from dofbench.gaussians.density import DensityOptions
+from dofbench.gaussians.density import DensityControl, DensityOptions
 from dofbench.gaussians.extra_points import ExtraOptions, GrowingOnce, drawn_between, neighbour_distances
 from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.optimiser import GaussianOptimiser, RateOptions
@@ -110,3 +111,26 @@ def test_a_training_goes_on_with_them(kind) -> None:
     method = kind(options, 0, "cpu")
     outcome = method.fit(training_set(), Budget(steps=60), Recorder())
     assert outcome.status is Status.OK and len(method.gaussians) > 250
+
+
+def test_beside_the_added_points_density_is_controlled_as_without_them() -> None:
+    """Step and share of the training reach the control that they are meant for."""
+
+    def grown(kind: type) -> list[int]:
+        gaussians, optimiser, _ = control()
+        options = DensityOptions(densify_from=0.1, densify_every=10, reset_every=0.0)
+        extra = (ExtraOptions(extra_points=0),) if kind is GrowingOnce else ()
+        density = kind(gaussians, optimiser, options, *extra, 1.0, torch.Generator().manual_seed(0))
+        counts = []
+        for step in range(1, 31):
+            seen = ViewStatistics(
+                visible=torch.ones(len(gaussians), dtype=torch.bool), radii=torch.ones(len(gaussians))
+            )
+            seen.grad_2d = seen.abs_grad_2d = torch.ones(len(gaussians), 2)
+            density.record(seen, 48, 36)
+            density.after_step(step, step / 30)
+            counts.append(len(gaussians))
+        return counts
+
+    counts = grown(GrowingOnce)
+    assert counts == grown(DensityControl) and counts[-1] > counts[0] == 100

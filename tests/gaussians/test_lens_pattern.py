@@ -73,3 +73,11 @@ def test_wider_circles_need_more_points(radius, points):
     assert points_of(rings_for(circles)) == points
     assert rings_for(circles, 5) >= rings_for(circles) and rings_for(circles, 1) <= 1
     assert rings_for(circles[:0]) == 0  # nothing in view
+
+
+def test_between_small_and_wide_the_variance_goes_with_the_cube_of_the_radius():
+    """So that it is settled within two pixels: eight times nearer to the wide one's at twice the radius."""
+    radius = torch.tensor([1e-3, 0.7, 1.4, 1e3], dtype=torch.float64)
+    small, one, two, wide = (cell_variance(radius, 0) / radius.square()).tolist()
+    nearer = [(share - small) / (wide - share) for share in (one, two)]
+    assert nearer[1] / nearer[0] == pytest.approx(8, rel=FLOAT32_SCALAR)

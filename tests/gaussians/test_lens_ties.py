@@ -90,3 +90,10 @@ def test_what_is_shared_from_now_on_is_the_median_of_what_was_found(activation):
     scene = lenses.shared(lens_ties(training_set().views, "scene"))
     np.testing.assert_allclose([scene.aperture_and_focus(view) for view in range(3)], [(0.5, 0.5)] * 3, rtol=LENS_FLOOR)
     assert start == [pytest.approx((0.5, 0.5), rel=LENS_FLOOR)] * 3
+
+
+def test_circles_are_learned_as_shares_of_the_width():
+    """A photograph of twice the size by the same lens: twice the pixels of focal length, and of width."""
+    views = _views(4.0, 4.0, 4.0)
+    views[1] = dataclasses.replace(views[1], camera=views[1].camera.resized(96, 72))
+    assert lens_ties(views, "aperture").opening == pytest.approx((1.0, 1.0, 1.0))

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from blur_cases import CAMERA, masked, one_gaussian, shot, with_outputs
+from blur_cases import CAMERA, enlarging, masked, one_gaussian, shot, with_outputs
 from tolerances import FLOAT32_SCALAR, FLOAT32_VALUE
 
 from dofbench.gaussians.forward.forward_model import SharpView
@@ -61,3 +61,19 @@ def test_both_networks_of_a_mask_learn() -> None:
     blur.step(0, 0.0, 1.0)
     after = [blur._network.head.weight, blur._enlarged._network.head.weight]
     assert not any(torch.equal(a, b) for a, b in zip(before, after, strict=True)) and blur.gradient() is None
+
+
+def test_the_enlarged_gaussians_of_a_mask_learn_as_they_do_alone() -> None:
+    """At the end of the training, cooled down: the rates of photograph, progress and cooldown reach them."""
+    gradient = torch.Generator().manual_seed(2)
+    alone, blur = enlarging(), masked()
+    for network in (alone._network, blur._enlarged._network):
+        gradient.manual_seed(2)
+        for parameter in network.parameters():
+            parameter.grad = torch.randn(parameter.shape, generator=gradient)
+    for parameter in blur._network.parameters():
+        parameter.grad = torch.zeros_like(parameter)
+    alone.step(2, 1.0, 0.5)
+    blur.step(2, 1.0, 0.5)
+    pairs = zip(alone._network.parameters(), blur._enlarged._network.parameters(), strict=True)
+    assert all(torch.equal(*pair) for pair in pairs)

@@ -78,3 +78,15 @@ def test_three_scales() -> None:
     assert [scales.size(progress) for progress in (0.0, 0.0999, 0.1, 0.1999, 0.2, 1.0)] == [4, 4, 2, 2, 1, 1]
     assert scales.sizes == (1, 2, 4)
     assert ThreeScales(quarter_until=0.0).sizes == (1, 2) and ThreeScales(quarter_until=0.2).sizes == (1, 4)
+
+
+@pytest.mark.parametrize(("width", "deeper"), [(192, 0), (96, 1), (48, 2)])
+def test_each_finer_scale_has_a_layer_more(width: int, deeper: int) -> None:
+    """A picture of a quarter, of half and of all of the photographs' size: the coarse scales come first."""
+    scene, blur = one_gaussian(4.0), proposing(width)
+    raster = scene.rasterise(CAMERA, "depth")
+    blur.photograph(scene, SharpView(lambda: raster), shot()).square().sum().backward()
+    sizes = {factor: head.weight.grad is not None for factor, head in blur._network.heads.items()}
+    assert sum(sizes.values()) == 1
+    learned = [layer.weight.grad is not None and bool(layer.weight.grad.any()) for layer in blur._network.deeper]
+    assert learned == [index < deeper for index in range(len(learned))]

@@ -136,3 +136,17 @@ def test_confidence_by_hand() -> None:
     expected[0, 50] = 0.0
     assert np.array_equal(found.depth, depth) and found.confidence.dtype == np.float32
     assert np.allclose(found.confidence, expected, rtol=FLOAT32_VALUE)
+
+
+def test_what_lies_behind_the_camera_changes_no_spread():
+    alone = reconstruction([2.0, 4.0], [0.5, 0.9]).surface(CAMERA)
+    behind = reconstruction([2.0, 4.0], [0.5, 0.9])
+    behind.gaussians = Gaussians(
+        {name: torch.cat([value.detach(), value.detach()[:1]]) for name, value in behind.gaussians.parameters.items()},
+        None,
+        behind.gaussians.near,
+    )
+    with torch.no_grad():
+        behind.gaussians.parameters["means"][2, 2] = -3.0
+    # Its nearness costs digits, as the largest disparity is the unit, but not many of them.
+    assert np.all(np.abs(behind.surface(CAMERA).spread / alone.spread - 1) < 1 / 20)

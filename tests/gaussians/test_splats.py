@@ -172,3 +172,13 @@ def test_damage_is_named_in_one_line(tmp_path, change, found):
 def test_no_gaussians(tmp_path):
     write_splats(tmp_path / "a.ply", Gaussians(scene(0, 0)))
     assert len(independently(tmp_path / "a.ply")) == 0 and len(read_splats(tmp_path / "a.ply")) == 0
+
+
+def test_opacities_of_zero_and_one_are_numbers_in_the_file(tmp_path):
+    """With the 3D filter opacities are computed, and the logits of 0 and 1 are infinite."""
+    parameters = scene(3, 1, rest=0)
+    parameters["opacity_logits"] = torch.tensor([-200.0, 200.0, 0.5])
+    for filter_3d in (None, torch.zeros(3)):
+        write_splats(tmp_path / "a.ply", Gaussians(parameters, filter_3d))
+        found = independently(tmp_path / "a.ply")["opacity"]
+        assert found.tolist() == pytest.approx([-30.0, 30.0, 0.5], rel=FLOAT32_SCALAR)

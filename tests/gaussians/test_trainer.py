@@ -224,3 +224,28 @@ def test_every_step_of_the_budget_is_taken_and_told():
 
     outcome = Trainer(_training_set(), _options(steps=50), 0).fit(Budget(steps=7), Listening())
     assert told == [1, 2, 3, 4, 5, 6, 7] and outcome.steps == 7
+
+
+def test_the_filter_of_a_trained_scene_is_that_of_where_its_gaussians_end():
+    """It is computed anew every so often, and Gaussians move after the last time."""
+    trainer = Trainer(_training_set(), _options(steps=7, densify_from=1.0, coarse_until=0.5), 0)
+    trainer.fit(Budget(steps=7), Recorder())
+    kept = trainer.gaussians.filter_3d.clone()
+    trainer.gaussians.update_filter_3d(_cameras())
+    assert torch.equal(kept, trainer.gaussians.filter_3d)
+
+
+def test_with_smaller_photographs_the_filter_is_theirs():
+    trainer = Trainer(_training_set(), _options(steps=8, densify_from=1.0, coarse_until=0.5), 0)
+    sizes, filters = [], []
+
+    class Watching(Recorder):
+        def after_step(self, step: int, loss: float) -> bool:
+            sizes.append(trainer.state.cameras[0].width)
+            filters.append(float(trainer.gaussians.filter_3d.median()))
+            return super().after_step(step, loss)
+
+    trainer.fit(Budget(steps=8), Watching())
+    assert sizes == [WIDTH // 2] * 4 + [WIDTH] * 4
+    # A pixel of a photograph of half the size is twice as large.
+    assert 1.9 < filters[0] / filters[-1] < 2.1

@@ -39,3 +39,4 @@ def test_a_snapshot_brings_back_what_training_changes() -> None:
         assert filtered is not None and torch.equal(state.gaussians.filter_3d, filtered)
         again = drawn()
         assert again[:2] == first[:2] and np.array_equal(again[2], first[2])
+        state.gaussians.filter_3d.zero_()

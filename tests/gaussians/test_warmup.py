@@ -10,6 +10,7 @@ import pytest
 from made_up import Recorder, cloud, frontal
 from small_scene import training_set
 
+from dofbench.compute.raster import ViewStatistics
 from dofbench.core.budget import Budget
 from dofbench.gaussians import trainer, warmup
 from dofbench.gaussians.gaussian_method import GaussianMethod
@@ -73,3 +74,22 @@ def test_views_from_the_lens_are_warmed_up_where_any_model_may_need_them(
     monkeypatch.setattr(trainer, "compile_kernels", asked)
     with pytest.raises(Asked, match=str(expected)):
         GaussianMethod({"steps": 5, **options}, 0, "cpu").fit(training_set(), Budget(steps=5), Recorder())
+
+
+@pytest.mark.parametrize("absolute", [True, False])
+def test_gradients_by_absolute_values_are_compiled_where_density_control_asks_for_them(
+    absolute: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def rasterise(*_: object, statistics: ViewStatistics, **__: object) -> None:
+        asked.append(statistics.want_abs)
+        raise FloatingPointError
+
+    monkeypatch.setattr(warmup, "rasterise", rasterise)
+    monkeypatch.setattr(warmup, "rasterise_from_points", rasterise)
+    points = cloud([(0, 0, 2.0), (0, 1, 2.0), (1, 0, 2.0), (1, 1, 2.0)])
+    monkeypatch.setattr(warmup, "is_warm", lambda op: True)
+    options = GaussianOptions.of(grow_absolute=absolute)
+    warmup.compile_kernels(Gaussians.from_points(points, 0), frontal(4, 4, 4.0), options, ("full",), True)
+    assert asked == [absolute, absolute]

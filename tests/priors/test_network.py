@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from tolerances import BEST_SCALE, FLOAT32_GRADIENT, FLOAT32_VALUE
 
 from dofbench.core.errors import InputError
+from dofbench.depth.align import Alignment
 from dofbench.depth.depthnet import MEAN, STD, load_folded
 from dofbench.depth.network import Network, find_network
 from dofbench.learning.priors import network_prior as networks
@@ -177,3 +178,34 @@ def test_nothing_to_tune_by_is_named(photographed):
     network = open_network("", photographed.training_set)
     with pytest.raises(InputError, match="no depth"):
         tune(network, training_set, empty, steps=1, loss="squared", seed=0)
+
+
+@pytest.mark.parametrize("found", [Alignment(3.0, -2.0, 1.0, 0.0), None])
+def test_a_networks_output_becomes_disparity_by_the_fit_or_by_the_points_middle(
+    photographed, found: Alignment | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    training_set, outputs = photographed.training_set, []
+
+    def fit(output: np.ndarray, *_: object) -> Alignment | None:
+        outputs.append(output)
+        return found
+
+    monkeypatch.setattr(networks, "fit", fit)
+    unit, scale, shift = networks._scene_scale(Ramp(), training_set)
+    depth = [
+        networks.sparse_depth(training_set.points, view.camera, index).depth
+        for index, view in enumerate(training_set.views)
+    ]
+    assert unit == pytest.approx(float(np.median(1 / torch.cat(depth).double().numpy())))
+    if found is not None:
+        assert (scale, shift) == (3.0, -2.0)
+    else:
+        assert scale > 0 and scale * np.median(outputs[0]) + shift == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("form", ["squared", "absolute"])
+def test_the_loss_is_a_mean_whatever_the_sum_of_the_weights(form: str) -> None:
+    predicted, target, weight = torch.rand(3, 2, 1, 8, 9, generator=torch.Generator().manual_seed(1))
+    loss = scale_invariant_loss(predicted, target, weight, form)
+    faint = scale_invariant_loss(predicted, target, weight * 1e-3, form)
+    assert torch.isclose(faint, loss, rtol=FLOAT32_GRADIENT)

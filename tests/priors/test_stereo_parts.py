@@ -122,3 +122,33 @@ def test_views_without_a_common_point_come_last() -> None:
     given = TrainingSet(views, points)
     assert stereo.choose_sources(given, 3)[0] == [3, 2, 1]
     assert stereo.choose_sources(given, 1)[0] == [3]
+
+
+def test_planes_are_for_the_middle_of_how_far_places_of_the_picture_move() -> None:
+    """Towards a camera in front places move apart, each differently. Independently: points at both ends of the range
+    behind a grid of three by three places, projected."""
+    camera, source = frontal(80, 60, 100.0), frontal(80, 60, 100.0, (0.1, 0.05, 0.7))
+    low, high = 0.1, 0.6
+    x, y = (places.ravel() for places in np.meshgrid([0.0, 40.0, 80.0], [0.0, 30.0, 60.0]))
+    ends = []
+    for disparity in (low, high):
+        points = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones(9)], axis=1) / disparity
+        ends.append(source.project(points)[0])
+    moved = np.median(np.linalg.norm(ends[0] - ends[1], axis=1))
+    steps = math.ceil(moved / 0.75) + 1
+    found = stereo._planes(camera, [source], low, high)
+    assert steps > 16 and len(found) == -(-steps // 8) * 8
+
+
+def test_coarser_scales_end_with_the_smallest_photograph() -> None:
+    random = np.random.default_rng(0)
+    views = []
+    for name, width, height, x in (("a", 96, 72, 0.0), ("b", 48, 36, 0.2)):
+        image = random.uniform(size=(height, width, 3)).astype(np.float32)
+        views.append(TrainingView(name, frontal(width, height, 0.9 * width, (x, 0.0, 0.0)), image))
+    points = cloud(np.stack([random.uniform(-1, 1, 40), random.uniform(-1, 1, 40), random.uniform(3, 6, 40)], axis=1))
+    told: list[str] = []
+    maps = stereo.stereo_depth(
+        TrainingSet(tuple(views), points), coarser=9, progress=lambda what, done, of: told.append(what)
+    )
+    assert [one.depth.shape for one in maps] == [(72, 96), (36, 48)] and told
