@@ -1,7 +1,8 @@
 import numpy as np
+import torch
 from made_up import cloud, frontal
 
-from dofbench.learning.supervision import sparse_depth
+from dofbench.learning.supervision import DepthMap, DepthSamples, sparse_depth
 
 CAMERA = frontal(100, 80, 90.0)
 
@@ -32,3 +33,11 @@ def test_without_tracks_points_behind_a_surface_are_left_out():
     found = sparse_depth(cloud(front + behind + elsewhere), CAMERA, 0)
     assert len(found.depth) == len(front) + len(elsewhere)
     assert int((found.depth > 5).sum()) == len(elsewhere)
+
+
+def test_samples_are_put_into_a_copy_of_a_depth_map() -> None:
+    before = DepthMap(np.full((2, 3), 4.0, np.float32), np.full((2, 3), 0.5, np.float32))
+    where = torch.tensor([1]), torch.tensor([2])
+    after = before.with_samples(DepthSamples(*where, torch.tensor([7.0])))
+    assert (before.depth == 4.0).all() and (before.weight == 0.5).all()
+    assert after.depth.tolist() == [[4, 4, 4], [4, 4, 7]] and after.weight.tolist() == [[0.5] * 3, [0.5, 0.5, 1.0]]

@@ -152,3 +152,26 @@ def test_coarser_scales_end_with_the_smallest_photograph() -> None:
         TrainingSet(tuple(views), points), coarser=9, progress=lambda what, done, of: told.append(what)
     )
     assert [one.depth.shape for one in maps] == [(72, 96), (36, 48)] and told
+
+
+def test_half_the_size_is_swept_by_half_as_many_planes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """More would find nothing more, and take longer."""
+    random, counts, load = np.random.default_rng(0), [], stereo.load
+    cameras = [frontal(256, 192, 240.0), frontal(256, 192, 240.0, (0.2, 0.0, 0.0))]
+
+    def watched(op: str, *, function: str | None = None):
+        run = load(op, function=function)
+
+        def call(*arguments, **options):
+            if function is None:
+                counts.append(len(arguments[3]))
+            return run(*arguments, **options)
+
+        return call
+
+    monkeypatch.setattr(stereo, "load", watched)
+    levels = [stereo._pyramid(random.random((192, 256, 3)), camera, len(stereo.SCALES)) for camera in cameras]
+    stereo._sweep(levels, 0, [1], 0.1, 0.6)
+    assert len(counts) == len(levels[0]) > 1
+    steps = counts[-1] - 1
+    assert counts[::-1] == [math.ceil(steps / 2**level) + 1 for level in range(len(counts))]
