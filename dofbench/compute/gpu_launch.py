@@ -55,6 +55,11 @@ def interpreted() -> bool:
     return os.environ.get("TRITON_INTERPRET") == "1"
 
 
+def kernels_device() -> str:
+    """The kind of device whose tensors the kernels take here, as torch names it."""
+    return "cpu" if interpreted() else "cuda"
+
+
 def kernels(module: str) -> ModuleType:
     """A module of Triton kernels, such as "tone.gpu_power". Raises InputError where Triton isn't installed."""
     try:
@@ -69,7 +74,7 @@ def kernels(module: str) -> ModuleType:
 
 def check_tensors(op: str, **tensors: Tensor | None) -> None:
     """Raise ValueError, naming the argument, for a tensor that isn't float32 on a GPU (or on the CPU, interpreted)."""
-    kind = "cpu" if interpreted() else "cuda"
+    kind = kernels_device()
     for name, tensor in tensors.items():
         if tensor is not None and (tensor.dtype != torch.float32 or tensor.device.type != kind):
             raise ValueError(f"{op} {name}: expected float32 on {kind}, found {tensor.dtype} on {tensor.device}")

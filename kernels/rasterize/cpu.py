@@ -89,7 +89,7 @@ def rasterize(
     Gaussian, if a Gaussian in front of the camera has a NaN or an infinity.
     """
     parameters = (means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest)
-    check(parameters, filter_3d, background, blur, geometry, sh_degree, filter_2d, near)
+    check(parameters, filter_3d, background, blur, None, geometry, sh_degree, filter_2d, near)
     degree = min(sh_degree, math.isqrt(sh_rest.shape[1] + 1) - 1)
     settings = Settings(
         camera, degree, filter_2d, filter_2d_fades, near, GEOMETRIES.index(geometry), filter_3d, background

@@ -1,44 +1,21 @@
-"""The arguments of the rasterisers: checked, and in the form that the compiled stages need."""
+"""The arguments of the rasterisers on the CPU: checked, and in the form that the compiled stages need."""
 
 from __future__ import annotations
 
 import numpy as np
 import torch
 
-from dofbench.compute.raster import GEOMETRIES
-
 from . import cpu_layout as layout
+from .reference_arguments import NAMES
+from .reference_arguments import check as check_arguments
 
-NAMES = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
 NOTHING = np.empty(0, np.float32)
 
 
-def check(parameters, filter_3d, background, blur, geometry, sh_degree, filter_2d, near) -> None:
+def check(parameters, filter_3d, background, blur, radius, geometry, sh_degree, filter_2d, near) -> None:
     """Raise ValueError for arguments of the wrong shape, type or range; `cpu.rasterize` documents them."""
-    if not 0 <= sh_degree <= 3:
-        raise ValueError(f"sh_degree: expected 0, 1, 2 or 3, found {sh_degree}")
-    if not filter_2d >= 0:
-        raise ValueError(f"filter_2d: expected at least 0, found {filter_2d}")
-    if not near > 0:
-        raise ValueError(f"near: expected more than 0, found {near}")
-    if geometry not in GEOMETRIES:
-        raise ValueError(f"geometry: expected one of {', '.join(GEOMETRIES)}, found {geometry!r}")
-    n = parameters[0].shape[0] if parameters[0].ndim else 0
-    rest = parameters[5].shape[1] if parameters[5].ndim == 3 and parameters[5].shape[1] in (0, 3, 8, 15) else "0|3|8|15"
-    shapes = ((n, 3), (n, 3), (n, 4), (n,), (n, 3), (n, rest, 3), (n,), (3,), (n,))
-    for name, value, shape in zip(
-        (*NAMES, "filter_3d", "background", "blur"), (*parameters, filter_3d, background, blur), shapes, strict=True
-    ):
-        if value is None:
-            continue
-        if tuple(value.shape) != shape:
-            raise ValueError(f"{name}: expected shape {shape}, found {tuple(value.shape)}")
-        if value.dtype != torch.float32 or value.device.type != "cpu" or not value.is_contiguous():
-            found = f"{'' if value.is_contiguous() else 'not '}contiguous {value.dtype} on {value.device}"
-            raise ValueError(f"{name}: expected contiguous torch.float32 on cpu, found {found}")
-        if name in ("filter_3d", "background") and value.requires_grad:
-            raise ValueError(f"{name}: expected a tensor without gradient, found requires_grad=True")
-    if blur is not None and n and (least := float(blur.detach().min())) < 0:
+    check_arguments(parameters, filter_3d, background, blur, radius, geometry, sh_degree, filter_2d, near, "cpu")
+    if blur is not None and len(blur) and (least := float(blur.detach().min())) < 0:
         raise ValueError(f"blur: expected at least 0, found {least}")
 
 

@@ -66,15 +66,10 @@ def rasterize_from_points(
     Raises ValueError and FloatingPointError as `rasterize` does.
     """
     parameters = (means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest)
-    check(parameters, filter_3d, background, blur, "none", sh_degree, filter_2d, near)
+    check(parameters, filter_3d, background, blur, radius, "none", sh_degree, filter_2d, near)
     lens = np.ascontiguousarray(points, dtype=np.float32)
     if lens.ndim != 2 or lens.shape[1:] != (2,) or not len(lens):
         raise ValueError(f"points: expected shape (P, 2), P at least 1, found {lens.shape}")
-    if tuple(radius.shape) != (means.shape[0],) or radius.dtype != torch.float32 or not radius.is_contiguous():
-        raise ValueError(
-            f"radius: expected contiguous torch.float32 of shape ({means.shape[0]},), found {radius.dtype} of shape "
-            f"{tuple(radius.shape)}"
-        )
     degree = min(sh_degree, math.isqrt(sh_rest.shape[1] + 1) - 1)
     settings = Settings(camera, degree, filter_2d, filter_2d_fades, near, 0, filter_3d, background)
     images: Tensor = _FromPoints.apply(settings, statistics, lens, blur, radius, *parameters)

@@ -15,13 +15,14 @@ import torch
 from torch import Tensor
 
 from dofbench.compute.backend import Backend
-from dofbench.compute.gpu_launch import kernels, launch
+from dofbench.compute.gpu_launch import kernels, kernels_device, launch
 from dofbench.compute.raster import GEOMETRIES, Geometry, Raster, ViewStatistics
 from dofbench.core.cameras import Camera
 
 from .gpu_gradient import gradients
-from .gpu_inputs import Settings, check
+from .gpu_inputs import Settings
 from .gpu_lists import project_and_list
+from .reference_arguments import check
 
 BACKEND = Backend(devices=("cuda",), dtypes=("float32",), bits_repeat=True)
 # The level of geometry that each output belongs to.
@@ -53,7 +54,7 @@ def rasterize(
     Waits for the GPU once, before blending. Raises InputError where Triton isn't installed.
     """
     parameters = (means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest)
-    check(parameters, filter_3d, background, blur, None, geometry, sh_degree, filter_2d, near)
+    check(parameters, filter_3d, background, blur, None, geometry, sh_degree, filter_2d, near, kernels_device())
     degree = min(sh_degree, math.isqrt(sh_rest.shape[1] + 1) - 1)
     level = GEOMETRIES.index(geometry)
     settings = Settings(
@@ -89,7 +90,7 @@ def rasterize_from_points(
     Triton isn't installed.
     """
     parameters = (means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest)
-    check(parameters, filter_3d, background, blur, radius, "none", sh_degree, filter_2d, near)
+    check(parameters, filter_3d, background, blur, radius, "none", sh_degree, filter_2d, near, kernels_device())
     lens = np.ascontiguousarray(points, dtype=np.float32)
     if lens.ndim != 2 or lens.shape[1:] != (2,) or not len(lens):
         raise ValueError(f"points: expected shape (P, 2), P at least 1, found {lens.shape}")

@@ -1,4 +1,4 @@
-"""The arguments of the rasterisers on a GPU: checked, and in the form that its kernels need."""
+"""The arguments of the rasterisers on a GPU, in the form that its kernels need."""
 
 from __future__ import annotations
 
@@ -6,58 +6,19 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.compute.gpu_launch import check_tensors
-from dofbench.compute.raster import GEOMETRIES
 from dofbench.core.cameras import Camera
+
+from .reference_arguments import NAMES
 
 TILE = 16  # pixels, width and height
 RECORD = 16  # floats that projection keeps of a Gaussian
 BAD = 2**31 - 1  # the number of tiles that stands for a Gaussian that can't be drawn, and so for an error
-
-NAMES = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
 
 # Places in `Settings.view`, one float32 each: the camera, the constants of the view, three zeros that are the colour of
 # a black background, and two for each point of the lens.
 ROTATION, TRANSLATION, CENTRE = 0, 9, 12
 FX, FY, CX, CY, WIDTH, HEIGHT, NEAR, FILTER_2D, U_LOW, U_HIGH, V_LOW, V_HIGH = range(15, 27)
 BLACK, POINTS = 28, 32
-
-
-def check(
-    parameters: tuple[Tensor, ...],
-    filter_3d: Tensor | None,
-    background: Tensor | None,
-    blur: Tensor | None,
-    radius: Tensor | None,
-    geometry: str,
-    sh_degree: int,
-    filter_2d: float,
-    near: float,
-) -> None:
-    """Raise ValueError for arguments of the wrong shape, type, device or range; `cpu.rasterize` documents them."""
-    if not 0 <= sh_degree <= 3:
-        raise ValueError(f"sh_degree: expected 0, 1, 2 or 3, found {sh_degree}")
-    if not filter_2d >= 0:
-        raise ValueError(f"filter_2d: expected at least 0, found {filter_2d}")
-    if not near > 0:
-        raise ValueError(f"near: expected more than 0, found {near}")
-    if geometry not in GEOMETRIES:
-        raise ValueError(f"geometry: expected one of {', '.join(GEOMETRIES)}, found {geometry!r}")
-    n = parameters[0].shape[0] if parameters[0].ndim else 0
-    rest = parameters[5].shape[1] if parameters[5].ndim == 3 and parameters[5].shape[1] in (0, 3, 8, 15) else "0|3|8|15"
-    shapes = ((n, 3), (n, 3), (n, 4), (n,), (n, 3), (n, rest, 3), (n,), (3,), (n,), (n,))
-    names = (*NAMES, "filter_3d", "background", "blur", "radius")
-    tensors = dict(zip(names, (*parameters, filter_3d, background, blur, radius), strict=True))
-    check_tensors("rasterize", **tensors)
-    for (name, tensor), shape in zip(tensors.items(), shapes, strict=True):
-        if tensor is None:
-            continue
-        if tuple(tensor.shape) != shape:
-            raise ValueError(f"{name}: expected shape {shape}, found {tuple(tensor.shape)}")
-        if not tensor.is_contiguous():
-            raise ValueError(f"{name}: expected a contiguous tensor, found strides {tensor.stride()}")
-        if name in ("filter_3d", "background") and tensor.requires_grad:
-            raise ValueError(f"{name}: expected a tensor without gradient, found requires_grad=True")
 
 
 class Settings:

@@ -14,7 +14,7 @@ from dofbench.core.lens import ALPHA, ApertureShape, Energy
 
 from . import cpu_direct, cpu_direct_backward, cpu_linear, cpu_linear_backward
 from .cpu_pack import COLOURS, RATIONAL, brightness, edges, geometry, pack_sources
-from .reference import check_largest
+from .reference import check, check_largest
 
 # Largest radius, pixels, from which on "auto" uses the linear form. At 504 x 378 forward and backward pass together
 # take equally long in both forms at about 22 px on smooth disparity, and at 17 px on noise, where the direct form can't
@@ -37,7 +37,7 @@ def scatter(
     input gives the same bits, whatever the number of threads. Raises ValueError for other tensors and for unknown
     options, FloatingPointError for a radius that isn't finite; a NaN in the image comes out as NaN.
     """
-    _check(image, signed_radius, alpha, energy, form)
+    check(image, signed_radius, alpha, energy, form, "cpu")
     height, width, channels = image.shape
     groups = []
     for first in range(0, channels, COLOURS):
@@ -47,24 +47,6 @@ def scatter(
         groups.append(_Scatter.apply(colours.contiguous(), signed_radius, alpha, shape, energy == "area", form))
     blurred = groups[0] if len(groups) == 1 else torch.cat(groups, dim=2)
     return blurred if blurred.shape[2] == channels else blurred[..., :channels].contiguous()
-
-
-def _check(image: Tensor, signed_radius: Tensor, alpha: float, energy: str, form: str) -> None:
-    if image.ndim != 3 or 0 in image.shape:
-        raise ValueError(f"image: expected shape (H, W, C) without a zero, found {tuple(image.shape)}")
-    if signed_radius.shape != image.shape[:2]:
-        raise ValueError(f"signed_radius: expected shape {tuple(image.shape[:2])}, found {tuple(signed_radius.shape)}")
-    for name, tensor in (("image", image), ("signed_radius", signed_radius)):
-        if tensor.dtype != torch.float32 or tensor.device.type != "cpu" or not tensor.is_contiguous():
-            kind = "contiguous" if tensor.is_contiguous() else "strided"
-            found = f"{kind} {tensor.dtype} on {tensor.device}"
-            raise ValueError(f"{name}: expected contiguous float32 on cpu, found {found}")
-    if not alpha > 0:
-        raise ValueError(f"alpha: expected a positive number, found {alpha}")
-    if energy not in ("area", "algorithm1"):
-        raise ValueError(f"energy: expected 'area' or 'algorithm1', found {energy!r}")
-    if form not in ("auto", "direct", "linear"):
-        raise ValueError(f"form: expected 'auto', 'direct' or 'linear', found {form!r}")
 
 
 def _is_linear(form: str, largest: float, shape: ApertureShape) -> bool:

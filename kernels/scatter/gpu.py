@@ -10,10 +10,10 @@ import torch
 from torch import Tensor
 
 from dofbench.compute.backend import Backend
-from dofbench.compute.gpu_launch import check_tensors, kernels, launch
+from dofbench.compute.gpu_launch import kernels, kernels_device, launch
 from dofbench.core.lens import ALPHA, ApertureShape, Energy
 
-from .reference import STOP_OPACITY
+from .reference import STOP_OPACITY, check
 
 BACKEND = Backend(devices=("cuda",), dtypes=("float32",), bits_repeat=True)
 _COLOURS = 3
@@ -40,30 +40,16 @@ def scatter(
     finite, or above 9e18, makes the pixels that it reaches NaN instead of raising, since raising would have the host
     wait for the device. Raises ValueError for other tensors and for unknown options.
     """
-    _check(image, signed_radius, alpha, energy, form)
+    check(image, signed_radius, alpha, energy, form, kernels_device())
     channels = image.shape[2]
     groups = []
     for first in range(0, channels, _COLOURS):
         colours = image[..., first : first + _COLOURS]
         if colours.shape[2] < _COLOURS:
             colours = torch.nn.functional.pad(colours, (0, _COLOURS - colours.shape[2]))
-        groups.append(_Scatter.apply(colours.contiguous(), signed_radius.contiguous(), alpha, shape, energy == "area"))
+        groups.append(_Scatter.apply(colours.contiguous(), signed_radius, alpha, shape, energy == "area"))
     blurred = groups[0] if len(groups) == 1 else torch.cat(groups, dim=2)
     return blurred if blurred.shape[2] == channels else blurred[..., :channels].contiguous()
-
-
-def _check(image: Tensor, signed_radius: Tensor, alpha: float, energy: str, form: str) -> None:
-    if image.ndim != 3 or 0 in image.shape:
-        raise ValueError(f"image: expected shape (H, W, C) without a zero, found {tuple(image.shape)}")
-    if signed_radius.shape != image.shape[:2]:
-        raise ValueError(f"signed_radius: expected shape {tuple(image.shape[:2])}, found {tuple(signed_radius.shape)}")
-    check_tensors("scatter", image=image, signed_radius=signed_radius)
-    if not alpha > 0:
-        raise ValueError(f"alpha: expected a positive number, found {alpha}")
-    if energy not in ("area", "algorithm1"):
-        raise ValueError(f"energy: expected 'area' or 'algorithm1', found {energy!r}")
-    if form not in ("auto", "direct", "linear"):
-        raise ValueError(f"form: expected 'auto', 'direct' or 'linear', found {form!r}")
 
 
 @cache

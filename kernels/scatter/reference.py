@@ -69,6 +69,24 @@ def scatter(
     return blurred / total[..., None]
 
 
+def check(image: Tensor, signed_radius: Tensor, alpha: float, energy: str, form: str, kind: str) -> None:
+    """Raise ValueError for tensors and options that no compiled backend takes. kind: of device, as torch names it."""
+    if image.ndim != 3 or 0 in image.shape:
+        raise ValueError(f"image: expected shape (H, W, C) without a zero, found {tuple(image.shape)}")
+    if signed_radius.shape != image.shape[:2]:
+        raise ValueError(f"signed_radius: expected shape {tuple(image.shape[:2])}, found {tuple(signed_radius.shape)}")
+    for name, tensor in (("image", image), ("signed_radius", signed_radius)):
+        if tensor.dtype != torch.float32 or tensor.device.type != kind or not tensor.is_contiguous():
+            found = f"{'contiguous' if tensor.is_contiguous() else 'strided'} {tensor.dtype} on {tensor.device}"
+            raise ValueError(f"{name}: expected contiguous float32 on {kind}, found {found}")
+    if not alpha > 0:
+        raise ValueError(f"alpha: expected a positive number, found {alpha}")
+    if energy not in ("area", "algorithm1"):
+        raise ValueError(f"energy: expected 'area' or 'algorithm1', found {energy!r}")
+    if form not in ("auto", "direct", "linear"):
+        raise ValueError(f"form: expected 'auto', 'direct' or 'linear', found {form!r}")
+
+
 def check_largest(radius: float, kind: torch.finfo) -> None:
     """Raise FloatingPointError unless the area term of the largest radius, pixels, is a normal number.
 

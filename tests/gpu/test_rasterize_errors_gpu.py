@@ -39,8 +39,8 @@ def test_a_projection_that_overflows_is_told() -> None:
     ("name", "value", "found"),
     [
         ("means", torch.zeros(4, 2), r"means: expected shape \(4, 3\), found \(4, 2\)"),
-        ("quaternions", torch.zeros(4, 4).double(), "quaternions: expected float32"),
-        ("sh_dc", torch.zeros(3, 4).T, "sh_dc: expected a contiguous tensor"),
+        ("quaternions", torch.zeros(4, 4).double(), "quaternions: expected contiguous torch.float32"),
+        ("sh_dc", torch.zeros(3, 4).T, "sh_dc: expected contiguous torch.float32 on cpu, found not contiguous"),
         ("sh_rest", torch.zeros(4, 5, 3), "sh_rest: expected shape"),
         ("filter_3d", torch.zeros(3), r"filter_3d: expected shape \(4,\)"),
         ("background", torch.zeros(3, requires_grad=True), "background: expected a tensor without gradient"),
