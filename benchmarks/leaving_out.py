@@ -82,14 +82,15 @@ def _compared(settings: Settings, data: Path, inputs: str, measured: set[str]) -
         out=settings.results,
         inputs=inputs,
     )
-    plan = plan_run(call, data).plan
+    planned = plan_run(call, data)
+    plan, dataset = planned.plan, planned.spec.dataset
     needless = {stage.name: stage.reason for stage in plan.stages if not stage.runs}
     if not needless:
         reasons = "; ".join(f"{stage.name}: {stage.reason}" for stage in plan.stages)
-        return [], f"| {plan.dataset} | {inputs} | nothing | {reasons} |" + " – |" * 7
+        return [], f"| {dataset} | {inputs} | nothing | {reasons} |" + " – |" * 7
     reasons = "; ".join(needless.values())
     if measured >= needless.keys():
-        return [], f"| {plan.dataset} | {inputs} | {', '.join(needless)} | {reasons} |" + " as above |" * 7
+        return [], f"| {dataset} | {inputs} | {', '.join(needless)} | {reasons} |" + " as above |" * 7
     measured.update(needless)
     rows, found = [], {False: [], True: []}
     for seed in range(settings.seeds):
@@ -98,7 +99,7 @@ def _compared(settings: Settings, data: Path, inputs: str, measured: set[str]) -
             found[forced].append(result)
             rows.append(
                 {
-                    "dataset": plan.dataset,
+                    "dataset": dataset,
                     "inputs": inputs,
                     "left_out": ", ".join(needless),
                     "reason": "; ".join(needless.values()),
@@ -107,12 +108,12 @@ def _compared(settings: Settings, data: Path, inputs: str, measured: set[str]) -
                     **{score: result.scores.get(score) for score in SCORES},
                 }
             )
-    planned, forced = (
+    as_planned, forced = (
         statistics.median(result.scores["train_cpu_s"] for result in found[key]) for key in (False, True)
     )
-    cells = [f"{planned:.0f}", f"{forced:.0f}", f"{1 - planned / forced:.0%}"]
+    cells = [f"{as_planned:.0f}", f"{forced:.0f}", f"{1 - as_planned / forced:.0%}"]
     cells += [_spread(found[key], score) for score in ("aif_psnr", "psnr") for key in (False, True)]
-    return rows, f"| {plan.dataset} | {inputs} | {', '.join(needless)} | {reasons} | " + " | ".join(cells) + " |"
+    return rows, f"| {dataset} | {inputs} | {', '.join(needless)} | {reasons} | " + " | ".join(cells) + " |"
 
 
 def _trained(call: Run, seed: int, forced: bool) -> Result:

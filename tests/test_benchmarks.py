@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import importlib
 import re
 import sys
 from pathlib import Path
 
 import pytest
+from small_dataset import write_dataset
 
 FOLDER = Path(__file__).resolve().parents[1] / "benchmarks"
 SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py"))
@@ -43,3 +45,20 @@ def test_options_in_the_readme_are_the_scripts(beside: None, script: str, option
     takes_option = importlib.import_module("figure_sources").takes_option
     for option in re.findall(r"--([a-z-]+)", options):
         assert takes_option(FOLDER / f"{script}.py", option), f"{script}.py has no --{option}"
+
+
+def test_leaving_out_compares_the_plan_with_all_stages(beside: None, tmp_path: Path) -> None:
+    leaving_out = importlib.import_module("leaving_out")
+    data = write_dataset(tmp_path / "data")
+    settings = leaving_out.Settings(
+        (data,), tmp_path / "out", results=tmp_path / "results", preset="smoke", budget="2it", seeds=2
+    )
+    leaving_out.main(settings)
+    with (tmp_path / "out" / "leaving-out.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert rows and {(row["forced"], row["seed"]) for row in rows} == {
+        (forced, seed) for forced in ("True", "False") for seed in "01"
+    }
+    assert all(float(row["train_cpu_s"]) > 0 and float(row["aif_psnr"]) > 0 for row in rows)
+    table = (tmp_path / "out" / "leaving-out.md").read_text().splitlines()
+    assert len(table) == 4 and len({line.count("|") for line in table}) == 1
