@@ -99,7 +99,8 @@ def test_a_lens_that_explains_the_photographs_stays_as_it_is():
     ("gain", "circle", "runs"),
     [
         (0.008, 0.8, False),  # no gain, and hardly any blur
-        (0.008, 9.0, True),  # no gain over blurred colours, but visible blur
+        (0.008, 1.5, True),  # no gain over blurred colours, but visible blur
+        (0.008, 9.0, True),
         (0.03, 0.8, True),  # a small gain, but significant
         (-0.4, 9.0, False),  # predicts the photographs worse
         (0.30, 0.8, True),

@@ -13,6 +13,7 @@ from random_gaussians import NAMES, assert_agree, assert_close, cpu, reference, 
 from tolerances import FINITE_DIFFERENCE, FLOAT32_GRADIENT, PLANE_DEPTH, TILING
 
 from dofbench.core.cameras import Camera
+from dofbench.kernels.rasterize.reference import rotation_matrices
 
 
 @pytest.mark.parametrize("geometry", ["none", "depth", "full", "distortion"])
@@ -260,3 +261,12 @@ def test_wrong_arguments_say_so(name, value, found):
     arguments = {**scene(4, 18), "camera": view(), name: value}
     with pytest.raises(ValueError, match=found):
         cpu(**arguments)
+
+
+def test_rotations_of_special_quaternions() -> None:
+    """Half a turn about z, of any length; a third of a turn takes x to y, y to z; none for a quaternion of zeros."""
+    quaternions = torch.tensor([[0, 0, 0, 2], [0.5, 0.5, 0.5, 0.5], [0, 0, 0, 0], [-3, 0, 0, 0]], dtype=torch.float64)
+    found = rotation_matrices(quaternions)
+    assert torch.equal(found[0], torch.diag(torch.tensor([-1.0, -1.0, 1.0], dtype=torch.float64)))
+    assert torch.equal(found[1], torch.eye(3, dtype=torch.float64)[[2, 0, 1]])
+    assert torch.equal(found[2], torch.eye(3, dtype=torch.float64)) and torch.equal(found[3], found[2])

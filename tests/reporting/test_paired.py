@@ -206,3 +206,9 @@ def test_comparisons_of_a_column_are_judged_by_their_adjusted_p() -> None:
     ]
     pair = adjusted([Compared("psnr", Difference(9, 1.0, 0.5, 0.03, low=0.2, high=1.8))] * 2)
     assert [one.verdict for one in pair] == ["", ""]
+
+
+def test_what_is_equal_everywhere_has_its_seeds_too() -> None:
+    values = np.array([[1.0, 2.0, 3.0], [2.0, 3.0, 4.0]])
+    found = grouped_difference([(values, values)])
+    assert (found.mean, found.spread, found.p, found.seeds) == (0.0, 0.0, None, 2)
