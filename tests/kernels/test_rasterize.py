@@ -6,6 +6,7 @@ import numba
 import numpy as np
 import pytest
 import torch
+from dofbench.kernels.rasterize.reference import rotation_matrices
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_up import frontal
@@ -13,7 +14,6 @@ from random_gaussians import NAMES, assert_agree, assert_close, cpu, reference, 
 from tolerances import FINITE_DIFFERENCE, FLOAT32_GRADIENT, PLANE_DEPTH, TILING
 
 from dofbench.core.cameras import Camera
-from dofbench.kernels.rasterize.reference import rotation_matrices
 
 
 @pytest.mark.parametrize("geometry", ["none", "depth", "full", "distortion"])
