@@ -143,7 +143,7 @@ def test_planes_are_for_the_middle_of_how_far_places_of_the_picture_move() -> No
 def test_coarser_scales_end_with_the_smallest_photograph() -> None:
     random = np.random.default_rng(0)
     views = []
-    for name, width, height, x in (("a", 96, 72, 0.0), ("b", 48, 36, 0.2)):
+    for name, width, height, x in (("a", 256, 192, 0.0), ("b", 96, 72, 0.2)):
         image = random.uniform(size=(height, width, 3)).astype(np.float32)
         views.append(TrainingView(name, frontal(width, height, 0.9 * width, (x, 0.0, 0.0)), image))
     points = cloud(np.stack([random.uniform(-1, 1, 40), random.uniform(-1, 1, 40), random.uniform(3, 6, 40)], axis=1))
@@ -151,7 +151,8 @@ def test_coarser_scales_end_with_the_smallest_photograph() -> None:
     maps = stereo.stereo_depth(
         TrainingSet(tuple(views), points), coarser=9, progress=lambda what, done, of: told.append(what)
     )
-    assert [one.depth.shape for one in maps] == [(72, 96), (36, 48)] and told
+    assert [one.depth.shape for one in maps] == [(192, 256), (72, 96)]
+    assert not any("1/2" in what for what in told)  # the smaller photograph has no half that could be matched
 
 
 def test_half_the_size_is_swept_by_half_as_many_planes(monkeypatch: pytest.MonkeyPatch) -> None:
