@@ -1,4 +1,4 @@
-"""What GPU kernels need of a GPU, by compiling them for GPUs that aren't here: reports/gpu/kernels.csv and kernels.md.
+"""What GPU kernels need of a GPU, by compiling them for GPUs that aren't here: kernels.csv and README.md in reports/gpu.
 
     python benchmarks/gpu_kernels.py --out reports/gpu
 
@@ -37,7 +37,7 @@ class Settings:
     """Where the tables go, and for which architectures."""
 
     out: Path
-    """Folder for kernels.csv and kernels.md."""
+    """Folder for kernels.csv and README.md."""
     architectures: tuple[int, ...] = (80, 90, 100)
     """Compute capabilities times ten: 80 is an A100, 89 an RTX 4090, 90 an H100, 100 a B200."""
 
@@ -93,7 +93,7 @@ def main(settings: Settings) -> None:
     names = tuple(field.name for field in fields(Row))
     write_csv(settings.out / "kernels.csv", names, [{name: getattr(row, name) for name in names} for row in rows])
     reasons = tomllib.loads((HERE / "gpu_kernels.toml").read_text(encoding="utf-8"))
-    write_text(settings.out / "kernels.md", page(rows, reasons))
+    write_text(settings.out / "README.md", page(rows, reasons))
     if lacking := unexplained(rows, reasons):
         raise SystemExit("without a reason in gpu_kernels.toml: " + ", ".join(lacking))
 
