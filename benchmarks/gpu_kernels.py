@@ -1,4 +1,4 @@
-"""What GPU kernels need of a GPU, by compiling them for GPUs that aren't here: kernels.csv and README.md in reports/gpu.
+"""What GPU kernels need of a GPU, compiled for GPUs that aren't here: kernels.csv and README.md in reports/gpu.
 
     python benchmarks/gpu_kernels.py --out reports/gpu
 
