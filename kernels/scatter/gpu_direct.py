@@ -10,14 +10,18 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
+from dofbench.core import lens
+
+from . import reference
+
 # Sources are followed until exp(-tail) of their full weight, as on the CPU (cpu_pack.py).
 BAND_EXPONENT = tl.constexpr(12.0)
 FOCUS_EXPONENT = tl.constexpr(18.0)
 USUAL_CONTRAST = tl.constexpr(4.0)
 BRIGHT = tl.constexpr(2.718281828459045 * 4.0)
 SMALLEST_MEAN = tl.constexpr(1e-30)
-AREA_EPSILON = tl.constexpr(0.2)
-STOP_OPACITY = tl.constexpr(0.999)
+AREA_EPSILON = tl.constexpr(lens.AREA_EPSILON)
+STOP_OPACITY = tl.constexpr(reference.STOP_OPACITY)
 LOG2_E = tl.constexpr(1.4426950408889634)
 
 

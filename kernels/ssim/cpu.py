@@ -11,7 +11,6 @@ reason the kernels (`cpu_windows.py`) sum up 1 - S.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,23 +23,9 @@ from dofbench.compute.kernel_cache import is_compiled
 
 from .cpu_edges import add_edges_gradient, edges
 from .cpu_windows import BAND, build
-from .reference import K1, K2, Border, check_images, check_weight, gaussian_window
+from .reference import K1, K2, Border, Settings, check_images, check_weight, gaussian_window
 
 _NOTHING = np.empty((0, 0), dtype=np.float32)  # what the kernels take for no weight
-
-
-@dataclass(frozen=True)
-class _Settings:
-    """The options of a call. with_l1: whether the L1 mean is computed too. weigh_all: whether the weight acts on 1 - S
-    and on the edges too. with_edges: whether the error of the edges is computed."""
-
-    border: Border
-    window: int
-    sigma: float
-    data_range: float
-    with_l1: bool
-    weigh_all: bool = False
-    with_edges: bool = False
 
 
 class _Compare(torch.autograd.Function):
@@ -48,7 +33,7 @@ class _Compare(torch.autograd.Function):
     differentiable with respect to the prediction."""
 
     @staticmethod
-    def forward(context, prediction: Tensor, target: Tensor, weight: Tensor | None, settings: _Settings):
+    def forward(context, prediction: Tensor, target: Tensor, weight: Tensor | None, settings: Settings):
         height, width, channels = prediction.shape
         p, t = (image.detach().contiguous().view(height, width * channels).numpy() for image in (prediction, target))
         w = _NOTHING if weight is None else weight.detach().contiguous().numpy()
@@ -127,7 +112,7 @@ def ssim(
     """
     check_images(prediction, target, border, window, sigma, data_range)
     _check_device(prediction, target)
-    settings = _Settings(border, window, sigma, data_range, with_l1=False)
+    settings = Settings(border, window, sigma, data_range, with_l1=False)
     return 1 - _Compare.apply(prediction, target, None, settings)[0]
 
 
@@ -152,7 +137,7 @@ def l1_ssim(
     check_images(prediction, target, border, window, sigma, data_range)
     check_weight(prediction, weight)
     _check_device(prediction, target, weight)
-    settings = _Settings(border, window, sigma, data_range, True, weigh_all, with_edges=edge_weight != 0)
+    settings = Settings(border, window, sigma, data_range, True, weigh_all, with_edges=edge_weight != 0)
     unlike, l1, edge_error = _Compare.apply(prediction, target, weight, settings)
     loss = (1 - ssim_weight) * l1 + ssim_weight * unlike
     return loss + edge_weight * edge_error if edge_weight else loss

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 
 import torch
@@ -12,24 +11,10 @@ from torch.autograd.function import once_differentiable
 from dofbench.compute.backend import Backend
 from dofbench.compute.gpu_launch import check_tensors, kernels, launch
 
-from .reference import K1, K2, Border, check_images, check_weight, gaussian_window
+from .reference import K1, K2, Border, Settings, check_images, check_weight, gaussian_window
 
 BACKEND = Backend(devices=("cuda",), dtypes=("float32",), bits_repeat=True)
 _BLOCK = 256
-
-
-@dataclass(frozen=True)
-class _Settings:
-    """The options of a call. with_l1: whether the L1 mean is computed too. weigh_all: whether the weight acts on 1 - S
-    and on the edges too. with_edges: whether the error of the edges is computed."""
-
-    border: Border
-    window: int
-    sigma: float
-    data_range: float
-    with_l1: bool
-    weigh_all: bool = False
-    with_edges: bool = False
 
 
 @cache
@@ -57,7 +42,7 @@ class _Compare(torch.autograd.Function):
     differentiable with respect to the prediction."""
 
     @staticmethod
-    def forward(context, prediction: Tensor, target: Tensor, weight: Tensor | None, settings: _Settings):
+    def forward(context, prediction: Tensor, target: Tensor, weight: Tensor | None, settings: Settings):
         windows = kernels("ssim.gpu_windows")
         prediction, target = prediction.contiguous(), target.contiguous()
         height, width, channels = prediction.shape
@@ -137,7 +122,7 @@ def ssim(
     """
     check_images(prediction, target, border, window, sigma, data_range)
     check_tensors("ssim", prediction=prediction, target=target)
-    settings = _Settings(border, window, sigma, data_range, with_l1=False)
+    settings = Settings(border, window, sigma, data_range, with_l1=False)
     return 1 - _Compare.apply(prediction, target, None, settings)[0]
 
 
@@ -162,7 +147,7 @@ def l1_ssim(
     check_images(prediction, target, border, window, sigma, data_range)
     check_weight(prediction, weight)
     check_tensors("ssim", prediction=prediction, target=target, weight=weight)
-    settings = _Settings(border, window, sigma, data_range, True, weigh_all, with_edges=edge_weight != 0)
+    settings = Settings(border, window, sigma, data_range, True, weigh_all, with_edges=edge_weight != 0)
     unlike, l1, edge_error = _Compare.apply(prediction, target, weight, settings)
     loss = (1 - ssim_weight) * l1 + ssim_weight * unlike
     return loss + edge_weight * edge_error if edge_weight else loss

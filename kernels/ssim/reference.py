@@ -6,6 +6,7 @@ structural similarity", IEEE TIP 2004, equation 13 with K1 = 0.01, K2 = 0.03 and
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import torch
@@ -17,6 +18,23 @@ from dofbench.compute.backend import Backend
 BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
 K1, K2 = 0.01, 0.03
 Border = Literal["same", "valid"]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The options of a call, as compiled backends take them.
+
+    with_l1: whether the L1 mean is computed too. weigh_all: whether the weight acts on 1 - S and on the edges too.
+    with_edges: whether the error of the edges is computed.
+    """
+
+    border: Border
+    window: int
+    sigma: float
+    data_range: float
+    with_l1: bool
+    weigh_all: bool = False
+    with_edges: bool = False
 
 
 def gaussian_window(window: int, sigma: float) -> list[float]:
