@@ -88,11 +88,13 @@ class Reconstruction:
         """The surface of the reconstruction as the camera sees it."""
         raster = rasterise(self.gaussians, camera, self._options.appearance, sh_degree=0)
         assert raster.depth is not None
-        # Rendered with disparity and its square as colours: their blends give mean and variance of disparity.
+        # Rendered with disparity and its square as colours: their blends give mean and variance of disparity. Gaussians
+        # that the camera doesn't see have none, since the unit is the largest disparity, and digits of values much
+        # smaller than the unit are lost.
         pose = torch.from_numpy(np.array(camera.world_to_camera)).float()
         z = self.gaussians.parameters["means"] @ pose[2, :3] + pose[2, 3]
-        disparity = 1 / z.clamp_min(1e-3 * float(z.max().clamp_min(1e-6)))
-        unit = float(disparity.max())
+        disparity = torch.where(z > self.gaussians.near, 1 / z, 0.0)
+        unit = float(disparity.max()) or 1.0
         moments = torch.stack([disparity / unit, (disparity / unit) ** 2, torch.zeros_like(z)], dim=1)
         colours = {"sh_dc": (moments - 0.5) / SH_C0}
         painted = Gaussians({**self.gaussians.parameters, **colours}, self.gaussians.filter_3d, self.gaussians.near)

@@ -14,6 +14,7 @@ from . import cpu_layout as layout
 
 ONE = np.float32(1.0)
 ZERO = np.float32(0.0)
+SQUARES_UNDERFLOW = np.float32(1e-15)  # numbers below it have squares of less than 1e-30, whose last digits are lost
 
 
 @njit(forceinline=True)
@@ -142,13 +143,18 @@ def footprint8(view, axes, filtered, iz, cu, cv):
 def plane8(axes, filtered, cu, cv):
     """The plane of largest density along each ray (RaDe-GS, current version), given by its normal h up to a factor.
 
-    Returns the weights w of the axes m, k_i = m_i . r with the ray r = (cu, cv, 1), w_i k_i, h = sum of w_i k_i m_i,
-    h . r and the length of h.
+    Returns the weights w of the axes m up to that factor, k_i = m_i . r with the ray r = (cu, cv, 1), w_i k_i,
+    h = sum of w_i k_i m_i, h . r and the length of h.
     """
     m0x, m0y, m0z, m1x, m1y, m1z, m2x, m2y, m2z = axes
     e0, e1, e2 = filtered
     w0, w1, w2 = weights8(e0, e1, e2)
     k0, k1, k2 = m0x * cu + (m0y * cv + m0z), m1x * cu + (m1y * cv + m1z), m2x * cu + (m2y * cv + m2z)
+    # Seen exactly along its plane, a thin Gaussian has only tiny w_i k_i. Their squares underflow in float32 unless the
+    # weights are enlarged first.
+    largest = max8(abs8(w0 * k0), max8(abs8(w1 * k1), abs8(w2 * k2)))
+    factor = select8((largest > ZERO) & (largest < SQUARES_UNDERFLOW), ONE / largest, ONE)
+    w0, w1, w2 = w0 * factor, w1 * factor, w2 * factor
     b0, b1, b2 = w0 * k0, w1 * k1, w2 * k2
     hx, hy, hz = dot3(b0, b1, b2, m0x, m1x, m2x), dot3(b0, b1, b2, m0y, m1y, m2y), dot3(b0, b1, b2, m0z, m1z, m2z)
     along = dot3(b0, b1, b2, k0, k1, k2)

@@ -63,6 +63,16 @@ def test_spread_is_the_deviation_of_what_is_blended():
     assert surface.spread[6, 8] == pytest.approx(expected, rel=FLOAT32_GRADIENT)
 
 
+def test_gaussians_behind_the_camera_change_no_digit_of_the_spread():
+    """They and one at the near plane, whose disparity is far above that of what is seen."""
+    alone = reconstruction([2.0, 2.1], [0.5, 0.8])
+    parameters = {name: value.repeat(2, *[1] * (value.ndim - 1)) for name, value in alone.gaussians.parameters.items()}
+    parameters["means"][2:, 2] = torch.tensor([-1000.0, alone.gaussians.near])
+    crowded = Reconstruction(Gaussians(parameters), OPTIONS.with_overrides({"filter_3d": False}))
+    expected, found = alone.surface(CAMERA), crowded.surface(CAMERA)
+    assert expected.spread.any() and np.array_equal(found.spread, expected.spread)
+
+
 def test_nothing_is_unknown():
     surface = reconstruction([2.0], [0.05]).surface(CAMERA)
     assert (surface.depth == 0).all() and (surface.spread == 0).all()

@@ -4,6 +4,7 @@ import itertools
 import math
 
 import numpy as np
+import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
@@ -169,3 +170,16 @@ def test_a_tilted_plane_of_gaussians_has_its_depth_and_normals_and_agrees_with_i
     # A single surface has almost no distortion, compared with the same plane seen through a second one.
     spread = float((raster.distortion / raster.alpha**2).sqrt().max() * expected.max())
     assert spread < SURFACE_OF_DISCS
+
+
+@pytest.mark.parametrize("aside", [0.0, 4e-8, 1e-2])
+def test_a_thin_gaussian_seen_along_its_plane(aside: float):
+    """On the axis, where all squares of its normal underflow in float32; a hundred-millionth of its distance beside it,
+    where it counts as seen edge-on; and further."""
+    gaussians = facing([4.0, 5.0])
+    gaussians["means"][0, 0] = aside
+    gaussians["log_scales"][0] = torch.tensor([-30.0, -1.0, -1.0])
+    options = {"camera": FRONTAL, "geometry": "full", "filter_2d": 0.3, "filter_2d_fades": False}
+    assert_agree(gaussians, **options)
+    alone = assert_agree({name: value[:1] for name, value in gaussians.items()}, **options)[0]
+    assert alone.alpha.any() and alone.normal.any() == (aside != 4e-8)
