@@ -1,13 +1,14 @@
 """Accuracy of depthnet, compared with a constant per view and with completed sparse points.
 
-    python datasets/depthnet/evaluate.py --rooms WORK/held --scenes fern=DIR flower=DIR
+    python datasets/depthnet/evaluate.py --rooms WORK/held --scenes fern=DIR flower=DIR --out datasets/depthnet/accuracy.csv
 
 Held-out rooms and the built-in scene are compared with exact depth; other scenes with every fifth sparse point, which
-the estimates don't use. Prints a Markdown table.
+the estimates don't use. Prints a row for each scene and estimate, and writes them as CSV.
 """
 
 from __future__ import annotations
 
+import csv
 import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -19,6 +20,7 @@ import tyro
 from dofbench.core.content import content_folder
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
+from dofbench.core.files import replacing
 from dofbench.depth.align import fit
 from dofbench.depth.network import Network, find_network, sampled
 from dofbench.depth.sightings import scene_sightings
@@ -28,6 +30,7 @@ from dofbench.scenes.scene import Scene
 from dofbench.synthesis.depth_sources import open_source
 
 HELD_OUT = 5  # one point in so many is held out
+FIELDS = ("scene", "estimate", "abs_rel", "within_1_25", "median_error")
 ALIGNING = 300  # number of pixels of a held-out room to which the network is aligned, in place of sparse points
 
 
@@ -43,6 +46,8 @@ class Settings:
     """The network: a file, or the name of the shipped one."""
     width: int = 504
     """Width at which the scenes are read, pixels."""
+    out: Path = Path("accuracy.csv")
+    """The table."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,21 +69,26 @@ class Errors:
 
 
 def main(settings: Settings) -> None:
-    """Print the table."""
-    print("| scene | estimate | AbsRel | share within 1.25 | median relative disparity error |\n|---|---|---|---|---|")
+    """Print and write the table."""
+    rows: list[list[str]] = []
     file = find_network(settings.network)
     if settings.rooms is not None:
-        _print("held-out rooms", _rooms(settings.rooms, file))
-    _print("tabletop (built-in)", _exact(load_scene(content_folder("datasets") / "tabletop"), file))
+        rows += _rows("held-out rooms", _rooms(settings.rooms, file))
+    rows += _rows("tabletop (built-in)", _exact(load_scene(content_folder("datasets") / "tabletop"), file))
     for entry in settings.scenes:
         name, _, folder = entry.partition("=")
-        _print(f"{name}, held-out points", _points(load_scene(Path(folder), width=settings.width), file))
+        rows += _rows(f"{name}, held-out points", _points(load_scene(Path(folder), width=settings.width), file))
+    with replacing(settings.out) as temporary, temporary.open("w", newline="") as stream:
+        csv.writer(stream, lineterminator="\n").writerows([FIELDS, *rows])
 
 
-def _print(scene: str, results: dict[str, list[Errors]]) -> None:
+def _rows(scene: str, results: dict[str, list[Errors]]) -> list[list[str]]:
+    rows = []
     for estimate, parts in results.items():
         whole = Errors(np.concatenate([part.found for part in parts]), np.concatenate([part.true for part in parts]))
-        print(f"| {scene} | {estimate} | {' | '.join(whole.row())} |", flush=True)
+        rows.append([scene, estimate, *whole.row()])
+        print(", ".join(rows[-1]), flush=True)
+    return rows
 
 
 def _rooms(folder: Path, file: Path) -> dict[str, list[Errors]]:
@@ -121,7 +131,7 @@ def _sources(scene: Scene, file: Path) -> Iterable[tuple[str, dict[str, np.ndarr
             try:
                 source = open_source(kind, scene, steps=1, seed=0, work=Path(work), network=file)
             except InputError as refusal:
-                print(f"| {scene.name} | {label} | refused: {refusal.found} | | |", flush=True)
+                print(f"{scene.name}, {label}: refused: {refusal.found}", flush=True)
                 continue
             yield label, {view.name: 1.0 / source.estimate(view).depth.astype(np.float64) for view in scene.views}
 
