@@ -17,7 +17,8 @@ from dofbench import cli
 _FENCE = re.compile(r"^```(?:sh)?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _INDENTED = re.compile(r"(?:^    .*\n?)+", re.MULTILINE)
 _CODE = re.compile(r"`([^`\n]+)`")
-_HERE = Path(__file__).resolve().parent
+_SCRIPT = re.compile(r"\b(?:benchmarks|datasets)/.*")  # below the checkout, whatever folder is named before it
+_ROOT = Path(__file__).resolve().parents[1]
 
 
 def has_history(root: Path) -> bool:
@@ -50,8 +51,8 @@ def problems(page: Page) -> Iterator[str]:
 
 
 def calls(page: Page) -> Iterator[list[str]]:
-    """The calls of dofbench and of scripts in benchmarks/ on a page and in its figures.toml, as words. Code within a
-    line counts if it is a whole call."""
+    """The calls of dofbench and of scripts in benchmarks/ and datasets/ on a page and in its figures.toml, as words.
+    Code within a line counts if it is a whole call."""
     rest = _FENCE.sub("", page.text)
     # Not the mere name of a command
     within = [code for code in _CODE.findall(rest) if code.startswith("python ") or len(code.split()) > 2]
@@ -65,8 +66,13 @@ def calls(page: Page) -> Iterator[list[str]]:
                     continue
                 while words and re.match(r"\w+=", words[0]):  # a variable of the environment
                     words = words[1:]
-                if len(words) > 1 and (words[0] == "dofbench" or (words[0] == "python" and "benchmarks/" in words[1])):
+                if len(words) > 1 and (words[0] == "dofbench" or (words[0] == "python" and _script(words[1]))):
                     yield words
+
+
+def _script(word: str) -> Path | None:
+    found = _SCRIPT.search(word)
+    return None if found is None else _ROOT / found[0]
 
 
 def _wrong(words: list[str]) -> str | None:
@@ -78,8 +84,8 @@ def _wrong(words: list[str]) -> str | None:
         except SystemExit as end:
             return None if end.code == 0 else "dofbench doesn't take this"
         return None
-    script = _HERE / Path(words[1]).name
-    if not script.is_file():
+    script = _script(words[1])
+    if script is None or not script.is_file():
         return "no such script"
     for word in words[2:]:
         if word.startswith("--") and not takes_option(script, option := word.removeprefix("--")):

@@ -1,6 +1,6 @@
 """Accuracy of depthnet, compared with a constant per view and with completed sparse points.
 
-    python datasets/depthnet/evaluate.py --rooms WORK/held --scenes fern=DIR flower=DIR --out datasets/depthnet/accuracy.csv
+    python datasets/depthnet/evaluate.py --rooms WORK/held --scenes fern=DIR --out datasets/depthnet/accuracy.csv
 
 Held-out rooms and the built-in scene are compared with exact depth; other scenes with every fifth sparse point, which
 the estimates don't use. Prints a row for each scene and estimate, and writes them as CSV.
