@@ -14,6 +14,7 @@ from dofbench.core.budget import Budget
 from dofbench.core.contracts import FitOutcome, Method, TrainingSet
 from dofbench.core.errors import Status
 from dofbench.core.lens import Lens
+from dofbench.fields.field_method import FieldMethod
 from dofbench.gaussians.gaussian_method import GaussianMethod
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.running.method_cards import MethodEntry
@@ -37,6 +38,8 @@ SHORT = {
     "reset_every": 0.0,
     "scale_lr": 2e-2,
 }
+# The same for fields: a quarter of the rays, and a grid as coarse as these photographs.
+SHORT_FIELD = {"batch_pixels": 256, "grid_nodes": 64, "grid_nodes_first": 32}
 SHORT_LENS = {"lens_lr": 0.2, "lens_lr_final": 0.025, "lens_init_aperture": 2.0}
 
 
@@ -83,6 +86,8 @@ def options_of(entry: MethodEntry, **changes: Any) -> dict[str, Any]:
     """The method's default preset, shortened, with changes; unchanged for a method with another trainer."""
     _, options, _ = entry.preset(None)
     made = entry.create({}, 0, "cpu")
+    if isinstance(made, FieldMethod):
+        return {**options, **SHORT_FIELD}
     if not isinstance(made, GaussianMethod):
         return options
     short = {**SHORT, **(SHORT_LENS if entry.card.capabilities.learns_lens else {})}
