@@ -131,8 +131,9 @@ def _vanished(setting: Setting, method: str, what: str) -> Found:
             else:
                 trainer.gaussians.parameters["means"][:, 2] = -5.0
 
-    # Density control looks only every few steps; its first look must find it.
-    return _spoilt(method, STEPS, vanish, lambda event, steps: event.step == steps and steps % DENSIFY_EVERY == 0)
+    # Density control looks only every few steps. Its first look must find it, if nothing found it before: BAGS looks at
+    # all Gaussians when it goes to a finer scale.
+    return _spoilt(method, STEPS, vanish, lambda event, steps: event.step == steps <= DENSIFY_EVERY)
 
 
 def _bad_photograph(setting: Setting, method: str, value: float) -> Found:
