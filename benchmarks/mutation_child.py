@@ -51,7 +51,9 @@ class _Quick:
 
         known = hypothesis.settings.get_profile("dofbench")
         phases = [hypothesis.Phase.explicit, hypothesis.Phase.generate]
-        hypothesis.settings.register_profile("mutation", known, phases=phases, database=None, derandomize=True)
+        hypothesis.settings.register_profile(
+            "mutation", known, phases=phases, database=None, derandomize=True, report_multiple_bugs=False
+        )
         hypothesis.settings.load_profile("mutation")
 
 
