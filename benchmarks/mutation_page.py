@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import platform
 import tomllib
 from collections import Counter
@@ -40,8 +41,8 @@ def write_page(out: Path, rows: Sequence[dict[str, str]], *, seed: int, count: i
         "code with one small change; it is killed if a test fails that passes without the change. "
         f"{len(equal)} of the survivors are equivalent to the code; of all others {_share(dead, others)} were killed.",
         "",
-        "Tests were added for what survived of this very draw, so the share isn't that of mutants in general: a first "
-        "run with another `--seed` tells that.",
+        "Tests were added for what survived of this very draw, so the share isn't that of mutants in general. "
+        + _first(out, killed),
         *([] if len(rows) >= count else ["", f"The run isn't finished: {count} are drawn."]),
         "",
         "```sh",
@@ -80,6 +81,19 @@ def write_page(out: Path, rows: Sequence[dict[str, str]], *, seed: int, count: i
             lines.append("")
     with replacing(out / "README.md") as temporary:
         temporary.write_text("\n".join(lines).rstrip() + "\n")
+
+
+def _first(out: Path, killed: Sequence[str]) -> str:
+    file = out / "fresh" / "mutants.csv"
+    if not file.is_file():
+        return "A first run with another `--seed` tells that."
+    with file.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    dead = [row for row in rows if row["outcome"] in killed]
+    return (
+        f"The last first run, at commit {rows[0]['commit']} by tests that didn't know its draw, killed {len(dead)} of "
+        f"{len(rows)}: **{_share(dead, rows)}** ([its mutants](fresh/mutants.csv))."
+    )
 
 
 def survivors(out: Path) -> dict[str, dict[str, str]]:
