@@ -13,6 +13,8 @@ import torch
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import FitOutcome, NonFinite, TrainingSet
 from dofbench.core.errors import Status
+from dofbench.fields.field_method import FieldMethod
+from dofbench.gaussians.blur_methods import Focused
 from dofbench.gaussians.gaussian_method import GaussianMethod
 from dofbench.gaussians.trainer import Trainer
 from dofbench.running.method_cards import MethodEntry, find_method, method_files
@@ -52,11 +54,21 @@ def _fast(setting: Setting, method: str, names: tuple[str, ...], factor: float) 
     return _measured(entry, [run(entry, scene(), seed, **faster(entry, names, factor)) for seed in SEEDS])
 
 
+def _ours(entry: MethodEntry) -> bool:
+    """Whether the method uses this project's trainer of Gaussians."""
+    return isinstance(entry.create({}, 0, "cpu"), GaussianMethod)
+
+
+def _own_scene(entry: MethodEntry) -> TrainingSet:
+    """The scene, blurred as the method itself would blur it."""
+    return scene(own_blur=isinstance(entry.create({}, 0, "cpu"), Focused))
+
+
 @cache
 def _from_grid(method: str) -> dict[tuple[float, float], End]:
     entry = find_method(method)
     return {
-        (aperture, focus): run(entry, scene(), lens_init_aperture=aperture, lens_init_focus=focus)
+        (aperture, focus): run(entry, _own_scene(entry), lens_init_aperture=aperture, lens_init_focus=focus)
         for aperture in START_APERTURES
         for focus in START_FOCI
     }
@@ -78,8 +90,8 @@ def _starts_found(setting: Setting, method: str) -> Found:
 
 def _usual(setting: Setting, method: str) -> Found:
     entry = find_method(method)
-    ends = [run(entry, scene(), seed) for seed in SEEDS]
-    learns = entry.card.capabilities.learns_lens
+    ends = [run(entry, _own_scene(entry), seed) for seed in SEEDS]
+    learns = entry.card.capabilities.learns_lens and _ours(entry)
     good = sum(end.better and (end.found or not learns) for end in ends)
     return Found(1 - good / len(ends), 0.0, _summary(ends, learns))
 
@@ -150,9 +162,9 @@ def _bad_photograph(setting: Setting, method: str, value: float) -> Found:
 
 
 def cases_of(method: str) -> tuple[Case, ...]:
-    """The cases of one method. Cases that set options exist only for methods that use this project's trainer."""
+    """The cases of one method. Cases that set options exist only for methods that use this project's trainers."""
     entry = find_method(method)
-    learns, ours = entry.card.capabilities.learns_lens, isinstance(entry.create({}, 0, "cpu"), GaussianMethod)
+    learns, ours = entry.card.capabilities.learns_lens, _ours(entry)
     training = Subject("training", method, COMPILED)
 
     def each(name: str, holds: str, bound: str, measure: Callable[..., Found], **options: Any) -> tuple[Case, ...]:
@@ -178,13 +190,9 @@ def cases_of(method: str) -> tuple[Case, ...]:
         "all-black": ("black photographs", partial(black, None)),
     }
     found: list[Case] = []
-    if ours:
-        found += each(
-            "usual",
-            "the scene as it is, the preset cut short: the loss falls, the lens is found",
-            "0: the share that doesn't",
-            _usual,
-        )
+    if ours or isinstance(entry.create({}, 0, "cpu"), FieldMethod):
+        what = "the loss falls, the lens is found" if ours and learns else "the loss falls"
+        found += each("usual", f"the scene as it is, the preset cut short: {what}", "0: the share that doesn't", _usual)
     for name, (what, make) in makers.items():
         found += each(name, f"{what}: {SANE}", SANE_BOUND, _hard, make=(make,))
     found += each(

@@ -1,7 +1,7 @@
 """A tiny scene to train on, and defects that can be put into its photographs.
 
-The scene is rendered and blurred by the method's own model, so that only the initial values, the learning rates and the
-defects can prevent success.
+Where a lens has to be found, the scene is blurred by the method's own model, so that only the initial values, the
+learning rates and the defects can prevent success: by the scatter, or each Gaussian by its own circle of confusion.
 """
 
 from __future__ import annotations
@@ -40,8 +40,11 @@ def true_lens(view: int, one_plane: bool = False) -> Lens:
 
 
 @cache
-def scene(views: int = VIEWS, one_plane: bool = False, textureless: bool = False) -> TrainingSet:
-    """Photographs of two layers of coloured dots, and their centres as sparse points."""
+def scene(
+    views: int = VIEWS, one_plane: bool = False, textureless: bool = False, own_blur: bool = False
+) -> TrainingSet:
+    """Photographs of two layers of coloured dots, and their centres as sparse points. own_blur: whether every dot is
+    blurred by its own circle of confusion, in place of the scatter of a sharp picture."""
     random = np.random.default_rng(0)
     count = 220
     depth = np.where(random.uniform(size=count) < 0.4, NEAR + 0.4, FAR - 0.4) + random.uniform(-0.4, 0.4, count)
@@ -65,11 +68,17 @@ def scene(views: int = VIEWS, one_plane: bool = False, textureless: bool = False
         pose = np.eye(4)
         pose[:2, 3] = -0.35 * math.cos(angle), -0.25 * math.sin(angle)
         camera = Camera(WIDTH, HEIGHT, 50.0, 50.0, WIDTH / 2, HEIGHT / 2, pose)
+        lens = true_lens(index, one_plane).physical(true_range(), WIDTH)
         with torch.no_grad():
-            raster = load("rasterize")(**truth, camera=camera, background=background)
-            surface = torch.where(raster.alpha > 0.1, raster.depth, FAR).clamp_min(NEAR / 2)
-            lens = true_lens(index, one_plane).physical(true_range(), WIDTH)
-            photograph = defocus(raster.color, lens.signed_radius(1 / surface, WIDTH)).clamp(0, 1)
+            if own_blur:
+                radius = lens.signed_radius(1 / truth["means"][:, 2], WIDTH)
+                # The variance of a disc of this radius along each axis
+                picture = load("rasterize")(**truth, camera=camera, background=background, blur=radius**2 / 4)
+                photograph = picture.color.clamp(0, 1)
+            else:
+                raster = load("rasterize")(**truth, camera=camera, background=background)
+                surface = torch.where(raster.alpha > 0.1, raster.depth, FAR).clamp_min(NEAR / 2)
+                photograph = defocus(raster.color, lens.signed_radius(1 / surface, WIDTH)).clamp(0, 1)
         taken.append(TrainingView(f"v{index}", camera, photograph.numpy()))
     points = PointCloud(
         xyz + random.normal(0, 0.01, xyz.shape), colour.astype(np.float32), np.full(count, 0.3, np.float32)
