@@ -1,0 +1,111 @@
+"""The built-in scene at the size of a stamp, as a training set that is sharp or blurred in one of several ways."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+
+from dofbench.core.budget import Budget
+from dofbench.core.cameras import Camera
+from dofbench.core.content import content_folder
+from dofbench.core.contracts import TrainingSet, TrainingView
+from dofbench.core.errors import Status
+from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
+from dofbench.fields.field_method import FieldMethod
+from dofbench.metrics import psnr
+from dofbench.optics.defocus import defocus_numpy
+from dofbench.running.method_cards import find_method
+from dofbench.scenes import load_scene
+
+WIDTH, HOLD = 96, 8
+FOCI = (0.2, 0.5, 0.8)  # of photographs in turn
+# The usual presets without what a stamp doesn't need, and a grid as coarse as these photographs
+GAUSSIANS = {"colour_per_view": "off", "depth_prior": "sparse", "start_points": 0, "max_gaussians": 20000}
+FIELD = {"batch_pixels": 512, "grid_nodes": 80, "grid_nodes_first": 40, "ray_samples": 64}
+
+
+@dataclass(frozen=True, eq=False)
+class Tabletop:
+    """training: what a method sees. tests: (camera, sharp picture (H, W, 3), depth (H, W)) of each view held back."""
+
+    training: TrainingSet
+    tests: tuple[tuple[Camera, np.ndarray, np.ndarray], ...]
+
+
+@cache
+def disparities() -> DisparityRange:
+    """Of all surfaces, without the nearest and farthest two in a hundred."""
+    scene = load_scene(content_folder("datasets") / "tabletop", width=WIDTH)
+    every = np.concatenate([1 / depth[depth > 0] for depth in (view.depth() for view in scene.views if view.depth)])
+    return DisparityRange(*(float(bound) for bound in np.percentile(every, (2, 98))))
+
+
+def lens(aperture: float, focus: float) -> PhysicalLens:
+    """A lens of the stamp."""
+    return Lens(aperture, focus).physical(disparities(), WIDTH)
+
+
+def sharp(index: int, image: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """A photograph of everything in focus."""
+    return image
+
+
+def out_of_focus(aperture: float) -> Callable[[int, np.ndarray, np.ndarray], np.ndarray]:
+    """Photographs by a lens of this aperture, focused near, in the middle and far in turn."""
+    return lambda index, image, depth: defocus_numpy(image, depth, lens(aperture, FOCI[index % len(FOCI)]))[0]
+
+
+def blurred_evenly(index: int, image: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Photographs that a Gaussian blurs, whatever their depth: hardly, by a pixel, and by two, in turn."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), (0.3, 1.0, 2.0)[index % 3]))
+
+
+def tabletop(blur: Callable[[int, np.ndarray, np.ndarray], np.ndarray]) -> Tabletop:
+    """blur: of a view's number, sharp picture and depth."""
+    scene = load_scene(content_folder("datasets") / "tabletop", width=WIDTH)
+    views, tests = [], []
+    for index, view in enumerate(scene.views):
+        assert view.depth is not None
+        image, depth = view.image().astype(np.float32), view.depth()
+        if index % HOLD == 0:
+            tests.append((view.camera, image, depth))
+        else:
+            photograph = blur(index, image, depth).clip(0, 1).astype(np.float32)
+            views.append(TrainingView(view.name, view.camera, photograph))
+    return Tabletop(TrainingSet(tuple(views), scene.points), tuple(tests))
+
+
+class _Steps:
+    """An observer that lets a training take its steps."""
+
+    def seconds(self) -> float:
+        """No time is limited."""
+        return 0.0
+
+    def after_step(self, step: int, loss: float) -> bool:
+        """Go on."""
+        return True
+
+    def stage(self, name: str, done: int, total: int) -> None:
+        """Nothing is shown."""
+
+
+def trained(method: str, table: Tabletop, steps: int, **options):
+    """The method of this id with its usual preset, trained for so many steps."""
+    entry = find_method(method)
+    _, preset, _ = entry.preset(None)
+    made = entry.create({}, 0, "cpu")
+    small = FIELD if isinstance(made, FieldMethod) else GAUSSIANS
+    given = {**preset, **small, "steps": steps, **options}
+    made = entry.create({name: value for name, value in given.items() if name not in made.FORCED}, 0, "cpu")
+    assert made.fit(table.training, Budget(steps=steps), _Steps()).status is Status.OK
+    return made
+
+
+def sharp_psnr(method, table: Tabletop) -> float:
+    """dB of the views held back, all in focus: the mean over views."""
+    return float(np.mean([psnr(method.render(camera, None).image.clip(0, 1), image) for camera, image, _ in table.tests]))
