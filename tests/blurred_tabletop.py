@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,10 +13,10 @@ import numpy as np
 from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
 from dofbench.core.content import content_folder
-from dofbench.core.contracts import TrainingSet, TrainingView
+from dofbench.core.contracts import Method, TrainingSet, TrainingView
 from dofbench.core.errors import Status
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
-from dofbench.fields.field_method import FieldMethod
+from dofbench.gaussians.gaussian_method import GaussianMethod
 from dofbench.metrics import psnr
 from dofbench.optics.defocus import defocus_numpy
 from dofbench.running.method_cards import find_method
@@ -94,18 +95,20 @@ class _Steps:
         """Nothing is shown."""
 
 
-def trained(method: str, table: Tabletop, steps: int, **options):
+def trained(method: str, table: Tabletop, steps: int, seed: int = 0, **options: Any) -> Method:
     """The method of this id with its usual preset, trained for so many steps."""
     entry = find_method(method)
     _, preset, _ = entry.preset(None)
-    made = entry.create({}, 0, "cpu")
-    small = FIELD if isinstance(made, FieldMethod) else GAUSSIANS
+    usual = entry.create({}, 0, "cpu")
+    small = GAUSSIANS if isinstance(usual, GaussianMethod) else FIELD
+    forced = usual.FORCED if isinstance(usual, GaussianMethod) else {}
     given = {**preset, **small, "steps": steps, **options}
-    made = entry.create({name: value for name, value in given.items() if name not in made.FORCED}, 0, "cpu")
+    made = entry.create({name: value for name, value in given.items() if name not in forced}, seed, "cpu")
     assert made.fit(table.training, Budget(steps=steps), _Steps()).status is Status.OK
     return made
 
 
-def sharp_psnr(method, table: Tabletop) -> float:
+def sharp_psnr(method: Method, table: Tabletop) -> float:
     """dB of the views held back, all in focus: the mean over views."""
-    return float(np.mean([psnr(method.render(camera, None).image.clip(0, 1), image) for camera, image, _ in table.tests]))
+    shown = [(method.render(camera, None).image.clip(0, 1), image) for camera, image, _ in table.tests]
+    return float(np.mean([psnr(rendered, image) for rendered, image in shown]))

@@ -12,6 +12,9 @@ import pytest
 from dofbench.compute.threads import configure_threads
 
 configure_threads()  # before any test imports torch or numba
+# Triton chooses when it is imported, and torch may import it, whether kernels are interpreted. On a GPU, run tests/gpu
+# with TRITON_INTERPRET=0 to test them compiled.
+os.environ.setdefault("TRITON_INTERPRET", "1")
 
 import torch  # noqa: E402 - after the thread counts are set
 

@@ -8,9 +8,6 @@ import pytest
 
 
 @pytest.fixture(autouse=True)
-def _interpreted_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Kernels are interpreted if the variable is set when their module is first imported, which is by the first call:
-    no test file calls one on import."""
+def _needs_triton() -> None:
     if find_spec("triton") is None:
         pytest.skip("no package triton, whose interpreter runs the GPU's kernels: pip install dofbench[gpu]")
-    monkeypatch.setenv("TRITON_INTERPRET", "1")
