@@ -17,7 +17,7 @@ from dofbench.core.contracts import Method, TrainingSet, TrainingView
 from dofbench.core.errors import Status
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
 from dofbench.gaussians.gaussian_method import GaussianMethod
-from dofbench.metrics import psnr
+from dofbench.metrics.psnr import psnr
 from dofbench.optics.defocus import defocus_numpy
 from dofbench.running.method_cards import find_method
 from dofbench.scenes import load_scene
