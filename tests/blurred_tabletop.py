@@ -1,4 +1,4 @@
-"""The built-in scene at the size of a stamp, as a training set that is sharp or blurred in one of several ways."""
+"""The built-in scene at the size of a stamp, blurred in one of several ways, and what methods claim on it."""
 
 from __future__ import annotations
 
@@ -29,6 +29,20 @@ GAUSSIANS = {"colour_per_view": "off", "depth_prior": "sparse", "start_points": 
 FIELD = {"batch_pixels": 512, "grid_nodes": 80, "grid_nodes_first": 40, "ray_samples": 64}
 
 
+STEPS = 500
+# Method, its plain version, how photographs are blurred, and options: what is published for tens of thousands of steps
+# gets values for hundreds.
+CLAIMS: tuple[tuple[str, str, str, dict[str, float]], ...] = (
+    ("rgs", "mipsplatting", "evenly", {"view_blur_lr": 1.0}),
+    ("deblurring3dgs", "3dgs", "out of focus", {"enlarge_lambda": 0.1, "enlarge_most": 2.0}),
+    ("gsplat_deblur", "mipsplatting", "out of focus", {"enlarge_lambda": 0.3, "enlarge_most": 5.0}),
+    ("bags", "mipsplatting", "out of focus", {}),
+    ("cocogaussian", "mipsplatting", "out of focus", {"focus_lr": 0.05, "copies_lr": 3e-3}),
+    ("dofgs", "mipsplatting", "out of focus", {}),
+    ("dofgaussian", "mipsplatting", "out of focus", {}),
+)
+
+
 @dataclass(frozen=True, eq=False)
 class Tabletop:
     """training: what a method sees. tests: (camera, sharp picture (H, W, 3), depth (H, W)) of each view held back."""
@@ -50,11 +64,6 @@ def lens(aperture: float, focus: float) -> PhysicalLens:
     return Lens(aperture, focus).physical(disparities(), WIDTH)
 
 
-def sharp(index: int, image: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """A photograph of everything in focus."""
-    return image
-
-
 def out_of_focus(aperture: float) -> Callable[[int, np.ndarray, np.ndarray], np.ndarray]:
     """Photographs by a lens of this aperture, focused near, in the middle and far in turn."""
     return lambda index, image, depth: defocus_numpy(image, depth, lens(aperture, FOCI[index % len(FOCI)]))[0]
@@ -65,8 +74,13 @@ def blurred_evenly(index: int, image: np.ndarray, depth: np.ndarray) -> np.ndarr
     return np.asarray(cv2.GaussianBlur(image, (0, 0), (0.3, 1.0, 2.0)[index % 3]))
 
 
-def tabletop(blur: Callable[[int, np.ndarray, np.ndarray], np.ndarray]) -> Tabletop:
-    """blur: of a view's number, sharp picture and depth."""
+BLURS = {"evenly": blurred_evenly, "out of focus": out_of_focus(2.0)}
+
+
+@cache
+def tabletop(name: str) -> Tabletop:
+    """name: one of BLURS, which blur by a view's number, sharp picture and depth."""
+    blur = BLURS[name]
     scene = load_scene(content_folder("datasets") / "tabletop", width=WIDTH)
     views, tests = [], []
     for index, view in enumerate(scene.views):
