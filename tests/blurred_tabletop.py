@@ -9,6 +9,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from made_up import Recorder
 
 from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
@@ -24,11 +25,8 @@ from dofbench.scenes import load_scene
 
 WIDTH, HOLD = 96, 8
 FOCI = (0.2, 0.5, 0.8)  # of photographs in turn
-# The usual presets without what a stamp doesn't need, and a grid as coarse as these photographs
-GAUSSIANS = {"colour_per_view": "off", "depth_prior": "sparse", "start_points": 0, "max_gaussians": 20000}
-FIELD = {"batch_pixels": 512, "grid_nodes": 80, "grid_nodes_first": 40, "ray_samples": 64}
-
-
+# The usual presets without what a stamp doesn't need
+SMALL = {"colour_per_view": "off", "depth_prior": "sparse", "start_points": 0, "max_gaussians": 20000}
 STEPS = 500
 # Method, its plain version, how photographs are blurred, and options: what is published for tens of thousands of steps
 # gets values for hundreds.
@@ -36,19 +34,21 @@ CLAIMS: tuple[tuple[str, str, str, dict[str, float]], ...] = (
     ("rgs", "mipsplatting", "evenly", {"view_blur_lr": 1.0}),
     ("deblurring3dgs", "3dgs", "out of focus", {"enlarge_lambda": 0.1, "enlarge_most": 2.0}),
     ("gsplat_deblur", "mipsplatting", "out of focus", {"enlarge_lambda": 0.3, "enlarge_most": 5.0}),
-    ("bags", "mipsplatting", "evenly", {}),  # out of focus, its seeds differ by a decibel
+    ("bags", "mipsplatting", "evenly", {}),
     ("cocogaussian", "mipsplatting", "out of focus", {"focus_lr": 0.05, "copies_lr": 3e-3}),
     ("dofgs", "mipsplatting", "out of focus", {}),
     ("dofgaussian", "mipsplatting", "out of focus", {}),
 )
+# Measured by the benchmark, not asked for by the test: seeds differ by a decibel, more than the worst one gains.
+UNSURE: tuple[tuple[str, str, str, dict[str, float]], ...] = (("bags", "mipsplatting", "out of focus", {}),)
 
 
 @dataclass(frozen=True, eq=False)
 class Tabletop:
-    """training: what a method sees. tests: (camera, sharp picture (H, W, 3), depth (H, W)) of each view held back."""
+    """training: what a method sees. tests: camera and sharp picture (H, W, 3) of each view held back."""
 
     training: TrainingSet
-    tests: tuple[tuple[Camera, np.ndarray, np.ndarray], ...]
+    tests: tuple[tuple[Camera, np.ndarray], ...]
 
 
 @cache
@@ -87,26 +87,11 @@ def tabletop(name: str) -> Tabletop:
         assert view.depth is not None
         image, depth = view.image().astype(np.float32), view.depth()
         if index % HOLD == 0:
-            tests.append((view.camera, image, depth))
+            tests.append((view.camera, image))
         else:
             photograph = blur(index, image, depth).clip(0, 1).astype(np.float32)
             views.append(TrainingView(view.name, view.camera, photograph))
     return Tabletop(TrainingSet(tuple(views), scene.points), tuple(tests))
-
-
-class _Steps:
-    """An observer that lets a training take its steps."""
-
-    def seconds(self) -> float:
-        """No time is limited."""
-        return 0.0
-
-    def after_step(self, step: int, loss: float) -> bool:
-        """Go on."""
-        return True
-
-    def stage(self, name: str, done: int, total: int) -> None:
-        """Nothing is shown."""
 
 
 def trained(method: str, table: Tabletop, steps: int, seed: int = 0, **options: Any) -> Method:
@@ -114,15 +99,14 @@ def trained(method: str, table: Tabletop, steps: int, seed: int = 0, **options: 
     entry = find_method(method)
     _, preset, _ = entry.preset(None)
     usual = entry.create({}, 0, "cpu")
-    small = GAUSSIANS if isinstance(usual, GaussianMethod) else FIELD
-    forced = usual.FORCED if isinstance(usual, GaussianMethod) else {}
-    given = {**preset, **small, "steps": steps, **options}
-    made = entry.create({name: value for name, value in given.items() if name not in forced}, seed, "cpu")
-    assert made.fit(table.training, Budget(steps=steps), _Steps()).status is Status.OK
+    assert isinstance(usual, GaussianMethod)
+    given = {**preset, **SMALL, "steps": steps, **options}
+    made = entry.create({name: value for name, value in given.items() if name not in usual.FORCED}, seed, "cpu")
+    assert made.fit(table.training, Budget(steps=steps), Recorder()).status is Status.OK
     return made
 
 
 def sharp_psnr(method: Method, table: Tabletop) -> float:
     """dB of the views held back, all in focus: the mean over views."""
-    shown = [(method.render(camera, None).image.clip(0, 1), image) for camera, image, _ in table.tests]
+    shown = [(method.render(camera, None).image.clip(0, 1), image) for camera, image in table.tests]
     return float(np.mean([psnr(rendered, image) for rendered, image in shown]))

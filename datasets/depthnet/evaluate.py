@@ -8,7 +8,6 @@ the estimates don't use. Prints a row for each scene and estimate, and writes th
 
 from __future__ import annotations
 
-import csv
 import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -20,11 +19,11 @@ import tyro
 from dofbench.core.content import content_folder
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
-from dofbench.core.files import replacing
 from dofbench.depth.align import fit
 from dofbench.depth.network import Network, find_network, sampled
 from dofbench.depth.sightings import scene_sightings
 from dofbench.depth.source import SourceId
+from dofbench.reporting.csv_writer import write_csv
 from dofbench.scenes import load_scene
 from dofbench.scenes.scene import Scene
 from dofbench.synthesis.depth_sources import open_source
@@ -78,8 +77,7 @@ def main(settings: Settings) -> None:
     for entry in settings.scenes:
         name, _, folder = entry.partition("=")
         rows += _rows(f"{name}, held-out points", _points(load_scene(Path(folder), width=settings.width), file))
-    with replacing(settings.out) as temporary, temporary.open("w", newline="") as stream:
-        csv.writer(stream, lineterminator="\n").writerows([FIELDS, *rows])
+    write_csv(settings.out, FIELDS, [dict(zip(FIELDS, row, strict=True)) for row in rows])
 
 
 def _rows(scene: str, results: dict[str, list[Errors]]) -> list[list[str]]:
