@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 from torch import Tensor
 
 Geometry = Literal["none", "depth", "full", "distortion"]
-GEOMETRIES = ("none", "depth", "full", "distortion")
+GEOMETRIES: tuple[Geometry, ...] = ("none", "depth", "full", "distortion")
 
 
 class Raster(NamedTuple):

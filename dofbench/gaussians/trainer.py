@@ -104,10 +104,7 @@ class Trainer:
             with self._clock.timed("depth prior"):
                 self._prepare(total, observer)
             self._photographs = self._all_photographs()
-            while step < total:
-                progress = budget.progress(step, total, observer.seconds)
-                if progress >= 1:
-                    break
+            while (progress := budget.progress(step, total, observer.seconds)) < 1:
                 if self._trials.due(step, progress):
                     step = self._decide(step, progress, budget, observer)
                 else:

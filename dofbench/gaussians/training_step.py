@@ -46,7 +46,7 @@ def take_step(state: TrainingState, step: int, progress: float, view: Photograph
         for term in terms:
             if (cost := term.cost(sharp, view, progress, weight)) is not None:
                 loss = loss + cost
-        value = float(loss.detach())
+        value = loss.item()
     if not math.isfinite(value):
         raise place.error("loss", f"loss is {value}")
     with clock.timed("loss and lens, backward"):

@@ -11,7 +11,7 @@ import contextlib
 import gc
 import subprocess
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 import torch
@@ -30,7 +30,7 @@ def compile_kernels(
     gaussians: Gaussians,
     camera: Camera,
     options: GaussianOptions,
-    later: Iterable[Geometry],
+    later: Collection[Geometry],
     from_points: bool,
     more: Sequence[str] = (),
 ) -> None:
@@ -47,8 +47,9 @@ def compile_kernels(
     else:
         for op in others:
             warm_up(op)
-    for geometry in sorted(set(later) - {"depth"}, key=GEOMETRIES.index):
-        _rasterise_once(gaussians, camera, options, geometry)
+    for geometry in GEOMETRIES:
+        if geometry != "depth" and geometry in later:
+            _rasterise_once(gaussians, camera, options, geometry)
     if from_points:
         _rasterise_from_points(gaussians, camera, options)
 

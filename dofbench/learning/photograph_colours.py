@@ -52,7 +52,7 @@ class LearnedColours:
     def __init__(self, count: int, options: ColourOptions, device: torch.device | str = "cpu"):
         self._options = options
         self._kind = options.colour_per_view
-        self._table = RowAdam(count, _COLUMNS[self._kind], device)
+        self._table = RowAdam(torch.zeros(count, _COLUMNS[self._kind], device=device))
 
     @property
     def learned(self) -> bool:

@@ -10,14 +10,14 @@ _EPSILON = 1e-15
 
 
 class RowAdam:
-    """Parameters (rows, columns), starting at zero; each row's moments depend on the steps on that row alone (Adam:
-    Kingma and Ba, 2015)."""
+    """Parameters that start at `values` (rows, columns), which are changed; each row's moments depend on the steps on
+    that row alone (Adam: Kingma and Ba, 2015)."""
 
-    def __init__(self, rows: int, columns: int, device: torch.device | str = "cpu"):
-        self.values = torch.zeros(rows, columns, device=device)
+    def __init__(self, values: Tensor):
+        self.values = values
         self._first = torch.zeros_like(self.values)
         self._second = torch.zeros_like(self.values)
-        self._visits = self.values.new_zeros(rows)
+        self._visits = values.new_zeros(len(values))
         self._leaf: Tensor | None = None
 
     def leaf(self, row: int) -> Tensor:

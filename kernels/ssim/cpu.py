@@ -112,7 +112,7 @@ def ssim(
     """
     check_images(prediction, target, border, window, sigma, data_range)
     _check_device(prediction, target)
-    settings = Settings(border, window, sigma, data_range, with_l1=False)
+    settings = Settings(border, window, sigma, data_range, with_l1=False, weigh_all=False, with_edges=False)
     return 1 - _Compare.apply(prediction, target, None, settings)[0]
 
 

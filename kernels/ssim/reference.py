@@ -33,8 +33,8 @@ class Settings:
     sigma: float
     data_range: float
     with_l1: bool
-    weigh_all: bool = False
-    with_edges: bool = False
+    weigh_all: bool
+    with_edges: bool
 
 
 def gaussian_window(window: int, sigma: float) -> list[float]:

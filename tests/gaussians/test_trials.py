@@ -343,9 +343,9 @@ def test_a_trial_that_is_too_slow_is_given_up_after_few_steps():
         now[0] += 0.1
         return 2.0 - now[0]
 
-    assert not trainer.train(0, 60, 240, 0.4, lambda done, of: taken.append(done), left)
+    assert trainer.train(0, 60, 240, 0.4, lambda done, of: taken.append(done), left) is False
     assert taken == [0, 1, 2]
-    assert not trainer.train(0, 60, 240, 0.4, lambda done, of: taken.append(done), lambda: 0.0)
+    assert trainer.train(0, 60, 240, 0.4, lambda done, of: taken.append(done), lambda: 0.0) is False
     assert taken == [0, 1, 2]
     assert trainer.train(0, 5, 240, 0.4, lambda done, of: taken.append(done), lambda: 2.0)
     assert taken == [0, 1, 2, *range(5)]

@@ -120,8 +120,11 @@ def test_images_that_do_not_fit_are_refused(entry: Metric) -> None:
     ):
         with pytest.raises(ValueError, match="expected"):
             entry.function(prediction, truth)
-    with pytest.raises(ValueError, match="floating"):
-        entry.function((255 * image).astype(np.uint8), image)
+    integers = (255 * image).astype(np.uint8)
+    with pytest.raises(ValueError, match=r"^prediction: expected floating"):
+        entry.function(integers, image)
+    with pytest.raises(ValueError, match=r"^truth: expected floating"):
+        entry.function(image, integers)
 
 
 @pytest.mark.parametrize(("metric_id", "smallest"), [("ssim", 11), ("ms_ssim", 11), ("gmsd", 3)])

@@ -73,7 +73,7 @@ class CircleCopies(WithoutCost):
             for name, parameter in network.named_parameters()
         ]
         self._adam = NetworkAdam(parameters, options.copies_lr, options.copies_lr_final)
-        self._focuses = RowAdam(len(first), 1, first.device)
+        self._focuses = RowAdam(first.new_zeros(len(first), 1))
 
     def models(self) -> Sequence[tuple[float, ForwardModel]]:
         """The sharp view, then this model."""

@@ -54,7 +54,7 @@ class GaussianNetwork(nn.Module):
         means = parameters["means"].detach()
         places, eye = ((place - self._origin) / self._unit for place in (means, means.new_tensor(camera.centre)))
         scales = parameters["log_scales"].detach().exp() / self._unit
-        turns = nn.functional.normalize(parameters["quaternions"].detach(), dim=1)
+        turns = nn.functional.normalize(parameters["quaternions"].detach())
         inputs = torch.cat([encoded_places(places, _PLACE_FREQUENCIES), scales, turns], 1)
         features = torch.relu(self.first(inputs) + self.camera(encoded_places(eye, _CAMERA_FREQUENCIES)))
         for layer in self.hidden:

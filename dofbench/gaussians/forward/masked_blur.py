@@ -91,7 +91,6 @@ class MaskedBlur:
 
     def step(self, view: int, progress: float, cooldown: float) -> None:
         """An Adam step on both networks."""
-        self._mask = None
         self._adam.step(progress, cooldown)
         self._enlarged.step(view, progress, cooldown)
 

@@ -50,7 +50,7 @@ class UniformBlur(WithoutCost):
 
     def __init__(self, views: int, options: UniformBlurOptions, device: torch.device | str = "cpu"):
         self._options = options
-        self._table = RowAdam(views, 1, device)
+        self._table = RowAdam(torch.full((views, 1), options.view_blur_init, device=device))
 
     def models(self) -> Sequence[tuple[float, ForwardModel]]:
         """This model, all the time."""
@@ -59,17 +59,14 @@ class UniformBlur(WithoutCost):
     def photograph(self, scene: Rasteriser, sharp: SharpView, shot: Shot) -> Tensor:
         """The scene of enlarged Gaussians."""
         assert shot.number is not None
-        deviation = self._deviation(self._table.leaf(shot.number)) * shot.camera.width * _PER_MILLE
+        deviation = self._table.leaf(shot.number) * shot.camera.width * _PER_MILLE
         count = len(scene.gaussians)
         still = scene.gaussians.parameters["means"].new_zeros(count)
         return scene.from_points(shot.camera, _CENTRE, still, deviation.square().expand(count))[0]
 
     def deviations(self) -> Tensor:
         """(V,) standard deviations of the photographs' blur, per mille of the width."""
-        return self._deviation(self._table.values[:, 0])
-
-    def _deviation(self, raw: Tensor) -> Tensor:
-        return self._options.view_blur_init + raw
+        return self._table.values[:, 0]
 
     def gradient(self) -> Tensor | None:
         """That by the last photograph's standard deviation."""
