@@ -84,22 +84,17 @@ def write_page(out: Path, rows: Sequence[dict[str, str]], *, seed: int, count: i
 
 
 def _first(out: Path, killed: Sequence[str]) -> str:
-    """What became of the last draw that no test knew (fresh/mutants.csv), and later, with tests for what had survived
-    (fresh/again.csv)."""
-    said = []
-    for name, how in (("mutants.csv", "tests that didn't know it"), ("again.csv", "with tests for its survivors")):
-        file = out / "fresh" / name
-        if file.is_file():
-            with file.open(newline="", encoding="utf-8") as stream:
-                rows = list(csv.DictReader(stream))
-            dead = [row for row in rows if row["outcome"] in killed]
-            said.append(
-                f"**{_share(dead, rows)}** ({how}, at commit {rows[0]['commit']}: "
-                f"[{len(dead)} of {len(rows)}](fresh/{name}))"
-            )
-    if not said:
+    """What became of a draw that no test knew (fresh/mutants.csv)."""
+    file = out / "fresh" / "mutants.csv"
+    if not file.is_file():
         return "A first run with another `--seed` tells that."
-    return f"Of the last draw with another `--seed` were killed {', '.join(said)}."
+    with file.open(newline="", encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    dead = [row for row in rows if row["outcome"] in killed]
+    return (
+        f"In the first run of the last new draw tests that didn't know it killed **{_share(dead, rows)}** (commit "
+        f"{rows[0]['commit']}: [{len(dead)} of {len(rows)}](fresh/mutants.csv))."
+    )
 
 
 def survivors(out: Path) -> dict[str, dict[str, str]]:

@@ -268,11 +268,11 @@ def test_what_is_known_is_not_run_again(run: ModuleType) -> None:
 
 def test_the_published_page_is_what_its_csv_says(run: ModuleType, tmp_path: Path) -> None:
     published = ROOT / "reports" / "mutation"
-    for name in ("survivors.toml", "fresh/mutants.csv", "fresh/again.csv"):
+    for name in ("survivors.toml", "fresh/mutants.csv"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes((published / name).read_bytes())
     rows = list(csv.DictReader((published / "mutants.csv").open()))
-    run.write_page(tmp_path, rows, seed=14, count=300, killed=run.KILLED)
+    run.write_page(tmp_path, rows, seed=16, count=300, killed=run.KILLED)
     machine = re.compile(r", in \S+ \S+ on one core of \S+\. Every")
     made, page = (
         machine.sub(". Every", (folder / "README.md").read_text(encoding="utf-8")) for folder in (tmp_path, published)

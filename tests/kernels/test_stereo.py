@@ -128,6 +128,15 @@ def test_a_flat_image_matches_nothing():
     assert load("stereo")(flat, flat[None], maps, torch.ones(2), radius=3, best=1).abs().max() < FLAT_SCORE
 
 
+@pytest.mark.parametrize("backend", ["cpu", "reference"])
+def test_a_pixel_that_no_source_sees_scores_as_unrelated_patches_do(backend):
+    """A source that looks a hundred pixels past the image: half-way between agreement, 1, and its opposite, -1."""
+    image = torch.rand(12, 20, generator=torch.Generator().manual_seed(0))
+    maps = torch.eye(3, 4)[None].clone()
+    maps[0, 0, 2] = 100.0
+    assert (load("stereo", backend)(image, image[None], maps, torch.ones(2), radius=1, best=1) == 0).all()
+
+
 def test_threads_change_no_bit():
     given_case = case(50, 70, 3, 9, 0)
     guide, found, threads = given_case[0], set(), numba.get_num_threads()
