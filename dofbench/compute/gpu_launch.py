@@ -8,7 +8,7 @@ nor imported, before an op is called on a GPU.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib import import_module
@@ -92,7 +92,12 @@ def launch(kernel: Any, grid: tuple[int, ...], *arguments: Any, warps: int = 4, 
         one = _launch(kernel, arguments, constants, warps)
         _recorded[one] = _recorded.get(one, 0) + 1
     with torch.cuda.device(first.device) if first.is_cuda else nullcontext():
-        kernel[grid](*arguments, **constants, num_warps=warps)
+        run(kernel, grid, arguments, constants, warps)
+
+
+def run(kernel: Any, grid: tuple[int, ...], arguments: Sequence[Any], constants: dict[str, Any], warps: int) -> None:
+    """Hand a launch over to Triton."""
+    kernel[grid](*arguments, **constants, num_warps=warps)
 
 
 @contextmanager

@@ -146,7 +146,10 @@ class Observer(Protocol):
         """Training seconds so far, evaluation excluded."""
 
     def after_step(self, step: int, loss: float) -> bool:
-        """Call after every step (1-based). Evaluates when one is due. False means: stop now."""
+        """Call after every step (1-based). Evaluates when one is due. False means: stop now.
+
+        loss: of this step; a training on a device may tell that of an earlier one, so as not to wait for every step.
+        """
 
     def stage(self, name: str, done: int, total: int) -> None:
         """Call where something takes long before the first step, or between steps: `done` of its `total` units are

@@ -26,7 +26,7 @@ def widest_circle(gaussians: Gaussians, shots: Sequence[Shot], appearance: Appea
         raster = rasterise(gaussians, shot.camera, appearance, sh_degree=0)
         assert raster.depth is not None
         circles = shot.circles(surface_disparity(raster.depth, raster.alpha))
-        widest.append(np.quantile(circles.numpy(), _WIDE_PIXELS))
+        widest.append(np.quantile(circles.numpy(force=True), _WIDE_PIXELS))
     return float(np.quantile(widest, _WIDE_VIEWS))
 
 

@@ -61,7 +61,7 @@ class Exposures:
         if lens is None:
             raster = self._scene.rasterise(camera, "depth")
             assert raster.depth is not None
-            return Rendering(image=raster.color.numpy(), depth=raster.depth.numpy())
+            return Rendering(image=raster.color.numpy(force=True), depth=raster.depth.numpy(force=True))
         if self._kept is None or self._kept[0] is not camera:
             raster = self._scene.rasterise(camera, "depth")
             self._kept = camera, SharpView(lambda: raster)
@@ -69,7 +69,7 @@ class Exposures:
         image = self._model.photograph(self._scene, sharp, Shot.through(lens, camera))
         assert sharp.raster.depth is not None
         # A copy, since the sharp view is kept and the caller may write into the result.
-        return Rendering(image=image.numpy(), depth=sharp.raster.depth.numpy().copy())
+        return Rendering(image=image.numpy(force=True), depth=sharp.raster.depth.numpy(force=True).copy())
 
 
 def render_view(

@@ -100,21 +100,20 @@ class Gaussians:
             seen = (depth > self.near) & (u > -0.15 * w) & (u < 1.15 * w) & (v > -0.15 * h) & (v < 1.15 * h)
             size = depth / max(camera.fx, camera.fy) * math.sqrt(FILTER_3D_VARIANCE)
             finest = torch.where(seen, torch.minimum(finest, size), finest)
-        unseen = torch.isinf(finest)
-        if bool(unseen.all()):
+        largest = torch.where(torch.isinf(finest), -math.inf, finest).max()
+        if math.isinf(float(largest)):
             raise InputError("cameras", "no Gaussian in front of any of them", "cameras that see the points")
-        finest[unseen] = finest[~unseen].max()
-        self.filter_3d = finest
+        self.filter_3d = torch.minimum(finest, largest)
 
     def save(self, path: Path) -> None:
         """Write all parameters bit for bit as a compressed numpy archive, atomically, to continue with later.
 
         A file for other programs is written by `splats.write_splats`.
         """
-        arrays = {name: value.detach().numpy() for name, value in self.parameters.items()}
+        arrays = {name: value.numpy(force=True) for name, value in self.parameters.items()}
         arrays["near"] = np.array(self.near)
         if self.filter_3d is not None:
-            arrays["filter_3d"] = self.filter_3d.numpy()
+            arrays["filter_3d"] = self.filter_3d.numpy(force=True)
         with replacing(path) as temporary:
             np.savez_compressed(temporary, **arrays)  # type: ignore[arg-type]  # no array is called allow_pickle
 

@@ -49,12 +49,14 @@ class GaussianOptimiser:
         groups = [{"params": [parameter], "name": name} for name, parameter in gaussians.parameters.items()]
         self._adam = torch.optim.Adam(groups, lr=0.0, eps=1e-15, fused=True)
 
-    def step(self, progress: float, cooldown: float = 1.0) -> None:
-        """One Adam step, all rates times `cooldown`; the means' rate falls log-linearly with `progress` (0 ... 1)."""
+    def step(self, progress: float, cooldown: float = 1.0, unless: Tensor | None = None) -> None:
+        """One Adam step, all rates times `cooldown`; the means' rate falls log-linearly with `progress` (0 ... 1).
+        unless: a scalar on the parameters' device; if it is 1, nothing is changed."""
         options = self._options
         for group in self._adam.param_groups:
             decay = (options.means_lr_final / options.means_lr) ** progress if group["name"] == "means" else 1.0
             group["lr"] = self._rates[group["name"]] * decay * cooldown
+        self._adam.found_inf = unless  # type: ignore[attr-defined]  # as torch's own gradient scaler hands it over
         self._adam.step()
         self._adam.zero_grad(set_to_none=True)
 

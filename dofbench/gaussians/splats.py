@@ -30,10 +30,10 @@ def write_splats(path: Path, gaussians: Gaussians) -> None:
     logarithms of scene units, opacities logits, quaternions w first and of unit length; f_rest holds all of one
     channel's coefficients before the next one's, zero above the scene's degree; normals are zero.
     """
-    parameters = {name: value.detach().numpy() for name, value in gaussians.parameters.items()}
+    parameters = {name: value.numpy(force=True) for name, value in gaussians.parameters.items()}
     log_scales, logits = (parameters[name].astype(np.float64) for name in ("log_scales", "opacity_logits"))
     if gaussians.filter_3d is not None:
-        log_scales, logits = _baked(log_scales, logits, gaussians.filter_3d.double().numpy())
+        log_scales, logits = _baked(log_scales, logits, gaussians.filter_3d.double().numpy(force=True))
     count, terms = len(gaussians), parameters["sh_rest"].shape[1]
     rows = np.zeros((count, len(_PROPERTIES)), "<f4")  # columns in the order of _PROPERTIES
     rows[:, 0:3], rows[:, 6:9] = parameters["means"], parameters["sh_dc"]

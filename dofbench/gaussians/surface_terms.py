@@ -23,9 +23,8 @@ class SurfaceTerm(Protocol):
     def acts(self, step: int, progress: float, view: Photograph) -> bool:
         """Whether the term is used in step number `step` (from 1) at `progress`, 0 to 1, for this photograph."""
 
-    def cost(self, sharp: SharpView, view: Photograph, progress: float, weight: Tensor | None) -> Tensor | None:
-        """The term's contribution to the loss, None for no contribution. weight: (H, W), that of the adaptation, or
-        None."""
+    def cost(self, sharp: SharpView, view: Photograph, progress: float, weight: Tensor | None) -> Tensor:
+        """The term's contribution to the loss. weight: (H, W), that of the adaptation, or None."""
 
 
 class KnownDepth:
@@ -41,13 +40,13 @@ class KnownDepth:
         """True for photographs with known depth, in every `depth_every`-th step."""
         return view.known is not None and step % self._options.depth_every == 0
 
-    def cost(self, sharp: SharpView, view: Photograph, progress: float, weight: Tensor | None) -> Tensor | None:
-        """The weighted depth loss; None while no pixel of known depth shows a surface."""
+    def cost(self, sharp: SharpView, view: Photograph, progress: float, weight: Tensor | None) -> Tensor:
+        """The weighted depth loss."""
         raster = sharp.raster
         assert raster.depth is not None and view.known is not None
         found = depth_loss(raster.depth, raster.alpha, view.known, self._options, self._extent, weight)
         # Taken more rarely, the term weighs as much more, so that its share of the training stays the same.
-        return None if found is None else self._options.depth_every * self._options.weight_at(progress) * found
+        return self._options.depth_every * self._options.weight_at(progress) * found
 
 
 class Normals:

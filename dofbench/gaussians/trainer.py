@@ -42,6 +42,7 @@ from dofbench.learning.rendered_surface import surface_disparity
 from dofbench.learning.stage_clock import StageClock
 from dofbench.learning.training_views import Photograph, all_photographs
 
+_LOOK_EVERY = 50  # steps, between two looks at what a device has found
 _PACE = 3  # steps of a trial that tell how long the rest will take
 
 
@@ -55,7 +56,8 @@ class Trainer:
         self.state = TrainingState(training_set, options, seed, device)
         self.views = training_set.views
         self.decisions: list[Decision] = []
-        self._training_set, self._seed = training_set, seed
+        self._training_set, self._seed, self._device = training_set, seed, device
+        self._loss, self._next_look = math.nan, 0  # the loss that was looked at last, and the step of the next look
         self._clock = StageClock()
         self._trials = Trials(self, options)
         self._prior: Prior | None = None
@@ -110,8 +112,9 @@ class Trainer:
                 else:
                     self._next(step, progress)
                     step += 1
-                if not observer.after_step(step, self.state.loss):
+                if not observer.after_step(step, self._seen_loss(step)):
                     break
+            self.state.watch.look()
         except NonFiniteError as error:
             event = error.event
             step = max(step, event.step)  # the step that failed counts as taken, in a trial too
@@ -149,7 +152,7 @@ class Trainer:
         options = self.options
         supervisor = self._prior if options.supervision.depth_weight > 0 else None
         held_back = max(options.reconstruction.held_back, HELD_BACK if self._trials.open else 0)
-        return all_photographs(self.views, options.schedule.sizes, supervisor, held_back, self._seed)
+        return all_photographs(self.views, options.schedule.sizes, supervisor, held_back, self._seed, self._device)
 
     def _decide(self, step: int, progress: float, budget: Budget, observer: Observer) -> int:
         """Carry out the trials; returns the number of steps taken in all. A trial's steps are timed twice: as "trials"
@@ -163,6 +166,14 @@ class Trainer:
         self.stages["trials"] = time.perf_counter() - start
         self._photographs = self._all_photographs()
         return step
+
+    def _seen_loss(self, step: int) -> float:
+        """The loss of the last step; on a device, which the host would wait for, that of the last step looked at."""
+        assert self.state.loss is not None
+        if self.state.loss.device.type == "cpu" or step >= self._next_look:
+            self.state.watch.look()
+            self._loss, self._next_look = float(self.state.loss), step + _LOOK_EVERY
+        return self._loss
 
     def _next(self, step: int, progress: float) -> None:
         """Take the step after step number `step`, on the next photograph of the random order."""
@@ -200,6 +211,7 @@ class Trainer:
                     return False
                 tell(taken, count)
                 self._next(step + taken, max(progress, (step + taken) / total))
+        self.state.watch.look()
         return True
 
     def snapshot(self) -> Snapshot:
@@ -233,8 +245,8 @@ class Trainer:
         image = self._blurred(index)
         if image is None:
             lens = None if self.lenses is None else self._lens_estimate(index)
-            image = torch.from_numpy(self.render(self.views[index].camera, lens).image)
-        return self.colours.apply(index, image).numpy()
+            image = torch.from_numpy(self.render(self.views[index].camera, lens).image).to(self._device)
+        return self.colours.apply(index, image).numpy(force=True)
 
     @torch.no_grad()
     def _blurred(self, index: int) -> torch.Tensor | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -25,6 +24,7 @@ from dofbench.gaussians.surface_terms import surface_terms
 from dofbench.learning.adaptation import NO_ADAPTATION, AdaptationOptions
 from dofbench.learning.lens_ties import lens_ties
 from dofbench.learning.lenses import LearnedLenses
+from dofbench.learning.nonfinite import Watch
 from dofbench.learning.photograph_colours import LearnedColours
 from dofbench.learning.supervision import all_disparities
 from dofbench.learning.training_views import Photograph
@@ -43,7 +43,7 @@ class Snapshot:
     order: OrderState
     random: np.random.Generator
     generator: Tensor
-    loss: float
+    loss: Tensor | None
     colours: LearnedColours
     blur: LearnedBlur | None
 
@@ -54,7 +54,8 @@ class TrainingState:
     device: where the tensors lie.
     random: draws the order of photographs and turns the points of the lens. generator: draws the children of Gaussians.
     cameras: those of the photographs at the current training size. range: the range of the sparse points' disparities.
-    loss: the loss of the last step. blur: learned blur that isn't a lens's, or None.
+    loss: the loss of the last step, None before the first. watch: looks for values on a device that aren't finite.
+    blur: learned blur that isn't a lens's, or None.
     """
 
     def __init__(self, training_set: TrainingSet, options: GaussianOptions, seed: int, device: str = "cpu"):
@@ -75,7 +76,8 @@ class TrainingState:
         self.order = ViewOrder(len(self._views), options.outliers)
         generator = torch.Generator().manual_seed(seed)
         self.blur = options.learned_blur(BlurStart(self.gaussians, self.cameras, self._extent, generator))
-        self.loss = math.nan
+        self.loss: Tensor | None = None
+        self.watch = Watch()
         self._use(options)
         self._optimise()
         self.gaussians.update_filter_3d(self.cameras)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from torch import Tensor
 
 from dofbench.core.errors import InputError
@@ -19,12 +17,17 @@ from dofbench.learning.training_views import Photograph
 _FILTER_3D_EVERY = 100  # steps; Mip-Splatting's interval
 
 
-def take_step(state: TrainingState, step: int, progress: float, view: Photograph, clock: StageClock) -> float:
-    """Take step number `step` (from 1) at `progress`, 0 to 1, on a photograph; returns the loss.
+def take_step(state: TrainingState, step: int, progress: float, view: Photograph, clock: StageClock) -> Tensor:
+    """Take step number `step` (from 1) at `progress`, 0 to 1, on a photograph; returns the loss, without gradient.
 
-    Raises NonFiniteError at the first value that isn't finite, before it can change a learned parameter.
+    Raises NonFiniteError at the first value that isn't finite, before it can change a learned parameter. On a device
+    such a value changes none either, but is told by `state.watch` when it is looked at.
     """
-    place, model, adaptation = Place(step, view.name), state.forward.at(progress), state.adaptation(progress)
+    place, model, adaptation = (
+        Place(step, view.name, state.watch),
+        state.forward.at(progress),
+        state.adaptation(progress),
+    )
     terms = [term for term in state.terms if term.acts(step, progress, view)]
     scene = StepRasteriser(state, progress, place, clock)
     geometry = richest([model.reads, state.reads(adaptation), *(term.reads for term in terms)])
@@ -44,11 +47,8 @@ def take_step(state: TrainingState, step: int, progress: float, view: Photograph
         if (own := state.density.cost()) is not None:
             loss = loss + own
         for term in terms:
-            if (cost := term.cost(sharp, view, progress, weight)) is not None:
-                loss = loss + cost
-        value = loss.item()
-    if not math.isfinite(value):
-        raise place.error("loss", f"loss is {value}")
+            loss = loss + term.cost(sharp, view, progress, weight)
+    place.check(loss, "loss")
     with clock.timed("loss and lens, backward"):
         loss.backward()
     scene.backward()
@@ -61,7 +61,7 @@ def take_step(state: TrainingState, step: int, progress: float, view: Photograph
         changed = state.density.after_step(step, progress)
         if changed or step % _FILTER_3D_EVERY == 0:
             update_filter(state, place)
-    return value
+    return loss.detach()
 
 
 def _colour_loss(state: TrainingState, view: Photograph, image: Tensor, weight: Tensor | None) -> Tensor:
@@ -81,7 +81,7 @@ def _check_gradients(state: TrainingState, place: Place) -> None:
 
 def _learn(state: TrainingState, progress: float, view: Photograph) -> None:
     cooldown = state.options.schedule.cooldown(progress)
-    state.optimiser.step(progress, cooldown)
+    state.optimiser.step(progress, cooldown, unless=state.watch.found)
     for learned in state.learned().values():
         learned.step(view.index, progress, cooldown)
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import torch
 from torch import Tensor
 
 from dofbench.core.errors import InputError
 from dofbench.learning.rendered_surface import SURFACE_ALPHA
 from dofbench.learning.supervision import DepthSamples
+
+_LEAST_SHARES = 1e-12  # divides the sum over no pixels, which is 0
 
 
 @dataclass(frozen=True)
@@ -49,27 +52,27 @@ def depth_loss(
     options: SupervisionOptions,
     disparity_extent: float,
     weight: Tensor | None,
-) -> Tensor | None:
-    """Eq. 9 on the pixels of known depth; None while no such pixel shows a rendered surface.
+) -> Tensor:
+    """Eq. 9 on the pixels of known depth that show a rendered surface; without a gradient while none does.
 
     depth: (H, W) z, scene units. alpha: (H, W). weight: (H, W), or None. disparity_extent: width of the disparity range
     that normalised disparity refers to, 1 / scene unit. With "disparity" the difference is taken in normalised
     disparity, in which the circle of confusion is linear; with "depth" in scene units, as published.
     """
     there = alpha.detach()[truth.rows, truth.columns] > SURFACE_ALPHA
-    if not bool(there.any()):
-        return None
-    rows, columns = truth.rows[there], truth.columns[there]
-    rendered, expected = depth[rows, columns], truth.depth[there]
+    # Other pixels get the known depth itself instead of being left out, since the host would have to wait for a device
+    # to know how many they are.
+    rendered = torch.where(there, depth[truth.rows, truth.columns], truth.depth)
     if options.depth_space == "disparity":
-        difference = (1 / rendered - 1 / expected) / disparity_extent
+        difference = (1 / rendered - 1 / truth.depth) / disparity_extent
     else:
-        difference = rendered - expected
+        difference = rendered - truth.depth
     error = difference.abs() if options.depth_norm == "l1" else difference.square()
     if truth.weight is not None:
-        share = truth.weight[there]
-        error = error * (share / share.mean())
+        error = error * truth.weight
     if weight is not None:
-        error = error * weight[rows, columns]
+        error = error * weight[truth.rows, truth.columns]
+    shares = there.to(error.dtype) if truth.weight is None else there * truth.weight
+    mean = error.sum() / shares.sum().clamp(min=_LEAST_SHARES)
     # The root of the mean square is the norm of Eq. 9 made independent of the number of points.
-    return error.mean() if options.depth_norm == "l1" else error.mean().clamp(min=1e-12).sqrt()
+    return mean if options.depth_norm == "l1" else mean.clamp(min=1e-12).sqrt()

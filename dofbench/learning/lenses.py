@@ -13,6 +13,7 @@ from torch import Tensor
 from dofbench.core.errors import InputError
 from dofbench.core.lens import COC_FRACTION, DisparityRange, PhysicalLens
 from dofbench.learning.lens_ties import LensPer, Ties
+from dofbench.learning.nonfinite import finite_part
 from dofbench.learning.rendered_surface import rendered_range
 
 _FLOOR = 1e-5  # least aperture; the released code adds it after the relu
@@ -105,7 +106,7 @@ class LearnedLenses:
         ]
         self._first = [torch.zeros_like(raw) for raw in self._raw]
         self._second = [torch.zeros_like(raw) for raw in self._raw]
-        self._visits = [torch.zeros_like(raw) for raw in self._raw]
+        self._visits = [[0] * len(raw) for raw in self._raw]  # on the host, which so never waits for them
         self._steps = 0
         self._leaf: Tensor | None = None
 
@@ -175,7 +176,7 @@ class LearnedLenses:
         if progress < options.lens_from:
             return
         assert self._leaf is not None and self._leaf.grad is not None
-        gradient = self._leaf.grad
+        gradient = finite_part(self._leaf.grad)
         rate = options.lens_lr * (options.lens_lr_final / options.lens_lr) ** progress * cooldown
         self._steps += 1
         beta1, beta2 = _BETAS
@@ -183,9 +184,9 @@ class LearnedLenses:
             index = numbers[view]
             self._visits[part][index] += 1
             if options.lens_update == "view":
-                rows, visits = slice(index, index + 1), float(self._visits[part][index])
+                rows, visits = slice(index, index + 1), self._visits[part][index]
             else:
-                rows, visits = slice(None), float(self._steps)
+                rows, visits = slice(None), self._steps
             first, second, raw = self._first[part][rows], self._second[part][rows], self._raw[part][rows]
             full = torch.zeros_like(first)
             full[0 if options.lens_update == "view" else index] = gradient[part]
@@ -226,6 +227,6 @@ class LearnedLenses:
     def state(self) -> dict[str, np.ndarray]:
         """(V, 2) raw parameters of all views, and (V, 2) their disparity ranges."""
         return {
-            "raw": torch.stack([self._of(view) for view in range(len(self.ranges))]).numpy(),
+            "raw": torch.stack([self._of(view) for view in range(len(self.ranges))]).numpy(force=True),
             "ranges": np.array([[r.q_min, r.q_max] for r in self.ranges]),
         }

@@ -8,6 +8,8 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor, nn
 
+from dofbench.learning.nonfinite import finite_part
+
 
 class NetworkAdam:
     """Adam over parameters, at a rate that falls exponentially to `final` times itself at the end.
@@ -32,6 +34,9 @@ class NetworkAdam:
         cooldown: a factor on the rate."""
         for group in self._adam.param_groups:
             group["lr"] = self._rate * self._final**progress * cooldown
+        for parameter in self._parameters.values():
+            if parameter.grad is not None:
+                parameter.grad = finite_part(parameter.grad)
         self._adam.step()
         self._adam.zero_grad()
 

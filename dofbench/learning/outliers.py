@@ -10,6 +10,7 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
+from torch import Tensor
 
 VISITS = 2  # number of latest visits of a view over which its loss is averaged
 FAR = 4.0  # distance from which a view is an outlier, in robust standard deviations of the losses' logarithms
@@ -33,9 +34,9 @@ class OutlierViews:
     """Keeps each view's latest losses, and finds the outliers among the views."""
 
     def __init__(self, count: int):
-        self._losses: list[deque[float]] = [deque(maxlen=VISITS) for _ in range(count)]
+        self._losses: list[deque[Tensor]] = [deque(maxlen=VISITS) for _ in range(count)]
 
-    def record(self, view: int, loss: float) -> None:
+    def record(self, view: int, loss: Tensor) -> None:
         """Add the loss of a step on view number `view`."""
         self._losses[view].append(loss)
 
@@ -43,7 +44,7 @@ class OutlierViews:
         """Numbers of the views whose loss is an outlier; none until all have been seen often enough."""
         if len(self._losses) < LEAST_VIEWS or any(len(losses) < VISITS for losses in self._losses):
             return set()
-        logs = np.log([np.mean(losses) for losses in self._losses])
+        logs = np.log([np.mean([float(loss) for loss in losses]) for losses in self._losses])
         above = logs - np.median(logs)
         bound = max(FAR * 1.4826 * float(np.median(np.abs(above))), np.log(LEAST_RATIO))
         worst = np.argsort(-above)[: int(MOST * len(logs))]

@@ -83,7 +83,7 @@ class LearnedColours:
 
     def matrix(self, view: int) -> np.ndarray:
         """(3, 4) float32, a photograph's colour transform: [M | e] of M c + e."""
-        raw = self._table.values[view].numpy()
+        raw = self._table.values[view].numpy(force=True)
         match self._kind:
             case "off":
                 return np.eye(3, 4, dtype=np.float32)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -21,16 +23,15 @@ def surface_disparity(depth: Tensor, alpha: Tensor) -> Tensor:
     """
     there = (alpha > SURFACE_ALPHA) & (depth > 0)
     disparity = 1 / torch.where(there, depth, 1.0)
-    if bool(there.all()):
-        return disparity
-    farthest = disparity.detach()[there].min() if bool(there.any()) else disparity.new_zeros(())
-    return torch.where(there, disparity, farthest)
+    # Without a branch, which would have the host wait for a device.
+    farthest = torch.where(there, disparity.detach(), math.inf).min()
+    return torch.where(there, disparity, torch.where(farthest.isinf(), 0.0, farthest))
 
 
 def rendered_range(disparity: Tensor, alpha: Tensor, fallback: DisparityRange) -> DisparityRange:
     """Minimum and 95th percentile of disparity (H, W) over the pixels that have a surface, as in the released code;
     `fallback` if there is no such pixel, or all have the same disparity."""
-    known = disparity.detach()[alpha.detach() > SURFACE_ALPHA].numpy()
+    known = disparity.detach()[alpha.detach() > SURFACE_ALPHA].numpy(force=True)
     if known.size == 0:
         return fallback
     low, high = float(known.min()), float(np.quantile(known, _RANGE_QUANTILE))

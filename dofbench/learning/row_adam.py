@@ -5,6 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from dofbench.learning.nonfinite import finite_part
+
 _BETAS = (0.9, 0.999)
 _EPSILON = 1e-15
 
@@ -17,7 +19,7 @@ class RowAdam:
         self.values = values
         self._first = torch.zeros_like(self.values)
         self._second = torch.zeros_like(self.values)
-        self._visits = values.new_zeros(len(values))
+        self._visits = [0] * len(values)  # on the host, which would otherwise wait for the device at every step
         self._leaf: Tensor | None = None
 
     def leaf(self, row: int) -> Tensor:
@@ -36,10 +38,11 @@ class RowAdam:
         self._leaf = None
         if gradient is None:
             return
+        gradient = finite_part(gradient)
         self._visits[row] += 1
         beta1, beta2 = _BETAS
         self._first[row] = beta1 * self._first[row] + (1 - beta1) * gradient
         self._second[row] = beta2 * self._second[row] + (1 - beta2) * gradient.square()
-        visits = float(self._visits[row])
+        visits = self._visits[row]
         first, second = self._first[row] / (1 - beta1**visits), self._second[row] / (1 - beta2**visits)
         self.values[row] -= rate * first / (second.sqrt() + _EPSILON)

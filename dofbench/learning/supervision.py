@@ -23,6 +23,11 @@ class DepthSamples:
     depth: Tensor
     weight: Tensor | None = None
 
+    def on(self, device: str) -> DepthSamples:
+        """The samples on a device."""
+        weight = None if self.weight is None else self.weight.to(device)
+        return DepthSamples(self.rows.to(device), self.columns.to(device), self.depth.to(device), weight)
+
 
 @dataclass(frozen=True, eq=False)
 class DepthMap:

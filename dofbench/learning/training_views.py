@@ -31,25 +31,25 @@ class Photograph:
 
 
 def all_photographs(
-    views: Sequence[TrainingView], sizes: Sequence[int], prior: Prior | None, held_back: float, seed: int
+    views: Sequence[TrainingView], sizes: Sequence[int], prior: Prior | None, held_back: float, seed: int, device: str
 ) -> dict[int, list[Photograph]]:
     """Factor -> all training views shrunk by that factor, for each of the factors in `sizes`.
 
     prior: the depth that supervises, or None. held_back: the share of every photograph's tiles that no colour loss
-    uses.
+    uses. device: where the tensors lie.
     """
     return {
-        factor: [_photograph(view, index, factor, prior, held_back, seed) for index, view in enumerate(views)]
+        factor: [_photograph(view, index, factor, prior, held_back, seed, device) for index, view in enumerate(views)]
         for factor in sizes
     }
 
 
 def _photograph(
-    view: TrainingView, index: int, factor: int, prior: Prior | None, held_back: float, seed: int
+    view: TrainingView, index: int, factor: int, prior: Prior | None, held_back: float, seed: int, device: str
 ) -> Photograph:
     width, height = view.camera.width // factor, view.camera.height // factor
     camera = view.camera if factor == 1 else view.camera.resized(width, height)
-    image = torch.from_numpy(np.ascontiguousarray(resize(view.image, width, height)))
-    known = None if prior is None else prior.samples(index, camera)
+    image = torch.from_numpy(np.ascontiguousarray(resize(view.image, width, height))).to(device)
+    known = None if prior is None else prior.samples(index, camera).on(device)
     mask = held_back_mask(view.camera.height, view.camera.width, (height, width), held_back, seed, index)
-    return Photograph(index, view.name, camera, image, known, mask)
+    return Photograph(index, view.name, camera, image, known, None if mask is None else mask.to(device))

@@ -7,6 +7,7 @@ import copy
 from dataclasses import dataclass
 
 import numpy as np
+from torch import Tensor
 
 from dofbench.learning.outliers import OutlierOptions, OutlierViews
 
@@ -37,7 +38,7 @@ class ViewOrder:
                 self._left = [view for view in self._left if view not in self.left_out]
         return self._left.pop()
 
-    def record(self, view: int, loss: float) -> None:
+    def record(self, view: int, loss: Tensor) -> None:
         """Add the loss of a step on view number `view`."""
         self._outliers.record(view, loss)
 

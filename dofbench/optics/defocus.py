@@ -34,9 +34,10 @@ def defocus(
     """
     if blur.renderer != "scatter":
         raise InputError("renderer", blur.renderer, "scatter, the only one with a gradient")
-    if bool((signed_radius == 0).all()):
-        return image.clone()
-    return _blurred(image, signed_radius, blur, backend, form)[0]
+    sharp = (signed_radius == 0).all()
+    if not signed_radius.is_cpu:  # asking would have the host wait for the device
+        return torch.where(sharp, image, _blurred(image, signed_radius, blur, backend, form)[0])
+    return image.clone() if bool(sharp) else _blurred(image, signed_radius, blur, backend, form)[0]
 
 
 def defocus_numpy(

@@ -28,6 +28,6 @@ def test_the_sharp_view_is_compared_where_the_photograph_is_in_focus() -> None:
     )
     assert 0 < int(drawn.sum()) < drawn.numel()
     # Focused elsewhere nothing is compared, held-back pixels never.
-    assert model.cost(SharpView(lambda: raster), shot(0, 2.0, -2.0 * (focus + 0.5)), view) is None
+    assert model.cost(SharpView(lambda: raster), shot(0, 2.0, -2.0 * (focus + 0.5)), view) == 0
     kept = Photograph(0, "v", CAMERA, image, None, torch.ones(36, 48, dtype=torch.bool))
     assert float(model.cost(SharpView(lambda: raster), shot(0, 2.0, -2.0 * focus), kept).detach()) == 0

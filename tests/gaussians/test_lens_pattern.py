@@ -72,7 +72,17 @@ def test_wider_circles_need_more_points(radius, points):
     circles[50:] = radius
     assert points_of(rings_for(circles)) == points
     assert rings_for(circles, 5) >= rings_for(circles) and rings_for(circles, 1) <= 1
-    assert rings_for(circles[:0]) == 0  # nothing in view
+    assert rings_for(circles[:0]) == rings_for(circles * torch.nan) == 0  # nothing in view
+
+
+def test_a_hundredth_of_the_circles_may_be_wider():
+    """Of those that are in view."""
+    circles = torch.full((400,), torch.nan)
+    circles[:200] = 0.5
+    circles[:2] = 50.0
+    assert rings_for(circles) == 0
+    circles[2] = 50.0
+    assert rings_for(circles) == MOST_RINGS
 
 
 def test_between_small_and_wide_the_variance_goes_with_the_cube_of_the_radius():

@@ -1,4 +1,5 @@
 import math
+from itertools import product
 
 import numpy as np
 import pytest
@@ -117,8 +118,20 @@ def test_depth_loss_by_hand(norm, space, expected):
 
 
 def test_sparse_depth_says_nothing_where_there_is_no_surface():
-    truth = DepthSamples(torch.tensor([1]), torch.tensor([2]), torch.tensor([2.0]))
-    assert depth_loss(torch.zeros(4, 4), torch.zeros(4, 4), truth, SupervisionOptions(), 1.0, None) is None
+    """One of three known pixels has a surface, one is transparent, and one shows nothing at all: depth 0."""
+    depth = torch.full((4, 4), 2.0)
+    depth[1, 2], depth[3, 3] = 3.0, 0.0
+    alpha = torch.zeros(4, 4)
+    alpha[1, 2], alpha[0, 0] = 1.0, 0.05
+    truth = DepthSamples(torch.tensor([1, 0, 3]), torch.tensor([2, 0, 3]), torch.tensor([2.0, 7.0, 4.0]))
+    for norm, space in product(("l1", "l2"), ("depth", "disparity")):
+        options, rendered = SupervisionOptions(depth_norm=norm, depth_space=space), depth.clone().requires_grad_()
+        loss = depth_loss(rendered, alpha, truth, options, 1.0, None)
+        assert float(loss) == pytest.approx(1.0 if space == "depth" else 1 / 2 - 1 / 3, rel=FLOAT32_SCALAR)
+        (gradient,) = torch.autograd.grad(loss, rendered)
+        assert (gradient != 0).nonzero().tolist() == [[1, 2]] and bool(gradient.isfinite().all())
+        nothing = depth_loss(rendered, torch.zeros(4, 4), truth, options, 1.0, None)
+        assert not torch.autograd.grad(nothing, rendered)[0].any()
 
 
 def test_depth_counts_by_its_confidence_and_by_the_adaptation():

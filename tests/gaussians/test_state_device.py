@@ -44,7 +44,8 @@ def devices(thing: object) -> set[str]:
 
 
 def test_every_tensor_of_a_state_lies_there(state: TrainingState) -> None:
-    assert len(list(tensors(state, set()))) >= 20  # parameters, sums, colours and lenses with their moments
+    # Parameters, sums, and of colours and both parts of lenses three each.
+    assert len(list(tensors(state, set()))) == 6 + 2 + 3 * 3
     assert devices(state) == {"meta"}
 
 

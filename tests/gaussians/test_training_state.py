@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import torch
 from small_scene import options, training_set
@@ -13,8 +11,8 @@ from dofbench.gaussians.training_state import TrainingState
 
 def test_a_snapshot_brings_back_what_training_changes() -> None:
     state = TrainingState(training_set(), options(colour_per_view="gain"), 0)
-    assert state.lenses is not None and math.isnan(state.loss)
-    state.loss = 0.5
+    assert state.lenses is not None and state.loss is None
+    state.loss = torch.tensor(0.5)
     kept = state.snapshot()
 
     def drawn() -> tuple[float, float, list[int]]:
@@ -26,7 +24,7 @@ def test_a_snapshot_brings_back_what_training_changes() -> None:
     filtered = None if state.gaussians.filter_3d is None else state.gaussians.filter_3d.clone()
     assert drawn() != first
     state.lenses.spoil(0.25)
-    state.loss = 0.1
+    state.loss = torch.tensor(0.1)
     state.revise({"lens": False, "adaptation": "off"})
     with torch.no_grad():
         state.gaussians.parameters["means"] += 1

@@ -45,11 +45,9 @@ class FocusedBlur(OwnBlur):
         super().__init__(blur)
         self._options = options
 
-    def cost(self, sharp: SharpView, shot: Shot, view: Photograph) -> Tensor | None:
+    def cost(self, sharp: SharpView, shot: Shot, view: Photograph) -> Tensor:
         """The weighted difference, over all pixels, of those in focus, without the photograph's learned colour. Neither
-        the lens nor depth learns from which pixels these are; None where there are none."""
+        the lens nor depth learns from which pixels these are."""
         focused = (shot.circles(sharp.disparity.detach()) <= self._options.in_focus_circle) & (sharp.raster.alpha > 0)
-        if not bool(focused.any()):
-            return None
         difference = (looked_at(sharp.raster.color, view.image, view.held_back) - view.image).abs().mean(dim=2)
         return self._options.in_focus_weight * (difference * focused).mean()

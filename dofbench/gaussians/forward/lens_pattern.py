@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import torch
 from torch import Tensor
 
 MOST_RINGS = 3  # 37 lens points: affordable in rendering, where each picture is rendered once; training uses fewer
@@ -20,7 +21,7 @@ MOST_RINGS = 3  # 37 lens points: affordable in rendering, where each picture is
 # One point has no occlusion; 1 + 3 k (k + 1) points have cells of a pixel and a half.
 _WIDEST = (1.0, 3.5)
 _CELL = 1.5  # px: largest blur radius of a cell
-_WIDE_SHARE = 0.99  # quantile of a picture's circles of confusion that decides how many points it needs
+_WIDE_SHARE = 0.01  # of a picture's circles of confusion may be wider than its number of points is meant for
 
 _RING_OF_FIVE = 0.609  # radius of five points without a centre, on the unit lens
 _CELL_OF_FIVE = 0.0836  # variance of each one's cell, in units of R^2
@@ -37,11 +38,16 @@ def points_of(rings: int) -> int:
 def rings_for(circles: Tensor, most: int = MOST_RINGS) -> int:
     """The smallest number of rings, at most `most`, that suits a picture with these circles of confusion.
 
-    circles: (M,) radii, pixels, of what the picture shows. The search for a lens in scoring renders some eighty
-    pictures per photograph, most of them with small circles, for which 37 points would be a waste.
+    circles: (M,) radii, pixels, NaN for what the picture doesn't show. The search for a lens in scoring renders some
+    eighty pictures per photograph, most of them with small circles, for which 37 points would be a waste.
     """
-    widest = float(np.quantile(circles.numpy(), _WIDE_SHARE)) if len(circles) else 0.0
-    return next((rings for rings in range(most) if widest <= _widest(rings)), most)
+    if most == 0:
+        return 0
+    # Counted where the circles lie, so that a few numbers are all that a device has to hand over.
+    shown = ~circles.isnan()
+    wider = torch.stack([(circles > _widest(rings)).sum() for rings in range(most)] + [shown.sum()]).tolist()
+    few = _WIDE_SHARE * wider.pop()
+    return next((rings for rings, count in enumerate(wider) if count <= few), most)
 
 
 def _widest(rings: int) -> float:

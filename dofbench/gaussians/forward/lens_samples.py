@@ -10,6 +10,7 @@ Without rings the only point is the centre, and its cell is the whole lens (`own
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,13 +85,13 @@ def views_from_lens(scene: Rasteriser, shot: Shot, rings: int, to_depth: bool) -
 
 @torch.no_grad()
 def circles_in_view(gaussians: Gaussians, shot: Shot) -> Tensor:
-    """(M,) radii, pixels, of the circles of confusion of the Gaussians whose means the camera sees."""
+    """(N,) radii, pixels, of the Gaussians' circles of confusion; NaN where the camera doesn't see the mean."""
     means, camera = gaussians.parameters["means"], shot.camera
     pose = means.new_tensor(np.array(camera.world_to_camera))
     x, y, z = (means @ pose[:3, :3].T + pose[:3, 3]).unbind(1)
     u, v = camera.pixels(x, y, z)
     seen = (z > 0) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    return shot.circles(1 / z[seen])
+    return torch.where(seen, shot.circles(1 / z), math.nan)
 
 
 def depth_of(gaussians: Gaussians, camera: Camera) -> Tensor:
@@ -99,8 +100,8 @@ def depth_of(gaussians: Gaussians, camera: Camera) -> Tensor:
     means = gaussians.parameters["means"]
     pose = means.new_tensor(np.array(camera.world_to_camera))
     depth = means @ pose[2, :3] + pose[2, 3]
-    in_front = depth.detach()[depth.detach() > 0]
-    least = _LEAST_DEPTH * float(in_front.median()) if len(in_front) else 1.0
+    in_front = torch.where(depth.detach() > 0, depth.detach(), math.nan)
+    least = (_LEAST_DEPTH * in_front.nanmedian()).nan_to_num(1.0)  # 1 where nothing is in front
     return depth.clamp_min(least)
 
 

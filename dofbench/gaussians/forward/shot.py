@@ -54,8 +54,11 @@ class Shot:
 
     def out_of_focus(self, disparity: Tensor) -> Tensor:
         """|normalised disparity - focus|, without gradient."""
-        slope, offset = (value.item() if isinstance(value, Tensor) else value for value in (self.slope, self.offset))
-        focus = -offset / slope if slope else 0.0
+        slope, offset = (
+            value.detach().to(disparity) if isinstance(value, Tensor) else disparity.new_tensor(value)
+            for value in (self.slope, self.offset)
+        )
+        focus = torch.where(slope == 0, 0.0, -offset / slope)
         return (self._normalised(disparity.detach()) - focus).abs()
 
     def _whole(self, disparity: Tensor) -> Tensor:
