@@ -11,6 +11,7 @@ the machine; that every one of them then has values is this module's work.
 
 from __future__ import annotations
 
+import importlib
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,7 +25,7 @@ from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves, tree_map_only
 
-from dofbench.compute import gpu_launch
+from dofbench.compute import devices, gpu_launch
 
 _META, _CUDA = torch.device("meta"), torch.device("cuda", 0)
 _CODE = tuple(str(Path(__file__).resolve().parents[1] / folder) for folder in ("dofbench", "kernels"))
@@ -73,19 +74,22 @@ def _computed(function: Any, arguments: tuple[Any, ...], options: dict[str, Any]
     name = function.name().removeprefix("aten::").partition(".")[0]
     tensors = [one for one in tree_leaves((arguments, options)) if isinstance(one, Tensor)]
     there = [one for one in tensors if isinstance(one, Pretended)]
-    here = [one for one in tensors if not isinstance(one, Pretended) and one.ndim > 0]
+    here = [one for one in tensors if not isinstance(one, Pretended)]
     options = dict(options)
     on_device = bool(there)
     if options.get("device") is not None:
         on_device = torch.device(options["device"]).type != "cpu"
         options["device"] = torch.device("cpu")
-    if there and here and name != "copy_":
+    if there and any(one.ndim for one in here) and name != "copy_":
         raise RuntimeError(f"{name}: tensors on cpu and on cuda:0, in {_place()}")
     by_mask = name in ("index", "index_put_") and any(
         one.dtype == torch.bool for one in tree_leaves(arguments[1]) if isinstance(one, Tensor)
     )
     brought = (name == "_to_copy" and not on_device) or (name == "copy_" and not isinstance(arguments[0], Pretended))
-    if there and (name in _WAITS or by_mask or brought):
+    # torch waits for the whole device after a copy to it, unless the copy is asked not to block.
+    blocking = not options.get("non_blocking") and not (name == "copy_" and True in arguments[2:])
+    sent = on_device and bool(here) and blocking and name in ("_to_copy", "copy_")
+    if (there and (name in _WAITS or by_mask or brought)) or sent:
         _waits.append(f"{name} in {_place()}")
     given, named = (tree_map_only(Pretended, lambda one: one.host, each) for each in (arguments, options))
     result = function(*given, **named)
@@ -141,6 +145,11 @@ def pretended(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
 
     monkeypatch.setattr(gpu_launch, "run", interpreted)
     monkeypatch.setattr(gpu_launch, "interpreted", lambda: False)
+    interpreter = importlib.import_module("triton.runtime.interpreter")
+    # The interpreter's own check of sums of whole numbers takes a third of the time, and kernels' own tests have it.
+    options = interpreter.InterpreterOptions(sanitize_overflow=False)
+    monkeypatch.setattr(interpreter.interpreter_builder, "options", options)
+    monkeypatch.setattr(devices, "count", lambda kind: 1)
     # Within a backward pass torch itself looks for the device that a new tensor is to lie on, before `_Operations`.
     monkeypatch.setattr(torch.cuda, "_lazy_init", lambda: None)
     _waits.clear()

@@ -147,7 +147,7 @@ def test_tables_say_what_there_is() -> None:
     assert set(table_column(docs / "methods.md", "id")) == set(cards)
     presets = table_column(docs / "methods.md", "preset")
     assert set(presets) == set(cards["dofgaussian"]["presets"])
-    assert set(cards["mipsplatting"]["presets"]) == {"cpu", "quick", "smoke"}  # as the page says
+    assert set(cards["mipsplatting"]["presets"]) == {"cpu", "gpu", "quick", "smoke"}  # as the page says
     tables = tomllib.loads((ROOT / "methods" / "dofgaussian" / "ablations.toml").read_text())["tables"]
     assert set(table_column(docs / "ablations.md", "`--table`")) == {table["id"] for table in tables}
     named = {file.stem for file in (ROOT / "datasets").glob("*.toml")}

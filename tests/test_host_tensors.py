@@ -20,6 +20,8 @@ PACKAGES = ("optics", "learning", "gaussians")
 
 # Each brings a tensor's numbers to the host.
 FETCHES = {"numpy", "cpu", "item", "tolist"}
+# Copies to a device, and waits until the device has done all that it was asked before; `beside` doesn't.
+WAITS = "new_tensor"
 # Each makes a tensor, on the CPU where no device is named.
 MAKES = {"arange", "as_tensor", "empty", "eye", "from_numpy", "full", "linspace", "logspace", "ones", "rand", "randint"}
 MAKES |= {"randn", "randperm", "tensor", "zeros"}
@@ -136,7 +138,7 @@ def moves(node: ast.Call) -> bool:
 
 
 def fetch_or_make(node: ast.Call) -> str:
-    """`.numpy()` or `torch.zeros`, if the call is one without a device; else ""."""
+    """`.numpy()`, `.new_tensor()` or `torch.zeros`, if the call is one without a device; else ""."""
     function = node.func
     if not isinstance(function, ast.Attribute):
         return ""
@@ -145,7 +147,8 @@ def fetch_or_make(node: ast.Call) -> str:
         # `**options` may contain a device, which can't be checked here.
         named = any(keyword.arg in ("device", None) for keyword in node.keywords)
         return "" if named else f"torch.{function.attr}"
-    return f".{function.attr}()" if function.attr in FETCHES and not node.args and not of_torch else ""
+    fetches = function.attr in FETCHES and not node.args and not of_torch
+    return f".{function.attr}()" if fetches or function.attr == WAITS else ""
 
 
 def found() -> Counter[str]:
@@ -160,7 +163,7 @@ def allowed() -> Counter[str]:
 def test_no_tensor_goes_to_the_cpu_or_is_made_there_but_where_a_reason_is_given() -> None:
     new = found() - allowed()
     assert not new, (
-        f"{dict(new)}: keep to the device of the tensors at hand (device=tensor.device, tensor.new_zeros), or say in "
+        f"{dict(new)}: keep to the device of the tensors at hand (device=tensor.device, beside), or say in "
         "ALLOWED why the host is right there"
     )
 

@@ -80,6 +80,7 @@ def _presets(entry: MethodEntry) -> Iterator[str]:
             *([_frozen_words(entry, name)] if name in frozen else []),
             *(["the default"] if name == card.default_preset else []),
             *(["the default on the built-in dataset"] if name == card.builtin_preset else []),
+            *(["the default on a GPU"] if name == card.gpu_preset else []),
             *([f"budget {declared['budget']}"] if budget is not None and "budget" in declared else []),
             *([f"as {declared['extends']}, but"] if "extends" in declared else []),
         ]

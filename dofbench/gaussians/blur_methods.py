@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
 import torch
 
+from dofbench.compute.device_numbers import beside
 from dofbench.gaussians.density import DensityControl
 from dofbench.gaussians.extra_points import ExtraOptions, GrowingOnce
 from dofbench.gaussians.forward.circle_copies import CircleCopies, CopiesOptions
@@ -108,7 +108,7 @@ class CopiedOptions(GrownOnceOptions):
 
     def learned_blur(self, start: BlurStart) -> LearnedBlur | None:
         """See `CircleCopies`; photographs begin to be focused at the mean distance of the Gaussians."""
-        centres = start.means.new_tensor(np.stack([camera.centre for camera in start.cameras]))
+        centres = beside(start.means, [camera.centre for camera in start.cameras])
         first = torch.stack([(start.means - centre).norm(dim=1).mean() for centre in centres])
         return CircleCopies(first, start.place, start.extent, self.copies, start.generator)
 

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.compute.device_numbers import beside
 from dofbench.gaussians.density import DensityControl, DensityOptions
 from dofbench.gaussians.model import INITIAL_OPACITY, Gaussians
 from dofbench.gaussians.optimiser import GaussianOptimiser
@@ -77,7 +78,7 @@ class GrowingOnce(DensityControl):
         means = self._gaussians.parameters["means"].detach()
         scales = neighbour_distances(means)[0].square().mean(dim=1).sqrt().clamp_min(1e-7)
         opacity = means.new_full((len(means),), INITIAL_OPACITY)
-        identity = means.new_tensor([1.0, 0.0, 0.0, 0.0]).expand(len(means), 4)
+        identity = beside(means, [1.0, 0.0, 0.0, 0.0]).expand(len(means), 4)
         for name, value in (
             ("log_scales", scales.log()[:, None].expand(-1, 3)),
             ("quaternions", identity),

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from dofbench.compute.devices import resolve
+from dofbench.compute.devices import KINDS, resolve
 from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import FitOutcome, Observer, Rendering, TrainingSet
@@ -35,7 +35,7 @@ class GaussianMethod:
     FORCED: ClassVar[Mapping[str, Any]] = {}
 
     def __init__(self, options: Mapping[str, Any], seed: int, device: str):
-        self._device = resolve(device, ("cpu",), "this version's training of Gaussians")
+        self._device = resolve(device, KINDS, "training of Gaussians")
         fixed = sorted(set(options) & set(self.FORCED))
         if fixed:
             raise InputError(f"option {fixed[0]}", "a value", "none: this method fixes it")
@@ -109,6 +109,7 @@ class GaussianMethod:
         near = rendering.pop(NEAR_PLANE, NEAR)
         if isinstance(near, str) or not near > 0:
             raise InputError(folder / _LENSES, f"rendering.{NEAR_PLANE}: {near}", "a distance above 0")
+        gaussians = gaussians.on(self._device)
         gaussians.near = float(near)
         self._options = self._options.with_overrides(rendering, f"{folder / _LENSES}: rendering")
         self._gaussians = lower_degree(gaussians, self._options.appearance.sh_degree)

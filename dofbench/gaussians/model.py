@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.compute.device_numbers import beside
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
@@ -45,6 +46,11 @@ class Gaussians:
     def max_sh_degree(self) -> int:
         """Highest spherical-harmonics degree that sh_rest has room for."""
         return math.isqrt(self.parameters["sh_rest"].shape[1] + 1) - 1
+
+    def on(self, device: torch.device | str) -> Gaussians:
+        """The Gaussians on a device, as new parameters."""
+        filter_3d = None if self.filter_3d is None else self.filter_3d.to(device)
+        return Gaussians({name: value.to(device) for name, value in self.parameters.items()}, filter_3d, self.near)
 
     @staticmethod
     def from_points(points: PointCloud | None, sh_degree: int, device: torch.device | str = "cpu") -> Gaussians:
@@ -92,7 +98,7 @@ class Gaussians:
         means = self.parameters["means"].detach()
         finest = means.new_full((len(means),), math.inf)
         for camera in cameras:
-            world_to_camera = means.new_tensor(np.array(camera.world_to_camera))
+            world_to_camera = beside(means, camera.world_to_camera)
             local = means @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]
             depth = local[:, 2]
             u, v = camera.pixels(local[:, 0], local[:, 1], depth)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from dofbench.compute.device_numbers import beside
 from dofbench.compute.raster import ViewStatistics
 from dofbench.gaussians.density import DensityOptions, rotate
 from dofbench.gaussians.density_pace import DensityPace
@@ -135,7 +136,7 @@ class Relocation:
         # The generator is one of the host, so that a seed draws the same noise on every device.
         normal = torch.randn(parameters["means"].shape, generator=self._generator, device=self._generator.device)
         scales, quaternions = parameters["log_scales"].exp(), parameters["quaternions"]
-        inverse = quaternions * quaternions.new_tensor([1.0, -1.0, -1.0, -1.0])
+        inverse = quaternions * beside(quaternions, [1.0, -1.0, -1.0, -1.0])
         noise = rotate(quaternions, scales.square() * rotate(inverse, normal.to(scales.device)))
         opacity = torch.sigmoid(parameters["opacity_logits"])
         transparent = torch.sigmoid(-_STEEP * (opacity - self._density.prune_opacity))

@@ -40,13 +40,14 @@ def compile_kernels(
     training, within the time that is measured. from_points: whether steps rasterise from points of the lens. more: ops
     that steps call beside those of every training.
     """
+    device = gaussians.parameters["means"].device.type
     called = ("ssim", *(("scatter", "tone") if options.lens.lens else ()), *more)
-    others = [op for op in called if not is_warm(op)]
-    if not is_warm("rasterize"):
+    others = [op for op in called if not is_warm(op, device)]
+    if device == "cpu" and not is_warm("rasterize"):
         _compile_side_by_side(gaussians, camera, options, others)
     else:
         for op in others:
-            warm_up(op)
+            warm_up(op, device)
     for geometry in GEOMETRIES:
         if geometry != "depth" and geometry in later:
             _rasterise_once(gaussians, camera, options, geometry)

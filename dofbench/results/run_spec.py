@@ -47,7 +47,7 @@ class WhichMethods:
     """Ids of methods, comma-separated: folders in methods/ or in a folder that DOFBENCH_METHODS lists."""
     preset: str | None = None
     """Presets of the methods' method.toml, comma-separated. Default: the file's default_preset, or its builtin_preset
-    on the built-in dataset."""
+    on the built-in dataset, or its gpu_preset on a GPU."""
 
 
 @dataclass(frozen=True, kw_only=True)

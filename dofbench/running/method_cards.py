@@ -33,6 +33,7 @@ LIKE = (
     "presets",
     "default_preset",
     "builtin_preset",
+    "gpu_preset",
     "stages",
     "trials",
     "costs",
@@ -103,6 +104,7 @@ class Card(_Strict):
     one replaces some of its options.
     builtin_preset: the preset of a run without a dataset, which shows the whole on the built-in one;
     without it, default_preset.
+    gpu_preset: the preset of a run on a GPU; without it, default_preset. The built-in dataset's comes first.
     stages: name -> a part of the method that a plan may leave out where the data don't need it.
     trials: the option that names, with commas between, what training tries out for itself.
     costs: what its default preset's training takes.
@@ -117,6 +119,7 @@ class Card(_Strict):
     class_: str = Field(alias="class", pattern=r"^[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*$")
     default_preset: str
     builtin_preset: str | None = None
+    gpu_preset: str | None = None
     capabilities: Capabilities
     devices: tuple[str, ...] = ("cpu",)
     kernels: tuple[str, ...] = ()
@@ -170,12 +173,15 @@ class MethodEntry:
     folder: Path
     card: Card
 
-    def preset(self, name: str | None, *, builtin: bool = False) -> tuple[str, dict[str, Any], Budget | None]:
-        """(name, options, budget) of a preset; None takes the default one, or with `builtin` the one for the built-in
-        dataset. Raises InputError.
+    def preset(
+        self, name: str | None, *, builtin: bool = False, device: str = "cpu"
+    ) -> tuple[str, dict[str, Any], Budget | None]:
+        """(name, options, budget) of a preset; None takes the default one on this device, or with `builtin` the one for
+        the built-in dataset. Raises InputError.
         """
         if name is None:
-            name = (self.card.builtin_preset if builtin else None) or self.card.default_preset
+            on_device = self.card.gpu_preset if kind_of(device) != "cpu" else None
+            name = (self.card.builtin_preset if builtin else None) or on_device or self.card.default_preset
         if name not in self.card.presets:
             raise InputError(f"preset of {self.id}", repr(name), f"one of {', '.join(self.card.presets)}")
         options = dict(self.card.presets[name])
@@ -307,8 +313,8 @@ def _read_card(file: Path) -> Card:
     except ValidationError as error:
         found = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
         raise InputError(file, found, "the keys that dofbench.running.method_cards.Card describes") from None
-    for key, value in (("default_preset", card.default_preset), ("builtin_preset", card.builtin_preset)):
-        if value is not None and value not in card.presets:
+    for key in ("default_preset", "builtin_preset", "gpu_preset"):
+        if (value := getattr(card, key)) is not None and value not in card.presets:
             raise InputError(file, f"{key} = {value!r}", f"one of {', '.join(card.presets)}")
     bases = [name for name, options in card.presets.items() if "extends" not in options]
     for name, options in card.presets.items():

@@ -59,10 +59,11 @@ class Prepared:
 def choose(settings: Run) -> Choices:
     """Method, preset, budget and device. Raises InputError when the call is wrong."""
     entry = find_method(settings.method)
-    preset, options, budget = entry.preset(settings.preset, builtin=settings.data is None)
+    device = entry.device_for(settings.device)
+    preset, options, budget = entry.preset(settings.preset, builtin=settings.data is None, device=device)
     overrides = parse_overrides(settings.set)
     budget = settings.budget or preset_budget(entry, preset, {**options, **overrides}, budget)
-    return Choices(entry, preset, options, overrides, budget, entry.device_for(settings.device))
+    return Choices(entry, preset, options, overrides, budget, device)
 
 
 def prepare(settings: Run, data: Path) -> Prepared:

@@ -9,6 +9,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from dofbench.compute.backend import Backend
+from dofbench.compute.device_numbers import beside
 from dofbench.compute.gpu_launch import check_tensors, kernels, launch
 
 from .reference import K1, K2, Border, Settings, check_images, check_weight, gaussian_window
@@ -80,7 +81,8 @@ class _Compare(torch.autograd.Function):
         counts = counted_y * counted_x * channels, float(prediction.numel()), *map(float, pairs)
         context.save_for_backward(prediction, target, weights, slopes)
         context.call = taps, centre, kind, grid
-        means = sums.sum(0, dtype=torch.float64) / sums.new_tensor(counts, dtype=torch.float64)
+        totals = sums.sum(0, dtype=torch.float64)
+        means = totals / beside(totals, counts)
         context.counts = counts
         unlike, l1, across, down = means.float().unbind()
         return unlike, l1, across + down

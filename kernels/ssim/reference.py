@@ -14,6 +14,7 @@ from torch import Tensor
 from torch.nn.functional import conv2d
 
 from dofbench.compute.backend import Backend
+from dofbench.compute.device_numbers import beside
 
 BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
 K1, K2 = 0.01, 0.03
@@ -106,7 +107,7 @@ def _similarity(
     prediction: Tensor, target: Tensor, border: Border, window: int, sigma: float, data_range: float
 ) -> Tensor:
     """(C, 1, H, W) similarity by pixel; with the border "valid" only of the pixels whose window lies inside."""
-    weights = prediction.new_tensor(gaussian_window(window, sigma))
+    weights = beside(prediction, gaussian_window(window, sigma))
     padding = window // 2 if border == "same" else 0
 
     def blur(image: Tensor) -> Tensor:

@@ -32,7 +32,7 @@ def test_the_garbage_collector_rests_while_compiling_and_is_then_as_before(
 ) -> None:
     during = []
     monkeypatch.setattr(sys, "executable", "true")  # the other process has nothing to do
-    monkeypatch.setattr(warmup, "is_warm", lambda op: False)
+    monkeypatch.setattr(warmup, "is_warm", lambda op, device="cpu": False)
     monkeypatch.setattr(warmup, "_rasterise_once", lambda *_: during.append((gc.isenabled(), _[-1])))
     (gc.enable if enabled else gc.disable)()
     points = cloud([(0, 0, 2.0), (0, 1, 2.0), (1, 0, 2.0), (1, 1, 2.0)])
@@ -50,8 +50,8 @@ def test_a_kernel_that_alone_is_cold_is_compiled_before_training(
 ) -> None:
     """Otherwise its compilation would count as training."""
     compiled: list[str] = []
-    monkeypatch.setattr(warmup, "is_warm", lambda op: op not in ("scatter", "tone"))
-    monkeypatch.setattr(warmup, "warm_up", compiled.append)
+    monkeypatch.setattr(warmup, "is_warm", lambda op, device="cpu": op not in ("scatter", "tone"))
+    monkeypatch.setattr(warmup, "warm_up", lambda op, device: compiled.append(op))
     points = cloud([(0, 0, 2.0), (0, 1, 2.0), (1, 0, 2.0), (1, 1, 2.0)])
     options = GaussianOptions.of(lens=lens)
     warmup.compile_kernels(Gaussians.from_points(points, 0), frontal(4, 4, 4.0), options, (), False)
@@ -89,7 +89,7 @@ def test_gradients_by_absolute_values_are_compiled_where_density_control_asks_fo
     monkeypatch.setattr(warmup, "rasterise", rasterise)
     monkeypatch.setattr(warmup, "rasterise_from_points", rasterise)
     points = cloud([(0, 0, 2.0), (0, 1, 2.0), (1, 0, 2.0), (1, 1, 2.0)])
-    monkeypatch.setattr(warmup, "is_warm", lambda op: True)
+    monkeypatch.setattr(warmup, "is_warm", lambda op, device="cpu": True)
     options = GaussianOptions.of(grow_absolute=absolute)
     warmup.compile_kernels(Gaussians.from_points(points, 0), frontal(4, 4, 4.0), options, ("full",), True)
     assert asked == [absolute, absolute]

@@ -7,17 +7,17 @@ from collections import Counter
 import numpy as np
 import pytest
 import torch
-from made_up import Recorder, cloud
+from made_up import Recorder
 from pretended_device import pretended
-from small_scene import options, training_set
+from small_scene import options
+from tiny_scene import tiny_scene
 from tolerances import FLOAT32_VALUE
 
 from dofbench.core.budget import Budget
-from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.core.errors import Status
 from dofbench.gaussians.trainer import Trainer
 
-STEPS, POINTS, SMALLER = 20, 12, 4
+STEPS = 20
 BAD = 0  # view whose turn isn't in the first step
 
 
@@ -43,26 +43,6 @@ class Steps(Recorder):
         self.own.append(float(self._trainer.state.loss))
         self._all_waits.clear()
         return super().after_step(step, loss)
-
-
-@pytest.fixture(autouse=True)
-def _unchecked_sums(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The interpreter's own check of sums of whole numbers is for the kernels' tests; here it would take a third of the
-    time."""
-    interpreter = pytest.importorskip("triton.runtime.interpreter")
-    options = interpreter.InterpreterOptions(sanitize_overflow=False)
-    monkeypatch.setattr(interpreter.interpreter_builder, "options", options)
-
-
-def tiny_scene(bad_view: int | None = None) -> TrainingSet:
-    """The small scene in a quarter of its size, of fewer points."""
-    scene = training_set(bad_view)
-    views = []
-    for view in scene.views:
-        height, width = view.camera.height // SMALLER, view.camera.width // SMALLER
-        image = view.image.reshape(height, SMALLER, width, SMALLER, 3).mean((1, 3))
-        views.append(TrainingView(view.name, view.camera.resized(width, height), np.ascontiguousarray(image)))
-    return TrainingSet(tuple(views), cloud(scene.points.xyz[:POINTS], rgb=scene.points.rgb[:POINTS]))
 
 
 def trainer_on(device: str, bad_view: int | None = None, **overrides: object) -> Trainer:

@@ -64,6 +64,20 @@ def test_a_preset_extends_another_and_one_is_for_the_built_in_dataset(folder: Pa
     assert entry.preset("quick", builtin=True)[0] == "quick"
 
 
+def test_a_preset_is_for_a_gpu(folder: Path) -> None:
+    file = folder / "method.toml"
+    text = file.read_text().replace('default_preset = "quick"', 'default_preset = "quick"\ngpu_preset = "slow"')
+    file.write_text(text)
+    entry = find_method("fake")
+    assert entry.preset(None)[0] == "quick" == entry.preset("quick", device="cuda:1")[0]
+    assert entry.preset(None, device="cuda:1")[0] == "slow" == entry.preset(None, device="cuda", builtin=True)[0]
+    file.write_text(text.replace('default_preset = "quick"', 'default_preset = "quick"\nbuiltin_preset = "quick"'))
+    assert find_method("fake").preset(None, device="cuda", builtin=True)[0] == "quick"
+    file.write_text(text.replace('gpu_preset = "slow"', 'gpu_preset = "huge"'))
+    with pytest.raises(InputError, match="gpu_preset = 'huge', expected one of quick, slow"):
+        find_method("fake")
+
+
 LIKE_FAKE = """\
 name = "Fake again"
 summary = "As the fake, but noisier"

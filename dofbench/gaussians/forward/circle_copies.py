@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+from dofbench.compute.device_numbers import beside
 from dofbench.compute.raster import Geometry
 from dofbench.gaussians.forward.forward_model import ForwardModel, Rasteriser, SharpView, WithoutCost
 from dofbench.gaussians.forward.gaussian_network import GaussianNetwork
@@ -110,7 +111,7 @@ class CircleCopies(WithoutCost):
         """(N,) |1 / distance - 1 / focus|, times the network's unit, of Gaussians at places (N, 3), which get no
         gradient by it; the focus gets one."""
         assert shot.number is not None
-        distance = (means.detach() - means.new_tensor(shot.camera.centre)).norm(dim=1)
+        distance = (means.detach() - beside(means, shot.camera.centre)).norm(dim=1)
         focus = self._first[shot.number] * self._focuses.leaf(shot.number).exp()
         return self._unit * (1 / distance - 1 / focus).abs()
 

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.compute.device_numbers import beside
 from dofbench.compute.raster import Geometry, Raster
 from dofbench.core.cameras import Camera
 from dofbench.core.lens import GAMMA
@@ -131,7 +132,7 @@ class BlurStart:
     @property
     def place(self) -> Tensor:
         """(3,) the mean of the cameras' places, scene units."""
-        return self.means.new_tensor(np.mean([camera.centre for camera in self.cameras], axis=0))
+        return beside(self.means, np.mean([camera.centre for camera in self.cameras], axis=0))
 
 
 class LearnedBlur(Protocol):

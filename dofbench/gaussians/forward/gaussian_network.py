@@ -9,6 +9,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
+from dofbench.compute.device_numbers import beside
 from dofbench.core.cameras import Camera
 from dofbench.learning.networks import encoded_places, redraw
 
@@ -52,7 +53,7 @@ class GaussianNetwork(nn.Module):
     def forward(self, parameters: Mapping[str, Tensor], camera: Camera) -> tuple[Tensor, ...]:
         """(N, size) for each group. parameters: the Gaussians', which get no gradient."""
         means = parameters["means"].detach()
-        places, eye = ((place - self._origin) / self._unit for place in (means, means.new_tensor(camera.centre)))
+        places, eye = ((place - self._origin) / self._unit for place in (means, beside(means, camera.centre)))
         scales = parameters["log_scales"].detach().exp() / self._unit
         turns = nn.functional.normalize(parameters["quaternions"].detach())
         inputs = torch.cat([encoded_places(places, _PLACE_FREQUENCIES), scales, turns], 1)

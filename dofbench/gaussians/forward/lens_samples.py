@@ -13,10 +13,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.compute.device_numbers import beside
 from dofbench.compute.raster import Geometry
 from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
@@ -25,9 +25,6 @@ from dofbench.gaussians.forward.lens_pattern import cell_variance, lens_points, 
 from dofbench.gaussians.forward.shot import Shot
 from dofbench.gaussians.model import Gaussians
 from dofbench.optics.tone import fast_decode, fast_encode
-
-# Share of the median depth, to which smaller depths are raised: such Gaussians aren't drawn but must stay finite
-_LEAST_DEPTH = 1e-3
 
 
 @dataclass(frozen=True)
@@ -87,7 +84,7 @@ def views_from_lens(scene: Rasteriser, shot: Shot, rings: int, to_depth: bool) -
 def circles_in_view(gaussians: Gaussians, shot: Shot) -> Tensor:
     """(N,) radii, pixels, of the Gaussians' circles of confusion; NaN where the camera doesn't see the mean."""
     means, camera = gaussians.parameters["means"], shot.camera
-    pose = means.new_tensor(np.array(camera.world_to_camera))
+    pose = beside(means, camera.world_to_camera)
     x, y, z = (means @ pose[:3, :3].T + pose[:3, 3]).unbind(1)
     u, v = camera.pixels(x, y, z)
     seen = (z > 0) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
@@ -95,14 +92,11 @@ def circles_in_view(gaussians: Gaussians, shot: Shot) -> Tensor:
 
 
 def depth_of(gaussians: Gaussians, camera: Camera) -> Tensor:
-    """(N,) z of the means in the camera's frame, scene units, raised to a small positive number where it is below;
-    differentiable."""
+    """(N,) z of the means in the camera's frame, scene units, raised to the near plane where it is below, since what
+    isn't drawn must stay finite too; differentiable."""
     means = gaussians.parameters["means"]
-    pose = means.new_tensor(np.array(camera.world_to_camera))
-    depth = means @ pose[2, :3] + pose[2, 3]
-    in_front = torch.where(depth.detach() > 0, depth.detach(), math.nan)
-    least = (_LEAST_DEPTH * in_front.nanmedian()).nan_to_num(1.0)  # 1 where nothing is in front
-    return depth.clamp_min(least)
+    pose = beside(means, camera.world_to_camera)
+    return (means @ pose[2, :3] + pose[2, 3]).clamp_min(gaussians.near)
 
 
 def together(images: Tensor, gamma: float) -> Tensor:

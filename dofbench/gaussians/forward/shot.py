@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from dofbench.compute.device_numbers import beside
 from dofbench.core.cameras import Camera
 from dofbench.core.lens import COC_FRACTION, DisparityRange, PhysicalLens
 
@@ -55,7 +56,7 @@ class Shot:
     def out_of_focus(self, disparity: Tensor) -> Tensor:
         """|normalised disparity - focus|, without gradient."""
         slope, offset = (
-            value.detach().to(disparity) if isinstance(value, Tensor) else disparity.new_tensor(value)
+            value.detach().to(disparity) if isinstance(value, Tensor) else beside(disparity, value)
             for value in (self.slope, self.offset)
         )
         focus = torch.where(slope == 0, 0.0, -offset / slope)

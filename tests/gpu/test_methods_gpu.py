@@ -1,0 +1,47 @@
+"""Every method whose card offers a GPU, on a pretended one: it trains, is kept and rendered there as on the CPU."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up import Recorder
+from pretended_device import pretended
+from tiny_scene import tiny_scene
+from tolerances import FLOAT32_VALUE
+
+from dofbench.core.budget import Budget
+from dofbench.core.contracts import Rendering
+from dofbench.core.errors import Status
+from dofbench.core.lens import PhysicalLens
+from dofbench.running.method_cards import find_method, method_files
+
+METHODS = sorted(name for name in method_files() if "cuda" in find_method(name).card.devices)
+LENS = PhysicalLens(aperture=8.0, focus_disparity=1 / 6, width=12)
+STEPS = 3
+
+
+def kept(name: str, device: str, folder: Path) -> list[Rendering]:
+    """What a trained model renders that was read back from its files."""
+    entry = find_method(name)
+    _, options, _ = entry.preset("smoke")
+    method, scene = entry.create(options, 0, device), tiny_scene()
+    assert method.fit(scene, Budget(steps=STEPS), Recorder()).status is Status.OK
+    method.save(folder)
+    again = entry.create({}, 0, device)
+    again.load(folder)
+    lenses = [None, LENS] if entry.card.capabilities.refocus else [None]
+    return [again.render(scene.views[0].camera, lens) for lens in lenses]
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_it_trains_is_kept_and_rendered_as_on_the_cpu(
+    name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    expected = kept(name, "cpu", tmp_path)
+    with pretended(monkeypatch):
+        found = kept(name, "cuda", tmp_path)
+    for here, there in zip(expected, found, strict=True):
+        np.testing.assert_allclose(there.image, here.image, rtol=0, atol=FLOAT32_VALUE)
+        np.testing.assert_allclose(there.depth, here.depth, rtol=FLOAT32_VALUE)
