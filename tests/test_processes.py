@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from dofbench.core.errors import InputError
-from dofbench.core.jobs import Busy, Job, Resources, ThisProcess
+from dofbench.core.jobs import FREED, Busy, Job, Resources, ThisProcess
 from dofbench.core.processes import LocalProcesses, machine_memory_mb
 
 
@@ -193,6 +193,51 @@ def test_jobs_run_side_by_side_where_the_machine_has_room(tmp_path, takes, toget
     first, second = LocalProcesses(2, memory_mb=1000.0).run(jobs, Log())
     assert not first.problem and not second.problem
     assert first.message == ("2 begun" if together else "1 begun") and second.message == "2 begun"
+
+
+def sees(folder, name, report):
+    """As `waits`, and says which GPUs it sees."""
+    return waits(folder, name, report), os.environ.get("CUDA_VISIBLE_DEVICES")
+
+
+def frees(folder, name, report):
+    """As `waits`, after it has freed its accelerator."""
+    report(FREED)
+    return waits(folder, name, report)
+
+
+@pytest.mark.parametrize(
+    ("visible", "takes", "expected"),
+    [
+        (None, ["cuda", "cuda"], ["0", "1"]),
+        ("3, 5", ["cuda", "cuda"], ["3", "5"]),
+        ("3,5", ["cuda:0", "cuda"], ["3,5", "5"]),  # who names a GPU sees all of them
+        (None, ["cpu", "cuda"], [None, "0"]),
+    ],
+)
+def test_each_job_that_asks_for_any_gpu_sees_one_of_its_own(tmp_path, monkeypatch, visible, takes, expected):
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    if visible is not None:
+        monkeypatch.setenv("CUDA_VISIBLE_DEVICES", visible)
+    work = _spawned().sees
+    jobs = [Job(f"{i}", partial(work, str(tmp_path), f"{i}"), takes=Resources(one)) for i, one in enumerate(takes)]
+    outcomes = LocalProcesses(2, gpus=2).run(jobs, Log())
+    assert [outcome.message for outcome in outcomes] == [("2 begun", one) for one in expected]
+    assert os.environ.get("CUDA_VISIBLE_DEVICES") == visible
+
+
+def test_a_third_job_waits_for_one_of_two_gpus(tmp_path):
+    work = _spawned().sees
+    jobs = [Job(f"{i}", partial(work, str(tmp_path), f"{i}"), takes=Resources("cuda")) for i in range(3)]
+    outcomes = LocalProcesses(3, gpus=2).run(jobs, Log())
+    assert [outcome.message[0] for outcome in outcomes] == ["2 begun", "2 begun", "3 begun"]
+
+
+def test_a_job_that_needs_its_accelerator_no_longer_lets_the_next_one_begin(tmp_path):
+    work, log = _spawned(), Log()
+    jobs = [Job(f"{i}", partial(work.frees, str(tmp_path), f"{i}"), takes=Resources("cuda")) for i in range(2)]
+    first, second = LocalProcesses(2).run(jobs, log)
+    assert first.message == second.message == "2 begun"
 
 
 def test_memory_is_the_container_s_where_it_has_less(tmp_path):

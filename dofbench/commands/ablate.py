@@ -8,7 +8,6 @@ from rich.console import Console
 
 from dofbench.core.files import write_text
 from dofbench.core.jobs import Executor
-from dofbench.core.processes import LocalProcesses
 from dofbench.core.progress import say
 from dofbench.reporting.ablations.ablation_document import ablation_document
 from dofbench.reporting.ablations.ablation_records import cell_records, summary_records
@@ -19,7 +18,7 @@ from dofbench.reporting.markdown_writer import markdown_page
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_plan import Plan, make_plan
 from dofbench.running.ablation_tables import read_tables, tables_of
-from dofbench.running.batch import Batch
+from dofbench.running.batch import Batch, processes_for
 from dofbench.running.ended_runs import Ended
 
 
@@ -33,7 +32,7 @@ def make_tables(settings: Ablate, console: Console | None = None, executor: Exec
     """
     console = console or Console()
     plan = make_plan(settings, read_tables(settings.tables or tables_of(settings.method)))
-    batch = Batch(plan.runs, settings.results, executor or LocalProcesses(settings.jobs))
+    batch = Batch(plan.runs, settings.results, executor or processes_for(plan.runs, settings.jobs))
     cells = sum(len(one.runs) for one in plan.tables)
     tables = f"{len(plan.tables)} table{'s' * (len(plan.tables) != 1)} with {cells} cells"
     for line in (*plan.skipped, tables, *batch.outlook()):

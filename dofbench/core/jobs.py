@@ -13,6 +13,10 @@ class Busy(Exception):
     """Raised by a job's work that finds another process at the same: the job is left until others are done."""
 
 
+# The report of a job that no longer needs its accelerator for itself: the executor may give it to another job.
+FREED = ("trained", 0, 0)
+
+
 def _never() -> bool:
     return False
 
@@ -21,8 +25,8 @@ def _never() -> bool:
 class Resources:
     """The resources that a job needs.
 
-    device: as torch names it. memory_mb: peak of resident memory, MB; None if unknown. seconds: wall time; None if
-    unknown.
+    device: as torch names it; "cuda" is any GPU, "cuda:1" that one. memory_mb: peak of resident memory, MB; None if
+    unknown. seconds: wall time; None if unknown.
     """
 
     device: str = "cpu"

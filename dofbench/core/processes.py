@@ -11,31 +11,35 @@ import threading
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess, parent_process
 from pathlib import Path
 
 from dofbench.core.clock import loading
 from dofbench.core.errors import one_line
-from dofbench.core.jobs import Busy, Job, Outcome, Watcher
+from dofbench.core.jobs import FREED, Busy, Job, Outcome, Watcher
 
 _THREADS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
+_VISIBLE = "CUDA_VISIBLE_DEVICES"  # GPUs that a process sees, numbered anew from 0
 
 
 class LocalProcesses:
     """An `Executor`: each job in a process of its own on this machine, several at a time.
 
-    A job starts when one of the `workers` is free, when no other job has its accelerator, and when its memory fits
-    beside that of the jobs at work, as far as their needs are known; one job always runs. memory_mb: of the machine,
-    MB; None for what this one has.
+    A job starts when one of the `workers` is free, when it can have an accelerator for itself if it needs one, and when
+    its memory fits beside that of the jobs at work, as far as their needs are known; one job always runs. An
+    accelerator is a job's until the job ends or reports `FREED`. memory_mb: of the machine, MB; None for
+    what this one has. gpus: how many GPUs there are for jobs that ask for any; where there are several, a job sees none
+    but its own, under the name that it asked for.
 
     The processes share this one's threads: each has OMP_NUM_THREADS / workers of them. When this process ends, however,
     they are killed: whatever they write must be atomic.
     """
 
-    def __init__(self, workers: int, memory_mb: float | None = None):
+    def __init__(self, workers: int, memory_mb: float | None = None, gpus: int = 1):
         self.at_a_time = workers
+        self._gpus = gpus
         self._memory_mb = machine_memory_mb() if memory_mb is None else memory_mb
 
     def run(self, jobs: Sequence[Job], watcher: Watcher) -> list[Outcome]:
@@ -51,16 +55,20 @@ class LocalProcesses:
                 if len(running) < workers:
                     busy = {job.name: job.name in found_busy or job.busy() for job in ready}
                     for job in sorted(ready, key=lambda job: busy[job.name]):
-                        if len(running) < workers and self._fits(job, [one.job for one in running.values()]):
+                        device = self._free_device(job, list(running.values()))
+                        if len(running) < workers and device is not None:
                             waiting.remove(job)
-                            running[job.name] = _start(job, threads, insist=busy[job.name])
+                            variables = dict.fromkeys(_THREADS, str(threads)) | self._only(job, device)
+                            running[job.name] = _start(job, device, variables, insist=busy[job.name])
                             watcher.started(job.name)
                 pipes = {one.pipe: name for name, one in running.items()}
                 for pipe in wait(list(pipes)):
                     assert isinstance(pipe, Connection)
                     name = pipes[pipe]
                     outcome = _received(running[name], watcher)
-                    if outcome is None:
+                    if outcome is FREED:
+                        running[name] = replace(running[name], device="")
+                    if outcome is None or outcome is FREED:
                         continue
                     ended = running.pop(name)
                     ended.process.join()
@@ -78,14 +86,25 @@ class LocalProcesses:
                 one.process.join()
         return [outcomes[job.name] for job in jobs]
 
-    def _fits(self, job: Job, others: Sequence[Job]) -> bool:
-        """Whether the machine can do the job beside the others."""
-        if not others:
-            return True
-        if job.takes.device != "cpu" and any(other.takes.device == job.takes.device for other in others):
-            return False
-        known = [one.takes.memory_mb for one in (job, *others) if one.takes.memory_mb is not None]
-        return job.takes.memory_mb is None or sum(known) <= self._memory_mb
+    def _free_device(self, job: Job, others: Sequence[_Running]) -> str | None:
+        """The device on which the job can run beside the others; None where it can't."""
+        known = [one.takes.memory_mb for one in (job, *(other.job for other in others)) if one.takes.memory_mb]
+        if others and job.takes.memory_mb and sum(known) > self._memory_mb:
+            return None
+        if job.takes.device == "cpu":
+            return "cpu"
+        taken = {other.device for other in others}
+        several = job.takes.device == "cuda" and self._gpus > 1
+        wanted = [f"cuda:{number}" for number in range(self._gpus)] if several else [job.takes.device]
+        return next((device for device in wanted if device not in taken), None)
+
+    def _only(self, job: Job, device: str) -> dict[str, str]:
+        """The variable that shows a job none but the GPU that it was given."""
+        if device == job.takes.device:
+            return {}
+        visible = os.environ.get(_VISIBLE, "").split(",")
+        number = int(device.partition(":")[2])
+        return {_VISIBLE: visible[number].strip() if visible != [""] else str(number)}
 
 
 def machine_memory_mb(cgroup: Path = Path("/sys/fs/cgroup")) -> float:
@@ -100,25 +119,26 @@ def machine_memory_mb(cgroup: Path = Path("/sys/fs/cgroup")) -> float:
 @dataclass(frozen=True)
 class _Running:
     job: Job
+    device: str
     process: BaseProcess
     pipe: Connection
 
 
-def _start(job: Job, threads: int, *, insist: bool) -> _Running:
+def _start(job: Job, device: str, variables: dict[str, str], *, insist: bool) -> _Running:
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(
         target=_work, args=(pickle.dumps(job.insist if insist and job.insist else job.work), theirs), name=job.name
     )
-    with _environment(dict.fromkeys(_THREADS, str(threads))):
+    with _environment(variables):
         process.start()
     # The child has its own copy. Once ours is closed, the pipe ends when the child does.
     theirs.close()
-    return _Running(job, process, ours)
+    return _Running(job, device, process, ours)
 
 
-def _received(run: _Running, watcher: Watcher) -> Outcome | type[Busy] | None:
-    """What the pipe has to say: the outcome, `Busy`, or None after a report."""
+def _received(run: _Running, watcher: Watcher) -> Outcome | tuple[str, int, int] | type[Busy] | None:
+    """What the pipe has to say: the outcome, `Busy`, or after a report, which the watcher is told, None or `FREED`."""
     name = run.job.name
     try:
         kind, content = run.pipe.recv()
@@ -129,7 +149,7 @@ def _received(run: _Running, watcher: Watcher) -> Outcome | type[Busy] | None:
         return Outcome(name, problem=f"its process was {how}")
     if kind == "report":
         watcher.reported(name, content)
-        return None
+        return FREED if content == FREED else None
     return Busy if kind == "busy" else Outcome(name, **{kind: content})
 
 

@@ -8,13 +8,21 @@ from typing import Any
 
 from rich.console import Console
 
+from dofbench.compute.devices import count
 from dofbench.core.errors import Status
 from dofbench.core.jobs import Executor, Outcome, Watcher
+from dofbench.core.processes import LocalProcesses
 from dofbench.core.progress import Several
 from dofbench.running.ended_runs import Ended
 from dofbench.running.planned_runs import PlannedRun
 from dofbench.running.run_jobs import run_job, shown_job
 from dofbench.running.time_estimate import expected, finished_results, time_to_go
+
+
+def processes_for(runs: Sequence[PlannedRun], workers: int) -> LocalProcesses:
+    """The executor of this machine; it knows how many GPUs there are where a run asks for any."""
+    asked = any(run.spec.device == "cuda" for run in runs)
+    return LocalProcesses(workers, gpus=count("cuda") if asked else 0)
 
 
 class Batch:

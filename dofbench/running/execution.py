@@ -217,6 +217,7 @@ class Execution:
     def _score(self) -> Evaluation:
         self.lease.check()
         with self.progress(self.console, self.budget) as progress, self.stages["score"].running():
+            progress.trained()
             found = self.evaluator.final(self.folder, progress.stage)
         self._measure_speed(found)
         self.description = {name: float(value) for name, value in self.method.describe().items()}

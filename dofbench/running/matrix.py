@@ -10,10 +10,9 @@ from rich.console import Console
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
 from dofbench.core.jobs import Executor, ThisProcess
-from dofbench.core.processes import LocalProcesses
 from dofbench.core.progress import say
 from dofbench.results.run_spec import Run
-from dofbench.running.batch import Batch
+from dofbench.running.batch import Batch, processes_for
 from dofbench.running.one_run import show_finished
 from dofbench.running.planned_runs import PlannedRun, different_datasets
 from dofbench.running.prepare import plan_run
@@ -30,7 +29,7 @@ def run_all(settings: Runs, builtin: Path, console: Console | None = None, execu
     console = console or Console()
     runs = plan_matrix(settings.cells(), builtin)
     alone = len(runs) == 1
-    who: Executor = ThisProcess() if alone else executor or LocalProcesses(settings.jobs)
+    who: Executor = ThisProcess() if alone else executor or processes_for(runs, settings.jobs)
     batch = Batch(runs, settings.out, who, rerun=settings.rerun, console=console if alone else None)
     for line in _plan_lines(settings, batch):
         say(console, line)

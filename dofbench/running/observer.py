@@ -30,6 +30,9 @@ class Report(Protocol):
     def waiting(self, name: str, seconds: float) -> None:
         """Told now and then that something goes on of which nothing can be counted; seconds since it began."""
 
+    def trained(self) -> None:
+        """Told that training is over, and scoring begins."""
+
 
 def share_spent(budget: Budget, step: int, seconds: float) -> float:
     """How much of the budget is gone, 0 ... 1 (and beyond): the larger of steps' and seconds' shares."""

@@ -10,7 +10,7 @@ from types import TracebackType
 from rich.console import Console
 
 from dofbench.core.budget import Budget
-from dofbench.core.jobs import Busy, Job, Report, Resources
+from dofbench.core.jobs import FREED, Busy, Job, Report, Resources
 from dofbench.core.leases import HeldElsewhere, at_work
 from dofbench.results.result import read_result
 from dofbench.results.run_spec import Run
@@ -98,3 +98,7 @@ class _Reported:
     def waiting(self, name: str, seconds: float) -> None:
         """Told that something goes on which can't be counted."""
         self._report((f"{name}, {seconds:.0f} s", 0, 0))
+
+    def trained(self) -> None:
+        """Told that training is over: another run may train on the accelerator, while this one is scored."""
+        self._report(FREED)

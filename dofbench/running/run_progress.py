@@ -81,6 +81,9 @@ class TrainingProgress:
         else:
             self._line(time.monotonic(), f"{name}: {seconds:.0f} s so far")
 
+    def trained(self) -> None:
+        """Told that training is over: nothing to show, as scoring shows itself."""
+
     def __call__(self, step: int, loss: float, seconds: float) -> None:
         """Told after each step."""
         spent = min(share_spent(self._budget, step, seconds), 1.0)
