@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from dofbench.compute.device_memory import would_fit
 from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import (
@@ -20,7 +21,7 @@ from dofbench.core.contracts import (
     Rendering,
     TrainingSet,
 )
-from dofbench.core.errors import InputError, Status
+from dofbench.core.errors import Ended, InputError, Status
 from dofbench.core.lens import PhysicalLens
 from dofbench.gaussians.blur_circles import foci_apart, widest_circle
 from dofbench.gaussians.exposure import StillRasteriser, render_view
@@ -95,7 +96,8 @@ class Trainer:
 
     def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
         """Train until the budget or the observer ends it. A non-finite value, or no Gaussian left in front of the
-        cameras, ends with the status "diverged"."""
+        cameras, ends with the status "diverged". Raises Ended, which says how many Gaussians would fit, where a
+        device's memory isn't enough."""
         geometries = [term.reads for term in self.state.terms]
         from_points = any(model.from_points for model in (*possible_models(self.options), *self.state.forward.models))
         more = () if self.state.blur is None else self.state.blur.kernels
@@ -119,6 +121,8 @@ class Trainer:
             event = error.event
             step = max(step, event.step)  # the step that failed counts as taken, in a trial too
             self.state.optimiser.discard_gradients()
+        except torch.OutOfMemoryError as error:
+            raise Ended(Status.OUT_OF_MEMORY, self._too_many(step, error)) from error
         try:
             self.gaussians.update_filter_3d([view.camera for view in self.views])
         except InputError as error:
@@ -166,6 +170,12 @@ class Trainer:
         self.stages["trials"] = time.perf_counter() - start
         self._photographs = self._all_photographs()
         return step
+
+    def _too_many(self, step: int, error: torch.OutOfMemoryError) -> str:
+        """One line about a device without enough memory."""
+        count = len(self.gaussians)
+        fitting = would_fit(count, self._device, error)
+        return f"{count} Gaussians at step {step} are too many for {self._device}; try --set max_gaussians={fitting}"
 
     def _seen_loss(self, step: int) -> float:
         """The loss of the last step; on a device, which the host would wait for, that of the last step looked at."""
