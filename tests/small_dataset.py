@@ -40,7 +40,7 @@ from dofbench.dataset.schema import (
 from dofbench.scenes import export
 from dofbench.scenes.scene import Split
 
-WIDTH, HEIGHT = 64, 48
+WIDTH, HEIGHT, FOCAL = 64, 48, 200.0
 RANGE = DisparityRange(0.1, 0.6)
 _THIN_LENS = ThinLensRecord(recipe="attic", seed=20261104, samples=512, mitsuba="0", variant="scalar_rgb")
 
@@ -152,7 +152,7 @@ def write_dataset(
 
 
 def _camera(index: int) -> Camera:
-    return frontal(WIDTH, HEIGHT, 200.0, (-index, 0.0, 0.0))
+    return frontal(WIDTH, HEIGHT, FOCAL, (-index, 0.0, 0.0))
 
 
 def _lens(index: int) -> Lens:

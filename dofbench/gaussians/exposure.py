@@ -55,21 +55,25 @@ class Exposures:
         self._model = rendering_model(options.blur, options.scatter, options.samples)
         self._kept: tuple[Camera, SharpView] | None = None
 
-    @torch.no_grad()
     def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
         """Image and depth. When `lens` is None, the image is all in focus and is always rasterised anew."""
+        image, depth = self.image_and_depth(camera, lens)
+        # A copy, since the sharp view is kept and the caller may write into the result.
+        return Rendering(image=image.numpy(force=True), depth=depth.numpy(force=True).copy())
+
+    @torch.no_grad()
+    def image_and_depth(self, camera: Camera, lens: PhysicalLens | None) -> tuple[Tensor, Tensor]:
+        """The same as tensors where the Gaussians lie: (H, W, 3), encoded, and (H, W), scene units."""
         if lens is None:
             raster = self._scene.rasterise(camera, "depth")
             assert raster.depth is not None
-            return Rendering(image=raster.color.numpy(force=True), depth=raster.depth.numpy(force=True))
+            return raster.color, raster.depth
         if self._kept is None or self._kept[0] is not camera:
             raster = self._scene.rasterise(camera, "depth")
             self._kept = camera, SharpView(lambda: raster)
         sharp = self._kept[1]
-        image = self._model.photograph(self._scene, sharp, Shot.through(lens, camera))
         assert sharp.raster.depth is not None
-        # A copy, since the sharp view is kept and the caller may write into the result.
-        return Rendering(image=image.numpy(force=True), depth=sharp.raster.depth.numpy(force=True).copy())
+        return self._model.photograph(self._scene, sharp, Shot.through(lens, camera)), sharp.raster.depth
 
 
 def render_view(

@@ -69,8 +69,7 @@ class GaussianMethod:
         """Render; ValueError for a lens when the method has none."""
         if lens is not None and not self.options.lens.lens:
             raise ValueError("this method has no lens: it can't refocus")
-        exposures = self._exposures or Exposures(self.gaussians, self.options)
-        return exposures.render(camera, lens)
+        return self.exposures.render(camera, lens)
 
     def lens_estimates(self) -> dict[str, PhysicalLens] | None:
         """The learned lens of every training view, None without a lens."""
@@ -115,6 +114,11 @@ class GaussianMethod:
         self._gaussians = lower_degree(gaussians, self._options.appearance.sh_degree)
         self._colours = read_colours(folder / _COLOURS) if (folder / _COLOURS).is_file() else None
         self._trainer, self._exposures = None, Exposures(self._gaussians, self._options)
+
+    @property
+    def exposures(self) -> Exposures:
+        """What renders the model, as tensors on its device too."""
+        return self._exposures or Exposures(self.gaussians, self.options)
 
     @property
     def gaussians(self) -> Gaussians:

@@ -1,0 +1,272 @@
+"""What a GPU makes of it, in one go: gpu.json and measured.md.
+
+    python benchmarks/gpu_measure.py --out reports/gpu --data data/fern data/foliage-1008
+
+Parts, each kept in gpu.json when it is done, so that the same command goes on where it stopped; those that were made by
+other code or on another GPU are made anew:
+
+- machine: the GPU, its driver, and the bandwidth of its memory, measured by copying.
+- agreement: every op's value and gradient beside the CPU backend's.
+- ops: the time of every op, forward and with its gradient, beside its floor, which is reading and writing its tensors
+  once at the bandwidth that was measured; and gsplat's rasteriser on the same Gaussians, where it can be imported.
+- cost: the rasteriser and the scatter over numbers of Gaussians, pixels and radii.
+- training: DoF-Gaussian on each dataset for 5 000 and for 30 000 steps: scores, time, pictures a second, memory.
+
+It needs what `pip install dofbench[gpu]` brings, and a GPU; no internet. Datasets are made before, on any machine
+(reports/gpu/README.md has the commands); one that isn't there is named and left out. A part that fails is reported with
+its error, and the others go on. Nothing begins after `--minutes`.
+"""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+import tyro
+from gpu_calls import CALLS, Call, Size, gaussians, gradients
+from gpu_page import page
+from rich.console import Console
+from torch import Tensor
+
+from dofbench.core.budget import Budget
+from dofbench.core.files import read_json, write_json, write_text
+from dofbench.core.lens import PhysicalLens
+from dofbench.dataset.schema import MANIFEST
+from dofbench.results.provenance import code_version, git_state, package_versions
+from dofbench.results.result import read_result
+from dofbench.results.run_spec import Run
+from dofbench.running.load_run import load_run
+from dofbench.running.method_cards import find_method
+from dofbench.running.one_run import run
+
+DEVICE = "cuda"
+SCORES = ("psnr", "aif_psnr", "delta_a", "delta_f", "train_s", "gaussians")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Where results go, and what is measured."""
+
+    out: Path
+    """Folder of gpu.json and measured.md; trainings lie below it, in runs/."""
+    data: tuple[Path, ...] = ()
+    """Datasets to train on."""
+    minutes: float = 8.0
+    """No part begins after so many minutes."""
+    steps: tuple[int, ...] = (5000, 30000)
+    """Lengths of the trainings."""
+    preset: str | None = None
+    """Of the trainings; None for the default on a GPU."""
+    size: Size = Size()
+    """Of the ops' calls."""
+    counts: tuple[int, ...] = (10_000, 100_000, 1_000_000, 5_000_000)
+    """Numbers of Gaussians whose cost is measured."""
+    widths: tuple[int, ...] = (252, 504, 1008, 2016)
+    """Widths of pictures, four to three, whose cost is measured."""
+    radii: tuple[float, ...] = (2.0, 8.0, 32.0)
+    """Largest circles of confusion, pixels, whose cost is measured."""
+    repeats: int = 20
+    """Calls whose median is taken."""
+
+
+def milliseconds(call: Callable[[], object], repeats: int) -> float:
+    """Median time of a call on the GPU, after two that aren't counted."""
+    times = []
+    for number in range(repeats + 2):
+        torch.cuda.synchronize()
+        start = time.perf_counter()
+        call()
+        torch.cuda.synchronize()
+        if number > 1:
+            times.append(1e3 * (time.perf_counter() - start))
+    return statistics.median(times)
+
+
+def machine(settings: Settings) -> dict[str, Any]:
+    """The GPU and its memory."""
+    words = ["nvidia-smi", "--query-gpu=driver_version,power.limit,clocks.max.sm", "--format=csv,noheader"]
+    try:
+        says = subprocess.run(words, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError) as error:
+        says = f"nothing: {error}"
+    size = settings.size.width * settings.size.height * 512
+    source = torch.empty(size, dtype=torch.float32, device=DEVICE)
+    target = torch.empty_like(source)
+    took = milliseconds(lambda: target.copy_(source), settings.repeats)
+    properties = torch.cuda.get_device_properties(DEVICE)
+    return {
+        "gpu": properties.name,
+        "memory_gb": properties.total_memory / 1e9,
+        "multiprocessors": properties.multi_processor_count,
+        "nvidia_smi": says,
+        "copy_gb_per_s": 2 * 4 * size / took / 1e6,
+        "packages": package_versions(),
+    }
+
+
+def agreement(settings: Settings) -> dict[str, Any]:
+    """Largest differences from the CPU backend, over the largest magnitude."""
+    found = {}
+    for name, make in CALLS.items():
+        call = make(replace(settings.size, gaussians=min(settings.size.gaussians, 20_000)))
+        here, there = (gradients(call, call.on(device)) for device in ("cpu", DEVICE))
+        found[name] = {
+            "value": max(map(_difference, here[0], there[0])),
+            "gradient": max(map(_difference, here[1], there[1])),
+        }
+    return found
+
+
+def _difference(here: Tensor, there: Tensor) -> float:
+    return float((there.cpu() - here).abs().max() / here.abs().max().clamp_min(1e-30))
+
+
+def ops(settings: Settings) -> dict[str, Any]:
+    """Times of forward, and of forward and gradient, with the bytes that both must move at least."""
+    found = {}
+    for name, make in CALLS.items():
+        found[name] = _timed(make(settings.size), settings.repeats)
+    try:
+        found["gsplat"] = {"forward_ms": _gsplat(settings)}
+    except ImportError as error:
+        found["gsplat"] = {"left_out": str(error)}
+    return found
+
+
+def _timed(call: Call, repeats: int) -> dict[str, float]:
+    inputs = call.on(DEVICE)
+    values, slopes = gradients(call, inputs)
+    moved = 4 * sum(value.numel() for value in (*inputs, *values))
+    with torch.no_grad():
+        forward = milliseconds(lambda: call.run(*inputs), repeats)
+    both = milliseconds(lambda: gradients(call, inputs), repeats)
+    return {
+        "forward_ms": forward,
+        "both_ms": both,
+        "forward_bytes": moved,
+        "both_bytes": 2 * moved + 4 * sum(slope.numel() for slope in slopes),
+    }
+
+
+def _gsplat(settings: Settings) -> float:
+    from gsplat import rasterization
+
+    parameters, camera = gaussians(settings.size)
+    means, scales, quaternions, logits, dc, rest = (value.to(DEVICE) for value in parameters)
+    colours = torch.cat([dc[:, None], rest], 1)
+    intrinsics = torch.tensor([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]], device=DEVICE)
+    pose = torch.eye(4, device=DEVICE)[None]
+
+    def call() -> object:
+        return rasterization(
+            means, quaternions, scales.exp(), logits.sigmoid(), colours, pose, intrinsics[None],
+            camera.width, camera.height, sh_degree=3, render_mode="RGB+ED", rasterize_mode="antialiased",
+        )  # fmt: skip
+
+    with torch.no_grad():
+        return milliseconds(call, settings.repeats)
+
+
+def cost(settings: Settings) -> dict[str, Any]:
+    """Forward and gradient, ms, and the most memory, MB, as one quantity varies."""
+    found: dict[str, Any] = {"gaussians": {}, "width": {}, "radius": {}}
+    sizes = [("gaussians", count, replace(settings.size, gaussians=count)) for count in settings.counts]
+    sizes += [("width", one, replace(settings.size, width=one, height=one * 3 // 4)) for one in settings.widths]
+    sizes += [("radius", one, replace(settings.size, radius=one)) for one in settings.radii]
+    for what, value, size in sizes:
+        torch.cuda.reset_peak_memory_stats()
+        try:
+            took = _timed(CALLS["scatter" if what == "radius" else "rasterize"](size), max(settings.repeats // 4, 1))
+        except torch.OutOfMemoryError as error:
+            found[what][str(value)] = {"left_out": str(error).partition(".")[0]}
+            continue
+        megabytes = torch.cuda.max_memory_allocated() / 1e6
+        found[what][str(value)] = {"forward_ms": took["forward_ms"], "both_ms": took["both_ms"], "peak_mb": megabytes}
+    return found
+
+
+def training(settings: Settings, data: Path, steps: int) -> dict[str, Any]:
+    """One run on a dataset, and how fast its model renders a test view."""
+    if not (data / MANIFEST).is_file():
+        return {"left_out": f"{data} is no dataset"}
+    torch.cuda.reset_peak_memory_stats()
+    budget = Budget(steps=steps)
+    wanted = Run(
+        method="dofgaussian", preset=settings.preset, data=data, budget=budget, device=DEVICE, out=settings.out / "runs"
+    )
+    end = run(wanted, Console(quiet=True))
+    result = read_result(end.folder)
+    found: dict[str, Any] = {"status": result.status, "message": result.message}
+    found |= {name: result.scores[name] for name in SCORES if name in result.scores}
+    found["peak_mb"] = torch.cuda.max_memory_allocated() / 1e6
+    if not end:
+        return found
+    loaded = load_run(end.folder)
+    view, exposures = loaded.dataset.test_views()[0], loaded.method.exposures
+    for name, lens in (("fps", None), ("fps_lens", view.physical_lens)):
+
+        def shown(lens: PhysicalLens | None = lens) -> object:
+            # A camera of its own, since what the last one saw is kept. The picture stays on the GPU, as in a viewer.
+            return exposures.image_and_depth(replace(view.camera), lens)
+
+        found[name] = 1e3 / milliseconds(shown, settings.repeats)
+    return found
+
+
+def parts(settings: Settings) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    """Every part by its name, in the order in which they are made."""
+    for name, part in (("machine", machine), ("agreement", agreement), ("ops", ops), ("cost", cost)):
+        yield name, lambda part=part: part(settings)
+    for data in settings.data:
+        for steps in settings.steps:
+            yield f"training {data.name} {steps}", lambda data=data, steps=steps: training(settings, data, steps)
+
+
+def measure(settings: Settings) -> dict[str, Any]:
+    """Make every part that isn't there yet, and keep each at once; what is known afterwards."""
+    file = settings.out / "gpu.json"
+    head = {"gpu": torch.cuda.get_device_name(DEVICE), "code": code_version(find_method("dofgaussian").folder, DEVICE)}
+    found = read_json(file) if file.is_file() else {}
+    if {name: found.get(name) for name in head} != head:
+        found = {**head, "commit": git_state(), "parts": {}}
+    begun = time.monotonic()
+    for name, make in parts(settings):
+        if name in found["parts"] or (time.monotonic() - begun) > 60 * settings.minutes:
+            continue
+        start = time.monotonic()
+        try:
+            done = make()
+        except Exception as error:  # the others go on
+            traceback.print_exc()
+            found.setdefault("failed", {})[name] = f"{type(error).__name__}: {error}"
+            continue
+        found["parts"][name] = {**done, "seconds": time.monotonic() - start}
+        found.get("failed", {}).pop(name, None)
+        write_json(file, found)
+        print(f"{name}: {time.monotonic() - start:.0f} s", flush=True)
+    write_json(file, found)
+    return found
+
+
+def main(settings: Settings) -> int:
+    """Make what is missing and write the page; 1 where a part failed."""
+    if not torch.cuda.is_available():
+        print("no GPU that torch can use: torch.cuda.is_available() is False", file=sys.stderr)
+        return 2
+    found = measure(settings)
+    write_text(settings.out / "measured.md", page(found))
+    for name, problem in found.get("failed", {}).items():
+        print(f"failed: {name}: {problem}", file=sys.stderr)
+    return 1 if found.get("failed") else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(tyro.cli(Settings, description=__doc__)))

@@ -1,0 +1,74 @@
+"""The page of what `gpu_measure.py` measured: measured.md."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from dofbench.reporting.markdown_writer import markdown_table
+
+
+def page(found: dict[str, Any]) -> str:
+    """Markdown of everything in gpu.json; what is missing is said."""
+    parts = found["parts"]
+    commit = (found.get("commit") or {}).get("commit", "unknown")
+    lines = [
+        "# What a GPU measured",
+        "",
+        f"On {found['gpu']}, commit {commit}, by `python benchmarks/gpu_measure.py`.",
+        "",
+    ]
+    for name, problem in found.get("failed", {}).items():
+        lines += [f"**{name} failed**: {problem}", ""]
+    if "machine" in parts:
+        one = parts["machine"]
+        lines += [
+            f"{one['memory_gb']:.0f} GB of memory, copied at {one['copy_gb_per_s']:.0f} GB/s; {one['nvidia_smi']}.",
+            "",
+        ]
+    if "agreement" in parts:
+        rows = [(op, f"{one['value']:.1e}", f"{one['gradient']:.1e}") for op, one in _ops(parts["agreement"])]
+        lines += ["## Beside the CPU backend", "", "Largest difference over the largest magnitude.", ""]
+        lines += [*markdown_table(("op", "value", "gradient"), rows, 1), ""]
+    if "ops" in parts:
+        rate = parts["machine"]["copy_gb_per_s"] if "machine" in parts else None
+        lines += ["## Ops", "", "A floor is reading and writing an op's tensors once.", ""]
+        head = ("op", "forward [ms]", "floor [ms]", "with its gradient [ms]", "floor [ms]")
+        lines += [*markdown_table(head, [_times(op, one, rate) for op, one in _ops(parts["ops"])], 1), ""]
+    if "cost" in parts:
+        lines += ["## What it costs", ""]
+        rows = [
+            (what, value, *(_number(one.get(key)) for key in ("forward_ms", "both_ms", "peak_mb")))
+            for what, values in parts["cost"].items()
+            if isinstance(values, dict)
+            for value, one in values.items()
+        ]
+        lines += [*markdown_table(("varied", "", "forward [ms]", "with its gradient [ms]", "memory [MB]"), rows, 1), ""]
+    trained = {name: one for name, one in parts.items() if name.startswith("training ")}
+    if trained:
+        keys = ("psnr", "aif_psnr", "delta_a", "delta_f", "train_s", "gaussians", "peak_mb", "fps", "fps_lens")
+        head = ("dataset and steps", "status", *keys)
+        rows = [
+            (
+                name.removeprefix("training "),
+                one.get("status") or one.get("left_out", ""),
+                *map(_number, map(one.get, keys)),
+            )
+            for name, one in trained.items()
+        ]
+        lines += ["## Training", "", *markdown_table(head, rows, 2), ""]
+    return "\n".join(lines)
+
+
+def _ops(part: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    return [(name, one) for name, one in part.items() if isinstance(one, dict)]
+
+
+def _times(op: str, one: dict[str, Any], rate: float | None) -> tuple[str, ...]:
+    if "left_out" in one:
+        return op, one["left_out"], "", "", ""
+    floors = [one[key] / rate / 1e6 if rate and key in one else None for key in ("forward_bytes", "both_bytes")]
+    return op, _number(one["forward_ms"]), _number(floors[0]), _number(one.get("both_ms")), _number(floors[1])
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"

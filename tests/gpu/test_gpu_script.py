@@ -1,0 +1,108 @@
+"""The script that measures a GPU, on a pretended one at toy size: every part runs, is kept, and is on the page."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+import small_dataset
+import torch
+from pretended_device import pretended
+from small_dataset import write_dataset
+from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE
+
+from dofbench.core.files import read_json
+
+BESIDE = Path(__file__).resolve().parents[2] / "benchmarks"
+
+
+@pytest.fixture
+def device(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What torch says of a GPU and its memory."""
+    cuda = {
+        "synchronize": lambda device=None: None,
+        "is_available": lambda: True,
+        "get_device_name": lambda device: "a pretended GPU",
+        "get_device_properties": lambda device: SimpleNamespace(
+            name="a pretended GPU", total_memory=8e10, multi_processor_count=132
+        ),
+        "reset_peak_memory_stats": lambda device=None: None,
+        "max_memory_allocated": lambda device=None: 5e6,
+    }
+    for name, value in cuda.items():
+        monkeypatch.setattr(torch.cuda, name, value)
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(BESIDE))
+    return import_module("gpu_measure")
+
+
+def toy(script: ModuleType, folder: Path) -> Any:
+    """A picture of a few pixels, and a dataset of which one training takes two steps; another one isn't there."""
+    return script.Settings(
+        out=folder, data=(folder / "waves", folder / "absent"), steps=(2,), preset="smoke", repeats=1,
+        size=script.Size(16, 12, 8, 2.0), counts=(4,), widths=(16,), radii=(1.0,),
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_every_part_runs_and_is_kept(
+    script: ModuleType, device: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in {"WIDTH": 16, "HEIGHT": 12, "FOCAL": 50.0}.items():
+        monkeypatch.setattr(small_dataset, name, value)
+    write_dataset(tmp_path / "waves", train=2, test=1)
+    with pretended(monkeypatch):
+        assert script.main(toy(script, tmp_path)) == 0
+        kept = (tmp_path / "gpu.json").read_bytes()
+        assert script.main(toy(script, tmp_path)) == 0
+    assert (tmp_path / "gpu.json").read_bytes() == kept  # nothing was measured again
+    found, page = read_json(tmp_path / "gpu.json")["parts"], (tmp_path / "measured.md").read_text()
+    assert list(found) == ["machine", "agreement", "ops", "cost", "training waves 2", "training absent 2"]
+    for op, largest in found["agreement"].items():
+        if op != "seconds":
+            assert largest["value"] < FLOAT32_VALUE and largest["gradient"] < FLOAT32_GRADIENT, op
+            assert found["ops"][op]["both_ms"] > 0 and f"| {op} |" in page
+    # A picture of three channels is read and one of them written; for the gradient as much again, and that written.
+    assert found["ops"]["tone"]["forward_bytes"] == 2 * 4 * 16 * 12 * 3
+    assert found["ops"]["tone"]["both_bytes"] == 5 * 4 * 16 * 12 * 3
+    assert found["training waves 2"]["status"] == "ok" and found["training waves 2"]["fps_lens"] > 0
+    assert "absent is no dataset" in page and "| waves 2 | ok |" in page
+
+
+def test_a_part_that_fails_is_named_and_the_others_go_on(
+    script: ModuleType,
+    device: None,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def fails(settings: object) -> dict[str, object]:
+        raise ValueError("no such clock")
+
+    for name in ("machine", "ops", "cost"):
+        monkeypatch.setattr(script, name, lambda settings: {"copy_gb_per_s": 1.0})
+    monkeypatch.setattr(script, "agreement", fails)
+    parts = script.parts
+    monkeypatch.setattr(script, "parts", lambda settings: list(parts(settings))[:2])
+    assert script.main(toy(script, tmp_path)) == 1
+    assert "failed: agreement: ValueError: no such clock" in capsys.readouterr().err
+    assert "**agreement failed**: ValueError: no such clock" in (tmp_path / "measured.md").read_text()
+    monkeypatch.setattr(script, "agreement", lambda settings: {})
+    assert script.main(toy(script, tmp_path)) == 0
+    monkeypatch.setattr(script, "code_version", lambda *given: "other code")
+    monkeypatch.setattr(script, "parts", lambda settings: iter(()))
+    script.main(toy(script, tmp_path))
+    assert read_json(tmp_path / "gpu.json")["parts"] == {}
+
+
+def test_without_a_gpu_it_says_so(script: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    if torch.cuda.is_available():
+        pytest.skip("there is one")
+    assert script.main(toy(script, tmp_path)) == 2
+    assert capsys.readouterr().err.startswith("no GPU that torch can use")
