@@ -1,0 +1,84 @@
+"""Triton kernels of semiglobal matching: the costs along paths, and the choice of a plane.
+
+The costs of all planes of a pixel are one block in the registers of a warp, so that the least cost and those of
+neighbouring planes are exchanged within the warp, without memory or barriers between the steps of a path.
+"""
+
+from __future__ import annotations
+
+import triton
+import triton.language as tl
+
+from . import reference as definition
+
+FAR = tl.constexpr(definition.FAR)
+
+
+@triton.jit
+def add_path(
+    scores, guide, total, plane_count, length, start, line_step, pixel_step, small, large, edge,
+    FIRST: tl.constexpr, PLANES: tl.constexpr,
+):  # fmt: skip
+    """Costs along parallel paths, stored in total where FIRST, else added to it.
+
+    scores, total: (H, W, D). guide: (H, W). A program's path begins at the pixel start + line_step * program and goes
+    on by pixel_step, for `length` pixels.
+    """
+    plane = tl.arange(0, PLANES)
+    there = plane < plane_count
+    infinity = float("inf")
+    before, after = tl.maximum(plane - 1, 0), tl.minimum(plane + 1, PLANES - 1)
+    pixel = (start + tl.program_id(0) * line_step).to(tl.int64)
+    last = pixel + (length - 1) * pixel_step
+    # Planes beyond the last one cost infinitely much, so that no path goes through them.
+    cost = tl.where(there, 0.0, infinity)
+    own = -tl.load(scores + pixel * plane_count + plane, mask=there, other=-infinity)
+    grey = tl.load(guide + pixel)
+    grey_before = grey
+    for _ in range(length):
+        # The next pixel's scores are on their way while this one's costs are computed: a step waits for the one before.
+        following = tl.where(pixel == last, pixel, pixel + pixel_step)
+        next_own = -tl.load(scores + following * plane_count + plane, mask=there, other=-infinity)
+        next_grey = tl.load(guide + following)
+        at = total + pixel * plane_count + plane
+        if not FIRST:
+            others = tl.load(at, mask=there, other=0.0)
+        lowest = tl.min(cost, 0)
+        jump = tl.maximum(large / (1.0 + tl.abs(grey - grey_before) / edge), small)
+        nearer = tl.where(plane > 0, tl.gather(cost, before, 0), infinity)
+        farther = tl.where(plane < PLANES - 1, tl.gather(cost, after, 0), infinity)
+        way = tl.minimum(tl.minimum(nearer, farther) + small, tl.minimum(cost, lowest + jump))
+        cost = own + way - lowest
+        if FIRST:
+            tl.store(at, cost, mask=there)
+        else:
+            tl.store(at, others + cost, mask=there)
+        pixel, own, grey_before, grey = following, next_own, grey, next_grey
+
+
+@triton.jit
+def choose(total, scores, plane, score, margin, size, plane_count, PIXELS: tl.constexpr, PLANES: tl.constexpr):
+    """The plane of least cost, refined by a parabola, its score, and how much more the best plane at a distance costs.
+
+    total, scores: (H, W, D). plane, score, margin: (H, W). size: H W.
+    """
+    pixel = tl.program_id(0) * PIXELS + tl.arange(0, PIXELS)
+    inside = pixel < size
+    k = tl.arange(0, PLANES)[None, :]
+    first = pixel.to(tl.int64) * plane_count
+    infinity = float("inf")
+    costs = tl.load(total + first[:, None] + k, mask=inside[:, None] & (k < plane_count), other=0.0)
+    costs = tl.where(k < plane_count, costs, infinity)
+    least = tl.min(costs, 1)
+    winner = tl.min(tl.where(costs == least[:, None], k, PLANES), 1)  # the first of equals
+    second = tl.min(tl.where(tl.abs(k - winner[:, None]) <= FAR, infinity, costs), 1)
+    between = inside & (winner > 0) & (winner < plane_count - 1)
+    left = tl.load(total + first + winner - 1, mask=between, other=0.0)
+    right = tl.load(total + first + winner + 1, mask=between, other=0.0)
+    curvature = left - 2.0 * least + right
+    curved = between & (curvature > 0.0)
+    shift = tl.where(curved, 0.5 * (left - right) / tl.where(curved, curvature, 1.0), 0.0)
+    shift = tl.minimum(tl.maximum(shift, -0.5), 0.5)
+    tl.store(plane + pixel, winner.to(tl.float32) + shift, mask=inside)
+    tl.store(score + pixel, tl.load(scores + first + winner, mask=inside, other=0.0), mask=inside)
+    tl.store(margin + pixel, (second - least) * 0.25, mask=inside)
