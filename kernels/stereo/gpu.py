@@ -11,11 +11,12 @@ from dofbench.compute.gpu_launch import check_tensors, kernels, launch
 from .reference import CENTRE, FLOOR, check
 
 BACKEND = Backend(devices=("cuda",), dtypes=("float32",), bits_repeat=True)
-SCRATCH = 2**26  # bytes that the sums of the planes swept together may take
-_ROWS = 32  # of a strip
+SCRATCH = 2**26  # bytes for the sums of the planes that are swept together: about as much as a GPU's cache holds
+_LARGEST_GRID = 65535  # programs along the second and the third axis of a launch
+_ROWS = 32  # of a strip, above which the first rows of its windows are warped once more
 _BLOCK = 128
-_COSTS = 1024  # of pixels times planes, in a program that chooses planes
-_PLANES_OF_A_WARP = 512
+_COSTS = 512  # of pixels times planes, in a program that chooses planes
+_PLANES_OF_A_WARP = 128
 
 
 def stereo(reference: Tensor, sources: Tensor, maps: Tensor, disparities: Tensor, *, radius: int, best: int) -> Tensor:
@@ -32,7 +33,7 @@ def stereo(reference: Tensor, sources: Tensor, maps: Tensor, disparities: Tensor
     homographies = _homographies(maps.detach().double(), disparities.detach().double()).float()
     count, wide = len(disparities), width + 2 * radius
     scores = torch.empty(height, width, count, device=own.device)
-    together = max(1, SCRATCH // (4 * 3 * source_count * height * wide))
+    together = max(1, min(_LARGEST_GRID // source_count, SCRATCH // (4 * 3 * source_count * height * wide)))
     sums = torch.empty(min(together, count), source_count, 3, height, wide, device=own.device)
     sizes = height, width, source_count, source_height, source_width
     for first in range(0, count, together):

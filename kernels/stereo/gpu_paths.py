@@ -27,32 +27,32 @@ def add_path(
     plane = tl.arange(0, PLANES)
     there = plane < plane_count
     infinity = float("inf")
+    # The first plane and the last are their own neighbours, which changes nothing: staying there costs less.
     before, after = tl.maximum(plane - 1, 0), tl.minimum(plane + 1, PLANES - 1)
-    pixel = (start + tl.program_id(0) * line_step).to(tl.int64)
+    pixel = start + tl.program_id(0) * line_step
     last = pixel + (length - 1) * pixel_step
     # Planes beyond the last one cost infinitely much, so that no path goes through them.
     cost = tl.where(there, 0.0, infinity)
-    own = -tl.load(scores + pixel * plane_count + plane, mask=there, other=-infinity)
+    own = tl.load((scores + pixel.to(tl.int64) * plane_count) + plane, mask=there, other=-infinity)
     grey = tl.load(guide + pixel)
     grey_before = grey
     for _ in range(length):
-        # The next pixel's scores are on their way while this one's costs are computed: a step waits for the one before.
+        neighbour = tl.minimum(tl.gather(cost, before, 0), tl.gather(cost, after, 0))
+        way = tl.minimum(neighbour + small, cost)
+        # What the next pixel needs is read before this one is done, since a step waits for the one before it anyway.
         following = tl.where(pixel == last, pixel, pixel + pixel_step)
-        next_own = -tl.load(scores + following * plane_count + plane, mask=there, other=-infinity)
+        next_own = tl.load((scores + following.to(tl.int64) * plane_count) + plane, mask=there, other=-infinity)
         next_grey = tl.load(guide + following)
-        at = total + pixel * plane_count + plane
+        to = (total + pixel.to(tl.int64) * plane_count) + plane
         if not FIRST:
-            others = tl.load(at, mask=there, other=0.0)
+            others = tl.load(to, mask=there)
         lowest = tl.min(cost, 0)
         jump = tl.maximum(large / (1.0 + tl.abs(grey - grey_before) / edge), small)
-        nearer = tl.where(plane > 0, tl.gather(cost, before, 0), infinity)
-        farther = tl.where(plane < PLANES - 1, tl.gather(cost, after, 0), infinity)
-        way = tl.minimum(tl.minimum(nearer, farther) + small, tl.minimum(cost, lowest + jump))
-        cost = own + way - lowest
+        cost = (tl.minimum(way, lowest + jump) - lowest) - own
         if FIRST:
-            tl.store(at, cost, mask=there)
+            tl.store(to, cost, mask=there)
         else:
-            tl.store(at, others + cost, mask=there)
+            tl.store(to, others + cost, mask=there)
         pixel, own, grey_before, grey = following, next_own, grey, next_grey
 
 
@@ -70,7 +70,8 @@ def choose(total, scores, plane, score, margin, size, plane_count, PIXELS: tl.co
     costs = tl.load(total + first[:, None] + k, mask=inside[:, None] & (k < plane_count), other=0.0)
     costs = tl.where(k < plane_count, costs, infinity)
     least = tl.min(costs, 1)
-    winner = tl.min(tl.where(costs == least[:, None], k, PLANES), 1)  # the first of equals
+    # The first of equals; the last plane where all costs aren't numbers, so that only the pixel's own scores are read.
+    winner = tl.min(tl.where(costs == least[:, None], k, plane_count - 1), 1)
     second = tl.min(tl.where(tl.abs(k - winner[:, None]) <= FAR, infinity, costs), 1)
     between = inside & (winner > 0) & (winner < plane_count - 1)
     left = tl.load(total + first + winner - 1, mask=between, other=0.0)

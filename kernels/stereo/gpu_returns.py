@@ -16,16 +16,19 @@ def _move(matrix, x, y, z):
 
 
 @triton.jit
-def find_returns(depth, other, there, back, limits, found, height, width, other_height, other_width, BLOCK: tl.constexpr):
-    """Where the other view sees the same surface: found (H, W) of bool. limits: (pixels squared, share). there, back
-    and limits are float64."""
+def find_returns(
+    depth, other, there, back, limits, found, height, width, other_height, other_width, BLOCK: tl.constexpr
+):
+    """Where the other view sees the same surface: found (H, W) of bool. Programs: blocks of pixels.
+
+    limits: (pixels squared, share). there, back and limits are float64.
+    """
     at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     inside = at < height * width
     z = tl.load(depth + at, mask=inside, other=0.0).to(tl.float64)
     column, row = (at % width).to(tl.float64) + 0.5, (at // width).to(tl.float64) + 0.5
     x, y, w = _move(there, column, row, z)
-    seen = (z > 0.0) & (w > 0.0) & (x >= 0.0) & (y >= 0.0)
-    seen = seen & (x < other_width.to(tl.float64)) & (y < other_height.to(tl.float64))
+    seen = (z > 0.0) & (w > 0.0) & (x >= 0.0) & (y >= 0.0) & (x < other_width) & (y < other_height)
     # Coordinates outside may be too large for a whole number.
     hit = tl.where(seen, y, 0.0).to(tl.int32) * other_width + tl.where(seen, x, 0.0).to(tl.int32)
     z_there = tl.load(other + hit, mask=seen, other=0.0).to(tl.float64)

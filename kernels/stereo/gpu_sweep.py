@@ -42,8 +42,8 @@ def _clamp(value, most):
 @triton.jit
 def _bilinear(image, u, v, height, width):
     """Samples of an image at image coordinates, with border pixels repeated outside."""
-    x = _clamp(u - 0.5, (width - 1).to(tl.float32))
-    y = _clamp(v - 0.5, (height - 1).to(tl.float32))
+    x = _clamp(u - 0.5, width - 1.0)
+    y = _clamp(v - 0.5, height - 1.0)
     left, top = x.to(tl.int32), y.to(tl.int32)
     x -= left.to(tl.float32)
     y -= top.to(tl.float32)
@@ -128,8 +128,7 @@ def correlate(
     for source in range(source_count):
         layer = plane * source_count + source
         u, v, w = _project(_elements(homographies + layer * 9), x, y)
-        seen = (w > 0.0) & (u >= 0.0) & (u < source_width.to(tl.float32))
-        seen = seen & (v >= 0.0) & (v < source_height.to(tl.float32))
+        seen = (w > 0.0) & (u >= 0.0) & (u < source_width) & (v >= 0.0) & (v < source_height)
         come = sums + layer.to(tl.int64) * (3 * size) + (row * wide + column)
         plain = tl.zeros((BLOCK,), tl.float32)
         square = tl.zeros((BLOCK,), tl.float32)

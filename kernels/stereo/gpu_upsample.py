@@ -8,14 +8,15 @@ import triton.language as tl
 
 @triton.jit
 def _between(index, size, coarse_size):
-    """(whole, share): an element's position on the coarser axis, where the first and the last element of both coincide.
+    """(plane, share): the coarser plane before a plane, and how far it is from there to the next.
 
-    Whole numbers until the end, so that no position is rounded across an element.
+    The first and the last plane of both are the same. Positions are whole numbers, so that none is rounded to another
+    plane.
     """
     steps = tl.maximum(size - 1, 1)
     position = index * (coarse_size - 1)
     whole = position // steps
-    return whole, (position - whole * steps).to(tl.float32) / steps.to(tl.float32)
+    return whole, (position - whole * steps) / (1.0 * steps)
 
 
 @triton.jit
@@ -23,13 +24,21 @@ def _within(pixel, size, coarse_size):
     """(first, second, share): the coarser pixels whose centres lie around a pixel's centre; pixels are areas."""
     position = tl.maximum((2 * pixel + 1) * coarse_size - size, 0)  # in units of 1 / (2 size)
     first = position // (2 * size)
-    share = (position - first * 2 * size).to(tl.float32) / (2 * size).to(tl.float32)
+    share = (position - first * (2 * size)) / (2.0 * size)
     return first, tl.minimum(first + 1, coarse_size - 1), share
 
 
 @triton.jit
-def _mixed(one, other, share):
+def _mix(one, other, share):
     return one + share * (other - one)
+
+
+@triton.jit
+def _bilinear(upper, lower, left, right, along, down, mask):
+    """One plane's score between four coarser pixels. upper, lower: their rows. left, right: places there."""
+    above = _mix(tl.load(upper + left, mask=mask), tl.load(upper + right, mask=mask), along)
+    below = _mix(tl.load(lower + left, mask=mask), tl.load(lower + right, mask=mask), along)
+    return _mix(above, below, down)
 
 
 @triton.jit
@@ -41,22 +50,14 @@ def add_coarse(
     at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     inside = at < width * plane_count
     column, plane = at // plane_count, at % plane_count
-    nearer, deep = _between(plane, plane_count, coarse_count)
+    nearer, beyond = _between(plane, plane_count, coarse_count)
     farther = tl.minimum(nearer + 1, coarse_count - 1)
     left, right, along = _within(column, width, coarse_width)
     top, bottom, down = _within(row, height, coarse_height)
-    pitch = (coarse_width * coarse_count).to(tl.int64)
-    upper, lower = coarse + top * pitch, coarse + bottom * pitch
+    pitch = coarse_width * coarse_count
+    upper, lower = coarse + top.to(tl.int64) * pitch, coarse + bottom.to(tl.int64) * pitch
     left, right = left * coarse_count, right * coarse_count
-    near = _mixed(
-        _mixed(tl.load(upper + left + nearer, mask=inside), tl.load(upper + right + nearer, mask=inside), along),
-        _mixed(tl.load(lower + left + nearer, mask=inside), tl.load(lower + right + nearer, mask=inside), along),
-        down,
-    )
-    far = _mixed(
-        _mixed(tl.load(upper + left + farther, mask=inside), tl.load(upper + right + farther, mask=inside), along),
-        _mixed(tl.load(lower + left + farther, mask=inside), tl.load(lower + right + farther, mask=inside), along),
-        down,
-    )
+    near = _bilinear(upper, lower, left + nearer, right + nearer, along, down, inside)
+    far = _bilinear(upper, lower, left + farther, right + farther, along, down, inside)
     to = scores + row.to(tl.int64) * (width * plane_count) + at
-    tl.store(to, _mixed(tl.load(to, mask=inside), _mixed(near, far, deep), share), mask=inside)
+    tl.store(to, _mix(tl.load(to, mask=inside), _mix(near, far, beyond), share), mask=inside)
