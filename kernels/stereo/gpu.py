@@ -16,7 +16,7 @@ _LARGEST_GRID = 65535  # programs along the second and the third axis of a launc
 _ROWS = 32  # of a strip, above which the first rows of its windows are warped once more
 _BLOCK = 128
 _COSTS = 512  # of pixels times planes, in a program that chooses planes
-_PLANES_OF_A_WARP = 128
+_PLANES_OF_A_WARP = 128  # four in a thread
 
 
 def stereo(reference: Tensor, sources: Tensor, maps: Tensor, disparities: Tensor, *, radius: int, best: int) -> Tensor:
@@ -39,11 +39,11 @@ def stereo(reference: Tensor, sources: Tensor, maps: Tensor, disparities: Tensor
     for first in range(0, count, together):
         planes = min(together, count - first)
         matrices = homographies[first : first + planes]
-        grid = -(-wide // _BLOCK), -(-height // _ROWS), planes * source_count
-        launch(sweep.sum_down, grid, own, others, matrices, sums, *sizes, RADIUS=radius, ROWS=_ROWS, BLOCK=_BLOCK)
-        grid = -(-height * width // _BLOCK), planes
+        strips = -(-wide // _BLOCK), -(-height // _ROWS), planes * source_count
+        launch(sweep.sum_down, strips, own, others, matrices, sums, *sizes, RADIUS=radius, ROWS=_ROWS, BLOCK=_BLOCK)
+        blocks = -(-height * width // _BLOCK), planes
         launch(
-            sweep.correlate, grid, sums, matrices, mean, deviation, scores[..., first:], count, *sizes,
+            sweep.correlate, blocks, sums, matrices, mean, deviation, scores[..., first:], count, *sizes,
             RADIUS=radius, BEST=best, BLOCK=_BLOCK,
         )  # fmt: skip
     return scores

@@ -1,7 +1,7 @@
 """Triton kernels of semiglobal matching: the costs along paths, and the choice of a plane.
 
-The costs of all planes of a pixel are one block in the registers of a warp, so that the least cost and those of
-neighbouring planes are exchanged within the warp, without memory or barriers between the steps of a path.
+The costs of all planes of a pixel are one block in the registers of a warp (of several for more than 128 planes), so
+that threads exchange the least cost and those of neighbouring planes without barriers between the steps of a path.
 """
 
 from __future__ import annotations

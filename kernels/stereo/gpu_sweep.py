@@ -141,13 +141,13 @@ def correlate(
         variance = tl.maximum(square * share - plain * plain, 0.0) + FLOOR
         score = (mixed * share - own * plain) / (own_deviation * tl.sqrt(variance))
         score = tl.where(seen, score, float("-inf"))
-        # Insert it into the list, the largest first; what it pushes out goes on to the next place.
-        kept = ()
-        for k in tl.static_range(BEST):
-            better = score > largest[k]
-            kept = kept + (tl.where(better, score, largest[k]),)
-            score = tl.where(better, largest[k], score)
-        largest = kept
+        # Insert it into the list, the largest first: each place is visited and moved to the end of the list, and
+        # what doesn't fit there goes on to the next.
+        for _ in tl.static_range(BEST):
+            better = score > largest[0]
+            kept = tl.where(better, score, largest[0])
+            score = tl.where(better, largest[0], score)
+            largest = largest[1:] + (kept,)
     total = tl.zeros((BLOCK,), tl.float32)
     count = tl.zeros((BLOCK,), tl.float32)
     for k in tl.static_range(BEST):
