@@ -22,6 +22,7 @@ from dofbench.compute.raster import GEOMETRIES, ViewStatistics
 from dofbench.core.cameras import Camera
 from dofbench.core.lens import ApertureShape
 from dofbench.kernels import load
+from dofbench.learning.priors.stereo import BEST, PLANES, RADIUS, TOGETHER
 
 
 def tone() -> None:
@@ -80,7 +81,21 @@ def rasterize() -> None:
         call("rasterize_from_points", filter_3d=0.1 * one, statistics=statistics, **lens)
 
 
-CALLS: tuple[Callable[[], None], ...] = (tone, ssim, scatter, mix, rasterize)
+def stereo() -> None:
+    """The depth prior's sweep, of a view with one other and with more, and every number of planes that it may have."""
+    image = torch.rand(1, 1)
+    for best in (1, BEST):
+        maps = torch.eye(3, 4, dtype=torch.float64).repeat(best, 1, 1)
+        planes = torch.ones(1, dtype=torch.float64)
+        load("stereo", "gpu")(image, torch.rand(best, 1, 1), maps, planes, radius=RADIUS, best=best)
+    for count in range(PLANES[0], PLANES[1] + 1, TOGETHER):
+        scores = torch.rand(1, 1, count)
+        load("stereo", "gpu", function="upsample")(scores, torch.rand(1, 1, 9), 0.5)
+        load("stereo", "gpu", function="semiglobal")(scores, image, small=0.1, large=0.5, edge=0.1)
+    load("stereo", "gpu", function="returns")(image, image, maps[0], maps[0], pixels=1.0, share=0.1)
+
+
+CALLS: tuple[Callable[[], None], ...] = (tone, ssim, scatter, mix, rasterize, stereo)
 
 
 def main() -> None:

@@ -1,1 +1,2 @@
-"""Plane-sweep stereo: `stereo`, `upsample` and `semiglobal` in `reference.py` (torch) and `cpu.py` (numba)."""
+"""Plane-sweep stereo: `stereo`, `upsample`, `semiglobal` and `returns` in `reference.py` (torch), `cpu.py` (numba) and
+`gpu.py` (Triton)."""

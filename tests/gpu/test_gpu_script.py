@@ -85,8 +85,8 @@ def test_a_part_that_fails_is_named_and_the_others_go_on(
     def fails(settings: object) -> dict[str, object]:
         raise ValueError("no such clock")
 
-    for name in ("machine", "ops", "cost"):
-        monkeypatch.setattr(script, name, lambda settings: {"copy_gb_per_s": 1.0})
+    clock = {"memory_gb": 80.0, "copy_gb_per_s": 1.0, "nvidia_smi": "nothing"}
+    monkeypatch.setattr(script, "machine", lambda settings: clock)
     monkeypatch.setattr(script, "agreement", fails)
     parts = script.parts
     monkeypatch.setattr(script, "parts", lambda settings: list(parts(settings))[:2])
