@@ -38,7 +38,7 @@ ALLOWED: dict[str, dict[str, int]] = {
     NUMPY_FACE: {
         "optics defocus_by_radius: .numpy()": 4,
         "optics defocus_by_radius: torch.from_numpy": 2,
-        "gaussians Exposures.render: .numpy()": 4,
+        "gaussians Exposures.render: .numpy()": 2,
         "gaussians Reconstruction.surface: .numpy()": 3,
     },
     OPENCV: {
@@ -75,12 +75,8 @@ ALLOWED: dict[str, dict[str, int]] = {
         "learning network_input: torch.from_numpy": 1,
         "learning predicted_depth: .numpy()": 4,
         "learning _agreed: .numpy()": 1,
-        "learning _agreed: torch.from_numpy": 3,
         "learning _at_size: .numpy()": 1,
-        "learning _at_size: torch.from_numpy": 1,
-        "learning _pyramid: torch.from_numpy": 1,
         "learning _sweep: .numpy()": 1,
-        "learning _sweep: torch.from_numpy": 2,
         "learning _target: .numpy()": 5,
         "learning _target: torch.zeros": 2,
         "learning tune: .tolist()": 1,

@@ -148,7 +148,14 @@ class Trainer:
         if options.supervision.depth_weight <= 0 and options.prior.start_points <= 0:
             return None
         try:
-            return make_prior(self._training_set, options.prior, seed=self._seed, steps=steps, progress=observer.stage)
+            return make_prior(
+                self._training_set,
+                options.prior,
+                seed=self._seed,
+                steps=steps,
+                device=self._device,
+                progress=observer.stage,
+            )
         except FloatingPointError as error:
             raise Place(0, "").error("depth prior", str(error)) from None
 

@@ -85,6 +85,7 @@ def test_a_training_on_a_device_has_the_losses_of_one_on_the_cpu(monkeypatch: py
             {"adaptation_from": 0.0, "adaptation_aperture": True, "adaptation_ssim": True, "normal_from": 0.0},
             {LISTS: 1},
         ),
+        ({"depth_prior": "stereo", "start_points": 6, "depth_space": "disparity"}, {LISTS: 1}),
         ({"lens": False, "lens_clip": True, "normal_form": "pixel", "normal_from": 0.0}, {LISTS: 1}),
     ],
 )

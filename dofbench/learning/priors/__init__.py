@@ -80,9 +80,16 @@ class DensePrior:
 
 
 def make_prior(
-    training_set: TrainingSet, options: PriorOptions, *, seed: int, steps: int, progress: Progress = silent
+    training_set: TrainingSet,
+    options: PriorOptions,
+    *,
+    seed: int,
+    steps: int,
+    device: str = "cpu",
+    progress: Progress = silent,
 ) -> Prior:
-    """The prior that the options ask for. steps: those of the training, which tuning a network doesn't exceed.
+    """The prior that the options ask for. steps: those of the training, which tuning a network doesn't exceed. device:
+    where stereo matches the views; networks run on the CPU.
 
     progress: called for every view and every step of tuning. Raises InputError for a file that is missing or wrong, and
     FloatingPointError when tuning diverges.
@@ -101,7 +108,7 @@ def make_prior(
     from dofbench.learning.priors.stereo import stereo_depth
 
     if options.depth_prior == "stereo":
-        maps = stereo_depth(training_set, coarser=options.depth_prior_coarser, progress=progress)
+        maps = stereo_depth(training_set, coarser=options.depth_prior_coarser, device=device, progress=progress)
         assert points is not None  # `stereo_depth` refuses a training set without points
         # Sparse points replace stereo depth in their pixels: they were matched at corners in several views and are more
         # exact.
@@ -123,7 +130,7 @@ def make_prior(
 
         known = workspace_depth(Path(options.depth_prior_workspace), training_set, progress=progress)
     else:
-        known = stereo_depth(training_set, coarser=options.depth_prior_coarser, progress=progress)
+        known = stereo_depth(training_set, coarser=options.depth_prior_coarser, device=device, progress=progress)
     tune(
         network,
         training_set,

@@ -56,20 +56,22 @@ class _Swept:
     weight: np.ndarray
 
 
-def stereo_depth(training_set: TrainingSet, *, coarser: int = 0, progress: Progress = silent) -> list[DepthMap]:
+def stereo_depth(
+    training_set: TrainingSet, *, coarser: int = 0, device: str = "cpu", progress: Progress = silent
+) -> list[DepthMap]:
     """One map per view: z, 0 where no depth was found or confirmed, and a weight of 0 ... 1.
 
     Uses the photographs, the cameras, and the sparse points, which give the range of the planes. coarser: how many
     times to repeat at half the previous size, to fill pixels without depth, since blurred photographs agree only at
-    coarse scales. Each time the weight is halved, as errors are twice as large. progress: called for every view that is
-    swept or checked.
+    coarse scales. Each time the weight is halved, as errors are twice as large. device: where the views are matched.
+    progress: called for every view that is swept or checked.
     Raises InputError for a single view, and without points.
     """
     views = training_set.views
     if len(views) < 2:
         raise InputError("option depth_prior", "stereo for one training view", "two or more")
     bounds, neighbours = disparity_bounds(training_set), choose_sources(training_set, CHECKED)
-    pyramids = [_pyramid(view.image, view.camera, len(SCALES) + coarser) for view in views]
+    pyramids = [_pyramid(view.image, view.camera, len(SCALES) + coarser, device) for view in views]
     maps = _matched([levels[: len(SCALES)] for levels in pyramids], neighbours, bounds, "", progress)
     for level in range(1, coarser + 1):
         smaller = [levels[level : level + len(SCALES)] for levels in pyramids]
@@ -96,7 +98,7 @@ def _matched(
     maps = []
     progress(CHECK + size, 0, len(cameras))
     for index, chosen in enumerate(neighbours):
-        maps.append(_agreed(cameras, swept, index, chosen))
+        maps.append(_agreed(cameras, swept, index, chosen, pyramids[index][0][0].device))
         progress(CHECK + size, index + 1, len(cameras))
     return maps
 
@@ -167,7 +169,7 @@ def _fairness(rays: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.minimum(angle / ANGLE[0], 1) ** 2 * np.minimum(ANGLE[1] / np.maximum(angle, 1e-9), 1) ** 2
 
 
-def _pyramid(image: np.ndarray, camera: Camera, count: int) -> list[_Level]:
+def _pyramid(image: np.ndarray, camera: Camera, count: int, device: str = "cpu") -> list[_Level]:
     """Grey image and camera at each of `count` scales, or at fewer if smaller images would have too few pixels."""
     levels = []
     for level in range(count):
@@ -175,7 +177,8 @@ def _pyramid(image: np.ndarray, camera: Camera, count: int) -> list[_Level]:
         if level and min(width, height) < SMALLEST:
             break
         grey = resize(image, width, height).mean(axis=2)
-        levels.append((torch.from_numpy(np.ascontiguousarray(grey, dtype=np.float32)), camera.resized(width, height)))
+        tensor = torch.from_numpy(np.ascontiguousarray(grey, dtype=np.float32)).to(device)
+        levels.append((tensor, camera.resized(width, height)))
     return levels
 
 
@@ -184,7 +187,8 @@ def _at_size(level: _Level, goal: Camera) -> _Level:
     grey, camera = level
     if grey.shape == (goal.height, goal.width):
         return grey, camera
-    return torch.from_numpy(resize(grey.numpy(), goal.width, goal.height)), camera.resized(goal.width, goal.height)
+    resized = torch.from_numpy(resize(grey.numpy(force=True), goal.width, goal.height)).to(grey.device)
+    return resized, camera.resized(goal.width, goal.height)
 
 
 def plane_map(camera: Camera, source: Camera) -> np.ndarray:
@@ -228,8 +232,8 @@ def _sweep(pyramids: list[list[_Level]], index: int, chosen: list[int], low: flo
         scores = load("stereo")(
             grey,
             torch.stack([other for other, _ in others]),
-            torch.from_numpy(maps),
-            torch.from_numpy(planes),
+            torch.from_numpy(maps).to(grey.device),
+            torch.from_numpy(planes).to(grey.device),
             radius=RADIUS,
             best=min(BEST, len(others)),
         )
@@ -237,7 +241,7 @@ def _sweep(pyramids: list[list[_Level]], index: int, chosen: list[int], low: flo
             load("stereo", function="upsample")(scores, total, weight / (weight + SCALES[level]))
         total, weight = scores, weight + SCALES[level]
     plane, score, margin = (
-        found.numpy()
+        found.numpy(force=True)
         for found in load("stereo", function="semiglobal")(total, levels[0][0], small=SMALL, large=LARGE, edge=EDGE)
     )
     depth = 1 / (low + (high - low) / (len(disparities) - 1) * plane.astype(np.float64))
@@ -257,22 +261,19 @@ def _outline(depth: np.ndarray, extent: float) -> np.ndarray:
     return disparity - minimum_filter(disparity, 2 * OUTLINE + 1) > JUMP * extent
 
 
-def _agreed(cameras: list[Camera], swept: list[_Swept], index: int, others: list[int]) -> DepthMap:
+def _agreed(
+    cameras: list[Camera], swept: list[_Swept], index: int, others: list[int], device: torch.device
+) -> DepthMap:
     """The depths that other views confirm, weighted by score and by how many views agree."""
     own, camera = swept[index], cameras[index]
     depth = np.where(own.weight > 0, own.depth, 0)
     agreeing = np.zeros(depth.shape, np.float32)
     for other in others:
-        there, back = (
-            torch.from_numpy(plane_map(*pair)) for pair in ((camera, cameras[other]), (cameras[other], camera))
+        there, back = (plane_map(*pair) for pair in ((camera, cameras[other]), (cameras[other], camera)))
+        arrays = depth, swept[other].depth, there, back
+        seen = load("stereo", function="returns")(
+            *(torch.from_numpy(array).to(device) for array in arrays), pixels=AGREE_PX, share=AGREE_DEPTH
         )
-        agreeing += load("stereo", function="returns")(
-            torch.from_numpy(depth),
-            torch.from_numpy(swept[other].depth),
-            there,
-            back,
-            pixels=AGREE_PX,
-            share=AGREE_DEPTH,
-        ).numpy()
+        agreeing += seen.numpy(force=True)
     kept = agreeing >= min(AGREEING, max(1, (len(cameras) - 1) // 2))
     return DepthMap(np.where(kept, depth, 0), np.where(kept, own.weight * (agreeing / (agreeing + 1)), 0))
