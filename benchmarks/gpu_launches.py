@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from dofbench.compute.factored_grid import GridShape
 from dofbench.compute.gpu_launch import recorded
 from dofbench.compute.raster import GEOMETRIES, ViewStatistics
 from dofbench.core.cameras import Camera
@@ -80,7 +81,25 @@ def rasterize() -> None:
         call("rasterize_from_points", filter_3d=0.1 * one, statistics=statistics, **lens)
 
 
-CALLS: tuple[Callable[[], None], ...] = (tone, ssim, scatter, mix, rasterize)
+def field() -> None:
+    """The presets' ranks of a field and TensoRF's, harmonics of every degree, rays that learn and rays that don't."""
+    for ranks, terms in (((8, 16), 9), ((8, 16), 4), ((8, 16), 1), ((16, 48), 9), ((24, 24), 9)):
+        shape = GridShape((2, 2, 2), *ranks, terms)
+        sizes = ((shape.density_size,), (shape.colour_size,), shape.basis_shape)
+        ray, ends = torch.full((1, 3), 0.5), torch.tensor([[0.0, 1.0]])
+        cells = torch.ones((1, 1, 1), dtype=torch.bool)
+        samples = load("field", "gpu", function="field_samples")(ray, ray, ends, torch.zeros(1), cells, count=1)
+        load("field", "gpu", function="field_density")(torch.rand(sizes[0]), ray, shape=shape, shift=0.0)
+        for learned in (False, True):
+            grids = [torch.rand(size).requires_grad_() for size in sizes]
+            rays = [ray.clone().requires_grad_(learned) for _ in range(3)]
+            seen = load("field", "gpu")(
+                *grids, *rays, samples.starts, samples.places, samples.steps, shape=shape, shift=0.0
+            )
+            (seen.color.sum() + seen.opacity.sum()).backward()
+
+
+CALLS: tuple[Callable[[], None], ...] = (tone, ssim, scatter, mix, rasterize, field)
 
 
 def main() -> None:
