@@ -15,8 +15,7 @@ from dofbench.compute.factored_grid import FieldRender, GridShape, RaySamples
 from dofbench.compute.gpu_launch import check_tensors, kernels, launch
 
 from .gpu_gradient import Kept, gradients
-from .gpu_inputs import check, group
-from .reference import harmonics
+from .gpu_inputs import SAMPLES, check, group
 
 BACKEND = Backend(devices=("cuda",), dtypes=("float32",), bits_repeat=True)
 _ELEMENTS = 256  # samples times channels that a program reads together
@@ -50,8 +49,8 @@ def field(
     check({"density": density, "colour": colour, "basis": basis}, rays, starts, samples, shape)
     # A ray's direction of view is the same for all its samples, so harmonics and matrix are multiplied once a ray.
     terms = shape.harmonics
-    matrix = basis.view(-1, 3, terms).permute(2, 1, 0).reshape(terms, -1)
-    lights = harmonics(views, terms) @ matrix
+    matrix = basis.reshape(-1, 3, terms).permute(2, 1, 0).reshape(terms, -1)
+    lights = _Harmonics.apply(views.contiguous(), terms) @ matrix
     results = _Field.apply(
         *(each.contiguous() for each in (density, colour, lights, origins, directions, starts, places, lengths)),
         shape,
@@ -128,6 +127,35 @@ def _explain(rays: dict[str, Tensor]) -> None:
     raise ValueError(f"field_samples: expected fewer than {_TOO_MANY} samples")
 
 
+class _Harmonics(torch.autograd.Function):
+    """(R, count): the spherical harmonics in directions of view (R, 3)."""
+
+    @staticmethod
+    def forward(context, views, count):
+        terms = views.new_empty(len(views), count)
+        blocks = (-(-len(views) // SAMPLES),)
+        launch(kernels("field.gpu_harmonics").harmonics, blocks, views, terms, len(views), COUNT=count, BLOCK=SAMPLES)
+        context.save_for_backward(views)
+        return terms
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(context, gradient):
+        (views,) = context.saved_tensors
+        by_views, count = torch.empty_like(views), gradient.shape[1]
+        launch(
+            kernels("field.gpu_harmonics").harmonics_backward,
+            (-(-len(views) // SAMPLES),),
+            views,
+            gradient.contiguous(),
+            by_views,
+            len(views),
+            COUNT=count,
+            BLOCK=SAMPLES,
+        )
+        return by_views, None
+
+
 class _Field(torch.autograd.Function):
     """(R, 5): colour, opacity and distance. lights: (R, 9 colour_rank), see `gpu_rays.shade`."""
 
@@ -142,7 +170,7 @@ class _Field(torch.autograd.Function):
         ray_of = torch.searchsorted(starts, every, right=True, out_int32=True) - 1
         ray_of = ray_of.clamp_(0, max(count - 1, 0))
         optical, slopes, weights, behind = (places.new_empty(size) for _ in range(4))
-        colours, results = places.new_empty(size, 3), places.new_empty(count, 5)
+        colours, results, lost = places.new_empty(size, 3), places.new_empty(count, 5), places.new_empty(count)
         lit = torch.empty(size, dtype=torch.int32, device=device)
         counts = torch.empty((count, 2), dtype=torch.int32, device=device)
         constants = group(shape.density_rank, _ELEMENTS)
@@ -175,6 +203,7 @@ class _Field(torch.autograd.Function):
             behind,
             lit,
             counts,
+            lost,
             results,
             size,
             least_weight,
@@ -193,6 +222,7 @@ class _Field(torch.autograd.Function):
             counts,
             lit,
             weights,
+            lost,
             colours,
             results,
             size,

@@ -34,8 +34,8 @@ def check(
         "density": (shape.density_size,),
         "colour": (shape.colour_size,),
         "basis": shape.basis_shape,
-        **{name: (count, 3) for name in rays},
-        **{name: (size,) for name in samples},
+        **dict.fromkeys(rays, (count, 3)),
+        **dict.fromkeys(samples, (size,)),
     }
     for name, tensor in (grids | rays | samples).items():
         if tuple(tensor.shape) != wanted[name]:

@@ -1,8 +1,9 @@
 """Triton kernels that add up what samples add to the nodes of planes and lines, always in the same order.
 
-A sample lies in one cell of each of three planes and three lines. Samples are sorted by these cells, six times over, and
-a node adds up those of the cells around it. A cell has two numbers, 2 c and 2 c + 1: of its samples those with a colour
-come first. So the colour's nodes read the first half of a cell's list, and the density's read all of it.
+A sample lies in one cell of each of three planes and three lines. A list holds every sample six times, sorted by these
+cells, and a node adds up the samples of the cells around it. A cell has two numbers: 2 c for its samples with a colour,
+2 c + 1 for those without, which come after them. So the colour's nodes read the first part of a cell's samples, and the
+density's nodes read all of them.
 """
 
 from __future__ import annotations

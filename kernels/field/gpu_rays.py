@@ -33,18 +33,20 @@ def begin_and_end(starts, ray, size):
 
 @triton.jit
 def weigh(
-    optical, places, starts, origins, directions, weights, behind, lit, counts, results, size, least_weight,
+    optical, places, starts, origins, directions, weights, behind, lit, counts, lost, results, size,
+    least_weight,
     BLOCK: tl.constexpr,
 ):  # fmt: skip
     """Each sample's weight, and the light that it leaves; a ray's opacity and distance, columns 3 and 4 of results.
 
-    Columns 0 to 2, the colour, become 0, or NaN for a ray that isn't finite.
+    lost: (R,), NaN for a ray that isn't finite, else 0.
     """
     ray = tl.program_id(0)
     begin, end = begin_and_end(starts, ray, size)
     lane = tl.arange(0, BLOCK)
     before, seen_to, lit_count = tl.sum(tl.zeros((BLOCK,), tl.float32), 0), begin, 0
     opacity, distance = tl.zeros((BLOCK,), tl.float32), tl.zeros((BLOCK,), tl.float32)
+    nothing = tl.zeros((BLOCK,), tl.float32)
     for first in range(begin, end, BLOCK):
         s = first + lane
         inside = s < end
@@ -59,6 +61,7 @@ def weigh(
         place = tl.load(places + s, mask=inside, other=0.0)
         opacity += weight
         distance += weight * place
+        nothing += 0.0 * place
         tl.store(weights + s, weight, mask=inside)
         tl.store(behind + s, left * tl.exp(-own), mask=inside)
         some = weight != 0.0
@@ -70,10 +73,9 @@ def weigh(
     tl.store(counts + 2 * ray, seen_to - begin)
     tl.store(counts + 2 * ray + 1, lit_count)
     axis = tl.arange(0, 4)
-    ends = tl.load(origins + 3 * ray + axis, mask=axis < 3, other=0.0)
-    ends += tl.load(directions + 3 * ray + axis, mask=axis < 3, other=0.0)
-    nothing = 0.0 * tl.sum(ends, 0)
-    tl.store(results + 5 * ray + axis, tl.zeros((4,), tl.float32) + nothing, mask=axis < 3)
+    ends = 0.0 * tl.load(origins + 3 * ray + axis, mask=axis < 3, other=0.0)
+    ends += 0.0 * tl.load(directions + 3 * ray + axis, mask=axis < 3, other=0.0)
+    tl.store(lost + ray, tl.sum(nothing, 0) + tl.sum(ends, 0))
     tl.store(results + 5 * ray + 3, tl.sum(opacity, 0))
     tl.store(results + 5 * ray + 4, tl.sum(distance, 0))
 
@@ -86,10 +88,11 @@ def sigmoid(x):
 
 @triton.jit
 def shade(
-    flat, lights, origins, directions, places, starts, counts, lit, weights, colours, results, size, nx, ny, nz,
+    flat, lights, origins, directions, places, starts, counts, lit, weights, lost, colours, results, size,
+    nx, ny, nz,
     RANK: tl.constexpr, CHANNELS: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """The colours (S, 3) of samples that have one; their weighted sum is added to columns 0 to 2 of results.
+    """The colours (S, 3) of samples that have one; their weighted sum in columns 0 to 2 of results.
 
     lights: (R, 3, 3 RANK), what a sample's channels add to the logits of red, green and blue on each ray.
     """
@@ -121,9 +124,10 @@ def shade(
         tl.store(colours + 3 * s + 2, b, mask=inside)
         weight = tl.load(weights + s, mask=inside, other=0.0)
         red, green, blue = red + weight * r, green + weight * g, blue + weight * b
-    tl.store(results + 5 * ray, tl.load(results + 5 * ray) + tl.sum(red, 0))
-    tl.store(results + 5 * ray + 1, tl.load(results + 5 * ray + 1) + tl.sum(green, 0))
-    tl.store(results + 5 * ray + 2, tl.load(results + 5 * ray + 2) + tl.sum(blue, 0))
+    nothing = tl.load(lost + ray)
+    tl.store(results + 5 * ray, nothing + tl.sum(red, 0))
+    tl.store(results + 5 * ray + 1, nothing + tl.sum(green, 0))
+    tl.store(results + 5 * ray + 2, nothing + tl.sum(blue, 0))
 
 
 @triton.jit

@@ -11,7 +11,8 @@ FAR_TOO_MANY = tl.constexpr(1 << 40)
 @triton.jit
 def cell_of(coordinate, cells):
     """The number of the cell that a coordinate lies in; outside [0, 1] as on the border."""
-    return tl.minimum((tl.minimum(tl.maximum(coordinate, 0.0), 1.0) * cells).to(tl.int32), cells - 1)
+    inside = tl.minimum(tl.where(coordinate > 0.0, coordinate, 0.0), 1.0)
+    return tl.minimum((inside * cells).to(tl.int32), cells - 1)
 
 
 @triton.jit

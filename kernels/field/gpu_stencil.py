@@ -52,7 +52,7 @@ def cell(coordinate, nodes):
 
     The share of a coordinate that isn't finite is NaN, so that whoever looks at the result finds it.
     """
-    scaled = tl.minimum(tl.maximum(coordinate, 0.0), 1.0) * (nodes - 1)
+    scaled = tl.minimum(tl.where(coordinate > 0.0, coordinate, 0.0), 1.0) * (nodes - 1)
     below = tl.minimum(scaled.to(tl.int32), nodes - 2)
     return below, tl.where(tl.abs(coordinate) < float("inf"), scaled - below, float("nan"))
 
