@@ -21,7 +21,9 @@ _OF_RAY = 32  # samples of a ray that a program reads together
 # Samples times channels that a program reads together, of the density and of the colour, whose samples are fewer and
 # take more registers.
 _SPREAD = (256, 128)
-_NODES, _EACH = 4, 2  # nodes of a plane in a program; samples of each cell around them that are read together
+# Nodes of a plane in a program, and samples of each cell around them that are read together, where cells have few
+# samples, and where they have more than `_CROWDED` on average.
+_FEW, _MANY, _CROWDED = {"NODES": 4, "EACH": 2}, {"NODES": 1, "EACH": 8}, 8
 _PARTS = 4  # programs that share a cell of a line
 _LISTED = 1024  # samples of a cell of a line times channels that a program reads together
 _LINE_NODES = 4  # nodes of a line in a program
@@ -160,9 +162,10 @@ def _summed(
     groups = rank // channels_of(rank)
     of_planes = nx * ny + nx * nz + ny * nz
     constants = {"RANK": rank, "CHANNELS": channels_of(rank)}
+    tile = _MANY if 3 * size > _CROWDED * of_planes else _FEW
     launch(
         nodes.add_to_planes,
-        (-(-of_planes // _NODES), groups),
+        (-(-of_planes // tile["NODES"]), groups),
         by_planes,
         *by_cell,
         result,
@@ -171,8 +174,7 @@ def _summed(
         ny,
         nz,
         NUMBERS=numbers,
-        NODES=_NODES,
-        EACH=_EACH,
+        **tile,
         **constants,
     )
     line_cells = nx + ny + nz - 3
