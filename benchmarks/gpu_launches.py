@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from dofbench.compute.factored_grid import GridShape
 from dofbench.compute.gpu_launch import recorded
 from dofbench.compute.raster import GEOMETRIES, ViewStatistics
 from dofbench.core.cameras import Camera
@@ -95,7 +96,26 @@ def stereo() -> None:
     load("stereo", "gpu", function="returns")(image, image, maps[0], maps[0], pixels=1.0, share=0.1)
 
 
-CALLS: tuple[Callable[[], None], ...] = (tone, ssim, scatter, mix, rasterize, stereo)
+def field() -> None:
+    """The presets' ranks of a field and TensoRF's, harmonics of every degree; rays that learn and rays that don't, and
+    with them a single sample in the grid or many."""
+    for ranks, terms in (((8, 16), 9), ((8, 16), 4), ((8, 16), 1), ((16, 48), 9), ((24, 24), 9)):
+        shape = GridShape((2, 2, 2), *ranks, terms)
+        sizes = ((shape.density_size,), (shape.colour_size,), shape.basis_shape)
+        ray, ends = torch.full((1, 3), 0.5), torch.tensor([[0.0, 1.0]])
+        cells = torch.ones((1, 1, 1), dtype=torch.bool)
+        load("field", "gpu", function="field_density")(torch.rand(sizes[0]), ray, shape=shape, shift=0.0)
+        for learned, count in ((False, 1), (True, 40)):
+            samples = load("field", "gpu", function="field_samples")(ray, ray, ends, torch.zeros(1), cells, count=count)
+            grids = [torch.rand(size).requires_grad_() for size in sizes]
+            rays = [ray.clone().requires_grad_(learned) for _ in range(3)]
+            seen = load("field", "gpu")(
+                *grids, *rays, samples.starts, samples.places, samples.steps, shape=shape, shift=0.0
+            )
+            (seen.color.sum() + seen.opacity.sum()).backward()
+
+
+CALLS: tuple[Callable[[], None], ...] = (tone, ssim, scatter, mix, rasterize, stereo, field)
 
 
 def main() -> None:
