@@ -10,34 +10,42 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.compute.factored_grid import GridShape
 from dofbench.core.cameras import Camera
 from dofbench.gaussians.forward.lens_pattern import lens_points
 from dofbench.kernels import load
+from dofbench.learning.priors.stereo import BEST, EDGE, LARGE, RADIUS, SMALL, SOURCES
 
 NAMES = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
 
 
 @dataclass(frozen=True)
 class Size:
-    """Of a picture, pixels, of its circles of confusion, pixels, and how many Gaussians it shows."""
+    """Of a picture, pixels, of its circles of confusion, pixels, and how many Gaussians it shows; of a field, nodes a
+    side, rays, and samples of each."""
 
     width: int = 504
     height: int = 378
     gaussians: int = 150_000
     radius: float = 8.0
+    nodes: int = 200
+    rays: int = 1024
+    samples: int = 60
+    planes: int = 128
 
 
 @dataclass(frozen=True)
 class Call:
-    """inputs: tensors that have gradients, on the CPU. run: called with them, on any device; its results, each of which
-    has a gradient."""
+    """inputs: tensors on the CPU. run: called with them, on any device; its results. learns: whether the inputs have
+    gradients."""
 
     inputs: tuple[Tensor, ...]
     run: Callable[..., list[Tensor]]
+    learns: bool = True
 
     def on(self, device: str) -> tuple[Tensor, ...]:
         """The inputs on a device."""
-        return tuple(value.detach().to(device).requires_grad_() for value in self.inputs)
+        return tuple(value.detach().to(device).requires_grad_(self.learns) for value in self.inputs)
 
 
 def gaussians(size: Size) -> tuple[tuple[Tensor, ...], Camera]:
@@ -114,13 +122,58 @@ def rasterize_from_points(size: Size) -> Call:
     return Call((*parameters, radius, blur), run)
 
 
+def field(size: Size) -> Call:
+    """Rays through a cube, from one side to the other."""
+    shape, random = GridShape((size.nodes,) * 3, 8, 16, 9), torch.Generator().manual_seed(4)
+
+    def drawn(*sizes: int) -> Tensor:
+        return torch.rand(*sizes, generator=random)
+
+    learned = (*(2 * drawn(count) - 1 for count in (shape.density_size, shape.colour_size)), drawn(*shape.basis_shape))
+    origins = torch.cat([drawn(size.rays, 2), torch.zeros(size.rays, 1)], 1)
+    directions = torch.cat([0.2 * drawn(size.rays, 2) - 0.1, torch.ones(size.rays, 1)], 1)
+    count = size.rays * size.samples
+    rest = {
+        "origins": origins,
+        "directions": directions,
+        "views": torch.nn.functional.normalize(directions, dim=1),
+        "starts": torch.arange(0, count + 1, size.samples),
+        "places": ((torch.arange(size.samples) + 0.5) / size.samples).repeat(size.rays),
+        "lengths": torch.full((count,), 1.0 / size.samples),
+    }
+
+    def run(*inputs: Tensor) -> list[Tensor]:
+        others = {name: value.to(inputs[0].device) for name, value in rest.items()}
+        found = load("field")(*inputs, **others, shape=shape, shift=0.0)
+        return [found.color, found.opacity, found.distance]
+
+    return Call(learned, run)
+
+
+def stereo(size: Size) -> Call:
+    """A sweep of four views beside one, each moved by a little, and the paths through its scores."""
+    grey = [image.mean(2) for image in _pictures(size, SOURCES + 1)]
+    maps = torch.eye(3, 4, dtype=torch.float64).repeat(SOURCES, 1, 1)
+    maps[:, 0, 3] = 10 * torch.arange(1, SOURCES + 1, dtype=torch.float64)
+    planes = torch.linspace(0.1, 1.0, size.planes, dtype=torch.float64)
+
+    def run(image: Tensor, others: Tensor) -> list[Tensor]:
+        given = (value.to(image.device) for value in (maps, planes))
+        scores = load("stereo")(image, others, *given, radius=RADIUS, best=BEST)
+        return list(load("stereo", function="semiglobal")(scores, image, small=SMALL, large=LARGE, edge=EDGE)[1:])
+
+    return Call((grey[0], torch.stack(grey[1:])), run, learns=False)
+
+
 CALLS: dict[str, Callable[[Size], Call]] = {
-    one.__name__: one for one in (tone, ssim, scatter, mix, rasterize, rasterize_from_points)
+    one.__name__: one for one in (tone, ssim, scatter, mix, rasterize, rasterize_from_points, field, stereo)
 }
 
 
 def gradients(call: Call, inputs: tuple[Tensor, ...]) -> tuple[list[Tensor], list[Tensor]]:
-    """(results, gradients of the inputs by the sum of the results' squares)."""
+    """(results, gradients of the inputs by the sum of the results' squares, none where they have none)."""
     found = call.run(*inputs)
+    if not call.learns:
+        return found, []
     total = torch.stack([value.square().sum() for value in found]).sum()
     return found, list(torch.autograd.grad(total, inputs))

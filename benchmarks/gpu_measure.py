@@ -118,10 +118,9 @@ def agreement(settings: Settings) -> dict[str, Any]:
     for name, make in CALLS.items():
         call = make(replace(settings.size, gaussians=min(settings.size.gaussians, 20_000)))
         here, there = (gradients(call, call.on(device)) for device in ("cpu", DEVICE))
-        found[name] = {
-            "value": max(map(_difference, here[0], there[0])),
-            "gradient": max(map(_difference, here[1], there[1])),
-        }
+        found[name] = {"value": max(map(_difference, here[0], there[0]))}
+        if call.learns:
+            found[name]["gradient"] = max(map(_difference, here[1], there[1]))
     return found
 
 
@@ -147,13 +146,11 @@ def _timed(call: Call, repeats: int) -> dict[str, float]:
     moved = 4 * sum(value.numel() for value in (*inputs, *values))
     with torch.no_grad():
         forward = milliseconds(lambda: call.run(*inputs), repeats)
-    both = milliseconds(lambda: gradients(call, inputs), repeats)
-    return {
-        "forward_ms": forward,
-        "both_ms": both,
-        "forward_bytes": moved,
-        "both_bytes": 2 * moved + 4 * sum(slope.numel() for slope in slopes),
-    }
+    found = {"forward_ms": forward, "forward_bytes": moved}
+    if call.learns:
+        found["both_ms"] = milliseconds(lambda: gradients(call, inputs), repeats)
+        found["both_bytes"] = 2 * moved + 4 * sum(slope.numel() for slope in slopes)
+    return found
 
 
 def _gsplat(settings: Settings) -> float:

@@ -26,7 +26,7 @@ def page(found: dict[str, Any]) -> str:
             "",
         ]
     if "agreement" in parts:
-        rows = [(op, f"{one['value']:.1e}", f"{one['gradient']:.1e}") for op, one in _ops(parts["agreement"])]
+        rows = [(op, *(_number(one.get(key)) for key in ("value", "gradient"))) for op, one in _ops(parts["agreement"])]
         lines += ["## Beside the CPU backend", "", "Largest difference over the largest magnitude.", ""]
         lines += [*markdown_table(("op", "value", "gradient"), rows, 1), ""]
     if "ops" in parts:

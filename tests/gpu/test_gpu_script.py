@@ -46,7 +46,8 @@ def toy(script: ModuleType, folder: Path) -> Any:
     """A picture of a few pixels, and a dataset of which one training takes two steps; another one isn't there."""
     return script.Settings(
         out=folder, data=(folder / "waves", folder / "absent"), steps=(2,), preset="smoke", repeats=1,
-        size=script.Size(16, 12, 8, 2.0), counts=(4,), widths=(16,), radii=(1.0,),
+        size=script.Size(16, 12, 8, 2.0, nodes=4, rays=2, samples=3, planes=16),
+        counts=(4,), widths=(16,), radii=(1.0,),
     )  # fmt: skip
 
 
@@ -66,8 +67,9 @@ def test_every_part_runs_and_is_kept(
     assert list(found) == ["machine", "agreement", "ops", "cost", "training waves 2", "training absent 2"]
     for op, largest in found["agreement"].items():
         if op != "seconds":
-            assert largest["value"] < FLOAT32_VALUE and largest["gradient"] < FLOAT32_GRADIENT, op
-            assert found["ops"][op]["both_ms"] > 0 and f"| {op} |" in page
+            assert largest["value"] < FLOAT32_VALUE and largest.get("gradient", 0) < FLOAT32_GRADIENT, op
+            assert found["ops"][op]["forward_ms"] > 0 and f"| {op} |" in page
+            assert ("both_ms" in found["ops"][op]) == ("gradient" in largest) == (op != "stereo")
     # A picture of three channels is read and one of them written; for the gradient as much again, and that written.
     assert found["ops"]["tone"]["forward_bytes"] == 2 * 4 * 16 * 12 * 3
     assert found["ops"]["tone"]["both_bytes"] == 5 * 4 * 16 * 12 * 3
