@@ -37,19 +37,21 @@ def finished_results(folder: Path) -> list[Result]:
 
 def expected(run: PlannedRun, finished: Sequence[Result]) -> Resources:
     """What a run takes: the medians over the finished ones that are most like it, their training scaled by the budget.
-    Like are those on the same dataset, before all of the same method and preset. Without any, the seconds that the
-    method's card makes of steps and pixels, which may be half or twice what they are; None where it says nothing."""
+    Like are those on the same dataset and device, before all of the same method and preset. Without any, the seconds
+    that the method's card makes of steps and pixels on a CPU, which may be half or twice what they are; None where it
+    says nothing."""
     spec, budget = run.spec, run.budget
     alike = [
         ((result.spec.method == spec.method, result.spec.preset == spec.preset), result)
         for result in finished
-        if result.spec.dataset_checksum == spec.dataset_checksum
+        if (result.spec.dataset_checksum, result.spec.device) == (spec.dataset_checksum, spec.device)
     ]
     nearest = max((closeness for closeness, _ in alike), default=None)
     known = [result for closeness, result in alike if closeness == nearest]
     if not known:
+        card = find_method(spec.method).card
         seconds = seconds_by_card(
-            find_method(spec.method).card,
+            card if spec.device == "cpu" else card.model_copy(update={"costs": None}),
             budget,
             run.options.get("steps"),
             view_pixels=run.view_pixels,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -52,6 +53,15 @@ def test_by_the_card(with_costs, tmp_path: Path, budget: str, training: float | 
 def test_without_a_card_s_costs_nobody_knows(call, tmp_path: Path) -> None:
     assert expected(planned(tmp_path), []) == Resources("cpu")
     assert "says nothing" in time_to_go([Resources()], 1, "")
+
+
+def test_what_a_cpu_took_says_nothing_of_a_gpu(with_costs, call, tmp_path: Path) -> None:
+    run = planned(tmp_path, "8it,2s", seed=3)
+    there = replace(run, spec=run.spec.model_copy(update={"device": "cuda"}))
+    others = 8 + 2 * PIXELS * (1e-5 + 1e-5)
+    for finished in ([], [read_result(call(seed=0).folder)]):
+        found = expected(there, finished)
+        assert found.device == "cuda" and found.seconds == pytest.approx(2.0 + others)  # by the budget alone
 
 
 def test_by_runs_that_are_finished(with_costs, call, tmp_path: Path) -> None:
