@@ -194,7 +194,6 @@ def training(settings: Settings, data: Path, steps: int) -> dict[str, Any]:
     """One run on a dataset, and how fast its model renders a test view."""
     if not (data / MANIFEST).is_file():
         return {"left_out": f"{data} is no dataset"}
-    torch.cuda.reset_peak_memory_stats()
     budget = Budget(steps=steps)
     wanted = Run(
         method="dofgaussian", preset=settings.preset, data=data, budget=budget, device=DEVICE, out=settings.out / "runs"
@@ -203,7 +202,7 @@ def training(settings: Settings, data: Path, steps: int) -> dict[str, Any]:
     result = read_result(end.folder)
     found: dict[str, Any] = {"status": result.status, "message": result.message}
     found |= {name: result.scores[name] for name in SCORES if name in result.scores}
-    found["peak_mb"] = torch.cuda.max_memory_allocated() / 1e6
+    found["peak_mb"] = result.description.get("device_peak_mb")
     if not end:
         return found
     loaded = load_run(end.folder)

@@ -150,6 +150,8 @@ def pretended(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
     options = interpreter.InterpreterOptions(sanitize_overflow=False)
     monkeypatch.setattr(interpreter.interpreter_builder, "options", options)
     monkeypatch.setattr(devices, "count", lambda kind: 1)
+    monkeypatch.setattr(torch.cuda, "reset_peak_memory_stats", lambda device=None: None)
+    monkeypatch.setattr(torch.cuda, "max_memory_allocated", lambda device=None: 5_000_000)
     # Within a backward pass torch itself looks for the device that a new tensor is to lie on, before `_Operations`.
     monkeypatch.setattr(torch.cuda, "_lazy_init", lambda: None)
     _waits.clear()

@@ -1,4 +1,4 @@
-"""How much of something a GPU's memory would hold, after there wasn't enough of it."""
+"""A GPU's memory: the most that was in use, and how much of something it would hold after there wasn't enough of it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,17 @@ import torch
 
 _SPARE = 0.9  # of the memory: the rest is lost to pieces between what is in use
 _UNITS = {"bytes": 1, "KiB": 2**10, "MiB": 2**20, "GiB": 2**30}
+
+
+def forget_peak(device: str) -> None:
+    """Begin to look for the most memory anew; nothing on the CPU."""
+    if device != "cpu":
+        torch.cuda.reset_peak_memory_stats(device)
+
+
+def peak_mb(device: str) -> dict[str, float]:
+    """{"device_peak_mb": the most memory that this process had in use, MB}; nothing on the CPU."""
+    return {} if device == "cpu" else {"device_peak_mb": torch.cuda.max_memory_allocated(device) / 1e6}
 
 
 def would_fit(count: int, device: str, error: torch.OutOfMemoryError) -> int:

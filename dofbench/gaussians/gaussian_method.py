@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from dofbench.compute.device_memory import forget_peak, peak_mb
 from dofbench.compute.devices import KINDS, resolve
 from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
@@ -46,6 +47,7 @@ class GaussianMethod:
         self._exposures: Exposures | None = None  # renders the model while no training is running
         self._lenses: dict[str, PhysicalLens] | None = None
         self._colours: dict[str, np.ndarray] | None = None
+        self._peak: dict[str, float] = {}
 
     @classmethod
     def available_options(cls) -> tuple[ListedOption, ...]:
@@ -59,9 +61,11 @@ class GaussianMethod:
 
     def fit(self, training_set: TrainingSet, budget: Budget, observer: Observer) -> FitOutcome:
         """Train from the sparse points; raises InputError when there are none."""
+        forget_peak(self._device)
         self._trainer = Trainer(training_set, self._options, self._seed, self._device)
         self._gaussians, self._exposures = self._trainer.gaussians, None
         outcome = self._trainer.fit(budget, observer)
+        self._peak = peak_mb(self._device)
         self._exposures = Exposures(self._gaussians, self.options)
         return outcome
 
@@ -81,8 +85,8 @@ class GaussianMethod:
         return self._trainer.colour_estimates() if self._trainer else self._colours
 
     def describe(self) -> dict[str, float]:
-        """Number of Gaussians."""
-        return {"gaussians": len(self.gaussians)}
+        """Number of Gaussians; after training on a GPU, the most of its memory that was in use too, MB."""
+        return {"gaussians": len(self.gaussians), **self._peak}
 
     def save(self, folder: Path) -> None:
         """Write the Gaussians as 3DGS' .ply, the learned lenses and the rendering options as JSON, and the photographs'

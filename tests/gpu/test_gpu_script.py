@@ -29,8 +29,6 @@ def device(monkeypatch: pytest.MonkeyPatch) -> None:
         "get_device_properties": lambda device: SimpleNamespace(
             name="a pretended GPU", total_memory=8e10, multi_processor_count=132
         ),
-        "reset_peak_memory_stats": lambda device=None: None,
-        "max_memory_allocated": lambda device=None: 5e6,
     }
     for name, value in cuda.items():
         monkeypatch.setattr(torch.cuda, name, value)

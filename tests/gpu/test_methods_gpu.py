@@ -28,6 +28,7 @@ def kept(name: str, device: str, folder: Path) -> list[Rendering]:
     _, options, _ = entry.preset("smoke")
     method, scene = entry.create(options, 0, device), tiny_scene()
     assert method.fit(scene, Budget(steps=STEPS), Recorder()).status is Status.OK
+    assert method.describe().get("device_peak_mb") == {"cpu": None, "cuda": 5.0}[device]
     method.save(folder)
     again = entry.create({}, 0, device)
     again.load(folder)
