@@ -45,8 +45,10 @@ class Steps(Recorder):
         return super().after_step(step, loss)
 
 
-def trainer_on(device: str, bad_view: int | None = None, **overrides: object) -> Trainer:
-    trainer = Trainer(tiny_scene(bad_view), options(steps=STEPS, densify_every=5, **overrides), seed=0, device=device)
+def trainer_on(device: str, bad_view: int | None = None, seed: int = 0, **overrides: object) -> Trainer:
+    trainer = Trainer(
+        tiny_scene(bad_view), options(steps=STEPS, densify_every=5, **overrides), seed=seed, device=device
+    )
     with torch.no_grad():
         # How a sphere is turned has no effect, so rounding alone would decide where Adam turns it, and where density
         # control then puts its children.
@@ -61,11 +63,23 @@ def trained(trainer: Trainer, steps: int, waits: list[str]) -> Steps:
     return observer
 
 
-def test_a_training_on_a_device_has_the_losses_of_one_on_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
-    expected = trained(trainer_on("cpu"), STEPS, [])
+def psnr(trainer: Trainer) -> float:
+    """Of the photographs as they were learned, dB."""
+    wrong = [np.square(trainer.photograph(index) - view.image).mean() for index, view in enumerate(trainer.views)]
+    return -10 * float(np.log10(np.mean(wrong)))
+
+
+def test_a_training_on_a_device_is_that_on_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loss by loss within rounding; and its score within the spread of the CPU's over seeds."""
+    trainers = [trainer_on("cpu", seed=seed) for seed in range(4)]
+    expected, *_ = [trained(trainer, STEPS, []) for trainer in trainers]
     with pretended(monkeypatch) as waits:
-        found = trained(trainer_on("cuda"), STEPS, waits)
+        trainer = trainer_on("cuda")
+        found = trained(trainer, STEPS, waits)
+        score = psnr(trainer)
     np.testing.assert_allclose(found.own, expected.own, rtol=FLOAT32_VALUE)
+    scores = [psnr(one) for one in trainers]
+    assert abs(score - scores[0]) < np.std(scores, ddof=1)
     # The first step also has what comes before it, and the first look; in steps 5 and 10 density control acts.
     usual = [waits for step, waits in enumerate(found.waits, 1) if step not in (1, 5, 10)]
     assert usual == [{LISTS: 1}] * (STEPS - 3)
