@@ -1,0 +1,34 @@
+"""Every kernel of training compiles for GPUs that aren't here, spills nothing, and fills them as far as is listed."""
+
+from __future__ import annotations
+
+import csv
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dofbench.kernels import backends, ops
+
+ROOT = Path(__file__).resolve().parents[2]
+SCRIPT = ROOT / "benchmarks" / "gpu_kernels.py"
+
+
+@pytest.mark.slow
+def test_all_kernels_compile_for_three_architectures(tmp_path: Path) -> None:
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": path}
+    made = subprocess.run(
+        [sys.executable, str(SCRIPT), "--out", str(tmp_path)], capture_output=True, text=True, env=environment
+    )
+    assert made.returncode == 0, made.stderr  # names what spills, or is below half occupancy without a reason
+    rows = list(csv.DictReader((tmp_path / "kernels.csv").open(encoding="utf-8")))
+    assert {row["op"] for row in rows} == {op for op in ops() if "gpu" in backends(op)}
+    for architecture in ("80", "90", "100"):
+        assert {row["op"] for row in rows if row["architecture"] == architecture} == {row["op"] for row in rows}
+    assert {row["spilled"] for row in rows} == {"0"}
+    published = list(csv.DictReader((ROOT / "reports" / "gpu" / "kernels.csv").open(encoding="utf-8")))
+    key = ("op", "kernel", "constants", "architecture")
+    assert {tuple(row[name] for name in key) for row in rows} == {tuple(row[name] for name in key) for row in published}
