@@ -138,11 +138,11 @@ def drawn(trainer: Trainer, camera: Any) -> Iterator[dict[str, float]]:
         caught.append(arguments)
         return fill(*arguments)
 
-    cpu.fill_tiles = caught_fill  # type: ignore[attr-defined]
+    cpu.fill_tiles = caught_fill
     try:
         trainer.render(camera, None)
     finally:
-        cpu.fill_tiles = fill  # type: ignore[attr-defined]
+        cpu.fill_tiles = fill
     for records, counts, n, order, *_ in caught:
         yield lists(records.reshape(-1, layout.RECORD)[:n], order, counts[:n] > 0, camera)
 

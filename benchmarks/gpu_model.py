@@ -112,7 +112,7 @@ def total_row(sizes: Sizes, gpu: Gpu, many: list[Time], codes: list[gpu_code.Cod
     # The kernels whose threads read numbers far apart, and the same if neighbours read neighbouring numbers.
     apart = [kernel for kernel in KERNELS if kernel.name in ("color", "color_backward")]
     saved = sum(
-        named[one.name].seconds - kernel_time(replace(one, lines=0.0), sizes, gpu, codes, 1).seconds for one in apart
+        named[one.name].seconds - kernel_time(replace(one, apart=0.0), sizes, gpu, codes, 1).seconds for one in apart
     )
     more = replace(sizes, intersections=2 * sizes.intersections, most_intersections=2 * sizes.most_intersections)
     twice = sum(time.seconds for time in step(more, gpu, codes) if time.stage in STAGES)
@@ -132,6 +132,7 @@ def total_row(sizes: Sizes, gpu: Gpu, many: list[Time], codes: list[gpu_code.Cod
         "blend_backward_occupancy_percent": 100 * backward.occupancy,
         "blend_backward_waits_percent": 100 * (backward.busy - backward.hidden) / backward.busy,
         "blend_backward_room": backward.occupancy * MULTIPROCESSORS[gpu.architecture].warps * gpu.multiprocessors,
+        "sum_slots_percent": 100 * named["sum_slots"].seconds / whole,
         "apart_percent": 100 * saved / whole,
         "twice_the_intersections_ms": 1e3 * twice,
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 
 from gpu_peaks import GPUS, LAUNCH, SORT_SHARE, WAIT
@@ -14,7 +15,7 @@ TOTAL_COLUMNS = (
     "workload", "gpu", "step_ms", "steps_per_second", "seconds_of_training", "pictures_per_second",
     "pictures_per_second_lens", "launches", "launch_percent", "largest", "largest_percent", "blend_backward_percent",
     "blend_backward_occupancy_percent", "blend_backward_waits_percent", "blend_backward_room",
-    "apart_percent", "twice_the_intersections_ms",
+    "sum_slots_percent", "apart_percent", "twice_the_intersections_ms",
 )  # fmt: skip
 SCATTER_COLUMNS = ("workload", "gpu", "radius", "places", "linear_places", "forward_ms", "both_ms")
 
@@ -92,8 +93,9 @@ def page(
         *(_stages(one, stages) for one in sizes),
         _scatter(scatter),
         _design(sizes, times, totals, scatter, crossover),
+        *map(_point, WEAKEST),
     ]
-    return "\n".join(parts)
+    return "\n".join(parts) + "\n"
 
 
 def _workload(one: Sizes) -> str:
@@ -158,7 +160,13 @@ def _design(
 ) -> str:
     """What follows for the design, each sentence from the rows."""
     largest = "; ".join(
-        f"{row['workload']} on {row['gpu']}: `{row['largest']}` {row['largest_percent']:.0f} %" for row in totals
+        f"`{name}` for "
+        + ", ".join(
+            f"{row['workload']} on the {row['gpu']} ({row['largest_percent']:.0f} %)"
+            for row in totals
+            if row["largest"] == name
+        )
+        for name in sorted({str(row["largest"]) for row in totals})
     )
     waits = "; ".join(
         f"{one.name} {_span(_values(totals, 'blend_backward_waits_percent', one.name))} %" for one in sizes
@@ -169,38 +177,54 @@ def _design(
     room = min(_values(totals, "blend_backward_room"))
     widest = max(float(str(row["radius"])) for row in scatter)
     at_widest = _values([row for row in scatter if row["radius"] == widest], "both_ms")
+    at_usual = _values([row for row in scatter if row["radius"] == sizes[0].radius], "both_ms")
     steps = _values(totals, "step_ms", sizes[0].name)
-    shares = [100 * time / (step + time) for time, step in zip(at_widest, steps, strict=True)]
-    return f"""## What follows for the design
+    shares = [100 * wide / (step - usual + wide) for wide, usual, step in zip(at_widest, at_usual, steps, strict=True)]
+    few = sizes[0].tiles < room
+    points = [
+        f"**What dominates.** The longest kernel, with its share of a step, is {largest}.",
+        f"**Does the low occupancy of `blend_backward` matter?** With one warp for each tile it fills "
+        f"{_span(occupancy)} % of the warps that a multiprocessor holds. It is bound by {', '.join(bounds)}. "
+        f"Warps that wait cost of its time: {waits}. More occupancy could gain no more than that: a thread's eight "
+        "pixels don't depend on each other, so one warp has much to do while it waits."
+        + (
+            f" Where warps do wait, it isn't for lack of registers: {sizes[0].name} has {sizes[0].tiles} tiles and "
+            f"so as many warps, the smallest of the GPUs has room for {room:.0f}, and the tile with the longest list "
+            "ends last. Two warps for a tile would help there, fewer registers wouldn't."
+        )
+        * few,
+        "**Numbers of one Gaussian that lie beside each other.** In `color` and `color_backward` each thread reads its "
+        "own Gaussian's 45 coefficients and writes their gradients, so that every load and store of a warp touches 32 "
+        "lines. If neighbouring threads took neighbouring numbers, a step would take up to "
+        f"{max(apart):.0f} % less. `mix` has the same pattern in its logits.",
+        "**A warp for each Gaussian.** `sum_slots` spends one on every Gaussian, visible or not, most of it on "
+        f"instructions before and behind its loop: {_span(_values(totals, 'sum_slots_percent'))} % of a step. Several "
+        "Gaussians for a warp would share them.",
+        f"**Launches.** They are {_span(launch)} % of a step, mostly torch's small operations and not these kernels. "
+        "Where the share is large, a CUDA graph or fewer operations gain more than a faster kernel.",
+        f"**Direct or linear scatter.** From a radius of {crossover} pixels on, the direct form visits more places "
+        "than a linear form would; this is the least radius at which a linear one could be worth while, since its "
+        f"sums at row ends are atomics or sorts on a GPU, which aren't counted here. At {widest:.0f} pixels the direct "
+        f"form takes {_span(at_widest, 2)} ms, {_span(shares)} % of a step of {sizes[0].name} with it.",
+    ]
+    return "\n".join(["## What follows for the design", "", *map(_point, points), "", "## What is weakest in it", ""])
 
-- **What dominates.** The longest kernel, with its share of a step: {largest}.
-- **Does the low occupancy of `blend_backward` matter?** With one warp for each tile it fills {_span(occupancy)} %
-  of the warps that a multiprocessor holds. It is bound by {", ".join(bounds)}. Warps that wait cost of its time:
-  {waits}; more occupancy could gain no more than that, since a thread's eight pixels don't depend on each other and
-  hide latency as more warps would. Where they do wait, it isn't for lack of registers: {sizes[0].name} has
-  {sizes[0].tiles} tiles and so as many warps, the smallest of the GPUs has room for {room:.0f}, and the tile with
-  the longest list ends last. Two warps for a tile would help there, fewer registers wouldn't.
-- **Numbers of one Gaussian that lie beside each other.** In `color` and `color_backward` each thread reads its own
-  Gaussian's 45 coefficients, so that every load of a warp touches 32 lines of memory. If neighbouring threads read
-  neighbouring numbers, a step would take {_span(apart)} % less. `mix` has the same pattern in its logits.
-- **Launches.** They are {_span(launch)} % of a step, mostly torch's small operations and not these kernels. Where
-  the share is large, a CUDA graph or fewer operations gain more than a faster kernel.
-- **Direct or linear scatter.** From a radius of {crossover} pixels on, the direct form visits more places than a
-  linear form would; this is the least radius at which a linear one could be worth while, since its sums at row ends
-  are atomics or sorts on a GPU, which aren't counted here. At {widest:.0f} pixels the direct form takes
-  {_span(at_widest, 2)} ms, and {_span(shares)} % of a step of {sizes[0].name} with it.
 
-## What is weakest in it
+WEAKEST = (
+    "Intersections for each Gaussian, see above: most kernels' times go with them.",
+    "Caches: L1 and L2 have no bandwidth of their own here, and what is read again is taken to be there, except "
+    "records that don't fit in L2. That a store whose threads write far apart takes a cycle for each line is assumed.",
+    "How unlike the tiles' lists are comes from a picture of 48 tiles; a large picture's longest list is longer.",
+    "Branches within a warp: both sides are counted, except in the loop of `blend_backward`, whose branch is taken as "
+    "often as measured.",
+    "A launch's and a wait's time are assumed, and so are latencies of special functions and shuffles. Torch's small "
+    "operations were counted in a training on the CPU, and Python may take longer for one than a launch.",
+)
 
-- Intersections for each Gaussian, see above: most kernels' times go with them.
-- Caches: L1 and L2 have no bandwidth of their own here, and what is read again is taken to be there, except records
-  that don't fit in L2.
-- How unlike the tiles' lists are comes from a picture of 48 tiles; a large picture's longest list is longer.
-- Branches within a warp: both sides are counted, except in the loop of `blend_backward`, whose branch is taken as
-  often as measured.
-- A launch's and a wait's time are assumed, and so are latencies of special functions and shuffles. Torch's small
-  operations were counted in a training on the CPU, and Python may take longer for one than a launch.
-"""
+
+def _point(text: str) -> str:
+    """An item of a list, in lines that a text editor shows."""
+    return textwrap.fill(f"- {text}", 118, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
 
 
 def _values(rows: Sequence[Row], column: str, workload: str | None = None) -> list[float]:

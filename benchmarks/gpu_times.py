@@ -90,7 +90,7 @@ def kernel_time(kernel: Kernel, sizes: Sizes, gpu: Gpu, codes: Iterable[gpu_code
     programs, first = kernel.programs(sizes), rows[0]
     each = warp_pace(kernel, rows, sizes)
     warps = programs * first.warps
-    cycles = unit_cycles(each, kernel.lines, warps, gpu)
+    cycles = unit_cycles(each, kernel.apart, warps, gpu)
     held = first.occupancy * MULTIPROCESSORS[gpu.architecture].warps
     # Every multiprocessor is filled with warps again and again, each filling takes what one warp takes; and however few
     # they are, the longest program has to end.
@@ -131,16 +131,16 @@ def warp_pace(kernel: Kernel, rows: list[gpu_code.Code], sizes: Sizes) -> Pace:
     return whole
 
 
-def unit_cycles(each: Pace, lines: float, warps: float, gpu: Gpu) -> dict[str, float]:
+def unit_cycles(each: Pace, apart: float, warps: float, gpu: Gpu) -> dict[str, float]:
     """Cycles that the units of all multiprocessors take for `warps` warps, spread evenly over their four parts: units
-    are theirs, and a warp stays in its part."""
+    are theirs, and a warp stays in its part. apart: see `gpu_work.Kernel`."""
     share = 4 * math.ceil(warps / (4 * gpu.multiprocessors))
     return {
         "issue": share * each.instructions / gpu.issue,
         "fma": share * each.fma / gpu.fma,
         "alu": share * each.alu / gpu.alu,
         "special": share * each.special / gpu.special,
-        "load/store": share * (each.memory + lines) / gpu.memory,
+        "load/store": share * (each.memory + apart) / gpu.memory,
     }
 
 

@@ -43,9 +43,9 @@ class Kernel:
 
     op: that it belongs to. stage: of a training step. backward: whether it belongs to the gradient. constants: its
     compile-time constants, as far as they tell configurations apart. programs: how many. moved: bytes. loads: where
-    loads in loops find what they read if their address is known before. lines: lines of 128 bytes that a warp's loads
-    and stores touch beyond one each, since neighbouring threads' numbers lie apart; each takes a cycle of L1. calls: in
-    a training step. longest: passes of the longest program over the mean.
+    loads in loops find what they read if their address is known before. apart: cycles of L1 that a warp's loads
+    and stores take beyond one each, since neighbouring threads' numbers lie apart (`_loaded`, `_stored`). calls: in a
+    training step. longest: passes of the longest program over the mean.
     """
 
     op: str
@@ -57,7 +57,7 @@ class Kernel:
     constants: Mapping[str, object] = field(default_factory=dict)
     loops: tuple[Loop, ...] = ()
     loads: str = "l1"
-    lines: float = 0.0
+    apart: float = 0.0
     calls: int = 1
     longest: Number = lambda sizes: 1.0
 
@@ -71,9 +71,20 @@ def _records(s: Sizes, gpu: Gpu) -> float:
     return 64 * (s.seen if 64 * s.seen <= gpu.l2 else max(s.seen, s.followed))
 
 
-def _apart(count: int, stride: int) -> int:
-    """Lines beyond one that a warp touches in `count` loads or stores of numbers `stride` bytes apart."""
-    return count * (min(32, max(1, 32 * stride // 128)) - 1)
+def _lines(stride: int) -> int:
+    """Lines of 128 bytes that 32 numbers touch, `stride` bytes apart."""
+    return min(32, max(1, 32 * stride // 128))
+
+
+def _loaded(count: int, stride: int) -> int:
+    """Cycles beyond one that L1 takes for each of `count` loads: it looks up four lines a cycle (NVIDIA, developer
+    forum, "Pascal L1 cache", on Volta's)."""
+    return count * (math.ceil(_lines(stride) / 4) - 1)
+
+
+def _stored(count: int, stride: int) -> int:
+    """The same for stores, which all go on to L2: a line a cycle, an assumption."""
+    return count * (_lines(stride) - 1)
 
 
 def _image_kernel(name: str, backward: bool, planes: int, loads: int, **constants: object) -> Kernel:
@@ -107,17 +118,17 @@ KERNELS = (
     Kernel(
         "rasterize", "project", "projection", False, _GAUSSIANS,
         lambda s, _: s.gaussians * (48 + 8) + 64 * s.seen,
-        {"GEOMETRY": 1, **_SEEN}, lines=_apart(6, 12) + _apart(4, 16) + _apart(10, 64),
+        {"GEOMETRY": 1, **_SEEN}, apart=_loaded(6, 12) + _loaded(4, 16) + _stored(10, 64),
     ),
     Kernel(
         "rasterize", "count", "projection", False, _GAUSSIANS,
         lambda s, _: s.gaussians * (4 + 9) + 32 * s.seen,
-        {"MOVED": False}, (Loop("MUFU", 4, lambda s: s.widest_rows),), lines=_apart(7, 64),
+        {"MOVED": False}, (Loop("MUFU", 4, lambda s: s.widest_rows),), apart=_loaded(7, 64),
     ),
     Kernel(
         "rasterize", "color", "projection", False, _GAUSSIANS,
         lambda s, _: s.gaussians + s.seen * (12 + 12 + 12 * s.terms + 12),
-        {"REST": 15, "TERMS": 15}, lines=_apart(6, 12) + _apart(45, 180) + _apart(3, 64),
+        {"REST": 15, "TERMS": 15}, apart=_loaded(6, 12) + _loaded(45, 180) + _stored(3, 64),
     ),
     # A Gaussian meets about two tiles, so the 32 neighbouring intersections of a warp touch some 16 records.
     Kernel(
@@ -125,7 +136,7 @@ KERNELS = (
         lambda s, _: s.pairs * (2 + 4) + s.seen * (64 + 8 + 8),
         {"MOVED": False},
         (Loop("LDG", 2, lambda s: int(s.gaussians).bit_length(), exact=True), Loop("MUFU", 8, lambda s: s.widest_rows)),
-        loads="l2", lines=_apart(2 * 7, 64),
+        loads="l2", apart=_loaded(2 * 7, 64),
     ),
     Kernel(
         "rasterize", "blend", "blend forward", False, _TILES,
@@ -148,13 +159,15 @@ KERNELS = (
         "rasterize", "project_backward", "projection backward", True, _GAUSSIANS,
         lambda s, _: s.gaussians * (1 + 44 + 8) + s.seen * (48 + 4 * SLOT),
         {"LEVEL": 1, **_SEEN, "STATISTICS": True, "SLOT": SLOT},
-        lines=_apart(9, 4 * SLOT) + _apart(12, 12) + _apart(8, 16) + _apart(2, 8),
+        apart=_loaded(9, 4 * SLOT) + _loaded(6, 12) + _loaded(4, 16) + _stored(6, 12) + _stored(4, 16)
+        + _stored(2, 8),
     ),
     Kernel(
         "rasterize", "color_backward", "projection backward", True, _GAUSSIANS,
         lambda s, _: s.gaussians * (1 + 12 + 12 * s.terms) + s.seen * (12 + 12 * s.terms + 12 + 12 + 24),
         {"SLOT": SLOT, "REST": 15, "TERMS": 15},
-        lines=_apart(3, 64) + _apart(3, 4 * SLOT) + _apart(12, 12) + _apart(90, 180),
+        apart=_loaded(3, 64) + _loaded(3, 4 * SLOT) + _loaded(6, 12) + _loaded(45, 180) + _stored(45, 180)
+        + _stored(6, 12),
     ),
     Kernel(
         "tone", "power", "lens forward", False, _blocks(lambda s: s.numbers, 1024), lambda s, _: 8 * s.numbers, calls=2,
@@ -165,10 +178,10 @@ KERNELS = (
     ),
     Kernel(
         "scatter", "pack_sources", "lens forward", False, _blocks(lambda s: s.pixels, 512),
-        lambda s, _: s.pixels * (16 + 20), {"AREA": True}, lines=_apart(12, 12),
+        lambda s, _: s.pixels * (16 + 20), {"AREA": True}, apart=_loaded(12, 12),
     ),
     Kernel(
-        "scatter", "tile_reach", "lens forward", False, _SCATTER_TILES, lambda s, _: 16 * s.pixels, lines=_apart(6, 12)
+        "scatter", "tile_reach", "lens forward", False, _SCATTER_TILES, lambda s, _: 16 * s.pixels, apart=_loaded(6, 12)
     ),
     Kernel(
         "scatter", "tile_window", "lens forward", False, _SCATTER_TILES, lambda s, _: 8 * s.scatter_tiles,
@@ -176,15 +189,16 @@ KERNELS = (
     ),
     Kernel(
         "scatter", "gather", "lens forward", False, _SCATTER_TILES, lambda s, _: s.pixels * (20 + 16), _DISC,
-        (Loop("LDG", 10, _PLACES), Loop("MUFU", 1, _ROWS)), lines=_apart(6, 12),
+        (Loop("LDG", 10, _PLACES), Loop("MUFU", 1, _ROWS)), apart=_stored(6, 12),
     ),
     Kernel(
         "scatter", "pack_targets", "lens backward", True, _blocks(lambda s: s.pixels, 512),
-        lambda s, _: s.pixels * (28 + 16), lines=_apart(24, 12),
+        lambda s, _: s.pixels * (28 + 16), apart=_loaded(24, 12),
     ),
     Kernel(
         "scatter", "gather_gradient", "lens backward", True, _SCATTER_TILES, lambda s, _: s.pixels * (32 + 16),
-        {"AREA": True, **_DISC}, (Loop("LDG", 8, _PLACES), Loop("MUFU", 1, _ROWS)), lines=_apart(12, 12),
+        {"AREA": True, **_DISC}, (Loop("LDG", 8, _PLACES), Loop("MUFU", 1, _ROWS)),
+        apart=_loaded(6, 12) + _stored(6, 12),
     ),
     _image_kernel("filter_images_along_rows", False, 2 + 4, 5),
     _image_kernel("compare", False, 4 + 2 + 3, 9, **_LOSS),
@@ -194,16 +208,16 @@ KERNELS = (
     Kernel(
         "mix", "mixed", "mix", False, _MIXED, lambda s, _: s.pixels * (12 + 4 * MIX * MIX + 12 + 8),
         {"SIZE": MIX, "CHANNELS": 3}, (Loop("MUFU", 1, _AROUND, exact=True), Loop("BRA", 1, lambda s: MIX)),
-        lines=_apart(2 * MIX * MIX, 4 * MIX * MIX), calls=0,
+        apart=_loaded(2 * MIX * MIX, 4 * MIX * MIX), calls=0,
     ),
     Kernel(
         "mix", "by_logits", "mix", True, _MIXED, lambda s, _: s.pixels * (8 * MIX * MIX + 12 + 12 + 8 + 12),
         {"SIZE": MIX, "CHANNELS": 3}, (Loop("MUFU", 2, _AROUND, exact=True), Loop("BRA", 1, lambda s: MIX)),
-        lines=_apart(2 * MIX * MIX, 4 * MIX * MIX), calls=0,
+        apart=_loaded(MIX * MIX, 4 * MIX * MIX) + _stored(MIX * MIX, 4 * MIX * MIX), calls=0,
     ),
     Kernel(
         "mix", "by_image", "mix", True, _MIXED, lambda s, _: s.pixels * (4 * MIX * MIX + 8 + 12 + 12),
         {"SIZE": MIX, "CHANNELS": 3}, (Loop("MUFU", 2, _AROUND, exact=True), Loop("BRA", 1, lambda s: MIX)),
-        lines=_apart(MIX * MIX, 4 * MIX * MIX), calls=0,
+        apart=_loaded(MIX * MIX, 4 * MIX * MIX), calls=0,
     ),
 )  # fmt: skip
