@@ -12,9 +12,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+
+from dofbench.core.cameras import Camera
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))  # where scripts import what lies beside them
@@ -23,6 +26,16 @@ gpu_code, gpu_pace, gpu_peaks, gpu_sass, gpu_sizes, gpu_times, gpu_torch_work, g
     ("gpu_code", "gpu_pace", "gpu_peaks", "gpu_sass", "gpu_sizes", "gpu_times", "gpu_torch_work", "gpu_work"),
 )
 sys.path.remove(str(ROOT / "benchmarks"))
+
+
+def imported(name: str) -> Any:
+    """A script that lies beside those above."""
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.remove(str(ROOT / "benchmarks"))
+
 
 SIZES = gpu_sizes.Sizes("small", 10_000, 64, 48)
 A100 = gpu_peaks.GPUS[0]
@@ -288,6 +301,72 @@ def test_the_step_is_made_of_its_parts() -> None:
 def test_what_there_is_no_prediction_of(call: Callable[[], float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         call()
+
+
+# ---- tables ----
+
+
+def test_stages_add_up_to_the_step() -> None:
+    times = {("small", A100.name): gpu_times.step(SIZES, A100)}
+    rows = list(imported("gpu_model").stage_rows(times))
+    stages = [row for row in rows if row["kernel"] == "all"]
+    assert sum(row["percent"] for row in stages) == pytest.approx(100)
+    named = {row["kernel"]: row for row in rows}
+    assert "mixed" not in named and named["blend"]["stage"] == "blend forward"
+
+
+def test_a_linear_scatter_visits_fewer_places_from_the_crossover_on() -> None:
+    model = imported("gpu_model")
+    radius = model.crossover(SIZES)
+    for one, more in ((radius - 1, False), (radius, True), (radius + 10, True)):
+        sizes = replace(SIZES, radius=float(one))
+        assert (sizes.offsets > model.linear_places(sizes)) is more
+
+
+# ---- footprints on the CPU ----
+
+
+def record(**values: float) -> np.ndarray:
+    """(1, 16), a Gaussian's record with an ellipse in pixels: its centre, its half axes along x and y, opacity 1."""
+    layout = imported("gpu_footprints").layout
+    made = np.zeros((1, layout.RECORD))
+    made[0, [layout.MX, layout.MY]] = values["x"], values["y"]
+    # The exponent is -(dx / a)**2 - (dy / b)**2, and counts down to -1.
+    made[0, [layout.L11, layout.L22, layout.LIMIT]] = 1 / values["a"], 1 / values["b"], -1.0
+    return made
+
+
+CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0, np.eye(4))
+
+
+@settings(max_examples=50, deadline=None)
+@given(x=st.floats(-20, 84), y=st.floats(-20, 68), a=st.floats(0.3, 40), b=st.floats(0.3, 40))
+def test_tiles_that_an_ellipse_meets(x: float, y: float, a: float, b: float) -> None:
+    """All tiles with a pixel's centre in the ellipse are listed, and none that the box around it doesn't reach."""
+    footprints = imported("gpu_footprints")
+    column, row = np.meshgrid(np.arange(64) + 0.5, np.arange(48) + 0.5)
+    inside = ((column - x) / a) ** 2 + ((row - y) / b) ** 2 <= 1 - 1e-9
+    boxed = (abs(column - x) <= a + 1e-9) & (abs(row - y) <= b + 1e-9)
+    for k in range(3):
+        first, many = footprints.columns_met(record(x=x, y=y, a=a, b=b), k, CAMERA)
+        listed = set(range(int(first[0]), int(first[0] + many[0])))
+        met, box = (
+            {c for c in range(4) if mask[16 * k : 16 * k + 16, 16 * c : 16 * c + 16].any()} for mask in (inside, boxed)
+        )
+        assert met <= listed <= box
+
+
+def test_a_tile_is_followed_until_it_is_opaque() -> None:
+    """Wide Gaussians of alpha 0.99 leave less than 1e-4 behind the third; it is noticed after sixteen."""
+    footprints = imported("gpu_footprints")
+    wide = record(x=8.0, y=8.0, a=1e4, b=1e4)
+    assert footprints.follow(wide, [0] * 40, 0, 4, CAMERA) == (16, 3)
+    assert footprints.follow(wide, [0] * 2, 0, 4, CAMERA) == (2, 2)
+
+
+def test_a_gaussian_that_colours_no_pixel_is_looked_at() -> None:
+    beyond = record(x=40.0, y=8.0, a=2.0, b=2.0)
+    assert imported("gpu_footprints").follow(beyond, [0], 0, 4, CAMERA) == (1, 0)
 
 
 # ---- the kernels' own code ----
