@@ -179,7 +179,7 @@ def lists(records: np.ndarray, order: np.ndarray, candidates: np.ndarray, camera
 
 def columns_met(records: np.ndarray, row: int, camera: Any) -> tuple[np.ndarray, np.ndarray]:
     """The first tile that each Gaussian's ellipse meets in a row of tiles, and how many: `gpu_tiles.columns_met`
-    without its margins for rounding."""
+    without its margins for rounding. The box around an ellipse is to hold a pixel's centre."""
     mx, my, l11, l21, l22 = (
         records[:, k].astype(float) for k in (layout.MX, layout.MY, layout.L11, layout.L21, layout.L22)
     )

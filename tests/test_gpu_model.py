@@ -189,6 +189,13 @@ def test_records_that_do_not_fit_in_l2_are_read_for_every_tile() -> None:
     assert (small, large) == (64 * 10_000, 64 * 30_000_000)
 
 
+@pytest.mark.parametrize(("stride", "loaded", "stored"), [(4, 0, 0), (16, 0, 3), (64, 3, 15), (180, 7, 31)])
+def test_numbers_that_lie_apart(stride: int, loaded: int, stored: int) -> None:
+    """32 numbers of four bytes touch one line of 128 bytes side by side, up to 32 lines apart; four are looked up a
+    cycle, one is stored."""
+    assert (gpu_work._loaded(2, stride), gpu_work._stored(2, stride)) == (2 * loaded, 2 * stored)
+
+
 def test_bytes_of_a_sort() -> None:
     """Keys of two bytes with places of eight: both written once or more, and read and written in two passes."""
     assert gpu_torch_work.sorted_bytes(1000, 2) == 1000 * (2 + 2 * 2 * (2 + 8) + 8)
@@ -261,7 +268,7 @@ GROWING = (
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(
     op=st.sampled_from(OPS),
     gpu=st.sampled_from(gpu_peaks.GPUS),
@@ -347,6 +354,7 @@ def test_tiles_that_an_ellipse_meets(x: float, y: float, a: float, b: float) -> 
     column, row = np.meshgrid(np.arange(64) + 0.5, np.arange(48) + 0.5)
     inside = ((column - x) / a) ** 2 + ((row - y) / b) ** 2 <= 1 - 1e-9
     boxed = (abs(column - x) <= a + 1e-9) & (abs(row - y) <= b + 1e-9)
+    assume(boxed.any())  # others are no candidates
     for k in range(3):
         first, many = footprints.columns_met(record(x=x, y=y, a=a, b=b), k, CAMERA)
         listed = set(range(int(first[0]), int(first[0] + many[0])))
