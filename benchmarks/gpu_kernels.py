@@ -106,8 +106,8 @@ def launches() -> list[dict[str, Any]]:
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
-def compiled(launch: dict[str, Any], architecture: int) -> Row:
-    """A launch's kernel as the assembler made it for an architecture."""
+def binary_of(launch: dict[str, Any], architecture: int) -> Any:
+    """What Triton makes of a launch's kernel for an architecture."""
     import triton
     from triton.backends.compiler import GPUTarget
     from triton.compiler import ASTSource
@@ -116,20 +116,24 @@ def compiled(launch: dict[str, Any], architecture: int) -> Row:
     signature, constants = dict(launch["signature"]), dict(launch["constants"])
     source = ASTSource(fn=kernel, signature=signature, constexprs=constants)
     target = GPUTarget("cuda", architecture, 32)
-    binary = triton.compile(source, target=target, options={"num_warps": launch["warps"]})
+    return triton.compile(source, target=target, options={"num_warps": launch["warps"]})
+
+
+def compiled(launch: dict[str, Any], architecture: int, binary: Any = None) -> Row:
+    """A launch's kernel as the assembler made it for an architecture. binary: of `binary_of`, if it is there."""
+    binary = binary_of(launch, architecture) if binary is None else binary
     registers, stack, shared = usage(binary.asm["cubin"])
+    shared = max(shared, binary.metadata.shared)
     return Row(
         op=launch["module"].split(".")[-2],
         kernel=launch["function"],
-        constants=" ".join(f"{name}={value}" for name, value in constants.items()),
+        constants=" ".join(f"{name}={value}" for name, value in dict(launch["constants"]).items()),
         architecture=architecture,
         warps=launch["warps"],
         registers=registers,
         spilled=stack,
-        shared=max(shared, binary.metadata.shared),
-        occupancy=MULTIPROCESSORS[architecture].occupancy(
-            registers, max(shared, binary.metadata.shared), launch["warps"]
-        ),
+        shared=shared,
+        occupancy=MULTIPROCESSORS[architecture].occupancy(registers, shared, launch["warps"]),
     )
 
 

@@ -7,8 +7,9 @@ other code or on another GPU are made anew:
 
 - machine: the GPU, its driver, and the bandwidth of its memory, measured by copying.
 - agreement: every op's value and gradient beside the CPU backend's.
-- ops: the time of every op, forward and with its gradient, beside its floor, which is reading and writing its tensors
-  once at the bandwidth that was measured; and gsplat's rasteriser on the same Gaussians, where it can be imported.
+- ops: the time of every op, forward and with its gradient, beside the model's (reports/gpu/model.md) and its floor,
+  which is reading and writing its tensors once at the bandwidth that was measured; and gsplat's rasteriser on the same
+  Gaussians, where it can be imported.
 - cost: the rasteriser and the scatter over numbers of Gaussians, pixels and radii.
 - training: DoF-Gaussian on each dataset for 5 000 and for 30 000 steps: scores, time, pictures a second, memory.
 
@@ -33,6 +34,9 @@ import torch
 import tyro
 from gpu_calls import CALLS, Call, Size, gaussians, gradients
 from gpu_page import page
+from gpu_peaks import GPUS, H200
+from gpu_sizes import Sizes
+from gpu_times import predicted
 from rich.console import Console
 from torch import Tensor
 
@@ -48,6 +52,7 @@ from dofbench.running.method_cards import find_method
 from dofbench.running.one_run import run
 
 DEVICE = "cuda"
+MODELLED = ("tone", "ssim", "scatter", "mix", "rasterize")
 SCORES = ("psnr", "aif_psnr", "delta_a", "delta_f", "train_s", "gaussians")
 
 
@@ -133,11 +138,23 @@ def ops(settings: Settings) -> dict[str, Any]:
     found = {}
     for name, make in CALLS.items():
         found[name] = _timed(make(settings.size), settings.repeats)
+        found[name] |= modelled(name, settings.size, torch.cuda.get_device_name(DEVICE))
     try:
         found["gsplat"] = {"forward_ms": _gsplat(settings)}
     except ImportError as error:
         found["gsplat"] = {"left_out": str(error)}
     return found
+
+
+def modelled(op: str, size: Size, gpu: str) -> dict[str, float]:
+    """What the model says of an op, ms; nothing of one that it doesn't know, or of another GPU than its own. gpu: what
+    torch calls it."""
+    model = next((one for one in (H200, *GPUS) if one.name.partition("-")[0].rpartition(" ")[2] in gpu), None)
+    if model is None or op not in MODELLED:
+        return {}
+    sizes = Sizes(op, size.gaussians, size.width, size.height, radius=size.radius / 2)  # the ramp's mean
+    times = {"forward": False, "both": True}
+    return {f"{name}_model_ms": 1e3 * predicted(op, sizes, model, backward=one) for name, one in times.items()}
 
 
 def _timed(call: Call, repeats: int) -> dict[str, float]:

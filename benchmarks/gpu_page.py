@@ -32,7 +32,8 @@ def page(found: dict[str, Any]) -> str:
     if "ops" in parts:
         rate = parts["machine"]["copy_gb_per_s"] if "machine" in parts else None
         lines += ["## Ops", "", "A floor is reading and writing an op's tensors once.", ""]
-        head = ("op", "forward [ms]", "floor [ms]", "with its gradient [ms]", "floor [ms]")
+        each = ("floor [ms]", "model [ms]")
+        head = ("op", "forward [ms]", *each, "with its gradient [ms]", *each)
         lines += [*markdown_table(head, [_times(op, one, rate) for op, one in _ops(parts["ops"])], 1), ""]
     if "cost" in parts:
         lines += ["## What it costs", ""]
@@ -65,9 +66,13 @@ def _ops(part: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
 
 def _times(op: str, one: dict[str, Any], rate: float | None) -> tuple[str, ...]:
     if "left_out" in one:
-        return op, one["left_out"], "", "", ""
-    floors = [one[key] / rate / 1e6 if rate and key in one else None for key in ("forward_bytes", "both_bytes")]
-    return op, _number(one["forward_ms"]), _number(floors[0]), _number(one.get("both_ms")), _number(floors[1])
+        return op, one["left_out"], *[""] * 5
+    cells = []
+    for what in ("forward", "both"):
+        moved = one.get(f"{what}_bytes")
+        floor = moved / rate / 1e6 if rate and moved else None
+        cells += [one.get(f"{what}_ms"), floor, one.get(f"{what}_model_ms")]
+    return op, *map(_number, cells)
 
 
 def _number(value: float | None) -> str:

@@ -101,6 +101,17 @@ def test_a_part_that_fails_is_named_and_the_others_go_on(
     assert read_json(tmp_path / "gpu.json")["parts"] == {}
 
 
+def test_the_model_is_asked_for_the_gpu_that_is_there(script: ModuleType) -> None:
+    size = script.Size()
+    names = "NVIDIA H100 80GB HBM3", "NVIDIA H200", "NVIDIA A100-SXM4-80GB", "NVIDIA GeForce RTX 4090"
+    found = {name: script.modelled("rasterize", size, name) for name in names}
+    assert script.modelled("rasterize", size, "Tesla T4") == {} == script.modelled("stereo", size, names[0])
+    forward = {name: one["forward_model_ms"] for name, one in found.items()}
+    assert len(set(forward.values())) == 4
+    assert all(one["both_model_ms"] > 2 * forward[name] for name, one in found.items())
+    assert forward["NVIDIA H200"] < forward["NVIDIA H100 80GB HBM3"] < forward["NVIDIA A100-SXM4-80GB"]
+
+
 def test_without_a_gpu_it_says_so(script: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     if torch.cuda.is_available():
         pytest.skip("there is one")

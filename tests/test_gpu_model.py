@@ -1,0 +1,418 @@
+"""The model of kernel times: loops of machine code, bytes and times by hand; more work never takes less time."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from dofbench.core.cameras import Camera
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "benchmarks"))  # where scripts import what lies beside them
+gpu_code, gpu_pace, gpu_peaks, gpu_sass, gpu_sizes, gpu_times, gpu_torch_work, gpu_work = map(
+    importlib.import_module,
+    ("gpu_code", "gpu_pace", "gpu_peaks", "gpu_sass", "gpu_sizes", "gpu_times", "gpu_torch_work", "gpu_work"),
+)
+sys.path.remove(str(ROOT / "benchmarks"))
+
+
+def imported(name: str) -> Any:
+    """A script that lies beside those above."""
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.remove(str(ROOT / "benchmarks"))
+
+
+SIZES = gpu_sizes.Sizes("small", 10_000, 64, 48)
+A100 = gpu_peaks.GPUS[0]
+BEYOND_THE_END = """
+.L_x_9:
+        /*0900*/                   FADD R9, R9, R9 ;
+        /*0910*/                   BRA `(.L_x_1) ;
+"""
+
+
+def code(*lines: str) -> str:
+    """A listing as nvdisasm writes it, of instructions and labels (".L_x_0:")."""
+    return "\n".join(
+        line if line.startswith(".L") else f"        /*{16 * number:04x}*/                   {line} ;"
+        for number, line in enumerate(lines)
+    )
+
+
+def sizes_of(text: str) -> list[tuple[int, int, int | None]]:
+    """(instructions, those that a branch may skip, parent) of each part."""
+    return [(len(part.instructions), sum(part.sometimes), part.parent) for part in gpu_sass.parts(text)]
+
+
+# ---- loops ----
+
+
+def test_code_without_a_loop_runs_once() -> None:
+    assert sizes_of(code("MOV R1, R2", "FADD R1, R1, R1", "EXIT")) == [(3, 0, None)]
+
+
+def test_a_loop_in_a_loop() -> None:
+    text = code(
+        "MOV R1, RZ",
+        ".L_x_0:",
+        "MOV R2, RZ",
+        "MOV R3, RZ",
+        ".L_x_1:",
+        "FADD R4, R4, R2",
+        "IADD3 R2, R2, 0x1, RZ",
+        "@P0 BRA `(.L_x_1)",
+        "IADD3 R1, R1, 0x1, RZ",
+        "@P1 BRA `(.L_x_0)",
+        "STG.E [R6.64], R4",
+        "EXIT",
+    )
+    assert sizes_of(text) == [(3, 0, None), (4, 0, 0), (3, 0, 1)]
+
+
+def test_two_loops_one_after_the_other() -> None:
+    text = code(
+        ".L_x_0:", "FADD R1, R1, R1", "@P0 BRA `(.L_x_0)",
+        ".L_x_1:", "FMUL R1, R1, R1", "FMUL R2, R1, R1", "@P1 BRA `(.L_x_1)", "EXIT",
+    )  # fmt: skip
+    assert sizes_of(text) == [(1, 0, None), (2, 0, 0), (3, 0, 0)]
+
+
+def test_what_a_branch_skips_in_a_loop_is_told_apart() -> None:
+    text = code(
+        ".L_x_0:", "LDG.E R1, [R2.64]", "@!P0 BRA `(.L_x_1)",
+        "FADD R3, R3, R1", "FMUL R4, R3, R3", "FMUL R5, R3, R3",
+        ".L_x_1:", "IADD3 R2, R2, 0x4, RZ", "@P1 BRA `(.L_x_0)", "EXIT",
+    )  # fmt: skip
+    assert sizes_of(text) == [(1, 0, None), (7, 3, 0)]
+
+
+def test_a_branch_back_from_the_end_of_the_code_is_no_loop() -> None:
+    text = code("@P0 BRA `(.L_x_9)", ".L_x_1:", "FADD R1, R1, R1", "EXIT") + BEYOND_THE_END
+    assert sizes_of(text) == [(5, 0, None)]
+
+
+def test_what_is_never_reached_is_left_out() -> None:
+    text = code("BRA `(.L_x_1)", "FADD R9, R9, R9", ".L_x_1:", "EXIT", ".L_x_2:", "BRA `(.L_x_2)")
+    assert sizes_of(text) == [(2, 0, None)]
+
+
+def test_code_for_warps_whose_threads_went_apart_is_left_out() -> None:
+    text = code("BRA.DIV UR4, `(.L_x_9)", ".L_x_1:", "FADD R1, R1, R1", "EXIT") + BEYOND_THE_END
+    assert sizes_of(text) == [(3, 0, None)]
+
+
+def test_no_listing_at_all() -> None:
+    with pytest.raises(ValueError, match="no instructions"):
+        gpu_sass.parts("headers alone\n")
+
+
+@pytest.mark.parametrize(
+    ("count", "exact", "found"),
+    [(11, True, (2, 3)), (8, True, (2, 0)), (8, False, (1.625, 1.5)), (1.0, False, (0.0, 1.0))],
+)
+def test_unrolled_loops(count: float, exact: bool, found: tuple[float, float]) -> None:
+    """A loop that is unrolled four times, and the copy for what is left over."""
+    assert (gpu_code.passes(count, 4, 4, exact), gpu_code.passes(count, 1, 4, exact)) == found
+
+
+# ---- the pace of code ----
+
+
+def instructions(*lines: str) -> Any:
+    return gpu_sass.parts(code(*lines, "EXIT"))[0].instructions[:-1]
+
+
+def test_each_instruction_takes_a_unit() -> None:
+    lines = "FFMA R1, R2, R3, R4", "IADD3 R1, R1, R2, RZ", "MUFU.EX2 R5, R1", "LDG.E R6, [R8.64]", "BAR.SYNC 0x0"
+    pace = gpu_pace.pace_of(instructions(*lines), loop=False, loads="l1")
+    assert (pace.instructions, pace.fma, pace.alu, pace.special, pace.memory) == (5, 1, 1, 1, 1)
+
+
+def test_a_warp_waits_for_its_operands() -> None:
+    chain = instructions("FADD R1, R1, R2", "FADD R3, R1, R2", "FADD R4, R3, R2")
+    apart = instructions("FADD R1, R8, R9", "FADD R3, R8, R9", "FADD R4, R8, R9")
+    assert gpu_pace.pace_of(chain, loop=False, loads="l1").alone == 3 * gpu_pace.ARITHMETIC
+    assert gpu_pace.pace_of(apart, loop=False, loads="l1").alone == 2 + gpu_pace.ARITHMETIC
+
+
+def test_a_pass_ends_where_the_next_begins() -> None:
+    """A sum that waits for itself takes four cycles a pass; three that don't, as many as there are instructions."""
+    alone = gpu_pace.pace_of(instructions("FADD R1, R1, R2"), loop=True, loads="l1").alone
+    three = instructions("FADD R1, R8, R9", "FADD R3, R8, R9", "FADD R4, R8, R9")
+    assert (alone, gpu_pace.pace_of(three, loop=True, loads="l1").alone) == (4, 3)
+
+
+def test_a_load_by_what_was_loaded_comes_from_l2_and_its_neighbour_with_it() -> None:
+    lines = instructions(
+        "LDG.E R4, [R2.64]",
+        "LEA R6, P0, R4, R8, 0x6",
+        "LDG.E R10, [R6.64]",
+        "LDG.E R11, [R6.64+0x4]",
+        "FADD R1, R10, R11",
+    )
+    l1, l2 = gpu_pace.NEAR["l1"], gpu_pace.NEAR["l2"]
+    expected = l1 + gpu_pace.ARITHMETIC + l2 + gpu_pace.ARITHMETIC
+    assert gpu_pace.pace_of(lines, loop=False, loads="l1").alone == expected
+
+
+# ---- bytes and times ----
+
+
+def kernel(name: str) -> Any:
+    return next(one for one in gpu_work.KERNELS if one.name == name)
+
+
+def test_bytes_of_the_tone_curve() -> None:
+    """Each of 3 H W numbers of four bytes is read once and written once."""
+    assert kernel("power").moved(SIZES, A100) == 64 * 48 * 3 * 4 * 2
+    assert kernel("power").programs(SIZES) == 9
+
+
+def test_records_that_do_not_fit_in_l2_are_read_for_every_tile() -> None:
+    many = replace(SIZES, gaussians=10_000_000, intersections=3.0)
+    small, large = (gpu_work._records(one, A100) for one in (SIZES, many))
+    assert (small, large) == (64 * 10_000, 64 * 30_000_000)
+
+
+@pytest.mark.parametrize(("stride", "loaded", "stored"), [(4, 0, 0), (16, 0, 3), (64, 3, 15), (180, 7, 31)])
+def test_numbers_that_lie_apart(stride: int, loaded: int, stored: int) -> None:
+    """32 numbers of four bytes touch one line of 128 bytes side by side, up to 32 lines apart; four are looked up a
+    cycle, one is stored."""
+    assert (gpu_work._loaded(2, stride), gpu_work._stored(2, stride)) == (2 * loaded, 2 * stored)
+
+
+def test_bytes_of_a_sort() -> None:
+    """Keys of two bytes with places of eight: both written once or more, and read and written in two passes."""
+    assert gpu_torch_work.sorted_bytes(1000, 2) == 1000 * (2 + 2 * 2 * (2 + 8) + 8)
+
+
+def test_places_of_the_direct_scatter() -> None:
+    """They hold the disc that is followed, and are few more."""
+    for radius in (0.0, 3.5, 20.0):
+        one = replace(SIZES, radius=radius)
+        disc = math.pi * one.reach**2
+        assert disc < one.offsets < disc + 9 * (one.reach + 1)
+
+
+def made(**changes: Any) -> Any:
+    """A kernel of one warp in each program whose code is given."""
+    row = {
+        "op": "scatter", "kernel": "pack_sources", "architecture": 80, "warps": 1, "occupancy": 0.5, "loop": -1,
+        "unrolled": 1, "sometimes": False, "instructions": 0, "fma": 0, "alu": 0, "special": 0, "memory": 0, "alone": 0,
+    }  # fmt: skip
+    return gpu_code.Code(**{**row, **changes})
+
+
+@pytest.mark.parametrize(
+    ("changes", "bound", "cycles"),
+    [
+        ({"instructions": 4e6}, "issue", 4e6),
+        ({"instructions": 4e6, "fma": 4e6}, "fma", 8e6),
+        ({"instructions": 4e6, "special": 1e6}, "special", 8e6),
+        ({"instructions": 4e6, "alone": 9e6}, "latency", 9e6),
+    ],
+)
+def test_the_slowest_unit_bounds_a_kernel(changes: dict[str, float], bound: str, cycles: float) -> None:
+    """432 programs of one warp: one for each scheduler of an A100, fewer than it has room for."""
+    sizes = replace(SIZES, width=512 * 432, height=1)
+    time = gpu_times.kernel_time(kernel("pack_sources"), sizes, A100, [made(**changes)], 1)
+    assert time.bound == bound
+    assert time.seconds == pytest.approx(cycles / A100.clock + gpu_peaks.LAUNCH)
+
+
+def test_bandwidth_bounds_a_kernel() -> None:
+    sizes = replace(SIZES, width=4096, height=4096)
+    time = gpu_times.kernel_time(kernel("pack_sources"), sizes, A100, [made(instructions=1)], 1)
+    assert time.bound == "memory"
+    assert time.busy == pytest.approx(4096 * 4096 * 36 / A100.bandwidth)
+
+
+def test_a_branch_that_is_rarely_taken_costs_its_share() -> None:
+    rows = [
+        made(op="rasterize", kernel="blend_backward"),
+        made(op="rasterize", kernel="blend_backward", loop=0, instructions=100),
+        made(op="rasterize", kernel="blend_backward", loop=0, sometimes=True, instructions=1000),
+    ]
+    sizes = replace(SIZES, taken=0.25)
+    length = sizes.pairs / sizes.tiles
+    each = gpu_times.warp_pace(kernel("blend_backward"), rows, sizes)
+    assert each.instructions == pytest.approx(length * (100 + 0.25 * 1000))
+
+
+MADE_BY = "3.9.0"  # the version of Triton that made code.csv
+OPS = ("tone", "ssim", "scatter", "mix", "rasterize")
+GROWING = (
+    "gaussians",
+    "width",
+    "height",
+    "intersections",
+    "widest_rows",
+    "most_intersections",
+    "longest_list",
+    "radius",
+)
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    op=st.sampled_from(OPS),
+    gpu=st.sampled_from(gpu_peaks.GPUS),
+    what=st.sampled_from(GROWING),
+    factor=st.floats(1.0, 20.0),
+    gaussians=st.integers(1_000, 3_000_000),
+)
+def test_more_work_never_takes_less_time(op: str, gpu: Any, what: str, factor: float, gaussians: int) -> None:
+    # In a larger picture the same Gaussians' lists are shorter and shared by more programs, so that isn't more work.
+    assume(op != "rasterize" or what not in ("width", "height"))
+    sizes = replace(SIZES, gaussians=gaussians)
+    before = getattr(sizes, what)
+    more = replace(sizes, **{what: type(before)(before * factor)})
+    for backward in (False, True):
+        times = [gpu_times.predicted(op, one, gpu, backward=backward) for one in (sizes, more)]
+        assert times[1] >= times[0] * (1 - 1e-12)
+    assert gpu_times.predicted(op, sizes, gpu, backward=True) > gpu_times.predicted(op, sizes, gpu)
+
+
+def test_the_step_is_made_of_its_parts() -> None:
+    """The ops' calls in a step, and what torch does besides; `mix` isn't among its stages."""
+    times = gpu_times.step(SIZES, A100)
+    ops = sum(
+        calls * gpu_times.predicted(op, SIZES, A100, backward=True)
+        for op, calls in (("tone", 2), ("ssim", 1), ("scatter", 1), ("rasterize", 1), ("mix", 1))
+    )
+    assert sum(time.seconds for time in times if time.op) == pytest.approx(ops)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: gpu_times.predicted("stereo", SIZES, A100), "op stereo: expected one of mix, rasterize"),
+        (lambda: gpu_times.predicted("tone", SIZES, replace(A100, architecture=70)), "no code for sm_70"),
+    ],
+)
+def test_what_there_is_no_prediction_of(call: Callable[[], float], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+# ---- tables ----
+
+
+def test_stages_add_up_to_the_step() -> None:
+    times = {("small", A100.name): gpu_times.step(SIZES, A100)}
+    rows = list(imported("gpu_model").stage_rows(times))
+    stages = [row for row in rows if row["kernel"] == "all"]
+    assert sum(row["percent"] for row in stages) == pytest.approx(100)
+    named = {row["kernel"]: row for row in rows}
+    assert "mixed" not in named and named["blend"]["stage"] == "blend forward"
+
+
+def test_a_linear_scatter_visits_fewer_places_from_the_crossover_on() -> None:
+    model = imported("gpu_model")
+    radius = model.crossover(SIZES)
+    for one, more in ((radius - 1, False), (radius, True), (radius + 10, True)):
+        sizes = replace(SIZES, radius=float(one))
+        assert (sizes.offsets > model.linear_places(sizes)) is more
+
+
+# ---- footprints on the CPU ----
+
+
+def record(**values: float) -> np.ndarray:
+    """(1, 16), a Gaussian's record with an ellipse in pixels: its centre, its half axes along x and y, opacity 1."""
+    layout = imported("gpu_footprints").layout
+    made = np.zeros((1, layout.RECORD))
+    made[0, [layout.MX, layout.MY]] = values["x"], values["y"]
+    # The exponent is -(dx / a)**2 - (dy / b)**2, and counts down to -1.
+    made[0, [layout.L11, layout.L22, layout.LIMIT]] = 1 / values["a"], 1 / values["b"], -1.0
+    return made
+
+
+CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0, np.eye(4))
+
+
+@settings(max_examples=50, deadline=None)
+@given(x=st.floats(-20, 84), y=st.floats(-20, 68), a=st.floats(0.3, 40), b=st.floats(0.3, 40))
+def test_tiles_that_an_ellipse_meets(x: float, y: float, a: float, b: float) -> None:
+    """All tiles with a pixel's centre in the ellipse are listed, and none that the box around it doesn't reach."""
+    footprints = imported("gpu_footprints")
+    column, row = np.meshgrid(np.arange(64) + 0.5, np.arange(48) + 0.5)
+    inside = ((column - x) / a) ** 2 + ((row - y) / b) ** 2 <= 1 - 1e-9
+    boxed = (abs(column - x) <= a + 1e-9) & (abs(row - y) <= b + 1e-9)
+    assume(boxed.any())  # others are no candidates
+    for k in range(3):
+        first, many = footprints.columns_met(record(x=x, y=y, a=a, b=b), k, CAMERA)
+        listed = set(range(int(first[0]), int(first[0] + many[0])))
+        met, box = (
+            {c for c in range(4) if mask[16 * k : 16 * k + 16, 16 * c : 16 * c + 16].any()} for mask in (inside, boxed)
+        )
+        assert met <= listed <= box
+
+
+def test_a_tile_is_followed_until_it_is_opaque() -> None:
+    """Wide Gaussians of alpha 0.99 leave less than 1e-4 behind the third; it is noticed after sixteen."""
+    footprints = imported("gpu_footprints")
+    wide = record(x=8.0, y=8.0, a=1e4, b=1e4)
+    assert footprints.follow(wide, [0] * 40, 0, 4, CAMERA) == (16, 3)
+    assert footprints.follow(wide, [0] * 2, 0, 4, CAMERA) == (2, 2)
+
+
+def test_a_gaussian_that_colours_no_pixel_is_looked_at() -> None:
+    beyond = record(x=40.0, y=8.0, a=2.0, b=2.0)
+    assert imported("gpu_footprints").follow(beyond, [0], 0, 4, CAMERA) == (1, 0)
+
+
+# ---- the kernels' own code ----
+
+
+def test_every_kernel_has_code_for_every_gpu() -> None:
+    known = {(row.op, row.kernel, row.architecture) for row in gpu_code.read(gpu_times.REPORT / "code.csv")}
+    assert known == {(one.op, one.name, gpu.architecture) for one in gpu_work.KERNELS for gpu in gpu_peaks.GPUS}
+
+
+COMPILE = """
+import sys
+from pathlib import Path
+import gpu_code
+from gpu_work import KERNELS
+kernel = next(one for one in KERNELS if one.name == "tile_window")
+launch = {
+    "module": "dofbench.kernels.scatter.gpu_direct",
+    "function": "tile_window",
+    "signature": [("reach", "*fp32"), ("window", "*i32"), ("rows", "i32"), ("columns", "i32"),
+                  ("TILE_Y", "constexpr"), ("TILE_X", "constexpr"), ("BLOCK", "constexpr")],
+    "constants": [("TILE_Y", 8), ("TILE_X", 32), ("BLOCK", 512)],
+    "warps": 4,
+}
+gpu_code.write(Path(sys.argv[1]), gpu_code.code_of(kernel, launch, 80))
+"""
+
+
+def test_compiled_code_is_that_of_the_report(tmp_path: Path) -> None:
+    """One kernel with a loop, compiled anew in a process in which Triton doesn't interpret kernels."""
+    triton = pytest.importorskip("triton", reason="needs Triton, the extra gpu")
+    if triton.__version__ != MADE_BY:
+        pytest.skip(f"the report's code was made by Triton {MADE_BY}, here is {triton.__version__}")
+    environment = {name: value for name, value in os.environ.items() if name != "TRITON_INTERPRET"}
+    environment["PYTHONPATH"] = os.pathsep.join((str(ROOT), str(ROOT / "benchmarks")))
+    command = [sys.executable, "-c", COMPILE, str(tmp_path / "code.csv")]
+    subprocess.run(command, env=environment, check=True, capture_output=True)
+    kept = gpu_code.read(gpu_times.REPORT / "code.csv")
+    found = gpu_code.read(tmp_path / "code.csv")
+    assert found == [row for row in kept if (row.kernel, row.architecture) == ("tile_window", 80)]
+    assert {row.loop for row in found} == {-1, 0}
