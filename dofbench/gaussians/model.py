@@ -106,7 +106,9 @@ class Gaussians:
             seen = (depth > self.near) & (u > -0.15 * w) & (u < 1.15 * w) & (v > -0.15 * h) & (v < 1.15 * h)
             size = depth / max(camera.fx, camera.fy) * math.sqrt(FILTER_3D_VARIANCE)
             finest = torch.where(seen, torch.minimum(finest, size), finest)
-        largest = torch.where(torch.isinf(finest), -math.inf, finest).max()
+        # One more number, so that no Gaussians at all are as many that aren't seen.
+        sizes = torch.cat([torch.where(torch.isinf(finest), -math.inf, finest), means.new_full((1,), -math.inf)])
+        largest = sizes.max()
         if math.isinf(float(largest)):
             raise InputError("cameras", "no Gaussian in front of any of them", "cameras that see the points")
         self.filter_3d = torch.minimum(finest, largest)
