@@ -55,8 +55,8 @@ class Settings:
     """These cases alone, as group/name; all where none is named."""
 
 
-class TooSlow(Exception):
-    """A case took longer than it may."""
+class TooSlow(BaseException):
+    """A case took longer than it may. No Exception, since the interpreter wraps those into its own."""
 
 
 @contextmanager
