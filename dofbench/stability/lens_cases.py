@@ -156,9 +156,18 @@ def _distances_of_pixels() -> np.ndarray:
     return cycle[np.random.default_rng(3).integers(0, len(cycle), (HEIGHT, WIDTH))]
 
 
+def _seen(setting: Setting, radius: np.ndarray) -> Found:
+    """On a GPU, which the host doesn't wait for to raise an error, NaN in the pixel of that radius says the same."""
+    worst = np.unravel_index(int(np.argmax(np.where(np.isnan(radius), np.inf, np.abs(radius)))), radius.shape)
+    found = values(setting.kernel("scatter")(setting.tensor(picture()), setting.tensor(radius)))[worst]
+    return Found(float(np.count_nonzero(~np.isnan(found))), 0.0, "NaN instead of an error")
+
+
 def _refused(setting: Setting, value: float) -> Found:
     radius = radii(0.5)
     radius[4, 5] = value
+    if setting.backend == "gpu":
+        return _seen(setting, radius)
     return refuses(
         FloatingPointError,
         lambda: setting.kernel("scatter")(setting.tensor(picture()), setting.tensor(radius)),
@@ -181,6 +190,8 @@ def _overflowing(setting: Setting) -> Found:
     image, radius = setting.tensor(picture()), setting.tensor(radii(0.5, 1e30))
     if setting.precision == "float64":
         return against_formula(setting, picture(), radii(0.5, 1e30))
+    if setting.backend == "gpu":
+        return _seen(setting, radii(0.5, 1e30))
     return refuses(FloatingPointError, lambda: setting.kernel("scatter")(image, radius), "signed_radius")
 
 
