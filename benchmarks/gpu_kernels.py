@@ -108,15 +108,8 @@ def launches() -> list[dict[str, Any]]:
 
 def compiled(launch: dict[str, Any], architecture: int) -> Row:
     """A launch's kernel as the assembler made it for an architecture."""
-    import triton
-    from triton.backends.compiler import GPUTarget
-    from triton.compiler import ASTSource
-
-    kernel = getattr(import_module(launch["module"]), launch["function"])
-    signature, constants = dict(launch["signature"]), dict(launch["constants"])
-    source = ASTSource(fn=kernel, signature=signature, constexprs=constants)
-    target = GPUTarget("cuda", architecture, 32)
-    binary = triton.compile(source, target=target, options={"num_warps": launch["warps"]})
+    constants = dict(launch["constants"])
+    binary = binary_of(launch, architecture)
     registers, stack, shared = usage(binary.asm["cubin"])
     return Row(
         op=launch["module"].split(".")[-2],
@@ -131,6 +124,18 @@ def compiled(launch: dict[str, Any], architecture: int) -> Row:
             registers, max(shared, binary.metadata.shared), launch["warps"]
         ),
     )
+
+
+def binary_of(launch: dict[str, Any], architecture: int) -> Any:
+    """A launch's kernel as Triton compiles it; `asm["cubin"]` is the machine code."""
+    import triton
+    from triton.backends.compiler import GPUTarget
+    from triton.compiler import ASTSource
+
+    kernel = getattr(import_module(launch["module"]), launch["function"])
+    source = ASTSource(fn=kernel, signature=dict(launch["signature"]), constexprs=dict(launch["constants"]))
+    target = GPUTarget("cuda", architecture, 32)
+    return triton.compile(source, target=target, options={"num_warps": launch["warps"]})
 
 
 def usage(cubin: bytes) -> tuple[int, int, int]:

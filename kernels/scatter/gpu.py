@@ -22,8 +22,9 @@ _TILE = {"TILE_Y": 8, "TILE_X": 32}
 _WINDOWS = {"FINE": 4, "COARSE": 16}
 _BLOCK = 512
 _CHUNKS = 64
-# A tile whose light comes from or goes at least this far, pixels, has the linear form.
-_FROM = {"auto": 8.0, "direct": math.inf, "linear": 0.0}
+# A tile whose light comes from or goes at least this far, pixels, has the linear form. By instructions of the compiled
+# kernels it is the shorter one, both ways, from there on (reports/notes/gpu.md); no GPU has told yet.
+_FROM = {"auto": 24.0, "direct": math.inf, "linear": 0.0}
 # Of the largest image values a highlight is told by this multiple of the mean, as on the CPU (cpu_pack.py).
 _BRIGHT = math.e * 4.0
 _LARGEST_RADIUS = torch.finfo(torch.float32).tiny ** -0.5
@@ -244,6 +245,8 @@ class _Scatter(torch.autograd.Function):
                 *results,
                 context.steepest,
                 *context.options,
+                # Half of the pixels a thread, since a stop takes registers.
+                warps=8 if context.kind["STOPPED"] else 4,
                 **context.kind,
                 **_TILE,
                 **_WINDOWS,
