@@ -40,7 +40,7 @@ def ssim() -> None:
 
 
 def scatter() -> None:
-    """Discs, polygons and apertures with a stop, with the area term and without."""
+    """Discs, polygons, and polygons and discs with a stop, with the area term and without; both forms."""
     shapes = ApertureShape(), ApertureShape(blades=6), ApertureShape(blades=6, obstruction=0.3)
     for shape, energy in (*((shape, "area") for shape in shapes), (ApertureShape(), "algorithm1")):
         image, radius = torch.rand(1, 2, 3).requires_grad_(), torch.zeros(1, 2).requires_grad_()

@@ -10,19 +10,17 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from dofbench.core import lens
-
-from . import reference
-
-# Sources are followed until exp(-tail) of their full weight, as on the CPU (cpu_pack.py).
-BAND_EXPONENT = tl.constexpr(12.0)
-FOCUS_EXPONENT = tl.constexpr(18.0)
-USUAL_CONTRAST = tl.constexpr(4.0)
-BRIGHT = tl.constexpr(2.718281828459045 * 4.0)
-SMALLEST_MEAN = tl.constexpr(1e-30)
-AREA_EPSILON = tl.constexpr(lens.AREA_EPSILON)
-STOP_OPACITY = tl.constexpr(reference.STOP_OPACITY)
-LOG2_E = tl.constexpr(1.4426950408889634)
+from .gpu_rim import (
+    AREA_EPSILON,
+    FOCUS_EXPONENT,
+    LOG2_E,
+    band_of,
+    factor_of,
+    length,
+    range_of,
+    weight_and_slope,
+    weight_of,
+)
 
 
 @triton.jit
@@ -45,31 +43,32 @@ def pack_sources(image, signed_radius, planes, size, largest_radius, AREA: tl.co
 
 @triton.jit
 def tile_reach(
-    image, signed_radius, brightness, reach, height, width, alpha, stop,
+    image, signed_radius, brightness, reach, bounds, height, width, alpha, stop, shortest, obstruction, largest_radius,
     TILE_Y: tl.constexpr, TILE_X: tl.constexpr,
 ):  # fmt: skip
-    """How far the sources of each tile are followed, pixels. brightness: largest and mean magnitude of the image, and
-    the largest radius, on the device. stop: what an obstruction adds to the exponents."""
+    """How far the sources of each tile are followed, pixels; and bounds, (4, tiles), of their `range_of`, least near
+    and hole_near, largest far and hole_far. brightness, stop: see `band_of`; the others: see `range_of`."""
     y = tl.program_id(0) * TILE_Y + tl.arange(0, TILE_Y)[:, None]
     x = tl.program_id(1) * TILE_X + tl.arange(0, TILE_X)[None, :]
     inside = (y < height) & (x < width)
     at = y * width + x
     radius = tl.abs(tl.load(signed_radius + at, mask=inside, other=0.0))
-    largest, mean, widest = tl.load(brightness), tl.load(brightness + 1), tl.load(brightness + 2)
     peak = tl.zeros((TILE_Y, TILE_X), tl.float32)
     for channel in tl.static_range(3):
         peak = tl.maximum(peak, tl.abs(tl.load(image + at * 3 + channel, mask=inside, other=0.0)))
-    # Tails matter more beside a highlight, and for sharp sources where the others spread far beyond a small image.
-    contrast = tl.maximum(1.0, largest / tl.maximum(mean, SMALLEST_MEAN) / USUAL_CONTRAST)
-    spread = tl.maximum(1.0, widest * widest / (height * width))
-    common = BAND_EXPONENT + tl.log(spread) + stop
-    band = tl.where(
-        peak > BRIGHT * mean, common + tl.log(contrast), common + tl.log(tl.minimum(contrast, BRIGHT / USUAL_CONTRAST))
-    )
-    far = tl.maximum(radius + band / (2.0 * alpha), (FOCUS_EXPONENT + stop) / (2.0 * alpha))
+    band = band_of(peak, brightness, height * width, stop) / (2.0 * alpha)
+    least = (FOCUS_EXPONENT + stop) / (2.0 * alpha)
+    far = tl.maximum(radius + band, least)
     # A comparison with NaN is false, so a source without a radius isn't followed.
     far = tl.where(inside & (far >= 0.0), tl.minimum(far, 1.0 * (height + width)), 0.0)
-    tl.store(reach + tl.program_id(0) * tl.num_programs(1) + tl.program_id(1), tl.max(tl.max(far, 1), 0))
+    tile = tl.program_id(0) * tl.num_programs(1) + tl.program_id(1)
+    tiles = tl.num_programs(0) * tl.num_programs(1)
+    tl.store(reach + tile, tl.max(tl.max(far, 1), 0))
+    near, gone, hole_near, hole_far = range_of(radius, band, least, shortest, obstruction, inside, largest_radius)
+    tl.store(bounds + tile, tl.min(tl.min(near, 1), 0))
+    tl.store(bounds + tiles + tile, tl.max(tl.max(gone, 1), 0))
+    tl.store(bounds + 2 * tiles + tile, tl.min(tl.min(hole_near, 1), 0))
+    tl.store(bounds + 3 * tiles + tile, tl.max(tl.max(hole_far, 1), 0))
 
 
 @triton.jit
@@ -92,60 +91,39 @@ def tile_window(
 
 
 @triton.jit
-def _length(dx, dy):
-    """(1, 1), since loop counters are Python's own numbers when kernels are interpreted."""
-    return tl.sqrt(tl.zeros((1, 1), tl.float32) + (dx * dx + dy * dy))
-
-
-@triton.jit
-def _radius_factor(dx, dy, distance, normals, blades, apothem, curvature):
-    """The aperture's radius in direction (dx, dy) as a share of a corner's. normals: of the polygon's edges. The edge
-    in a direction is the one whose normal is nearest to it."""
-    nearest = tl.zeros((1, 1), tl.float32)
-    for blade in range(blades):
-        along = tl.load(normals + 2 * blade) * dx + tl.load(normals + 2 * blade + 1) * dy
-        nearest = tl.maximum(nearest, along)
-    straight = tl.where(distance > 0.0, apothem * distance / tl.where(distance > 0.0, nearest, 1.0), 1.0)
-    return tl.where(distance > 0.0, (1.0 - curvature) * straight + curvature, 1.0)
-
-
-@triton.jit
-def _rim(inside_by, steepness):
-    """1/2 + 1/2 tanh(alpha t) of t pixels inside the rim; steepness: 2 alpha log2(e)."""
-    return 1.0 / (1.0 + tl.exp2(tl.minimum(-steepness * inside_by, 126.0)))
-
-
-@triton.jit
 def gather(
-    planes, window, blurred, total, height, width, alpha, normals, blades, apothem, curvature, obstruction,
+    planes, window, blurred, total, height, width, linear_from, alpha, factors, obstruction,
     SHAPED: tl.constexpr, STOPPED: tl.constexpr, TILE_Y: tl.constexpr, TILE_X: tl.constexpr,
 ):  # fmt: skip
-    """Each target's colour, and the sum of weights that it was divided by."""
-    y = tl.program_id(0) * TILE_Y + tl.arange(0, TILE_Y)[:, None]
-    x = tl.program_id(1) * TILE_X + tl.arange(0, TILE_X)[None, :]
+    """Each target's colour, and the sum of weights that it was divided by. Tiles that sources reach from `linear_from`
+    pixels away or more are left to the linear form."""
+    far = tl.load(window + tl.program_id(0) * tl.num_programs(1) + tl.program_id(1))
+    if far >= linear_from:
+        return
+    top, left = tl.program_id(0) * TILE_Y, tl.program_id(1) * TILE_X
+    y = top + tl.arange(0, TILE_Y)[:, None]
+    x = left + tl.arange(0, TILE_X)[None, :]
     size = height * width
     steepness = 2.0 * alpha * LOG2_E
-    far = tl.load(window + tl.program_id(0) * tl.num_programs(1) + tl.program_id(1))
     red = tl.zeros((TILE_Y, TILE_X), tl.float32)
     green = tl.zeros((TILE_Y, TILE_X), tl.float32)
     blue = tl.zeros((TILE_Y, TILE_X), tl.float32)
     weights = tl.zeros((TILE_Y, TILE_X), tl.float32)
     rows = tl.minimum(far, height - 1)
-    for dy in range(-rows, rows + 1):
+    # Rows and columns outside of the image are left out.
+    for dy in range(tl.maximum(-rows, -top - (TILE_Y - 1)), tl.minimum(rows, height - 1 - top) + 1):
         columns = tl.minimum(tl.sqrt((far * far - dy * dy).to(tl.float32)).to(tl.int32) + 1, width - 1)
         row = y + dy
-        for dx in range(-columns, columns + 1):
+        for dx in range(tl.maximum(-columns, -left - (TILE_X - 1)), tl.minimum(columns, width - 1 - left) + 1):
             column = x + dx
             there = (row >= 0) & (row < height) & (column >= 0) & (column < width)
             at = row * width + column
-            distance = _length(dx, dy)
+            distance = length(dx, dy)
             radius = tl.load(planes + at, mask=there, other=0.0)
             if SHAPED:
                 # Seen from the source, the target lies in the opposite direction.
-                radius = radius * _radius_factor(-dx, -dy, distance, normals, blades, apothem, curvature)
-            weight = _rim(radius - distance, steepness)
-            if STOPPED:
-                weight = weight * (1.0 - STOP_OPACITY * _rim(obstruction * radius - distance, steepness))
+                radius = radius * factor_of(factors, -dx, -dy, height, width)
+            weight = weight_of(radius, distance, steepness, obstruction, STOPPED)
             red += weight * tl.load(planes + size + at, mask=there, other=0.0)
             green += weight * tl.load(planes + 2 * size + at, mask=there, other=0.0)
             blue += weight * tl.load(planes + 3 * size + at, mask=there, other=0.0)
@@ -174,20 +152,42 @@ def pack_targets(gradient, blurred, total, planes, size, BLOCK: tl.constexpr):
 
 
 @triton.jit
+def store_gradient(
+    red, green, blue, costs, by_rim, own_red, own_green, own_blue, signed, by_image, by_radius, at, inside,
+    AREA: tl.constexpr,
+):  # fmt: skip
+    """Gradients by a source's colour and signed radius from its sums over targets: see `gather_gradient`."""
+    radius = tl.abs(signed)
+    share = tl.zeros_like(radius) + 1.0
+    gradient = by_rim
+    if AREA:
+        by_share = red * own_red + green * own_green + blue * own_blue - costs
+        share = 1.0 / (radius * radius + AREA_EPSILON)
+        gradient = share * (by_rim - 2.0 * radius * share * by_share)
+    tl.store(by_image + at * 3, share * red, mask=inside)
+    tl.store(by_image + at * 3 + 1, share * green, mask=inside)
+    tl.store(by_image + at * 3 + 2, share * blue, mask=inside)
+    tl.store(by_radius + at, tl.where(signed >= 0.0, gradient, -gradient), mask=inside)
+
+
+@triton.jit
 def gather_gradient(
-    targets, reach, image, signed_radius, by_image, by_radius, height, width, alpha,
-    normals, blades, apothem, curvature, obstruction,
+    targets, reach, image, signed_radius, by_image, by_radius, height, width, linear_from, alpha, factors, obstruction,
     AREA: tl.constexpr, SHAPED: tl.constexpr, STOPPED: tl.constexpr, TILE_Y: tl.constexpr, TILE_X: tl.constexpr,
 ):  # fmt: skip
     """Each source's gradient, from the targets that it reaches.
 
     The weight is rim times share. Summed up are rim times worth (red, green, blue), rim times cost, and the rim's slope
-    by the radius times the gradient by the weight.
+    by the radius times the gradient by the weight. Tiles that reach `linear_from` pixels or more are left to the linear
+    form.
     """
-    y = tl.program_id(0) * TILE_Y + tl.arange(0, TILE_Y)[:, None]
-    x = tl.program_id(1) * TILE_X + tl.arange(0, TILE_X)[None, :]
+    far = tl.ceil(tl.load(reach + tl.program_id(0) * tl.num_programs(1) + tl.program_id(1))).to(tl.int32)
+    if far >= linear_from:
+        return
+    top, left = tl.program_id(0) * TILE_Y, tl.program_id(1) * TILE_X
+    y = top + tl.arange(0, TILE_Y)[:, None]
+    x = left + tl.arange(0, TILE_X)[None, :]
     size = height * width
-    steepness = 2.0 * alpha * LOG2_E
     inside = (y < height) & (x < width)
     own = y * width + x
     signed = tl.load(signed_radius + own, mask=inside, other=0.0)
@@ -200,27 +200,20 @@ def gather_gradient(
     blue = tl.zeros((TILE_Y, TILE_X), tl.float32)
     costs = tl.zeros((TILE_Y, TILE_X), tl.float32)
     by_rim = tl.zeros((TILE_Y, TILE_X), tl.float32)
-    far = tl.ceil(tl.load(reach + tl.program_id(0) * tl.num_programs(1) + tl.program_id(1))).to(tl.int32)
     rows = tl.minimum(far, height - 1)
-    for dy in range(-rows, rows + 1):
+    # Rows and columns outside of the image are left out.
+    for dy in range(tl.maximum(-rows, -top - (TILE_Y - 1)), tl.minimum(rows, height - 1 - top) + 1):
         columns = tl.minimum(tl.sqrt((far * far - dy * dy).to(tl.float32)).to(tl.int32) + 1, width - 1)
         row = y + dy
-        for dx in range(-columns, columns + 1):
+        for dx in range(tl.maximum(-columns, -left - (TILE_X - 1)), tl.minimum(columns, width - 1 - left) + 1):
             column = x + dx
             there = (row >= 0) & (row < height) & (column >= 0) & (column < width)
             at = row * width + column
-            distance = _length(dx, dy)
+            distance = length(dx, dy)
             factor = 1.0
             if SHAPED:
-                factor = _radius_factor(dx, dy, distance, normals, blades, apothem, curvature)
-            rim = _rim(radius * factor - distance, steepness)
-            slope = 2.0 * alpha * factor * rim * (1.0 - rim)
-            if STOPPED:
-                stop = _rim(obstruction * radius * factor - distance, steepness)
-                open_share = 1.0 - STOP_OPACITY * stop
-                stop_slope = 2.0 * alpha * obstruction * factor * stop * (1.0 - stop)
-                slope = slope * open_share - rim * STOP_OPACITY * stop_slope
-                rim = rim * open_share
+                factor = factor_of(factors, dx, dy, height, width)
+            rim, slope = weight_and_slope(radius, factor, distance, alpha, obstruction, STOPPED)
             worth_red = tl.load(targets + at, mask=there, other=0.0)
             worth_green = tl.load(targets + size + at, mask=there, other=0.0)
             worth_blue = tl.load(targets + 2 * size + at, mask=there, other=0.0)
@@ -230,13 +223,6 @@ def gather_gradient(
             blue += rim * worth_blue
             costs += rim * cost
             by_rim += slope * (worth_red * own_red + worth_green * own_green + worth_blue * own_blue - cost)
-    share = tl.full((TILE_Y, TILE_X), 1.0, tl.float32)
-    by_share = red * own_red + green * own_green + blue * own_blue - costs
-    gradient = by_rim
-    if AREA:
-        share = 1.0 / (radius * radius + AREA_EPSILON)
-        gradient = share * (by_rim - 2.0 * radius * share * by_share)
-    tl.store(by_image + own * 3, share * red, mask=inside)
-    tl.store(by_image + own * 3 + 1, share * green, mask=inside)
-    tl.store(by_image + own * 3 + 2, share * blue, mask=inside)
-    tl.store(by_radius + own, tl.where(signed >= 0.0, gradient, -gradient), mask=inside)
+    store_gradient(
+        red, green, blue, costs, by_rim, own_red, own_green, own_blue, signed, by_image, by_radius, own, inside, AREA
+    )

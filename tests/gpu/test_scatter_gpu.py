@@ -64,3 +64,67 @@ def test_a_radius_without_a_meaning_is_found_in_the_picture(radius: float) -> No
 def test_the_same_bits_twice() -> None:
     inputs, _ = scene(4, 6, 2.0)
     assert torch.equal(*(load("scatter", "gpu")(*inputs.values()) for _ in range(2)))
+
+
+def wide(height: int = 2, width: int = 36) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
+    """Circles of much the same radius, of both signs and larger than the picture: whole windows count in full."""
+    inputs, upstream = scene(height, width, 1.0)
+    inputs["signed_radius"] = torch.where(inputs["signed_radius"] < 0, -1, 1) * torch.linspace(19.0, 22.0, width)
+    inputs["signed_radius"] = inputs["signed_radius"].expand(height, width).contiguous()
+    return inputs, upstream
+
+
+@pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES.keys())
+def test_windows_that_count_in_full_are_added_as_a_sum(shape: ApertureShape) -> None:
+    inputs, upstream = wide()
+    assert_agrees("scatter", inputs, upstream, shape=shape, form="linear")
+
+
+def test_windows_lie_where_the_aperture_points() -> None:
+    """A triangle reaches twice as far to the right as to the left."""
+    inputs, upstream = scene(1, 30, 1.0)
+    inputs["signed_radius"] = torch.full((1, 30), 20.0)
+    assert_agrees("scatter", inputs, upstream, shape=ApertureShape(blades=3), form="linear")
+
+
+def test_the_linear_form_of_small_and_vanishing_circles() -> None:
+    inputs, upstream = scene(3, 9, 2.5, channels=2)
+    inputs["signed_radius"][1, :4] = 0.0
+    assert_agrees("scatter", inputs, upstream, form="linear", energy="algorithm1", alpha=6.0)
+
+
+def test_the_linear_form_across_tiles_down() -> None:
+    inputs, upstream = scene(9, 3, 0.5)
+    inputs["signed_radius"][4:, :] = 5.0
+    assert_agrees("scatter", inputs, upstream, form="linear")
+
+
+def test_each_tile_has_its_form() -> None:
+    """The first tile is out of reach of the last columns' circles and has the direct form, the others the linear."""
+    inputs, upstream = scene(1, 99, 0.2)
+    inputs["signed_radius"][0, 65:] = 30.0
+    assert_agrees("scatter", inputs, upstream)
+
+
+@pytest.mark.parametrize("form", ["direct", "linear"])
+def test_a_highlight_among_wide_circles_drowns_nothing(form: str) -> None:
+    inputs, _ = wide(2, 34)
+    inputs["image"] += 0.1
+    inputs["image"][1, 10] = 1e6
+    inputs["signed_radius"][:, 20:] = 2.5
+    found, expected = (
+        load("scatter", name)(*(value.to(kind) for value in inputs.values()), form=form)
+        for name, kind in (("gpu", torch.float32), ("reference", torch.float64))
+    )
+    assert ((found - expected).abs() / expected).max() < HIGHLIGHT
+
+
+def test_a_radius_without_a_meaning_among_wide_circles() -> None:
+    inputs, _ = wide(1, 12)
+    inputs["signed_radius"][0, 3] = math.nan
+    assert load("scatter", "gpu")(*inputs.values(), form="linear")[0, 3].isnan().all()
+
+
+def test_the_linear_form_has_the_same_bits_twice() -> None:
+    inputs, _ = wide(1, 20)
+    assert torch.equal(*(load("scatter", "gpu")(*inputs.values(), form="linear") for _ in range(2)))

@@ -1,0 +1,106 @@
+"""Triton kernel of the scatter's linear form: what every source of a window counts in full is added as one sum.
+
+A tile of targets looks at sources through windows: a row `dy` away, and FINE or COARSE neighbouring offsets across it.
+The sources that all targets of the tile see through a window, and their offsets, lie within bounds. From these it
+follows for most windows that no source reaches its target, or that every source counts in full (or is behind the
+central stop). The first are skipped, and of the second the sum over the window is added, which lies ready for every
+place of a window. Only a window that a rim may cross is gone through pixel by pixel. These lie along the rims: where
+neighbours have similar radii a pixel costs a multiple of R, and besides R^2 / (FINE COARSE) of what it costs in the
+direct form. It is right for any radii; where neighbours have nothing in common it is the direct form, with some
+comparisons more.
+
+Nothing is ever taken away from a sum, so that highlights leave no trace in float32, and nothing is added by atomics.
+"""
+
+from __future__ import annotations
+
+import triton
+import triton.language as tl
+
+from .gpu_rim import LOG2_E, factor_of, length, weight_of
+from .gpu_windows import bounds_through, common_weight, radii_through, sums_through
+
+
+@triton.jit
+def gather_windows(
+    planes, fine_sums, coarse_sums, fine_bounds, coarse_bounds, window, blurred, total, height, width, coarse_columns,
+    linear_from, steepest, alpha, factors, obstruction,
+    SHAPED: tl.constexpr, STOPPED: tl.constexpr, TILE_Y: tl.constexpr, TILE_X: tl.constexpr,
+    FINE: tl.constexpr, COARSE: tl.constexpr,
+):  # fmt: skip
+    """Each target's colour, and the sum of weights that it was divided by, in tiles that sources reach from
+    `linear_from` pixels away or more.
+
+    fine_sums, coarse_sums: of the last four planes over windows (`add_windows`). fine_bounds, coarse_bounds:
+    `region_bounds`; their first window starts TILE_X + COARSE before the image. window: `tile_window` (gpu_direct.py).
+    """
+    far = tl.load(window + tl.program_id(0) * tl.num_programs(1) + tl.program_id(1))
+    if far < linear_from:
+        return
+    top, left = tl.program_id(0) * TILE_Y, tl.program_id(1) * TILE_X
+    y = top + tl.arange(0, TILE_Y)[:, None]
+    x = left + tl.arange(0, TILE_X)[None, :]
+    size = height * width
+    steepness = 2.0 * alpha * LOG2_E
+    region_rows = height + (TILE_Y - 1)
+    red = tl.zeros((TILE_Y, TILE_X), tl.float32)
+    green = tl.zeros((TILE_Y, TILE_X), tl.float32)
+    blue = tl.zeros((TILE_Y, TILE_X), tl.float32)
+    weights = tl.zeros((TILE_Y, TILE_X), tl.float32)
+    rows = tl.minimum(far, height - 1)
+    for dy in range(tl.maximum(-rows, -top - (TILE_Y - 1)), tl.minimum(rows, height - 1 - top) + 1):
+        columns = tl.minimum(tl.sqrt((far * far - dy * dy).to(tl.float32)).to(tl.int32) + 1, width - 1)
+        row = y + dy
+        region = top + dy + (TILE_Y - 1)
+        # From the multiple of COARSE at or before the first column that the tile has sources in.
+        begin = tl.maximum(-columns, -left - (TILE_X + COARSE - 2)) & -COARSE
+        for coarse in range(begin, tl.minimum(columns, width - 1 - left) + 1, COARSE):
+            place = (left + coarse + (TILE_X + COARSE)) // COARSE
+            near, gone, hole_near, hole_far = bounds_through(coarse_bounds, region, place, region_rows, coarse_columns)
+            # Seen from the source, the target lies in the opposite direction.
+            least, most = radii_through(-coarse - (COARSE - 1), -dy, factors, steepest, height, width, SHAPED, COARSE)
+            if gone >= least:
+                even = common_weight(least, most, near, hole_near, hole_far, STOPPED)
+                if even >= 0.0:
+                    r, g, b, w = sums_through(coarse_sums, row, x + coarse, height, width, COARSE)
+                    red += even * r
+                    green += even * g
+                    blue += even * b
+                    weights += even * w
+                else:
+                    for fine in range(coarse, coarse + COARSE, FINE):
+                        place = (left + fine + (TILE_X + COARSE)) // FINE
+                        near, gone, hole_near, hole_far = bounds_through(
+                            fine_bounds, region, place, region_rows, coarse_columns * (COARSE // FINE)
+                        )
+                        least, most = radii_through(
+                            -fine - (FINE - 1), -dy, factors, steepest, height, width, SHAPED, FINE
+                        )
+                        if gone >= least:
+                            even = common_weight(least, most, near, hole_near, hole_far, STOPPED)
+                            if even >= 0.0:
+                                r, g, b, w = sums_through(fine_sums, row, x + fine, height, width, FINE)
+                                red += even * r
+                                green += even * g
+                                blue += even * b
+                                weights += even * w
+                            else:
+                                for dx in range(fine, fine + FINE):
+                                    column = x + dx
+                                    there = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+                                    at = row * width + column
+                                    distance = length(dx, dy)
+                                    radius = tl.load(planes + at, mask=there, other=0.0)
+                                    if SHAPED:
+                                        radius = radius * factor_of(factors, -dx, -dy, height, width)
+                                    weight = weight_of(radius, distance, steepness, obstruction, STOPPED)
+                                    red += weight * tl.load(planes + size + at, mask=there, other=0.0)
+                                    green += weight * tl.load(planes + 2 * size + at, mask=there, other=0.0)
+                                    blue += weight * tl.load(planes + 3 * size + at, mask=there, other=0.0)
+                                    weights += weight * tl.load(planes + 4 * size + at, mask=there, other=0.0)
+    inside = (y < height) & (x < width)
+    at = y * width + x
+    tl.store(blurred + at * 3, red / weights, mask=inside)
+    tl.store(blurred + at * 3 + 1, green / weights, mask=inside)
+    tl.store(blurred + at * 3 + 2, blue / weights, mask=inside)
+    tl.store(total + at, weights, mask=inside)
