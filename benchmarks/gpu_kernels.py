@@ -137,18 +137,6 @@ def compiled(launch: dict[str, Any], architecture: int, binary: Any = None) -> R
     )
 
 
-def binary_of(launch: dict[str, Any], architecture: int) -> Any:
-    """A launch's kernel as Triton compiles it; `asm["cubin"]` is the machine code."""
-    import triton
-    from triton.backends.compiler import GPUTarget
-    from triton.compiler import ASTSource
-
-    kernel = getattr(import_module(launch["module"]), launch["function"])
-    source = ASTSource(fn=kernel, signature=dict(launch["signature"]), constexprs=dict(launch["constants"]))
-    target = GPUTarget("cuda", architecture, 32)
-    return triton.compile(source, target=target, options={"num_warps": launch["warps"]})
-
-
 def usage(cubin: bytes) -> tuple[int, int, int]:
     """(registers of a thread, bytes of its stack, bytes of a program's shared memory), as Triton's cuobjdump says."""
     import triton

@@ -85,11 +85,12 @@ def _computed(function: Any, arguments: tuple[Any, ...], options: dict[str, Any]
     by_mask = name in ("index", "index_put_") and any(
         one.dtype == torch.bool for one in tree_leaves(arguments[1]) if isinstance(one, Tensor)
     )
+    unknown_length = name == "repeat_interleave" and options.get("output_size") is None
     brought = (name == "_to_copy" and not on_device) or (name == "copy_" and not isinstance(arguments[0], Pretended))
     # torch waits for the whole device after a copy to it, unless the copy is asked not to block.
     blocking = not options.get("non_blocking") and not (name == "copy_" and True in arguments[2:])
     sent = on_device and bool(here) and blocking and name in ("_to_copy", "copy_")
-    if (there and (name in _WAITS or by_mask or brought)) or sent:
+    if (there and (name in _WAITS or by_mask or unknown_length or brought)) or sent:
         _waits.append(f"{name} in {_place()}")
     given, named = (tree_map_only(Pretended, lambda one: one.host, each) for each in (arguments, options))
     result = function(*given, **named)

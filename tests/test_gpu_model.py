@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from tolerances import FLOAT64_VALUE
 
 from dofbench.core.cameras import Camera
 
@@ -352,8 +353,8 @@ def test_tiles_that_an_ellipse_meets(x: float, y: float, a: float, b: float) -> 
     """All tiles with a pixel's centre in the ellipse are listed, and none that the box around it doesn't reach."""
     footprints = imported("gpu_footprints")
     column, row = np.meshgrid(np.arange(64) + 0.5, np.arange(48) + 0.5)
-    inside = ((column - x) / a) ** 2 + ((row - y) / b) ** 2 <= 1 - 1e-9
-    boxed = (abs(column - x) <= a + 1e-9) & (abs(row - y) <= b + 1e-9)
+    inside = ((column - x) / a) ** 2 + ((row - y) / b) ** 2 <= 1 - FLOAT64_VALUE
+    boxed = (abs(column - x) <= a + FLOAT64_VALUE) & (abs(row - y) <= b + FLOAT64_VALUE)
     assume(boxed.any())  # others are no candidates
     for k in range(3):
         first, many = footprints.columns_met(record(x=x, y=y, a=a, b=b), k, CAMERA)

@@ -1,9 +1,9 @@
 """Computations stay on the device of their tensors: no tensor is moved to the CPU, or made there, without a reason.
 
-Read from the sources, without running anything: in `dofbench.optics`, `learning` and `gaussians`, and in the kernels'
-definitions. Each place that may do so is listed in `ALLOWED` under its reason, with the number of occurrences; an entry
-that is no longer needed must be removed, so that the list can only shrink. The test doesn't detect `float(tensor)`,
-which looks like `float` of a number, nor tensors made by functions elsewhere.
+Read from the sources, without running anything: in `dofbench.optics`, `learning`, `gaussians` and `fields`, and in the
+kernels' definitions. Each place that may do so is listed in `ALLOWED` under its reason, with the number of occurrences;
+an entry that is no longer needed must be removed, so that the list can only shrink. The test doesn't detect
+`float(tensor)`, which looks like `float` of a number, nor tensors made by functions elsewhere.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("optics", "learning", "gaussians")
+PACKAGES = ("optics", "learning", "gaussians", "fields")
 
 # Each brings a tensor's numbers to the host.
 FETCHES = {"numpy", "cpu", "item", "tolist"}
@@ -32,6 +32,7 @@ FILES = "a reader or a writer"
 PHOTOGRAPHS = "where photographs, points and depth maps of a dataset, NumPy arrays, become tensors"
 NEIGHBOURS = "the tree that neighbours are searched in is scipy's: once in a training"
 PRIOR = "depth priors come and go as NumPy arrays: sweeps, networks and checks run once, before training"
+FIRST = "a network's first numbers: drawn on the host, so that devices begin alike, then moved with the network"
 NUMBERS = "a few numbers of the kind that options and reports hold: nothing of the size of an image"
 
 ALLOWED: dict[str, dict[str, int]] = {
@@ -40,6 +41,8 @@ ALLOWED: dict[str, dict[str, int]] = {
         "optics defocus_by_radius: torch.from_numpy": 2,
         "gaussians Exposures.render: .numpy()": 2,
         "gaussians Reconstruction.surface: .numpy()": 3,
+        "fields FieldScene.render: .numpy()": 2,
+        "fields through_points: .numpy()": 1,
     },
     OPENCV: {
         "optics _composited: torch.from_numpy": 3,
@@ -54,6 +57,7 @@ ALLOWED: dict[str, dict[str, int]] = {
         "gaussians Gaussians.save: .numpy()": 2,
         "gaussians read_splats.columns: torch.from_numpy": 1,
         "gaussians write_splats: .numpy()": 2,
+        "fields FieldMethod.save: .numpy()": 2,
     },
     PHOTOGRAPHS: {
         "learning held_back_mask: torch.from_numpy": 1,
@@ -62,6 +66,7 @@ ALLOWED: dict[str, dict[str, int]] = {
         "gaussians Gaussians.from_points: torch.from_numpy": 2,
         "gaussians Reconstruction.surface: torch.from_numpy": 1,
         "gaussians Trainer.photograph: .numpy()": 1,
+        "fields TrainingPixels.check: torch.from_numpy": 1,
     },
     NEIGHBOURS: {"gaussians _nearest: .numpy()": 2},
     PRIOR: {
@@ -80,6 +85,11 @@ ALLOWED: dict[str, dict[str, int]] = {
         "learning _target: .numpy()": 5,
         "learning _target: torch.zeros": 2,
         "learning tune: .tolist()": 1,
+    },
+    FIRST: {
+        "fields KernelNetwork.__init__: torch.randn": 1,
+        "fields KernelNetwork.__init__: torch.zeros": 1,
+        "fields _MotionNetwork.__init__: torch.randn": 1,
     },
     NUMBERS: {
         "gaussians foci_apart: torch.tensor": 1,

@@ -1,4 +1,5 @@
-"""The small scene in a quarter of its size, of fewer points: what a Triton interpreter can train on."""
+"""The small scene in a quarter of its size, of fewer points, and a field for it: what a Triton interpreter can train
+on."""
 
 from __future__ import annotations
 
@@ -9,6 +10,9 @@ from small_scene import training_set
 from dofbench.core.contracts import TrainingSet, TrainingView
 
 _POINTS, _SMALLER = 12, 4
+# Options of a radiance field with few rays, samples and nodes, whose cells are looked at from the first steps on.
+TINY_FIELD = {"batch_pixels": 12, "ray_samples": 6, "grid_nodes": 6, "grid_nodes_first": 5, "grid_grows": 1}
+TINY_FIELD |= {"colour_rank": 8, "cells": 4, "cells_from": 0.0, "cells_every": 2}
 
 
 def tiny_scene(bad_view: int | None = None) -> TrainingSet:

@@ -11,7 +11,7 @@ from zipfile import BadZipFile
 import numpy as np
 import torch
 
-from dofbench.compute.devices import resolve
+from dofbench.compute.devices import KINDS, resolve
 from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import FitOutcome, Observer, Rendering, TrainingSet
@@ -40,7 +40,7 @@ class FieldMethod:
     OPTIONS: ClassVar[type[FieldOptions]] = FieldOptions
 
     def __init__(self, options: Mapping[str, Any], seed: int, device: str):
-        resolve(device, ("cpu",), "this version's training of fields")
+        self._device = resolve(device, KINDS, "training of fields")
         self._options, self._seed = self.OPTIONS.of(**options), seed
         self._scene: FieldScene | None = None
 
@@ -56,7 +56,7 @@ class FieldMethod:
     def fit(self, training_set: TrainingSet, budget: Budget, observer: Observer) -> FitOutcome:
         """Train from an empty field; raises InputError without sparse points, which say where the scene lies."""
         model = self.model(training_set, torch.Generator().manual_seed(self._seed))
-        trainer = FieldTrainer(training_set, self._options, model, self._seed)
+        trainer = FieldTrainer(training_set, self._options, model, self._seed, self._device)
         self._scene = trainer.scene
         return trainer.fit(budget, observer)
 
@@ -78,9 +78,10 @@ class FieldMethod:
         """Write the field, its space and the options that it is rendered with, as one NumPy archive."""
         scene = self._trained()
         field = scene.field
-        arrays: dict[str, Any] = {name: tensor.detach().numpy() for name, tensor in field.parameters.items()}
+        arrays: dict[str, Any] = {name: tensor.numpy(force=True) for name, tensor in field.parameters.items()}
         arrays |= {f"space_{name}": array for name, array in scene.space.record().items()}
-        arrays |= {"nodes": np.array(field.shape.nodes), "occupied": np.packbits(scene.occupancy.occupied.numpy())}
+        occupied = np.packbits(scene.occupancy.occupied.numpy(force=True))
+        arrays |= {"nodes": np.array(field.shape.nodes), "occupied": occupied}
         arrays["options"] = np.array(json.dumps(self._options.flat()))
         with replacing(folder / _MODEL) as temporary, temporary.open("wb") as stream:
             np.savez(stream, **arrays)
@@ -93,7 +94,7 @@ class FieldMethod:
                 arrays = dict(file)
             options = self.OPTIONS.of(**json.loads(str(arrays["options"])))
             shape = options.grid.shape([int(count) for count in arrays["nodes"]])
-            parameters = {name: torch.from_numpy(arrays[name]) for name in PARAMETERS}
+            parameters = {name: torch.from_numpy(arrays[name]).to(self._device) for name in PARAMETERS}
             record = {name.removeprefix("space_"): arrays[name] for name in arrays if name.startswith("space_")}
             space, cells = space_of(record), options.rays.cells
             occupied = np.unpackbits(arrays["occupied"], count=cells**3).reshape(cells, cells, cells)
@@ -105,7 +106,7 @@ class FieldMethod:
         self._options = options
         field = GridField(shape, parameters, options.grid.density_shift)
         self._scene = FieldScene(field, space, options.rays)
-        self._scene.occupancy.occupied = torch.from_numpy(occupied.astype(bool))
+        self._scene.occupancy.occupied = torch.from_numpy(occupied.astype(bool)).to(self._device)
 
     def _trained(self) -> FieldScene:
         if self._scene is None:

@@ -19,11 +19,16 @@ _LEAST_OPACITY = 1e-3  # of a ray that has a depth
 
 
 class FieldScene:
-    """A field, the space that it fills, and which of its cells are empty."""
+    """A field, the space that it fills, and which of its cells are empty, on the field's device."""
 
     def __init__(self, field: GridField, space: Space, options: RayOptions):
         self.field, self.space, self._options = field, space, options
-        self.occupancy = Occupancy(options.cells, options.cells_absorb, PER_RAY / options.ray_samples)
+        self.occupancy = Occupancy(options.cells, options.cells_absorb, PER_RAY / options.ray_samples, field.device)
+
+    @property
+    def device(self) -> torch.device:
+        """Where rays are seen."""
+        return self.field.device
 
     def see(self, origins: Tensor, directions: Tensor, offsets: Tensor) -> FieldRender:
         """What world rays (R, 3) see, whose directions have the length 1 in z of their camera; differentiable. offsets:
@@ -58,18 +63,19 @@ class FieldScene:
     @torch.no_grad()
     def render(self, camera: Camera) -> Rendering:
         """A sharp view, and its depth: the mean place of what a ray meets."""
-        table, places = CameraTable([camera]), whole_image(camera)
+        device = self.device
+        table, places = CameraTable([camera], device), whole_image(camera, device)
         colours, depths = [], []
         for part in places.split(_CHUNK):
-            origins, directions = table.rays(torch.zeros(len(part), dtype=torch.int64), part)
-            seen = self.see(origins, directions, torch.full((len(part),), 0.5))
+            origins, directions = table.rays(torch.zeros(len(part), dtype=torch.int64, device=device), part)
+            seen = self.see(origins, directions, torch.full((len(part),), 0.5, device=device))
             met = seen.opacity >= _LEAST_OPACITY
             depth = self.space.depths(origins, directions, seen.distance / seen.opacity.clamp_min(_LEAST_OPACITY))
             colours.append(seen.color)
             depths.append(torch.where(met, depth, 0.0))
         shape = camera.height, camera.width
-        image = torch.cat(colours).view(*shape, 3).clamp(0, 1).numpy()
-        return Rendering(image, torch.cat(depths).view(shape).numpy())
+        image = torch.cat(colours).view(*shape, 3).clamp(0, 1).numpy(force=True)
+        return Rendering(image, torch.cat(depths).view(shape).numpy(force=True))
 
 
 def _mean_places(rays: CubeRays, seen: FieldRender) -> Tensor:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.compute.devices import kind_of
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import FitOutcome, NonFinite, Observer, TrainingSet
 from dofbench.core.errors import InputError, Status
@@ -19,7 +19,8 @@ from dofbench.fields.grid_field import GridField
 from dofbench.fields.pixels import CameraTable, Pixels, TrainingPixels
 from dofbench.fields.space import space_for
 from dofbench.kernels import warm_up
-from dofbench.learning.nonfinite import NonFiniteError, Place
+from dofbench.learning.nonfinite import NonFiniteError, Place, Watch
+from dofbench.learning.seen_loss import SeenLoss
 from dofbench.learning.stage_clock import StageClock
 
 _BETAS, _EPSILON = (0.9, 0.99), 1e-15  # TensoRF
@@ -27,29 +28,37 @@ _BETAS, _EPSILON = (0.9, 0.99), 1e-15  # TensoRF
 
 class FieldTrainer:
     """Trains a field, and what its forward model learns, on a training set. After `fit`, or during it from an observer,
-    `scene` can be rendered at any time."""
+    `scene` can be rendered at any time.
 
-    def __init__(self, training_set: TrainingSet, options: FieldOptions, model: RayModel, seed: int):
+    device: where the field is trained; the model's tensors lie there too. loss: that of the last step, None before the
+    first.
+    """
+
+    def __init__(
+        self, training_set: TrainingSet, options: FieldOptions, model: RayModel, seed: int, device: str = "cpu"
+    ):
         if training_set.points is None or len(training_set.points) < 4:
             found = 0 if training_set.points is None else len(training_set.points)
             raise InputError("sparse points", str(found), "at least 4, which say where the scene lies")
-        self._options, self._model = options, model
+        self._options, self._model, self._device = options, model, device
         self._generator = torch.Generator().manual_seed(seed)
-        self._pixels = TrainingPixels(training_set.views, np.random.default_rng(seed))
+        self._pixels = TrainingPixels(training_set.views, np.random.default_rng(seed), device)
         cameras = [view.camera for view in training_set.views]
         space = space_for(cameras, training_set.points.xyz)
         shape = options.grid.shape(space.nodes(options.grid.nodes(0.0)))
-        field = GridField.at_random(shape, options.grid.density_shift, self._generator)
+        field = GridField.at_random(shape, options.grid.density_shift, self._generator, device)
         self.scene = FieldScene(field, space, options.rays)
-        self._rays = RayScene(self.scene, CameraTable(cameras), self._generator)
+        self._rays = RayScene(self.scene, CameraTable(cameras, device), self._generator)
         self._optimiser = self._new_optimiser()
         self._clock = StageClock()
-        self._loss = math.nan
+        self.loss: Tensor | None = None
+        self._watch = Watch()
+        self._seen = SeenLoss(self._watch)
 
     def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
         """Train until the budget or the observer ends it. A non-finite value ends with the status "diverged"."""
         for op in ("field", *self._model.kernels):
-            warm_up(op)
+            warm_up(op, kind_of(self._device))
         total = budget.steps or self._options.rays.steps
         step = 0
         event: NonFinite | None = None
@@ -59,13 +68,14 @@ class FieldTrainer:
                 progress = budget.progress(step, total, observer.seconds)
                 if progress >= 1:
                     break
-                self._step(step + 1, progress)
+                self.loss = self._step(step + 1, progress)
                 step += 1
-                if not observer.after_step(step, self._loss):
+                if not observer.after_step(step, self._seen.after(step, self.loss)):
                     break
+            self._watch.look()
         except NonFiniteError as error:
             event = error.event
-            step += 1  # the step that failed counts as taken
+            step = max(step, event.step)  # the step that failed counts as taken
             self._optimiser.zero_grad()
         return FitOutcome(
             status=Status.DIVERGED if event else Status.OK,
@@ -75,8 +85,13 @@ class FieldTrainer:
             stages=dict(self._clock.seconds),
         )
 
-    def _step(self, step: int, progress: float) -> None:
-        place, options = Place(step, ""), self._options
+    def _step(self, step: int, progress: float) -> Tensor:
+        """Take step number `step`, from 1; returns the loss, without gradient.
+
+        Raises NonFiniteError at the first value that isn't finite, before it can change the field. On a device such a
+        value doesn't change the field either, but is told when the watch is looked at.
+        """
+        place, options = Place(step, "", self._watch), self._options
         self._grow(progress)
         with self._clock.timed("cells"):
             if progress >= options.rays.cells_from and step % options.rays.cells_every == 0:
@@ -88,9 +103,7 @@ class FieldTrainer:
             place.check(prediction.colours, self._model.stage)
         with self._clock.timed("loss"):
             loss = self._cost(predictions, pixels, step, progress)
-            self._loss = float(loss.detach())
-        if not math.isfinite(self._loss):
-            raise place.error("loss", f"loss is {self._loss}")
+        place.check(loss, "loss")
         with self._clock.timed("backward"):
             loss.backward()
         own = {name: tensor.grad for name, tensor in self.scene.field.parameters.items()}
@@ -99,9 +112,11 @@ class FieldTrainer:
         with self._clock.timed("optimiser"):
             for group in self._optimiser.param_groups:
                 group["lr"] = group["first"] * options.rates.lr_final**progress
+            self._optimiser.found_inf = self._watch.found  # type: ignore[attr-defined]  # 1 has it change nothing
             self._optimiser.step()
             self._optimiser.zero_grad()
             self._model.step(progress)
+        return loss.detach()
 
     def _cost(self, predictions: Sequence[Prediction], pixels: Pixels, step: int, progress: float) -> Tensor:
         """Mean squared errors, the forward model's own term, and every so often the roughness of the grid."""

@@ -77,15 +77,23 @@ class GridField:
         self.parameters = {name: parameters[name].detach().contiguous().requires_grad_() for name in PARAMETERS}
 
     @staticmethod
-    def at_random(shape: GridShape, shift: float, generator: torch.Generator) -> GridField:
-        """A nearly empty field."""
+    def at_random(
+        shape: GridShape, shift: float, generator: torch.Generator, device: torch.device | str = "cpu"
+    ) -> GridField:
+        """A nearly empty field, whose numbers are the same on every device: the generator is the host's."""
         sizes = {"density": (shape.density_size,), "colour": (shape.colour_size,), "basis": shape.basis_shape}
-        drawn = {name: _START * torch.randn(size, generator=generator) for name, size in sizes.items()}
+        drawn = {name: _START * torch.randn(size, generator=generator).to(device) for name, size in sizes.items()}
         return GridField(shape, drawn, shift)
+
+    @property
+    def device(self) -> torch.device:
+        """Where the parameters lie."""
+        return self.parameters["density"].device
 
     def render(self, rays: CubeRays, views: Tensor, samples: RaySamples, least_weight: float) -> FieldRender:
         """What the rays see. views: (R, 3), unit directions in the world, which colours depend on."""
-        lengths = samples.steps * torch.repeat_interleave(rays.gain.detach(), samples.starts.diff())
+        # Told the number of samples, the host needn't wait for a device to add up those of all rays.
+        gain = torch.repeat_interleave(rays.gain.detach(), samples.starts.diff(), output_size=len(samples.places))
         seen: FieldRender = load("field")(
             **self.parameters,
             origins=rays.origins.contiguous(),
@@ -93,7 +101,7 @@ class GridField:
             views=views.contiguous(),
             starts=samples.starts,
             places=samples.places,
-            lengths=lengths,
+            lengths=samples.steps * gain,
             shape=self.shape,
             shift=self.shift,
             least_weight=least_weight,

@@ -60,7 +60,7 @@ class DeformableField(FieldMethod):
         options = self._options
         assert isinstance(options, DeformableFieldOptions)
         views, unit = len(training_set.views), unit_of_depth(training_set)
-        return DeformableKernel(views, unit, options.kernel, options.deformable, generator)
+        return DeformableKernel(views, unit, options.kernel, options.deformable, generator, self._device)
 
 
 class RigidField(FieldMethod):
@@ -74,7 +74,7 @@ class RigidField(FieldMethod):
         assert isinstance(options, RigidFieldOptions)
         centre = np.mean([view.camera.centre for view in training_set.views], axis=0)
         views, unit, channels = len(training_set.views), unit_of_depth(training_set), options.grid.feature_count
-        return RigidKernel(views, centre, unit, channels, options.kernel, options.proposal, generator)
+        return RigidKernel(views, centre, unit, channels, options.kernel, options.proposal, generator, self._device)
 
 
 class ProgressiveField(FieldMethod):
@@ -87,7 +87,7 @@ class ProgressiveField(FieldMethod):
         options = self._options
         assert isinstance(options, ProgressiveFieldOptions)
         views, unit = len(training_set.views), unit_of_depth(training_set)
-        return ProgressiveKernel(views, unit, options.grid.feature_count, options.kernel, generator)
+        return ProgressiveKernel(views, unit, options.grid.feature_count, options.kernel, generator, self._device)
 
 
 def unit_of_depth(training_set: TrainingSet) -> float:

@@ -92,7 +92,7 @@ class LensFieldMethod(FieldMethod, ABC):
         options, views = self._options.lens, training_set.views
         cameras = [view.camera for view in views]
         bounds = DisparityRange.of_disparity(all_disparities(training_set.points, cameras))
-        lenses = LearnedLenses(len(views), bounds, options, lens_ties(views, options.lens_per))
+        lenses = LearnedLenses(len(views), bounds, options, lens_ties(views, options.lens_per), self._device)
         self._learned = lenses, [(view.name, view.camera.width) for view in views]
         return self.lens_model(lenses, generator)
 

@@ -21,18 +21,19 @@ _RAYS = 8192  # rendered at once
 def through_points(scene: FieldScene, camera: Camera, lens: PhysicalLens, count: int) -> Rendering:
     """The photograph as the mean light of `count` rays a pixel from points of the lens, the same in every call. The
     depth is the sharp view's."""
-    table, places = CameraTable([camera]), whole_image(camera)
+    device = scene.device
+    table, places = CameraTable([camera], device), whole_image(camera, device)
     generator = torch.Generator().manual_seed(0)
     aperture = lens.aperture * camera.width / lens.width
     parts = []
     for part in places.split(max(1, _RAYS // count)):
-        points = disc_points(len(part), count, generator).view(-1, 2)
+        points = disc_points(len(part), count, generator, device).view(-1, 2)
         shift = points * (aperture / table.focal[0])
-        views = torch.zeros(len(part) * count, dtype=torch.int64)
+        views = torch.zeros(len(part) * count, dtype=torch.int64, device=device)
         rays = table.rays(views, part.repeat_interleave(count, 0), shift, -lens.focus_disparity * shift)
-        seen = scene.see(*rays, torch.full((len(views),), 0.5))
-        parts.append(mixed(seen.color.view(-1, count, 3), torch.full((1, count), 1 / count)))
-    image = torch.cat(parts).view(camera.height, camera.width, 3).clamp(0, 1).numpy()
+        seen = scene.see(*rays, torch.full((len(views),), 0.5, device=device))
+        parts.append(mixed(seen.color.view(-1, count, 3), torch.full((1, count), 1 / count, device=device)))
+    image = torch.cat(parts).view(camera.height, camera.width, 3).clamp(0, 1).numpy(force=True)
     return Rendering(image, scene.render(camera).depth)
 
 

@@ -21,17 +21,18 @@ class Occupancy:
     `length`, in units of the density's reciprocal.
     """
 
-    def __init__(self, cells: int, least: float, length: float):
+    def __init__(self, cells: int, least: float, length: float, device: torch.device | str = "cpu"):
         self._least, self._length = least, length
-        self.occupied = torch.ones((cells, cells, cells), dtype=torch.bool)
-        self._densest = torch.zeros((cells, cells, cells))
+        self.occupied = torch.ones((cells, cells, cells), dtype=torch.bool, device=device)
+        self._densest = torch.zeros((cells, cells, cells), device=device)
 
     def update(self, field: GridField, generator: torch.Generator) -> None:
         """Look at the density at a random point of each cell."""
-        cells = len(self.occupied)
-        index = torch.arange(cells**3)
+        cells, device = len(self.occupied), self.occupied.device
+        index = torch.arange(cells**3, device=device)
         corner = torch.stack([index % cells, index // cells % cells, index // cells**2], 1)
-        points = (corner + torch.rand((cells**3, 3), generator=generator)) / cells
+        within = torch.rand((cells**3, 3), generator=generator).to(device, non_blocking=True)
+        points = (corner + within) / cells
         found = torch.cat([field.density(part) for part in points.split(_CHUNK)]).view(cells, cells, cells)
         self._densest = torch.maximum(_FORGET * self._densest, found)
         absorbed = -torch.expm1(-self._densest * self._length)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,22 +17,30 @@ from dofbench.learning.nonfinite import Place
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """P pixels. views: (P,) int64. places: (P, 2), x and y of their centres, pixels. colours: (P, 3), encoded."""
+    """P pixels. views: (P,) int64. places: (P, 2), x and y of their centres, pixels. colours: (P, 3), encoded.
+
+    view: the photograph that all of them are of, where they were drawn from one. width: of a patch, pixels. Both are
+    numbers of the host, which so needn't ask a device for them.
+    """
 
     views: Tensor
     places: Tensor
     colours: Tensor
+    view: int | None = None
+    width: int | None = None
 
 
 class CameraTable:
-    """The cameras of V views as tensors. sizes: (V, 2), width and height, pixels."""
+    """The cameras of V views as tensors. sizes: (V, 2), width and height, pixels. widths: the widths as numbers of the
+    host."""
 
-    def __init__(self, cameras: Sequence[Camera]):
+    def __init__(self, cameras: Sequence[Camera], device: torch.device | str = "cpu"):
         to_world = np.stack([camera.camera_to_world for camera in cameras])
-        self._rotations = torch.from_numpy(to_world[:, :3, :3]).float()
-        self._centres = torch.from_numpy(to_world[:, :3, 3].copy()).float()
-        self._intrinsics = torch.tensor([camera.parameters for camera in cameras], dtype=torch.float32)
-        self.sizes = torch.tensor([(camera.width, camera.height) for camera in cameras], dtype=torch.float32)
+        self._rotations = _sent(to_world[:, :3, :3], device)
+        self._centres = _sent(to_world[:, :3, 3], device)
+        self._intrinsics = _sent([camera.parameters for camera in cameras], device)
+        self.sizes = _sent([(camera.width, camera.height) for camera in cameras], device)
+        self.widths = [camera.width for camera in cameras]
 
     @property
     def focal(self) -> Tensor:
@@ -60,14 +69,18 @@ class CameraTable:
 
 class TrainingPixels:
     """The pixels of the training photographs. `draw` takes them in a random order that is drawn anew when all were
-    used; `draw_view` and `draw_patch` take them from one photograph, in rounds of all photographs."""
+    used; `draw_view` and `draw_patch` take them from one photograph, in rounds of all photographs.
 
-    def __init__(self, views: Sequence[TrainingView], random: np.random.Generator):
-        self._random = random
+    Which pixels a step has is drawn on the host, so that it is the same on every device; their colours are looked up on
+    the device."""
+
+    def __init__(self, views: Sequence[TrainingView], random: np.random.Generator, device: torch.device | str = "cpu"):
+        self._random, self._device = random, device
         self._sizes = np.array([(view.camera.width, view.camera.height) for view in views])
         self._starts = np.cumsum([0, *self._sizes.prod(axis=1)])
         images = [np.ascontiguousarray(view.image, np.float32).reshape(-1, 3) for view in views]
-        self._colours = torch.from_numpy(np.concatenate(images))
+        self._photographs = np.concatenate(images)
+        self._colours = torch.from_numpy(self._photographs).to(device)
         self._names = [view.name for view in views]
         self._order, self._next = np.empty(0, np.int64), 0
         self._round: list[int] = []
@@ -78,7 +91,7 @@ class TrainingPixels:
         A step draws few pixels of every photograph, so without this a training may run for long before it fails.
         """
         for name, start, end in zip(self._names, self._starts[:-1], self._starts[1:], strict=True):
-            Place(step, name).check(self._colours[start:end], "photograph")
+            Place(step, name).check(torch.from_numpy(self._photographs[start:end]), "photograph")
 
     def draw(self, count: int) -> Pixels:
         """The next `count` pixels of the order, or all if there are fewer."""
@@ -92,7 +105,7 @@ class TrainingPixels:
         """`count` different pixels of one photograph, or all if it has fewer."""
         view = self._next_view()
         size = int(self._sizes[view].prod())
-        return self._pixels(self._starts[view] + self._random.permutation(size)[:count])
+        return self._pixels(self._starts[view] + self._random.permutation(size)[:count], view)
 
     def draw_patch(self, side: int) -> Pixels:
         """A patch of one photograph, row after row, `side` pixels high and wide or as much as the photograph has."""
@@ -100,22 +113,27 @@ class TrainingPixels:
         width, height = (int(size) for size in self._sizes[view])
         left, top = (int(self._random.integers(max(length - side, 0) + 1)) for length in (width, height))
         rows, columns = np.mgrid[top : min(top + side, height), left : min(left + side, width)]
-        return self._pixels(self._starts[view] + (rows * width + columns).reshape(-1))
+        return self._pixels(self._starts[view] + (rows * width + columns).reshape(-1), view, columns.shape[1])
 
     def _next_view(self) -> int:
         if not self._round:
             self._round = [int(view) for view in self._random.permutation(len(self._sizes))]
         return self._round.pop()
 
-    def _pixels(self, chosen: np.ndarray) -> Pixels:
+    def _pixels(self, chosen: np.ndarray, view: int | None = None, width: int | None = None) -> Pixels:
         views = np.searchsorted(self._starts, chosen, side="right") - 1
         within, widths = chosen - self._starts[views], self._sizes[views, 0]
         places = np.stack([within % widths, within // widths], axis=1) + 0.5
-        numbers = torch.from_numpy(chosen)
-        return Pixels(torch.from_numpy(views), torch.from_numpy(places).float(), self._colours[numbers])
+        numbers, of_views = (torch.from_numpy(one).to(self._device, non_blocking=True) for one in (chosen, views))
+        return Pixels(of_views, _sent(places, self._device), self._colours[numbers], view, width)
 
 
-def whole_image(camera: Camera) -> Tensor:
+def whole_image(camera: Camera, device: torch.device | str = "cpu") -> Tensor:
     """(H W, 2): x and y of the centres of all pixels, row after row."""
     rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
-    return torch.from_numpy(np.stack([columns.reshape(-1), rows.reshape(-1)], axis=1)).float()
+    return _sent(np.stack([columns.reshape(-1), rows.reshape(-1)], axis=1), device)
+
+
+def _sent(numbers: Any, device: torch.device | str) -> Tensor:
+    """Numbers of the host as float32 on a device, without waiting for what the device was asked before."""
+    return torch.from_numpy(np.array(numbers, dtype=np.float32)).to(device, non_blocking=True)

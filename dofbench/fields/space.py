@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.compute.device_numbers import beside
 from dofbench.core.cameras import Camera
 
 _LEAST_FORWARD = 0.5  # cosine of the angle between a frustum's axis and its widest rays
@@ -92,13 +93,13 @@ class Frustum:
         return {"pose": self.pose, "low": self.low, "high": self.high, "disparities": np.array([self.near, self.far])}
 
     def _seen(self, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
-        pose = origins.new_tensor(self.pose)
+        pose = beside(origins, self.pose)
         return origins @ pose[:3, :3].T + pose[:3, 3], directions @ pose[:3, :3].T
 
     def _ends(self, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
         """(R, 2) each: x and y in the cube on the near and on the far plane."""
         slope = directions[:, :2] / directions[:, 2:]
-        low, extent = origins.new_tensor(self.low), origins.new_tensor(self.high - self.low)
+        low, extent = beside(origins, self.low), beside(origins, self.high - self.low)
 
         def at(disparity: float) -> Tensor:
             # x / z on the plane z = 1 / q is q o_x + (1 - q o_z) d_x / d_z, which holds at infinity too.
@@ -117,7 +118,7 @@ class Box:
 
     def rays(self, origins: Tensor, directions: Tensor) -> CubeRays:
         """See `Space.rays`. A ray that misses the box ends before it begins."""
-        low, extent = origins.new_tensor(self.low), origins.new_tensor(self.high - self.low)
+        low, extent = beside(origins, self.low), beside(origins, self.high - self.low)
         begin, along = (origins - low) / extent, directions / extent
         with torch.no_grad():
             safe = torch.where(along.abs() < 1e-9, torch.full_like(along, 1e-9), along)

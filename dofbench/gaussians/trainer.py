@@ -40,10 +40,10 @@ from dofbench.learning.nonfinite import NonFiniteError, Place
 from dofbench.learning.photograph_colours import LearnedColours
 from dofbench.learning.priors import Prior, make_prior, with_surface_points
 from dofbench.learning.rendered_surface import surface_disparity
+from dofbench.learning.seen_loss import SeenLoss
 from dofbench.learning.stage_clock import StageClock
 from dofbench.learning.training_views import Photograph, all_photographs
 
-_LOOK_EVERY = 50  # steps, between two looks at what a device has found
 _PACE = 3  # steps of a trial that tell how long the rest will take
 
 
@@ -58,7 +58,7 @@ class Trainer:
         self.views = training_set.views
         self.decisions: list[Decision] = []
         self._training_set, self._seed, self._device = training_set, seed, device
-        self._loss, self._next_look = math.nan, 0  # the loss that was looked at last, and the step of the next look
+        self._seen = SeenLoss(self.state.watch)
         self._clock = StageClock()
         self._trials = Trials(self, options)
         self._prior: Prior | None = None
@@ -185,12 +185,9 @@ class Trainer:
         return f"{count} Gaussians at step {step} are too many for {self._device}; try --set max_gaussians={fitting}"
 
     def _seen_loss(self, step: int) -> float:
-        """The loss of the last step; on a device, which the host would wait for, that of the last step looked at."""
+        """The loss that the observer is told after this step."""
         assert self.state.loss is not None
-        if self.state.loss.device.type == "cpu" or step >= self._next_look:
-            self.state.watch.look()
-            self._loss, self._next_look = float(self.state.loss), step + _LOOK_EVERY
-        return self._loss
+        return self._seen.after(step, self.state.loss)
 
     def _next(self, step: int, progress: float) -> None:
         """Take the step after step number `step`, on the next photograph of the random order."""

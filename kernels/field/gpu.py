@@ -14,8 +14,8 @@ from dofbench.compute.backend import Backend
 from dofbench.compute.factored_grid import FieldRender, GridShape, RaySamples
 from dofbench.compute.gpu_launch import check_tensors, kernels, launch
 
-from .gpu_gradient import Kept, gradients
-from .gpu_inputs import SAMPLES, check, group
+from .gpu_grid_gradient import Kept, gradients
+from .gpu_ray_inputs import SAMPLES, check, group
 
 BACKEND = Backend(devices=("cuda",), dtypes=("float32",), bits_repeat=True)
 _ELEMENTS = 256  # samples times channels that a program reads together

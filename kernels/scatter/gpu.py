@@ -60,7 +60,7 @@ def scatter(
 
 class _Aperture(NamedTuple):
     """An aperture's shape as the kernels take it. factors: see `_factors`; those of a disc are never looked at.
-    shortest: least factor. steepest: see `radii_through` (gpu_windows.py)."""
+    shortest: least factor. steepest: see `radii_through` (gpu_row_windows.py)."""
 
     shaped: bool
     factors: Tensor
@@ -106,7 +106,7 @@ def _regions(
     image: Tensor, radius: Tensor, bright: Tensor, farthest: Tensor, linear_from: float, lengths: tuple[float, ...]
 ) -> tuple[Tensor, Tensor]:
     """Bounds of the sources that tiles see through windows, fine and coarse: (4, H + tile - 1, columns) each."""
-    windows = kernels("scatter.gpu_windows")
+    windows = kernels("scatter.gpu_row_windows")
     height, width = radius.shape
     fine, coarse = _WINDOWS["FINE"], _WINDOWS["COARSE"]
     chunk_columns = -(-width // fine)
@@ -147,7 +147,7 @@ def _regions(
 
 def _window_sums(values: Tensor, farthest: Tensor, linear_from: float) -> tuple[Tensor, Tensor]:
     """Sums of (4, H, W) over windows of a row, fine and coarse: (4, H, W + window - 1), by their first column."""
-    windows = kernels("scatter.gpu_windows")
+    windows = kernels("scatter.gpu_row_windows")
     _, height, width = values.shape
     sums, step = [], 1
     for wide in _WINDOWS.values():

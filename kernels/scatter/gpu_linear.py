@@ -18,7 +18,7 @@ import triton
 import triton.language as tl
 
 from .gpu_rim import LOG2_E, factor_of, length, weight_of
-from .gpu_windows import bounds_through, common_weight, radii_through, sums_through
+from .gpu_row_windows import bounds_through, common_weight, radii_through, sums_through
 
 
 @triton.jit

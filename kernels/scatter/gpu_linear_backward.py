@@ -12,7 +12,7 @@ import triton.language as tl
 
 from .gpu_direct import store_gradient
 from .gpu_rim import factor_of, length, weight_and_slope
-from .gpu_windows import common_weight, radii_through, sums_through
+from .gpu_row_windows import common_weight, radii_through, sums_through
 
 
 @triton.jit

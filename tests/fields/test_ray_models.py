@@ -48,7 +48,7 @@ RANGE = DisparityRange(0.1, 0.6)
 def pixels(view: int = 0, count: int = 25) -> Pixels:
     generator = torch.Generator().manual_seed(4)
     places = torch.rand(count, 2, generator=generator) * torch.tensor([WIDTH, HEIGHT])
-    return Pixels(torch.full((count,), view), places, torch.zeros(count, 3))
+    return Pixels(torch.full((count,), view), places, torch.zeros(count, 3), view)
 
 
 def generator() -> torch.Generator:
@@ -311,7 +311,7 @@ def test_a_patch_is_the_sharp_patch_through_the_lens() -> None:
     scene, learned = PlaneScene(2.5, lambda where: waves(20 * where)), lenses(1.5, 0.2)
     model = RenderedPatch(learned, PatchOptions(patch_from=0.3))
     places = whole_image(cameras()[1])
-    at = Pixels(torch.ones(len(places)).long(), places, torch.zeros(len(places), 3))
+    at = Pixels(torch.ones(len(places)).long(), places, torch.zeros(len(places), 3), view=1, width=WIDTH)
     assert torch.equal(colours(model, scene, at, 0.29), sharp(scene, at))
     model.step(0.29)  # no lens was used: nothing happens
     found = colours(model, scene, at, 0.3)

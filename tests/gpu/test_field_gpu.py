@@ -8,7 +8,7 @@ from typing import Any
 import field_cases
 import pytest
 import torch
-from dofbench.kernels.field import gpu_gradient
+from dofbench.kernels.field import gpu_grid_gradient
 from field_cases import NAMES, SMALL, assert_agrees, of_type, only_ray, random_case, rendered, without_rays
 from pretended_device import pretended
 from torch import Tensor
@@ -43,7 +43,7 @@ def test_it_agrees_with_the_definition(nodes: tuple, sizes: tuple, longest: floa
 
 def test_rays_of_more_samples_than_a_program_reads_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """And cells with more than are added up at once; between them a ray of one sample."""
-    monkeypatch.setattr(gpu_gradient, "_PARTS", 1)
+    monkeypatch.setattr(gpu_grid_gradient, "_PARTS", 1)
     shape = GridShape((2, 2, 3), 8, 8, 4)
     case = random_case(shape, 2, rays=3, most=2, longest=0.02)
     many, generator = 70, torch.Generator().manual_seed(0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from made_up import Recorder
 from pretended_device import pretended
-from tiny_scene import tiny_scene
+from tiny_scene import TINY_FIELD, tiny_scene
 from tolerances import FLOAT32_VALUE
 
 from dofbench.core.budget import Budget
@@ -20,12 +20,18 @@ from dofbench.running.method_cards import find_method, method_files
 METHODS = sorted(name for name in method_files() if "cuda" in find_method(name).card.devices)
 LENS = PhysicalLens(aperture=8.0, focus_disparity=1 / 6, width=12)
 STEPS = 3
+OF_FIELDS = {**TINY_FIELD, "lens_points": 2, "patch_side": 4}  # as far as a method has them
 
 
 def kept(name: str, device: str, folder: Path) -> list[Rendering]:
     """What a trained model renders that was read back from its files."""
     entry = find_method(name)
     _, options, _ = entry.preset("smoke")
+    camera = tiny_scene().views[0].camera
+    if "field" in entry.card.kernels:
+        camera = camera.resized(4, 3)
+        known = {option.name for option in entry.method_class().available_options()}
+        options = {**options, **{name: value for name, value in OF_FIELDS.items() if name in known}}
     method, scene = entry.create(options, 0, device), tiny_scene()
     assert method.fit(scene, Budget(steps=STEPS), Recorder()).status is Status.OK
     assert method.describe().get("device_peak_mb") == {"cpu": None, "cuda": 5.0}[device]
@@ -33,7 +39,7 @@ def kept(name: str, device: str, folder: Path) -> list[Rendering]:
     again = entry.create({}, 0, device)
     again.load(folder)
     lenses = [None, LENS] if entry.card.capabilities.refocus else [None]
-    return [again.render(scene.views[0].camera, lens) for lens in lenses]
+    return [again.render(camera, lens) for lens in lenses]
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 import numpy as np
 import pytest
 import torch
@@ -12,6 +10,7 @@ from pretended_device import pretended
 from small_scene import options
 from tiny_scene import tiny_scene
 from tolerances import FLOAT32_VALUE
+from waits_of_steps import Steps
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import Status
@@ -28,23 +27,6 @@ LISTS = "_local_scalar_dense in gpu_lists.py project_and_list"
 POINTS_OF_LENS = "_to_copy in lens_pattern.py rings_for"
 
 
-class Steps(Recorder):
-    """Keeps every step's own loss, and what the host waited for in it."""
-
-    def __init__(self, trainer: Trainer, all_waits: list[str]) -> None:
-        super().__init__()
-        self.own: list[float] = []
-        self.waits: list[dict[str, int]] = []
-        self._trainer, self._all_waits = trainer, all_waits
-
-    def after_step(self, step: int, loss: float) -> bool:
-        """Read the step's own loss, which `loss` need not be."""
-        self.waits.append(dict(Counter(self._all_waits)))
-        self.own.append(float(self._trainer.state.loss))
-        self._all_waits.clear()
-        return super().after_step(step, loss)
-
-
 def trainer_on(device: str, bad_view: int | None = None, seed: int = 0, **overrides: object) -> Trainer:
     trainer = Trainer(
         tiny_scene(bad_view), options(steps=STEPS, densify_every=5, **overrides), seed=seed, device=device
@@ -58,7 +40,7 @@ def trainer_on(device: str, bad_view: int | None = None, seed: int = 0, **overri
 
 
 def trained(trainer: Trainer, steps: int, waits: list[str]) -> Steps:
-    observer = Steps(trainer, waits)
+    observer = Steps(lambda: trainer.state.loss, waits)
     assert trainer.fit(Budget(steps=steps), observer).status is Status.OK
     return observer
 

@@ -37,10 +37,16 @@ class DeformableKernel(LearnedKernel):
     pass through the same point there."""
 
     def __init__(
-        self, views: int, unit: float, options: KernelOptions, own: DeformableOptions, generator: torch.Generator
+        self,
+        views: int,
+        unit: float,
+        options: KernelOptions,
+        own: DeformableOptions,
+        generator: torch.Generator,
+        device: torch.device | str = "cpu",
     ):
         self._unit, self._own, self._generator = unit, own, generator
-        self._network = KernelNetwork(views, options.kernel_points, generator)
+        self._network = KernelNetwork(views, options.kernel_points, generator).to(device)
         super().__init__(self._network.named_parameters(), options)
         self._cost: Tensor | None = None
 
@@ -54,7 +60,8 @@ class DeformableKernel(LearnedKernel):
         if progress < self._options.kernel_from:
             return [Prediction(scene.trace(*scene.cameras.rays(pixels.views, pixels.places)).color)]
         points = self._network.canonical(pixels.views) * self._own.kernel_window
-        noise = torch.randn(points.shape, generator=self._generator) * self._own.kernel_noise
+        noise = torch.randn(points.shape, generator=self._generator).to(points.device, non_blocking=True)
+        noise = noise * self._own.kernel_noise
         across = pixels.places / scene.cameras.sizes[pixels.views]
         rays = self._network(pixels.views, points + noise, across, self._own.kernel_window)
         seen = scene.trace(*rays.in_world(scene, pixels, self._unit))

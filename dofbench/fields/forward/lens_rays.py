@@ -47,11 +47,12 @@ class LensRays:
 
     def predict(self, scene: RayScene, pixels: Pixels, progress: float) -> Sequence[Prediction]:
         """The mean light of the rays from points of the lens."""
-        self._view = view = int(pixels.views[0])
-        count = self._options.lens_points
-        points = disc_points(len(pixels.views), count, self._generator)
-        width, focal = scene.cameras.sizes[view, 0], scene.cameras.focal[view]
-        slope, offset = circles(self.lenses, view, float(width))
+        assert pixels.view is not None  # as `draw` has it
+        self._view = view = pixels.view
+        count, device = self._options.lens_points, pixels.places.device
+        points = disc_points(len(pixels.views), count, self._generator, device)
+        focal = scene.cameras.focal[view]
+        slope, offset = circles(self.lenses, view, scene.cameras.widths[view])
         # A point at disparity q, seen from beside the lens's centre by s, moves by s (q - focus) against the pixel.
         shift, tilt = (points.view(-1, 2) * (value / focal) for value in (slope, offset))
         seen = scene.trace(
@@ -59,7 +60,7 @@ class LensRays:
                 pixels.views.repeat_interleave(count), pixels.places.repeat_interleave(count, 0), shift, tilt
             )
         )
-        return [Prediction(mixed(seen.color.view(-1, count, 3), torch.full((1, count), 1 / count)))]
+        return [Prediction(mixed(seen.color.view(-1, count, 3), torch.full((1, count), 1 / count, device=device)))]
 
     def cost(self, progress: float) -> Tensor | None:
         """None."""
@@ -84,10 +85,14 @@ def circles(lenses: LearnedLenses, view: int, width: float) -> tuple[Tensor, Ten
     return scaled, COC_FRACTION * width * offset - scaled * bounds.q_min
 
 
-def disc_points(pixels: int, count: int, generator: torch.Generator) -> Tensor:
+def disc_points(pixels: int, count: int, generator: torch.Generator, device: torch.device | str = "cpu") -> Tensor:
     """(P, N, 2) points of the unit disc, for each pixel one in each of N parts of equal area (sectors of the disc's
-    polar coordinates, turned at random)."""
-    radius = (torch.arange(count) + torch.rand(pixels, count, generator=generator)).div(count).sqrt()
+    polar coordinates, turned at random). generator: the host's, whichever device the points are for."""
+    within, turn = (
+        torch.rand(pixels, columns, generator=generator).to(device, non_blocking=True) for columns in (count, 1)
+    )
+    part = torch.arange(count, device=device)
+    radius = (part + within).div(count).sqrt()
     golden = math.pi * (3 - math.sqrt(5))
-    angle = golden * torch.arange(count) + 2 * math.pi * torch.rand(pixels, 1, generator=generator)
+    angle = golden * part + 2 * math.pi * turn
     return torch.stack([radius * torch.cos(angle), radius * torch.sin(angle)], -1)

@@ -44,9 +44,17 @@ class ProgressiveKernel(LearnedKernel):
     here they are those of the one field, where the ray meets something on average.
     """
 
-    def __init__(self, views: int, unit: float, channels: int, options: KernelOptions, generator: torch.Generator):
+    def __init__(
+        self,
+        views: int,
+        unit: float,
+        channels: int,
+        options: KernelOptions,
+        generator: torch.Generator,
+        device: torch.device | str = "cpu",
+    ):
         self._unit, self._generator = unit, generator
-        self._network = _ProgressiveNetwork(views, options.kernel_points, channels, generator)
+        self._network = _ProgressiveNetwork(views, options.kernel_points, channels, generator).to(device)
         super().__init__(self._network.named_parameters(), options)
 
     def draw(self, photographs: TrainingPixels, count: int, progress: float) -> Pixels:
@@ -59,7 +67,7 @@ class ProgressiveKernel(LearnedKernel):
         """The second proposal's mixture, and the mean of both."""
         if progress < self._options.kernel_from:
             return [Prediction(scene.trace(*scene.cameras.rays(pixels.views, pixels.places)).color)]
-        empty = torch.zeros(len(pixels.views), self._options.kernel_points, _FEATURES)
+        empty = pixels.places.new_zeros(len(pixels.views), self._options.kernel_points, _FEATURES)
         proposed = self._proposed(scene, pixels, empty)
         rays = proposed.in_world(scene, pixels, self._unit)
         seen = scene.trace(*rays)
@@ -72,10 +80,11 @@ class ProgressiveKernel(LearnedKernel):
 
     def _proposed(self, scene: RayScene, pixels: Pixels, told: Tensor) -> KernelRays:
         points = self._network.kernel.canonical(pixels.views) * _WINDOW
-        points = points + torch.randn(points.shape, generator=self._generator) * _NOISE
+        noise = torch.randn(points.shape, generator=self._generator).to(points.device, non_blocking=True)
+        points = points + noise * _NOISE
         across = pixels.places / scene.cameras.sizes[pixels.views]
         found = self._network.kernel(pixels.views, points, across, _WINDOW, told)
-        others = (torch.arange(points.shape[1]) > 0).to(points.dtype)[:, None]
+        others = (torch.arange(points.shape[1], device=points.device) > 0).to(points.dtype)[:, None]
         return KernelRays(others * found.places, others * found.origins, found.weights)
 
 

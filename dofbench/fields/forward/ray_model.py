@@ -24,7 +24,8 @@ class Prediction:
 
 
 class RayScene:
-    """The field as a forward model sees it in training. cameras: those of the training views."""
+    """The field as a forward model sees it in training. cameras: those of the training views. generator: the host's, so
+    that rays are sampled at the same places on every device."""
 
     def __init__(self, scene: FieldScene, cameras: CameraTable, generator: torch.Generator):
         self.cameras = cameras
@@ -33,7 +34,8 @@ class RayScene:
     def trace(self, origins: Tensor, directions: Tensor) -> FieldRender:
         """What world rays (R, 3) see, whose directions have the length 1 in z of their camera; differentiable. Each is
         sampled at random places of its steps."""
-        return self._scene.see(origins, directions, torch.rand(len(origins), generator=self._generator))
+        offsets = torch.rand(len(origins), generator=self._generator).to(origins.device, non_blocking=True)
+        return self._scene.see(origins, directions, offsets)
 
     def disparity(self, origins: Tensor, directions: Tensor, seen: FieldRender) -> Tensor:
         """(R,) 1 / z in the cameras' frames, 1 / scene unit, of the mean place of what `trace` found; differentiable.

@@ -62,11 +62,11 @@ class RenderedPatch:
         self._view = None
         if progress < self._options.patch_from:
             return [Prediction(seen.color)]
-        self._view = view = int(pixels.views[0])
-        slope, offset = circles(self.lenses, view, float(scene.cameras.sizes[view, 0]))
+        assert pixels.view is not None and pixels.width is not None  # as `draw` has them
+        self._view = view = pixels.view
+        slope, offset = circles(self.lenses, view, scene.cameras.widths[view])
         disparity = scene.disparity(origins, directions, seen)
-        width = int((pixels.places[:, 1] == pixels.places[0, 1]).sum())
-        shape = len(pixels.views) // width, width
+        shape = len(pixels.views) // pixels.width, pixels.width
         radius = (slope * disparity + offset).view(shape)
         sharp = seen.color.view(*shape, 3).contiguous()
         return [Prediction(defocus(sharp, radius.contiguous(), self._options.blur).view(-1, 3))]

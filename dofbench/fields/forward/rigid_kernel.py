@@ -37,13 +37,14 @@ class RigidKernel(LearnedKernel):
         options: KernelOptions,
         own: WeightProposalOptions,
         generator: torch.Generator,
+        device: torch.device | str = "cpu",
     ):
-        self._centre, self._unit, self._own = torch.from_numpy(centre).float(), unit, own
-        self._network = _MotionNetwork(views, options.kernel_points - 1, generator)
+        self._centre, self._unit, self._own = torch.from_numpy(centre.astype(np.float32)).to(device), unit, own
+        self._network = _MotionNetwork(views, options.kernel_points - 1, generator).to(device)
         self._proposal = None
         parameters = dict(self._network.named_parameters())
         if own.weight_proposal:
-            self._proposal = WeightProposal(options.kernel_points, channels, _WIDTH, generator)
+            self._proposal = WeightProposal(options.kernel_points, channels, _WIDTH, generator).to(device)
             parameters |= {f"proposal.{name}": value for name, value in self._proposal.named_parameters()}
         super().__init__(parameters.items(), options)
 
@@ -90,7 +91,7 @@ def screw_motion(rotation: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
     x, y, z = axis.unbind(1)
     cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], 1).view(-1, 3, 3)
     square, angle = cross @ cross, angle[:, :, None]
-    unit = torch.eye(3, dtype=axis.dtype).expand_as(cross)
+    unit = torch.eye(3, dtype=axis.dtype, device=axis.device).expand_as(cross)
     turn = unit + torch.sin(angle) * cross + (1 - torch.cos(angle)) * square
     reach = angle * unit + (1 - torch.cos(angle)) * cross + (angle - torch.sin(angle)) * square
     return turn, (reach @ along[:, :, None])[:, :, 0]

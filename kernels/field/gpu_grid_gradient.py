@@ -15,7 +15,7 @@ from torch import Tensor
 from dofbench.compute.factored_grid import GridShape
 from dofbench.compute.gpu_launch import kernels, launch
 
-from .gpu_inputs import SAMPLES, channels_of, group
+from .gpu_ray_inputs import SAMPLES, channels_of, group
 
 _OF_RAY = 32  # samples of a ray that a program reads together
 # Samples times channels that a program reads together, of the density and of the colour, whose samples are fewer and
