@@ -1,9 +1,9 @@
 """Computations stay on the device of their tensors: no tensor is moved to the CPU, or made there, without a reason.
 
 Read from the sources, without running anything: in `dofbench.optics`, `learning`, `gaussians` and `fields`, and in the
-kernels' definitions. Each place that may do so is listed in `ALLOWED` under its reason, with the number of occurrences; an entry
-that is no longer needed must be removed, so that the list can only shrink. The test doesn't detect `float(tensor)`,
-which looks like `float` of a number, nor tensors made by functions elsewhere.
+kernels' definitions. Each place that may do so is listed in `ALLOWED` under its reason, with the number of occurrences;
+an entry that is no longer needed must be removed, so that the list can only shrink. The test doesn't detect
+`float(tensor)`, which looks like `float` of a number, nor tensors made by functions elsewhere.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ FILES = "a reader or a writer"
 PHOTOGRAPHS = "where photographs, points and depth maps of a dataset, NumPy arrays, become tensors"
 NEIGHBOURS = "the tree that neighbours are searched in is scipy's: once in a training"
 PRIOR = "depth priors come and go as NumPy arrays: sweeps, networks and checks run once, before training"
-FIRST = "a network's first numbers: the host draws them, so that devices begin alike, and the network is moved as a whole"
+FIRST = "a network's first numbers: drawn on the host, so that devices begin alike, then moved with the network"
 NUMBERS = "a few numbers of the kind that options and reports hold: nothing of the size of an image"
 
 ALLOWED: dict[str, dict[str, int]] = {

@@ -25,6 +25,11 @@ class FieldScene:
         self.field, self.space, self._options = field, space, options
         self.occupancy = Occupancy(options.cells, options.cells_absorb, PER_RAY / options.ray_samples, field.device)
 
+    @property
+    def device(self) -> torch.device:
+        """Where rays are seen."""
+        return self.field.device
+
     def see(self, origins: Tensor, directions: Tensor, offsets: Tensor) -> FieldRender:
         """What world rays (R, 3) see, whose directions have the length 1 in z of their camera; differentiable. offsets:
         (R,) in [0, 1), where in its step a sample lies."""
@@ -58,7 +63,7 @@ class FieldScene:
     @torch.no_grad()
     def render(self, camera: Camera) -> Rendering:
         """A sharp view, and its depth: the mean place of what a ray meets."""
-        device = self.field.device
+        device = self.device
         table, places = CameraTable([camera], device), whole_image(camera, device)
         colours, depths = [], []
         for part in places.split(_CHUNK):

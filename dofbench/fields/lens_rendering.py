@@ -21,7 +21,7 @@ _RAYS = 8192  # rendered at once
 def through_points(scene: FieldScene, camera: Camera, lens: PhysicalLens, count: int) -> Rendering:
     """The photograph as the mean light of `count` rays a pixel from points of the lens, the same in every call. The
     depth is the sharp view's."""
-    device = scene.field.device
+    device = scene.device
     table, places = CameraTable([camera], device), whole_image(camera, device)
     generator = torch.Generator().manual_seed(0)
     aperture = lens.aperture * camera.width / lens.width

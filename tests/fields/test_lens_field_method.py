@@ -62,7 +62,7 @@ def test_kernels_are_compiled_before_the_clock_starts(
     kind: str, expected: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[str] = []
-    monkeypatch.setattr(field_trainer, "warm_up", asked.append)
+    monkeypatch.setattr(field_trainer, "warm_up", lambda op, device: asked.append(op))
 
     class Watching(Recorder):
         def after_step(self, step: int, loss: float) -> bool:
@@ -75,6 +75,8 @@ def test_kernels_are_compiled_before_the_clock_starts(
 
 class _Wall:
     """A scene of a wall at z = 4 whose light rises with the square of x: 40 pixels to the scene unit there."""
+
+    device = torch.device("cpu")
 
     def see(self, origins: torch.Tensor, directions: torch.Tensor, offsets: torch.Tensor) -> FieldRender:
         x = origins[:, 0] + 4.0 * directions[:, 0]
