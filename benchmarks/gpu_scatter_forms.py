@@ -55,13 +55,13 @@ def main(settings: Settings) -> None:
     bodies = loops()
     for width in settings.widths:
         height = width * 3 // 4
-        for scene in ("even", "ramp", "noise"):
-            for radius in settings.radii:
-                row: dict[str, Any] = {"width": width, "scene": scene, "r": radius}
+        for radius in settings.radii:
+            row: dict[str, Any] = {"width": width, "r": radius}
+            for scene in ("even", "ramp", "noise"):
                 for way, (direct, linear) in KERNELS.items():
                     times = milliseconds(bodies[direct], bodies[linear], width, height, scene, radius, way)
-                    row |= {f"{way}_direct_ms": times[0], f"{way}_linear_ms": times[1]}
-                rows.append(row)
+                    row |= {f"{scene}_{way}_direct_ms": times[0], f"{scene}_{way}_linear_ms": times[1]}
+            rows.append(row)
     settings.out.mkdir(parents=True, exist_ok=True)
     write_csv(settings.out / "gpu-scatter.csv", tuple(rows[0]), rows)
 
