@@ -5,9 +5,9 @@ The sources that all targets of the tile see through a window, and their offsets
 follows for most windows that no source reaches its target, or that every source counts in full (or is behind the
 central stop). The first are skipped, and of the second the sum over the window is added, which lies ready for every
 place of a window. Only a window that a rim may cross is gone through pixel by pixel. These lie along the rims: where
-neighbours have similar radii a pixel costs a multiple of R, and besides R^2 / (FINE COARSE) of what it costs in the
-direct form. It is right for any radii; where neighbours have nothing in common it is the direct form, with some
-comparisons more.
+neighbours have similar radii a pixel has a multiple of R of these, and besides some 3 R^2 / COARSE sums to add, each
+dearer than a pixel of the direct form by the comparisons before it. It is right for any radii; where neighbours have
+nothing in common it is the direct form with comparisons in vain.
 
 Nothing is ever taken away from a sum, so that highlights leave no trace in float32, and nothing is added by atomics.
 """
