@@ -76,5 +76,5 @@ def test_the_page_counts_what_the_rows_say(script: ModuleType) -> None:
     ]
     page = script.page(rows)
     assert "2 met, 1 known limit, 1 too slow for the interpreter, of 4 cases" in page
-    assert "| tone | 3 | 2 | 1.25 |" in page and "| mix | 1 | 0 |  |" in page
+    assert "| tone | 3 | 2 | 0.50 |" in page and "| mix | 1 | 0 |  |" in page
     assert "| a/c | known limit | 5 | 4 | why |" in page and "a/b" not in page
