@@ -2,8 +2,8 @@
 
 Inside `pretended()` torch makes, moves and combines tensors of the device "cuda" on a machine that has none. As with a
 real one, a call refuses tensors of both devices, NumPy can't read the device's tensors, and what takes a number or a
-shape from the device's values to the host has the host wait: each such wait is recorded. Triton's interpreter gets the
-tensors behind the pretended ones.
+shape from the device's values to the host has the host wait: each such wait of the project's code is recorded. Triton's
+interpreter gets the tensors behind the pretended ones.
 
 torch itself takes them for tensors of its device "meta", whose kinds of operation it dispatches without any support by
 the machine; that every one of them then has values is this module's work.
@@ -28,6 +28,7 @@ from torch.utils._pytree import tree_leaves, tree_map_only
 from dofbench.compute import devices, gpu_launch
 
 _META, _CUDA = torch.device("meta"), torch.device("cuda", 0)
+_A_TEST = "a test"  # what waits there isn't the project's
 _CODE = tuple(str(Path(__file__).resolve().parents[1] / folder) for folder in ("dofbench", "kernels"))
 # Calls whose result's value or shape the host can't know before the device has computed it.
 _WAITS = {"_local_scalar_dense", "nonzero", "masked_select", "_unique2", "unique_dim", "equal"}
@@ -91,7 +92,9 @@ def _computed(function: Any, arguments: tuple[Any, ...], options: dict[str, Any]
     blocking = not options.get("non_blocking") and not (name == "copy_" and True in arguments[2:])
     sent = on_device and bool(here) and blocking and name in ("_to_copy", "copy_")
     if (there and (name in _WAITS or by_mask or unknown_length or brought)) or sent:
-        _waits.append(f"{name} in {_place()}")
+        place = _place()
+        if place != _A_TEST:
+            _waits.append(f"{name} in {place}")
     given, named = (tree_map_only(Pretended, lambda one: one.host, each) for each in (arguments, options))
     result = function(*given, **named)
     changed = [
@@ -108,7 +111,7 @@ def _computed(function: Any, arguments: tuple[Any, ...], options: dict[str, Any]
 def _place() -> str:
     """The innermost line of this project that is running."""
     inside = [frame for frame in traceback.extract_stack() if frame.filename.startswith(_CODE)]
-    return f"{Path(inside[-1].filename).name} {inside[-1].name}" if inside else "a test"
+    return f"{Path(inside[-1].filename).name} {inside[-1].name}" if inside else _A_TEST
 
 
 class _Operations(TorchDispatchMode):

@@ -11,6 +11,7 @@ from zipfile import BadZipFile
 import numpy as np
 import torch
 
+from dofbench.compute.device_memory import forget_peak, peak_mb
 from dofbench.compute.devices import KINDS, resolve
 from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
@@ -43,6 +44,7 @@ class FieldMethod:
         self._device = resolve(device, KINDS, "training of fields")
         self._options, self._seed = self.OPTIONS.of(**options), seed
         self._scene: FieldScene | None = None
+        self._peak: dict[str, float] = {}
 
     @classmethod
     def available_options(cls) -> tuple[ListedOption, ...]:
@@ -55,10 +57,13 @@ class FieldMethod:
 
     def fit(self, training_set: TrainingSet, budget: Budget, observer: Observer) -> FitOutcome:
         """Train from an empty field; raises InputError without sparse points, which say where the scene lies."""
+        forget_peak(self._device)
         model = self.model(training_set, torch.Generator().manual_seed(self._seed))
         trainer = FieldTrainer(training_set, self._options, model, self._seed, self._device)
         self._scene = trainer.scene
-        return trainer.fit(budget, observer)
+        outcome = trainer.fit(budget, observer)
+        self._peak = peak_mb(self._device)
+        return outcome
 
     def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
         """Render all in focus; ValueError for a lens."""
@@ -71,8 +76,8 @@ class FieldMethod:
         return None
 
     def describe(self) -> dict[str, float]:
-        """Nothing that is comparable between methods."""
-        return {}
+        """After training on a GPU, the most of its memory that was in use, MB; else nothing that methods share."""
+        return dict(self._peak)
 
     def save(self, folder: Path) -> None:
         """Write the field, its space and the options that it is rendered with, as one NumPy archive."""
