@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.compute.device_numbers import sent
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingView
 from dofbench.learning.nonfinite import Place
@@ -36,10 +36,10 @@ class CameraTable:
 
     def __init__(self, cameras: Sequence[Camera], device: torch.device | str = "cpu"):
         to_world = np.stack([camera.camera_to_world for camera in cameras])
-        self._rotations = _sent(to_world[:, :3, :3], device)
-        self._centres = _sent(to_world[:, :3, 3], device)
-        self._intrinsics = _sent([camera.parameters for camera in cameras], device)
-        self.sizes = _sent([(camera.width, camera.height) for camera in cameras], device)
+        self._rotations = sent(to_world[:, :3, :3], device)
+        self._centres = sent(to_world[:, :3, 3], device)
+        self._intrinsics = sent([camera.parameters for camera in cameras], device)
+        self.sizes = sent([(camera.width, camera.height) for camera in cameras], device)
         self.widths = [camera.width for camera in cameras]
 
     @property
@@ -125,15 +125,10 @@ class TrainingPixels:
         within, widths = chosen - self._starts[views], self._sizes[views, 0]
         places = np.stack([within % widths, within // widths], axis=1) + 0.5
         numbers, of_views = (torch.from_numpy(one).to(self._device, non_blocking=True) for one in (chosen, views))
-        return Pixels(of_views, _sent(places, self._device), self._colours[numbers], view, width)
+        return Pixels(of_views, sent(places, self._device), self._colours[numbers], view, width)
 
 
 def whole_image(camera: Camera, device: torch.device | str = "cpu") -> Tensor:
     """(H W, 2): x and y of the centres of all pixels, row after row."""
     rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
-    return _sent(np.stack([columns.reshape(-1), rows.reshape(-1)], axis=1), device)
-
-
-def _sent(numbers: Any, device: torch.device | str) -> Tensor:
-    """Numbers of the host as float32 on a device, without waiting for what the device was asked before."""
-    return torch.from_numpy(np.array(numbers, dtype=np.float32)).to(device, non_blocking=True)
+    return sent(np.stack([columns.reshape(-1), rows.reshape(-1)], axis=1), device)

@@ -91,6 +91,39 @@ def tile_window(
 
 
 @triton.jit
+def with_source(
+    red, green, blue, weights, planes, x, row, dx, dy, height, width, steepness, factors, obstruction,
+    SHAPED: tl.constexpr, STOPPED: tl.constexpr,
+):  # fmt: skip
+    """Sums of light and weights with that of one more source for each target: of the one at (dx, dy) from it, which is
+    in row `row`. planes: `pack_sources`."""
+    column = x + dx
+    there = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+    at, size = row * width + column, height * width
+    radius = tl.load(planes + at, mask=there, other=0.0)
+    if SHAPED:
+        # Seen from the source, the target lies in the opposite direction.
+        radius = radius * factor_of(factors, -dx, -dy, height, width)
+    weight = weight_of(radius, length(dx, dy), steepness, obstruction, STOPPED)
+    red += weight * tl.load(planes + size + at, mask=there, other=0.0)
+    green += weight * tl.load(planes + 2 * size + at, mask=there, other=0.0)
+    blue += weight * tl.load(planes + 3 * size + at, mask=there, other=0.0)
+    weights += weight * tl.load(planes + 4 * size + at, mask=there, other=0.0)
+    return red, green, blue, weights
+
+
+@triton.jit
+def store_light(red, green, blue, weights, blurred, total, y, x, height, width):
+    """Colours from sums of light and weights, and the sums of weights."""
+    inside = (y < height) & (x < width)
+    at = y * width + x
+    tl.store(blurred + at * 3, red / weights, mask=inside)
+    tl.store(blurred + at * 3 + 1, green / weights, mask=inside)
+    tl.store(blurred + at * 3 + 2, blue / weights, mask=inside)
+    tl.store(total + at, weights, mask=inside)
+
+
+@triton.jit
 def gather(
     planes, window, blurred, total, height, width, linear_from, alpha, factors, obstruction,
     SHAPED: tl.constexpr, STOPPED: tl.constexpr, TILE_Y: tl.constexpr, TILE_X: tl.constexpr,
@@ -103,7 +136,6 @@ def gather(
     top, left = tl.program_id(0) * TILE_Y, tl.program_id(1) * TILE_X
     y = top + tl.arange(0, TILE_Y)[:, None]
     x = left + tl.arange(0, TILE_X)[None, :]
-    size = height * width
     steepness = 2.0 * alpha * LOG2_E
     red = tl.zeros((TILE_Y, TILE_X), tl.float32)
     green = tl.zeros((TILE_Y, TILE_X), tl.float32)
@@ -115,25 +147,11 @@ def gather(
         columns = tl.minimum(tl.sqrt((far * far - dy * dy).to(tl.float32)).to(tl.int32) + 1, width - 1)
         row = y + dy
         for dx in range(tl.maximum(-columns, -left - (TILE_X - 1)), tl.minimum(columns, width - 1 - left) + 1):
-            column = x + dx
-            there = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-            at = row * width + column
-            distance = length(dx, dy)
-            radius = tl.load(planes + at, mask=there, other=0.0)
-            if SHAPED:
-                # Seen from the source, the target lies in the opposite direction.
-                radius = radius * factor_of(factors, -dx, -dy, height, width)
-            weight = weight_of(radius, distance, steepness, obstruction, STOPPED)
-            red += weight * tl.load(planes + size + at, mask=there, other=0.0)
-            green += weight * tl.load(planes + 2 * size + at, mask=there, other=0.0)
-            blue += weight * tl.load(planes + 3 * size + at, mask=there, other=0.0)
-            weights += weight * tl.load(planes + 4 * size + at, mask=there, other=0.0)
-    inside = (y < height) & (x < width)
-    at = y * width + x
-    tl.store(blurred + at * 3, red / weights, mask=inside)
-    tl.store(blurred + at * 3 + 1, green / weights, mask=inside)
-    tl.store(blurred + at * 3 + 2, blue / weights, mask=inside)
-    tl.store(total + at, weights, mask=inside)
+            red, green, blue, weights = with_source(
+                red, green, blue, weights, planes, x, row, dx, dy, height, width, steepness, factors, obstruction,
+                SHAPED, STOPPED,
+            )  # fmt: skip
+    store_light(red, green, blue, weights, blurred, total, y, x, height, width)
 
 
 @triton.jit
@@ -149,6 +167,33 @@ def pack_targets(gradient, blurred, total, planes, size, BLOCK: tl.constexpr):
         cost += worth * tl.load(blurred + at * 3 + channel, mask=inside, other=0.0)
         tl.store(planes + channel * size + at, worth, mask=inside)
     tl.store(planes + 3 * size + at, cost, mask=inside)
+
+
+@triton.jit
+def with_target(
+    red, green, blue, costs, by_rim, targets, x, row, dx, dy, height, width,
+    radius, own_red, own_green, own_blue, alpha, factors, obstruction,
+    SHAPED: tl.constexpr, STOPPED: tl.constexpr,
+):  # fmt: skip
+    """The sums of `gather_gradient` with one more target for each source: the one at (dx, dy) from it, which is in row
+    `row`. targets: `pack_targets`."""
+    column = x + dx
+    there = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+    at, size = row * width + column, height * width
+    factor = 1.0
+    if SHAPED:
+        factor = factor_of(factors, dx, dy, height, width)
+    rim, slope = weight_and_slope(radius, factor, length(dx, dy), alpha, obstruction, STOPPED)
+    worth_red = tl.load(targets + at, mask=there, other=0.0)
+    worth_green = tl.load(targets + size + at, mask=there, other=0.0)
+    worth_blue = tl.load(targets + 2 * size + at, mask=there, other=0.0)
+    cost = tl.load(targets + 3 * size + at, mask=there, other=0.0)
+    red += rim * worth_red
+    green += rim * worth_green
+    blue += rim * worth_blue
+    costs += rim * cost
+    by_rim += slope * (worth_red * own_red + worth_green * own_green + worth_blue * own_blue - cost)
+    return red, green, blue, costs, by_rim
 
 
 @triton.jit
@@ -187,7 +232,6 @@ def gather_gradient(
     top, left = tl.program_id(0) * TILE_Y, tl.program_id(1) * TILE_X
     y = top + tl.arange(0, TILE_Y)[:, None]
     x = left + tl.arange(0, TILE_X)[None, :]
-    size = height * width
     inside = (y < height) & (x < width)
     own = y * width + x
     signed = tl.load(signed_radius + own, mask=inside, other=0.0)
@@ -206,23 +250,10 @@ def gather_gradient(
         columns = tl.minimum(tl.sqrt((far * far - dy * dy).to(tl.float32)).to(tl.int32) + 1, width - 1)
         row = y + dy
         for dx in range(tl.maximum(-columns, -left - (TILE_X - 1)), tl.minimum(columns, width - 1 - left) + 1):
-            column = x + dx
-            there = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-            at = row * width + column
-            distance = length(dx, dy)
-            factor = 1.0
-            if SHAPED:
-                factor = factor_of(factors, dx, dy, height, width)
-            rim, slope = weight_and_slope(radius, factor, distance, alpha, obstruction, STOPPED)
-            worth_red = tl.load(targets + at, mask=there, other=0.0)
-            worth_green = tl.load(targets + size + at, mask=there, other=0.0)
-            worth_blue = tl.load(targets + 2 * size + at, mask=there, other=0.0)
-            cost = tl.load(targets + 3 * size + at, mask=there, other=0.0)
-            red += rim * worth_red
-            green += rim * worth_green
-            blue += rim * worth_blue
-            costs += rim * cost
-            by_rim += slope * (worth_red * own_red + worth_green * own_green + worth_blue * own_blue - cost)
+            red, green, blue, costs, by_rim = with_target(
+                red, green, blue, costs, by_rim, targets, x, row, dx, dy, height, width,
+                radius, own_red, own_green, own_blue, alpha, factors, obstruction, SHAPED, STOPPED,
+            )  # fmt: skip
     store_gradient(
         red, green, blue, costs, by_rim, own_red, own_green, own_blue, signed, by_image, by_radius, own, inside, AREA
     )

@@ -17,7 +17,8 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from .gpu_rim import LOG2_E, factor_of, length, weight_of
+from .gpu_direct import store_light, with_source
+from .gpu_rim import LOG2_E
 from .gpu_row_windows import bounds_through, common_weight, radii_through, sums_through
 
 
@@ -40,7 +41,6 @@ def gather_windows(
     top, left = tl.program_id(0) * TILE_Y, tl.program_id(1) * TILE_X
     y = top + tl.arange(0, TILE_Y)[:, None]
     x = left + tl.arange(0, TILE_X)[None, :]
-    size = height * width
     steepness = 2.0 * alpha * LOG2_E
     region_rows = height + (TILE_Y - 1)
     red = tl.zeros((TILE_Y, TILE_X), tl.float32)
@@ -86,21 +86,8 @@ def gather_windows(
                                 weights += even * w
                             else:
                                 for dx in range(fine, fine + FINE):
-                                    column = x + dx
-                                    there = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-                                    at = row * width + column
-                                    distance = length(dx, dy)
-                                    radius = tl.load(planes + at, mask=there, other=0.0)
-                                    if SHAPED:
-                                        radius = radius * factor_of(factors, -dx, -dy, height, width)
-                                    weight = weight_of(radius, distance, steepness, obstruction, STOPPED)
-                                    red += weight * tl.load(planes + size + at, mask=there, other=0.0)
-                                    green += weight * tl.load(planes + 2 * size + at, mask=there, other=0.0)
-                                    blue += weight * tl.load(planes + 3 * size + at, mask=there, other=0.0)
-                                    weights += weight * tl.load(planes + 4 * size + at, mask=there, other=0.0)
-    inside = (y < height) & (x < width)
-    at = y * width + x
-    tl.store(blurred + at * 3, red / weights, mask=inside)
-    tl.store(blurred + at * 3 + 1, green / weights, mask=inside)
-    tl.store(blurred + at * 3 + 2, blue / weights, mask=inside)
-    tl.store(total + at, weights, mask=inside)
+                                    red, green, blue, weights = with_source(
+                                        red, green, blue, weights, planes, x, row, dx, dy, height, width,
+                                        steepness, factors, obstruction, SHAPED, STOPPED,
+                                    )  # fmt: skip
+    store_light(red, green, blue, weights, blurred, total, y, x, height, width)

@@ -10,8 +10,7 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from .gpu_direct import store_gradient
-from .gpu_rim import factor_of, length, weight_and_slope
+from .gpu_direct import store_gradient, with_target
 from .gpu_row_windows import common_weight, radii_through, sums_through
 
 
@@ -36,7 +35,6 @@ def gather_gradient_windows(
     top, left = tl.program_id(0) * TILE_Y, tl.program_id(1) * TILE_X
     y = top + tl.arange(0, TILE_Y)[:, None]
     x = left + tl.arange(0, TILE_X)[None, :]
-    size = height * width
     inside = (y < height) & (x < width)
     own = y * width + x
     signed = tl.load(signed_radius + own, mask=inside, other=0.0)
@@ -77,25 +75,11 @@ def gather_gradient_windows(
                                 costs += even * c
                             else:
                                 for dx in range(fine, fine + FINE):
-                                    column = x + dx
-                                    there = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-                                    at = row * width + column
-                                    distance = length(dx, dy)
-                                    factor = 1.0
-                                    if SHAPED:
-                                        factor = factor_of(factors, dx, dy, height, width)
-                                    rim, slope = weight_and_slope(radius, factor, distance, alpha, obstruction, STOPPED)
-                                    worth_red = tl.load(targets + at, mask=there, other=0.0)
-                                    worth_green = tl.load(targets + size + at, mask=there, other=0.0)
-                                    worth_blue = tl.load(targets + 2 * size + at, mask=there, other=0.0)
-                                    cost = tl.load(targets + 3 * size + at, mask=there, other=0.0)
-                                    red += rim * worth_red
-                                    green += rim * worth_green
-                                    blue += rim * worth_blue
-                                    costs += rim * cost
-                                    by_rim += slope * (
-                                        worth_red * own_red + worth_green * own_green + worth_blue * own_blue - cost
-                                    )
+                                    red, green, blue, costs, by_rim = with_target(
+                                        red, green, blue, costs, by_rim, targets, x, row, dx, dy, height, width,
+                                        radius, own_red, own_green, own_blue, alpha, factors, obstruction,
+                                        SHAPED, STOPPED,
+                                    )  # fmt: skip
     store_gradient(
         red, green, blue, costs, by_rim, own_red, own_green, own_blue, signed, by_image, by_radius, own, inside, AREA
     )
