@@ -14,7 +14,7 @@ Another script compares what it measures: `gpu_times.predicted("scatter", sizes,
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -68,7 +68,7 @@ def main(settings: Settings) -> None:
     write_csv(settings.out / "model_scatter.csv", gpu_model_page.SCATTER_COLUMNS, scatter)
     write_text(
         settings.out / "model.md",
-        gpu_model_page.page(sizes, times, stages, totals, scatter, STEPS, crossover(sizes[0])),
+        gpu_model_page.page(sizes, times, stages, totals, scatter, STEPS),
     )
 
 
@@ -148,22 +148,9 @@ def scatter_rows(sizes: Sizes, codes: list[gpu_code.Code]) -> Iterator[dict[str,
                 "gpu": gpu.name,
                 "radius": radius,
                 "places": one.offsets,
-                "linear_places": linear_places(one),
                 "forward_ms": 1e3 * predicted("scatter", one, gpu, codes=codes),
                 "both_ms": 1e3 * predicted("scatter", one, gpu, backward=True, codes=codes),
             }
-
-
-def linear_places(sizes: Sizes) -> int:
-    """Places for each pixel that a linear scatter would visit: in each row of a disc two soft ends, each as long as the
-    rim's band is wide, 2 * 1.5 pixels and one more (kernels/scatter/cpu_linear.py)."""
-    return (2 * sizes.reach + 1) * 2 * 4
-
-
-def crossover(sizes: Sizes, radii: Iterable[int] = range(1, 100)) -> int:
-    """The least whole radius at which the direct scatter visits more places than a linear one would, pixels."""
-    larger = (replace(sizes, radius=float(radius)) for radius in radii)
-    return next(int(one.radius) for one in larger if one.offsets > linear_places(one))
 
 
 if __name__ == "__main__":

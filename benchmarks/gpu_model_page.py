@@ -17,7 +17,7 @@ TOTAL_COLUMNS = (
     "blend_backward_occupancy_percent", "blend_backward_waits_percent", "blend_backward_room",
     "sum_slots_percent", "apart_percent", "twice_the_intersections_ms",
 )  # fmt: skip
-SCATTER_COLUMNS = ("workload", "gpu", "radius", "places", "linear_places", "forward_ms", "both_ms")
+SCATTER_COLUMNS = ("workload", "gpu", "radius", "places", "forward_ms", "both_ms")
 
 TOTAL_HEAD = (
     "| workload | GPU | step [ms] | steps a second | seconds for {steps} steps | pictures a second | with a lens | "
@@ -76,10 +76,8 @@ def page(
     totals: Sequence[Row],
     scatter: Sequence[Row],
     steps: int,
-    crossover: int,
 ) -> str:
-    """The whole page. times: by workload and GPU; the others: rows of the CSV files. crossover: the radius from which a
-    linear scatter visits fewer places, pixels."""
+    """The whole page. times: by workload and GPU; the others: rows of the CSV files."""
     parts = [
         INTRODUCTION.format(
             launch=1e6 * LAUNCH,
@@ -92,7 +90,7 @@ def page(
         ),
         *(_stages(one, stages) for one in sizes),
         _scatter(scatter),
-        _design(sizes, times, totals, scatter, crossover),
+        _design(sizes, times, totals, scatter),
         *map(_point, WEAKEST),
     ]
     return "\n".join(parts) + "\n"
@@ -140,14 +138,12 @@ def _scatter(rows: Sequence[Row]) -> str:
         "",
         f"The direct form with its gradient, at {rows[0]['workload']}'s size.",
         "",
-        "| radius [px] | places for a pixel | of a linear form | "
-        + " | ".join(f"{name} [ms]" for name in names)
-        + " |",
-        "| ---: | ---: | ---: |" + " ---: |" * len(names),
+        "| radius [px] | places for a pixel | " + " | ".join(f"{name} [ms]" for name in names) + " |",
+        "| ---: | ---: |" + " ---: |" * len(names),
     ]
     for first in (row for row in rows if row["gpu"] == names[0]):
         cells = [f"{row['both_ms']:.3f}" for row in rows if row["radius"] == first["radius"]]
-        lines.append(f"| {first['radius']:.0f} | {first['places']} | {first['linear_places']} | {' | '.join(cells)} |")
+        lines.append(f"| {first['radius']:.0f} | {first['places']} | {' | '.join(cells)} |")
     return "\n".join([*lines, ""])
 
 
@@ -156,7 +152,6 @@ def _design(
     times: Mapping[tuple[str, str], Sequence[Time]],
     totals: Sequence[Row],
     scatter: Sequence[Row],
-    crossover: int,
 ) -> str:
     """What follows for the design, each sentence from the rows."""
     largest = "; ".join(
@@ -202,10 +197,9 @@ def _design(
         "Gaussians for a warp would share them.",
         f"**Launches.** They are {_span(launch)} % of a step, mostly torch's small operations and not these kernels. "
         "Where the share is large, a CUDA graph or fewer operations gain more than a faster kernel.",
-        f"**Direct or linear scatter.** From a radius of {crossover} pixels on, the direct form visits more places "
-        "than a linear form would; this is the least radius at which a linear one could be worth while, since its "
-        f"sums at row ends are atomics or sorts on a GPU, which aren't counted here. At {widest:.0f} pixels the direct "
-        f"form takes {_span(at_widest, 2)} ms, {_span(shares)} % of a step of {sizes[0].name} with it.",
+        f"**The scatter.** At {widest:.0f} pixels the direct form takes {_span(at_widest, 2)} ms, {_span(shares)} % "
+        f"of a step of {sizes[0].name} with it. Tiles of wide circles have the linear form instead, which isn't in "
+        "this model: [which is faster where](../notes/gpu.md).",
     ]
     return "\n".join(["## What follows for the design", "", *map(_point, points), "", "## What is weakest in it", ""])
 

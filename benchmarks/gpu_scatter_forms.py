@@ -15,9 +15,6 @@ nothing in common, and every window has to be gone through pixel by pixel.
 from __future__ import annotations
 
 import math
-import re
-import subprocess
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,13 +22,15 @@ from typing import Any
 import gpu_kernels
 import numpy as np
 import tyro
+from gpu_code import listing
+from gpu_peaks import GPUS
+from gpu_sass import parts
 
 from dofbench.core.lens import ALPHA
 from dofbench.reporting.csv_writer import write_csv
 
-ISSUED = (
-    132 * 4 * 1.755e9
-)  # instructions of warps a second: NVIDIA H100 SXM data sheet, four schedulers a multiprocessor
+H100 = GPUS[1]
+ISSUED = H100.multiprocessors * H100.issue * H100.clock  # instructions of warps a second
 TILE_Y, TILE_X, WARPS, FINE, COARSE = 8, 32, 4, 4, 16
 BAND, LEAST = 12.0 / (2 * ALPHA), 18.0 / (2 * ALPHA)
 KERNELS = {"forward": ("gather", "gather_windows"), "backward": ("gather_gradient", "gather_gradient_windows")}
@@ -75,30 +74,13 @@ def loops() -> dict[str, list[int]]:
         constants = dict(launch["constants"])
         plain = launch["function"] in names and not constants["SHAPED"] and not constants["STOPPED"]
         if plain and constants.get("AREA", True):
-            found[launch["function"]] = bodies_of(gpu_kernels.binary_of(launch, 90).asm["cubin"])
+            found[launch["function"]] = bodies_of(gpu_kernels.binary_of(launch, H100.architecture).asm["cubin"])
     return found
 
 
 def bodies_of(cubin: bytes) -> list[int]:
-    """Instructions of nested loops, innermost first, by their branches back."""
-    import triton
-
-    program = Path(triton.__file__).parent / "backends" / "nvidia" / "bin" / "nvdisasm"
-    with tempfile.NamedTemporaryFile(suffix=".cubin") as file:
-        file.write(cubin)
-        file.flush()
-        text = subprocess.run([program, "-c", file.name], capture_output=True, text=True, check=True).stdout
-    labels: dict[str, int] = {}
-    sizes, count = [], 0
-    for line in text.splitlines():
-        if label := re.match(r"\s*(\.L_x_\d+):", line):
-            labels[label[1]] = count
-        elif instruction := re.match(r"\s*/\*[0-9a-f]+\*/\s+(.*);", line):
-            count += 1
-            target = re.search(r"BRA.*`\((\.L_x_\d+)\)", instruction[1])
-            if target and labels.get(target[1], count) < count - 1:
-                sizes.append(count - labels[target[1]])
-    return [size - inner for size, inner in zip(sizes, [0, *sizes], strict=False)]
+    """Instructions of nested loops, innermost first."""
+    return [len(part.instructions) for part in reversed(parts(listing(cubin))[1:])]
 
 
 def milliseconds(

@@ -285,7 +285,7 @@ def test_more_work_never_takes_less_time(op: str, gpu: Any, what: str, factor: f
     more = replace(sizes, **{what: type(before)(before * factor)})
     for backward in (False, True):
         times = [gpu_times.predicted(op, one, gpu, backward=backward) for one in (sizes, more)]
-        assert times[1] >= times[0] * (1 - 1e-12)
+        assert times[1] >= times[0]
     assert gpu_times.predicted(op, sizes, gpu, backward=True) > gpu_times.predicted(op, sizes, gpu)
 
 
@@ -321,14 +321,6 @@ def test_stages_add_up_to_the_step() -> None:
     assert sum(row["percent"] for row in stages) == pytest.approx(100)
     named = {row["kernel"]: row for row in rows}
     assert "mixed" not in named and named["blend"]["stage"] == "blend forward"
-
-
-def test_a_linear_scatter_visits_fewer_places_from_the_crossover_on() -> None:
-    model = imported("gpu_model")
-    radius = model.crossover(SIZES)
-    for one, more in ((radius - 1, False), (radius, True), (radius + 10, True)):
-        sizes = replace(SIZES, radius=float(one))
-        assert (sizes.offsets > model.linear_places(sizes)) is more
 
 
 # ---- footprints on the CPU ----
