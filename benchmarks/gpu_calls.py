@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
+from random_scene import scene
 from torch import Tensor
 
 from dofbench.compute.factored_grid import GridShape
@@ -48,23 +48,11 @@ class Call:
         return tuple(value.detach().to(device).requires_grad_(self.learns) for value in self.inputs)
 
 
-def gaussians(size: Size) -> tuple[tuple[Tensor, ...], Camera]:
+def gaussians(size: Size) -> tuple[list[Tensor], Camera]:
     """Random Gaussians over a picture and a little beyond, each as wide as what it covers: three of them to a pixel's
     area on average, as in trained scenes."""
-    random = torch.Generator().manual_seed(0)
-    count, focal = size.gaussians, 1.1 * size.width
-    u, v = (torch.rand(count, generator=random) * 1.1 - 0.55 for _ in range(2))
-    z = 2 + 6 * torch.rand(count, generator=random)
-    pixels = 1.7 * (size.width * size.height / count) ** 0.5
-    parameters = (
-        torch.stack([u * size.width / focal * z, v * size.height / focal * z, z], 1),
-        torch.log(pixels * z / focal)[:, None] + 0.5 * torch.randn(count, 3, generator=random),
-        torch.randn(count, 4, generator=random),
-        torch.randn(count, generator=random) * 1.5 - 0.5,
-        torch.randn(count, 3, generator=random) * 0.5,
-        torch.randn(count, 15, 3, generator=random) * 0.1,
-    )
-    return parameters, Camera(size.width, size.height, focal, focal, size.width / 2, size.height / 2, np.eye(4))
+    pixels = 1.7 * (size.width * size.height / size.gaussians) ** 0.5
+    return scene(size.gaussians, size.width, size.height, pixels)
 
 
 def _pictures(size: Size, count: int = 1) -> list[Tensor]:
@@ -104,7 +92,7 @@ def rasterize(size: Size) -> Call:
         raster = load("rasterize")(**dict(zip(NAMES, inputs, strict=True)), camera=camera)
         return [raster.color, raster.alpha, raster.depth]
 
-    return Call(parameters, run)
+    return Call(tuple(parameters), run)
 
 
 def rasterize_from_points(size: Size) -> Call:

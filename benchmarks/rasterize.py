@@ -31,6 +31,7 @@ import numpy as np  # noqa: E402
 import torch  # noqa: E402
 from dofbench.kernels.rasterize import cpu  # noqa: E402
 from dofbench.kernels.rasterize import cpu_layout as layout  # noqa: E402
+from random_scene import scene  # noqa: E402
 
 from dofbench.core.cameras import Camera  # noqa: E402
 from dofbench.gaussians.forward.lens_pattern import lens_points  # noqa: E402
@@ -43,24 +44,6 @@ STAGE_SIZES = ((10_000, 504, 378, 4.0), (50_000, 504, 378, 2.3), (100_000, 504, 
 BLURS = (None, 0.0, 1.0, 16.0)
 RADIUS = 6.0  # px, largest circle of confusion of the views from points of the lens
 STAGES = ("project", "depth_order", "fill_tiles", "blend", "blend_backward", "project_backward")
-
-
-def scene(n: int, width: int, height: int, pixels: float, seed: int = 0) -> tuple[list[torch.Tensor], Camera]:
-    """Random Gaussians, `pixels` wide on average, spread over the image and a little beyond."""
-    generator = torch.Generator().manual_seed(seed)
-    focal = 1.1 * width
-    u, v = (torch.rand(n, generator=generator) * 1.1 - 0.55 for _ in range(2))
-    z = 2 + 6 * torch.rand(n, generator=generator)
-    scales = torch.log(pixels * z / focal)[:, None] + 0.5 * torch.randn(n, 3, generator=generator)
-    parameters = [
-        torch.stack([u * width / focal * z, v * height / focal * z, z], 1),
-        scales,
-        torch.randn(n, 4, generator=generator),
-        torch.randn(n, generator=generator) * 1.5 - 0.5,
-        torch.randn(n, 3, generator=generator) * 0.5,
-        torch.randn(n, 15, 3, generator=generator) * 0.1,
-    ]
-    return parameters, Camera(width, height, focal, focal, width / 2, height / 2, np.eye(4))
 
 
 class Clock:
