@@ -2,7 +2,7 @@
 definition.
 
 Forward: every sample's optical depth (gpu_density), weights along each ray, then the colours of the samples that have
-one (gpu_rays). Backward: see gpu_gradient. No sum is made by atomics, so every run gives the same bits.
+one (gpu_rays). Backward: see gpu_grid_gradient. No sum is made by atomics, so every run gives the same bits.
 """
 
 from __future__ import annotations
