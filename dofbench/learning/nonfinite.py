@@ -57,7 +57,7 @@ class Watch:
         for (place, stage, size), bad in zip(checks, counts, strict=True):
             if bad:
                 self._any = None  # training may go on from an earlier state
-                raise place.error(stage, f"{bad} of {size} values")
+                raise place.error(stage, f"{bad} of {size} values" if size > 1 else f"{stage} isn't finite")
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,8 @@ class Place:
         if tensor is not None and not math.isfinite(float(tensor.detach().sum())):
             bad = int((~torch.isfinite(tensor)).sum())
             if bad:
-                raise self.error(stage, f"{bad} of {tensor.numel()} values")
+                only = f"{stage} is {float(tensor)}" if tensor.numel() == 1 else ""
+                raise self.error(stage, only or f"{bad} of {tensor.numel()} values")
 
     @contextmanager
     def located(self, stage: str) -> Iterator[None]:

@@ -1,5 +1,6 @@
 """Parts of a training step: to which stage time and bad numbers are attributed, and the order of photographs."""
 
+import math
 import time
 
 import numpy as np
@@ -43,6 +44,14 @@ def test_the_innermost_stage_of_a_bad_number_is_named():
         raise FloatingPointError("NaN in means")
     event = caught.value.event
     assert (event.step, event.view, event.stage, event.detail) == (3, "v1", "rasterise", "NaN in means")
+
+
+def test_one_number_is_told_by_its_value_and_many_by_their_count() -> None:
+    place = Place(3, "v1")
+    with pytest.raises(NonFiniteError, match=r"^step 3, view v1, loss: loss is nan$"):
+        place.check(torch.tensor(math.nan), "loss")
+    with pytest.raises(NonFiniteError, match=r"^step 3, view v1, image: 2 of 3 values$"):
+        place.check(torch.tensor([math.nan, 1.0, math.inf]), "image")
 
 
 def test_gradients_wait_at_the_cut_until_they_are_passed_on():
