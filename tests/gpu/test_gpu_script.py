@@ -114,6 +114,6 @@ def test_the_model_is_asked_for_the_gpu_that_is_there(script: ModuleType) -> Non
 
 def test_without_a_gpu_it_says_so(script: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     if torch.cuda.is_available():
-        pytest.skip("there is one")
+        pytest.skip("this machine has a GPU")
     assert script.main(toy(script, tmp_path)) == 2
     assert capsys.readouterr().err.startswith("no GPU that torch can use")
