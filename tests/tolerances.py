@@ -277,3 +277,7 @@ ADAM_FIRST_STEP = 2e-3
 # dB by which a method that models a blur must be better than its plain version on a scene of that blur, all in focus.
 # Seeds of a plain version differ by 0.1 dB.
 CLAIMED_GAIN = 0.4
+
+# Share of stereo's scores that float32 puts on the other side of a source's border, or whose plane it decides where two
+# cost the same: coordinates of 60 pixels are rounded by 4e-6, so one pixel in 1e5. A hundred pixels may have one.
+STEREO_AT_A_BORDER = 0.01

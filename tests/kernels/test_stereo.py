@@ -8,7 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from stereo_cases import LIMITS, PENALTIES, REFUSED, case, depths, plane_beside, share_of_differing, shifted
-from tolerances import FLAT_SCORE, FLOAT32_GRADIENT, FLOAT32_VALUE
+from tolerances import FLAT_SCORE, FLOAT32_GRADIENT, FLOAT32_VALUE, STEREO_AT_A_BORDER
 
 from dofbench.kernels import load
 
@@ -20,7 +20,7 @@ def test_the_kernel_is_the_definition(height, width, sources, planes, radius, da
     given_case = case(height, width, sources, planes, data.draw(st.integers(0, 99)))
     found = load("stereo")(*given_case, radius=radius, best=best)
     expected = load("stereo", "reference")(*(one.double() for one in given_case), radius=radius, best=best)
-    assert share_of_differing(found, expected) < 0.01
+    assert share_of_differing(found, expected) < STEREO_AT_A_BORDER
     assert found.abs().max() <= 1 + FLOAT32_VALUE
 
 
