@@ -148,18 +148,40 @@ class GridField:
     def roughness(self) -> dict[str, Tensor]:
         """Mean squared difference of neighbouring nodes of the planes, of the density and of the colour
         (TensoRF, section 4.4); differentiable."""
-        return {
-            name: torch.stack(
-                [
-                    plane.diff(dim=0).square().mean() + plane.diff(dim=1).square().mean()
-                    for plane in self.shape.planes(self.parameters[name], rank)
-                ]
-            ).sum()
-            for name, rank in self._ranks().items()
-        }
+        ranks = self._ranks()
+        return {name: _Roughness.apply(self.parameters[name], self.shape, rank) for name, rank in ranks.items()}
 
     def _ranks(self) -> dict[str, int]:
         return {"density": self.shape.density_rank, "colour": self.shape.colour_rank}
+
+
+class _Roughness(torch.autograd.Function):
+    """Of the planes in a flat tensor. Its gradient is written here since torch would fill a tensor of the grid's size
+    with zeros for every view of a plane, which took longer than the differences themselves."""
+
+    @staticmethod
+    def forward(context, flat: Tensor, shape: GridShape, rank: int) -> Tensor:
+        context.save_for_backward(flat)
+        context.layout = shape, rank
+        squares = [diff.square().mean() for plane in shape.planes(flat, rank) for diff in _differences(plane)]
+        return torch.stack(squares).sum()
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(context, gradient: Tensor):
+        (flat,), (shape, rank) = context.saved_tensors, context.layout
+        result = torch.zeros_like(flat)
+        for plane, into in zip(shape.planes(flat, rank), shape.planes(result, rank), strict=True):
+            for axis, diff in enumerate(_differences(plane)):
+                diff.mul_(gradient * (2 / diff.numel()))
+                into.narrow(axis, 1, diff.shape[axis]).add_(diff)
+                into.narrow(axis, 0, diff.shape[axis]).sub_(diff)
+        return result, None, None
+
+
+def _differences(plane: Tensor) -> tuple[Tensor, Tensor]:
+    """Of neighbouring rows, and of neighbouring columns."""
+    return plane.diff(dim=0), plane.diff(dim=1)
 
 
 def _sampled(plane: Tensor, x: Tensor, y: Tensor) -> Tensor:

@@ -112,9 +112,7 @@ class _Field(torch.autograd.Function):
 
     @staticmethod
     def forward(context, density, colour, basis, origins, directions, views, starts, places, lengths, shape, constants):
-        width = -(-basis.shape[1] // LANES) * LANES
-        padded = torch.nn.functional.pad(basis, (0, width - basis.shape[1])).contiguous()
-        grids = density.numpy(), colour.numpy(), padded.numpy().reshape(-1)
+        grids = density.numpy(), colour.numpy(), basis.T.contiguous().numpy().reshape(-1)
         rays = tuple(rows.contiguous().numpy() for rows in (origins, directions, views))
         samples = starts.numpy(), places.numpy(), lengths.numpy()
         ranks = shape.density_rank, shape.colour_rank
@@ -155,7 +153,7 @@ class _Field(torch.autograd.Function):
         by_colour = _spread(
             grids[1], lit, ray_of, rays, places, by_channels.reshape(-1), colour_rank, nodes, colour_at, colour_rank
         )
-        summed = torch.from_numpy(by_basis.sum(axis=0).reshape(3 * colour_rank, -1)[:, : 3 * terms].copy())
+        summed = torch.from_numpy(by_basis.sum(axis=0).reshape(3 * terms, -1).T.copy())
         of_rays = (torch.from_numpy(by_rays[:, 3 * k : 3 * k + 3].copy()) if wanted else None for k in range(3))
         return (torch.from_numpy(by_density), torch.from_numpy(by_colour), summed, *of_rays, *[None] * 5)
 

@@ -71,24 +71,66 @@ def sample_lanes(flat, origin, direction, places, s, end, nodes, offsets, rank):
 
 
 @njit(forceinline=True)
-def colour_channels(flat, x, y, z, nodes, offsets, rank, channels):
-    """Fill channels (3 rank) of a point."""
-    first, second, third = stencil(x, y, z, nodes, offsets, rank)
-    for channel in range(0, rank, LANES):
-        store8(channels, channel, product8(flat, first, rank, channel))
-        store8(channels, rank + channel, product8(flat, second, rank, channel))
-        store8(channels, 2 * rank + channel, product8(flat, third, rank, channel))
+def fill_colour_weights(basis, harmonic, weights):
+    """Fill weights (3, C), flat: what each colour channel counts for red, green and blue, seen from a ray's direction.
+
+    All samples of a ray share them, so that a sample costs 3 C products instead of 3 C for every harmonic.
+    """
+    depth, terms = weights.size // 3, harmonic.size
+    for colour in range(3):
+        for i in range(0, depth, LANES):
+            total = splat8(ZERO)
+            for k in range(terms):
+                total = total + load8(basis, (colour * terms + k) * depth + i) * harmonic[k]
+            store8(weights, colour * depth + i, total)
 
 
 @njit(forceinline=True)
-def coefficients_of(channels, basis, coefficients):
-    """Fill coefficients (P): channels (C) times basis (C, P), flat; P a multiple of eight."""
-    width = coefficients.size
-    for p in range(0, width, LANES):
+def colour_lanes(flat, x, y, z, nodes, offsets, rank, weights):
+    """A point's red, green and blue before the sigmoid, each to be added up from eight lanes."""
+    modes = stencil(x, y, z, nodes, offsets, rank)
+    red, green, blue = splat8(ZERO), splat8(ZERO), splat8(ZERO)
+    for channel in range(0, rank, LANES):
+        for number, mode in enumerate(modes):
+            at, value = number * rank + channel, product8(flat, mode, rank, channel)
+            red = red + value * load8(weights, at)
+            green = green + value * load8(weights, 3 * rank + at)
+            blue = blue + value * load8(weights, 6 * rank + at)
+    return red, green, blue
+
+
+@njit(forceinline=True)
+def add_colour_gradient(flat, x, y, z, nodes, offsets, rank, weights, by_color, by_channels, by_weights):
+    """Fill by_channels (3 rank) with the gradient by a point's channels, and add that by the weights to by_weights.
+    by_color: the gradients by red, green and blue before the sigmoid."""
+    modes = stencil(x, y, z, nodes, offsets, rank)
+    by_red, by_green, by_blue = by_color
+    for channel in range(0, rank, LANES):
+        for number, mode in enumerate(modes):
+            red, value = number * rank + channel, product8(flat, mode, rank, channel)
+            green, blue = 3 * rank + red, 6 * rank + red
+            by_channel = load8(weights, red) * by_red + load8(weights, green) * by_green
+            store8(by_channels, red, by_channel + load8(weights, blue) * by_blue)
+            store8(by_weights, red, load8(by_weights, red) + value * by_red)
+            store8(by_weights, green, load8(by_weights, green) + value * by_green)
+            store8(by_weights, blue, load8(by_weights, blue) + value * by_blue)
+
+
+@njit(forceinline=True)
+def add_basis_gradient(basis, harmonic, by_weights, by_basis, by_terms, lanes):
+    """Add to by_basis what a ray's by_weights (3, C) make of it, and fill by_terms with the gradient by its
+    harmonics. lanes: eight numbers, scratch."""
+    depth, terms, none = by_weights.size // 3, harmonic.size, splat8(ZERO)
+    for k in range(terms):
         total = splat8(ZERO)
-        for i in range(channels.size):
-            total = total + load8(basis, i * width + p) * load1(channels, i)
-        store8(coefficients, p, total)
+        for colour in range(3):
+            row = (colour * terms + k) * depth
+            for i in range(0, depth, LANES):
+                value = load8(by_weights, colour * depth + i)
+                store8(by_basis, row + i, load8(by_basis, row + i) + value * harmonic[k])
+                total = total + value * load8(basis, row + i)
+        store8(lanes, 0, sums8(total, none, none, none, none, none, none, none))
+        by_terms[k] = lanes[0]
 
 
 @njit(forceinline=True)
@@ -137,24 +179,25 @@ def render(grids, rays, samples, sizes, constants, kept, seen, results):
     """Render every ray; fill kept (S, KEPT), seen (R,), how many of a ray's samples count, and results (R, 5): colour,
     opacity, distance.
 
-    grids: density, colour, basis (flat, with rows padded to a multiple of eight). rays: origins, directions, views.
-    samples: starts, places, lengths. sizes: nodes, offsets and rank of the density, offsets and rank of the colour,
-    harmonics. constants: shift, least weight.
+    grids: density, colour, basis (flat, a row of colour channels for each coefficient). rays: origins, directions,
+    views. samples: starts, places, lengths. sizes: nodes, offsets and rank of the density, offsets and rank of the
+    colour, harmonics. constants: shift, least weight.
     """
     density, colour, basis = grids
     origins, directions, views = rays
     starts, places, lengths = samples
     nodes, density_at, density_rank, colour_at, colour_rank, terms = sizes
     shift, least_weight = constants
-    count, width = len(origins), basis.size // (3 * colour_rank)
+    count, none = len(origins), splat8(ZERO)
     for task in prange(-(-count // RAYS_PER_TASK)):
         optical, absorbed = np.empty(LANES, np.float32), np.empty(LANES, np.float32)
         slopes = np.empty(LANES, np.float32)
-        channels, coefficients = np.empty(3 * colour_rank, np.float32), np.empty(width, np.float32)
-        harmonic = np.empty(terms, np.float32)
+        harmonic, weights = np.empty(terms, np.float32), np.empty(9 * colour_rank, np.float32)
+        colors = np.empty(LANES, np.float32)
         for ray in range(task * RAYS_PER_TASK, min(count, (task + 1) * RAYS_PER_TASK)):
             o, d = origins[ray], directions[ray]
             fill_harmonics(views[ray], harmonic)
+            fill_colour_weights(basis, harmonic, weights)
             begin, end = starts[ray], starts[ray + 1]
             left, opacity, distance = ONE, ZERO, ZERO
             red, green, blue = ZERO, ZERO, ZERO
@@ -185,7 +228,7 @@ def render(grids, rays, samples, sizes, constants, kept, seen, results):
                     distance += weight * places[s]
                     if weight >= least_weight:
                         t = places[s]
-                        colour_channels(
+                        red_lanes, green_lanes, blue_lanes = colour_lanes(
                             colour,
                             o[0] + t * d[0],
                             o[1] + t * d[1],
@@ -193,15 +236,10 @@ def render(grids, rays, samples, sizes, constants, kept, seen, results):
                             nodes,
                             colour_at,
                             colour_rank,
-                            channels,
+                            weights,
                         )
-                        coefficients_of(channels, basis, coefficients)
-                        r, g, b = ZERO, ZERO, ZERO
-                        for k in range(terms):
-                            r += harmonic[k] * coefficients[k]
-                            g += harmonic[k] * coefficients[terms + k]
-                            b += harmonic[k] * coefficients[2 * terms + k]
-                        r, g, b = sigmoid(r), sigmoid(g), sigmoid(b)
+                        store8(colors, 0, sums8(red_lanes, green_lanes, blue_lanes, none, none, none, none, none))
+                        r, g, b = sigmoid(colors[0]), sigmoid(colors[1]), sigmoid(colors[2])
                         kept[s, RED], kept[s, GREEN], kept[s, BLUE] = r, g, b
                         red, green, blue = red + weight * r, green + weight * g, blue + weight * b
                     s += 1
@@ -248,10 +286,8 @@ def backward(grids, rays, samples, sizes, constants, kept, seen, gradient, lit_f
     _, least_weight = constants
     by_feature, lit, by_channels, by_basis, by_rays = outputs
     count, depth = len(origins), 3 * colour_rank
-    width = basis.size // depth
     for task in prange(-(-count // RAYS_PER_TASK)):
-        channels, coefficients = np.empty(depth, np.float32), np.empty(width, np.float32)
-        by_coefficients = np.zeros(width, np.float32)
+        weights, by_weights = np.empty(3 * depth, np.float32), np.empty(3 * depth, np.float32)
         harmonic, by_terms = np.empty(terms, np.float32), np.empty(terms, np.float32)
         by_point, same = np.empty(LANES, np.float32), np.empty(density_rank, np.float32)
         by_view = np.empty(3, np.float32)
@@ -264,8 +300,9 @@ def backward(grids, rays, samples, sizes, constants, kept, seen, gradient, lit_f
             red, green, blue = gradient[ray, 0], gradient[ray, 1], gradient[ray, 2]
             by_opacity, by_distance = gradient[ray, 3], gradient[ray, 4]
             by_rays[ray] = ZERO
-            by_view[:] = ZERO
-            by_terms[:] = ZERO
+            if lit_from[ray + 1] > lit_from[ray]:
+                fill_colour_weights(basis, harmonic, weights)
+                by_weights[:] = ZERO
             for s in range(stop, end):
                 by_feature[s] = ZERO
             behind, place = ZERO, lit_from[ray + 1]
@@ -282,28 +319,13 @@ def backward(grids, rays, samples, sizes, constants, kept, seen, gradient, lit_f
                         green * weight * g * (ONE - g),
                         blue * weight * b * (ONE - b),
                     )
-                    for k in range(terms):
-                        by_coefficients[k] = by_r * harmonic[k]
-                        by_coefficients[terms + k] = by_g * harmonic[k]
-                        by_coefficients[2 * terms + k] = by_b * harmonic[k]
-                    colour_channels(colour, x, y, z, nodes, colour_at, colour_rank, channels)
                     place -= 1
                     lit[place] = s
                     row = by_channels[place]
-                    for i in range(0, depth, LANES):
-                        store8(row, i, times_basis8(basis, by_coefficients, i, width))
-                    for i in range(depth):
-                        for p in range(0, width, LANES):
-                            at = i * width + p
-                            store8(mine, at, load8(mine, at) + load8(by_coefficients, p) * load1(channels, i))
+                    add_colour_gradient(
+                        colour, x, y, z, nodes, colour_at, colour_rank, weights, (by_r, by_g, by_b), row, by_weights
+                    )
                     if wanted:
-                        coefficients_of(channels, basis, coefficients)
-                        for k in range(terms):
-                            by_terms[k] += (
-                                by_r * coefficients[k]
-                                + by_g * coefficients[terms + k]
-                                + by_b * coefficients[2 * terms + k]
-                            )
                         add_place_gradient(colour, x, y, z, nodes, colour_at, colour_rank, row, colour_rank, by_point)
                 by_optical = kept[s, BEHIND] * by_weight - behind
                 behind += weight * by_weight
@@ -317,25 +339,10 @@ def backward(grids, rays, samples, sizes, constants, kept, seen, gradient, lit_f
                             slope = by_point[axis] * np.float32(nodes[axis] - 1)
                             by_rays[ray, axis] += slope
                             by_rays[ray, 3 + axis] += slope * t
-            if wanted:
+            by_view[:] = ZERO
+            if lit_from[ray + 1] > lit_from[ray]:
+                add_basis_gradient(basis, harmonic, by_weights, mine, by_terms, by_point)
                 add_harmonics_gradient(views[ray], by_terms, by_view)
+            if wanted:
                 for axis in range(3):
                     by_rays[ray, 6 + axis] = by_view[axis]
-
-
-@njit(forceinline=True)
-def times_basis8(basis, by_coefficients, i, width):
-    """Rows i to i + 7 of basis times by_coefficients."""
-    a, b, c, d = splat8(ZERO), splat8(ZERO), splat8(ZERO), splat8(ZERO)
-    e, f, g, h = splat8(ZERO), splat8(ZERO), splat8(ZERO), splat8(ZERO)
-    for p in range(0, width, LANES):
-        at, by = i * width + p, load8(by_coefficients, p)
-        a = a + load8(basis, at) * by
-        b = b + load8(basis, at + width) * by
-        c = c + load8(basis, at + 2 * width) * by
-        d = d + load8(basis, at + 3 * width) * by
-        e = e + load8(basis, at + 4 * width) * by
-        f = f + load8(basis, at + 5 * width) * by
-        g = g + load8(basis, at + 6 * width) * by
-        h = h + load8(basis, at + 7 * width) * by
-    return sums8(a, b, c, d, e, f, g, h)

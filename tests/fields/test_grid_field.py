@@ -6,6 +6,7 @@ import pytest
 import torch
 from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE
 
+from dofbench.compute.factored_grid import GridShape
 from dofbench.core.errors import InputError
 from dofbench.fields.grid_field import PARAMETERS, GridField, GridOptions
 
@@ -59,6 +60,21 @@ def test_roughness_of_a_ramp() -> None:
         made.shape.planes(made.parameters["density"], 8)[1][..., 3] = 0.5 * torch.arange(5)
     rough = {name: value.detach() for name, value in made.roughness().items()}
     assert float(rough["density"]) == pytest.approx(0.25 / 8) and float(rough["colour"]) == 0
+
+
+def test_gradient_of_the_roughness() -> None:
+    """Against torch's own derivative of the definition, weighted, in float64."""
+    shape, random = GridShape((3, 4, 5), 8, 8, 1), torch.Generator().manual_seed(3)
+    sizes = {"density": (shape.density_size,), "colour": (shape.colour_size,), "basis": shape.basis_shape}
+    numbers = {name: torch.randn(size, generator=random, dtype=torch.float64) for name, size in sizes.items()}
+    made = GridField(shape, numbers, -1.0)
+    (-1.5 * made.roughness()["density"]).backward()
+    flat = numbers["density"].requires_grad_()
+    planes = shape.planes(flat, 8)
+    rough = sum(((p[1:] - p[:-1]) ** 2).mean() + ((p[:, 1:] - p[:, :-1]) ** 2).mean() for p in planes)
+    (-1.5 * rough).backward()
+    torch.testing.assert_close(made.parameters["density"].grad, flat.grad)
+    assert made.parameters["colour"].grad is None
 
 
 def test_a_field_begins_nearly_empty() -> None:
