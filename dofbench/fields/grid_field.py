@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -160,7 +161,7 @@ class _Roughness(torch.autograd.Function):
     with zeros for every view of a plane, which took longer than the differences themselves."""
 
     @staticmethod
-    def forward(context, flat: Tensor, shape: GridShape, rank: int) -> Tensor:
+    def forward(context: Any, flat: Tensor, shape: GridShape, rank: int) -> Tensor:
         context.save_for_backward(flat)
         context.layout = shape, rank
         squares = [diff.square().mean() for plane in shape.planes(flat, rank) for diff in _differences(plane)]
@@ -168,7 +169,7 @@ class _Roughness(torch.autograd.Function):
 
     @staticmethod
     @torch.autograd.function.once_differentiable
-    def backward(context, gradient: Tensor):
+    def backward(context: Any, gradient: Tensor) -> tuple[Tensor, None, None]:
         (flat,), (shape, rank) = context.saved_tensors, context.layout
         result = torch.zeros_like(flat)
         for plane, into in zip(shape.planes(flat, rank), shape.planes(result, rank), strict=True):
