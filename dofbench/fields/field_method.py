@@ -110,7 +110,7 @@ class FieldMethod:
             raise InputError(path, f"tensors of {sizes}", f"those of a grid of {shape.nodes} nodes")
         self._options = options
         field = GridField(shape, parameters, options.grid.density_shift)
-        self._scene = FieldScene(field, space, options.rays)
+        self._scene = FieldScene(field, space, options)
         self._scene.occupancy.occupied = torch.from_numpy(occupied.astype(bool)).to(self._device)
 
     def _trained(self) -> FieldScene:

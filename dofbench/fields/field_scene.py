@@ -8,7 +8,7 @@ from torch import Tensor
 from dofbench.compute.factored_grid import FieldRender
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Rendering
-from dofbench.fields.field_options import RayOptions
+from dofbench.fields.field_options import FieldOptions
 from dofbench.fields.grid_field import GridField
 from dofbench.fields.occupancy import Occupancy
 from dofbench.fields.pixels import CameraTable, whole_image
@@ -21,22 +21,33 @@ _LEAST_OPACITY = 1e-3  # of a ray that has a depth
 class FieldScene:
     """A field, the space that it fills, and which of its cells are empty, on the field's device."""
 
-    def __init__(self, field: GridField, space: Space, options: RayOptions):
+    def __init__(self, field: GridField, space: Space, options: FieldOptions):
         self.field, self.space, self._options = field, space, options
-        self.occupancy = Occupancy(options.cells, options.cells_absorb, PER_RAY / options.ray_samples, field.device)
+        self.occupancy = Occupancy(options.rays.cells, options.rays.cells_absorb, field.device)
 
     @property
     def device(self) -> torch.device:
         """Where rays are seen."""
         return self.field.device
 
+    @property
+    def steps_of_a_ray(self) -> int:
+        """Into how many steps a ray is divided: while the grid is coarser than at the end, longer ones, as in TensoRF,
+        so that a step always crosses about as many cells."""
+        share = max(self.field.shape.nodes) / self._options.grid.grid_nodes
+        return max(1, round(self._options.rays.ray_samples * share))
+
+    def look_for_empty_cells(self, generator: torch.Generator) -> None:
+        """Find out anew which cells rays needn't be sampled in."""
+        self.occupancy.update(self.field, PER_RAY / self.steps_of_a_ray, generator)
+
     def see(self, origins: Tensor, directions: Tensor, offsets: Tensor) -> FieldRender:
         """What world rays (R, 3) see, whose directions have the length 1 in z of their camera; differentiable. offsets:
         (R,) in [0, 1), where in its step a sample lies."""
         rays = self.space.rays(origins, directions)
-        samples = self.occupancy.samples(rays, self._options.ray_samples, offsets)
+        samples = self.occupancy.samples(rays, self.steps_of_a_ray, offsets)
         views = torch.nn.functional.normalize(directions, dim=1)
-        return self.field.render(rays, views, samples, self._options.least_weight)
+        return self.field.render(rays, views, samples, self._options.rays.least_weight)
 
     def disparity(self, origins: Tensor, directions: Tensor, seen: FieldRender) -> Tensor:
         """(R,) 1 / z in the cameras' frames of the mean place of what the rays met; see `RayScene.disparity`."""

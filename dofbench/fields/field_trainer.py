@@ -47,7 +47,7 @@ class FieldTrainer:
         space = space_for(cameras, training_set.points.xyz)
         shape = options.grid.shape(space.nodes(options.grid.nodes(0.0)))
         field = GridField.at_random(shape, options.grid.density_shift, self._generator, device)
-        self.scene = FieldScene(field, space, options.rays)
+        self.scene = FieldScene(field, space, options)
         self._rays = RayScene(self.scene, CameraTable(cameras, device), self._generator)
         self._optimiser = self._new_optimiser()
         self._clock = StageClock()
@@ -95,7 +95,7 @@ class FieldTrainer:
         self._grow(progress)
         with self._clock.timed("cells"):
             if progress >= options.rays.cells_from and step % options.rays.cells_every == 0:
-                self.scene.occupancy.update(self.scene.field, self._generator)
+                self.scene.look_for_empty_cells(self._generator)
         pixels = self._model.draw(self._pixels, options.rays.batch_pixels, progress)
         with self._clock.timed(self._model.stage), place.located(self._model.stage):
             predictions = self._model.predict(self._rays, pixels, progress)

@@ -17,17 +17,17 @@ _CHUNK = 1 << 18
 class Occupancy:
     """A grid of cells over the unit cube, all occupied at first.
 
-    A cell is occupied while its density, or that of a neighbour, would absorb at least `least` of the light over
-    `length`, in units of the density's reciprocal.
+    A cell is occupied while its density, or that of a neighbour, would absorb at least `least` of the light over a step
+    of a ray.
     """
 
-    def __init__(self, cells: int, least: float, length: float, device: torch.device | str = "cpu"):
-        self._least, self._length = least, length
+    def __init__(self, cells: int, least: float, device: torch.device | str = "cpu"):
+        self._least = least
         self.occupied = torch.ones((cells, cells, cells), dtype=torch.bool, device=device)
         self._densest = torch.zeros((cells, cells, cells), device=device)
 
-    def update(self, field: GridField, generator: torch.Generator) -> None:
-        """Look at the density at a random point of each cell."""
+    def update(self, field: GridField, length: float, generator: torch.Generator) -> None:
+        """Look at the density at a random point of each cell. length: of a step, in units of the density's reciprocal."""
         cells, device = len(self.occupied), self.occupied.device
         index = torch.arange(cells**3, device=device)
         corner = torch.stack([index % cells, index // cells % cells, index // cells**2], 1)
@@ -35,7 +35,7 @@ class Occupancy:
         points = (corner + within) / cells
         found = torch.cat([field.density(part) for part in points.split(_CHUNK)]).view(cells, cells, cells)
         self._densest = torch.maximum(_FORGET * self._densest, found)
-        absorbed = -torch.expm1(-self._densest * self._length)
+        absorbed = -torch.expm1(-self._densest * length)
         # A neighbour's sample is interpolated from nodes that this cell's point didn't see.
         widest = torch.nn.functional.max_pool3d(absorbed[None, None], 3, 1, 1)[0, 0]
         self.occupied = widest >= self._least

@@ -7,7 +7,7 @@ import torch
 from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE
 
 from dofbench.compute.factored_grid import FieldRender
-from dofbench.fields.field_options import RayOptions
+from dofbench.fields.field_options import FieldOptions, RayOptions
 from dofbench.fields.field_scene import FieldScene
 from dofbench.fields.grid_field import GridField, GridOptions
 from dofbench.fields.space import Box
@@ -17,8 +17,9 @@ BOX = Box(np.array([-1.0, 2.0, 1.0]), np.array([1.0, 6.0, 5.0]))
 
 
 def scene() -> FieldScene:
-    shape = GridOptions().shape((6, 5, 4))
-    return FieldScene(GridField.at_random(shape, -4.0, torch.Generator().manual_seed(0)), BOX, RayOptions(cells=4))
+    options = FieldOptions(rays=RayOptions(cells=4, ray_samples=20), grid=GridOptions(grid_nodes=12, grid_nodes_first=6))
+    field = GridField.at_random(options.grid.shape((6, 5, 4)), -4.0, torch.Generator().manual_seed(0))
+    return FieldScene(field, BOX, options)
 
 
 def rays(count: int) -> tuple[torch.Tensor, torch.Tensor]:
@@ -52,3 +53,17 @@ def test_a_ray_that_misses_the_box_has_features_of_its_border() -> None:
     made = scene()
     found = made.features_along(torch.tensor([[9.0, 9.0, 0.0]]), torch.tensor([[0.0, 0.0, 1.0]]), 2)
     assert bool(torch.isfinite(found).all()) and torch.equal(found[0, 0], found[0, 1])
+
+
+def test_a_coarse_grid_has_longer_steps() -> None:
+    """Half the nodes of the last size, half of 20 steps, so each stands for twice the length: behind a first sample that
+    absorbs as much as it can, the mean place of what a ray meets lies as much farther."""
+    made = scene()
+    made.field = GridField(made.field.shape, made.field.parameters, 40.0)  # opaque
+    half = torch.full((1,), 0.5)
+    coarse = made.see(*rays(1), half).distance
+    fine_field = made.field.resized(GridOptions().shape((12, 10, 8)))
+    made.field = fine_field
+    fine = made.see(*rays(1), half).distance
+    expected = torch.tensor([1 + 4 / 10 / 2, 1 + 4 / 20 / 2])
+    torch.testing.assert_close(torch.cat([coarse, fine]), expected, rtol=FLOAT32_GRADIENT, atol=0)

@@ -32,13 +32,13 @@ def along_z(count: int) -> CubeRays:
 
 
 def test_everything_is_occupied_at_first() -> None:
-    samples = Occupancy(CELLS, 0.01, 1.0).samples(along_z(5), 16, torch.full((5,), 0.5))
+    samples = Occupancy(CELLS, 0.01).samples(along_z(5), 16, torch.full((5,), 0.5))
     assert samples.starts.tolist() == [0, 16, 32, 48, 64, 80]
 
 
 def test_samples_lie_at_the_wall_and_a_cell_beside_it() -> None:
-    occupancy = Occupancy(CELLS, 0.01, 1.0)
-    occupancy.update(wall(), torch.Generator().manual_seed(0))
+    occupancy = Occupancy(CELLS, 0.01)
+    occupancy.update(wall(), 1.0, torch.Generator().manual_seed(0))
     found = occupancy.occupied.any(dim=2).any(dim=1)
     assert found.tolist() == [False, False, False, True, True, True, True, False]
     samples = occupancy.samples(along_z(5), 32, torch.full((5,), 0.5))
@@ -46,12 +46,12 @@ def test_samples_lie_at_the_wall_and_a_cell_beside_it() -> None:
 
 
 def test_a_wall_that_vanished_is_forgotten() -> None:
-    occupancy, generator = Occupancy(CELLS, 0.01, 1.0), torch.Generator().manual_seed(0)
-    occupancy.update(wall(), generator)
+    occupancy, generator = Occupancy(CELLS, 0.01), torch.Generator().manual_seed(0)
+    occupancy.update(wall(), 1.0, generator)
     empty = wall(-1.0)
     updates = 0
     while occupancy.occupied.any() and updates < 200:
-        occupancy.update(empty, generator)
+        occupancy.update(empty, 1.0, generator)
         updates += 1
     # A density of 8 is forgotten by a tenth each time, down to the 0.01 that a cell must absorb.
     assert 60 < updates < 75
