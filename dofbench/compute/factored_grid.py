@@ -53,17 +53,21 @@ class GridShape:
         """Where in the flat tensor the three planes and then the three lines begin."""
         return tuple(accumulate(self._sizes(rank), initial=0))[:6]
 
+    def parts(self, flat: Tensor, rank: int) -> tuple[list[Tensor], list[Tensor]]:
+        """Views of the flat tensor for each mode: a (rows, columns, rank) plane, and a (nodes, rank) line."""
+        shapes: list[tuple[int, ...]] = [(self.nodes[row], self.nodes[column], rank) for column, row, _ in MODES]
+        shapes += [(self.nodes[axis], rank) for _, _, axis in MODES]
+        # One split, since its gradient is put together once; that of slices is a tensor of flat's size for each.
+        views = [part.view(shape) for part, shape in zip(flat.split(self._sizes(rank)), shapes, strict=True)]
+        return views[:3], views[3:]
+
     def planes(self, flat: Tensor, rank: int) -> list[Tensor]:
-        """Views of the flat tensor: a (rows, columns, rank) plane for each mode."""
-        starts = self.offsets(rank)
-        shapes = [(self.nodes[row], self.nodes[column], rank) for column, row, _ in MODES]
-        return [_view(flat, start, shape) for start, shape in zip(starts[:3], shapes, strict=True)]
+        """The planes of `parts`."""
+        return self.parts(flat, rank)[0]
 
     def lines(self, flat: Tensor, rank: int) -> list[Tensor]:
-        """Views of the flat tensor: a (nodes, rank) line for each mode."""
-        starts = self.offsets(rank)
-        shapes = [(self.nodes[axis], rank) for _, _, axis in MODES]
-        return [_view(flat, start, shape) for start, shape in zip(starts[3:], shapes, strict=True)]
+        """The lines of `parts`."""
+        return self.parts(flat, rank)[1]
 
     def _sizes(self, rank: int) -> list[int]:
         planes = [self.nodes[column] * self.nodes[row] * rank for column, row, _ in MODES]
@@ -89,10 +93,3 @@ class RaySamples:
     starts: Tensor
     places: Tensor
     steps: Tensor
-
-
-def _view(flat: Tensor, start: int, shape: tuple[int, ...]) -> Tensor:
-    size = 1
-    for length in shape:
-        size *= length
-    return flat[start : start + size].view(shape)

@@ -124,8 +124,7 @@ class GridField:
         unit = 2 * points.clamp(0, 1) - 1
         found = []
         for name, rank in self._ranks().items():
-            flat = self.parameters[name]
-            planes, lines = self.shape.planes(flat, rank), self.shape.lines(flat, rank)
+            planes, lines = self.shape.parts(self.parameters[name], rank)
             for (column, row, axis), plane, line in zip(MODES, planes, lines, strict=True):
                 across = _sampled(plane.permute(2, 0, 1), unit[:, column], unit[:, row])
                 along = _sampled(line.T[:, :, None], torch.zeros_like(unit[:, axis]), unit[:, axis])
@@ -139,9 +138,10 @@ class GridField:
         for name, rank in self._ranks().items():
             flat = self.parameters[name].detach()
             resized = flat.new_empty(shape.density_size if name == "density" else shape.colour_size)
-            for old, new in zip(self.shape.planes(flat, rank), shape.planes(resized, rank), strict=True):
+            (planes, lines), (new_planes, new_lines) = self.shape.parts(flat, rank), shape.parts(resized, rank)
+            for old, new in zip(planes, new_planes, strict=True):
                 new.copy_(_interpolated(old, new.shape[:2]))
-            for old, new in zip(self.shape.lines(flat, rank), shape.lines(resized, rank), strict=True):
+            for old, new in zip(lines, new_lines, strict=True):
                 new.copy_(_interpolated(old[None], (1, len(new)))[0])
             found[name] = resized
         return GridField(shape, found, self.shift)

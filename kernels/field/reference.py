@@ -128,7 +128,7 @@ def _per_ray(values: Tensor, ray: Tensor, count: int) -> Tensor:
 def _factors(flat: Tensor, points: Tensor, shape: GridShape, rank: int) -> list[Tensor]:
     """For each mode (P, rank): its plane times its line at the points."""
     found = []
-    for (column, row, axis), plane, line in zip(MODES, shape.planes(flat, rank), shape.lines(flat, rank), strict=True):
+    for (column, row, axis), plane, line in zip(MODES, *shape.parts(flat, rank), strict=True):
         across, u = _cell(points[:, column], shape.nodes[column])
         down, v = _cell(points[:, row], shape.nodes[row])
         along, w = _cell(points[:, axis], shape.nodes[axis])

@@ -17,7 +17,9 @@ BOX = Box(np.array([-1.0, 2.0, 1.0]), np.array([1.0, 6.0, 5.0]))
 
 
 def scene() -> FieldScene:
-    options = FieldOptions(rays=RayOptions(cells=4, ray_samples=20), grid=GridOptions(grid_nodes=12, grid_nodes_first=6))
+    options = FieldOptions(
+        rays=RayOptions(cells=4, ray_samples=20), grid=GridOptions(grid_nodes=12, grid_nodes_first=6)
+    )
     field = GridField.at_random(options.grid.shape((6, 5, 4)), -4.0, torch.Generator().manual_seed(0))
     return FieldScene(field, BOX, options)
 
