@@ -27,7 +27,8 @@ class Occupancy:
         self._densest = torch.zeros((cells, cells, cells), device=device)
 
     def update(self, field: GridField, length: float, generator: torch.Generator) -> None:
-        """Look at the density at a random point of each cell. length: of a step, in units of the density's reciprocal."""
+        """Look at the density at a random point of each cell. length: of a step, in units of the density's
+        reciprocal."""
         cells, device = len(self.occupied), self.occupied.device
         index = torch.arange(cells**3, device=device)
         corner = torch.stack([index % cells, index // cells % cells, index // cells**2], 1)
