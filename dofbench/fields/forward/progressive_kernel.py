@@ -17,7 +17,6 @@ from dofbench.fields.pixels import Pixels, TrainingPixels
 from dofbench.learning.networks import redraw
 
 _FEATURES = 15  # numbers that the second proposal is told about each ray
-_WINDOW = 10.0  # px: how far from the pixel canonical points can lie
 _NOISE = 0.15  # px: standard deviation of noise on them
 
 
@@ -34,6 +33,8 @@ class ProgressiveOptions(KernelOptions):
     """Adam's learning rate of the kernel's network at the start. Unit: parameter, a step. Source: PDRF."""
     kernel_lr_final: float = 1e-3
     """Share of it that is left at the end; it falls exponentially. Unit: none. Source: PDRF, 0.1^(30 / 10)."""
+    kernel_window: float = 10.0
+    """How far from the pixel the canonical points of a kernel can lie. Unit: px. Source: PDRF."""
 
 
 class ProgressiveKernel(LearnedKernel):
@@ -44,12 +45,14 @@ class ProgressiveKernel(LearnedKernel):
     here they are those of the one field, where the ray meets something on average.
     """
 
+    _options: ProgressiveOptions
+
     def __init__(
         self,
         views: int,
         unit: float,
         channels: int,
-        options: KernelOptions,
+        options: ProgressiveOptions,
         generator: torch.Generator,
         device: torch.device | str = "cpu",
     ):
@@ -79,11 +82,11 @@ class ProgressiveKernel(LearnedKernel):
         return [Prediction(second), Prediction((first + second) / 2)]
 
     def _proposed(self, scene: RayScene, pixels: Pixels, told: Tensor) -> KernelRays:
-        points = self._network.kernel.canonical(pixels.views) * _WINDOW
+        points = self._network.kernel.canonical(pixels.views) * self._options.kernel_window
         noise = torch.randn(points.shape, generator=self._generator).to(points.device, non_blocking=True)
         points = points + noise * _NOISE
         across = pixels.places / scene.cameras.sizes[pixels.views]
-        found = self._network.kernel(pixels.views, points, across, _WINDOW, told)
+        found = self._network.kernel(pixels.views, points, across, self._options.kernel_window, told)
         others = (torch.arange(points.shape[1], device=points.device) > 0).to(points.dtype)[:, None]
         return KernelRays(others * found.places, others * found.origins, found.weights)
 
