@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
@@ -27,20 +27,37 @@ WIDTH, HOLD = 96, 8
 FOCI = (0.2, 0.5, 0.8)  # of photographs in turn
 # The usual presets without what a stamp doesn't need
 SMALL = {"colour_per_view": "off", "depth_prior": "sparse", "start_points": 0, "max_gaussians": 20000}
-STEPS = 500
-# Method, its plain version, how photographs are blurred, and options: what is published for tens of thousands of steps
-# gets values for hundreds.
-CLAIMS: tuple[tuple[str, str, str, dict[str, float]], ...] = (
-    ("rgs", "mipsplatting", "evenly", {"view_blur_lr": 1.0}),
-    ("deblurring3dgs", "3dgs", "out of focus", {"enlarge_lambda": 0.1, "enlarge_most": 2.0}),
-    ("gsplat_deblur", "mipsplatting", "out of focus", {"enlarge_lambda": 0.3, "enlarge_most": 5.0}),
-    ("bags", "mipsplatting", "evenly", {}),
-    ("cocogaussian", "mipsplatting", "out of focus", {"focus_lr": 0.05, "copies_lr": 3e-3}),
-    ("dofgs", "mipsplatting", "out of focus", {}),
-    ("dofgaussian", "mipsplatting", "out of focus", {}),
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A method that is said to beat its plain version on photographs blurred in this way. options: what is published
+    for tens of thousands of steps gets values for so few. tested: not where a test would take too long, or where seeds
+    differ by more than the method gains; the benchmark measures it all the same."""
+
+    method: str
+    plain: str
+    blur: str
+    options: dict[str, float] = field(default_factory=dict)
+    steps: int = 500
+    tested: bool = True
+
+
+CLAIMS = (
+    Claim("rgs", "mipsplatting", "evenly", {"view_blur_lr": 1.0}),
+    Claim("deblurring3dgs", "3dgs", "out of focus", {"enlarge_lambda": 0.1, "enlarge_most": 2.0}),
+    Claim("gsplat_deblur", "mipsplatting", "out of focus", {"enlarge_lambda": 0.3, "enlarge_most": 5.0}),
+    Claim("bags", "mipsplatting", "evenly"),
+    Claim("bags", "mipsplatting", "out of focus", tested=False),
+    Claim("cocogaussian", "mipsplatting", "out of focus", {"focus_lr": 0.05, "copies_lr": 3e-3}),
+    Claim("dofgs", "mipsplatting", "out of focus"),
+    Claim("dofgaussian", "mipsplatting", "out of focus"),
+    Claim("dofnerf", "nerf", "out of focus", steps=1000),
+    Claim("lensnerf", "nerf", "out of focus", steps=2000, tested=False),
+    Claim("deblurnerf", "nerf", "out of focus", {"kernel_lr": 2e-3, "kernel_window": 5.0}, 4000, tested=False),
+    Claim("dpnerf", "nerf", "out of focus", {"kernel_lr": 2e-3}, 2000, tested=False),
+    Claim("pdrf", "nerf", "out of focus", {"kernel_lr": 2e-3, "kernel_window": 5.0}, 4000, tested=False),
 )
-# Measured by the benchmark, not asked for by the test: seeds differ by a decibel, more than the worst one gains.
-UNSURE: tuple[tuple[str, str, str, dict[str, float]], ...] = (("bags", "mipsplatting", "out of focus", {}),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,9 +116,10 @@ def trained(method: str, table: Tabletop, steps: int, seed: int = 0, **options: 
     entry = find_method(method)
     _, preset, _ = entry.preset(None)
     usual = entry.create({}, 0, "cpu")
-    assert isinstance(usual, GaussianMethod)
-    given = {**preset, **SMALL, "steps": steps, **options}
-    made = entry.create({name: value for name, value in given.items() if name not in usual.FORCED}, seed, "cpu")
+    given = {**preset, "steps": steps, **options}
+    if isinstance(usual, GaussianMethod):
+        given = {name: value for name, value in {**given, **SMALL, **options}.items() if name not in usual.FORCED}
+    made = entry.create(given, seed, "cpu")
     assert made.fit(table.training, Budget(steps=steps), Recorder()).status is Status.OK
     return made
 

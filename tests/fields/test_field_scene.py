@@ -58,8 +58,8 @@ def test_a_ray_that_misses_the_box_has_features_of_its_border() -> None:
 
 
 def test_a_coarse_grid_has_longer_steps() -> None:
-    """Half the nodes of the last size, half of 20 steps of twice the length: in a field that is opaque everywhere, what a
-    ray meets is its first sample, in the middle of its first step."""
+    """Half the nodes of the last size, half of 20 steps of twice the length: in a field that is opaque everywhere, what
+    a ray meets is its first sample, in the middle of its first step."""
     made = scene()
     made.field = GridField(made.field.shape, made.field.parameters, 40.0)  # opaque
     half = torch.full((1,), 0.5)
