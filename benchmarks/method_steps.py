@@ -1,11 +1,12 @@
-"""What a training step of each Gaussian method takes, and what its own parts must take: method-steps.csv.
+"""What a training step of each method takes, and what its own parts must take: method-steps.csv.
 
     python benchmarks/method_steps.py DATASET --out reports/notes
 
-Every method trains with its default preset on the dataset's photographs, on one thread. Steps in the middle of the
-schedule are profiled: `kernels_ms` is the time in this project's ops and their gradients, `products_ms` that in matrix
-products and convolutions of the method's networks, `adam_ms` that of the optimiser; `rest_ms` is all else, mostly
-element-wise operations, copies and Python. `ratio` is the step over kernels, products and optimiser together.
+Every method trains with its default preset on the dataset's photographs; fields with as many rays a step as is said
+here. OMP_NUM_THREADS says how many cores a training may use. The last tenth of the steps is profiled: `kernels_ms` is
+the time in this project's ops and their gradients, `products_ms` that in matrix products and convolutions of the
+method's networks, `adam_ms` that of the optimiser; `rest_ms` is all else, mostly element-wise operations, copies and
+Python. `ratio` is the step over kernels, products and optimiser together. `threads`: how many cores it could use.
 """
 
 from __future__ import annotations
@@ -14,18 +15,36 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import torch
 import tyro
-from torch.profiler import ProfilerActivity, profile
 
-from dofbench.core.budget import Budget
-from dofbench.dataset.dataset import Dataset
-from dofbench.gaussians.gaussian_method import GaussianMethod
-from dofbench.gaussians.trainer import Trainer
-from dofbench.reporting.csv_writer import write_csv
-from dofbench.running.method_cards import find_method, method_files
+from dofbench.compute.threads import configure_threads
 
-FIELDS = ("method", "gaussians", "step_ms", "kernels_ms", "products_ms", "adam_ms", "rest_ms", "ratio")
+configure_threads()  # before torch is imported
+
+import torch  # noqa: E402
+from torch.profiler import ProfilerActivity, profile  # noqa: E402
+
+from dofbench.core.budget import Budget  # noqa: E402
+from dofbench.dataset.dataset import Dataset  # noqa: E402
+from dofbench.fields.field_method import FieldMethod  # noqa: E402
+from dofbench.fields.field_trainer import FieldTrainer  # noqa: E402
+from dofbench.gaussians.gaussian_method import GaussianMethod  # noqa: E402
+from dofbench.gaussians.trainer import Trainer  # noqa: E402
+from dofbench.reporting.csv_writer import write_csv  # noqa: E402
+from dofbench.running.method_cards import find_method, method_files  # noqa: E402
+
+FIELDS = (
+    "method",
+    "threads",
+    "gaussians",
+    "rays",
+    "step_ms",
+    "kernels_ms",
+    "products_ms",
+    "adam_ms",
+    "rest_ms",
+    "ratio",
+)
 PRODUCTS = ("mm", "bmm", "convolution", "conv", "linear")  # parts of the names of torch's ops
 ADAM = ("adam",)
 
@@ -40,6 +59,10 @@ class Settings:
     """Folder for method-steps.csv."""
     steps: int = 300
     """Length of the training, whose last tenth is profiled."""
+    rays: int = 1024
+    """Rays of a field's step."""
+    methods: tuple[str, ...] = ()
+    """Which methods; all if none is named."""
 
 
 class Profiled:
@@ -79,16 +102,24 @@ def kind_of(name: str) -> str:
     return "kernels_ms" if name.startswith("_") else "rest_ms"
 
 
-def row(method_id: str, dataset: Dataset, steps: int) -> dict[str, object] | None:
-    """The row of a method; None for one that has no Gaussians."""
-    entry = find_method(method_id)
+def row(method_id: str, dataset: Dataset, settings: Settings) -> dict[str, object]:
+    """The row of a method."""
+    entry, training_set = find_method(method_id), dataset.training_set("shallow")
     _, options, _ = entry.preset(None)
-    method = entry.create({**options, "steps": steps}, 0, "cpu")
-    if not isinstance(method, GaussianMethod):
-        return None
-    trainer, observer = Trainer(dataset.training_set("shallow"), method.options, 0), Profiled(steps)
-    outcome = trainer.fit(Budget(steps=steps), observer)
-    found = dict.fromkeys(FIELDS[3:7], 0.0)
+    options = {**options, "steps": settings.steps}
+    if isinstance(entry.create(options, 0, "cpu"), FieldMethod):
+        options["batch_pixels"] = settings.rays
+    method = entry.create(options, 0, "cpu")
+    trainer: Trainer | FieldTrainer
+    if isinstance(method, FieldMethod):
+        model = method.model(training_set, torch.Generator().manual_seed(0))
+        trainer = FieldTrainer(training_set, method.options, model, 0)
+    else:
+        assert isinstance(method, GaussianMethod)
+        trainer = Trainer(training_set, method.options, 0)
+    observer = Profiled(settings.steps)
+    outcome = trainer.fit(Budget(steps=settings.steps), observer)
+    found = dict.fromkeys(FIELDS[5:9], 0.0)
     for event in observer.profile.key_averages():
         found[kind_of(event.key)] += event.self_cpu_time_total / 1e3 / observer.count
     step = 1e3 * observer.seconds_taken / observer.count
@@ -96,7 +127,9 @@ def row(method_id: str, dataset: Dataset, steps: int) -> dict[str, object] | Non
     print(f"{method_id}: {outcome.status}, {step:.1f} ms a step, {step / needed:.2f} times its parts", flush=True)
     return {
         "method": method_id,
-        "gaussians": len(trainer.gaussians),
+        "threads": torch.get_num_threads(),
+        "gaussians": "" if isinstance(trainer, FieldTrainer) else len(trainer.gaussians),
+        "rays": settings.rays if isinstance(trainer, FieldTrainer) else "",
         "step_ms": step,
         **found,
         "rest_ms": step - needed,
@@ -105,11 +138,10 @@ def row(method_id: str, dataset: Dataset, steps: int) -> dict[str, object] | Non
 
 
 def main(settings: Settings) -> None:
-    """Measure every Gaussian method that is found."""
-    torch.set_num_threads(1)
+    """Measure every method that is found or named."""
     dataset = Dataset.load(settings.data)
-    rows = [row(method_id, dataset, settings.steps) for method_id in method_files()]
-    write_csv(settings.out / "method-steps.csv", FIELDS, [one for one in rows if one is not None])
+    rows = [row(method_id, dataset, settings) for method_id in settings.methods or method_files()]
+    write_csv(settings.out / "method-steps.csv", FIELDS, rows)
 
 
 if __name__ == "__main__":

@@ -51,6 +51,11 @@ class FieldMethod:
         """Every option that a user of this method may set, with type, default, meaning, unit and source."""
         return listed_options(cls.OPTIONS)
 
+    @property
+    def options(self) -> FieldOptions:
+        """The options that the method trains with."""
+        return self._options
+
     def model(self, training_set: TrainingSet, generator: torch.Generator) -> RayModel:
         """The forward model that photographs are explained by. generator: for all that it draws."""
         return PinholeRays()
