@@ -62,10 +62,12 @@ CLAIMS = (
 
 @dataclass(frozen=True, eq=False)
 class Tabletop:
-    """training: what a method sees. tests: camera and sharp picture (H, W, 3) of each view held back."""
+    """training: what a method sees. tests: camera and sharp picture (H, W, 3) of each view held back. refocused:
+    these pictures through the lens of `refocusing`."""
 
     training: TrainingSet
     tests: tuple[tuple[Camera, np.ndarray], ...]
+    refocused: tuple[np.ndarray, ...]
 
 
 @cache
@@ -91,7 +93,17 @@ def blurred_evenly(index: int, image: np.ndarray, depth: np.ndarray) -> np.ndarr
     return np.asarray(cv2.GaussianBlur(image, (0, 0), (0.3, 1.0, 2.0)[index % 3]))
 
 
-BLURS = {"evenly": blurred_evenly, "out of focus": out_of_focus(2.0)}
+def sharp(index: int, image: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Photographs that nothing blurs."""
+    return image
+
+
+BLURS = {"evenly": blurred_evenly, "out of focus": out_of_focus(2.0), "sharp": sharp}
+
+
+def refocusing() -> PhysicalLens:
+    """The lens that views held back are seen through, focused in the middle."""
+    return lens(2.0, 0.5)
 
 
 @cache
@@ -99,16 +111,17 @@ def tabletop(name: str) -> Tabletop:
     """name: one of BLURS, which blur by a view's number, sharp picture and depth."""
     blur = BLURS[name]
     scene = load_scene(content_folder("datasets") / "tabletop", width=WIDTH)
-    views, tests = [], []
+    views, tests, refocused = [], [], []
     for index, view in enumerate(scene.views):
         assert view.depth is not None
         image, depth = view.image().astype(np.float32), view.depth()
         if index % HOLD == 0:
             tests.append((view.camera, image))
+            refocused.append(defocus_numpy(image, depth, refocusing())[0])
         else:
             photograph = blur(index, image, depth).clip(0, 1).astype(np.float32)
             views.append(TrainingView(view.name, view.camera, photograph))
-    return Tabletop(TrainingSet(tuple(views), scene.points), tuple(tests))
+    return Tabletop(TrainingSet(tuple(views), scene.points), tuple(tests), tuple(refocused))
 
 
 def trained(method: str, table: Tabletop, steps: int, seed: int = 0, **options: Any) -> Method:
@@ -128,3 +141,10 @@ def sharp_psnr(method: Method, table: Tabletop) -> float:
     """dB of the views held back, all in focus: the mean over views."""
     shown = [(method.render(camera, None).image.clip(0, 1), image) for camera, image in table.tests]
     return float(np.mean([psnr(rendered, image) for rendered, image in shown]))
+
+
+def refocused_psnr(method: Method, table: Tabletop, through: PhysicalLens | None) -> float:
+    """dB of the views held back, rendered through a lens or none, beside what the lens of `refocusing` makes of
+    them."""
+    shown = [method.render(camera, through).image.clip(0, 1) for camera, _ in table.tests]
+    return float(np.mean([psnr(one, truth) for one, truth in zip(shown, table.refocused, strict=True)]))
