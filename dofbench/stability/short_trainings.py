@@ -38,7 +38,7 @@ SHORT = {
     "reset_every": 0.0,
     "scale_lr": 2e-2,
 }
-# The same for fields: a quarter of the rays, and a grid as coarse as these photographs.
+# The same for fields: fewer rays, and a grid as coarse as these photographs.
 SHORT_FIELD = {"batch_pixels": 256, "grid_nodes": 64, "grid_nodes_first": 32}
 SHORT_LENS = {"lens_lr": 0.2, "lens_lr_final": 0.025, "lens_init_aperture": 2.0}
 
