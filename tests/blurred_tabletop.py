@@ -129,10 +129,9 @@ def trained(method: str, table: Tabletop, steps: int, seed: int = 0, **options: 
     entry = find_method(method)
     _, preset, _ = entry.preset(None)
     usual = entry.create({}, 0, "cpu")
-    given = {**preset, "steps": steps, **options}
-    if isinstance(usual, GaussianMethod):
-        given = {name: value for name, value in {**given, **SMALL, **options}.items() if name not in usual.FORCED}
-    made = entry.create(given, seed, "cpu")
+    small, forced = (SMALL, usual.FORCED) if isinstance(usual, GaussianMethod) else ({}, {})
+    given = {**preset, **small, "steps": steps, **options}
+    made = entry.create({name: value for name, value in given.items() if name not in forced}, seed, "cpu")
     assert made.fit(table.training, Budget(steps=steps), Recorder()).status is Status.OK
     return made
 

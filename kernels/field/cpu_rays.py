@@ -100,11 +100,11 @@ def colour_lanes(flat, x, y, z, nodes, offsets, rank, weights):
 
 
 @njit(forceinline=True)
-def add_colour_gradient(flat, x, y, z, nodes, offsets, rank, weights, by_color, by_channels, by_weights):
+def add_colour_gradient(flat, x, y, z, nodes, offsets, rank, weights, by_rgb, by_channels, by_weights):
     """Fill by_channels (3 rank) with the gradient by a point's channels, and add that by the weights to by_weights.
-    by_color: the gradients by red, green and blue before the sigmoid."""
+    by_rgb: the gradients by red, green and blue before the sigmoid."""
     modes = stencil(x, y, z, nodes, offsets, rank)
-    by_red, by_green, by_blue = by_color
+    by_red, by_green, by_blue = by_rgb
     for channel in range(0, rank, LANES):
         for number, mode in enumerate(modes):
             red, value = number * rank + channel, product8(flat, mode, rank, channel)
@@ -193,7 +193,7 @@ def render(grids, rays, samples, sizes, constants, kept, seen, results):
         optical, absorbed = np.empty(LANES, np.float32), np.empty(LANES, np.float32)
         slopes = np.empty(LANES, np.float32)
         harmonic, weights = np.empty(terms, np.float32), np.empty(9 * colour_rank, np.float32)
-        colors = np.empty(LANES, np.float32)
+        rgb = np.empty(LANES, np.float32)
         for ray in range(task * RAYS_PER_TASK, min(count, (task + 1) * RAYS_PER_TASK)):
             o, d = origins[ray], directions[ray]
             fill_harmonics(views[ray], harmonic)
@@ -228,18 +228,10 @@ def render(grids, rays, samples, sizes, constants, kept, seen, results):
                     distance += weight * places[s]
                     if weight >= least_weight:
                         t = places[s]
-                        red_lanes, green_lanes, blue_lanes = colour_lanes(
-                            colour,
-                            o[0] + t * d[0],
-                            o[1] + t * d[1],
-                            o[2] + t * d[2],
-                            nodes,
-                            colour_at,
-                            colour_rank,
-                            weights,
-                        )
-                        store8(colors, 0, sums8(red_lanes, green_lanes, blue_lanes, none, none, none, none, none))
-                        r, g, b = sigmoid(colors[0]), sigmoid(colors[1]), sigmoid(colors[2])
+                        x, y, z = o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]
+                        r8, g8, b8 = colour_lanes(colour, x, y, z, nodes, colour_at, colour_rank, weights)
+                        store8(rgb, 0, sums8(r8, g8, b8, none, none, none, none, none))
+                        r, g, b = sigmoid(rgb[0]), sigmoid(rgb[1]), sigmoid(rgb[2])
                         kept[s, RED], kept[s, GREEN], kept[s, BLUE] = r, g, b
                         red, green, blue = red + weight * r, green + weight * g, blue + weight * b
                     s += 1
@@ -290,7 +282,6 @@ def backward(grids, rays, samples, sizes, constants, kept, seen, gradient, lit_f
         weights, by_weights = np.empty(3 * depth, np.float32), np.empty(3 * depth, np.float32)
         harmonic, by_terms = np.empty(terms, np.float32), np.empty(terms, np.float32)
         by_point, same = np.empty(LANES, np.float32), np.empty(density_rank, np.float32)
-        by_view = np.empty(3, np.float32)
         mine = by_basis[task]
         mine[:] = ZERO
         for ray in range(task * RAYS_PER_TASK, min(count, (task + 1) * RAYS_PER_TASK)):
@@ -339,10 +330,7 @@ def backward(grids, rays, samples, sizes, constants, kept, seen, gradient, lit_f
                             slope = by_point[axis] * np.float32(nodes[axis] - 1)
                             by_rays[ray, axis] += slope
                             by_rays[ray, 3 + axis] += slope * t
-            by_view[:] = ZERO
             if lit_from[ray + 1] > lit_from[ray]:
                 add_basis_gradient(basis, harmonic, by_weights, mine, by_terms, by_point)
-                add_harmonics_gradient(views[ray], by_terms, by_view)
-            if wanted:
-                for axis in range(3):
-                    by_rays[ray, 6 + axis] = by_view[axis]
+                if wanted:
+                    add_harmonics_gradient(views[ray], by_terms, by_rays[ray, 6:])

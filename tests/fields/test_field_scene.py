@@ -64,8 +64,7 @@ def test_a_coarse_grid_has_longer_steps() -> None:
     made.field = GridField(made.field.shape, made.field.parameters, 40.0)  # opaque
     half = torch.full((1,), 0.5)
     coarse = made.see(*rays(1), half).distance
-    fine_field = made.field.resized(GridOptions().shape((12, 10, 8)))
-    made.field = fine_field
+    made.field = made.field.resized(GridOptions().shape((12, 10, 8)))
     fine = made.see(*rays(1), half).distance
     expected = torch.tensor([1 + 4 / 10 / 2, 1 + 4 / 20 / 2])
     torch.testing.assert_close(torch.cat([coarse, fine]), expected, rtol=FLOAT32_GRADIENT, atol=0)
