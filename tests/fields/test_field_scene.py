@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import torch
 from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE
@@ -68,3 +70,15 @@ def test_a_coarse_grid_has_longer_steps() -> None:
     fine = made.see(*rays(1), half).distance
     expected = torch.tensor([1 + 4 / 10 / 2, 1 + 4 / 20 / 2])
     torch.testing.assert_close(torch.cat([coarse, fine]), expected, rtol=FLOAT32_GRADIENT, atol=0)
+
+
+def test_a_cell_is_empty_by_what_a_step_of_that_length_absorbs() -> None:
+    """Density 0.00134 everywhere, in units of a hundredth of a ray: one of 10 steps absorbs 1.33 %, one of 20 steps
+    0.67 %, and a cell is empty below 1 %."""
+    made = scene()
+    for fine, occupied in ((False, True), (True, False)):
+        shape = GridOptions().shape((12, 10, 8) if fine else (6, 5, 4))
+        sizes = {"density": shape.density_size, "colour": shape.colour_size, "basis": shape.basis_shape}
+        made.field = GridField(shape, {name: torch.zeros(size) for name, size in sizes.items()}, math.log(0.00134))
+        made.look_for_empty_cells(torch.Generator().manual_seed(0))
+        assert bool(made.occupancy.occupied.all()) == occupied == bool(made.occupancy.occupied.any())

@@ -64,8 +64,8 @@ def rigid(proposal: bool = False) -> RigidKernel:
     return RigidKernel(2, np.zeros(3), UNIT, 3, KernelOptions(), own, generator())
 
 
-def progressive() -> ProgressiveKernel:
-    options = ProgressiveOptions(kernel_points=4, kernel_from=0.006, kernel_lr_final=0.16)
+def progressive(**changes: Any) -> ProgressiveKernel:
+    options = ProgressiveOptions(kernel_points=4, kernel_from=0.006, kernel_lr_final=0.16, **changes)
     return ProgressiveKernel(2, UNIT, 3, options, generator())
 
 
@@ -127,6 +127,19 @@ def test_a_kernel_s_points_are_pixels_of_its_window() -> None:
     scene = PlaneScene(3.0, waves)
     torch.testing.assert_close(colours(model, scene, at, 0.5), sharp(scene, moved), rtol=FLOAT32_VALUE, atol=0)
     assert float(model.cost(0.5).detach()) == pytest.approx(0.1 * 10 * math.tanh(0.3) / 2, rel=FLOAT32_VALUE)
+
+
+def test_a_progressive_kernel_s_points_are_pixels_of_its_window() -> None:
+    """With the head at 0 the canonical points remain, at (2, 1) pixels and the same noise, whatever the window."""
+    scene, at, found = PlaneScene(3.0, waves), pixels(), []
+    for window in (10.0, 5.0):
+        model = progressive(kernel_window=window)
+        for name, parameter in model._network.named_parameters():
+            if name.startswith("kernel.head"):
+                parameter.data.zero_()
+        model._network.kernel.pattern.data[:] = torch.atanh(torch.tensor([2.0, 1.0]) / window)
+        found.append(colours(model, scene, at, 0.5))
+    torch.testing.assert_close(found[0], found[1], rtol=FLOAT32_VALUE, atol=0)
 
 
 def test_origins_turn_rays_about_the_unit_of_depth() -> None:
