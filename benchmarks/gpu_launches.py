@@ -113,6 +113,7 @@ def field() -> None:
                 *grids, *rays, samples.starts, samples.places, samples.steps, shape=shape, shift=0.0
             )
             (seen.color.sum() + seen.opacity.sum()).backward()
+            load("field", "gpu", function="field_features")(*grids[:2], ray, shape=shape).sum().backward()
 
 
 CALLS: tuple[Callable[[], None], ...] = (tone, ssim, scatter, mix, rasterize, stereo, field)

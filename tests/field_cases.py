@@ -164,6 +164,47 @@ def assert_planes_times_lines_are_interpolated(backend: str) -> None:
         torch.testing.assert_close(found.double(), expected, rtol=tolerance, atol=0)
 
 
+def features(backend: str, shape: GridShape, seed: int, count: int = 50) -> dict[str, Tensor]:
+    """`field_features` at random points, some outside the cube, and the gradients of a random sum of it, float64."""
+    case = of_type(random_case(shape, seed), dtype_of(backend))
+    points = 1.4 * torch.rand(count, 3, generator=torch.Generator().manual_seed(seed)) - 0.2
+    grids = [case[name].requires_grad_() for name in ("density", "colour")]
+    found = load("field", backend, function="field_features")(*grids, points.to(grids[0].dtype), shape=shape)
+    weights = torch.rand(found.shape, generator=torch.Generator().manual_seed(1))
+    by_density, by_colour = torch.autograd.grad((found * weights.to(found.dtype)).sum(), grids)
+    outputs = {"features": found, "by density": by_density, "by colour": by_colour}
+    return {name: value.detach().double() for name, value in outputs.items()}
+
+
+def assert_features_agree(backend: str, shape: GridShape, seed: int, count: int = 50) -> None:
+    """With the definition's, value and gradient, relative to the largest magnitude."""
+    found, expected = (features(name, shape, seed, count) for name in (backend, "reference"))
+    for name, value in expected.items():
+        rounding = FLOAT32_GRADIENT if name.startswith("by") else FLOAT32_VALUE
+        assert found[name].shape == value.shape
+        largest = float(value.abs().max()) if len(value) else 0.0
+        torch.testing.assert_close(found[name], value, rtol=0, atol=rounding * largest)
+
+
+def assert_features_are_planes_times_lines(backend: str) -> None:
+    """As torch samples a picture: the density's channels mode by mode, then the colour's; points outside as on the
+    border."""
+    shape, dtype = GridShape((3, 4, 5), 8, 16, 4), dtype_of(backend)
+    case, generator = of_type(random_case(shape, 3), dtype), torch.Generator().manual_seed(0)
+    points = (1.4 * torch.rand(40, 3, generator=generator) - 0.2).to(dtype)
+    expected = []
+    for flat, rank in ((case["density"], 8), (case["colour"], 16)):
+        for (column, row, axis), plane, line in zip(MODES, *shape.parts(flat, rank), strict=True):
+            where, along = 2 * points[:, [column, row]] - 1, 2 * points[:, axis] - 1
+            whole = torch.einsum("ijc,kc->ckij", plane, line)[None]
+            place = torch.cat([where, along[:, None]], 1)[None, None, None]
+            sampled = torch.nn.functional.grid_sample(whole, place, padding_mode="border", align_corners=True)
+            expected.append(sampled[0, :, 0, 0].T)
+    found = load("field", backend, function="field_features")(case["density"], case["colour"], points, shape=shape)
+    rounding = FLOAT64_VALUE if dtype == torch.float64 else FLOAT32_VALUE
+    torch.testing.assert_close(found, torch.cat(expected, 1), rtol=0, atol=rounding)
+
+
 def assert_points_outside_count_as_on_the_border(backend: str) -> None:
     """Of the density."""
     flat = torch.rand(SMALL.density_size, generator=torch.Generator().manual_seed(0)).to(dtype_of(backend))

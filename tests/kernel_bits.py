@@ -103,6 +103,9 @@ def field(load: Callable[..., Callable[..., Any]], to: Callable[[Tensor], Tensor
     samples = load("field_samples")(inputs[3], inputs[4], spans, to(torch.rand(rays)), cells, count=each)
     yield from (samples.starts, samples.places, samples.steps)
     yield load("field_density")(inputs[0], inputs[3].detach(), shape=shape, shift=-4.0)
+    stored = load("field_features")(*inputs[:2], to(torch.rand(3000, 3)), shape=shape)
+    yield stored
+    yield from torch.autograd.grad(stored.square().sum(), inputs[:2])
 
 
 CALLS: dict[str, Callable[..., Iterator[Tensor]]] = {

@@ -121,15 +121,9 @@ class GridField:
         """(P, C) what planes times lines give at points (P, 3) of the cube, without the sums that make a density and
         colours of them: the density's channels, then the colour's, mode by mode. Points outside count as on the border.
         Differentiable by the field."""
-        unit = 2 * points.clamp(0, 1) - 1
-        found = []
-        for name, rank in self._ranks().items():
-            planes, lines = self.shape.parts(self.parameters[name], rank)
-            for (column, row, axis), plane, line in zip(MODES, planes, lines, strict=True):
-                across = _sampled(plane.permute(2, 0, 1), unit[:, column], unit[:, row])
-                along = _sampled(line.T[:, :, None], torch.zeros_like(unit[:, axis]), unit[:, axis])
-                found.append(across * along)
-        return torch.cat(found, 1)
+        grids = self.parameters["density"], self.parameters["colour"]
+        found: Tensor = load("field", function="field_features")(*grids, points, shape=self.shape)
+        return found
 
     @torch.no_grad()
     def resized(self, shape: GridShape) -> GridField:
@@ -183,12 +177,6 @@ class _Roughness(torch.autograd.Function):
 def _differences(plane: Tensor) -> tuple[Tensor, Tensor]:
     """Of neighbouring rows, and of neighbouring columns."""
     return plane.diff(dim=0), plane.diff(dim=1)
-
-
-def _sampled(plane: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """(P, channels) of a plane (channels, rows, columns), whose outermost nodes lie at -1 and 1."""
-    where = torch.stack([x, y], 1)[None, :, None]
-    return torch.nn.functional.grid_sample(plane[None], where, align_corners=True)[0, :, :, 0].T
 
 
 def _interpolated(plane: Tensor, size: Sequence[int]) -> Tensor:

@@ -17,6 +17,7 @@ from dofbench.compute.simd import LANES, store8, sums8
 from . import cpu_grids, cpu_rays
 from .cpu_rays import KEPT, RAYS_PER_TASK, WEIGHT, feature_lanes, softplus8
 from .cpu_samples import march
+from .cpu_stencil import product8, stencil
 
 _POINTS_PER_TASK = 1024
 
@@ -59,6 +60,18 @@ def field_density(density: Tensor, points: Tensor, *, shape: GridShape, shift: f
     return torch.from_numpy(found[: len(places)])
 
 
+def field_features(density: Tensor, colour: Tensor, points: Tensor, *, shape: GridShape) -> Tensor:
+    """(P, C) planes times lines at points (P, 3); see `reference.field_features`. float32 on the CPU.
+
+    The same input gives the same bits, whatever the number of threads. Raises ValueError for tensors of another type,
+    device or shape, FloatingPointError for points that aren't finite.
+    """
+    expected = {"density": (density, (shape.density_size,)), "colour": (colour, (shape.colour_size,))}
+    _check_floats({**expected, "points": (points, (len(points), 3))})
+    _check_finite(points=points)
+    return _Features.apply(density, colour, points, shape)
+
+
 def field_samples(
     origins: Tensor, directions: Tensor, spans: Tensor, offsets: Tensor, occupied: Tensor, *, count: int
 ) -> RaySamples:
@@ -84,6 +97,13 @@ def _check_finite(**tensors: Tensor) -> None:
             raise FloatingPointError(f"{name}: expected finite numbers")
 
 
+def _check_floats(expected: dict[str, tuple[Tensor, tuple[int, ...]]]) -> None:
+    for name, (tensor, wanted) in expected.items():
+        if tensor.dtype != torch.float32 or tensor.device.type != "cpu" or tuple(tensor.shape) != wanted:
+            found = f"{tensor.dtype} {tuple(tensor.shape)} on {tensor.device}"
+            raise ValueError(f"{name}: expected float32 {wanted} on cpu, found {found}")
+
+
 def _check(grids, rays, starts: Tensor, samples, shape: GridShape) -> None:
     count, size = len(rays[0]), len(samples[0])
     expected: dict[str, tuple[Tensor, tuple[int, ...]]] = {
@@ -96,10 +116,7 @@ def _check(grids, rays, starts: Tensor, samples, shape: GridShape) -> None:
         "places": (samples[0], (size,)),
         "lengths": (samples[1], (size,)),
     }
-    for name, (tensor, wanted) in expected.items():
-        if tensor.dtype != torch.float32 or tensor.device.type != "cpu" or tuple(tensor.shape) != wanted:
-            found = f"{tensor.dtype} {tuple(tensor.shape)} on {tensor.device}"
-            raise ValueError(f"{name}: expected float32 {wanted} on cpu, found {found}")
+    _check_floats(expected)
     if starts.dtype != torch.int64 or tuple(starts.shape) != (count + 1,):
         raise ValueError(f"starts: expected int64 ({count + 1},), found {starts.dtype} {tuple(starts.shape)}")
     if int(starts[0]) != 0 or int(starts[-1]) != size or bool((starts.diff() < 0).any()):
@@ -147,20 +164,62 @@ class _Field(torch.autograd.Function):
             grids, rays, samples, sizes, constants, kept, seen, gradient.contiguous().numpy(), lit_from, wanted, outputs
         )
         numbers = np.flatnonzero(counted)
+        of_ray = ray_of, rays[0], rays[1], places
         by_density = _spread(
-            grids[0], numbers, ray_of, rays, places, by_feature[numbers], 0, nodes, density_at, density_rank
+            grids[0], _points(numbers, *of_ray), by_feature[numbers], 0, nodes, density_at, density_rank
         )
         by_colour = _spread(
-            grids[1], lit, ray_of, rays, places, by_channels.reshape(-1), colour_rank, nodes, colour_at, colour_rank
+            grids[1], _points(lit, *of_ray), by_channels.reshape(-1), colour_rank, nodes, colour_at, colour_rank
         )
         summed = torch.from_numpy(by_basis.sum(axis=0).reshape(3 * terms, -1).T.copy())
         of_rays = (torch.from_numpy(by_rays[:, 3 * k : 3 * k + 3].copy()) if wanted else None for k in range(3))
         return (torch.from_numpy(by_density), torch.from_numpy(by_colour), summed, *of_rays, *[None] * 5)
 
 
-def _spread(flat, numbers, ray_of, rays, places, by_channels, step, nodes, offsets, rank) -> np.ndarray:
+class _Features(torch.autograd.Function):
+    @staticmethod
+    def forward(context, density, colour, points, shape):
+        places = points.contiguous()
+        context.save_for_backward(density, colour, places)
+        context.shape = shape
+        found = np.empty((len(places), 3 * (shape.density_rank + shape.colour_rank)), np.float32)
+        for flat, rank, first in (
+            (density, shape.density_rank, 0),
+            (colour, shape.colour_rank, 3 * shape.density_rank),
+        ):
+            _products(flat.numpy(), places.numpy(), shape.nodes, shape.offsets(rank), rank, first, found)
+        return torch.from_numpy(found)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(context, gradient):
+        density, colour, points = context.saved_tensors
+        shape, first = context.shape, 3 * context.shape.density_rank
+        parts = (density, shape.density_rank, gradient[:, :first]), (colour, shape.colour_rank, gradient[:, first:])
+        by_density, by_colour = (
+            _spread(
+                flat.numpy(),
+                points.numpy(),
+                part.contiguous().numpy().reshape(-1),
+                rank,
+                shape.nodes,
+                shape.offsets(rank),
+                rank,
+            )
+            for flat, rank, part in parts
+        )
+        return torch.from_numpy(by_density), torch.from_numpy(by_colour), None, None
+
+
+def _points(numbers, ray_of, origins, directions, places) -> np.ndarray:
+    """Where the samples of these numbers lie."""
     points = np.empty((len(numbers), 3), np.float32)
-    cpu_grids.points_of(numbers, ray_of, rays[0], rays[1], places, points)
+    cpu_grids.points_of(numbers, ray_of, origins, directions, places, points)
+    return points
+
+
+def _spread(flat, points, by_channels, step, nodes, offsets, rank) -> np.ndarray:
+    """The gradient by `flat`; see `cpu_grids.spread`."""
     result = np.empty_like(flat)
     lines = np.empty((cpu_grids.BANDS, flat.size - offsets[3]), np.float32)
     cpu_grids.spread(flat, points, by_channels, step, nodes, offsets, rank, result, lines)
@@ -192,6 +251,19 @@ def _densities(flat, points, nodes, offsets, rank, shift, found):
             store8(found, p, value)
 
 
+@cached
+@njit(parallel=True, error_model="numpy")
+def _products(flat, points, nodes, offsets, rank, first, found):
+    """Fill the columns of found (P, C) from `first` on."""
+    for task in prange(-(-len(points) // _POINTS_PER_TASK)):
+        for p in range(task * _POINTS_PER_TASK, min(len(points), (task + 1) * _POINTS_PER_TASK)):
+            modes = stencil(points[p, 0], points[p, 1], points[p, 2], nodes, offsets, rank)
+            row = found[p]
+            for channel in range(0, rank, LANES):
+                for number, mode in enumerate(modes):
+                    store8(row, first + number * rank + channel, product8(flat, mode, rank, channel))
+
+
 def _warm_up(**_options: Any) -> None:
     shape = GridShape((2, 2, 2), 8, 8, 1)
     random = torch.Generator().manual_seed(0)
@@ -201,6 +273,7 @@ def _warm_up(**_options: Any) -> None:
     seen = field(density, colour, basis, rays, rays, rays, starts, places, places + 1, shape=shape, shift=0.0)
     (seen.color.sum() + seen.opacity.sum()).backward()
     field_density(density, rays, shape=shape, shift=0.0)
+    field_features(density, colour, rays, shape=shape)
     cells = torch.ones((1, 1, 1), dtype=torch.bool)
     field_samples(rays, rays, torch.zeros((1, 2)), places, cells, count=1)
 
@@ -210,5 +283,5 @@ BACKEND = Backend(
     dtypes=("float32",),
     bits_repeat=True,
     warm_up=_warm_up,
-    is_warm=lambda: all(is_compiled(function) for function in (cpu_grids.spread, _densities, march)),
+    is_warm=lambda: all(is_compiled(function) for function in (cpu_grids.spread, _densities, _products, march)),
 )

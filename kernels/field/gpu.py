@@ -14,8 +14,8 @@ from dofbench.compute.backend import Backend
 from dofbench.compute.factored_grid import FieldRender, GridShape, RaySamples
 from dofbench.compute.gpu_launch import check_tensors, kernels, launch
 
-from .gpu_grid_gradient import Kept, gradients
-from .gpu_ray_inputs import SAMPLES, check, group
+from .gpu_grid_gradient import Kept, gradients, sorted_by_cell, summed_at_nodes
+from .gpu_ray_inputs import SAMPLES, channels_of, check, group
 
 BACKEND = Backend(devices=("cuda",), dtypes=("float32",), bits_repeat=True)
 _ELEMENTS = 256  # samples times channels that a program reads together
@@ -83,6 +83,21 @@ def field_density(density: Tensor, points: Tensor, *, shape: GridShape, shift: f
         **constants,
     )
     return found
+
+
+def field_features(density: Tensor, colour: Tensor, points: Tensor, *, shape: GridShape) -> Tensor:
+    """(P, C) planes times lines at points (P, 3); see `reference.field_features`. float32 on a GPU.
+
+    The same input gives the same bits. NaN at points that aren't finite. Raises ValueError for tensors of another type,
+    device or shape.
+    """
+    grids = {"density": density, "colour": colour}
+    check_tensors("field_features", **grids, points=points)
+    wanted = (shape.density_size,), (shape.colour_size,), (len(points), 3)
+    for (name, tensor), size in zip({**grids, "points": points}.items(), wanted, strict=True):
+        if tuple(tensor.shape) != size:
+            raise ValueError(f"field_features {name}: expected {size}, found {tuple(tensor.shape)}")
+    return _Features.apply(density.contiguous(), colour.contiguous(), points.detach().contiguous(), shape)
 
 
 def field_samples(
@@ -241,3 +256,62 @@ class _Field(torch.autograd.Function):
         wanted = any(context.needs_input_grad[3:5])
         found = gradients(gradient.contiguous(), context.saved_tensors, context.kept, shape, least_weight, wanted)
         return *found, *[None] * 6
+
+
+class _Features(torch.autograd.Function):
+    """(P, C)."""
+
+    @staticmethod
+    def forward(context, density, colour, points, shape):
+        size, total = len(points), 3 * (shape.density_rank + shape.colour_rank)
+        found = points.new_empty(size, total)
+        for flat, rank, first in _parts(density, colour, shape):
+            launch(
+                kernels("field.gpu_features").products,
+                (-(-size // (_ELEMENTS // channels_of(rank))), 3 * rank // channels_of(rank)),
+                flat,
+                points,
+                found,
+                size,
+                *shape.nodes,
+                first,
+                total,
+                **group(rank, _ELEMENTS),
+            )
+        context.save_for_backward(density, colour, points)
+        context.shape = shape
+        return found
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(context, gradient):
+        density, colour, points = context.saved_tensors
+        shape, size, gradient = context.shape, len(points), gradient.contiguous()
+        # Each point counts as the only sample of a ray that begins there.
+        every = torch.arange(size, dtype=torch.int32, device=points.device)
+        none, one = points.new_zeros(size), points.new_ones(size)
+        by_cell = sorted_by_cell(points, points, none, every, one, shape, 0.0)
+        by_grids = []
+        for flat, rank, first in _parts(density, colour, shape):
+            by_planes, by_lines = (points.new_empty(size, 3, rank) for _ in range(2))
+            launch(
+                kernels("field.gpu_features").spread_products,
+                (-(-size // (_ELEMENTS // channels_of(rank))), 3 * rank // channels_of(rank)),
+                flat,
+                points,
+                gradient,
+                by_planes,
+                by_lines,
+                size,
+                *shape.nodes,
+                first,
+                gradient.shape[1],
+                **group(rank, _ELEMENTS),
+            )
+            by_grids.append(summed_at_nodes(by_planes, by_lines, by_cell, torch.empty_like(flat), shape, rank, 2))
+        return *by_grids, None, None
+
+
+def _parts(density: Tensor, colour: Tensor, shape: GridShape) -> tuple[tuple[Tensor, int, int], ...]:
+    """Of each grid: its numbers, its rank, and the first column of its features."""
+    return (density, shape.density_rank, 0), (colour, shape.colour_rank, 3 * shape.density_rank)

@@ -82,7 +82,7 @@ def gradients(
         warps=1,
         BLOCK=_OF_RAY,
     )
-    by_cell = _sorted(origins, directions, places, kept, shape, least_weight)
+    by_cell = sorted_by_cell(origins, directions, places, kept.ray_of, kept.weights, shape, least_weight)
     parts = [3 * rank // channels_of(rank) for rank in (shape.density_rank, shape.colour_rank)]
     by_lights = torch.empty_like(lights)
     by_rays = places.new_empty((sum(parts), count, 6)) if wanted else places
@@ -115,15 +115,24 @@ def gradients(
             WANTED=wanted,
             **group(rank, _SPREAD[is_colour]),
         )
-        found.append(_summed(by_planes, by_lines, by_cell, torch.empty_like(flat), shape, rank, 1 if is_colour else 2))
+        found.append(
+            summed_at_nodes(by_planes, by_lines, by_cell, torch.empty_like(flat), shape, rank, 1 if is_colour else 2)
+        )
     along = by_rays.sum(0) if wanted else None
     of_rays = (None, None) if along is None else (along[:, :3], along[:, 3:])
     return *found, by_lights, *of_rays
 
 
-def _sorted(
-    origins: Tensor, directions: Tensor, places: Tensor, kept: Kept, shape: GridShape, least_weight: float
+def sorted_by_cell(
+    origins: Tensor,
+    directions: Tensor,
+    places: Tensor,
+    ray_of: Tensor,
+    weights: Tensor,
+    shape: GridShape,
+    least_weight: float,
 ) -> Sorted:
+    """The samples by the cells that they lie in; those of less than the least weight come last in theirs."""
     size, (nx, ny, nz) = len(places), shape.nodes
     of_planes = (nx - 1) * (ny - 1) + (nx - 1) * (nz - 1) + (ny - 1) * (nz - 1)
     numbers = 2 * (of_planes + nx + ny + nz - 3)
@@ -134,9 +143,9 @@ def _sorted(
         (-(-size // SAMPLES),),
         origins,
         directions,
-        kept.ray_of,
+        ray_of,
         places,
-        kept.weights,
+        weights,
         cells,
         shares,
         size,
@@ -153,7 +162,7 @@ def _sorted(
     return Sorted(order, torch.searchsorted(cells, every, out_int32=True), shares)
 
 
-def _summed(
+def summed_at_nodes(
     by_planes: Tensor, by_lines: Tensor, by_cell: Sorted, result: Tensor, shape: GridShape, rank: int, numbers: int
 ) -> Tensor:
     """Fill result, like the flat tensor, with its gradient. numbers: how many of a cell's two numbers count."""

@@ -46,6 +46,17 @@ def field_density(density: Tensor, points: Tensor, *, shape: GridShape, shift: f
     return softplus(torch.stack([factor.sum(1) for factor in factors]).sum(0) + shift)
 
 
+def field_features(density: Tensor, colour: Tensor, points: Tensor, *, shape: GridShape) -> Tensor:
+    """(P, C) what planes times lines give at points (P, 3) of the unit cube, without the sums that make a density and
+    colours of them: the density's channels, then the colour's, mode by mode, so that C is 3 (density_rank +
+    colour_rank). Points outside count as on the cube's border. Differentiable with respect to density and colour.
+
+    density, colour: flat, `shape.density_size` and `shape.colour_size` numbers.
+    """
+    grids = (density, shape.density_rank), (colour, shape.colour_rank)
+    return torch.cat([factor for flat, rank in grids for factor in _factors(flat, points, shape, rank)], 1)
+
+
 def field(
     density: Tensor,
     colour: Tensor,

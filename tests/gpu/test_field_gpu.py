@@ -145,6 +145,30 @@ def test_wrong_tensors(change: dict[str, Tensor], expected: str) -> None:
         load("field", "gpu")(**{**case, **change}, shape=SMALL, shift=0.0)
 
 
+def test_features_are_planes_times_lines() -> None:
+    field_cases.assert_features_are_planes_times_lines("gpu")
+
+
+@pytest.mark.parametrize(("ranks", "count"), [((8, 16), 0), ((8, 8), 1), ((16, 24), 40)])
+def test_features_agree_with_the_definition(ranks: tuple[int, int], count: int) -> None:
+    field_cases.assert_features_agree("gpu", GridShape((3, 5, 4), *ranks, 1), 1, count)
+
+
+def test_wrong_tensors_of_features() -> None:
+    of_points = load("field", "gpu", function="field_features")
+    density, colour, points = torch.zeros(SMALL.density_size), torch.zeros(SMALL.colour_size), torch.zeros(4, 3)
+    for wrong, expected in (
+        ((colour[1:], colour, points), "field_features density"),
+        ((density, colour.double(), points), "field_features colour"),
+        ((density, colour, points[:, :2]), "field_features points"),
+    ):
+        with pytest.raises(ValueError, match=expected):
+            of_points(*wrong, shape=SMALL)
+    where_nothing_is = torch.tensor([[0.5, 0.5, 0.5], [0.5, math.nan, 0.5]])
+    found = of_points(density, colour, where_nothing_is, shape=SMALL)
+    assert torch.isfinite(found[0]).all() and torch.isnan(found[1]).all()
+
+
 def test_wrong_tensors_of_density_and_samples() -> None:
     density = load("field", "gpu", function="field_density")
     with pytest.raises(ValueError, match="field_density points"):
@@ -208,6 +232,8 @@ def test_the_host_waits_for_the_number_of_samples_alone(monkeypatch: pytest.Monk
         seen = load("field")(**there, shape=shape, shift=-0.5)
         (seen.color.sum() + seen.distance.sum()).backward()
         load("field", function="field_density")(there["density"], there["origins"], shape=shape, shift=0.0)
+        grids = there["density"], there["colour"]
+        load("field", function="field_features")(*grids, there["origins"].detach(), shape=shape).sum().backward()
         assert waits == []
         load("field", function="field_samples")(*(each.to("cuda") for each in rays), occupied.to("cuda"), count=count)
         assert waits == ["_local_scalar_dense in gpu.py field_samples"]

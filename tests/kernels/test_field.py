@@ -34,6 +34,17 @@ def test_points_outside_count_as_on_the_border(backend: str) -> None:
     field_cases.assert_points_outside_count_as_on_the_border(backend)
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_features_are_planes_times_lines(backend: str) -> None:
+    field_cases.assert_features_are_planes_times_lines(backend)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**31), st.sampled_from([(8, 8), (8, 16), (16, 24)]), st.sampled_from([0, 1, 50, 1100]))
+def test_features_agree_with_the_definition(seed: int, ranks: tuple[int, int], count: int) -> None:
+    field_cases.assert_features_agree("cpu", GridShape((3, 9, 6), *ranks, 1), seed, count)
+
+
 @settings(max_examples=5)
 @given(st.integers(0, 2**31), st.sampled_from([1, 4, 9]))
 def test_gradient_of_the_definition(seed: int, harmonics: int) -> None:
@@ -96,6 +107,20 @@ def test_wrong_tensors(change: dict[str, Tensor], expected: str) -> None:
     case = of_type(random_case(SMALL, 1), torch.float32)
     with pytest.raises(ValueError, match=expected):
         load("field", "cpu")(**{**case, **change}, shape=SMALL, shift=0.0)
+
+
+def test_wrong_tensors_of_features() -> None:
+    of_points = load("field", "cpu", function="field_features")
+    density, colour, points = torch.zeros(SMALL.density_size), torch.zeros(SMALL.colour_size), torch.zeros(4, 3)
+    for wrong, expected in (
+        ((colour[1:], colour, points), "density"),
+        ((density, colour.double(), points), "colour"),
+        ((density, colour, points[:, :2]), "points"),
+    ):
+        with pytest.raises(ValueError, match=expected):
+            of_points(*wrong, shape=SMALL)
+    with pytest.raises(FloatingPointError, match="points"):
+        of_points(density, colour, points / 0, shape=SMALL)
 
 
 @pytest.mark.parametrize("name", ["origins", "directions", "places"])
