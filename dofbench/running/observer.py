@@ -14,6 +14,7 @@ from dofbench.results.result import CurvePoint
 
 CURVE_FACTOR = 1.6  # ratio of two neighbouring evaluation times
 CURVE_POINTS = 14  # thresholds below the whole budget: the first is at 1.6^-14, 0.14 % of it
+FREE_SECONDS = 10.0  # that evaluation may take during any training
 
 Evaluate = Callable[[], dict[str, float]]
 
@@ -51,7 +52,9 @@ class TrainingObserver:
 
     After the first step, and whenever the share of the budget that is spent passes one of the
     thresholds `CURVE_FACTOR ** -k`, it stops the clock and evaluates: the same points on a log axis
-    whether the budget is in steps or in seconds. A non-finite loss ends the training as diverged.
+    whether the budget is in steps or in seconds. Where all of them would take longer than the training itself, as with
+    fields that are seen through a lens ray by ray, the earlier ones are left out. A non-finite loss ends the training
+    as diverged.
 
     evaluate: scores of the method as it is now, by column. report: told of each step,
     and of what comes before the first.
@@ -92,7 +95,7 @@ class TrainingObserver:
             del self._thresholds[0]
             due = True
         self._stopped = spent >= 1
-        if due and not self._stopped:  # at the end `finish` evaluates
+        if due and not self._stopped and self._affordable(seconds / spent):  # at the end `finish` evaluates
             self._add_point(step)
         with self._clock.paused():
             self._report(step, loss, seconds)
@@ -118,6 +121,14 @@ class TrainingObserver:
             took = self.seconds() if self.first_step_seconds is None else self.first_step_seconds
             return Status.OUT_OF_TIME, f"the first step wasn't done after {took:.1f} s, the budget is {limit:g} s"
         return None
+
+    def _affordable(self, whole: float) -> bool:
+        """Whether there is time for this point and all later ones. whole: seconds that training will take."""
+        if not self.curve:
+            return True
+        spent = self._evaluating.wall
+        later = len(self._thresholds) + 1  # and the end
+        return spent + spent / len(self.curve) * (1 + later) <= max(FREE_SECONDS, whole)
 
     def _add_point(self, step: int) -> None:
         seconds = self.seconds()
