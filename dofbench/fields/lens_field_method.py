@@ -20,7 +20,7 @@ from dofbench.fields.field_scene import FieldScene
 from dofbench.fields.forward.lens_rays import LensRayOptions, LensRays
 from dofbench.fields.forward.ray_model import RayModel
 from dofbench.fields.forward.rendered_patch import PatchOptions, RenderedPatch
-from dofbench.fields.lens_rendering import scattered, through_points
+from dofbench.fields.lens_rendering import LensRenderingOptions, scattered, through_points
 from dofbench.learning.lens_file import read_lenses, write_lenses
 from dofbench.learning.lens_ties import lens_ties
 from dofbench.learning.lenses import LearnedLenses, LensOptions
@@ -47,6 +47,7 @@ class LensRayFieldOptions(LensFieldOptions):
     """Those of a field whose lenses are sampled."""
 
     lens_rays: LensRayOptions = LensRayOptions()
+    rendering: LensRenderingOptions = LensRenderingOptions()
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class PatchFieldOptions(LensFieldOptions):
 class RefocusedFieldOptions(FieldOptions):
     """Those of a field that is rendered through a lens, but was trained without one."""
 
-    lens_rays: LensRayOptions = LensRayOptions()
+    rendering: LensRenderingOptions = LensRenderingOptions()
 
 
 class RefocusedField(FieldMethod):
@@ -73,7 +74,7 @@ class RefocusedField(FieldMethod):
         if lens is None:
             return super().render(camera, None)
         assert isinstance(self._options, RefocusedFieldOptions)
-        return through_points(self._trained(), camera, lens, self._options.lens_rays.lens_points)
+        return through_points(self._trained(), camera, lens, self._options.rendering.render_points)
 
 
 class LensFieldMethod(FieldMethod, ABC):
@@ -135,16 +136,16 @@ class LensRayField(LensFieldMethod):
 
     def lens_model(self, lenses: LearnedLenses, generator: torch.Generator) -> RayModel:
         """See `LensRays`."""
-        return LensRays(lenses, self._sampling, generator)
+        return LensRays(lenses, self._own.lens_rays, generator)
 
     def photograph(self, scene: FieldScene, camera: Camera, lens: PhysicalLens) -> Rendering:
         """See `through_points`."""
-        return through_points(scene, camera, lens, self._sampling.lens_points)
+        return through_points(scene, camera, lens, self._own.rendering.render_points)
 
     @property
-    def _sampling(self) -> LensRayOptions:
+    def _own(self) -> LensRayFieldOptions:
         assert isinstance(self._options, LensRayFieldOptions)
-        return self._options.lens_rays
+        return self._options
 
 
 class PatchField(LensFieldMethod):

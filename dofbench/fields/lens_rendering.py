@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 
 from dofbench.core.blur import Blur
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Rendering
+from dofbench.core.errors import InputError
 from dofbench.core.lens import PhysicalLens
 from dofbench.fields.field_scene import FieldScene
 from dofbench.fields.forward.lens_rays import disc_points
@@ -15,6 +18,19 @@ from dofbench.fields.pixels import CameraTable, whole_image
 from dofbench.optics.defocus import defocus_numpy
 
 _RAYS = 8192  # rendered at once
+
+
+@dataclass(frozen=True)
+class LensRenderingOptions:
+    """How finely a lens is sampled in a photograph that is rendered."""
+
+    render_points: int = 16
+    """Rays from points of the lens that a pixel of a rendered photograph is mixed from. Unit: none. Source: own; 16
+    instead of 50 cost 0.03 dB at most."""
+
+    def __post_init__(self) -> None:
+        if self.render_points < 1:
+            raise InputError("option render_points", str(self.render_points), "at least 1")
 
 
 @torch.no_grad()

@@ -101,6 +101,18 @@ def test_a_wall_through_points_of_a_lens() -> None:
     assert float((small - sharp).mean()) == pytest.approx(0.05 * radius**2 / 4, rel=DISC_ON_FEWER_PIXELS)
 
 
+def test_a_photograph_has_rays_of_its_own_number() -> None:
+    """Not as many as a pixel has in training."""
+    method = LensRayField({**SHORT, "lens_points": 5, "render_points": 7}, 0, "cpu")
+    method.fit(training_set(), Budget(), Recorder())
+    camera, lens = cameras()[1], PhysicalLens(25.0, 0.2, WIDTH)
+    found = method.render(camera, lens).image
+    assert np.array_equal(found, through_points(method._trained(), camera, lens, 7).image)
+    assert not np.array_equal(found, through_points(method._trained(), camera, lens, 5).image)
+    with pytest.raises(InputError, match="render_points"):
+        LensRayField({"render_points": 0}, 0, "cpu")
+
+
 def test_a_scattered_view_is_the_sharp_view_defocused() -> None:
     method, _ = trained("patch")
     camera, lens = cameras()[1], PhysicalLens(25.0, 0.2, WIDTH)
