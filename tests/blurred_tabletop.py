@@ -54,9 +54,9 @@ CLAIMS = (
     Claim("dofgaussian", "mipsplatting", "out of focus"),
     Claim("dofnerf", "nerf", "out of focus", steps=1000),
     Claim("lensnerf", "nerf", "out of focus", steps=2000, tested=False),
-    Claim("deblurnerf", "nerf", "out of focus", {"kernel_window": 5.0}, steps=2000, tested=False),
+    Claim("deblurnerf", "nerf", "out of focus", steps=2000, tested=False),
     Claim("dpnerf", "nerf", "out of focus", steps=2000, tested=False),
-    Claim("pdrf", "nerf", "out of focus", {"kernel_window": 5.0}, steps=2000, tested=False),
+    Claim("pdrf", "nerf", "out of focus", steps=2000, tested=False),
 )
 
 
