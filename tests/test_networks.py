@@ -7,7 +7,7 @@ import torch
 from tolerances import FLOAT32_SCALAR
 from torch import nn
 
-from dofbench.learning.networks import NetworkAdam, encoded_places, in_a_row, in_blocks, redraw
+from dofbench.learning.networks import NetworkAdam, encoded_places, in_a_row, redraw
 
 
 def test_encoded_places() -> None:
@@ -60,25 +60,3 @@ def test_a_step_that_is_not_cooled_down_is_the_whole_rate() -> None:
     (3 * weight).sum().backward()
     adam.step(0.0)
     assert weight.tolist() == pytest.approx([0.9], rel=FLOAT32_SCALAR)
-
-
-@pytest.mark.parametrize("count", [0, 1, 7, 8, 21])
-def test_blocks_of_rows_are_all_rows(count: int) -> None:
-    """Outputs of two shapes from two inputs, and the gradient by inputs and weights; every block has at most 7 rows."""
-    network, generator = nn.Linear(3, 2), torch.Generator().manual_seed(0)
-    first = torch.rand(count, 3, generator=generator).requires_grad_()
-    second = torch.rand(count, 2, generator=generator).requires_grad_()
-    most = []
-
-    def function(one: torch.Tensor, other: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        most.append(len(one))
-        return network(one) * other, one.sum(1).square()
-
-    found, expected = in_blocks(function, first, second, rows=7), function(first, second)
-    assert max(most[:-1]) <= 7 and len(most) == 1 + max(1, -(-count // 7))
-    by = (first, second, network.weight)
-    for got, wanted in zip(found, expected, strict=True):
-        torch.testing.assert_close(got, wanted, rtol=FLOAT32_SCALAR, atol=0)
-    gradients = (torch.autograd.grad(one[0].sum() + (one[1] * 3).sum(), by) for one in (found, expected))
-    for got, wanted in zip(*gradients, strict=True):
-        torch.testing.assert_close(got, wanted, rtol=FLOAT32_SCALAR, atol=FLOAT32_SCALAR)

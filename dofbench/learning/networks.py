@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import torch
 from torch import Tensor, nn
 
 from dofbench.learning.nonfinite import finite_part
-
-_ROWS = 4096  # of 64 numbers: a megabyte, which stays in a core's cache from one layer to the next
 
 
 class NetworkAdam:
@@ -47,18 +45,6 @@ def in_a_row(gradients: Iterable[Tensor | None]) -> Tensor | None:
     """Those gradients that there are, in one row; None if there are none."""
     found = [gradient.flatten() for gradient in gradients if gradient is not None]
     return torch.cat(found) if found else None
-
-
-def in_blocks(function: Callable[..., tuple[Tensor, ...]], *inputs: Tensor, rows: int = _ROWS) -> tuple[Tensor, ...]:
-    """function(*inputs), for a function that treats every row of its inputs by itself; its outputs have as many rows.
-
-    A CPU is given `rows` rows at a time, since layers of many rows spend more time on fetching numbers from memory than
-    on products. The rounding of gradients by the function's own parameters depends on `rows`.
-    """
-    if inputs[0].device.type != "cpu" or len(inputs[0]) <= rows:
-        return function(*inputs)
-    found = [function(*block) for block in zip(*(one.split(rows) for one in inputs), strict=True)]
-    return tuple(torch.cat(blocks) for blocks in zip(*found, strict=True))
 
 
 def encoded_places(values: Tensor, frequencies: int) -> Tensor:

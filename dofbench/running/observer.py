@@ -126,9 +126,9 @@ class TrainingObserver:
         """Whether there is time for this point and all later ones. whole: seconds that training will take."""
         if not self.curve:
             return True
-        spent = self._evaluating.wall
+        taken = self._evaluating.wall
         later = len(self._thresholds) + 1  # and the end
-        return spent + spent / len(self.curve) * (1 + later) <= max(FREE_SECONDS, whole)
+        return taken + taken / len(self.curve) * (1 + later) <= max(FREE_SECONDS, whole)
 
     def _add_point(self, step: int) -> None:
         seconds = self.seconds()

@@ -177,6 +177,8 @@ class _Field(torch.autograd.Function):
 
 
 class _Features(torch.autograd.Function):
+    """(P, C)."""
+
     @staticmethod
     def forward(context, density, colour, points, shape):
         places = points.contiguous()

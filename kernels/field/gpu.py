@@ -268,7 +268,7 @@ class _Features(torch.autograd.Function):
         for flat, rank, first in _parts(density, colour, shape):
             launch(
                 kernels("field.gpu_features").products,
-                (-(-size // (_ELEMENTS // channels_of(rank))), 3 * rank // channels_of(rank)),
+                _programs(size, rank),
                 flat,
                 points,
                 found,
@@ -296,7 +296,7 @@ class _Features(torch.autograd.Function):
             by_planes, by_lines = (points.new_empty(size, 3, rank) for _ in range(2))
             launch(
                 kernels("field.gpu_features").spread_products,
-                (-(-size // (_ELEMENTS // channels_of(rank))), 3 * rank // channels_of(rank)),
+                _programs(size, rank),
                 flat,
                 points,
                 gradient,
@@ -310,6 +310,12 @@ class _Features(torch.autograd.Function):
             )
             by_grids.append(summed_at_nodes(by_planes, by_lines, by_cell, torch.empty_like(flat), shape, rank, 2))
         return *by_grids, None, None
+
+
+def _programs(size: int, rank: int) -> tuple[int, int]:
+    """For blocks of points, and for the modes' groups of channels."""
+    channels = channels_of(rank)
+    return -(-size // (_ELEMENTS // channels)), 3 * rank // channels
 
 
 def _parts(density: Tensor, colour: Tensor, shape: GridShape) -> tuple[tuple[Tensor, int, int], ...]:

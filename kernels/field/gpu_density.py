@@ -5,7 +5,7 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from .gpu_stencil import density_feature, places_of
+from .gpu_stencil import density_feature, places_of, three_of
 
 
 @triton.jit
@@ -33,9 +33,7 @@ def densities(
     """(P,) density at points (P, 3)."""
     p = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     inside = p < size
-    x = tl.load(points + 3 * p, mask=inside, other=0.0)
-    y = tl.load(points + 3 * p + 1, mask=inside, other=0.0)
-    z = tl.load(points + 3 * p + 2, mask=inside, other=0.0)
+    x, y, z = three_of(points, p, inside)
     value, _ = softplus(density_feature(flat, x, y, z, nx, ny, nz, inside, RANK, CHANNELS, BLOCK) + shift)
     tl.store(found + p, value, mask=inside)
 

@@ -5,14 +5,7 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from .gpu_stencil import columns_of, line_of, product, rows_around, rows_of
-
-
-@triton.jit
-def _coordinates(points, p, inside):
-    x = tl.load(points + 3 * p, mask=inside, other=0.0)
-    y = tl.load(points + 3 * p + 1, mask=inside, other=0.0)
-    return x, y, tl.load(points + 3 * p + 2, mask=inside, other=0.0)
+from .gpu_stencil import columns_of, line_of, product, rows_around, rows_of, three_of
 
 
 @triton.jit
@@ -26,7 +19,7 @@ def products(
     inside = p < size
     mode = tl.program_id(1) // (RANK // CHANNELS)
     channel = (tl.program_id(1) % (RANK // CHANNELS) * CHANNELS + tl.arange(0, CHANNELS))[None, :]
-    x, y, z = _coordinates(points, p, inside)
+    x, y, z = three_of(points, p, inside)
     value = product(flat, x, y, z, mode, nx, ny, nz, channel, inside, RANK)
     to = found + p.to(tl.int64)[:, None] * total + first + mode * RANK + channel
     tl.store(to, value, mask=inside[:, None])
@@ -43,7 +36,7 @@ def spread_products(
     inside = p < size
     mode = tl.program_id(1) // (RANK // CHANNELS)
     channel = (tl.program_id(1) % (RANK // CHANNELS) * CHANNELS + tl.arange(0, CHANNELS))[None, :]
-    x, y, z = _coordinates(points, p, inside)
+    x, y, z = three_of(points, p, inside)
     across, down, along = columns_of(mode, x, y, z), rows_of(mode, x, y, z), line_of(mode, x, y, z)
     a, b, c, d, e, f, u, v, w = rows_around(flat, across, down, along, mode, nx, ny, nz, channel, inside, RANK)
     upper, lower = a + (b - a) * u, c + (d - c) * u

@@ -5,13 +5,7 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-
-@triton.jit
-def view_of(views, ray, inside):
-    """x, y and z of rays' directions of view."""
-    x = tl.load(views + 3 * ray, mask=inside, other=0.0)
-    y = tl.load(views + 3 * ray + 1, mask=inside, other=0.0)
-    return x, y, tl.load(views + 3 * ray + 2, mask=inside, other=0.0)
+from .gpu_stencil import three_of
 
 
 @triton.jit
@@ -19,7 +13,7 @@ def harmonics(views, terms, size, COUNT: tl.constexpr, BLOCK: tl.constexpr):
     """terms: (R, COUNT), as in `reference.harmonics`."""
     ray = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     inside = ray < size
-    x, y, z = view_of(views, ray, inside)
+    x, y, z = three_of(views, ray, inside)
     to = terms + ray * COUNT
     tl.store(to, tl.full((BLOCK,), 0.28209479177387814, tl.float32), mask=inside)
     if COUNT > 1:
@@ -46,7 +40,7 @@ def harmonics_backward(views, by_terms, by_views, size, COUNT: tl.constexpr, BLO
         by_y += 0.4886025119029199 * tl.load(come + 1, mask=inside, other=0.0)
         by_z += 0.4886025119029199 * tl.load(come + 2, mask=inside, other=0.0)
     if COUNT > 4:
-        x, y, z = view_of(views, ray, inside)
+        x, y, z = three_of(views, ray, inside)
         xy, yz = tl.load(come + 4, mask=inside, other=0.0), tl.load(come + 5, mask=inside, other=0.0)
         xz, squares = tl.load(come + 7, mask=inside, other=0.0), tl.load(come + 8, mask=inside, other=0.0)
         zonal = 0.6307831305050401 * tl.load(come + 6, mask=inside, other=0.0)

@@ -58,6 +58,14 @@ def cell(coordinate, nodes):
 
 
 @triton.jit
+def three_of(rows, number, inside):
+    """The three numbers of rows (N, 3): x, y and z of points or directions."""
+    x = tl.load(rows + 3 * number, mask=inside, other=0.0)
+    y = tl.load(rows + 3 * number + 1, mask=inside, other=0.0)
+    return x, y, tl.load(rows + 3 * number + 2, mask=inside, other=0.0)
+
+
+@triton.jit
 def places_of(origins, directions, ray, t, inside):
     """x, y and z at places t along rays."""
     x = tl.load(origins + 3 * ray, mask=inside, other=0.0) + t * tl.load(directions + 3 * ray, mask=inside, other=0.0)

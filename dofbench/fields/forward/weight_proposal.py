@@ -11,11 +11,10 @@ import torch
 from torch import Tensor, nn
 
 from dofbench.core.errors import InputError
-from dofbench.learning.networks import encoded_places, in_blocks, redraw
+from dofbench.learning.networks import encoded_places, redraw
 
 _WIDTH, _HIDDEN = 64, 4  # of the network on each sample
 _RAY, _RAY_LAYERS, _FREQUENCIES = 32, 2, 2  # of the network on each ray, and of its direction
-_SAMPLES_TOGETHER = 4096  # see `in_blocks`
 _SLOPE = 0.2  # of the leaky rectifier below zero
 
 
@@ -68,23 +67,16 @@ class WeightProposal(nn.Module):
     def forward(self, samples: Tensor, about: Tensor, directions: Tensor) -> Tensor:
         """(P, N) weights that add up to 1 for a pixel. samples: (P, N, L, C), what lies along the N rays of each of P
         pixels. about: (P, A). directions: (P, 3), unit length, of the pixels' own rays."""
-        rays, count = samples.shape[1:3]
-        block = max(1, _SAMPLES_TOGETHER // (rays * count))
-        rendered, reduced = in_blocks(self._of_samples, samples, rows=block)
-        ray = torch.cat([about, encoded_places(directions, _FREQUENCIES)], 1)[:, None].expand(-1, rays, -1)
-        seen = torch.cat([rendered, ray], 2)
-        for layer in self.of_ray:
-            seen = torch.relu(layer(seen))
-        seen = self.attention(seen, reduced)
-        weights = torch.sigmoid(self.head(seen.mean(1)))
-        return weights / weights.sum(1, keepdim=True)
-
-    def _of_samples(self, samples: Tensor) -> tuple[Tensor, Tensor]:
-        """What the first network makes of samples, rendered along each ray, and of fewer numbers for each sample."""
         local = samples
         for layer in self.of_sample:
             local = torch.relu(layer(local))
-        return integrated(local), self.reduce(local)
+        ray = torch.cat([about, encoded_places(directions, _FREQUENCIES)], 1)[:, None].expand(-1, local.shape[1], -1)
+        seen = torch.cat([integrated(local), ray], 2)
+        for layer in self.of_ray:
+            seen = torch.relu(layer(seen))
+        seen = self.attention(seen, self.reduce(local))
+        weights = torch.sigmoid(self.head(seen.mean(1)))
+        return weights / weights.sum(1, keepdim=True)
 
 
 def integrated(values: Tensor) -> Tensor:

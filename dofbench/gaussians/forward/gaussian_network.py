@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from dofbench.compute.device_numbers import beside
 from dofbench.core.cameras import Camera
-from dofbench.learning.networks import encoded_places, in_blocks, redraw
+from dofbench.learning.networks import encoded_places, redraw
 
 _PLACE_FREQUENCIES, _CAMERA_FREQUENCIES = 3, 10
 _WIDTH, _HIDDEN = 64, 3
@@ -52,21 +52,16 @@ class GaussianNetwork(nn.Module):
 
     def forward(self, parameters: Mapping[str, Tensor], camera: Camera) -> tuple[Tensor, ...]:
         """(N, size) for each group. parameters: the Gaussians', which get no gradient."""
-        eye = (beside(parameters["means"], camera.centre) - self._origin) / self._unit
-        of_camera = self.camera(encoded_places(eye, _CAMERA_FREQUENCIES))
-        own = [parameters[name].detach() for name in ("means", "log_scales", "quaternions")]
-        (found,) = in_blocks(lambda *block: (self._of_gaussians(of_camera, *block),), *own)
-        return found.split(self._sizes, dim=1)
-
-    def _of_gaussians(self, of_camera: Tensor, means: Tensor, log_scales: Tensor, quaternions: Tensor) -> Tensor:
-        places, scales = (means - self._origin) / self._unit, log_scales.exp() / self._unit
-        turns = nn.functional.normalize(quaternions)
+        means = parameters["means"].detach()
+        places, eye = ((place - self._origin) / self._unit for place in (means, beside(means, camera.centre)))
+        scales = parameters["log_scales"].detach().exp() / self._unit
+        turns = nn.functional.normalize(parameters["quaternions"].detach())
         inputs = torch.cat([encoded_places(places, _PLACE_FREQUENCIES), scales, turns], 1)
-        features = torch.relu(self.first(inputs) + of_camera)
+        features = torch.relu(self.first(inputs) + self.camera(encoded_places(eye, _CAMERA_FREQUENCIES)))
         for layer in self.hidden:
             features = torch.relu(layer(features))
         found: Tensor = self.head(features)
-        return found
+        return found.split(self._sizes, dim=1)
 
 
 def _xavier(layers: Sequence[nn.Linear], inputs: int, generator: torch.Generator) -> None:

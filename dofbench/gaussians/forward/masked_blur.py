@@ -20,7 +20,7 @@ from dofbench.compute.raster import Geometry
 from dofbench.gaussians.forward.enlarged_gaussians import EnlargedGaussians
 from dofbench.gaussians.forward.forward_model import ForwardModel, Rasteriser, SharpView
 from dofbench.gaussians.forward.shot import Shot
-from dofbench.learning.networks import NetworkAdam, encoded_places, in_a_row, in_blocks, redraw
+from dofbench.learning.networks import NetworkAdam, encoded_places, in_a_row, redraw
 from dofbench.learning.training_views import Photograph
 
 _EMBEDDING, _WIDTH, _HIDDEN = 4, 64, 4
@@ -110,10 +110,6 @@ class _MaskNetwork(nn.Module):
 
     def forward(self, number: int, pixels: Tensor) -> Tensor:
         """(P,) from 0 to 1. pixels: (P, 3), disparity from 0 to 1, and column and row from -1 to 1."""
-        of_photograph = self.photograph(self.embedding[number])
-        return in_blocks(lambda block: (self._of_pixels(block, of_photograph),), pixels)[0]
-
-    def _of_pixels(self, pixels: Tensor, of_photograph: Tensor) -> Tensor:
         inputs = torch.cat(
             [
                 encoded_places(pixels[:, :1] * math.pi, _DEPTH_FREQUENCIES),
@@ -121,7 +117,7 @@ class _MaskNetwork(nn.Module):
             ],
             1,
         )
-        features = torch.relu(self.first(inputs) + of_photograph)
+        features = torch.relu(self.first(inputs) + self.photograph(self.embedding[number]))
         for layer in self.hidden:
             features = torch.relu(layer(features))
         return torch.sigmoid(self.head(features)[:, 0])

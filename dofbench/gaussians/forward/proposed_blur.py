@@ -8,7 +8,7 @@ than the published ones, which would take most of a training on a processor (opt
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -20,7 +20,7 @@ from dofbench.gaussians.forward.forward_model import ForwardModel, Rasteriser, S
 from dofbench.gaussians.forward.pinhole import Pinhole
 from dofbench.gaussians.forward.shot import Shot
 from dofbench.kernels import load
-from dofbench.learning.networks import NetworkAdam, in_blocks, redraw
+from dofbench.learning.networks import NetworkAdam, redraw
 from dofbench.learning.training_views import Photograph
 
 _SIZES = {4: 5, 2: 9, 1: 17}  # kernels by how many times smaller than the photographs the pictures are
@@ -131,21 +131,15 @@ class _ProposalNetwork(nn.Module):
         picture = torch.cat([color, normalised[..., None]], 2).permute(2, 0, 1)[None]
         features = self.picture(picture)[0].flatten(1).T
         inputs = torch.cat([_waves(height, width, depth.device), features], 1)
-        of_photograph = self.photograph(self.embedding[number])
-        layers = self.deeper[: list(_SIZES).index(factor)]
-        (hidden,) = in_blocks(lambda block: (self._hidden(block, of_photograph, layers),), inputs)
+        hidden = torch.relu(self.base(inputs) + self.photograph(self.embedding[number]))
+        for layer in self.deeper[: list(_SIZES).index(factor)]:
+            hidden = torch.relu(layer(hidden))
         # Two products, since to take one's last column away would copy all the others, the largest thing in a step.
         head = self.heads[str(factor)]
         assert isinstance(head, nn.Linear)
         of_logits, of_mask = head.weight[:-1], head.weight[-1]
         logits, mask = hidden @ of_logits.T, torch.sigmoid(hidden @ of_mask)
         return logits.view(height, width, -1), mask.view(height, width)
-
-    def _hidden(self, inputs: Tensor, of_photograph: Tensor, layers: Iterable[nn.Module]) -> Tensor:
-        found = torch.relu(self.base(inputs) + of_photograph)
-        for layer in layers:
-            found = torch.relu(layer(found))
-        return found
 
 
 def _waves(height: int, width: int, device: torch.device) -> Tensor:
