@@ -3,8 +3,9 @@
     python benchmarks/method_steps.py DATASET --out reports/notes
 
 Every method trains with its default preset on the dataset's photographs; fields with as many rays a step as is said
-here. OMP_NUM_THREADS says how many cores a training may use. The last tenth of the steps is profiled: `kernels_ms` is
-the time in this project's ops and their gradients, `products_ms` that in matrix products and convolutions of the
+here. OMP_NUM_THREADS says how many cores a training may use. `step_ms` is the mean of the last tenth of the steps but
+one, since a profiler makes steps longer; the last tenth is profiled: `kernels_ms` is the time in this project's ops and
+their gradients, `products_ms` that in matrix products and convolutions of the
 method's networks, `adam_ms` that of the optimiser; `rest_ms` is all else, mostly element-wise operations, copies and
 Python. `ratio` is the step over kernels, products and optimiser together. `threads`: how many cores it could use.
 """
@@ -24,6 +25,7 @@ configure_threads()  # before torch is imported
 import torch  # noqa: E402
 from torch.profiler import ProfilerActivity, profile  # noqa: E402
 
+from dofbench.compute.freed_memory import keep_freed_memory  # noqa: E402
 from dofbench.core.budget import Budget  # noqa: E402
 from dofbench.dataset.dataset import Dataset  # noqa: E402
 from dofbench.fields.field_method import FieldMethod  # noqa: E402
@@ -66,7 +68,7 @@ class Settings:
 
 
 class Profiled:
-    """An observer that profiles the last tenth of a training."""
+    """An observer that times the last tenth but one of a training, and profiles the last."""
 
     def __init__(self, steps: int):
         self._first, self.count = steps - steps // 10, steps // 10
@@ -79,12 +81,13 @@ class Profiled:
         return 0.0
 
     def after_step(self, step: int, loss: float) -> bool:
-        """Begin behind the first nine tenths; end with the last step."""
-        if step == self._first:
-            self.profile.start()
+        """Begin to time behind eight tenths of the steps, to profile behind nine."""
+        if step == self._first - self.count:
             self._began = time.perf_counter()
-        if step == self._first + self.count:
+        if step == self._first:
             self.seconds_taken = time.perf_counter() - self._began
+            self.profile.start()
+        if step == self._first + self.count:
             self.profile.stop()
         return True
 
@@ -139,6 +142,7 @@ def row(method_id: str, dataset: Dataset, settings: Settings) -> dict[str, objec
 
 def main(settings: Settings) -> None:
     """Measure every method that is found or named."""
+    keep_freed_memory()  # as a run does
     dataset = Dataset.load(settings.data)
     rows = [row(method_id, dataset, settings) for method_id in settings.methods or method_files()]
     write_csv(settings.out / "method-steps.csv", FIELDS, rows)

@@ -7,7 +7,7 @@ import torch
 from tolerances import FLOAT32_SCALAR
 from torch import nn
 
-from dofbench.learning.networks import NetworkAdam, encoded_places, in_a_row, redraw
+from dofbench.learning.networks import NetworkAdam, encoded_places, in_a_row, rectified, redraw
 
 
 def test_encoded_places() -> None:
@@ -42,6 +42,25 @@ def test_weights_come_from_the_generator_alone() -> None:
     bounds = [1 / 3, 1 / 3, 27**-0.5, 27**-0.5]  # 1 / sqrt(inputs), of weights and of biases
     assert all(bool((values.abs() <= bound).all()) for values, bound in zip(first, bounds, strict=True))
     assert float(first[0].abs().max()) > 0.8 / 3
+
+
+@pytest.mark.parametrize("bias", [True, False])
+@pytest.mark.parametrize("also", [True, False])
+def test_a_rectified_layer_is_the_layer_cut_at_zero(bias: bool, also: bool) -> None:
+    layer = nn.Linear(3, 5, bias=bias)
+    inputs = torch.randn(4, 3, requires_grad=True)
+    more = torch.randn(5, requires_grad=True) if also else None
+    leaves = [inputs, *layer.parameters(), *([] if more is None else [more])]
+    plain = (layer(inputs) + (0 if more is None else more)).clamp_min(0)
+    found = rectified(layer, inputs, more)
+    torch.testing.assert_close(found, plain, rtol=FLOAT32_SCALAR, atol=FLOAT32_SCALAR)
+    weights = torch.randn(4, 5)
+    for one, other in zip(
+        torch.autograd.grad((plain * weights).sum(), leaves),
+        torch.autograd.grad((found * weights).sum(), leaves),
+        strict=True,
+    ):
+        torch.testing.assert_close(other, one, rtol=FLOAT32_SCALAR, atol=FLOAT32_SCALAR)
 
 
 def test_the_gradient_in_a_row_holds_every_parameter_that_has_one():

@@ -53,6 +53,17 @@ def encoded_places(values: Tensor, frequencies: int) -> Tensor:
     return torch.cat([values, *(wave(angle) for angle in scaled for wave in (torch.sin, torch.cos))], -1)
 
 
+def rectified(layer: nn.Module, inputs: Tensor, also: Tensor | None = None) -> Tensor:
+    """(..., W): max(0, the output of a linear layer). also: (W,), added to its bias: what is the same for all rows.
+
+    The rectifier writes over the layer's output, which nothing else needs, so that a row is written once.
+    """
+    assert isinstance(layer, nn.Linear)  # which a ModuleList doesn't tell
+    parts = [part for part in (layer.bias, also) if part is not None]
+    bias = sum(parts[1:], parts[0]) if parts else None
+    return torch.relu_(nn.functional.linear(inputs, layer.weight, bias))
+
+
 @torch.no_grad()
 def redraw(network: nn.Module, generator: torch.Generator) -> None:
     """Draw the weights of all linear and convolutional layers as torch does, but from this generator."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from dofbench.compute.freed_memory import keep_freed_memory
 from dofbench.core.clock import StageTimes, loading, timestamp
 from dofbench.core.errors import InputError, Status
 from dofbench.core.progress import say
@@ -73,6 +74,7 @@ def run(
     if settings.dry_run:
         return RunEnd(planned.folder, None)
 
+    keep_freed_memory()
     with run_lease(planned.folder, planned.spec, run.dataset.scene, timestamp(), wait=wait) as lease:
         if not settings.rerun and (earlier := run.finished()) is not None:
             # Of a process that died after its result was written.

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from dofbench.fields.forward.ray_model import RayScene
 from dofbench.fields.pixels import Pixels
-from dofbench.learning.networks import encoded_places, redraw
+from dofbench.learning.networks import encoded_places, rectified, redraw
 
 _EMBEDDING, _WIDTH, _HIDDEN, _FREQUENCIES = 32, 64, 4, 2
 _FIRST_SPREAD = 0.1  # standard deviation of the canonical points' parameters at the start
@@ -72,6 +72,6 @@ class KernelNetwork(nn.Module):
         inputs = torch.cat(each if features is None else [*each, features], -1)
         hidden = inputs
         for layer in self.hidden:
-            hidden = torch.relu(layer(hidden))
+            hidden = rectified(layer, hidden)
         found = self.head(torch.cat([hidden, inputs], -1))
         return KernelRays(points + found[..., 2:4], _ORIGIN * found[..., :2], torch.softmax(found[..., 4], 1))

@@ -15,7 +15,7 @@ from dofbench.fields.forward.mixed_rays import mixed
 from dofbench.fields.forward.ray_model import Prediction, RayScene
 from dofbench.fields.forward.weight_proposal import WeightProposal, WeightProposalOptions
 from dofbench.fields.pixels import Pixels, TrainingPixels
-from dofbench.learning.networks import redraw
+from dofbench.learning.networks import rectified, redraw
 
 _EMBEDDING, _WIDTH, _HIDDEN, _SKIP, _BRANCH = 64, 64, 4, 4, 32
 _SCALE = 0.1  # of rotations (radians) and translations (units of depth) against the network's output
@@ -58,13 +58,14 @@ class RigidKernel(LearnedKernel):
         if progress < self._options.kernel_from:
             return [Prediction(scene.trace(origins, directions).color)]
         rotation, velocity, weights, about = self._network()
-        moved_origins, moved_directions = [origins], [directions]
-        for motion in range(rotation.shape[1]):
-            turn, slide = screw_motion(rotation[:, motion], velocity[:, motion] * self._unit)
-            turn, slide = turn[pixels.views], slide[pixels.views]
-            moved_origins.append((turn @ (origins - self._centre)[:, :, None])[:, :, 0] + slide + self._centre)
-            moved_directions.append((turn @ directions[:, :, None])[:, :, 0])
-        starts, ways = (torch.stack(parts, 1).reshape(-1, 3) for parts in (moved_origins, moved_directions))
+        turn, slide = screw_motion(rotation.reshape(-1, 3), velocity.reshape(-1, 3) * self._unit)
+        turn, slide = (moves.view(*rotation.shape[:2], *moves.shape[1:])[pixels.views] for moves in (turn, slide))
+        from_centre = (origins - self._centre)[:, None, :, None]
+        moved = (turn @ from_centre)[..., 0] + slide + self._centre, (turn @ directions[:, None, :, None])[..., 0]
+        starts, ways = (
+            torch.cat([own[:, None], others], 1).view(-1, 3)
+            for own, others in zip((origins, directions), moved, strict=True)
+        )
         colours = scene.trace(starts, ways).color.view(len(origins), -1, 3)
         by_photograph = mixed(colours, weights[pixels.views])
         if self._proposal is None:
@@ -122,7 +123,7 @@ class _MotionNetwork(nn.Module):
         for number, layer in enumerate(self.hidden, 1):
             if number == _SKIP:
                 features = torch.cat([features, self.embedding], 1)
-            features = torch.relu(layer(features))
+            features = rectified(layer, features)
         rotation, velocity = (
             _SCALE * branch(features).view(-1, self._motions, 3) for branch in (self.rotation, self.velocity)
         )

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from dofbench.core.errors import InputError
-from dofbench.learning.networks import encoded_places, redraw
+from dofbench.learning.networks import encoded_places, rectified, redraw
 
 _WIDTH, _HIDDEN = 64, 4  # of the network on each sample
 _RAY, _RAY_LAYERS, _FREQUENCIES = 32, 2, 2  # of the network on each ray, and of its direction
@@ -69,11 +69,11 @@ class WeightProposal(nn.Module):
         pixels. about: (P, A). directions: (P, 3), unit length, of the pixels' own rays."""
         local = samples
         for layer in self.of_sample:
-            local = torch.relu(layer(local))
+            local = rectified(layer, local)
         ray = torch.cat([about, encoded_places(directions, _FREQUENCIES)], 1)[:, None].expand(-1, local.shape[1], -1)
         seen = torch.cat([integrated(local), ray], 2)
         for layer in self.of_ray:
-            seen = torch.relu(layer(seen))
+            seen = rectified(layer, seen)
         seen = self.attention(seen, self.reduce(local))
         weights = torch.sigmoid(self.head(seen.mean(1)))
         return weights / weights.sum(1, keepdim=True)
@@ -82,9 +82,15 @@ class WeightProposal(nn.Module):
 def integrated(values: Tensor) -> Tensor:
     """(..., C): values (..., L, C), not negative, rendered along the L equal parts of a ray of length 1, where each
     channel is a colour and its own density."""
-    optical = values / values.shape[-2]
-    before = optical.cumsum(-2) - optical
-    return (torch.exp(-before) * -torch.expm1(-optical) * values).sum(-2)
+    count = values.shape[-2]
+    # Sums over the samples are products with small matrices, which take a fraction of the time of `cumsum`.
+    row = torch.arange(count, device=values.device)
+    up_to = (row[:, None] >= row).to(values.dtype) / -count
+    left = torch.exp(up_to @ values)  # of the light, behind each sample
+    # A sample takes what was left before it less what is left behind it. Gathered by what is left, the sum is the first
+    # value, and behind each sample what is left of the step to the next value.
+    steps = torch.cat([values[..., 1:, :], torch.zeros_like(values[..., :1, :])], -2) - values
+    return values[..., 0, :] + (left * steps).sum(-2)
 
 
 class _CurveAttention(nn.Module):
@@ -102,9 +108,11 @@ class _CurveAttention(nn.Module):
 
     def forward(self, rays: Tensor, samples: Tensor) -> Tensor:
         """(P, N, W): rays (P, N, W), by samples (P, N, L, W)."""
-        importance = self.importance(samples)
-        of_rays = self.ray_key((samples * importance.softmax(2)).sum(2))
-        of_samples = self.sample_key((samples * importance.softmax(1)).sum(1))
+        importance = self.importance(samples)[..., 0]
+        # Weighted sums as products of matrices: (1, L) by (L, W) for each ray, (1, N) by (N, W) for each sample.
+        of_rays = self.ray_key((importance.softmax(2)[:, :, None] @ samples)[:, :, 0])
+        by_sample = importance.transpose(1, 2).softmax(2)[:, :, None]
+        of_samples = self.sample_key((by_sample @ samples.transpose(1, 2))[:, :, 0])
         query = self.query(rays)
         told = [
             (query @ key.transpose(1, 2)).softmax(2) @ value(key)

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from dofbench.compute.device_numbers import beside
 from dofbench.core.cameras import Camera
-from dofbench.learning.networks import encoded_places, redraw
+from dofbench.learning.networks import encoded_places, rectified, redraw
 
 _PLACE_FREQUENCIES, _CAMERA_FREQUENCIES = 3, 10
 _WIDTH, _HIDDEN = 64, 3
@@ -57,9 +57,9 @@ class GaussianNetwork(nn.Module):
         scales = parameters["log_scales"].detach().exp() / self._unit
         turns = nn.functional.normalize(parameters["quaternions"].detach())
         inputs = torch.cat([encoded_places(places, _PLACE_FREQUENCIES), scales, turns], 1)
-        features = torch.relu(self.first(inputs) + self.camera(encoded_places(eye, _CAMERA_FREQUENCIES)))
+        features = rectified(self.first, inputs, self.camera(encoded_places(eye, _CAMERA_FREQUENCIES)))
         for layer in self.hidden:
-            features = torch.relu(layer(features))
+            features = rectified(layer, features)
         found: Tensor = self.head(features)
         return found.split(self._sizes, dim=1)
 

@@ -20,7 +20,7 @@ from dofbench.compute.raster import Geometry
 from dofbench.gaussians.forward.enlarged_gaussians import EnlargedGaussians
 from dofbench.gaussians.forward.forward_model import ForwardModel, Rasteriser, SharpView
 from dofbench.gaussians.forward.shot import Shot
-from dofbench.learning.networks import NetworkAdam, encoded_places, in_a_row, redraw
+from dofbench.learning.networks import NetworkAdam, encoded_places, in_a_row, rectified, redraw
 from dofbench.learning.training_views import Photograph
 
 _EMBEDDING, _WIDTH, _HIDDEN = 4, 64, 4
@@ -117,7 +117,7 @@ class _MaskNetwork(nn.Module):
             ],
             1,
         )
-        features = torch.relu(self.first(inputs) + self.photograph(self.embedding[number]))
+        features = rectified(self.first, inputs, self.photograph(self.embedding[number]))
         for layer in self.hidden:
-            features = torch.relu(layer(features))
+            features = rectified(layer, features)
         return torch.sigmoid(self.head(features)[:, 0])

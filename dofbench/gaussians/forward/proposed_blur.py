@@ -20,7 +20,7 @@ from dofbench.gaussians.forward.forward_model import ForwardModel, Rasteriser, S
 from dofbench.gaussians.forward.pinhole import Pinhole
 from dofbench.gaussians.forward.shot import Shot
 from dofbench.kernels import load
-from dofbench.learning.networks import NetworkAdam, redraw
+from dofbench.learning.networks import NetworkAdam, rectified, redraw
 from dofbench.learning.training_views import Photograph
 
 _SIZES = {4: 5, 2: 9, 1: 17}  # kernels by how many times smaller than the photographs the pictures are
@@ -131,9 +131,9 @@ class _ProposalNetwork(nn.Module):
         picture = torch.cat([color, normalised[..., None]], 2).permute(2, 0, 1)[None]
         features = self.picture(picture)[0].flatten(1).T
         inputs = torch.cat([_waves(height, width, depth.device), features], 1)
-        hidden = torch.relu(self.base(inputs) + self.photograph(self.embedding[number]))
+        hidden = rectified(self.base, inputs, self.photograph(self.embedding[number]))
         for layer in self.deeper[: list(_SIZES).index(factor)]:
-            hidden = torch.relu(layer(hidden))
+            hidden = rectified(layer, hidden)
         # Two products, since to take one's last column away would copy all the others, the largest thing in a step.
         head = self.heads[str(factor)]
         assert isinstance(head, nn.Linear)
