@@ -15,6 +15,7 @@ from dofbench.results.result import CurvePoint
 CURVE_FACTOR = 1.6  # ratio of two neighbouring evaluation times
 CURVE_POINTS = 14  # thresholds below the whole budget: the first is at 1.6^-14, 0.14 % of it
 FREE_SECONDS = 10.0  # that evaluation may take during any training
+SHARE_OF_TRAINING = 0.5  # that it may take of a longer one
 
 Evaluate = Callable[[], dict[str, float]]
 
@@ -52,7 +53,7 @@ class TrainingObserver:
 
     After the first step, and whenever the share of the budget that is spent passes one of the
     thresholds `CURVE_FACTOR ** -k`, it stops the clock and evaluates: the same points on a log axis
-    whether the budget is in steps or in seconds. Where all of them would take longer than the training itself, as with
+    whether the budget is in steps or in seconds. Where all of them would take longer than half the training, as with
     fields that are seen through a lens ray by ray, the earlier ones are left out. A non-finite loss ends the training
     as diverged.
 
@@ -128,7 +129,7 @@ class TrainingObserver:
             return True
         taken = self._evaluating.wall
         later = len(self._thresholds) + 1  # and the end
-        return taken + taken / len(self.curve) * (1 + later) <= max(FREE_SECONDS, whole)
+        return taken + taken / len(self.curve) * (1 + later) <= max(FREE_SECONDS, SHARE_OF_TRAINING * whole)
 
     def _add_point(self, step: int) -> None:
         seconds = self.seconds()

@@ -77,7 +77,7 @@ def test_points_are_evenly_spaced_on_a_log_axis() -> None:
 
 @pytest.mark.parametrize(
     ("seconds_a_step", "each", "count"),
-    [(0.001, 0.5, 16), (0.001, 2.0, 5), (0.1, 5.0, 16), (0.1, 20.0, 5), (0.1, 1000.0, 2)],
+    [(0.001, 0.5, 16), (0.001, 2.0, 5), (0.1, 3.0, 16), (0.1, 10.0, 5), (0.1, 1000.0, 2)],
 )
 def test_evaluation_takes_no_longer_than_training_or_ten_seconds(
     seconds_a_step: float, each: float, count: int
@@ -98,7 +98,7 @@ def test_evaluation_takes_no_longer_than_training_or_ten_seconds(
     later = [point.steps for point in whole.curve]
     assert len(steps) == min(count, len(later) + 1)
     assert steps[0] == 1 and steps[1:] == [*later[1:], 1000][1 - count :]
-    assert count == 2 or evaluating.wall <= max(10, 1000 * seconds_a_step)
+    assert count == 2 or evaluating.wall <= max(10, 0.5 * 1000 * seconds_a_step)
 
 
 def test_the_clock_stands_still_while_it_evaluates() -> None:
