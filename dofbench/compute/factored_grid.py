@@ -49,6 +49,17 @@ class GridShape:
         """Of the matrix from a point's colour channels to the coefficients of its colour, channel by channel."""
         return 3 * self.colour_rank, 3 * self.harmonics
 
+    @property
+    def feature_columns(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        """(rank, first column) of the density's and of the colour's features: what planes times lines give at a point,
+        mode by mode, the density's before the colour's."""
+        return (self.density_rank, 0), (self.colour_rank, len(MODES) * self.density_rank)
+
+    @property
+    def feature_count(self) -> int:
+        """Features of a point."""
+        return len(MODES) * (self.density_rank + self.colour_rank)
+
     def offsets(self, rank: int) -> tuple[int, ...]:
         """Where in the flat tensor the three planes and then the three lines begin."""
         return tuple(accumulate(self._sizes(rank), initial=0))[:6]

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from dofbench.compute.factored_grid import MODES, FieldRender, GridShape, RaySamples
+from dofbench.compute.factored_grid import FieldRender, GridShape, RaySamples
 from dofbench.core.errors import InputError
 from dofbench.fields.space import CubeRays
 from dofbench.kernels import load
@@ -61,8 +61,8 @@ class GridOptions:
 
     @property
     def feature_count(self) -> int:
-        """C of `GridField.features`."""
-        return len(MODES) * (self.density_rank + self.colour_rank)
+        """C of `GridField.features`, whatever the nodes."""
+        return self.shape((2, 2, 2)).feature_count
 
     def shape(self, nodes: Sequence[int]) -> GridShape:
         """The grid with these nodes along x, y and z."""

@@ -184,11 +184,8 @@ class _Features(torch.autograd.Function):
         places = points.contiguous()
         context.save_for_backward(density, colour, places)
         context.shape = shape
-        found = np.empty((len(places), 3 * (shape.density_rank + shape.colour_rank)), np.float32)
-        for flat, rank, first in (
-            (density, shape.density_rank, 0),
-            (colour, shape.colour_rank, 3 * shape.density_rank),
-        ):
+        found = np.empty((len(places), shape.feature_count), np.float32)
+        for flat, (rank, first) in zip((density, colour), shape.feature_columns, strict=True):
             _products(flat.numpy(), places.numpy(), shape.nodes, shape.offsets(rank), rank, first, found)
         return torch.from_numpy(found)
 
@@ -196,19 +193,18 @@ class _Features(torch.autograd.Function):
     @torch.autograd.function.once_differentiable
     def backward(context, gradient):
         density, colour, points = context.saved_tensors
-        shape, first = context.shape, 3 * context.shape.density_rank
-        parts = (density, shape.density_rank, gradient[:, :first]), (colour, shape.colour_rank, gradient[:, first:])
+        shape = context.shape
         by_density, by_colour = (
             _spread(
                 flat.numpy(),
                 points.numpy(),
-                part.contiguous().numpy().reshape(-1),
+                gradient[:, first : first + 3 * rank].contiguous().numpy().reshape(-1),
                 rank,
                 shape.nodes,
                 shape.offsets(rank),
                 rank,
             )
-            for flat, rank, part in parts
+            for flat, (rank, first) in zip((density, colour), shape.feature_columns, strict=True)
         )
         return torch.from_numpy(by_density), torch.from_numpy(by_colour), None, None
 

@@ -263,9 +263,9 @@ class _Features(torch.autograd.Function):
 
     @staticmethod
     def forward(context, density, colour, points, shape):
-        size, total = len(points), 3 * (shape.density_rank + shape.colour_rank)
+        size, total = len(points), shape.feature_count
         found = points.new_empty(size, total)
-        for flat, rank, first in _parts(density, colour, shape):
+        for flat, (rank, first) in zip((density, colour), shape.feature_columns, strict=True):
             launch(
                 kernels("field.gpu_features").products,
                 _programs(size, rank),
@@ -292,7 +292,7 @@ class _Features(torch.autograd.Function):
         none, one = points.new_zeros(size), points.new_ones(size)
         by_cell = sorted_by_cell(points, points, none, every, one, shape, 0.0)
         by_grids = []
-        for flat, rank, first in _parts(density, colour, shape):
+        for flat, (rank, first) in zip((density, colour), shape.feature_columns, strict=True):
             by_planes, by_lines = (points.new_empty(size, 3, rank) for _ in range(2))
             launch(
                 kernels("field.gpu_features").spread_products,
@@ -316,8 +316,3 @@ def _programs(size: int, rank: int) -> tuple[int, int]:
     """For blocks of points, and for the modes' groups of channels."""
     channels = channels_of(rank)
     return -(-size // (_ELEMENTS // channels)), 3 * rank // channels
-
-
-def _parts(density: Tensor, colour: Tensor, shape: GridShape) -> tuple[tuple[Tensor, int, int], ...]:
-    """Of each grid: its numbers, its rank, and the first column of its features."""
-    return (density, shape.density_rank, 0), (colour, shape.colour_rank, 3 * shape.density_rank)
