@@ -189,6 +189,15 @@ class RendersAhead(Protocol):
         """Make what `render` will be asked for; called after training, again with the same views too."""
 
 
+@runtime_checkable
+class Sketches(Protocol):
+    """What a method offers beside `Method` if its photographs through a lens take long."""
+
+    def sketch(self, sharp: Rendering, lens: PhysicalLens) -> Rendering:
+        """About the photograph through `lens` that `render` would make, from the rendering without a lens at the same
+        camera; quick, so that a lens can be searched for by it."""
+
+
 class MethodOption(Protocol):
     """One option of a method, for its users."""
 

@@ -76,6 +76,10 @@ class RefocusedField(FieldMethod):
         assert isinstance(self._options, RefocusedFieldOptions)
         return through_points(self._trained(), camera, lens, self._options.rendering.render_points)
 
+    def sketch(self, sharp: Rendering, lens: PhysicalLens) -> Rendering:
+        """See `scattered`."""
+        return scattered(sharp, lens)
+
 
 class LensFieldMethod(FieldMethod, ABC):
     """Base of the fields with lenses: what they share whichever way a lens blurs."""
@@ -142,6 +146,10 @@ class LensRayField(LensFieldMethod):
         """See `through_points`."""
         return through_points(scene, camera, lens, self._own.rendering.render_points)
 
+    def sketch(self, sharp: Rendering, lens: PhysicalLens) -> Rendering:
+        """See `scattered`."""
+        return scattered(sharp, lens)
+
     @property
     def _own(self) -> LensRayFieldOptions:
         assert isinstance(self._options, LensRayFieldOptions)
@@ -159,7 +167,11 @@ class PatchField(LensFieldMethod):
 
     def photograph(self, scene: FieldScene, camera: Camera, lens: PhysicalLens) -> Rendering:
         """See `scattered`."""
-        return scattered(scene, camera, lens, self._patches.blur)
+        return self.sketch(scene.render(camera), lens)
+
+    def sketch(self, sharp: Rendering, lens: PhysicalLens) -> Rendering:
+        """The photograph itself: its sharp view is what takes long."""
+        return scattered(sharp, lens, self._patches.blur)
 
     @property
     def _patches(self) -> PatchOptions:

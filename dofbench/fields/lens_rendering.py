@@ -52,8 +52,7 @@ def through_points(scene: FieldScene, camera: Camera, lens: PhysicalLens, count:
     return Rendering(image, scene.render(camera).depth)
 
 
-def scattered(scene: FieldScene, camera: Camera, lens: PhysicalLens, blur: Blur) -> Rendering:
+def scattered(sharp: Rendering, lens: PhysicalLens, blur: Blur = Blur()) -> Rendering:
     """The photograph as the sharp view whose pixels are spread over their circles of confusion."""
-    sharp = scene.render(camera)
     image, _ = defocus_numpy(sharp.image, sharp.depth, lens, blur)
     return Rendering(image.clip(0, 1), sharp.depth)

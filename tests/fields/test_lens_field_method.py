@@ -13,12 +13,13 @@ from tolerances import DISC_ON_FEWER_PIXELS, DISC_ON_PIXELS, FLOAT32_VALUE
 
 from dofbench.compute.factored_grid import FieldRender
 from dofbench.core.budget import Budget
-from dofbench.core.contracts import Rendering
+from dofbench.core.contracts import Rendering, Sketches
 from dofbench.core.errors import InputError, Status
 from dofbench.core.lens import PhysicalLens
 from dofbench.fields import field_trainer
-from dofbench.fields.lens_field_method import LensFieldMethod, LensRayField, PatchField
-from dofbench.fields.lens_rendering import scattered, through_points
+from dofbench.fields.field_method import FieldMethod
+from dofbench.fields.lens_field_method import LensFieldMethod, LensRayField, PatchField, RefocusedField
+from dofbench.fields.lens_rendering import through_points
 from dofbench.optics.defocus import defocus_numpy
 
 SHORT = field_options()
@@ -119,7 +120,20 @@ def test_a_scattered_view_is_the_sharp_view_defocused() -> None:
     sharp = method.render(camera, None)
     expected = defocus_numpy(sharp.image, sharp.depth, lens, method._options.patches.blur)[0]
     np.testing.assert_allclose(method.render(camera, lens).image, expected.clip(0, 1), atol=FLOAT32_VALUE)
-    assert scattered(method._trained(), camera, lens, method._options.patches.blur).image.shape == sharp.image.shape
+    assert np.array_equal(method.sketch(sharp, lens).image, method.render(camera, lens).image)
+
+
+@pytest.mark.parametrize("make", [LensRayField, RefocusedField])
+def test_a_sketch_is_about_the_photograph(make: type[FieldMethod]) -> None:
+    method = make({**SHORT, "render_points": 64}, 0, "cpu")
+    method.fit(training_set(), Budget(), Recorder())
+    camera, lens = cameras()[1], PhysicalLens(25.0, 0.2, WIDTH)
+    assert isinstance(method, Sketches)
+    sharp, photograph = method.render(camera, None), method.render(camera, lens).image
+    sketch = method.sketch(sharp, lens).image
+    inner = np.s_[4:-4, 4:-4]  # at the border the sketch lacks light from beside it
+    error, blur = (np.abs(one[inner] - photograph[inner]).mean() for one in (sketch, sharp.image))
+    assert error < blur / 3
 
 
 @pytest.mark.parametrize("changes", [{"lens": False}, {"lens_range": "render"}, {"lens_clip": True}])

@@ -20,6 +20,7 @@ from tolerances import (
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Rendering
 from dofbench.core.lens import DisparityRange, PhysicalLens
+from dofbench.optics.defocus import defocus_numpy
 from dofbench.optics.tone import decode, encode
 from dofbench.scoring.photograph_scores import prediction_scores
 from dofbench.scoring.photographs.predict import predict
@@ -82,6 +83,38 @@ def test_a_search_at_a_reduced_size_is_bounded_and_looks_at_no_other_half() -> N
     changed = photograph.copy()
     changed[~found.tiles.fitted(0)] = 0.3
     assert predict(Known(), large, changed, {"a": lens}, QUICK).halves[0].lens == found.halves[0].lens
+
+
+class Slow(Known):
+    """Its photographs have a border that its sketches lack; `photographs` counts them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.photographs: list[PhysicalLens] = []
+
+    def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
+        found = super().render(camera, lens)
+        if lens is not None:
+            self.photographs.append(lens)
+            found.image[:, :4] = 0.5
+        return found
+
+    def sketch(self, sharp: Rendering, lens: PhysicalLens) -> Rendering:
+        return Rendering(defocus_numpy(sharp.image, sharp.depth, lens)[0], sharp.depth)
+
+
+@pytest.mark.parametrize("width", [WIDTH, 385])
+def test_a_slow_method_is_searched_by_its_sketches_and_scored_by_its_photographs(width: int) -> None:
+    camera = CAMERA if width == WIDTH else Camera(width, 83, 400.0, 400.0, 192.0, 41.0, np.eye(4))
+    lens = PhysicalLens(TRUE.aperture * width / WIDTH, TRUE.focus_disparity, width)
+    photograph, method = Known().render(camera, lens).image, Slow()
+    found, quick = (predict(one, camera, photograph, None, SMALL) for one in (method, Known()))
+    assert len(method.photographs) == 2, "one for each half"
+    for half, other, asked in zip(found.halves, quick.halves, method.photographs, strict=True):
+        assert half.lens == asked == other.lens and half.renders[1] == other.renders[1] + 1
+        assert half.cost > other.cost
+    assert np.allclose(found.picture[:, :4].std(axis=(0, 1)), 0, atol=0.01)
+    assert float(quick.picture[:, :4].std()) > 0.1
 
 
 def test_a_method_without_a_lens_gets_its_best_blur() -> None:

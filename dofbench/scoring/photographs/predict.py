@@ -10,7 +10,7 @@ from functools import lru_cache, partial
 import numpy as np
 
 from dofbench.core.cameras import Camera
-from dofbench.core.contracts import Method
+from dofbench.core.contracts import Method, Rendering, Sketches
 from dofbench.core.images import from_8bit, to_8bit
 from dofbench.core.lens import DisparityRange, PhysicalLens
 from dofbench.optics.tone import decode, encode
@@ -28,7 +28,8 @@ _RANGE = 2.0, 98.0  # percentiles of a view's disparities between which the sear
 class HalfFit:
     """The fit on one half, by which the other half is predicted. lens: None for a method without a lens. sigma: px, of
     the Gaussian blur of the rendering without a lens, None if it wasn't asked for. renders: numbers of renderings at
-    the reduced and the full size for this half, with those of the grid. cost: mean squared error on the fitted half."""
+    the reduced and the full size for this half, with those of the grid and with sketches (`Sketches`). cost: mean
+    squared error on the fitted half."""
 
     fitted_on: int
     lens: PhysicalLens | None
@@ -119,7 +120,7 @@ def _steps(at: np.ndarray) -> tuple[float, float]:
 
 class LensSearch:
     """The search for one view's lens. The grid is rendered once for both halves; each half's simplex starts from its
-    best grid point.
+    best grid point. A method that `Sketches` is searched by its sketches, and renders only what is found.
 
     starts: the grid points, arrays from which `lens` makes a lens. steps: the simplex's first steps from a point, at
     the reduced and at the full size.
@@ -139,6 +140,7 @@ class LensSearch:
         self._lens, self._steps = lens, steps
         factor = max(1, round(camera.width / REDUCED))
         self._factor, self._small = factor, camera.binned(factor)
+        self._sharp: dict[bool, Rendering] = {}
         self._grid = [(at, self._render(self._small, lens(at))) for at in starts]
 
     def prediction(self, effort: Effort, start: float) -> Prediction:
@@ -170,13 +172,21 @@ class LensSearch:
             effort.fine,
             self._steps(coarse.at)[1],
         )
+        if isinstance(self._method, Sketches):
+            image = self._render(self._camera, self._lens(fine.at), sketched=False)
+            fine = Found(fine.at, full(image), image, fine.renders + 1)
         return fine, (len(self._grid) + coarse.renders, fine.renders)
 
-    def _render(self, camera: Camera, lens: PhysicalLens) -> np.ndarray:
+    def _render(self, camera: Camera, lens: PhysicalLens, *, sketched: bool = True) -> np.ndarray:
         # The reduced camera may lack the last pixels at its edge; its circles of confusion are smaller by exactly
         # `factor`.
-        width = camera.width * (self._factor if camera is self._small else 1)
-        return checked_image(self._method.render(camera, replace(lens, width=width)).image, camera)
+        reduced = camera is self._small
+        lens = replace(lens, width=camera.width * (self._factor if reduced else 1))
+        if not (sketched and isinstance(self._method, Sketches)):
+            return checked_image(self._method.render(camera, lens).image, camera)
+        if reduced not in self._sharp:
+            self._sharp[reduced] = self._method.render(camera, None)
+        return checked_image(self._method.sketch(self._sharp[reduced], lens).image, camera)
 
 
 def _fit_sigmas(image: np.ndarray, photograph: np.ndarray, tiles: Tiles) -> list[tuple[float, np.ndarray]]:
@@ -231,6 +241,8 @@ def frame_of(depth: np.ndarray, camera: Camera, learned: Mapping[str, PhysicalLe
 
 def refusal(method: Method, camera: Camera, frame: Frame) -> str:
     """Why the method can't render through a lens: the text of its ValueError, or "" if it can."""
+    if isinstance(method, Sketches):
+        return ""
     small = camera.binned(max(1, round(camera.width / REDUCED)))
     try:
         method.render(small, PhysicalLens(0.0, frame.disparities.q_min, small.width))
