@@ -2,7 +2,8 @@
 which once in each pass of which loop.
 
 A loop is what graph theory calls a natural one: a branch back to a block that every way to the branch comes through.
-Any other branch back, such as the return from a rarely used piece of code at the end, makes none.
+Any other branch back, such as the return from a rarely used piece of code at the end, makes none. A call whose target
+is a label of the function itself never returns: the assembler uses it as a branch, mostly out of a loop.
 """
 
 from __future__ import annotations
@@ -108,7 +109,7 @@ def _blocks(text: str) -> tuple[list[list[Instruction]], dict[int, list[int]]]:
             labels[one] = len(blocks) - 1
             continue
         blocks[-1].append(one)
-        if one.kind in ("BRA", *_ENDS):
+        if _jumps(one) or one.kind in _ENDS:
             blocks.append([])
     if not any(blocks):
         raise ValueError("no instructions in the listing")
@@ -116,13 +117,18 @@ def _blocks(text: str) -> tuple[list[list[Instruction]], dict[int, list[int]]]:
     for number, block in enumerate(blocks):
         last = block[-1] if block else None
         leads = []
-        if last is not None and last.kind == "BRA" and last.target in labels and ".DIV" not in last.name:
+        if last is not None and _jumps(last) and last.target in labels and ".DIV" not in last.name:
             leads.append(labels[last.target])
-        always = last is not None and last.kind in ("BRA", *_ENDS) and not _may_pass(last)
+        always = last is not None and (_jumps(last) or last.kind in _ENDS) and not _may_pass(last)
         if not always and number + 1 < len(blocks):
             leads.append(number + 1)
         edges[number] = leads
     return blocks, edges
+
+
+def _jumps(one: Instruction) -> bool:
+    """Whether it is a branch, not a call of a subroutine, whose name isn't a label of the function."""
+    return one.kind == "BRA" or (one.kind == "CALL" and one.target is not None)
 
 
 def _may_pass(branch: Instruction) -> bool:

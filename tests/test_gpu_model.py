@@ -117,6 +117,26 @@ def test_code_for_warps_whose_threads_went_apart_is_left_out() -> None:
     assert sizes_of(text) == [(3, 0, None)]
 
 
+def test_a_call_of_a_label_ends_a_loop() -> None:
+    """The assembler leaves loops by calls that never return; a call of a subroutine comes back."""
+    text = code(
+        ".L_x_0:",
+        "MOV R2, RZ",
+        ".L_x_1:",
+        "CALL.REL.NOINC `($__internal_0_$__cuda_sm20_sqrt_rn_f32_slowpath)",
+        "FADD R1, R1, R1",
+        "@P0 CALL.REL.NOINC `(.L_x_2)",
+        "BRA `(.L_x_1)",
+        ".L_x_2:",
+        "@!P1 CALL.REL.NOINC `(.L_x_3)",
+        "BRA `(.L_x_0)",
+        ".L_x_3:",
+        "STG.E [R6.64], R4",
+        "EXIT",
+    )
+    assert sizes_of(text) == [(2, 0, None), (3, 0, 0), (4, 0, 1)]
+
+
 def test_no_listing_at_all() -> None:
     with pytest.raises(ValueError, match="no instructions"):
         gpu_sass.parts("headers alone\n")
