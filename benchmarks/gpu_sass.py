@@ -38,9 +38,9 @@ class Instruction:
 class Part:
     """Instructions that run equally often: once in each pass of a loop, or once in the program.
 
-    sometimes: for each instruction whether a branch within the loop may skip it; False outside of loops, where what is
-    skipped isn't told apart. depth: of loops around it, 0 for none. parent: the index of the part that this loop lies
-    in, None for the program itself.
+    sometimes: for each instruction whether a branch may skip it, within the loop, or outside of loops within the
+    program. depth: of loops around it, 0 for none. parent: the index of the part that this loop lies in, None for the
+    program itself.
     """
 
     instructions: tuple[Instruction, ...]
@@ -66,7 +66,9 @@ def parts(text: str) -> list[Part]:
                 loops.setdefault(end, {end}).update(_body(edges, start, end))
                 tails.setdefault(end, set()).add(start)
     inner = {block: _innermost(block, loops) for block in before}
-    found = [_part(blocks, [block for block in sorted(inner) if inner[block] is None], set(inner), 0, None)]
+    stops = [before[block] for block in before if not edges[block]]
+    unavoidable = set.intersection(*stops) if stops else set(inner)
+    found = [_part(blocks, [block for block in sorted(inner) if inner[block] is None], unavoidable, 0, None)]
     number: dict[int, int] = {}
     for head in sorted(loops, key=lambda head: (head, -len(loops[head]))):
         outer = _innermost(head, {h: body for h, body in loops.items() if loops[head] < body})
