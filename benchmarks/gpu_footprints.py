@@ -19,18 +19,14 @@ import numpy as np
 import tyro
 from dofbench.kernels.rasterize import cpu
 from dofbench.kernels.rasterize import cpu_layout as layout
-from torch.utils._python_dispatch import TorchDispatchMode
+from gpu_torch_calls import training_set
 from unobserved import Unobserved
 
 from dofbench.core.budget import Budget
-from dofbench.core.content import content_folder
-from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.trainer import Trainer
 from dofbench.reporting.csv_writer import write_csv
-from dofbench.scenes import load_scene
 
-SCENE = "tabletop"
 TILE, PROGRAM, TEST_EVERY = 16, 128, 16  # as gpu_layout.TILE, gpu_lists._GAUSSIANS and gpu_blend._TEST_EVERY
 MAX_ALPHA, MIN_TRANSMITTANCE = 0.99, 1e-4
 
@@ -56,7 +52,7 @@ class Row:
     the widest among 128 neighbours in memory, which one GPU program counts together. most_intersections: tiles that
     the widest of four neighbours in depth meets. longest_list: of a picture's tiles, over the mean. looked_at: share of
     a tile's list that is followed until the tile is opaque. taken: share of these that colour a pixel of the tile.
-    torch_ops: calls of torch in a training step besides the ops' own."""
+    """
 
     per_pixel: float
     gaussians: int
@@ -69,22 +65,6 @@ class Row:
     longest_list: float
     looked_at: float
     taken: float
-    torch_ops: int
-
-
-class Calls(TorchDispatchMode):
-    """Counts the calls of torch's operations that would be kernels on a GPU."""
-
-    FREE = ("view", "detach", "alias", "unbind", "empty", "t.", "transpose", "unsqueeze", "select", "slice", "expand")
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.count = 0
-
-    def __torch_dispatch__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        name = str(function).removeprefix("aten.")
-        self.count += not name.startswith(self.FREE)
-        return function(*args, **(kwargs or {}))
 
 
 def main(settings: Settings) -> None:
@@ -96,8 +76,8 @@ def main(settings: Settings) -> None:
 
 def measured(density: float, settings: Settings) -> Row:
     """The figures of one trained scene."""
-    scene = load_scene(content_folder("datasets") / SCENE, width=settings.width)
-    views = tuple(TrainingView(view.name, view.camera, view.image()) for view in scene.views)
+    data = training_set(settings.width)
+    views = data.views
     pixels = views[0].camera.width * views[0].camera.height
     limit = round(density * pixels)
     options = GaussianOptions().with_overrides(
@@ -105,28 +85,13 @@ def measured(density: float, settings: Settings) -> Row:
          "grow_absolute": True, "clone_opacity": "share", "reset_every": 0.0, "sh_degree": 3, "edge_weight": 4.0,
          "ssim_weight": 0.4, "densify_every": 20}
     )  # fmt: skip
-    trainer = Trainer(TrainingSet(views, scene.points), options, 0)
+    trainer = Trainer(data, options, 0)
     trainer.fit(Budget(steps=settings.steps), Unobserved())
     count = len(trainer.gaussians)
     found = [seen for view in views[::3] for seen in drawn(trainer, view.camera)]
     means = {name: float(np.mean([one[name] for one in found])) for name in found[0]}
-    calls = torch_calls(views, scene.points)
     print(f"{count} Gaussians, {count / pixels:.2f} a pixel: {means}", flush=True)
-    return Row(per_pixel=count / pixels, gaussians=count, pixels=pixels, torch_ops=calls, **means)
-
-
-def torch_calls(views: tuple[TrainingView, ...], points: Any) -> int:
-    """Calls of torch in a step of a training with a lens and the losses of the preset `gpu`, from the difference of two
-    lengths."""
-    changes = {"colour_per_view": "affine", "ssim_weight": 0.4, "edge_weight": 4.0, "grow_absolute": True,
-               "densify_until": 0.0, "reset_every": 0.0, "adaptation": "off", "lens_init_aperture": 0.75}  # fmt: skip
-    counts = []
-    for steps in (10, 30):
-        trainer = Trainer(TrainingSet(views, points), GaussianOptions().with_overrides(changes), 0)
-        with Calls() as calls:
-            trainer.fit(Budget(steps=steps), Unobserved())
-        counts.append(calls.count)
-    return round((counts[1] - counts[0]) / 20)
+    return Row(per_pixel=count / pixels, gaussians=count, pixels=pixels, **means)
 
 
 def drawn(trainer: Trainer, camera: Any) -> Iterator[dict[str, float]]:

@@ -107,14 +107,17 @@ def launches() -> list[dict[str, Any]]:
 
 
 def binary_of(launch: dict[str, Any], architecture: int) -> Any:
-    """What Triton makes of a launch's kernel for an architecture."""
+    """What Triton makes of a launch's kernel for an architecture. Tensors begin at multiples of 16 bytes, as torch's
+    allocator has them: Triton looks at that when a kernel is launched, and then loads up to four numbers at once."""
     import triton
     from triton.backends.compiler import GPUTarget
     from triton.compiler import ASTSource
 
     kernel = getattr(import_module(launch["module"]), launch["function"])
     signature, constants = dict(launch["signature"]), dict(launch["constants"])
-    source = ASTSource(fn=kernel, signature=signature, constexprs=constants)
+    pointers = [place for place, kind in enumerate(signature.values()) if kind.startswith("*")]
+    aligned = {(place,): [["tt.divisibility", 16]] for place in pointers}
+    source = ASTSource(fn=kernel, signature=signature, constexprs=constants, attrs=aligned)
     target = GPUTarget("cuda", architecture, 32)
     return triton.compile(source, target=target, options={"num_warps": launch["warps"]})
 

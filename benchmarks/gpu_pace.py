@@ -6,7 +6,7 @@ Rates, in `gpu_peaks.py`, are in warp instructions a cycle of one multiprocessor
 Cycles until a result can be used: 4 for arithmetic (Jia et al., Dissecting the NVIDIA Volta GPU Architecture via
 Microbenchmarking, 2018; Ampere and later are alike); shared memory 29, L1 38, L2 262 and memory 470 (Luo et al.,
 Benchmarking and Dissecting the Nvidia Hopper GPU Architecture, 2024: A100, H100 and RTX 4090 differ by less than
-15 %, so one number serves for all three). Special functions 20, shuffles 24 and barriers 20 are assumed.
+15 %, so one number serves for all three). Special functions 20, shuffles 24, barriers 20 and float64 8 are assumed.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from dataclasses import dataclass
 
 from gpu_sass import Instruction
 
-ARITHMETIC, SPECIAL, SHARED, SHUFFLE, BARRIER = 4, 20, 29, 24, 20
+ARITHMETIC, SPECIAL, SHARED, SHUFFLE, BARRIER, DOUBLE = 4, 20, 29, 24, 20, 8
 NEAR = {"l1": 38, "l2": 262, "memory": 470}
 _FMA = ("FFMA", "FMUL", "FADD", "IMAD", "HFMA2", "FFMA32I", "FMUL32I", "FADD32I", "HADD2", "HMUL2")
+_DOUBLE = ("DFMA", "DMUL", "DADD", "DSETP", "DMNMX")  # and conversions from and to float64
 _SPECIAL = ("MUFU", "I2F", "F2I", "FRND", "F2F", "POPC", "FLO")
 _MEMORY = ("LDG", "STG", "LDS", "STS", "LD", "ST", "LDL", "STL", "SHFL", "ATOMG", "ATOMS", "RED", "LDSM")
 _STORES = ("STG", "STS", "ST", "STL", "RED", "BRA", "EXIT", "BAR", "BSYNC", "BSSY", "CALL", "NOP", "WARPSYNC", "DEPBAR")
@@ -35,13 +36,15 @@ _WIDE = re.compile(r"\.(?:WIDE|64|HI\.X2)\b")
 class Pace:
     """What a piece of code takes of a multiprocessor.
 
-    instructions: of a warp, in one pass. fma, alu, special, memory: those of them that take the units for products and
-    sums of floats, for integers, comparisons and choices, for special functions and conversions, and for loads, stores
-    and shuffles. alone: cycles of a pass of a warp that has the multiprocessor to itself.
+    instructions: of a warp, in one pass. fma, double, alu, special, memory: those of them that take the units for
+    products and sums of floats, for float64, for integers, comparisons and choices, for special functions and
+    conversions, and for loads, stores and shuffles. alone: cycles of a pass of a warp that has the multiprocessor to
+    itself.
     """
 
     instructions: float
     fma: float
+    double: float
     alu: float
     special: float
     memory: float
@@ -57,15 +60,17 @@ class Pace:
 
     def values(self) -> tuple[float, ...]:
         """In the order of the fields."""
-        return self.instructions, self.fma, self.alu, self.special, self.memory, self.alone
+        return self.instructions, self.fma, self.double, self.alu, self.special, self.memory, self.alone
 
 
-NOTHING = Pace(0, 0, 0, 0, 0, 0)
+NOTHING = Pace(0, 0, 0, 0, 0, 0, 0)
 
 
 def unit_of(one: Instruction) -> str:
-    """The unit that an instruction takes: "fma", "alu", "special", "memory", or "" for branches, barriers and what is
-    the same for the whole warp, which take none of them."""
+    """The unit that an instruction takes: "fma", "double", "alu", "special", "memory", or "" for branches, barriers and
+    what is the same for the whole warp, which take none of them."""
+    if one.kind in _DOUBLE or (one.kind in _SPECIAL and ".F64" in one.name):
+        return "double"
     if one.kind in _FMA:
         return "fma"
     if one.kind in _SPECIAL:
@@ -84,7 +89,7 @@ def pace_of(code: Sequence[Instruction], *, loop: bool, loads: str) -> Pace:
     units = [unit_of(one) for one in code]
     once = _alone(code, loads)
     alone = _alone([*code, *code], loads) - once if loop else once
-    return Pace(len(code), *(units.count(unit) for unit in ("fma", "alu", "special", "memory")), alone)
+    return Pace(len(code), *(units.count(unit) for unit in ("fma", "double", "alu", "special", "memory")), alone)
 
 
 def _alone(code: Sequence[Instruction], loads: str) -> float:
@@ -135,4 +140,6 @@ def _delay(one: Instruction, loads: str, follows: bool) -> float:
         return SHARED
     if one.kind == "SHFL":
         return SHUFFLE
+    if unit_of(one) == "double":
+        return DOUBLE
     return SPECIAL if one.kind in _SPECIAL else ARITHMETIC

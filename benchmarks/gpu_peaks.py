@@ -19,9 +19,9 @@ class Gpu:
     """A GPU at its boost clock.
 
     architecture: compute capability times ten, for which kernels are compiled. bandwidth: of its memory, bytes a
-    second. multiprocessors: how many. clock: cycles a second. l2: size of its L2 cache, bytes. fma: warp instructions a
-    cycle that one multiprocessor's units for products and sums of floats take; those of the other units are alike on
-    all three (alu, special, memory below, and four issued in all).
+    second. multiprocessors: how many. clock: cycles a second. l2: size of its L2 cache, bytes. fma, double: warp
+    instructions a cycle that one multiprocessor's units for products and sums of floats and of float64 take; those of
+    the other units are alike on all three (alu, special, memory below, and four issued in all).
     """
 
     name: str
@@ -31,6 +31,7 @@ class Gpu:
     clock: float
     l2: float
     fma: float
+    double: float
     alu: float = 2.0
     special: float = 0.5
     memory: float = 1.0
@@ -38,17 +39,17 @@ class Gpu:
 
 
 # Rates of units: CUDA C++ Programming Guide, table "Throughput of Native Arithmetic Instructions": 64 float32 products
-# and sums a cycle for compute capability 8.0, 128 for 8.9 and 9.0; 64 integer sums, comparisons and shifts; 16 special
-# functions; 32 shuffles, and as many loads.
+# and sums a cycle for compute capability 8.0, 128 for 8.9 and 9.0; of float64 32, 2 and 64 for 8.0, 8.9 and 9.0; 64
+# integer sums, comparisons and shifts; 16 special functions; 32 shuffles, and as many loads.
 GPUS = (
     # NVIDIA A100 datasheet (80 GB SXM: 2039 GB/s) and A100 architecture white paper (108 multiprocessors, boost
     # 1410 MHz, L2 40 MB).
-    Gpu("A100-SXM4-80GB", 80, 2039e9, 108, 1.41e9, 40e6, 2.0),
+    Gpu("A100-SXM4-80GB", 80, 2039e9, 108, 1.41e9, 40e6, 2.0, 1.0),
     # NVIDIA H100 datasheet (SXM5: 3.35 TB/s; 66.9 float32 TFLOP/s with 132 multiprocessors are 1980 MHz) and H100
     # architecture white paper (132 multiprocessors, L2 50 MB).
-    Gpu("H100-SXM5", 90, 3350e9, 132, 1.98e9, 50e6, 4.0),
+    Gpu("H100-SXM5", 90, 3350e9, 132, 1.98e9, 50e6, 4.0, 2.0),
     # NVIDIA Ada GPU architecture white paper (RTX 4090: 1008 GB/s, 128 multiprocessors, boost 2520 MHz, L2 72 MB).
-    Gpu("RTX 4090", 89, 1008e9, 128, 2.52e9, 72e6, 4.0),
+    Gpu("RTX 4090", 89, 1008e9, 128, 2.52e9, 72e6, 4.0, 1 / 16),
 )
 # NVIDIA H200 datasheet: an H100 SXM5 with 4.8 TB/s. In no table; for comparison with what is measured on one.
 H200 = replace(GPUS[1], name="H200", bandwidth=4800e9)

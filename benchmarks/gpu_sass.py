@@ -2,7 +2,8 @@
 which once in each pass of which loop.
 
 A loop is what graph theory calls a natural one: a branch back to a block that every way to the branch comes through.
-Any other branch back, such as the return from a rarely used piece of code at the end, makes none.
+Any other branch back, such as the return from a rarely used piece of code at the end, makes none. A call whose target
+is a label of the function itself never returns: the assembler uses it as a branch, mostly out of a loop.
 """
 
 from __future__ import annotations
@@ -37,9 +38,9 @@ class Instruction:
 class Part:
     """Instructions that run equally often: once in each pass of a loop, or once in the program.
 
-    sometimes: for each instruction whether a branch within the loop may skip it; False outside of loops, where what is
-    skipped isn't told apart. depth: of loops around it, 0 for none. parent: the index of the part that this loop lies
-    in, None for the program itself.
+    sometimes: for each instruction whether a branch may skip it, within the loop, or outside of loops within the
+    program. depth: of loops around it, 0 for none. parent: the index of the part that this loop lies in, None for the
+    program itself.
     """
 
     instructions: tuple[Instruction, ...]
@@ -65,7 +66,9 @@ def parts(text: str) -> list[Part]:
                 loops.setdefault(end, {end}).update(_body(edges, start, end))
                 tails.setdefault(end, set()).add(start)
     inner = {block: _innermost(block, loops) for block in before}
-    found = [_part(blocks, [block for block in sorted(inner) if inner[block] is None], set(inner), 0, None)]
+    stops = [before[block] for block in before if not edges[block]]
+    unavoidable = set.intersection(*stops) if stops else set(inner)
+    found = [_part(blocks, [block for block in sorted(inner) if inner[block] is None], unavoidable, 0, None)]
     number: dict[int, int] = {}
     for head in sorted(loops, key=lambda head: (head, -len(loops[head]))):
         outer = _innermost(head, {h: body for h, body in loops.items() if loops[head] < body})
@@ -108,7 +111,7 @@ def _blocks(text: str) -> tuple[list[list[Instruction]], dict[int, list[int]]]:
             labels[one] = len(blocks) - 1
             continue
         blocks[-1].append(one)
-        if one.kind in ("BRA", *_ENDS):
+        if _jumps(one) or one.kind in _ENDS:
             blocks.append([])
     if not any(blocks):
         raise ValueError("no instructions in the listing")
@@ -116,13 +119,18 @@ def _blocks(text: str) -> tuple[list[list[Instruction]], dict[int, list[int]]]:
     for number, block in enumerate(blocks):
         last = block[-1] if block else None
         leads = []
-        if last is not None and last.kind == "BRA" and last.target in labels and ".DIV" not in last.name:
+        if last is not None and _jumps(last) and last.target in labels and ".DIV" not in last.name:
             leads.append(labels[last.target])
-        always = last is not None and last.kind in ("BRA", *_ENDS) and not _may_pass(last)
+        always = last is not None and (_jumps(last) or last.kind in _ENDS) and not _may_pass(last)
         if not always and number + 1 < len(blocks):
             leads.append(number + 1)
         edges[number] = leads
     return blocks, edges
+
+
+def _jumps(one: Instruction) -> bool:
+    """Whether it is a branch, not a call of a subroutine, whose name isn't a label of the function."""
+    return one.kind == "BRA" or (one.kind == "CALL" and one.target is not None)
 
 
 def _may_pass(branch: Instruction) -> bool:

@@ -25,14 +25,13 @@ import tyro
 from gpu_code import listing
 from gpu_peaks import GPUS
 from gpu_sass import parts
+from gpu_scatter_windows import BAND, COARSE, FINE, FOCUS
 
-from dofbench.core.lens import ALPHA
 from dofbench.reporting.csv_writer import write_csv
 
 H100 = GPUS[1]
 ISSUED = H100.multiprocessors * H100.issue * H100.clock  # instructions of warps a second
-TILE_Y, TILE_X, WARPS, FINE, COARSE = 8, 32, 4, 4, 16
-BAND, LEAST = 12.0 / (2 * ALPHA), 18.0 / (2 * ALPHA)
+TILE_Y, TILE_X, WARPS = 8, 32, 4
 KERNELS = {"forward": ("gather", "gather_windows"), "backward": ("gather_gradient", "gather_gradient_windows")}
 
 
@@ -91,7 +90,7 @@ def milliseconds(
     columns = np.arange(width)
     signed = (2 * columns / (width - 1) - 1) * radius if scene == "ramp" else np.full(width, float(radius))
     radii = np.abs(signed)
-    reach = [max(radii[left : left + TILE_X].max() + BAND, LEAST) for left in range(0, width, TILE_X)]
+    reach = [max(radii[left : left + TILE_X].max() + BAND, FOCUS) for left in range(0, width, TILE_X)]
     total = np.zeros(2)
     for tile, left in enumerate(range(0, width, TILE_X)):
         if way == "forward":
@@ -142,7 +141,7 @@ def crossed(first: int, wide: int, left: int, dy: int, radii: np.ndarray, scene:
     nearest = math.hypot(max(first, -(first + wide - 1), 0), dy)
     farthest = math.hypot(max(abs(first), abs(first + wide - 1)), dy)
     near = -math.inf if scene == "noise" else there.min() - BAND
-    return max(there.max() + BAND, LEAST) >= nearest and farthest > near
+    return max(there.max() + BAND, FOCUS) >= nearest and farthest > near
 
 
 if __name__ == "__main__":

@@ -1,16 +1,19 @@
-"""Sizes of the workloads that `gpu_model.py` predicts times of."""
+"""Sizes of the workloads with Gaussians and pictures that `gpu_model.py` predicts times of; those of the others are in
+`gpu_sizes_field.py` and `gpu_sizes_stereo.py`."""
 
 from __future__ import annotations
 
 import csv
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
+from gpu_scatter_windows import Windows, reach_of, windows
+
 TILE = 16  # pixels, of the rasteriser's tiles
-ALPHA = 4.0  # steepness of the scatter's rim, dofbench.core.lens.ALPHA
-_BAND, _FOCUS = 12.0, 18.0  # how far sources are followed, kernels/scatter/gpu_direct.py
+LENS_POINTS = 5  # that the preset `thinlens` draws a picture from, dofbench/gaussians/forward/lens_pattern.py
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,7 @@ class Sizes:
     looked_at: float = 1.0
     taken: float = 1.0
     terms: int = 15
+    points: int = 1
     radius: float = 4.0
     torch_ops: int = 0
 
@@ -54,8 +58,8 @@ class Sizes:
 
     @property
     def tiles(self) -> int:
-        """Of the rasteriser, all of the picture's."""
-        return math.ceil(self.width / TILE) * math.ceil(self.height / TILE)
+        """Of the rasteriser, all of the picture's, from all points of the lens."""
+        return self.points * math.ceil(self.width / TILE) * math.ceil(self.height / TILE)
 
     @property
     def seen(self) -> float:
@@ -65,7 +69,7 @@ class Sizes:
     @property
     def pairs(self) -> float:
         """Intersections of Gaussians with tiles, all lists together."""
-        return self.seen * self.intersections
+        return self.points * self.seen * self.intersections
 
     @property
     def followed(self) -> float:
@@ -80,7 +84,7 @@ class Sizes:
     @property
     def reach(self) -> int:
         """How far the scatter follows a source, whole pixels."""
-        return math.ceil(max(self.radius + _BAND / (2 * ALPHA), _FOCUS / (2 * ALPHA)))
+        return reach_of(self.radius)
 
     @cached_property
     def offsets(self) -> int:
@@ -88,13 +92,39 @@ class Sizes:
         far = self.reach
         return sum(2 * (math.isqrt(far * far - dy * dy) + 1) + 1 for dy in range(-far, far + 1))
 
+    @property
+    def disc(self) -> Windows:
+        """Windows of the linear scatter, of a tile whose sources are discs of this radius."""
+        return windows(self.radius, 0)
+
+    @property
+    def polygon(self) -> Windows:
+        """The same of hexagons."""
+        return windows(self.radius, 6)
+
 
 def workloads(folder: Path) -> tuple[Sizes, ...]:
-    """The three workloads. folder: of footprints.csv, which `gpu_footprints.py` measured on the CPU."""
-    with (folder / "footprints.csv").open(encoding="utf-8") as stream:
-        rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(stream)]
+    """The three trainings. folder: of footprints.csv and torch_calls.csv, which were measured on the CPU."""
+    rows = [{key: float(value) for key, value in row.items()} for row in _rows(folder / "footprints.csv")]
+    calls = torch_calls(folder)["scatter"]
     given = (("fern", 150_000, 504, 378), ("rendered", 1_000_000, 1008, 756), ("large", 5_000_000, 1008, 756))
-    return tuple(_like(rows, *one) for one in given)
+    return tuple(replace(_like(rows, *one), torch_ops=calls) for one in given)
+
+
+def from_points(sizes: Sizes, folder: Path) -> Sizes:
+    """A training whose pictures are drawn from points of the lens. Each Gaussian is taken to meet as many tiles as it
+    does without its blur, which is no more than 0.3 of its circle of confusion."""
+    return replace(sizes, points=LENS_POINTS, torch_ops=torch_calls(folder)["points"])
+
+
+def torch_calls(folder: Path) -> dict[str, int]:
+    """torch_calls.csv: of a training step, by the kind of training."""
+    return {row["training"]: int(row["calls"]) for row in _rows(folder / "torch_calls.csv")}
+
+
+def _rows(file: Path) -> Iterable[dict[str, str]]:
+    with file.open(encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
 
 
 def _like(rows: list[dict[str, float]], name: str, gaussians: int, width: int, height: int) -> Sizes:
@@ -111,4 +141,4 @@ def _like(rows: list[dict[str, float]], name: str, gaussians: int, width: int, h
         "looked_at",
         "taken",
     )
-    return Sizes(name, gaussians, width, height, **{key: row[key] for key in means}, torch_ops=int(row["torch_ops"]))
+    return Sizes(name, gaussians, width, height, **{key: row[key] for key in means})

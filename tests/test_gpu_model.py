@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import importlib
 import math
 import os
@@ -14,17 +15,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from tolerances import FLOAT64_VALUE
 
 from dofbench.core.cameras import Camera
+from dofbench.core.lens import ApertureShape
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))  # where scripts import what lies beside them
-gpu_code, gpu_pace, gpu_peaks, gpu_sass, gpu_sizes, gpu_times, gpu_torch_work, gpu_work = map(
-    importlib.import_module,
-    ("gpu_code", "gpu_pace", "gpu_peaks", "gpu_sass", "gpu_sizes", "gpu_times", "gpu_torch_work", "gpu_work"),
+gpu_code, gpu_ops, gpu_pace, gpu_peaks, gpu_sass, gpu_times, gpu_work = map(
+    importlib.import_module, ("gpu_code", "gpu_ops", "gpu_pace", "gpu_peaks", "gpu_sass", "gpu_times", "gpu_work")
+)
+gpu_scatter_windows, gpu_sizes, gpu_sizes_field, gpu_sizes_stereo = map(
+    importlib.import_module, ("gpu_scatter_windows", "gpu_sizes", "gpu_sizes_field", "gpu_sizes_stereo")
 )
 sys.path.remove(str(ROOT / "benchmarks"))
 
@@ -39,6 +44,8 @@ def imported(name: str) -> Any:
 
 
 SIZES = gpu_sizes.Sizes("small", 10_000, 64, 48)
+FIELD = gpu_sizes_field.FieldSizes("small", 512, 100)
+VIEW = gpu_sizes_stereo.StereoSizes("small", 96, 64, 40, 3)
 A100 = gpu_peaks.GPUS[0]
 BEYOND_THE_END = """
 .L_x_9:
@@ -104,7 +111,7 @@ def test_what_a_branch_skips_in_a_loop_is_told_apart() -> None:
 
 def test_a_branch_back_from_the_end_of_the_code_is_no_loop() -> None:
     text = code("@P0 BRA `(.L_x_9)", ".L_x_1:", "FADD R1, R1, R1", "EXIT") + BEYOND_THE_END
-    assert sizes_of(text) == [(5, 0, None)]
+    assert sizes_of(text) == [(5, 2, None)]
 
 
 def test_what_is_never_reached_is_left_out() -> None:
@@ -115,6 +122,31 @@ def test_what_is_never_reached_is_left_out() -> None:
 def test_code_for_warps_whose_threads_went_apart_is_left_out() -> None:
     text = code("BRA.DIV UR4, `(.L_x_9)", ".L_x_1:", "FADD R1, R1, R1", "EXIT") + BEYOND_THE_END
     assert sizes_of(text) == [(3, 0, None)]
+
+
+def test_what_a_branch_skips_in_a_program_is_told_apart() -> None:
+    text = code("@P0 BRA `(.L_x_1)", "FADD R1, R1, R1", "FMUL R1, R1, R1", ".L_x_1:", "STG.E [R6.64], R4", "EXIT")
+    assert sizes_of(text) == [(5, 2, None)]
+
+
+def test_a_call_of_a_label_ends_a_loop() -> None:
+    """The assembler leaves loops by calls that never return; a call of a subroutine comes back."""
+    text = code(
+        ".L_x_0:",
+        "MOV R2, RZ",
+        ".L_x_1:",
+        "CALL.REL.NOINC `($__internal_0_$__cuda_sm20_sqrt_rn_f32_slowpath)",
+        "FADD R1, R1, R1",
+        "@P0 CALL.REL.NOINC `(.L_x_2)",
+        "BRA `(.L_x_1)",
+        ".L_x_2:",
+        "@!P1 CALL.REL.NOINC `(.L_x_3)",
+        "BRA `(.L_x_0)",
+        ".L_x_3:",
+        "STG.E [R6.64], R4",
+        "EXIT",
+    )
+    assert sizes_of(text) == [(2, 0, None), (3, 0, 0), (4, 0, 1)]
 
 
 def test_no_listing_at_all() -> None:
@@ -174,8 +206,8 @@ def test_a_load_by_what_was_loaded_comes_from_l2_and_its_neighbour_with_it() -> 
 # ---- bytes and times ----
 
 
-def kernel(name: str) -> Any:
-    return next(one for one in gpu_work.KERNELS if one.name == name)
+def kernel(name: str, variant: str = "") -> Any:
+    return next(one for one in gpu_ops.kernels() if (one.name, one.variant) == (name, variant))
 
 
 def test_bytes_of_the_tone_curve() -> None:
@@ -186,7 +218,8 @@ def test_bytes_of_the_tone_curve() -> None:
 
 def test_records_that_do_not_fit_in_l2_are_read_for_every_tile() -> None:
     many = replace(SIZES, gaussians=10_000_000, intersections=3.0)
-    small, large = (gpu_work._records(one, A100) for one in (SIZES, many))
+    records = imported("gpu_work_rasterize").records
+    small, large = (records(one, A100) for one in (SIZES, many))
     assert (small, large) == (64 * 10_000, 64 * 30_000_000)
 
 
@@ -194,12 +227,12 @@ def test_records_that_do_not_fit_in_l2_are_read_for_every_tile() -> None:
 def test_numbers_that_lie_apart(stride: int, loaded: int, stored: int) -> None:
     """32 numbers of four bytes touch one line of 128 bytes side by side, up to 32 lines apart; four are looked up a
     cycle, one is stored."""
-    assert (gpu_work._loaded(2, stride), gpu_work._stored(2, stride)) == (2 * loaded, 2 * stored)
+    assert (gpu_work.loaded(2, stride), gpu_work.stored(2, stride)) == (2 * loaded, 2 * stored)
 
 
 def test_bytes_of_a_sort() -> None:
     """Keys of two bytes with places of eight: both written once or more, and read and written in two passes."""
-    assert gpu_torch_work.sorted_bytes(1000, 2) == 1000 * (2 + 2 * 2 * (2 + 8) + 8)
+    assert gpu_work.sorted_bytes(1000, 2) == 1000 * (2 + 2 * 2 * (2 + 8) + 8)
 
 
 def test_places_of_the_direct_scatter() -> None:
@@ -213,8 +246,9 @@ def test_places_of_the_direct_scatter() -> None:
 def made(**changes: Any) -> Any:
     """A kernel of one warp in each program whose code is given."""
     row = {
-        "op": "scatter", "kernel": "pack_sources", "architecture": 80, "warps": 1, "occupancy": 0.5, "loop": -1,
-        "unrolled": 1, "sometimes": False, "instructions": 0, "fma": 0, "alu": 0, "special": 0, "memory": 0, "alone": 0,
+        "op": "scatter", "kernel": "pack_sources", "variant": "", "architecture": 80, "warps": 1, "occupancy": 0.5,
+        "loop": -1, "unrolled": 1, "sometimes": False, "instructions": 0, "fma": 0, "double": 0, "alu": 0, "special": 0,
+        "memory": 0, "alone": 0,
     }  # fmt: skip
     return gpu_code.Code(**{**row, **changes})
 
@@ -225,20 +259,21 @@ def made(**changes: Any) -> Any:
         ({"instructions": 4e6}, "issue", 4e6),
         ({"instructions": 4e6, "fma": 4e6}, "fma", 8e6),
         ({"instructions": 4e6, "special": 1e6}, "special", 8e6),
+        ({"instructions": 4e6, "double": 2e6}, "double", 8e6),
         ({"instructions": 4e6, "alone": 9e6}, "latency", 9e6),
     ],
 )
 def test_the_slowest_unit_bounds_a_kernel(changes: dict[str, float], bound: str, cycles: float) -> None:
     """432 programs of one warp: one for each scheduler of an A100, fewer than it has room for."""
     sizes = replace(SIZES, width=512 * 432, height=1)
-    time = gpu_times.kernel_time(kernel("pack_sources"), sizes, A100, [made(**changes)], 1)
+    time = gpu_times.kernel_time(kernel("pack_sources"), gpu_ops.Call("scatter", sizes), A100, [made(**changes)])
     assert time.bound == bound
     assert time.seconds == pytest.approx(cycles / A100.clock + gpu_peaks.LAUNCH)
 
 
 def test_bandwidth_bounds_a_kernel() -> None:
-    sizes = replace(SIZES, width=4096, height=4096)
-    time = gpu_times.kernel_time(kernel("pack_sources"), sizes, A100, [made(instructions=1)], 1)
+    call = gpu_ops.Call("scatter", replace(SIZES, width=4096, height=4096))
+    time = gpu_times.kernel_time(kernel("pack_sources"), call, A100, [made(instructions=1)])
     assert time.bound == "memory"
     assert time.busy == pytest.approx(4096 * 4096 * 36 / A100.bandwidth)
 
@@ -255,54 +290,122 @@ def test_a_branch_that_is_rarely_taken_costs_its_share() -> None:
     assert each.instructions == pytest.approx(length * (100 + 0.25 * 1000))
 
 
+def test_the_longest_program_has_to_end() -> None:
+    """Of a kernel whose warps wait: as long as the longest one, what it does once counted once."""
+    rows = [
+        made(op="rasterize", kernel="blend", alone=10_000),
+        made(op="rasterize", kernel="blend", loop=0, alone=1_000_000),
+        made(op="rasterize", kernel="blend", loop=1, alone=0),
+    ]
+    sizes = replace(SIZES, gaussians=10, longest_list=3.0)
+    time = gpu_times.kernel_time(kernel("blend"), gpu_ops.Call("rasterize", sizes), A100, rows)
+    assert time.bound == "latency"
+    assert time.busy * A100.clock == pytest.approx(10_000 + 3 * sizes.pairs / sizes.tiles * 1_000_000)
+
+
+def test_programs_that_find_nothing_skip_most() -> None:
+    rows = [
+        made(op="field", kernel="add_to_planes", variant="density", instructions=100),
+        made(op="field", kernel="add_to_planes", variant="density", instructions=1000, sometimes=True),
+        made(op="field", kernel="add_to_planes", variant="density", loop=0),
+    ]
+    one = kernel("add_to_planes", "density")
+    assert gpu_times.warp_pace(one, rows, replace(FIELD, planes_density_some=0.25)).instructions == 350
+
+
 MADE_BY = "3.9.0"  # the version of Triton that made code.csv
-OPS = ("tone", "ssim", "scatter", "mix", "rasterize")
-GROWING = (
-    "gaussians",
-    "width",
-    "height",
-    "intersections",
-    "widest_rows",
-    "most_intersections",
-    "longest_list",
-    "radius",
-)
+SIZES_OF = {
+    **dict.fromkeys(("tone", "ssim", "mix", "rasterize", "rasterize_from_points"), SIZES),
+    **dict.fromkeys((name for name in gpu_ops.OPS if name.startswith("scatter")), SIZES),
+    **dict.fromkeys((name for name in gpu_ops.OPS if name.startswith("field")), FIELD),
+    **dict.fromkeys((name for name in gpu_ops.OPS if name.startswith("stereo")), VIEW),
+}
+GROWING = {
+    gpu_sizes.Sizes: (
+        "gaussians", "width", "height", "intersections", "widest_rows", "most_intersections", "longest_list", "radius",
+        "points",
+    ),
+    gpu_sizes_field.FieldSizes: (
+        "rays", "samples", "looked_at", "lit", "nodes", "planes_density", "planes_density_longest", "planes_colour",
+        "lines_density", "lines_colour_longest",
+    ),
+    gpu_sizes_stereo.StereoSizes: ("width", "height", "planes", "sources"),
+}  # fmt: skip
 
 
-@settings(max_examples=50, deadline=None)
-@given(
-    op=st.sampled_from(OPS),
-    gpu=st.sampled_from(gpu_peaks.GPUS),
-    what=st.sampled_from(GROWING),
-    factor=st.floats(1.0, 20.0),
-    gaussians=st.integers(1_000, 3_000_000),
-)
-def test_more_work_never_takes_less_time(op: str, gpu: Any, what: str, factor: float, gaussians: int) -> None:
-    # In a larger picture the same Gaussians' lists are shorter and shared by more programs, so that isn't more work.
-    assume(op != "rasterize" or what not in ("width", "height"))
-    sizes = replace(SIZES, gaussians=gaussians)
+def test_every_op_has_sizes() -> None:
+    assert SIZES_OF.keys() == {name for name in gpu_ops.OPS if not name.startswith("training")}
+
+
+@settings(max_examples=100, deadline=None)
+@given(data=st.data(), gpu=st.sampled_from(gpu_peaks.GPUS), factor=st.floats(1.0, 20.0))
+def test_more_work_never_takes_less_time(data: st.DataObject, gpu: Any, factor: float) -> None:
+    op = data.draw(st.sampled_from(sorted(SIZES_OF)))
+    sizes = SIZES_OF[op]
+    what = data.draw(st.sampled_from(GROWING[type(sizes)]))
+    # In a larger picture the same Gaussians' lists are shorter and shared by more programs, so that isn't more work,
+    # nor are the longest list and the passes of a longer mean.
+    assume(not op.startswith("rasterize") or what not in ("width", "height"))
+    if isinstance(sizes, gpu_sizes.Sizes):
+        sizes = replace(sizes, gaussians=data.draw(st.integers(1_000, 3_000_000)))
     before = getattr(sizes, what)
     more = replace(sizes, **{what: type(before)(before * factor)})
+    if f"{what}_longest" in vars(sizes):
+        more = replace(more, **{f"{what}_longest": factor * getattr(sizes, f"{what}_longest")})
+    # Where a field's cells become crowded, programs of another size sum at its nodes.
+    assume(not op.startswith("field") or more.crowded == sizes.crowded)
     for backward in (False, True):
         times = [gpu_times.predicted(op, one, gpu, backward=backward) for one in (sizes, more)]
-        assert times[1] >= times[0]
-    assert gpu_times.predicted(op, sizes, gpu, backward=True) > gpu_times.predicted(op, sizes, gpu)
+        # Planes are swept in launches of equal size, so that one more may fill the GPU better.
+        assert times[1] >= times[0] * (0.9 if op == "stereo" else 1 - FLOAT64_VALUE)
+
+
+@pytest.mark.parametrize("op", [op for op in SIZES_OF if any(one.backward for one in gpu_ops.OPS[op].kernels)])
+def test_a_gradient_takes_time(op: str) -> None:
+    with_gradient = gpu_times.predicted(op, SIZES_OF[op], A100, backward=True)
+    assert with_gradient > gpu_times.predicted(op, SIZES_OF[op], A100)
 
 
 def test_the_step_is_made_of_its_parts() -> None:
     """The ops' calls in a step, and what torch does besides; `mix` isn't among its stages."""
-    times = gpu_times.step(SIZES, A100)
+    task = gpu_ops.training_step(SIZES)
     ops = sum(
         calls * gpu_times.predicted(op, SIZES, A100, backward=True)
-        for op, calls in (("tone", 2), ("ssim", 1), ("scatter", 1), ("rasterize", 1), ("mix", 1))
+        for op, calls in (("tone", 2), ("ssim", 1), ("scatter", 1), ("rasterize", 1), ("training", 1))
     )
-    assert sum(time.seconds for time in times if time.op) == pytest.approx(ops)
+    times = gpu_times.task_times(task, A100)
+    assert sum(time.seconds for time in times if time.stage in task.stages) == pytest.approx(ops)
+    assert {time.stage for time in times} - set(task.stages) == {"mix"}
+
+
+def test_a_task_has_a_row_for_each_kernel_and_stage() -> None:
+    """A view of stereo sweeps three sizes of the picture: their times are one row, bound by what the longest is."""
+    task = gpu_ops.stereo_view(VIEW)
+    times = {time.label: time for time in gpu_times.task_times(task, A100)}
+    each = [
+        next(time for time in gpu_times.call_times(call, A100, None) if time.kernel == "sum_down")
+        for call in task.calls
+        if call.op == "stereo"
+    ]
+    assert len(each) == 3
+    assert times["sum_down"].seconds == pytest.approx(sum(time.seconds for time in each))
+    assert times["sum_down"].launches == sum(time.launches for time in each)
+    assert times["find_returns"].launches == gpu_sizes_stereo.CHECKED
+
+
+def test_points_of_the_lens_are_pictures_of_their_own() -> None:
+    many = replace(SIZES, points=5)
+    assert (many.tiles, many.pairs, many.pixels) == (5 * SIZES.tiles, 5 * SIZES.pairs, SIZES.pixels)
+    assert many.followed / many.tiles == SIZES.followed / SIZES.tiles
+    drawn = {time.label: time for time in gpu_times.task_times(gpu_ops.points_step(many), A100)}
+    assert drawn["power"].bytes == (5 + 1) * 8 * SIZES.numbers
+    assert "blend (points)" in drawn and "blend" not in drawn
 
 
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: gpu_times.predicted("stereo", SIZES, A100), "op stereo: expected one of mix, rasterize"),
+        (lambda: gpu_times.predicted("defocus", SIZES, A100), "op defocus: expected one of field, field_density"),
         (lambda: gpu_times.predicted("tone", SIZES, replace(A100, architecture=70)), "no code for sm_70"),
     ],
 )
@@ -311,16 +414,104 @@ def test_what_there_is_no_prediction_of(call: Callable[[], float], message: str)
         call()
 
 
+# ---- sizes of workloads ----
+
+
+def test_windows_by_hand() -> None:
+    """A disc of 2 pixels is followed 4 pixels far, in nine rows of two coarse windows each, from -16 and from 0."""
+    found = gpu_scatter_windows.windows(2.0, 0)
+    assert (found.rows, found.coarse) == (9, 18)
+    # Up to 3.5 pixels away in rows -3 to 3: both windows of a row have a place that near, the others none.
+    assert found.coarse_met == 14 / 18
+    assert found.fine == 4 * 14 and found.fine_met == 14 / 56 and found.taps == 4 * 14
+
+
+@settings(max_examples=40, deadline=None)
+@given(radius=st.floats(0.0, 60.0), blades=st.sampled_from([0, 5, 6, 8]))
+def test_windows_hold_every_rim(radius: float, blades: int) -> None:
+    """Every place where a weight is neither 0 nor 1 is gone through by itself, and few are besides."""
+    found = gpu_scatter_windows.windows(radius, blades)
+    dy, dx = np.mgrid[-80:81, -80:81]
+    own = np.hypot(dx, dy) / ApertureShape(blades=blades).radius_factor(np.arctan2(dy, dx))
+    rim = (abs(own - radius) < gpu_scatter_windows.BAND - FLOAT64_VALUE) & (np.hypot(dx, dy) <= found.rows // 2)
+    assert rim.sum() <= found.taps <= rim.sum() + 20 * found.rows
+    assert found.fine % 4 == 0 and found.fine <= 4 * found.coarse
+
+
+def test_levels_of_a_view() -> None:
+    view = gpu_sizes_stereo.StereoSizes("view", 504, 378, 128, 4)
+    found = gpu_sizes_stereo.levels(view)
+    assert [(one.width, one.height, one.planes) for one in found] == [(126, 94, 33), (252, 189, 65), (504, 378, 128)]
+    assert [(one.coarse_width, one.coarse_planes) for one in found] == [(0, 0), (126, 33), (252, 65)]
+    # 64 MiB hold the sums of seven planes: 4 * 3 * 4 * 378 * 510 bytes each.
+    assert (view.sweeps, view.together) == (19, 128 / 19)
+
+
+def test_a_grid_is_read_once_at_most() -> None:
+    assert FIELD.grid_nodes == 3 * 100 * 100 + 3 * 100
+    assert FIELD.read(10, 8) == 4 * 8 * 3 * 6 * 10
+    assert FIELD.read(1e9, 8) == 4 * 8 * FIELD.grid_nodes
+
+
+def test_passes_along_a_ray() -> None:
+    """64 steps: four blocks of 16 if all are samples; 24 samples are one and a half and half of the last."""
+    assert FIELD.along(24, 16) == 1.5 + 15 / 32
+    assert FIELD.along(64, 16) == FIELD.all_along(16) == 4
+
+
+def test_passes_at_a_grids_nodes() -> None:
+    """Three samples in one cell of a plane of 3 x 3 nodes: its four nodes are the corner's, in two programs of four."""
+    samples = imported("gpu_field_samples")
+    cells = np.zeros((3, 3), int)
+    passes = samples.plane_passes(cells, 3, 4, 2)
+    # Nodes 0, 1, 3 and 4 of each plane of nine meet the cell, two samples a pass.
+    met = np.array([n % 9 in (0, 1, 3, 4) for n in range(27)] + [False])
+    assert passes.tolist() == [2 if four.any() else 0 for four in met.reshape(-1, 4)]
+    assert samples.plane_passes(cells, 3, 1, 8).tolist() == [int(n % 9 in (0, 1, 3, 4)) for n in range(27)]
+    # Two cells a line, four programs each: three of them have one of the first cell's samples.
+    assert samples.line_passes(cells, 3, 128).tolist() == [1, 1, 1, 0, 0, 0, 0, 0] * 3
+
+
+def test_what_counts_as_a_launch_of_torch() -> None:
+    """Views don't, nor does a sum that is read to see whether values are finite."""
+    with imported("gpu_torch_calls").Calls() as calls:
+        values = torch.ones(6)
+        assert float((2 * values).view(2, 3).t().sum()) == 12
+    assert calls.count == 2  # ones and product
+
+
 # ---- tables ----
 
 
-def test_stages_add_up_to_the_step() -> None:
-    times = {("small", A100.name): gpu_times.step(SIZES, A100)}
-    rows = list(imported("gpu_model").stage_rows(times))
-    stages = [row for row in rows if row["kernel"] == "all"]
-    assert sum(row["percent"] for row in stages) == pytest.approx(100)
-    named = {row["kernel"]: row for row in rows}
-    assert "mixed" not in named and named["blend"]["stage"] == "blend forward"
+@pytest.mark.parametrize(
+    "task", [gpu_ops.training_step(SIZES), gpu_ops.field_step(FIELD, FIELD), gpu_ops.stereo_view(VIEW)]
+)
+def test_stages_add_up_to_the_whole(task: Any) -> None:
+    times = {(task.name, gpu.name): gpu_times.task_times(task, gpu) for gpu in gpu_peaks.GPUS}
+    rows = [row for row in imported("gpu_model_rows").stage_rows(task, times) if row["gpu"] == A100.name]
+    stages = {row["stage"]: row["percent"] for row in rows if row["kernel"] == "all"}
+    assert sum(stages[stage] for stage in task.stages) == pytest.approx(100)
+    assert stages["all"] == pytest.approx(100)
+    assert [row["stage"] for row in rows if row["kernel"] == "all"] == [*task.stages, "all", *task.beside]
+    assert "mixed" not in {row["kernel"] for row in rows}
+
+
+def test_where_the_linear_form_begins_to_win() -> None:
+    """From the found radius on it is the faster one, and a pixel before it isn't."""
+    rows = imported("gpu_model_rows")
+    for row in rows.crossing_rows(SIZES, gpu_times._kept()):
+        gpu = next(one for one in gpu_peaks.GPUS if one.name == row["gpu"])
+        for radius, wins in ((row["both_px"], True), (row["both_px"] - 1, False)):
+            times = [
+                gpu_times.predicted(
+                    f"scatter_{form}{rows.APERTURES[row['aperture']]}",
+                    replace(SIZES, radius=float(radius)),
+                    gpu,
+                    backward=True,
+                )
+                for form in ("direct", "linear")
+            ]
+            assert (times[1] < times[0]) == wins
 
 
 # ---- footprints on the CPU ----
@@ -373,17 +564,48 @@ def test_a_gaussian_that_colours_no_pixel_is_looked_at() -> None:
 # ---- the kernels' own code ----
 
 
+def test_every_kernel_that_training_launches_is_in_the_model() -> None:
+    """kernels.csv has all that were launched through every backend."""
+    with (gpu_times.REPORT / "kernels.csv").open(encoding="utf-8") as stream:
+        launched = {(row["op"], row["kernel"]) for row in csv.DictReader(stream)}
+    assert launched == {(one.op, one.name) for one in gpu_ops.kernels()}
+
+
 def test_every_kernel_has_code_for_every_gpu() -> None:
-    known = {(row.op, row.kernel, row.architecture) for row in gpu_code.read(gpu_times.REPORT / "code.csv")}
-    assert known == {(one.op, one.name, gpu.architecture) for one in gpu_work.KERNELS for gpu in gpu_peaks.GPUS}
+    rows = gpu_code.read(gpu_times.REPORT / "code.csv")
+    known = {(row.op, row.kernel, row.variant, row.architecture) for row in rows}
+    assert known == {(*one.code, gpu.architecture) for one in gpu_ops.kernels() for gpu in gpu_peaks.GPUS}
+
+
+def test_every_kernel_is_timed() -> None:
+    """A task, or one of the forms of the scatter, calls each."""
+    tasks = (
+        gpu_ops.training_step(SIZES),
+        gpu_ops.points_step(replace(SIZES, points=5)),
+        *gpu_ops.scatter_forms(SIZES),
+        gpu_ops.field_step(FIELD, FIELD),
+        gpu_ops.stereo_view(VIEW),
+    )
+    called = {one.code for task in tasks for call in task.calls for one in gpu_ops.OPS[call.op].kernels}
+    assert called == {one.code for one in gpu_ops.kernels()}
+
+
+def test_loops_in_each_other_are_told_apart() -> None:
+    """The linear scatter's loops over fine and coarse windows have the same instructions."""
+    for gpu in gpu_peaks.GPUS:
+        rows = gpu_times.code_of(kernel("gather_windows"), gpu.architecture, None)
+        assert {row.loop for row in rows} == {-1, 0, 1, 2, 3}
+        # A window's sum and its parts may be skipped, single offsets not.
+        skipped = {row.loop for row in rows if row.sometimes}
+        assert {1, 2} <= skipped and 0 not in skipped
 
 
 COMPILE = """
 import sys
 from pathlib import Path
 import gpu_code
-from gpu_work import KERNELS
-kernel = next(one for one in KERNELS if one.name == "tile_window")
+from gpu_ops import kernels
+kernel = next(one for one in kernels() if one.name == "tile_window")
 launch = {
     "module": "dofbench.kernels.scatter.gpu_direct",
     "function": "tile_window",

@@ -1,0 +1,111 @@
+"""How many of torch's own operations a training step calls, for the model of GPU kernels: torch_calls.csv.
+
+    python benchmarks/gpu_torch_calls.py --out reports/gpu
+
+Each is a launch on a GPU. They are counted in short trainings on the built-in scene on the CPU, whose kernels call no
+operations of torch: a step takes as many as the difference of two lengths of training, over the difference in steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+from torch.utils._python_dispatch import TorchDispatchMode
+from unobserved import Unobserved
+
+from dofbench.core.budget import Budget
+from dofbench.core.content import content_folder
+from dofbench.core.contracts import TrainingSet, TrainingView
+from dofbench.fields.field_options import FieldOptions
+from dofbench.fields.field_trainer import FieldTrainer
+from dofbench.fields.forward.pinhole_rays import PinholeRays
+from dofbench.gaussians.gaussian_options import GaussianOptions
+from dofbench.gaussians.trainer import Trainer
+from dofbench.reporting.csv_writer import write_csv
+from dofbench.running.method_cards import find_method
+from dofbench.scenes import load_scene
+
+SCENE = "tabletop"
+# A lens and the losses of the preset `gpu`, without what isn't done in every step.
+LENS = {
+    "colour_per_view": "affine", "ssim_weight": 0.4, "edge_weight": 4.0, "grow_absolute": True, "densify_until": 0.0,
+    "reset_every": 0.0, "adaptation": "off", "lens_init_aperture": 0.75,
+}  # fmt: skip
+POINTS = {"lens_model": "samples", "lens_samples_from": 0.0, "lens_rings": 1, "lens_rings_from": 0.0}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Where the table goes, and at which size trainings are."""
+
+    out: Path
+    """Folder for torch_calls.csv."""
+    width: int = 128
+    """Of the pictures, pixels."""
+    steps: tuple[int, int] = (16, 48)
+    """Lengths of the two trainings. A field smooths its grid every fourth step and looks at its cells every 32nd."""
+
+
+class Calls(TorchDispatchMode):
+    """Counts the calls of torch's operations that would be launches on a GPU.
+
+    Views, and constants made on the host, are none. What the host reads is a sum that says whether values are finite: a
+    GPU's checks are told apart in the model, and so is Adam, so that neither the reading nor its sum counts.
+    """
+
+    FREE = (
+        "view", "detach", "alias", "unbind", "empty", "t.", "transpose", "unsqueeze", "select", "slice", "expand",
+        "permute", "lift_fresh", "scalar_tensor", "profiler", "_fused_adam_",
+    )  # fmt: skip
+    READ = "_local_scalar_dense"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.count = 0
+
+    def __torch_dispatch__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        name = str(function).removeprefix("aten.")
+        self.count += -1 if name.startswith(self.READ) else not name.startswith(self.FREE)
+        return function(*args, **(kwargs or {}))
+
+
+def main(settings: Settings) -> None:
+    """Count and write."""
+    data = training_set(settings.width)
+    trainings = {
+        "scatter": lambda: Trainer(data, GaussianOptions().with_overrides(LENS), 0),
+        "points": lambda: Trainer(data, GaussianOptions().with_overrides(LENS | POINTS), 0),
+        "field": lambda: FieldTrainer(data, field_options(), PinholeRays(), 0),
+    }
+    rows = [{"training": name, "calls": calls(make, settings.steps)} for name, make in trainings.items()]
+    write_csv(settings.out / "torch_calls.csv", ("training", "calls"), rows)
+
+
+def training_set(width: int) -> TrainingSet:
+    """The built-in scene's photographs, and its points."""
+    scene = load_scene(content_folder("datasets") / SCENE, width=width)
+    return TrainingSet(tuple(TrainingView(one.name, one.camera, one.image()) for one in scene.views), scene.points)
+
+
+def field_options(**changes: Any) -> FieldOptions:
+    """The preset that all methods of fields share, and some options changed."""
+    return FieldOptions.of(**{**find_method("nerf").preset("cpu")[1], **changes})
+
+
+def calls(make: Callable[[], Any], steps: tuple[int, int]) -> int:
+    """Of a training step."""
+    counts = []
+    for length in steps:
+        trainer = make()
+        with Calls() as counted:
+            trainer.fit(Budget(steps=length), Unobserved())
+        counts.append(counted.count)
+    return round((counts[1] - counts[0]) / (steps[1] - steps[0]))
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Settings))
