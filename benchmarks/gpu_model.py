@@ -72,7 +72,6 @@ def main(settings: Settings) -> None:
         sizes=sizes,
         fields=fields,
         count=len({(one.op, one.name) for one in kernels()}),
-        copies=copies(codes),
         points=points,
         forms=forms,
         view=view,
@@ -102,17 +101,6 @@ def kernel_rows(times: Mapping[tuple[str, str], Sequence[Time]]) -> Iterator[dic
             row = {name: getattr(time, name) for name in COLUMNS if hasattr(time, name)}
             row["occupancy"] = None if time.occupancy != time.occupancy else time.occupancy
             yield {"workload": workload, "gpu": gpu, **row}
-
-
-def copies(codes: Sequence[gpu_code.Code]) -> int:
-    """Of the loop of `add_to_planes` for the density, on the GPU that has most: threads that have gone apart go through
-    one after the other."""
-    found = [
-        row.architecture
-        for row in codes
-        if (row.kernel, row.variant, row.loop, row.sometimes) == ("add_to_planes", "density", 0, False)
-    ]
-    return max(map(found.count, found))
 
 
 if __name__ == "__main__":

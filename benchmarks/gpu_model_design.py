@@ -118,8 +118,8 @@ def lens_points(name: str, with_scatter: str, wholes: Sequence[Row]) -> str:
     )
 
 
-def fields(names: Sequence[str], times: dict[tuple[str, str], list[Time]], wholes: Sequence[Row], copies: int) -> str:
-    """Of radiance fields. copies: of the loop of `add_to_planes` for the density."""
+def fields(names: Sequence[str], times: dict[tuple[str, str], list[Time]], wholes: Sequence[Row]) -> str:
+    """Of radiance fields."""
     shares = {
         kernel: [
             100 * sum(t.seconds for t in many if t.kernel == kernel and t.stage != "features") / whole
@@ -133,13 +133,7 @@ def fields(names: Sequence[str], times: dict[tuple[str, str], list[Time]], whole
     return (
         f"**Fields.** `add_to_planes` takes {span(shares['add_to_planes'])} % of a step: a program sums at four "
         "nodes, and most of its instructions are spent before and behind the few samples that it finds. "
-        + (
-            f"For the density the compiler makes {copies} copies of its loop, one for each of the cells around a node, "
-            "and as the threads of a warp have all of them, a warp goes through each copy with a part of its threads. "
-            "Chosen by arithmetic instead of `tl.where`, a sample's shares need one loop. "
-        )
-        * (copies > 1)
-        + f"Sorting samples by cell takes {span(shares['sort by cell'])} %, the planes' smoothness "
+        f"Sorting samples by cell takes {span(shares['sort by cell'])} %, the planes' smoothness "
         f"{span(shares['smoothness'])} %, Adam {span(shares['Adam'])} %; launches are {span(launch)} %."
     )
 

@@ -85,14 +85,13 @@ and the check against 32 other views. It is done once for each view, before trai
 
 @dataclass(frozen=True)
 class Model:
-    """All that the page is made of. sizes, fields: of training steps. count: of Triton kernels. copies: see
-    `gpu_model_design.fields`. points: a step that is drawn from points of the lens. forms: of the scatter. view: of
-    stereo. times: by workload and GPU. The others are rows of the CSV files."""
+    """All that the page is made of. sizes, fields: of training steps. count: of Triton kernels. points: a
+    step that is drawn from points of the lens. forms: of the scatter. view: of stereo. times: by workload and GPU. The
+    others are rows of the CSV files."""
 
     sizes: tuple[Sizes, ...]
     fields: tuple[FieldSizes, ...]
     count: int
-    copies: int
     points: Task
     forms: tuple[Task, ...]
     view: Task
@@ -135,7 +134,7 @@ def page(model: Model) -> str:
                 *says.gaussians(model.sizes, model.times, model.totals),
                 says.scatter(model.scatter, model.crossings),
                 says.lens_points(points, first, model.wholes),
-                says.fields(seen, model.times, model.wholes, model.copies),
+                says.fields(seen, model.times, model.wholes),
                 says.stereo(view, model.times, model.wholes),
             ),
         ),

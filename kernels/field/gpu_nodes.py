@@ -86,7 +86,9 @@ def add_to_planes(
         s = tl.load(order + begin + k, mask=some, other=0) - mode * size
         u = tl.load(shares + 3 * s + columns_of(mode, 0, 1, 2), mask=some, other=0.0)
         v = tl.load(shares + 3 * s + rows_of(mode, 0, 1, 2), mask=some, other=0.0)
-        share = tl.where(is_right == 1, u, 1.0 - u) * tl.where(is_lower == 1, v, 1.0 - v)
+        # u or 1 - u, and v or 1 - v, by arithmetic: from a choice the compiler makes a copy of the loop for each of the
+        # four cells, and a warp, whose threads have all of them, goes through all copies.
+        share = (1 - is_right + (2 * is_right - 1) * u) * (1 - is_lower + (2 * is_lower - 1) * v)
         come = by_planes + (3 * s + mode)[:, :, None] * RANK + channel[None, None, :]
         total += share[:, :, None] * tl.load(come, mask=some[:, :, None], other=0.0)
     tl.store(result + n * RANK + channel[None, :], tl.sum(total, 1), mask=inside)
