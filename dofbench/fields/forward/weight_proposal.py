@@ -25,8 +25,8 @@ class WeightProposalOptions:
     weight_proposal: bool = True
     """Whether the weights of a pixel's rays are proposed by what lies along them, beside those of the whole photograph.
     Unit: none. Source: DP-NeRF."""
-    proposal_samples: int = 16
-    """Samples along a ray that the proposal looks at. Unit: none. Source: own; 128 in DP-NeRF."""
+    proposal_samples: int = 8
+    """Samples along a ray that the proposal looks at. Unit: none. Source: own (reports/tuning); 128 in DP-NeRF."""
     proposal_first: float = 0.1
     """Share of the mixture by proposed weights in the loss when the kernel begins. Unit: none. Source: DP-NeRF."""
     proposal_last: float = 0.9
