@@ -24,9 +24,9 @@ class Sizes:
     that a visible Gaussian meets. rows: rows of tiles that it meets. widest_rows: the same of the widest of 128
     neighbours in memory. most_intersections: tiles that the widest of four neighbours in depth meets. longest_list: of
     the tiles' lists, over the mean. looked_at: share of the lists that is followed. taken: share of these whose
-    Gaussian colours a pixel of the tile. terms: spherical harmonics of each Gaussian beyond the first. radius: mean
-    over the scatter's tiles of the largest radius that reaches them, pixels. torch_ops: torch's own small operations in
-    a training step.
+    Gaussian colours a pixel of the tile. terms: spherical harmonics of each Gaussian beyond the first. points: of
+    the lens, from each of which a picture is drawn. radius: mean over the scatter's tiles of the largest radius that
+    reaches them, pixels. torch_ops: torch's own small operations in a training step.
     """
 
     name: str

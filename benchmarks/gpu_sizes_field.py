@@ -9,10 +9,12 @@ from pathlib import Path
 
 from gpu_sizes import torch_calls
 
+from dofbench.fields.forward.weight_proposal import WeightProposalOptions
+
 DENSITY, COLOUR, TERMS = 8, 16, 9  # ranks and harmonics of the presets
 CELLS = 64  # along each side of the grid that knows which cells are empty
 CROWDED = 8  # samples of a cell on average, as a program's size is chosen by
-ALONG = 16  # points of a ray whose features DP-NeRF reads, dofbench/fields/forward/weight_proposal.py
+ALONG = WeightProposalOptions().proposal_samples  # points of a ray whose features DP-NeRF reads
 
 
 @dataclass(frozen=True)

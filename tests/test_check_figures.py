@@ -3,25 +3,22 @@ wrong."""
 
 from __future__ import annotations
 
-import importlib
 import random
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from benchmark_scripts import script
 from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT64_VALUE, NORMAL_QUANTILE
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "benchmarks"))  # where scripts import what lies beside them
 check_figures, figure_numbers, figure_pages, figure_sources, figure_values = map(
-    importlib.import_module, ("check_figures", "figure_numbers", "figure_pages", "figure_sources", "figure_values")
+    script, ("check_figures", "figure_numbers", "figure_pages", "figure_sources", "figure_values")
 )
-sys.path.remove(str(ROOT / "benchmarks"))
 
 PAGES = figure_pages.read_pages(ROOT)
 WRITTEN = [page for page in PAGES if not page.generated]

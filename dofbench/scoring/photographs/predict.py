@@ -140,7 +140,7 @@ class LensSearch:
         self._lens, self._steps = lens, steps
         factor = max(1, round(camera.width / REDUCED))
         self._factor, self._small = factor, camera.binned(factor)
-        self._sharp: dict[bool, Rendering] = {}
+        self._sharp: dict[int, Rendering] = {}  # by width: both sizes are one where a camera is small
         self._grid = [(at, self._render(self._small, lens(at))) for at in starts]
 
     def prediction(self, effort: Effort, start: float) -> Prediction:
@@ -180,13 +180,12 @@ class LensSearch:
     def _render(self, camera: Camera, lens: PhysicalLens, *, sketched: bool = True) -> np.ndarray:
         # The reduced camera may lack the last pixels at its edge; its circles of confusion are smaller by exactly
         # `factor`.
-        reduced = camera is self._small
-        lens = replace(lens, width=camera.width * (self._factor if reduced else 1))
+        lens = replace(lens, width=camera.width * (self._factor if camera is self._small else 1))
         if not (sketched and isinstance(self._method, Sketches)):
             return checked_image(self._method.render(camera, lens).image, camera)
-        if reduced not in self._sharp:
-            self._sharp[reduced] = self._method.render(camera, None)
-        return checked_image(self._method.sketch(self._sharp[reduced], lens).image, camera)
+        if camera.width not in self._sharp:
+            self._sharp[camera.width] = self._method.render(camera, None)
+        return checked_image(self._method.sketch(self._sharp[camera.width], lens).image, camera)
 
 
 def _fit_sigmas(image: np.ndarray, photograph: np.ndarray, tiles: Tiles) -> list[tuple[float, np.ndarray]]:
