@@ -36,9 +36,15 @@ from dofbench.fields.forward.progressive_kernel import ProgressiveKernel, Progre
 from dofbench.fields.forward.ray_model import RayModel
 from dofbench.fields.forward.rendered_patch import PatchOptions, RenderedPatch
 from dofbench.fields.forward.rigid_kernel import RigidKernel, screw_motion
-from dofbench.fields.forward.weight_proposal import WeightProposal, WeightProposalOptions, integrated
+from dofbench.fields.forward.weight_proposal import (
+    WeightProposal,
+    WeightProposalOptions,
+    _CurveAttention,
+    integrated,
+)
 from dofbench.fields.pixels import Pixels, TrainingPixels, whole_image
 from dofbench.learning.lenses import LearnedLenses, LensOptions
+from dofbench.learning.networks import redraw
 from dofbench.optics.defocus import defocus
 
 UNIT = 2.0  # depth that counts as 1 for the kernels
@@ -207,6 +213,29 @@ def test_a_rigid_motion_moves_all_rays_alike() -> None:
     torch.testing.assert_close(colours(model, scene, at, 0.5), sharp(scene, moved), rtol=FLOAT32_GRADIENT, atol=0)
 
 
+def test_a_rotation_turns_rays_about_the_centre() -> None:
+    """The third motion by 0.1 about z; the others, and the pixel's own ray, stay."""
+    centre = np.array([0.5, -0.3, 2.0])
+    own = WeightProposalOptions(weight_proposal=False)
+    model = RigidKernel(2, centre, UNIT, 3, KernelOptions(), own, generator())
+    for branch in (model._network.rotation, model._network.velocity):
+        for parameter in branch[-1].parameters():
+            parameter.data.zero_()
+    model._network.rotation[-1].bias.data[3 * 2 + 2] = 1.0  # times 0.1
+    scene, at, traced = PlaneScene(3.0, waves), pixels(1), []
+    trace = scene.trace
+    scene.trace = lambda *rays: traced.append(rays) or trace(*rays)
+    model.predict(scene, at, 0.5)
+    origins, directions = (one.detach().double().view(len(at.views), 5, 3).numpy() for one in traced[0])
+    turn = scipy.linalg.expm(np.array([[0, -0.1, 0], [0.1, 0, 0], [0, 0, 0]]))
+    starts, ways = (one.double().numpy() for one in scene.cameras.rays(at.views, at.places))
+    for number in range(5):
+        moved = number == 3
+        wanted = ((starts - centre) @ turn.T + centre, ways @ turn.T) if moved else (starts, ways)
+        np.testing.assert_allclose(origins[:, number], wanted[0], atol=FLOAT32_VALUE)
+        np.testing.assert_allclose(directions[:, number], wanted[1], atol=FLOAT32_VALUE)
+
+
 def test_the_first_ray_of_both_proposals_is_the_pixel_s_own() -> None:
     model, scene, at = progressive(), PlaneScene(3.0, waves), pixels()
     for told in (torch.zeros(25, 4, 15), torch.rand(25, 4, 15)):
@@ -251,6 +280,40 @@ def test_weights_are_proposed_by_what_lies_along_the_rays() -> None:
     torch.testing.assert_close(weights.sum(1), torch.ones(6), rtol=FLOAT32_SCALAR, atol=0)
     alike = proposal(samples[:1].expand(6, -1, -1, -1), about, directions).detach()
     assert float((weights - weights[:1]).abs().max()) > 10 * FLOAT32_VALUE > float((alike - alike[:1]).abs().max())
+
+
+def test_rays_are_told_what_matters_most_of_all_rays_and_of_all_samples() -> None:
+    """Sum by sum, in float64: for each ray over its samples, for each sample over the rays."""
+    pixels_, rays, count, width = 2, 3, 4, 8
+    attention = _CurveAttention(width).double()
+    redraw(attention, generator())
+    seen, local = (
+        torch.rand(pixels_, *size, width, generator=generator()).double() for size in ((rays,), (rays, count))
+    )
+    weight = {name: value.detach().numpy() for name, value in attention.named_parameters()}
+
+    def share(values: np.ndarray) -> np.ndarray:
+        return np.exp(values) / np.exp(values).sum()
+
+    joined = np.zeros((pixels_, rays, width))
+    for p in range(pixels_):
+        samples = local[p].numpy()
+        importance = samples @ weight["importance.weight"][0]
+        of_rays = np.array([share(importance[n]) @ samples[n] for n in range(rays)]) @ weight["ray_key.weight"].T
+        of_samples = np.array([share(importance[:, k]) @ samples[:, k] for k in range(count)])
+        of_samples = of_samples @ weight["sample_key.weight"].T
+        for n in range(rays):
+            query = weight["query.weight"] @ seen[p, n].numpy()
+            told = [
+                share(key @ query) @ (key @ weight[f"{value}_value.weight"].T)
+                for key, value in ((of_rays, "ray"), (of_samples, "sample"))
+            ]
+            joined[p, n] = weight["join.weight"] @ np.concatenate(told)
+    flat = joined.reshape(-1, width)
+    normed = (joined - flat.mean(0)) / np.sqrt(flat.var(0) + 1e-5)
+    expected = seen.numpy() + normed
+    expected = np.where(expected > 0, expected, 0.2 * expected)
+    np.testing.assert_allclose(attention(seen, local).detach().numpy(), expected, atol=FLOAT64_VALUE)
 
 
 @given(st.lists(st.floats(0, 20), min_size=1, max_size=8))

@@ -22,11 +22,22 @@ from dofbench.core.files import sha256_file
 from dofbench.core.images import read_image
 from dofbench.results.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS
 from dofbench.results.result import read_result
+from dofbench.running import one_run
 from dofbench.running.check_results import check_result
 from dofbench.running.load_run import load_run
 from dofbench.scoring.evaluate import Evaluator
 
 OPEN = PROTOCOLS["refocus-v3"]
+
+
+def test_a_run_keeps_the_memory_that_it_frees(call, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that only says what it would do leaves the process as it is."""
+    asked: list[bool] = []
+    monkeypatch.setattr(one_run, "keep_freed_memory", lambda: asked.append(True))
+    call(dry_run=True)
+    assert not asked
+    call()
+    assert asked
 
 
 def test_a_good_run(call, tmp_path: Path) -> None:
