@@ -22,6 +22,7 @@ import pytest
 import torch
 from torch import Tensor
 from torch.overrides import TorchFunctionMode
+from torch.utils._mode_utils import no_dispatch
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves, tree_map_only
 
@@ -97,6 +98,9 @@ def _computed(function: Any, arguments: tuple[Any, ...], options: dict[str, Any]
             _waits.append(f"{name} in {place}")
     given, named = (tree_map_only(Pretended, lambda one: one.host, each) for each in (arguments, options))
     result = function(*given, **named)
+    if torch.Tag.inplace_view in function.tags:  # the tensor that says where it lies has a shape of its own
+        with no_dispatch():
+            function(*arguments, **options)
     changed = [
         options.get(one.name, argument)
         for one, argument in zip(function._schema.arguments, (*arguments, *options.values()), strict=False)
