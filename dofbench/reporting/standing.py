@@ -8,7 +8,7 @@ from dofbench.core.evidence import PHOTOGRAPHERS, ROLES, Photographer, Role
 from dofbench.results.collecting import Entry
 from dofbench.running.frozen_presets import State, state_of
 
-DEVELOPMENT, NOT_FROZEN, CHANGED = "†", "‡", "§"
+DEVELOPMENT, NOT_FROZEN, CHANGED, OTHER_BUDGET = "†", "‡", "§", "¶"
 # Sign -> the line below every table that has it, in this order
 NOTES = {
     DEVELOPMENT: (
@@ -17,11 +17,15 @@ NOTES = {
     NOT_FROZEN: (
         f"{NOT_FROZEN} Preset not frozen: nothing shows that it was chosen before it was run on this report scene."
     ),
-    CHANGED: (
-        f"{CHANGED} Not the frozen preset: options, their defaults or the budget differ from those that were frozen."
-    ),
+    CHANGED: (f"{CHANGED} Not the frozen preset: options or their defaults differ from those that were frozen."),
+    OTHER_BUDGET: f"{OTHER_BUDGET} The frozen preset under another budget than its own.",
 }
-_SIGN_OF_STATE: dict[State, str] = {"frozen": "", "not frozen": NOT_FROZEN, "changed": CHANGED}
+_SIGN_OF_STATE: dict[State, str] = {
+    "frozen": "",
+    "other budget": OTHER_BUDGET,
+    "not frozen": NOT_FROZEN,
+    "changed": CHANGED,
+}
 
 
 def role_of(members: Iterable[Entry]) -> Role | None:
@@ -36,7 +40,8 @@ def photographer_of(members: Iterable[Entry]) -> Photographer | None:
 
 def frozen_state(entry: Entry) -> State:
     """Whether the run was made by a frozen preset."""
-    return state_of(entry.spec.method, entry.spec.preset, entry.result.choices if entry.result else None)
+    spec = entry.spec
+    return state_of(spec.method, spec.preset, entry.result.choices if entry.result else None, spec.budget)
 
 
 def signs(role: Role | None, entries: Sequence[Entry]) -> str:

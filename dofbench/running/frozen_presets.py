@@ -2,8 +2,8 @@
 
 A preset is frozen by its content, not by its name: the file `frozen.toml` beside the method's card holds a digest of
 all that the preset chooses, and the commit at which it was frozen, for the reader. Every result has the digest of what
-its run chose, so that a result by another preset, by changed options or defaults, or with another budget is told from
-one by the frozen preset.
+its run chose, so that a result by another preset or by changed options or defaults is told from one by the frozen
+preset, and one that differs from it in nothing but its budget from both.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from dofbench.core.budget import Budget
+from dofbench.core.budget import Budget, parse_budget
 from dofbench.core.contracts import ListsOptions
 from dofbench.core.errors import InputError
 from dofbench.core.files import canonical_json, sha256_text, write_text
@@ -29,9 +29,9 @@ _HEADER = """\
 """
 _NOTHING = "# No preset is frozen yet.\n"
 
-# frozen: made by a frozen preset. changed: by something else, although a preset of that name is frozen. not frozen: no
-# preset of that name is.
-State = Literal["frozen", "changed", "not frozen"]
+# frozen: made by a frozen preset. other budget: by a frozen preset, but the call gave the budget. changed: by something
+# else, although a preset of that name is frozen. not frozen: no preset of that name is.
+State = Literal["frozen", "other budget", "changed", "not frozen"]
 
 
 class FrozenPreset(BaseModel):
@@ -88,13 +88,25 @@ def frozen_presets(folder: Path) -> dict[str, FrozenPreset]:
         raise InputError(file, found, "[presets.NAME] with commit and digest") from None
 
 
-def state_of(method: str, preset: str, choices: str | None) -> State:
-    """Whether a result was made by a frozen preset. choices: the result's digest, None where it has none."""
+def state_of(method: str, preset: str, choices: str | None, budget: str) -> State:
+    """Whether a result was made by a frozen preset. choices: the result's digest, None where it has none. budget: the
+    run's, as text.
+
+    That only the budget differs shows where the preset as it is now is what was frozen, and gives the result's digest
+    with the result's budget. Raises InputError for a damaged card or file.
+    """
     files = method_files()
     found = frozen_presets(files[method].parent).get(preset) if method in files else None
     if found is None:
         return "not frozen"
-    return "frozen" if found.digest == choices else "changed"
+    if found.digest == choices:
+        return "frozen"
+    entry = find_method(method)
+    if preset not in entry.card.presets or preset_digest(entry, preset) != found.digest:
+        return "changed"
+    _, options, _ = entry.preset(preset)
+    same = choices == choices_digest(entry, options, parse_budget(budget), force_all=False)
+    return "other budget" if same else "changed"
 
 
 def freeze(method: str, preset: str) -> FrozenPreset:

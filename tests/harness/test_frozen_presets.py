@@ -100,7 +100,8 @@ def test_a_wrong_call_is_one_line(checkout: Path, capsys: pytest.CaptureFixture[
         ({"inputs": "all-in-focus"}, "frozen"),  # the plan leaves the lens out: the preset is the same
         ({"set": ("noise=0.2",)}, "frozen"),  # what the preset has anyway
         ({"set": ("noise=0.4",)}, "changed"),
-        ({"budget": "5it"}, "changed"),
+        ({"budget": "5it"}, "other budget"),
+        ({"budget": "5it", "set": ("noise=0.4",)}, "changed"),
         ({"force_all": True}, "changed"),
     ],
 )
@@ -118,9 +119,11 @@ def test_a_result_says_whether_the_frozen_preset_made_it(
     (tmp_path / "runs" / "methods" / "fake" / "frozen.toml").write_text(frozen)
     (tmp_path / "runs" / "methods" / "fake" / "method.toml").write_text(card)
     result = read_result(run(**call).folder)
-    assert state_of("fake", "quick", result.choices) == state
-    assert state_of("fake", "slow", result.choices) == state_of("nobody", "quick", result.choices) == "not frozen"
-    assert state_of("fake", "quick", None) == "changed"
+    budget = result.spec.budget
+    assert state_of("fake", "quick", result.choices, budget) == state
+    for method, preset in (("fake", "slow"), ("nobody", "quick")):
+        assert state_of(method, preset, result.choices, budget) == "not frozen"
+    assert state_of("fake", "quick", None, budget) == "changed"
 
 
 def test_a_changed_default_or_stage_is_another_preset() -> None:

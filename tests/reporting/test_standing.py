@@ -51,6 +51,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
             call(data=data)
             call(data=data, method="pinhole")
         call(data=folder / "room", set=("noise=0.4",))
+        call(data=folder / "room", budget="5it")
         call(data=folder / "room", inputs="all-in-focus")
         freeze_fake(folder)
         patch.setattr(report_files, "write_curves", lambda *_: {})
@@ -104,7 +105,7 @@ def test_every_row_has_its_sign_and_every_sign_its_note(page: str, name: str) ->
         if role == "development":
             assert first.endswith(" †")
         elif role is None:
-            assert not set("†‡§") & set(first)
+            assert not set("†‡§¶") & set(first)
         elif "pinhole" in first:
             assert first.endswith(" ‡")
         elif "noise" in first:
@@ -116,7 +117,8 @@ def test_every_row_has_its_sign_and_every_sign_its_note(page: str, name: str) ->
 def test_the_frozen_preset_alone_has_no_sign_on_a_report_scene(page: str) -> None:
     found = {row["preset"]: row["method"] for row in table_rows(page, "room, refocus-v3") if "fake" in row["method"]}
     signs = {preset: method.removeprefix("fake") for preset, method in found.items()}
-    assert signs.pop("quick noise=0.4") == " §" and list(signs.values()) == [""]
+    assert (signs.pop("quick noise=0.4"), signs.pop("quick, nothing left out, 5it")) == (" §", " ¶")
+    assert list(signs.values()) == [""]
 
 
 def test_means_are_of_one_role_and_one_photographer(page: str) -> None:
@@ -133,7 +135,7 @@ def test_the_overview_is_marked_too(report: Path) -> None:
     assert [name.split()[0] for name, _ in shown] == list(ORDER)
     signs = {name.split()[0]: (name.partition(" ")[2], best[-1]) for name, best in shown}
     assert signs["fern"] == signs["fence"] == ("†", "†") and signs["waves"][0] == ""
-    assert signs["trex"][0] == "‡" and signs["room"][0] == "‡§"
+    assert signs["trex"][0] == "‡" and signs["room"][0] == "‡§¶"
     below = html.split('<section id="overview">')[1].split("</section>")[0]
     assert all(note in below for note in NOTES.values())
 
