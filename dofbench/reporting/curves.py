@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,8 +18,10 @@ if TYPE_CHECKING:
 
 PLOTTED = ("psnr", "ssim", "aif_psnr", "aif_ssim", "photo_psnr", "across_psnr", "delta_a", "delta_f", "delta_r")
 FRONT_LABEL = "Pareto front"
-_LEGEND_WIDTH = 95  # characters
+_LEGEND_WIDTH = 95  # characters of a legend in one column
 _LEGEND_LINE = 0.16  # inches
+_MANY = 7  # series, above which the legend has several columns and a seed no line of its own
+_COLUMNS, _COLUMN_WIDTH = 2, 46  # of the legend of many; characters
 
 
 def write_curves(folder: Path, plots: Iterable[Plot]) -> dict[tuple[tuple[str, ...], str], list[Path]]:
@@ -39,9 +42,11 @@ def write_curves(folder: Path, plots: Iterable[Plot]) -> dict[tuple[tuple[str, .
 def _figure(plot: Plot) -> Figure:
     from matplotlib.ticker import LogLocator, NullFormatter
 
-    labels = [_wrapped(_label(series)) for series in plot.series]
+    many = len(plot.series) > _MANY
+    labels = [_wrapped(_label(series), _COLUMN_WIDTH if many else _LEGEND_WIDTH) for series in plot.series]
     lines = sum(label.count("\n") + 1 for label in labels) + (len(plot.front) > 1) + (plot.nothing is not None)
-    figure = new_figure(7.0, 3.9 + _LEGEND_LINE * lines)
+    columns = _COLUMNS if many else 1
+    figure = new_figure(7.0, 3.9 + _LEGEND_LINE * math.ceil(lines / columns))
     axes = figure.add_subplot()
     if len(plot.front) > 1:  # drawn below the curves, so that it hides none of them
         axes.step(
@@ -55,7 +60,7 @@ def _figure(plot: Plot) -> Figure:
             label=FRONT_LABEL,
         )
     for index, (series, label) in enumerate(zip(plot.series, labels, strict=True)):
-        _draw(axes, series, label, look(index))
+        _draw(axes, series, label, look(index), seeds=not many)
     if plot.nothing is not None:
         axes.axhline(plot.nothing, color=NEUTRAL, linestyle=(0, (1, 3)), label="do nothing")
     axes.set_xscale("log")
@@ -67,7 +72,8 @@ def _figure(plot: Plot) -> Figure:
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter(NullFormatter())  # between them labels would overlap
     # Below the plot, since options can make a label longer than the plot is wide
-    figure.legend(fontsize=8, loc="outside lower left")
+    # long enough to tell dashes from dots and dashes
+    figure.legend(fontsize=8, loc="outside lower left", ncols=columns, handlelength=3.5)
     return figure
 
 
@@ -76,21 +82,21 @@ def _label(series: Series) -> str:
     return series.label + (f" ({series.failures})" if series.failures else "") + seeds
 
 
-def _wrapped(label: str) -> str:
-    return "\n".join(textwrap.wrap(label, _LEGEND_WIDTH, subsequent_indent="  "))
+def _wrapped(label: str, width: int) -> str:
+    return "\n".join(textwrap.wrap(label, width, subsequent_indent="  "))
 
 
 def _several(series: Series) -> bool:
     return len(series.runs) > 1 and bool(series.median)
 
 
-def _draw(axes: Axes, series: Series, label: str, style: Look) -> None:
-    """Draw one run as its scored moments; several runs as thin lines, and their median as a step function, because no
-    score is interpolated."""
+def _draw(axes: Axes, series: Series, label: str, style: Look, *, seeds: bool) -> None:
+    """Draw one run as its scored moments; several runs as thin lines, if `seeds`, and their median as a step function,
+    because no score is interpolated."""
     several = _several(series)
     unnamed = not several  # one label per series: matplotlib leaves labels with an underscore out of the legend
     for run in series.runs:
-        if not run.points:
+        if not run.points or (several and not seeds):
             continue
         thin = {"linewidth": 0.8, "alpha": 0.5, "markersize": 2} if several else {"markersize": 3}
         axes.plot(*zip(*run.points, strict=True), label=label if unnamed else "_seed", marker="o", **thin, **style)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from dofbench.reporting import standing, table_cells
 from dofbench.reporting.boards import Board, Variant, by_kind, mean_lines
+from dofbench.reporting.footnotes import one_line
 from dofbench.reporting.paper import NOTHING_PRINTED, OF_THEIR_SSIM, Figures, names_their_ssim, paper_figures
 from dofbench.reporting.score_table import not_shown
 from dofbench.reporting.summary import Line, best_texts, empty_columns, scene_mean
@@ -193,7 +194,9 @@ def _mean_table(
 
     rows = []
     as_it_is = [line for variant, line in means.items() if variant in over.unchanged]
-    for line in [*_sorted(lines, shown), *([nothing] if nothing else [])]:
+    absent = [line for line in lines if _silent(line, shown) and _card_name(line.method) not in theirs]
+    present = [line for line in lines if line not in absent]
+    for line in [*_sorted(present, shown), *([nothing] if nothing else [])]:
         own = theirs.get(_card_name(line.method), {}) if line in as_it_is else {}
         silent = of_it if line in as_it_is or not line.competes else _CHANGED
         scores = [
@@ -212,8 +215,8 @@ def _mean_table(
         for method, row in theirs.items()
         if method not in here
     ]
-    signs = standing.notes(line.signs for line in lines)
-    below = (*not_shown(empty), *((_paper_note(figures, where),) if theirs else ()), *signs)
+    signs = standing.notes(line.signs for line in present)
+    below = (*not_shown(empty), *_absent(absent, shown), *((_paper_note(figures, where),) if theirs else ()), *signs)
     return Table(caption, headings, tuple(rows), below=below)
 
 
@@ -248,6 +251,11 @@ def _methods_by_scene(
     some = {variant: board.lines[variant] for board in boards for variant in board.lines}
     absent = {board.name: empty_columns(list(board.lines.values()), shown) for board in boards}
     kept = [(board, column) for board in boards for column in shown if column not in absent[board.name]]
+    silent = {
+        variant: some[variant]
+        for variant in variants
+        if all(_silent(board.lines[variant], shown) for board in boards if variant in board.lines)
+    }
     headings = (
         *table_cells.word_headings("method", "preset"),
         *(table_cells.score_heading(COLUMNS[column], board.name) for board, column in kept),
@@ -259,7 +267,9 @@ def _methods_by_scene(
             *(cell(board, variant, column) for board, column in kept),
         )
         for variant in variants
+        if variant not in silent
     )
+    below += _absent(list(silent.values()), shown)
     for name, columns in absent.items():
         below += not_shown(columns, f"Not shown of {name}, as no row has it")
     return Table(caption, headings, rows, below=(*below, *_sign_notes(boards)))
@@ -316,6 +326,17 @@ def _scenes_by_method(
     if printed:
         below += (_paper_note(figures, figures.data),)
     return Table(caption, headings, rows, below=(*below, *_sign_notes(boards)))
+
+
+def _silent(line: Line, shown: Sequence[str]) -> bool:
+    """Whether a line has none of these scores, and no failure instead of one."""
+    return all(line.cells[column].value is None and not line.cells[column].failure for column in shown)
+
+
+def _absent(lines: Sequence[Line], shown: Sequence[str]) -> tuple[str, ...]:
+    """A line on which rows a table leaves out, and why; none if it has all."""
+    reasons = [f"{line.name} ({one_line(line.cells[shown[0]].reason)})" for line in lines]
+    return (f"No row, as they have none of these scores: {'; '.join(reasons)}.",) if reasons else ()
 
 
 def _signs(boards: list[Board], variant: Variant) -> str:

@@ -18,7 +18,7 @@ learning."""
 
 def leaderboard_markdown(view: ReportView) -> str:
     """The page. The explanation of times and Pareto fronts stands with the first board's curves."""
-    blocks: list[Block] = [Paragraph(_INTRODUCTION)]
+    blocks: list[Block] = [Paragraph(_INTRODUCTION), Section("At a glance", (view.best,))]
     for index, board in enumerate(view.boards):
         blocks.append(_board(board, (view.curve_rules,) if index == 0 else ()))
     blocks += [*view.means, *(part for part in (view.tested, view.claims, view.columns, view.added) if part)]

@@ -1,5 +1,5 @@
-"""The report's first screen: methods, datasets, times, and the best row of each board with its lead and how sure that
-is."""
+"""The report's first screen: methods, datasets, times, and the best over scenes and on each dataset, with its lead and
+how sure that is."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from dataclasses import replace
 
 from dofbench.core.errors import Status
 from dofbench.reporting import standing, table_cells
-from dofbench.reporting.boards import Board
+from dofbench.reporting.boards import Board, Variant, by_kind, mean_lines
 from dofbench.reporting.how_made import commit_text, machine_text
 from dofbench.reporting.points_seen import points_facts
-from dofbench.reporting.verdict import verdict
+from dofbench.reporting.summary import Line
+from dofbench.reporting.verdict import HEADLINES, verdicts
 from dofbench.reporting.view import Cell, Heading, Table
 from dofbench.results.collecting import Collection, Entry
 from dofbench.results.columns import COLUMNS
 from dofbench.running.method_cards import find_method, method_files
 
 _SCORED_ON = {"psnr": "refocused", "aif_psnr": "all in focus"}
-_WHICH_PSNR = "refocused, where any method can; else all in focus; else of photographs"
 _PHOTOGRAPHS = "of photographs, fitted on half of each"
+_COSTS = {"train_s": "s of training", "render_fps": "frames/s"}
 
 
 def duration(seconds: float) -> str:
@@ -47,43 +48,63 @@ def headline(collection: Collection) -> str:
 
 
 def best_table(boards: Sequence[Board]) -> Table:
-    """The best row of every board."""
-    rows = []
+    """The best row of the means over each kind's boards, and of every board."""
+    rows: list[tuple[Cell, ...]] = []
+    for kind, scenes in by_kind(boards).items():
+        if len(scenes) > 1:
+            means = mean_lines(scenes, [*(column for columns in HEADLINES for column in columns), *_COSTS])
+            rows += _rows(f"mean over {len(scenes)} scenes", kind, means, [board.variants for board in scenes])
     for board in boards:
-        found = verdict(board.lines, board.members)
-        signs = standing.united(line.signs for line in board.lines.values())
-        where = (table_cells.words(board.name, signs), table_cells.words(board.kind))
-        if found is None:
-            rows.append((*where, table_cells.words("none: every run failed, or none has a score"), *(Cell(""),) * 4))
-            continue
-        column, first = COLUMNS[found.column], board.lines[found.best]
-        best = table_cells.signed(first.name, first.signs)
+        rows += _rows(board.name, board.kind, board.lines, [board.variants]) or [_nobody(board)]
+    headings = (
+        *table_cells.word_headings("dataset", "protocol", "best"),
+        Heading("PSNR", note="refocused, all in focus, or of photographs", largest_first=True),
+        *table_cells.word_headings("ahead of"),
+        Heading("by", largest_first=True),
+        *table_cells.word_headings("how sure", "at what cost"),
+    )
+    below = standing.notes(line.signs for board in boards for line in board.lines.values())
+    return Table("The best over scenes and of each dataset, by PSNR", headings, tuple(rows), below=below)
+
+
+def _rows(
+    name: str, kind: str, lines: dict[Variant, Line], boards: Sequence[dict[Variant, list[Entry]]]
+) -> list[tuple[Cell, ...]]:
+    """A row for everything that one can be the best at."""
+    signs = standing.united(line.signs for line in lines.values())
+    rows: list[tuple[Cell, ...]] = []
+    for found in verdicts(lines, boards):
+        column, first = COLUMNS[found.column], lines[found.best]
         shown = table_cells.score(first.cells[found.column], column)
         rival, ahead = Cell(""), Cell("")
         if found.second is not None and found.ahead is not None:
-            rival = table_cells.words(board.lines[found.second].name, board.lines[found.second].signs)
+            rival = table_cells.words(lines[found.second].name, lines[found.second].signs)
             ahead = table_cells.number(found.ahead, f"+{column.text(found.ahead)} {column.unit}".strip())
         rows.append(
             (
-                *where,
-                Cell(best, sort=first.name, best=True),
+                table_cells.words(name, signs),
+                table_cells.words(kind),
+                Cell(table_cells.signed(first.name, first.signs), sort=first.name, best=True),
                 replace(shown, unit="dB", below=_SCORED_ON.get(column.id, _PHOTOGRAPHS)),
                 rival,
                 ahead,
                 found.sure,
+                table_cells.words(_cost(first)),
             )
         )
-    headings = (
-        *table_cells.word_headings("dataset", "protocol", "best"),
-        Heading(
-            "PSNR", note="refocused, where any method can; else all in focus; else of photographs", largest_first=True
-        ),
-        *table_cells.word_headings("ahead of"),
-        Heading("by", largest_first=True),
-        *table_cells.word_headings("how sure"),
-    )
-    below = standing.notes(line.signs for board in boards for line in board.lines.values())
-    return Table("The best of each dataset, by PSNR", headings, tuple(rows), below=below)
+    return rows
+
+
+def _nobody(board: Board) -> tuple[Cell, ...]:
+    signs = standing.united(line.signs for line in board.lines.values())
+    said = table_cells.words("none: every run failed, or none has a score")
+    return (table_cells.words(board.name, signs), table_cells.words(board.kind), said, *(Cell(""),) * 5)
+
+
+def _cost(line: Line) -> str:
+    """Such as "60 s of training, 24.1 frames/s"; what isn't known is left out."""
+    known = [(COLUMNS[column], line.cells[column].value, says) for column, says in _COSTS.items()]
+    return ", ".join(f"{column.text(value)} {says}" for column, value, says in known if value is not None)
 
 
 def facts(collection: Collection, boards: Sequence[Board]) -> tuple[tuple[str, tuple[str, ...]], ...]:

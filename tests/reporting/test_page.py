@@ -13,6 +13,7 @@ from page_reader import Reader, read
 from report_pages import table_rows
 from tolerances import PRINTED_MEAN
 
+from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
 from dofbench.reporting import layouts
 from dofbench.reporting.ablations.document_files import read_documents
@@ -30,6 +31,7 @@ from dofbench.reporting.table_cells import number
 from dofbench.reporting.view import Cell, Heading, Paragraph, Table
 from dofbench.results.collecting import collect
 from dofbench.results.result import Result, read_result
+from dofbench.running.method_cards import find_method
 
 QUICK = "quick, nothing left out"  # told apart from the run on sharp inputs, which leaves the lens out
 
@@ -209,6 +211,42 @@ def test_the_papers_means_are_those_of_its_scenes() -> None:
     main = figures["main"].means["DoF-Gaussian"]  # Table 4, row #5, is the same method on the same scenes
     assert main["aif_psnr"] == pytest.approx(23.97, abs=PRINTED_MEAN["aif_psnr"])
     assert main["aif_ssim_uniform7"] == pytest.approx(0.756, abs=PRINTED_MEAN["aif_ssim_uniform7"])
+
+
+def test_every_method_of_the_paper_has_a_card_of_that_name() -> None:
+    """So that its figures stand in the row of the method that was run here."""
+    cards = {find_method(file.parent.name).card.name for file in content_folder("methods").glob("*/method.toml")}
+    printed = {
+        method
+        for figures in paper_figures().values()
+        for rows in (figures.means, *figures.scenes.values())
+        for method in rows
+    }
+    assert printed and printed <= cards
+
+
+def test_a_method_without_any_score_of_a_table_is_told_below_it(boards: list, monkeypatch: pytest.MonkeyPatch) -> None:
+    tables = read(blocks_html(layouts.layout_sections(boards), Footnotes())).tables
+    for caption in ("learned: mean over 2 scenes", "learned: scene by scene"):
+        (table,) = [one for one in tables if one.caption.endswith(caption)]
+        assert not any("pinhole" in cell for row in table.rows for cell, _ in row)
+    said = layouts.layout_sections(boards)[0].blocks[1].below[0]
+    assert said.startswith("No row, as they have none of these scores: ")
+    assert "; pinhole quick (Pinhole has no lens to refocus with)." in said
+    # A failure has its row, and a method that the paper has figures of.
+    (waves,) = [board for board in boards if board.name == "waves" and not board.sharp]
+    (table,) = [
+        one
+        for one in read(blocks_html(layouts.layout_sections([waves]), Footnotes())).tables
+        if one.caption.endswith("learned: waves")
+    ]
+    names = [row[0][0] for row in table.rows]
+    assert "fake" in names and "pinhole" not in names
+    assert table.cell("fake quick trouble=lost", "measured here, waves", "PSNR [dB] ↑").startswith("diverged")
+    monkeypatch.setattr(layouts, "_card_name", {"fake": "DoF-Gaussian", "pinhole": "DoF-NeRF"}.get)
+    tables = read(blocks_html(layouts.layout_sections(boards), Footnotes())).tables
+    (table,) = [one for one in tables if one.caption.endswith("learned: mean over 2 scenes")]
+    assert any("pinhole" in cell for row in table.rows for cell, _ in row)
 
 
 def test_times_to_reach_and_the_front_are_in_it(reader: Reader) -> None:

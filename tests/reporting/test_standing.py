@@ -132,7 +132,9 @@ def test_the_overview_is_marked_too(report: Path) -> None:
     html = (report / "report.html").read_text()
     glance = next(one for one in read(html).tables if one.caption.startswith("The best"))
     shown = [(cells[0][0], cells[2][0]) for cells in glance.rows if "sharp" not in cells[1][0]]
-    assert [name.split()[0] for name, _ in shown] == list(ORDER)
+    assert tuple(dict.fromkeys(name.split()[0] for name, _ in shown if name.split()[0] != "mean")) == ORDER
+    assert all(re.fullmatch(r"(\d+\.\d s of training, \d+\.\d frames/s)?", cells[7][0]) for cells in glance.rows)
+    assert [name for name, _ in shown if name.startswith("mean")] == ["mean over 2 scenes ‡§¶"] * 2  # refocused, sharp
     signs = {name.split()[0]: (name.partition(" ")[2], best[-1]) for name, best in shown}
     assert signs["fern"] == signs["fence"] == ("†", "†") and signs["waves"][0] == ""
     assert signs["trex"][0] == "‡" and signs["room"][0] == "‡§¶"

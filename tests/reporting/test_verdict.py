@@ -8,7 +8,7 @@ import pytest
 
 from dofbench.core.errors import Status
 from dofbench.reporting.summary import Line, Statistic
-from dofbench.reporting.verdict import verdict
+from dofbench.reporting.verdict import Verdict, verdicts
 from dofbench.results.collecting import Entry
 from dofbench.results.result import Result, Spec, ViewScores
 
@@ -34,6 +34,15 @@ def lines(entries: list[Entry]) -> dict[tuple[str, ...], Line]:
         cells = {"psnr": Statistic(sum(values) / len(values)), "aif_psnr": Statistic(None, reason="not asked")}
         found[variant] = Line(variant[0], "", "", cells)
     return found
+
+
+def verdict(found: dict[tuple[str, ...], Line], *boards: list[Entry]) -> Verdict | None:
+    """The only verdict on one table, None if there is none."""
+    (*told,) = verdicts(
+        found, [{variant: [e for e in runs if e.variant == variant] for variant in found} for runs in boards]
+    )
+    assert len(told) < 2
+    return told[0] if told else None
 
 
 VIEWS = [30.0, 31.0, 32.0, 28.0, 29.5, 33.0, 30.5, 31.5]
@@ -81,7 +90,33 @@ def test_the_second_is_the_next_best_and_a_gap_is_no_rival() -> None:
     assert (told.best, told.second, told.sure.text) == (B, None, "nothing to compare it with")
 
 
-def test_all_in_focus_decides_where_nothing_refocuses() -> None:
-    cells = {"psnr": Statistic(None, reason="no lens"), "aif_psnr": Statistic(25.0)}
-    assert verdict({A: Line("a", "", "", cells)}, []).column == "aif_psnr"
-    assert verdict({A: Line("a", "", "", {"psnr": Statistic(None), "aif_psnr": Statistic(None)})}, []) is None
+def test_a_mean_is_tested_over_the_views_of_all_scenes() -> None:
+    """Three views tell nothing apart on one scene; those of two scenes do."""
+    one = [entry("a", 0, [30.0, 33.0, 29.0]), entry("b", 0, [29.0, 31.5, 28.2])]
+    two = [entry("a", 0, [20.0, 23.0, 19.0]), entry("b", 0, [19.1, 21.8, 17.9])]
+    found = verdict(lines(one + two), one, two)
+    assert (found.best, found.second, found.sure.kind) == (A, B, "sure")
+    assert found.sure.text.startswith("over 6 test views") and found.sure.test.p == f"p = {2 / 2**6:.3f}"
+    assert verdict(lines(one), one).sure.kind == "unsure"
+    # Not told apart where one of them wasn't run on a scene.
+    assert verdict(lines(one), one, two[:1]).sure.kind == "untested"
+
+
+def test_refocusing_and_sharp_views_have_verdicts_of_their_own() -> None:
+    def line(name: str, **scores: float | None) -> Line:
+        known = dict.fromkeys(("psnr", "aif_psnr"))
+        return Line(name, "", "", {column: Statistic(value) for column, value in (known | scores).items()})
+
+    table = {A: line("a", psnr=30.0, aif_psnr=24.0), B: line("b", aif_psnr=25.0), C: line("c", psnr=29.0)}
+    told = [(one.column, one.best, one.second) for one in verdicts(table, [{}])]
+    assert told == [("psnr", A, C), ("aif_psnr", B, A)]
+    without = {A: line("a", aif_psnr=25.0)}
+    assert [one.column for one in verdicts(without, [])] == ["aif_psnr"]
+    assert verdicts({A: line("a")}, []) == ()
+
+
+def test_of_two_scores_of_photographs_the_first_decides() -> None:
+    cells = {"photo_psnr": Statistic(20.0), "across_psnr": Statistic(21.0)}
+    assert [one.column for one in verdicts({A: Line("a", "", "", cells)}, [])] == ["photo_psnr"]
+    del cells["photo_psnr"]
+    assert [one.column for one in verdicts({A: Line("a", "", "", cells)}, [])] == ["across_psnr"]
