@@ -110,32 +110,59 @@ def rasterize_from_points(size: Size) -> Call:
     return Call((*parameters, radius, blur), run)
 
 
-def field(size: Size) -> Call:
-    """Rays through a cube, from one side to the other."""
+@dataclass(frozen=True)
+class FieldRays:
+    """Rays through a cube, from one side to the other, and what they go through.
+
+    learned: of the grid. origins, directions: (R, 3) in the cube. places: (S,) of each ray's samples. length: of a
+    sample.
+    """
+
+    shape: GridShape
+    learned: tuple[Tensor, Tensor, Tensor]
+    origins: Tensor
+    directions: Tensor
+    places: Tensor
+    length: float
+
+    def density(self, points: Tensor) -> Tensor:
+        """(P,) at points (P, 3)."""
+        found: Tensor = load("field", function="field_density")(self.learned[0], points, shape=self.shape, shift=0.0)
+        return found
+
+
+def field_rays(size: Size) -> FieldRays:
+    """Of the call of `field`."""
     shape, random = GridShape((size.nodes,) * 3, 8, 16, 9), torch.Generator().manual_seed(4)
 
     def drawn(*sizes: int) -> Tensor:
         return torch.rand(*sizes, generator=random)
 
-    learned = (*(2 * drawn(count) - 1 for count in (shape.density_size, shape.colour_size)), drawn(*shape.basis_shape))
+    density, colour = (2 * drawn(count) - 1 for count in (shape.density_size, shape.colour_size))
+    learned = density, colour, drawn(*shape.basis_shape)
     origins = torch.cat([drawn(size.rays, 2), torch.zeros(size.rays, 1)], 1)
     directions = torch.cat([0.2 * drawn(size.rays, 2) - 0.1, torch.ones(size.rays, 1)], 1)
+    places = (torch.arange(size.samples) + 0.5) / size.samples
+    return FieldRays(shape, learned, origins, directions, places, 1.0 / size.samples)
+
+
+def field(size: Size) -> Call:
+    """Rays that learn too, as a lens makes them."""
+    rays = field_rays(size)
     count = size.rays * size.samples
     rest = {
-        "origins": origins,
-        "directions": directions,
-        "views": torch.nn.functional.normalize(directions, dim=1),
+        "views": torch.nn.functional.normalize(rays.directions, dim=1),
         "starts": torch.arange(0, count + 1, size.samples),
-        "places": ((torch.arange(size.samples) + 0.5) / size.samples).repeat(size.rays),
-        "lengths": torch.full((count,), 1.0 / size.samples),
+        "places": rays.places.repeat(size.rays),
+        "lengths": torch.full((count,), rays.length),
     }
 
     def run(*inputs: Tensor) -> list[Tensor]:
         others = {name: value.to(inputs[0].device) for name, value in rest.items()}
-        found = load("field")(*inputs, **others, shape=shape, shift=0.0)
+        found = load("field")(*inputs, **others, shape=rays.shape, shift=0.0)
         return [found.color, found.opacity, found.distance]
 
-    return Call(learned, run)
+    return Call((*rays.learned, rays.origins, rays.directions), run)
 
 
 def stereo(size: Size) -> Call:

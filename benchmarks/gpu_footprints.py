@@ -10,9 +10,10 @@ every third view. Nothing here needs a GPU, and no time is measured.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -88,26 +89,31 @@ def measured(density: float, settings: Settings) -> Row:
     trainer = Trainer(data, options, 0)
     trainer.fit(Budget(steps=settings.steps), Unobserved())
     count = len(trainer.gaussians)
-    found = [seen for view in views[::3] for seen in drawn(trainer, view.camera)]
+    found = [
+        seen
+        for view in views[::3]
+        for seen in drawn(lambda view=view: trainer.render(view.camera, None), view.camera, cpu)
+    ]
     means = {name: float(np.mean([one[name] for one in found])) for name in found[0]}
     print(f"{count} Gaussians, {count / pixels:.2f} a pixel: {means}", flush=True)
     return Row(per_pixel=count / pixels, gaussians=count, pixels=pixels, **means)
 
 
-def drawn(trainer: Trainer, camera: Any) -> Iterator[dict[str, float]]:
-    """What is to be known of one view."""
+def drawn(draw: Callable[[], object], camera: Any, module: ModuleType) -> Iterator[dict[str, float]]:
+    """What is to be known of each picture that `draw` draws. module: the CPU backend's, that lists the Gaussians of
+    every tile."""
     caught: list[tuple[Any, ...]] = []
-    fill = cpu.fill_tiles
+    fill = module.fill_tiles
 
     def caught_fill(*arguments: Any) -> Any:
         caught.append(arguments)
         return fill(*arguments)
 
-    cpu.fill_tiles = caught_fill
+    module.fill_tiles = caught_fill  # type: ignore[attr-defined]
     try:
-        trainer.render(camera, None)
+        draw()
     finally:
-        cpu.fill_tiles = fill
+        module.fill_tiles = fill  # type: ignore[attr-defined]
     for records, counts, n, order, *_ in caught:
         yield lists(records.reshape(-1, layout.RECORD)[:n], order, counts[:n] > 0, camera)
 

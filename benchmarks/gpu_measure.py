@@ -32,11 +32,11 @@ from typing import Any
 
 import torch
 import tyro
+from gpu_call_sizes import model_calls
 from gpu_calls import CALLS, Call, Size, gaussians, gradients
 from gpu_page import page
 from gpu_peaks import GPUS, H200
-from gpu_sizes import Sizes
-from gpu_times import predicted
+from gpu_times import REPORT, predicted
 from rich.console import Console
 from torch import Tensor
 
@@ -52,7 +52,6 @@ from dofbench.running.method_cards import find_method
 from dofbench.running.one_run import run
 
 DEVICE = "cuda"
-MODELLED = ("tone", "ssim", "scatter", "mix", "rasterize")
 SCORES = ("psnr", "aif_psnr", "delta_a", "delta_f", "train_s", "gaussians")
 
 
@@ -147,14 +146,17 @@ def ops(settings: Settings) -> dict[str, Any]:
 
 
 def modelled(op: str, size: Size, gpu: str) -> dict[str, float]:
-    """What the model says of an op, ms; nothing of one that it doesn't know, or of another GPU than its own. gpu: what
-    torch calls it."""
+    """What the model says of an op, ms; nothing where its sizes weren't counted, or of another GPU than its own. gpu:
+    what torch calls it."""
     model = next((one for one in (H200, *GPUS) if one.name.partition("-")[0].rpartition(" ")[2] in gpu), None)
-    if model is None or op not in MODELLED:
+    calls = model_calls(op, size, REPORT)
+    if model is None or not calls:
         return {}
-    sizes = Sizes(op, size.gaussians, size.width, size.height, radius=size.radius / 2)  # the ramp's mean
-    times = {"forward": False, "both": True}
-    return {f"{name}_model_ms": 1e3 * predicted(op, sizes, model, backward=one) for name, one in times.items()}
+    times = {"forward": False, "both": True} if calls[0].backward else {"forward": False}
+    return {
+        f"{name}_model_ms": 1e3 * sum(predicted(call.op, call.sizes, model, backward=both) for call in calls)
+        for name, both in times.items()
+    }
 
 
 def _timed(call: Call, repeats: int) -> dict[str, float]:

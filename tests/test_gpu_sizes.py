@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import torch
 from benchmark_scripts import script
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from tolerances import FLOAT64_VALUE
+from tolerances import CSV_DIGITS, FLOAT64_VALUE
 
 from dofbench.core.cameras import Camera
 from dofbench.core.lens import ApertureShape
@@ -128,3 +129,71 @@ def test_a_tile_is_followed_until_it_is_opaque() -> None:
 def test_a_gaussian_that_colours_no_pixel_is_looked_at() -> None:
     beyond = record(x=40.0, y=8.0, a=2.0, b=2.0)
     assert script("gpu_footprints").follow(beyond, [0], 0, 4, CAMERA) == (1, 0)
+
+
+# ---- the calls that a GPU is measured by ----
+
+
+def test_the_largest_radius_that_reaches_a_tile() -> None:
+    """Source by source."""
+    sizes, calls = script("gpu_call_sizes"), script("gpu_calls")
+    size = calls.Size(70, 20, radius=3.0)
+    radius = calls.scatter(size).inputs[1]
+    found = []
+    for top, left in ((top, left) for top in (0, 8, 16) for left in (0, 32, 64)):
+        rows, columns = range(top, min(top + 8, 20)), range(left, min(left + 32, 70))
+        most = 0.0
+        for y in range(20):
+            for x in range(70):
+                nearest = min(max(x, columns[0]), columns[-1]), min(max(y, rows[0]), rows[-1])
+                own = abs(float(radius[y, x]))
+                if np.hypot(x - nearest[0], y - nearest[1]) <= gpu_scatter_windows.reach_of(own):
+                    most = max(most, own)
+        found.append(most)
+    assert sizes.largest_radii(size) == {"radius": np.mean(found)} and len(set(found)) > 1
+
+
+def test_samples_that_light_reaches_in_a_call() -> None:
+    """Ray by ray: as many as there are before the light is gone."""
+    sizes, calls = script("gpu_call_sizes"), script("gpu_calls")
+    size = calls.Size(nodes=6, rays=7, samples=90)
+    rays = calls.field_rays(size)
+    rays.learned[0].mul_(6)  # dense enough for some rays to end
+    reached = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calls, "field_rays", lambda size: rays)
+        found = sizes.field_samples(size)
+    for origin, direction in zip(rays.origins, rays.directions, strict=True):
+        light, count = 1.0, 0
+        for place in rays.places:
+            count += light >= 1e-4
+            light *= float(torch.exp(-rays.density((origin + place * direction)[None]).double() * rays.length))
+        reached.append(count)
+    assert found["looked_at"] == found["lit"] == np.mean(reached) and found["samples"] == 90
+    assert min(reached) < 90
+
+
+def test_gaussians_of_a_call_are_counted_from_every_point_of_the_lens() -> None:
+    """A call whose Gaussians are all small and in sight: each meets a tile, or a few of its neighbours."""
+    sizes, calls = script("gpu_call_sizes"), script("gpu_calls")
+    size = calls.Size(64, 48, gaussians=300)
+    pictures = []
+    with pytest.MonkeyPatch.context() as patch:
+        drawn = script("gpu_footprints").drawn
+        patch.setattr(sizes, "drawn", lambda *given: pictures.extend(drawn(*given)) or pictures)
+        one = sizes.COUNTED["rasterize"](size)
+        assert len(pictures) == 1 and one == pictures[0]
+        pictures.clear()
+        several = sizes.COUNTED["rasterize_from_points"](size)
+    assert len(pictures) == gpu_sizes.LENS_POINTS
+    assert several["intersections"] == np.mean([picture["intersections"] for picture in pictures])
+    assert 0 < one["visible"] <= 1 <= one["rows"] <= one["intersections"]
+
+
+def test_what_is_kept_was_counted_from_these_calls() -> None:
+    """Of what is counted quickly."""
+    sizes, calls = script("gpu_call_sizes"), script("gpu_calls")
+    for op in ("scatter", "field"):
+        (call,) = sizes.model_calls(op, calls.Size(), script("gpu_times").REPORT)
+        for name, value in sizes.COUNTED[op](calls.Size()).items():
+            assert getattr(call.sizes, name) == pytest.approx(value, rel=CSV_DIGITS)
