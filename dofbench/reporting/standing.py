@@ -17,7 +17,7 @@ NOTES = {
     NOT_FROZEN: (
         f"{NOT_FROZEN} Preset not frozen: nothing shows that it was chosen before it was run on this report scene."
     ),
-    CHANGED: (f"{CHANGED} Not the frozen preset: options or their defaults differ from those that were frozen."),
+    CHANGED: f"{CHANGED} Not the frozen preset: options or their defaults differ from those that were frozen.",
     OTHER_BUDGET: f"{OTHER_BUDGET} The frozen preset under another budget than its own.",
 }
 _SIGN_OF_STATE: dict[State, str] = {
