@@ -10,7 +10,7 @@ from dofbench.reporting.gallery import BoardPictures
 from dofbench.reporting.how_made import run_table, stage_table
 from dofbench.reporting.pairwise import board_pairs, comparison_records, explanation
 from dofbench.reporting.plots import Plot
-from dofbench.reporting.report_view import ReportView
+from dofbench.reporting.report_view import CurveView, ReportView
 from dofbench.reporting.view import Document, Items, Picture
 from dofbench.results.collecting import Collection, variant_names
 
@@ -22,29 +22,34 @@ def build_report(
     boards: Sequence[Board],
     plots: Sequence[Plot],
     *,
+    means: Sequence[Plot],
     drawn: Mapping[tuple[Key, str], Picture],
     strips: Mapping[Key, Picture],
     ablations: Sequence[Document] = (),
     pictures: tuple[BoardPictures, ...] | None = None,
 ) -> ReportView:
-    """The content of a report of these results. boards: as `gather` gives them. drawn: (board, score) -> picture of the
-    curves. strips: board -> strip of pictures. pictures: those of test views, None for a report without pictures."""
+    """The content of a report of these results. boards: as `gather` gives them. means: `mean_plots`. drawn: (board,
+    score) -> picture of the curves. strips: board -> strip of pictures. pictures: those of test views, None for a
+    report without pictures."""
     entries = collection.entries
     columns, names = score_columns(entries), variant_names(entries)
     pairs = {board.key: board_pairs(board.members) for board in boards}
-    curves = [(plot, timing.curve_view(plot, drawn.get((plot.board, plot.column)))) for plot in plots]
+
+    def curve(plot: Plot) -> CurveView:
+        return timing.curve_view(plot, drawn.get((plot.board, plot.column)))
+
+    curves = [(plot, curve(plot)) for plot in plots]
     views = tuple(
         leaderboard.board_view(
             board,
             columns,
             names,
             pairs[board.key],
-            tuple(curve for plot, curve in curves if plot.board == board.key),
+            tuple(view for plot, view in curves if plot.board == board.key),
             strips.get(board.key),
         )
         for board in boards
     )
-    means = leaderboard.mean_sections(boards, columns, names)
     runs, machines = run_table(entries, boards)
     compared = any(view.differences for view in views)
     return ReportView(
@@ -52,7 +57,8 @@ def build_report(
         best=overview.best_table(boards),
         facts=overview.facts(collection, boards),
         boards=views,
-        means=means,
+        means=leaderboard.mean_sections(boards, columns, names),
+        mean_curves=tuple(curve(plot) for plot in means),
         layouts=layouts.layout_sections(boards),
         tested=explanation() if compared else None,
         claims=leaderboard.claims_section(entries),
@@ -62,7 +68,7 @@ def build_report(
         stages=stage_table(entries, boards),
         machines=machines,
         unreadable=Items(collection.unreadable),
-        curve_rules=timing.curve_rules(plots),
+        curve_rules=timing.curve_rules((*plots, *means)),
         gallery=pictures,
         ablations=tuple(ablations),
         records=(
@@ -71,7 +77,7 @@ def build_report(
             report_records.curve_records(entries),
             comparison_records(boards, pairs, names),
             timing.reach_records(plots),
-            timing.front_records(plots),
+            timing.front_records((*plots, *means)),
             report_records.time_records(entries),
         ),
     )

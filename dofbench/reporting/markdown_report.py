@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from dofbench.reporting.markdown_writer import markdown_page
-from dofbench.reporting.report_view import BoardView, ReportView
+from dofbench.reporting.report_view import BoardView, CurveView, ReportView
 from dofbench.reporting.view import Block, Document, Paragraph, Section
 
 _INTRODUCTION = """\
@@ -21,7 +23,10 @@ def leaderboard_markdown(view: ReportView) -> str:
     blocks: list[Block] = [Paragraph(_INTRODUCTION), Section("At a glance", (view.best,))]
     for index, board in enumerate(view.boards):
         blocks.append(_board(board, (view.curve_rules,) if index == 0 else ()))
-    blocks += [*view.means, *(part for part in (view.tested, view.claims, view.columns, view.added) if part)]
+    blocks += view.means
+    if view.mean_curves:
+        blocks.append(Section("Means over scenes against run time", _timed(view.mean_curves)))
+    blocks += [part for part in (view.tested, view.claims, view.columns, view.added) if part]
     blocks.append(Section("How these were made", (view.runs, view.machines)))
     if view.unreadable.items:
         blocks.append(Section("Results that can't be read", (view.unreadable,)))
@@ -29,12 +34,16 @@ def leaderboard_markdown(view: ReportView) -> str:
 
 
 def _board(board: BoardView, rules: tuple[Paragraph, ...]) -> Section:
-    curves: list[Block] = []
-    for curve in board.curves:
-        curves += [curve.picture] if curve.picture is not None else []
-        curves += [Paragraph(curve.front_words)] if curve.front_words else []
-        curves += [curve.reach] if curve.reach is not None else []
     strip = (board.strip,) if board.strip is not None else ()
     parts = (board.differences, board.asked)
-    timed = Section("Error against run time", (*rules, *curves, *strip))
+    timed = Section("Error against run time", (*rules, *_timed(board.curves), *strip))
     return Section(board.title, (board.about, board.scores, *(part for part in parts if part is not None), timed))
+
+
+def _timed(curves: Sequence[CurveView]) -> tuple[Block, ...]:
+    blocks: list[Block] = []
+    for curve in curves:
+        blocks += [curve.picture] if curve.picture is not None else []
+        blocks += [Paragraph(curve.front_words)] if curve.front_words else []
+        blocks += [curve.reach] if curve.reach is not None else []
+    return tuple(blocks)

@@ -1,23 +1,27 @@
-"""One plot against training time for every score and board: curves, Pareto front, levels to reach."""
+"""One plot against training time for every score and board, and for the means over boards: curves, Pareto front,
+levels to reach."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from statistics import fmean
 
 from dofbench.core.evidence import ROLE_WORDS, Role
 from dofbench.reporting import standing
+from dofbench.reporting.boards import Board, by_kind
 from dofbench.reporting.pareto import FrontPoint, front_of
 from dofbench.reporting.reach import levels
-from dofbench.reporting.series import Series, curve_columns, series_of
+from dofbench.reporting.series import Series, curve_columns, mean_series, series_of
 from dofbench.results.collecting import Entry, grouped
 from dofbench.results.columns import COLUMNS, Column
 
 
 @dataclass(frozen=True)
 class Plot:
-    """The plot of one score on one board. dataset: the board's name. role: of its scene. levels: scores for which times
-    are reported; chosen: whether the user chose them. nothing: the score of a lens predictor that learns nothing."""
+    """The plot of one score on one board, or of its means over several. dataset: the board's name, or whose mean it is.
+    scene: "" of several. role: of the scene. levels: scores for which times are reported; chosen: whether the user
+    chose them. nothing: the score of a lens predictor that learns nothing."""
 
     board: tuple[str, ...]
     dataset: str
@@ -38,7 +42,8 @@ class Plot:
     @property
     def title(self) -> str:
         """The board's name and protocol, and the role of its scene where one is stated."""
-        return ", ".join(filter(None, (self.dataset, self.protocol, ROLE_WORDS[self.role])))
+        role = ROLE_WORDS[self.role]
+        return ", ".join(filter(None, (self.dataset, self.protocol, "" if role in self.dataset else role)))
 
     @property
     def score(self) -> Column:
@@ -66,6 +71,19 @@ def make_plots(
     )
 
 
+def mean_plots(
+    boards: Sequence[Board], plots: Sequence[Plot], wanted: dict[str, tuple[float, ...]]
+) -> tuple[Plot, ...]:
+    """The plots of the means over the boards of each kind that has several, for scores that all of them have. plots: of
+    the boards. wanted: as of `make_plots`."""
+    return tuple(
+        plot
+        for kind, scenes in by_kind(boards).items()
+        if len(scenes) > 1
+        for plot in _mean_plots(kind, scenes, plots, wanted)
+    )
+
+
 def _board_plots(
     board: tuple[str, ...],
     members: list[Entry],
@@ -74,20 +92,46 @@ def _board_plots(
     wanted: dict[str, tuple[float, ...]],
 ) -> Iterator[Plot]:
     nothing = next((entry.result.do_nothing for entry in members if entry.result and entry.result.do_nothing), {})
+    role = standing.role_of(members)
     for column in curve_columns(members):
-        series = series_of(members, column, names)
-        if not series:
-            continue
-        higher = bool(COLUMNS[column].higher_is_better)
-        yield Plot(
-            board,
-            dataset,
-            members[0].scene,
-            standing.role_of(members),
-            column,
-            series,
-            front_of(series, higher_is_better=higher),
-            wanted.get(column) or levels(series, higher_is_better=higher),
-            column in wanted,
-            nothing.get(column),
-        )
+        if series := series_of(members, column, names):
+            yield _plot(board, dataset, members[0].scene, role, column, series, nothing.get(column), wanted)
+
+
+def _mean_plots(
+    kind: str, boards: Sequence[Board], plots: Sequence[Plot], wanted: dict[str, tuple[float, ...]]
+) -> Iterator[Plot]:
+    protocol, role = boards[0].protocol, boards[0].role
+    name = f"the mean over {len(boards)} scenes{kind.removeprefix(protocol)}"
+    keys = {board.key for board in boards}
+    for column in COLUMNS:
+        own = [plot for plot in plots if plot.column == column and plot.board in keys]
+        if len(own) == len(boards) and (series := mean_series([plot.series for plot in own])):
+            known = [plot.nothing for plot in own if plot.nothing is not None]
+            nothing = fmean(known) if len(known) == len(own) else None
+            yield _plot(("means", kind, protocol), name, "", role, column, series, nothing, wanted)
+
+
+def _plot(
+    board: tuple[str, ...],
+    dataset: str,
+    scene: str,
+    role: Role | None,
+    column: str,
+    series: tuple[Series, ...],
+    nothing: float | None,
+    wanted: dict[str, tuple[float, ...]],
+) -> Plot:
+    higher = bool(COLUMNS[column].higher_is_better)
+    return Plot(
+        board,
+        dataset,
+        scene,
+        role,
+        column,
+        series,
+        front_of(series, higher_is_better=higher),
+        wanted.get(column) or levels(series, higher_is_better=higher),
+        column in wanted,
+        nothing,
+    )

@@ -21,7 +21,7 @@ from dofbench.reporting.figures import file_name
 from dofbench.reporting.gallery import BoardPictures, gallery
 from dofbench.reporting.html.html_page import report_page
 from dofbench.reporting.markdown_report import leaderboard_markdown
-from dofbench.reporting.plots import make_plots
+from dofbench.reporting.plots import make_plots, mean_plots
 from dofbench.reporting.report_options import Report
 from dofbench.reporting.view import Picture
 from dofbench.results.collecting import board_names, collect, variant_names
@@ -67,12 +67,14 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
     boards = gather(entries)
     plots = make_plots(entries, variant_names(entries), board_names(entries), settings.levels)
     pictures = gallery(boards) if settings.pictures else None
-    drawn = write_curves(out / "curves", plots)
+    means = mean_plots(boards, plots, settings.levels)
+    drawn = write_curves(out / "curves", (*means, *plots))
     strips = _strips(out, boards, pictures, tell) if pictures is not None else {}
     view = build_report(
         collection,
         boards,
         plots,
+        means=means,
         drawn={
             (board, column): Picture(f"curves/{files[0].name}", f"{COLUMNS[column].label} against training time")
             for (board, column), files in drawn.items()

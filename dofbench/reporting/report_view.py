@@ -44,13 +44,13 @@ class ReportView:
     """The whole content of a report.
 
     headline: a summary in one line. best: the best over scenes and of each board, its lead, and how sure that is.
-    facts: what was run, on which datasets, how long it took, what failed: (term, lines). boards, means: every score, by
-    dataset and as means over scenes. layouts: tables as the paper lays them out. tested: how differences are tested.
-    claims: figures that authors published for their methods. columns: explanations of the scores. added: which scores
-    were computed after their runs. runs, stages: how each run was made, and its time by stage. machines: the machines,
-    by their number in `runs`. unreadable: results that can't be read. curve_rules: explanation of times, levels and
-    fronts. gallery: pictures of the test views; None for a report without pictures. ablations: tables of `dofbench
-    ablate`. records: the CSV files.
+    facts: what was run, on which datasets, how long it took, what failed: (term, lines). boards, means, mean_curves:
+    every score, by dataset and as means over scenes, with their curves. layouts: tables as the paper lays them out.
+    tested: how differences are tested. claims: figures that authors published for their methods. columns: explanations
+    of the scores. added: which scores were computed after their runs. runs, stages: how each run was made, and its time
+    by stage. machines: the machines, by their number in `runs`. unreadable: results that can't be read. curve_rules:
+    explanation of times, levels and fronts. gallery: pictures of the test views; None for a report without pictures.
+    ablations: tables of `dofbench ablate`. records: the CSV files.
     """
 
     headline: str
@@ -58,6 +58,7 @@ class ReportView:
     facts: tuple[tuple[str, tuple[str, ...]], ...]
     boards: tuple[BoardView, ...]
     means: tuple[Section, ...]
+    mean_curves: tuple[CurveView, ...]
     layouts: tuple[Section, ...]
     tested: Section | None
     claims: Section | None

@@ -1,10 +1,10 @@
-"""Score against training time, as plain data: every run's curve, and the median over seeds."""
+"""Score against training time, as plain data: every run's curve, the median over seeds, and the mean over scenes."""
 
 from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from dofbench.core.errors import Status
@@ -17,10 +17,10 @@ Point = tuple[float, float]  # (training seconds, score)
 
 @dataclass(frozen=True)
 class Run:
-    """One seed. points: every scored moment with a finite score, by time. dropped: moments whose score isn't finite,
-    which can't be drawn and reach no level."""
+    """One seed; None for a mean over scenes. points: every scored moment with a finite score, by time. dropped: moments
+    whose score isn't finite, which can't be drawn and reach no level."""
 
-    seed: int
+    seed: int | None
     status: Status
     points: tuple[Point, ...]
     dropped: int
@@ -87,19 +87,39 @@ def run_of(entry: Entry, column: str) -> Run:
     return Run(entry.spec.seed, entry.status, points, len(scored) - len(points))
 
 
-def median_curve(curves: Sequence[Sequence[Point]]) -> tuple[Point, ...]:
-    """Median over seeds, at every moment when a seed was scored, from the time on when every seed has a score.
+def mean_series(scenes: Sequence[Sequence[Series]]) -> tuple[Series, ...]:
+    """Means over scenes, of the variants that have a median over seeds on each. scenes: the series of each."""
+    own = [{series.variant: series for series in found if series.median} for found in scenes]
+    means = []
+    for variant in own[0]:
+        if not all(variant in one for one in own):
+            continue
+        every = [one[variant] for one in own]
+        curve = joint_curve([series.median for series in every], statistics.fmean)
+        signs = standing.united(series.signs for series in every)
+        first = every[0]
+        means.append(Series(variant, first.method, first.preset, (Run(None, Status.OK, curve, 0),), curve, signs))
+    return tuple(means)
 
-    Between two scored moments a seed's score is the last measured one: no value is interpolated. For an even number of
-    seeds the median is the mean of the two middle values. Raises ValueError for a curve without a point.
+
+def median_curve(curves: Sequence[Sequence[Point]]) -> tuple[Point, ...]:
+    """Median over seeds, as `joint_curve` has it; for an even number of seeds the mean of the two middle values."""
+    return joint_curve(curves, statistics.median)
+
+
+def joint_curve(curves: Sequence[Sequence[Point]], together: Callable[[Sequence[float]], float]) -> tuple[Point, ...]:
+    """One curve of several, at every moment when one of them was scored, from the time on when each has a score.
+
+    Between two scored moments a curve's score is the last measured one: no value is interpolated. together: makes one
+    score of all. Raises ValueError for a curve without a point.
     """
     if not curves or not all(curves):
-        raise ValueError("median curve: expected at least one point a seed, found none")
+        raise ValueError("joint curve: expected at least one point of each, found none")
     if len(curves) == 1:
         return tuple(curves[0])
     start = max(curve[0][0] for curve in curves)
     times = sorted({time for curve in curves for time, _ in curve if time >= start})
-    return tuple((time, statistics.median(last_score(curve, time) for curve in curves)) for time in times)
+    return tuple((time, together([last_score(curve, time) for curve in curves])) for time in times)
 
 
 def last_score(curve: Sequence[Point], time: float) -> float:

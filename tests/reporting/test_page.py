@@ -421,7 +421,7 @@ def test_a_truth_or_prediction_that_changed_is_not_shown(boards: list, monkeypat
 
 def test_a_page_without_pictures_has_none(made_report) -> None:
     collection = collect(made_report.results)
-    view = build_report(collection, gather(collection.entries), (), drawn={}, strips={})
+    view = build_report(collection, gather(collection.entries), (), means=(), drawn={}, strips={})
     page = report_page(view)
     assert "data:image" not in page and "Truth, prediction" not in page
     assert json.loads(read(page).data) == {"plots": [], "pictures": []}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import statistics
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -21,7 +22,7 @@ from dofbench.reporting.reach import (
     round_step,
     seconds_text,
 )
-from dofbench.reporting.series import Run, Series, median_curve
+from dofbench.reporting.series import Run, Series, mean_series, median_curve
 
 # Few values, so that equal times and equal scores turn up.
 TIMES = st.integers(1, 12).map(float)
@@ -88,8 +89,28 @@ def test_the_median_is_of_what_was_measured_last(curves) -> None:
 
 
 def test_a_seed_without_a_point_has_no_median() -> None:
-    with pytest.raises(ValueError, match="at least one point a seed"):
+    with pytest.raises(ValueError, match="at least one point of each"):
         median_curve([((1.0, 2.0),), ()])
+
+
+# ---- the mean over scenes ----
+
+
+@given(st.lists(CURVES, min_size=1, max_size=4))
+def test_the_mean_over_scenes_is_of_what_was_measured_last(curves) -> None:
+    (found,) = mean_series([(series(curve),) for curve in curves])
+    start = max(curve[0][0] for curve in curves)
+    assert [time for time, _ in found.median] == sorted({t for curve in curves for t, _ in curve if t >= start})
+    for time, score in found.median:
+        assert score == statistics.fmean(max((t, s) for t, s in curve if t <= time)[1] for curve in curves)
+    assert [run.points for run in found.runs] == [found.median] and found.name == "fake quick"
+
+
+def test_a_variant_that_a_scene_lacks_has_no_mean() -> None:
+    whole, failed = series(((1.0, 2.0),)), series(((1.0, 2.0),), status=Status.DIVERGED)
+    other = replace(whole, variant=("w",))
+    assert [one.variant for one in mean_series([(whole, other), (other, whole)])] == [("v",), ("w",)]
+    assert mean_series([(whole,), (other,)]) == mean_series([(whole,), (failed,)]) == ()
 
 
 # ---- time to reach ----

@@ -185,6 +185,31 @@ def test_figures_are_there_and_linked(call, made, monkeypatch: pytest.MonkeyPatc
     assert {path.suffix for path in (out / "curves").iterdir()} == {".svg", ".png"}
 
 
+def test_the_mean_over_scenes_has_curves_too(call, made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(curves, "PLOTTED", ("psnr",))
+    ends = [read_result(call().folder)]
+    data = write_dataset(tmp_path / "fern", name="fern", seed=1)
+    ends.append(read_result(call(data=data).folder))
+    call(data=data, set=("noise=0.4",))  # on one scene alone, so not in the mean
+    _, out, _ = made(pictures=False, reach="psnr=1")
+    name = "the mean over 2 scenes, scatter"
+    page = (out / "leaderboard.md").read_text().split("## Means over scenes against run time\n")[1]
+    assert "![PSNR against training time](curves/the_mean_over_2_scenes_scatter-refocus-v3-psnr.svg)" in page
+    assert (out / "curves" / "the_mean_over_2_scenes_scatter-refocus-v3-psnr.svg").is_file()
+    last = sum(end.curve[-1].scores["psnr"] for end in ends) / 2
+    front = [row for row in rows(out / "pareto.csv") if row["dataset"] == name and row["score"] == "psnr"]
+    assert max(float(row["value"]) for row in front) >= float(f"{last:.8g}") and {r["method"] for r in front} == {
+        "fake"
+    }
+    assert name not in {row["dataset"] for row in rows(out / "reach.csv")}  # a row there is of a run
+    html = (out / "report.html").read_text()
+    plots = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', html)[1])["plots"]
+    (mean,) = [one for one in plots if one["board"] == f"{name}, refocus-v3" and one["column"] == "psnr"]
+    (only,) = mean["series"]
+    assert only["runs"][0]["seed"] is None and only["runs"][0]["points"][-1][1] == float(f"{last:.6g}")
+    assert mean["board"] == plots[0]["board"] and mean["levels"] == [1]
+
+
 def test_a_board_without_pictures_has_none_and_links_none(call, made, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(curves, "PLOTTED", ("psnr",))
     call()

@@ -39,7 +39,7 @@ def report_page(view: ReportView) -> str:
     sections = [section for section in _sections(view, shown, notes) if section.html]
     if footnotes := notes_html(notes):
         sections.append(_Section("notes", "Notes", "Notes", footnotes))
-    plots = [curve.plot for board in view.boards for curve in board.curves]
+    plots = [curve.plot for curve in _curves(view)]
     parts = {
         "title": f"dofbench report: {escape(view.headline)}",
         "headline": escape(view.headline),
@@ -107,15 +107,21 @@ def _runs(view: ReportView, notes: Footnotes) -> str:
     )
 
 
+def _curves(view: ReportView) -> tuple[CurveView, ...]:
+    """All curves in the page's order, in which its script knows them too."""
+    return (*view.mean_curves, *(curve for board in view.boards for curve in board.curves))
+
+
 def _time(view: ReportView, notes: Footnotes) -> str:
-    curves = [curve for board in view.boards for curve in board.curves]
+    curves = _curves(view)
     if not curves:
         return ""
     tables = "".join(_curve(index, curve, notes) for index, curve in enumerate(curves))
     return f"""
 <p>One line per run, with a mark at every moment that was scored; several seeds are thin lines, and their median is a
-thick line in steps, because no score is interpolated. The broad grey line is the Pareto front; dotted lines are the
-levels of the table below.</p>
+thick line in steps, because no score is interpolated. A mean over scenes begins when each of them has a score, and
+takes the last one of each. The broad grey line is the Pareto front; dotted lines are the levels of the table
+below.</p>
 <div class="controls">
 <label>Dataset and protocol <select id="plot-board"></select></label>
 <label>Score <select id="plot-score"></select></label>
