@@ -329,8 +329,8 @@ def _scenes_by_method(
 
 
 def _silent(line: Line, shown: Sequence[str]) -> bool:
-    """Whether a line has none of these scores, and no failure instead of one."""
-    return all(line.cells[column].value is None and not line.cells[column].failure for column in shown)
+    """Whether a line has none of these scores, if there are any, and no failure instead of one."""
+    return bool(shown) and all(line.cells[column].value is None and not line.cells[column].failure for column in shown)
 
 
 def _absent(lines: Sequence[Line], shown: Sequence[str]) -> tuple[str, ...]:

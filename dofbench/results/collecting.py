@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,8 @@ from dofbench.results.run_spec import option_words
 @dataclass(frozen=True)
 class Entry:
     """One run. result: None when the process died before it could write one. added: scores computed later by `dofbench
-    score`, None without."""
+    score`, None without. choices: digest of all that preset and call chose (`Result.choices`), None where it isn't
+    known."""
 
     folder: Path
     spec: Spec
@@ -30,6 +31,7 @@ class Entry:
     message: str
     result: Result | None
     added: Added | None = None
+    choices: str | None = None
 
     @property
     def scores(self) -> dict[str, float]:
@@ -77,10 +79,11 @@ class Entry:
 
     @property
     def variant(self) -> tuple[str, ...]:
-        """The settings that runs must share to count as runs of one configuration with different seeds."""
+        """The settings that runs must share to count as runs of one configuration with different seeds, or on different
+        datasets, whatever a plan left out there."""
         spec = self.spec
-        # The options are compared besides the overrides, because --force-all changes options but no overrides.
-        chosen = canonical_json(spec.overrides), canonical_json(spec.options)
+        # The overrides alone don't tell: --force-all changes none of them. Options say less, as plans change them too.
+        chosen = canonical_json(spec.overrides), self.choices or canonical_json(spec.options)
         return spec.method, spec.preset, *chosen, spec.budget, spec.device, spec.code
 
 
@@ -123,7 +126,8 @@ def collect(*folders: Path) -> Collection:
             entries.append(entry_of(folder, result))
         except InputError as error:  # the added scores can't be read, but the result itself can
             unreadable.append(str(error))
-            entries.append(Entry(folder, result.spec, result.scene, result.status, result.message, result))
+            spec, choices = result.spec, result.choices
+            entries.append(Entry(folder, spec, result.scene, result.status, result.message, result, choices=choices))
     running: list[Path] = []
     for folder in dict.fromkeys(below for root in folders for below in leased_folders(root)):
         if at_work(folder):
@@ -140,8 +144,22 @@ def collect(*folders: Path) -> Collection:
     if not entries and not unreadable:
         where = ", ".join(map(str, folders))
         raise InputError(where, f"no {RESULT_FILE} in it or below", "results of `dofbench run`")
+    entries = _settled(entries)
     entries.sort(key=lambda entry: (*entry.board, *entry.variant, entry.spec.seed, entry.spec.key))
     return Collection(tuple(entries), tuple(unreadable), tuple(running), tuple(doubles))
+
+
+def _settled(entries: Sequence[Entry]) -> list[Entry]:
+    """The entries, those of runs that died with the choices of a run that differs from them in its seed alone."""
+    known = {_but_for_seed(entry): entry.choices for entry in entries if entry.choices is not None}
+    return [
+        entry if entry.result is not None else replace(entry, choices=known.get(_but_for_seed(entry)))
+        for entry in entries
+    ]
+
+
+def _but_for_seed(entry: Entry) -> str:
+    return canonical_json(entry.spec.model_dump(exclude={"seed"}))
 
 
 def _rank(result: Result) -> tuple[bool, bool]:
@@ -151,7 +169,8 @@ def _rank(result: Result) -> tuple[bool, bool]:
 
 def entry_of(folder: Path, result: Result) -> Entry:
     """The run that wrote this result into `folder`. Raises InputError when its added scores can't be read."""
-    return Entry(folder, result.spec, result.scene, result.status, result.message, result, read_added(folder))
+    added, choices = read_added(folder), result.choices
+    return Entry(folder, result.spec, result.scene, result.status, result.message, result, added, choices)
 
 
 def dead_entry(folder: Path) -> Entry | None:
@@ -193,27 +212,33 @@ def board_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], str]:
 def variant_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], tuple[str, str]]:
     """(method, preset) to show for each variant. If two variants would look alike, their left-out stages, budget,
     device or code is added to the preset."""
-    first = {variant: found[0] for variant, found in grouped(entries, "variant").items()}
-    names = {variant: (entry.spec.method, entry.preset) for variant, entry in first.items()}
-    details_of: tuple[Callable[[Sequence[Entry]], list[str]], ...] = (
+    members = grouped(entries, "variant")
+    names = {variant: (found[0].spec.method, found[0].preset) for variant, found in members.items()}
+    details_of: tuple[Callable[[Sequence[Sequence[Entry]]], list[str]], ...] = (
         _left_out_stages,
-        lambda those: [entry.spec.budget for entry in those],
-        lambda those: [entry.spec.device for entry in those],
-        lambda those: [f"code {entry.spec.code[-64:][:8]}" for entry in those],
+        lambda those: [found[0].spec.budget for found in those],
+        lambda those: [found[0].spec.device for found in those],
+        lambda those: [f"code {found[0].spec.code[-64:][:8]}" for found in those],
     )
     for detail in details_of:
         alike: dict[tuple[str, str], list[tuple[str, ...]]] = {}
         for variant, name in names.items():
             alike.setdefault(name, []).append(variant)
         for (method, preset), variants in alike.items():
-            details = dict(zip(variants, detail([first[variant] for variant in variants]), strict=True))
+            details = dict(zip(variants, detail([members[variant] for variant in variants]), strict=True))
             if len(set(details.values())) > 1:
                 names |= {variant: (method, f"{preset}, {details[variant]}") for variant in variants}
     return names
 
 
-def _left_out_stages(entries: Sequence[Entry]) -> list[str]:
-    """What the plan of each left out, but for stages that the plans of all left out."""
+def _left_out_stages(variants: Sequence[Sequence[Entry]]) -> list[str]:
+    """What the plan of each left out on a dataset that all were run on, but for stages that the plans of all left out;
+    nothing to tell them apart by where there is no such dataset."""
+    shared = set.intersection(*({entry.board for entry in found} for found in variants))
+    if not shared:
+        return [""] * len(variants)
+    board = min(shared)
+    entries = [next(entry for entry in found if entry.board == board) for found in variants]
     plans = [entry.result.plan["stages"] if entry.result else [] for entry in entries]
     absent = [[stage["name"] for stage in plan if not stage["runs"]] for plan in plans]
     planned = [set(names) for plan, names in zip(plans, absent, strict=True) if plan]

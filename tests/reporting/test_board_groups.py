@@ -73,6 +73,19 @@ def test_a_stage_that_all_leave_out_names_no_variant(plain, call, made) -> None:
     assert {row["preset"] for row in rows} == {"quick, lens left out", "quick, nothing else left out"}
 
 
+def test_a_stage_that_one_scene_does_not_need_makes_no_other_variant(plain, call, made, tmp_path: Path) -> None:
+    sharp = write_dataset(tmp_path / "sharp", name="ripples", in_focus=True)
+    found = [read_result(call(data=data).folder) for data in (tmp_path / "data", sharp)]
+    assert [one.plan["stages"][0]["runs"] for one in found] == [True, False]
+    call(data=sharp, force_all=True)
+    _, out, _ = made()
+    page = (out / "leaderboard.md").read_text()
+    means = {row["preset"]: row for row in table_rows(page, "Means over scenes, refocus-v3, scatter")}
+    mean = sum(one.scores["aif_psnr"] for one in found) / 2
+    assert means["quick, lens left out"]["all-in-focus PSNR [dB] ↑"] == f"{mean:.2f}"
+    assert {row["preset"] for row in table_rows(page, "ripples, refocus-v3")} - {""} == means.keys()
+
+
 def test_two_versions_of_a_dataset_never_share_a_table(plain, call, made, tmp_path: Path) -> None:
     first = read_result(call().folder).spec.dataset_checksum
     write_dataset(tmp_path / "data", test=3)

@@ -199,7 +199,7 @@ def test_curves_show_values_on_hover(opened: Page, made_report) -> None:
     )
     opened.mouse("moved", x, y)
     said = opened.run("document.getElementById('tip').textContent")
-    assert said.startswith("fake quick, nothing left out, seed 0")
+    assert said.startswith("fake quick, seed 0")
     assert f"PSNR {last.scores['psnr']:.2f} dB after {last.train_s:.1f} s" in said
     opened.mouse("moved", 1, 1)
     assert opened.run("document.getElementById('tip').hidden")

@@ -252,7 +252,11 @@ def test_a_run_that_died_is_a_row_and_one_at_work_is_not(plain, call, made, tmp_
         _, out, said = made()
     assert f"a run is at work there: {alive}" in said
     assert [(row["seed"], row["status"]) for row in rows(out / "leaderboard.csv")] == [("0", "ok"), ("7", "crashed")]
-    assert "started noon, and the process died" in (out / "leaderboard.md").read_text()
+    page = (out / "leaderboard.md").read_text()
+    assert "started noon, and the process died" in page
+    assert {row["seeds"] for row in table_rows(page, "waves, refocus-v3") if row["method"] == "fake"} == {
+        "0, 7 (n = 2)"
+    }
 
 
 def test_no_dataset_means_no_pictures_but_a_report(call, made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
