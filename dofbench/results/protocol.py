@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -122,7 +123,7 @@ def arithmetic_mean(values: Sequence[float]) -> float:
     try:
         return math.fsum(values) / len(values)
     except OverflowError:  # the sum alone is beyond float64
-        return math.fsum(value / len(values) for value in values)
+        return statistics.mean(values)  # by fractions
     except ValueError:  # infinities of both signs
         return math.nan
 

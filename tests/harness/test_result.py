@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from tolerances import FLOAT64_VALUE
 
@@ -209,6 +210,9 @@ def test_a_missing_result_is_one_line(tmp_path: Path) -> None:
 
 
 @given(st.lists(st.floats(), min_size=1, max_size=6))
+@example([sys.float_info.max] * 3)
+@example([sys.float_info.max] * 3 + [math.inf])
+@example([math.inf] + [-sys.float_info.max] * 3 + [-math.inf])
 def test_a_mean_leaves_no_value_out(values: list[float]) -> None:
     mean = arithmetic_mean(values)
     if any(math.isnan(value) for value in values) or {math.inf, -math.inf} <= set(values):
