@@ -126,6 +126,22 @@ def test_a_result_says_whether_the_frozen_preset_made_it(
     assert state_of("fake", "quick", None, budget) == "changed"
 
 
+def test_a_preset_that_changed_since_is_not_told_from_the_frozen_one_by_its_budget_alone(
+    checkout: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from fake_method import fake_run
+
+    freeze("fake", "quick")
+    frozen = (checkout / "fake" / "frozen.toml").read_text()
+    change(checkout, "[presets.quick]", "[presets.quick]\nnoise = 0.2")
+    card = (checkout / "fake" / "method.toml").read_text()
+    run = fake_run(tmp_path / "runs", monkeypatch)
+    (tmp_path / "runs" / "methods" / "fake" / "frozen.toml").write_text(frozen)
+    (tmp_path / "runs" / "methods" / "fake" / "method.toml").write_text(card)
+    result = read_result(run(budget="5it").folder)
+    assert state_of("fake", "quick", result.choices, result.spec.budget) == "changed"
+
+
 def test_a_changed_default_or_stage_is_another_preset() -> None:
     """With the real method: what its card doesn't say is part of what was chosen."""
     entry = find_method("dofgaussian")

@@ -73,6 +73,13 @@ def test_a_stage_that_all_leave_out_names_no_variant(plain, call, made) -> None:
     assert {row["preset"] for row in rows} == {"quick, lens left out", "quick, nothing else left out"}
 
 
+def test_scenes_that_no_method_shares_have_no_means(plain, call, made, tmp_path: Path) -> None:
+    call()
+    call(data=write_dataset(tmp_path / "other", name="ripples", seed=1), method="pinhole")
+    written, out, _ = made()
+    assert written and "No mean over 2 scenes: no row has a score on each of them." in (out / "report.html").read_text()
+
+
 def test_a_stage_that_one_scene_does_not_need_makes_no_other_variant(plain, call, made, tmp_path: Path) -> None:
     sharp = write_dataset(tmp_path / "sharp", name="ripples", in_focus=True)
     found = [read_result(call(data=data).folder) for data in (tmp_path / "data", sharp)]
