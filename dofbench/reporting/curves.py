@@ -71,8 +71,8 @@ def _figure(plot: Plot) -> Figure:
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter(NullFormatter())  # between them labels would overlap
-    # Below the plot, since options can make a label longer than the plot is wide
-    # long enough to tell dashes from dots and dashes
+    # Below the plot, since options can make a label longer than the plot is wide; its lines are long enough to tell
+    # dashes from dots and dashes.
     figure.legend(fontsize=8, loc="outside lower left", ncols=columns, handlelength=3.5)
     return figure
 

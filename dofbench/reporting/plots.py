@@ -41,9 +41,9 @@ class Plot:
 
     @property
     def title(self) -> str:
-        """The board's name and protocol, and the role of its scene where one is stated."""
-        role = ROLE_WORDS[self.role]
-        return ", ".join(filter(None, (self.dataset, self.protocol, "" if role in self.dataset else role)))
+        """The board's name and protocol, and the role of its scene where one is stated; of a mean its name has it."""
+        role = ROLE_WORDS[self.role] if self.scene else ""
+        return ", ".join(filter(None, (self.dataset, self.protocol, role)))
 
     @property
     def score(self) -> Column:

@@ -60,7 +60,10 @@ VIEW_COLUMNS = (
 
 def run_records(entries: tuple[Entry, ...]) -> Records:
     """One row per run. A cell is empty when the run lacks the score; the pages give the reason."""
-    rows = tuple({**who, **entry.scores} for entry, who in zip(entries, _identities(entries), strict=True))
+    rows = tuple(
+        {**who, **entry.scores, "frozen": frozen_state(entry)}
+        for entry, who in zip(entries, _identities(entries), strict=True)
+    )
     return Records("leaderboard.csv", (*IDENTITY, *FILE_SCORES, *added_columns(entries), *STANDING), rows)
 
 
@@ -131,7 +134,6 @@ def _identities(entries: tuple[Entry, ...]) -> list[dict[str, object]]:
             "status": str(entry.status),
             "role": roles[entry.board] or ROLE_NOT_STATED,
             "photographer": entry.result.photographer if entry.result else None,
-            "frozen": frozen_state(entry),
         }
         for entry in entries
     ]

@@ -41,7 +41,7 @@ def photographer_of(members: Iterable[Entry]) -> Photographer | None:
 def frozen_state(entry: Entry) -> State:
     """Whether the run was made by a frozen preset."""
     spec = entry.spec
-    return state_of(spec.method, spec.preset, entry.result.choices if entry.result else None, spec.budget)
+    return state_of(spec.method, spec.preset, entry.choices, spec.budget)
 
 
 def signs(role: Role | None, entries: Sequence[Entry]) -> str:

@@ -126,8 +126,7 @@ def collect(*folders: Path) -> Collection:
             entries.append(entry_of(folder, result))
         except InputError as error:  # the added scores can't be read, but the result itself can
             unreadable.append(str(error))
-            spec, choices = result.spec, result.choices
-            entries.append(Entry(folder, spec, result.scene, result.status, result.message, result, choices=choices))
+            entries.append(_entry(folder, result, None))
     running: list[Path] = []
     for folder in dict.fromkeys(below for root in folders for below in leased_folders(root)):
         if at_work(folder):
@@ -169,8 +168,11 @@ def _rank(result: Result) -> tuple[bool, bool]:
 
 def entry_of(folder: Path, result: Result) -> Entry:
     """The run that wrote this result into `folder`. Raises InputError when its added scores can't be read."""
-    added, choices = read_added(folder), result.choices
-    return Entry(folder, result.spec, result.scene, result.status, result.message, result, added, choices)
+    return _entry(folder, result, read_added(folder))
+
+
+def _entry(folder: Path, result: Result, added: Added | None) -> Entry:
+    return Entry(folder, result.spec, result.scene, result.status, result.message, result, added, result.choices)
 
 
 def dead_entry(folder: Path) -> Entry | None:

@@ -131,7 +131,8 @@
       for (const [t, v] of run.points) {
         svg.append(page.make("path", { d: shape(index, x(t), y(v), several ? 2.2 : 3.4), fill: colour(index),
           "fill-opacity": several ? 0.6 : 1 }));
-        marks.push({ t, v, index, series, who: run.seed === null ? series.name : `${series.name}, seed ${run.seed}`, line: `${index}/${run.seed}` });
+        const who = run.seed === null ? series.name : `${series.name}, seed ${run.seed}`; // null: a mean over scenes
+        marks.push({ t, v, index, series, who, line: `${index}/${run.seed}` });
       }
     }
     if (several) {

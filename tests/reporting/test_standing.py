@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -183,3 +184,6 @@ def test_a_run_that_died_has_the_role_of_its_board(
     dead = Entry(entry.folder, entry.spec, entry.scene, entry.status, "died", None)
     assert role_of([dead, entry]) == "development" and role_of([dead]) is None
     assert signs("development", [dead]) == "†" and signs("report", [dead]) == "‡"
+    freeze_fake(tmp_path)
+    assert signs("report", [entry]) == signs("report", [replace(dead, choices=entry.choices)]) == ""
+    assert signs("report", [dead]) == "§"  # nothing shows what it chose
