@@ -11,6 +11,7 @@ other code or on another GPU are made anew:
   which is reading and writing its tensors once at the bandwidth that was measured; and gsplat's rasteriser on the same
   Gaussians, where it can be imported.
 - cost: the rasteriser and the scatter over numbers of Gaussians, pixels and radii.
+- step: what a training step on each dataset is made of: its kernels, their launches, and what the host does meanwhile.
 - training: DoF-Gaussian on each dataset for 5 000 and for 30 000 steps: scores, time, pictures a second, memory.
 
 It needs what `pip install dofbench[gpu]` brings, and a GPU; no internet. Datasets are made before, on any machine
@@ -36,6 +37,7 @@ from gpu_call_sizes import model_calls
 from gpu_calls import CALLS, Call, Size, gaussians, gradients
 from gpu_page import page
 from gpu_peaks import GPUS, H200
+from gpu_step import step_parts
 from gpu_times import REPORT, predicted
 from rich.console import Console
 from torch import Tensor
@@ -67,8 +69,12 @@ class Settings:
     """No part begins after so many minutes."""
     steps: tuple[int, ...] = (5000, 30000)
     """Lengths of the trainings."""
-    preset: str | None = None
-    """Of the trainings; None for the default on a GPU."""
+    preset: str = "gpu"
+    """Of the trainings."""
+    warm: int = 2000
+    """Steps before the ones that are taken apart."""
+    profiled: int = 20
+    """Steps that are taken apart."""
     size: Size = Size()
     """Of the ops' calls."""
     counts: tuple[int, ...] = (10_000, 100_000, 1_000_000, 5_000_000)
@@ -209,6 +215,13 @@ def cost(settings: Settings) -> dict[str, Any]:
     return found
 
 
+def step(settings: Settings, data: Path) -> dict[str, Any]:
+    """What a step of DoF-Gaussian is made of."""
+    if not (data / MANIFEST).is_file():
+        return {"left_out": f"{data} is no dataset"}
+    return step_parts(data, "dofgaussian", settings.preset, DEVICE, settings.warm, settings.profiled)
+
+
 def training(settings: Settings, data: Path, steps: int) -> dict[str, Any]:
     """One run on a dataset, and how fast its model renders a test view."""
     if not (data / MANIFEST).is_file():
@@ -237,12 +250,15 @@ def training(settings: Settings, data: Path, steps: int) -> dict[str, Any]:
 
 
 def parts(settings: Settings) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
-    """Every part by its name, in the order in which they are made."""
-    for name, part in (("machine", machine), ("agreement", agreement), ("ops", ops), ("cost", cost)):
+    """Every part by its name, in the order in which they are made: what says most in the least time comes first."""
+    for name, part in (("machine", machine), ("ops", ops), ("agreement", agreement)):
         yield name, lambda part=part: part(settings)
     for data in settings.data:
-        for steps in settings.steps:
+        yield f"step {data.name}", lambda data=data: step(settings, data)
+    for steps in settings.steps:
+        for data in settings.data:
             yield f"training {data.name} {steps}", lambda data=data, steps=steps: training(settings, data, steps)
+    yield "cost", lambda: cost(settings)
 
 
 def measure(settings: Settings) -> dict[str, Any]:

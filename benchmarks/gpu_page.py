@@ -44,6 +44,9 @@ def page(found: dict[str, Any]) -> str:
             for value, one in values.items()
         ]
         lines += [*markdown_table(("varied", "", "forward [ms]", "with its gradient [ms]", "memory [MB]"), rows, 1), ""]
+    for name, one in parts.items():
+        if name.startswith("step ") and "step_ms" in one:
+            lines += [f"## A step on {name.removeprefix('step ')}", "", *_step(one), ""]
     trained = {name: one for name, one in parts.items() if name.startswith("training ")}
     if trained:
         keys = ("psnr", "aif_psnr", "delta_a", "delta_f", "train_s", "gaussians", "peak_mb", "fps", "fps_lens")
@@ -62,6 +65,19 @@ def page(found: dict[str, Any]) -> str:
 
 def _ops(part: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     return [(name, one) for name, one in part.items() if isinstance(one, dict)]
+
+
+def _step(one: dict[str, Any]) -> list[str]:
+    busy, step = one["gpu_ms"], one["step_ms"]
+    lines = [
+        f"{step:.3g} ms with {one['gaussians']} Gaussians; the GPU works {busy:.3g} ms of them, "
+        f"in {one['launches']:.0f} launches.",
+        "",
+    ]
+    for what, title in (("kernels", "on the GPU"), ("host", "by the host")):
+        rows = [(f"`{name[:80]}`", _number(took), _number(times)) for name, (took, times) in one[what].items()]
+        lines += [*markdown_table((title, "ms a step", "times a step"), rows[:20], 1), ""]
+    return lines
 
 
 def _times(op: str, one: dict[str, Any], rate: float | None) -> tuple[str, ...]:

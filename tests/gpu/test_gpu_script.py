@@ -43,8 +43,8 @@ def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 def toy(script: ModuleType, folder: Path) -> Any:
     """A picture of a few pixels, and a dataset of which one training takes two steps; another one isn't there."""
     return script.Settings(
-        out=folder, data=(folder / "waves", folder / "absent"), steps=(2,), preset="smoke", repeats=1,
-        size=toy_size(script),
+        out=folder, data=(folder / "waves", folder / "absent"), steps=(2,), preset="smoke", warm=1, profiled=1,
+        repeats=1, size=toy_size(script),
         counts=(4,), widths=(16,), radii=(1.0,),
     )  # fmt: skip
 
@@ -66,7 +66,9 @@ def test_every_part_runs_and_is_kept(
         assert script.main(toy(script, tmp_path)) == 0
     assert (tmp_path / "gpu.json").read_bytes() == kept  # nothing was measured again
     found, page = read_json(tmp_path / "gpu.json")["parts"], (tmp_path / "measured.md").read_text()
-    assert list(found) == ["machine", "agreement", "ops", "cost", "training waves 2", "training absent 2"]
+    assert list(found) == [
+        "machine", "ops", "agreement", "step waves", "step absent", "training waves 2", "training absent 2", "cost",
+    ]  # fmt: skip
     for op, largest in found["agreement"].items():
         if op != "seconds":
             assert largest["value"] < FLOAT32_VALUE and largest.get("gradient", 0) < FLOAT32_GRADIENT, op
@@ -90,10 +92,11 @@ def test_a_part_that_fails_is_named_and_the_others_go_on(
         raise ValueError("no such clock")
 
     clock = {"memory_gb": 80.0, "copy_gb_per_s": 1.0, "nvidia_smi": "nothing"}
-    monkeypatch.setattr(script, "machine", lambda settings: clock)
     monkeypatch.setattr(script, "agreement", fails)
     parts = script.parts
-    monkeypatch.setattr(script, "parts", lambda settings: list(parts(settings))[:2])
+    monkeypatch.setattr(
+        script, "parts", lambda settings: [one for one in parts(settings) if one[0] in ("machine", "agreement")]
+    )
     assert script.main(toy(script, tmp_path)) == 1
     assert "failed: agreement: ValueError: no such clock" in capsys.readouterr().err
     assert "**agreement failed**: ValueError: no such clock" in (tmp_path / "measured.md").read_text()

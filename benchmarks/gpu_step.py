@@ -1,0 +1,82 @@
+"""What a training step on a GPU is made of: its kernels, how often each is launched, and what the host does."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch.profiler import ProfilerActivity, profile
+
+from dofbench.core.budget import Budget
+from dofbench.dataset.dataset import Dataset
+from dofbench.gaussians.gaussian_method import GaussianMethod
+from dofbench.gaussians.trainer import Trainer
+from dofbench.running.method_cards import find_method
+
+MOST = 40  # kernels, and calls of the host, that are listed
+
+
+@dataclass
+class Watch:
+    """An observer that times `count` steps after `warm` ones, profiles as many again, and ends the training."""
+
+    warm: int
+    count: int
+    milliseconds: float = 0.0
+    profile: Any = field(default_factory=lambda: profile(activities=[ProfilerActivity.CPU, ProfilerActivity.CUDA]))
+    _began: float = 0.0
+
+    def seconds(self) -> float:
+        """No time is limited."""
+        return 0.0
+
+    def stage(self, name: str, done: int, total: int) -> None:
+        """Nothing is shown of it."""
+
+    def after_step(self, step: int, loss: float) -> bool:
+        """False behind the last step."""
+        if step == self.warm:
+            torch.cuda.synchronize()
+            self._began = time.perf_counter()
+        if step == self.warm + self.count:
+            torch.cuda.synchronize()
+            self.milliseconds = 1e3 * (time.perf_counter() - self._began) / self.count
+            self.profile.start()
+        if step == self.warm + 2 * self.count:
+            torch.cuda.synchronize()
+            self.profile.stop()
+            return False
+        return True
+
+
+def step_parts(data: Path, method_id: str, preset: str | None, device: str, warm: int, count: int) -> dict[str, Any]:
+    """Of a step of a Gaussian method: its time, the GPU's busy time, launches; and of every kernel and of the host's
+    calls their time, ms, and number in a step."""
+    entry, training_set = find_method(method_id), Dataset.load(data).training_set("shallow")
+    _, options, _ = entry.preset(preset)
+    method = entry.create(options, 0, device)
+    assert isinstance(method, GaussianMethod)
+    trainer = Trainer(training_set, method.options, 0, device)
+    watch = Watch(warm, count)
+    trainer.fit(Budget(steps=options["steps"]), watch)
+    kernels, calls = {}, {}
+    for event in watch.profile.key_averages():
+        if event.device_type == torch.autograd.DeviceType.CUDA:
+            kernels[event.key] = [event.self_device_time_total / 1e3 / count, event.count / count]
+        else:
+            calls[event.key] = [event.self_cpu_time_total / 1e3 / count, event.count / count]
+    return {
+        "gaussians": len(trainer.gaussians),
+        "step_ms": watch.milliseconds,
+        "gpu_ms": sum(took for took, _ in kernels.values()),
+        "launches": sum(number for _, number in kernels.values()),
+        "kernels": _longest(kernels),
+        "host": _longest(calls),
+    }
+
+
+def _longest(found: dict[str, list[float]]) -> dict[str, list[float]]:
+    return dict(sorted(found.items(), key=lambda one: -one[1][0])[:MOST])
