@@ -41,6 +41,7 @@ from gpu_step import step_parts
 from gpu_times import REPORT, predicted
 from rich.console import Console
 from torch import Tensor
+from torch.profiler import ProfilerActivity, profile
 
 from dofbench.core.budget import Budget
 from dofbench.core.files import read_json, write_json, write_text
@@ -54,6 +55,7 @@ from dofbench.running.method_cards import find_method
 from dofbench.running.one_run import run
 
 DEVICE = "cuda"
+CLOSE = 1e-5
 SCORES = ("psnr", "aif_psnr", "delta_a", "delta_f", "train_s", "gaussians")
 
 
@@ -100,6 +102,17 @@ def milliseconds(call: Callable[[], object], repeats: int) -> float:
     return statistics.median(times)
 
 
+def busy(call: Callable[[], object], repeats: int) -> float:
+    """How long the GPU works on a call, ms: the sum of its kernels' times, without the gaps between them."""
+    call()
+    torch.cuda.synchronize()
+    with profile(activities=[ProfilerActivity.CUDA]) as seen:
+        for _ in range(repeats):
+            call()
+        torch.cuda.synchronize()
+    return sum(event.self_device_time_total for event in seen.key_averages()) / 1e3 / repeats
+
+
 def machine(settings: Settings) -> dict[str, Any]:
     """The GPU and its memory."""
     words = ["nvidia-smi", "--query-gpu=driver_version,power.limit,clocks.max.sm", "--format=csv,noheader"]
@@ -123,19 +136,23 @@ def machine(settings: Settings) -> dict[str, Any]:
 
 
 def agreement(settings: Settings) -> dict[str, Any]:
-    """Largest differences from the CPU backend, over the largest magnitude."""
+    """Largest differences from the CPU backend, over the largest magnitude; and the share of the values that differ by
+    more than `CLOSE` of it, since rounding decides at a threshold, such as the least opacity that is drawn."""
     found = {}
     for name, make in CALLS.items():
         call = make(replace(settings.size, gaussians=min(settings.size.gaussians, 20_000)))
         here, there = (gradients(call, call.on(device)) for device in ("cpu", DEVICE))
-        found[name] = {"value": max(map(_difference, here[0], there[0]))}
-        if call.learns:
-            found[name]["gradient"] = max(map(_difference, here[1], there[1]))
+        found[name] = {}
+        for what, ours, theirs in zip(("value", "gradient"), here, there, strict=True):
+            if ours:
+                apart = torch.cat([_apart(*pair).flatten() for pair in zip(ours, theirs, strict=True)])
+                found[name] |= {what: float(apart.max()), f"{what}_share": float((apart > CLOSE).float().mean())}
     return found
 
 
-def _difference(here: Tensor, there: Tensor) -> float:
-    return float((there.cpu() - here).abs().max() / here.abs().max().clamp_min(1e-30))
+def _apart(here: Tensor, there: Tensor) -> Tensor:
+    here, there = here.detach().double(), there.detach().cpu().double()
+    return (there - here).abs() / here.abs().max().clamp_min(1e-30)
 
 
 def ops(settings: Settings) -> dict[str, Any]:
@@ -171,9 +188,11 @@ def _timed(call: Call, repeats: int) -> dict[str, float]:
     moved = 4 * sum(value.numel() for value in (*inputs, *values))
     with torch.no_grad():
         forward = milliseconds(lambda: call.run(*inputs), repeats)
-    found = {"forward_ms": forward, "forward_bytes": moved}
+        works = busy(lambda: call.run(*inputs), repeats)
+    found = {"forward_ms": forward, "forward_busy_ms": works, "forward_bytes": moved}
     if call.learns:
         found["both_ms"] = milliseconds(lambda: gradients(call, inputs), repeats)
+        found["both_busy_ms"] = busy(lambda: gradients(call, inputs), repeats)
         found["both_bytes"] = 2 * moved + 4 * sum(slope.numel() for slope in slopes)
     return found
 

@@ -26,13 +26,25 @@ def page(found: dict[str, Any]) -> str:
             "",
         ]
     if "agreement" in parts:
-        rows = [(op, *(_number(one.get(key)) for key in ("value", "gradient"))) for op, one in _ops(parts["agreement"])]
-        lines += ["## Beside the CPU backend", "", "Largest difference over the largest magnitude.", ""]
-        lines += [*markdown_table(("op", "value", "gradient"), rows, 1), ""]
+        keys = ("value", "value_share", "gradient", "gradient_share")
+        rows = [(op, *(_number(one.get(key)) for key in keys)) for op, one in _ops(parts["agreement"])]
+        lines += [
+            "## Beside the CPU backend",
+            "",
+            "Largest difference over the largest magnitude; the share of values that differ by more than 1e-5 of it.",
+            "",
+        ]
+        lines += [*markdown_table(("op", "value", "share", "gradient", "share"), rows, 1), ""]
     if "ops" in parts:
         rate = parts["machine"]["copy_gb_per_s"] if "machine" in parts else None
-        lines += ["## Ops", "", "A floor is reading and writing an op's tensors once.", ""]
-        each = ("floor [ms]", "model [ms]")
+        lines += [
+            "## Ops",
+            "",
+            "The time of a call that waits for its end; how long the GPU works on it; the floor, which is reading and "
+            "writing the op's tensors once; and the model's.",
+            "",
+        ]
+        each = ("works [ms]", "floor [ms]", "model [ms]")
         head = ("op", "forward [ms]", *each, "with its gradient [ms]", *each)
         lines += [*markdown_table(head, [_times(op, one, rate) for op, one in _ops(parts["ops"])], 1), ""]
     if "cost" in parts:
@@ -82,12 +94,12 @@ def _step(one: dict[str, Any]) -> list[str]:
 
 def _times(op: str, one: dict[str, Any], rate: float | None) -> tuple[str, ...]:
     if "left_out" in one:
-        return op, one["left_out"], *[""] * 5
+        return op, one["left_out"], *[""] * 7
     cells = []
     for what in ("forward", "both"):
         moved = one.get(f"{what}_bytes")
         floor = moved / rate / 1e6 if rate and moved else None
-        cells += [one.get(f"{what}_ms"), floor, one.get(f"{what}_model_ms")]
+        cells += [one.get(f"{what}_ms"), one.get(f"{what}_busy_ms"), floor, one.get(f"{what}_model_ms")]
     return op, *map(_number, cells)
 
 

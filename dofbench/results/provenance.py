@@ -83,13 +83,21 @@ def _threads(cores: int) -> int:
 def package_versions() -> dict[str, str]:
     """Installed versions of dofbench and of the packages that it depends on."""
     versions = {"dofbench": dofbench.__version__}
-    for requirement in importlib.metadata.requires("dofbench") or []:
+    for requirement in _requirements():
         name = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
         try:
             versions[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:  # an optional extra that isn't installed
             continue
     return dict(sorted(versions.items()))
+
+
+def _requirements() -> list[str]:
+    try:
+        return importlib.metadata.requires("dofbench") or []
+    except importlib.metadata.PackageNotFoundError:  # run from a checkout that isn't installed
+        project = tomllib.loads((Path(dofbench.__file__).parents[1] / "pyproject.toml").read_text())["project"]
+        return [*project["dependencies"], *project["optional-dependencies"]["gpu"]]
 
 
 def reset_peak_memory() -> None:
