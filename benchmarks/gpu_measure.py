@@ -87,6 +87,8 @@ class Settings:
     """Largest circles of confusion, pixels, whose cost is measured."""
     repeats: int = 20
     """Calls whose median is taken."""
+    only: tuple[str, ...] = ()
+    """Parts to make: those whose names begin so; all where nothing is said."""
 
 
 def milliseconds(call: Callable[[], object], repeats: int) -> float:
@@ -137,12 +139,14 @@ def machine(settings: Settings) -> dict[str, Any]:
 
 def agreement(settings: Settings) -> dict[str, Any]:
     """Largest differences from the CPU backend, over the largest magnitude; and the share of the values that differ by
-    more than `CLOSE` of it, since rounding decides at a threshold, such as the least opacity that is drawn."""
+    more than `CLOSE` of it, since rounding decides at a threshold, such as the least opacity that is drawn. repeats: 1
+    if a second call gives the same bits."""
     found = {}
     for name, make in CALLS.items():
         call = make(replace(settings.size, gaussians=min(settings.size.gaussians, 20_000)))
-        here, there = (gradients(call, call.on(device)) for device in ("cpu", DEVICE))
-        found[name] = {}
+        here, there, again = (gradients(call, call.on(device)) for device in ("cpu", DEVICE, DEVICE))
+        pairs = zip((*there[0], *there[1]), (*again[0], *again[1]), strict=True)
+        found[name] = {"repeats": int(all(torch.equal(*pair) for pair in pairs))}
         for what, ours, theirs in zip(("value", "gradient"), here, there, strict=True):
             if ours:
                 apart = torch.cat([_apart(*pair).flatten() for pair in zip(ours, theirs, strict=True)])
@@ -289,8 +293,10 @@ def measure(settings: Settings) -> dict[str, Any]:
         found = {**head, "commit": git_state(), "parts": {}}
     begun = time.monotonic()
     for name, make in parts(settings):
-        if name in found["parts"] or (time.monotonic() - begun) > 60 * settings.minutes:
+        if name in found["parts"] or not name.startswith(settings.only or ""):
             continue
+        if time.monotonic() - begun > 60 * settings.minutes:
+            break
         start = time.monotonic()
         try:
             done = make()

@@ -26,15 +26,16 @@ def page(found: dict[str, Any]) -> str:
             "",
         ]
     if "agreement" in parts:
-        keys = ("value", "value_share", "gradient", "gradient_share")
+        keys = ("value", "value_share", "gradient", "gradient_share", "repeats")
         rows = [(op, *(_number(one.get(key)) for key in keys)) for op, one in _ops(parts["agreement"])]
         lines += [
             "## Beside the CPU backend",
             "",
-            "Largest difference over the largest magnitude; the share of values that differ by more than 1e-5 of it.",
+            "Largest difference over the largest magnitude; the share of values that differ by more than 1e-5 of it; 1 "
+            "where a second call gives the same bits.",
             "",
         ]
-        lines += [*markdown_table(("op", "value", "share", "gradient", "share"), rows, 1), ""]
+        lines += [*markdown_table(("op", "value", "share", "gradient", "share", "same bits"), rows, 1), ""]
     if "ops" in parts:
         rate = parts["machine"]["copy_gb_per_s"] if "machine" in parts else None
         lines += [
@@ -82,7 +83,8 @@ def _ops(part: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
 def _step(one: dict[str, Any]) -> list[str]:
     busy, step = one["gpu_ms"], one["step_ms"]
     lines = [
-        f"{step:.3g} ms with {one['gaussians']} Gaussians; the GPU works {busy:.3g} ms of them, "
+        f"{step:.3g} ms, the longest {one['longest_ms']:.3g}, with {one['gaussians']} Gaussians; the GPU works "
+        f"{busy:.3g} ms of them, "
         f"in {one['launches']:.0f} launches.",
         "",
     ]

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from types import ModuleType
 from typing import Any
@@ -60,6 +61,7 @@ def kernels_device() -> str:
     return "cpu" if interpreted() else "cuda"
 
 
+@cache
 def kernels(module: str) -> ModuleType:
     """A module of Triton kernels, such as "tone.gpu_power". Raises InputError where Triton isn't installed."""
     try:
@@ -91,13 +93,46 @@ def launch(kernel: Any, grid: tuple[int, ...], *arguments: Any, warps: int = 4, 
     if _recorded is not None:
         one = _launch(kernel, arguments, constants, warps)
         _recorded[one] = _recorded.get(one, 0) + 1
-    with torch.cuda.device(first.device) if first.is_cuda else nullcontext():
+    if not first.is_cuda or first.device.index == torch.cuda.current_device():
         run(kernel, grid, arguments, constants, warps)
+    else:
+        with torch.cuda.device(first.device):
+            run(kernel, grid, arguments, constants, warps)
 
 
 def run(kernel: Any, grid: tuple[int, ...], arguments: Sequence[Any], constants: dict[str, Any], warps: int) -> None:
-    """Hand a launch over to Triton."""
-    kernel[grid](*arguments, **constants, num_warps=warps)
+    """Hand a launch over to Triton.
+
+    From the second such launch on to what Triton compiled for the first: for each launch Triton looks anew for what it
+    has compiled, which takes longer than most kernels do (reports/notes/gpu.md).
+    """
+    values = tuple(constants.values())
+    key = kernel, _device_of(arguments), warps, values, tuple([_kind(argument) for argument in arguments])
+    if (compiled := _compiled.get(key)) is not None:
+        compiled[(*grid, 1, 1)[:3]](*arguments, *values)
+        return
+    compiled = kernel[grid](*arguments, **constants, num_warps=warps)
+    # The interpreter compiles nothing. A compiled kernel takes constants too, in the order of the parameters.
+    if hasattr(compiled, "packed_metadata") and list(kernel.arg_names)[len(arguments) :] == list(constants):
+        _compiled[key] = compiled
+
+
+_compiled: dict[tuple[Any, ...], Any] = {}
+
+
+def _device_of(arguments: Sequence[Any]) -> int:
+    return next(argument.get_device() for argument in arguments if isinstance(argument, Tensor))
+
+
+def _kind(argument: Any) -> Any:
+    """What Triton's code for an argument depends on: a tensor's type, and whether it begins at a multiple of 16 bytes;
+    a whole number's range, and whether it is 1 or a multiple of 16."""
+    if isinstance(argument, Tensor):
+        return argument.dtype, argument.data_ptr() % 16 == 0
+    if type(argument) is int:
+        size = -(2**31) <= argument < 2**31, argument < 2**63
+        return argument == 1, argument % 16 == 0, size
+    return type(argument)
 
 
 @contextmanager

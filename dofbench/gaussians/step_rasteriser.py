@@ -109,6 +109,8 @@ class StepRasteriser:
 
 def summed(statistics: list[ViewStatistics]) -> ViewStatistics:
     """Statistics of several rasterisations of one photograph as those of one: their gradients are added."""
+    if len(statistics) == 1:
+        return statistics[0]
     whole = ViewStatistics(want_abs=statistics[0].want_abs)
     whole.visible = _stacked([one.visible for one in statistics]).any(dim=0)
     whole.radii = _stacked([one.radii for one in statistics]).amax(dim=0)

@@ -27,37 +27,52 @@ class NonFiniteError(FloatingPointError):
 
 
 class Watch:
-    """Answers, still on the device, to whether values were finite, in the order of the checks."""
+    """Answers, still on the device, to whether values were finite, in the order of the checks.
+
+    The tensors of a step are looked at together when the first answer is asked for: for each by itself the host would
+    take longer than the device needs for the rest of a step (reports/notes/gpu.md). Until then nothing may change them.
+    """
 
     def __init__(self) -> None:
         self._checks: list[tuple[Place, str, int]] = []
-        self._bad: list[Tensor] = []
+        self._waiting: list[Tensor] = []
+        self._largest: list[Tensor] = []
         self._any: Tensor | None = None
 
     def note(self, place: Place, tensor: Tensor, stage: str) -> None:
-        """Count the values that aren't finite, without waiting for the answer."""
-        bad = (~torch.isfinite(tensor.detach())).sum()
-        self._checks.append((place, stage, tensor.numel()))
-        self._bad.append(bad)
-        found = (bad > 0).float()
+        """Have the values looked at, without waiting for the answer."""
+        if tensor.numel():
+            self._checks.append((place, stage, tensor.numel()))
+            self._waiting.append(tensor.detach())
+
+    def _gather(self) -> None:
+        if not self._waiting:
+            return
+        # The largest magnitude is finite if and only if all values are.
+        largest = torch.stack(torch._foreach_norm(self._waiting, math.inf))
+        self._largest.append(largest)
+        self._waiting = []
+        found = (~torch.isfinite(largest)).any().float()
         self._any = found if self._any is None else torch.maximum(self._any, found)
 
     @property
     def found(self) -> Tensor | None:
         """A scalar on the device, 1 if any value so far wasn't finite, else 0; None before the first check there. It is
         what torch's fused optimisers take as `found_inf`."""
+        self._gather()
         return self._any
 
     def look(self) -> None:
         """Wait for the answers. Raises NonFiniteError for the first check that found a value that isn't finite."""
-        if not self._bad:
+        self._gather()
+        if not self._largest:
             return
-        counts = torch.stack(self._bad).tolist()
-        checks, self._checks, self._bad = self._checks, [], []
-        for (place, stage, size), bad in zip(checks, counts, strict=True):
-            if bad:
+        largest = torch.cat(self._largest).tolist()
+        checks, self._checks, self._largest = self._checks, [], []
+        for (place, stage, size), value in zip(checks, largest, strict=True):
+            if not math.isfinite(value):
                 self._any = None  # training may go on from an earlier state
-                raise place.error(stage, f"{bad} of {size} values" if size > 1 else f"{stage} isn't finite")
+                raise place.error(stage, f"some of {size} values" if size > 1 else f"{stage} isn't finite")
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ def softplus(x):
     return value, tl.where(x < 0.0, e, 1.0) / (1.0 + e)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["size"])
 def densities(
     flat, points, found, size, nx, ny, nz, shift,
     RANK: tl.constexpr, CHANNELS: tl.constexpr, BLOCK: tl.constexpr,
@@ -38,7 +38,7 @@ def densities(
     tl.store(found + p, value, mask=inside)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["size"])
 def optical_depths(
     flat, origins, directions, ray_of, places, lengths, optical, slopes, size, nx, ny, nz, shift,
     RANK: tl.constexpr, CHANNELS: tl.constexpr, BLOCK: tl.constexpr,

@@ -8,7 +8,7 @@ import triton.language as tl
 from .gpu_stencil import columns_of, line_of, product, rows_around, rows_of, three_of
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["size", "first", "total"])
 def products(
     flat, points, found, size, nx, ny, nz, first, total,
     RANK: tl.constexpr, CHANNELS: tl.constexpr, BLOCK: tl.constexpr,
@@ -25,7 +25,7 @@ def products(
     tl.store(to, value, mask=inside[:, None])
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["size", "first", "total"])
 def spread_products(
     flat, points, gradient, by_planes, by_lines, size, nx, ny, nz, first, total,
     RANK: tl.constexpr, CHANNELS: tl.constexpr, BLOCK: tl.constexpr,

@@ -8,7 +8,7 @@ import triton.language as tl
 from .gpu_stencil import three_of
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["size"])
 def harmonics(views, terms, size, COUNT: tl.constexpr, BLOCK: tl.constexpr):
     """terms: (R, COUNT), as in `reference.harmonics`."""
     ray = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
@@ -28,7 +28,7 @@ def harmonics(views, terms, size, COUNT: tl.constexpr, BLOCK: tl.constexpr):
         tl.store(to + 8, 0.5462742152960396 * (x * x - y * y), mask=inside)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["size"])
 def harmonics_backward(views, by_terms, by_views, size, COUNT: tl.constexpr, BLOCK: tl.constexpr):
     """by_views: (R, 3), from the gradient by the terms."""
     ray = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)

@@ -26,7 +26,7 @@ def first_line_cell(mode, nx, ny, nz):
     return (nx - 1) * (ny + nz - 2) + (ny - 1) * (nz - 1) + pick(mode, 0, nz - 1, nz + ny - 2)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["size", "nowhere"])
 def find_cells(
     origins, directions, ray_of, places, weights, cells, shares, size, nx, ny, nz, least_weight, nowhere,
     BLOCK: tl.constexpr,
@@ -54,7 +54,7 @@ def find_cells(
         tl.store(cells + (3 + mode) * size + s, tl.where(weight != 0.0, number, nowhere), mask=inside)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["size"])
 def add_to_planes(
     by_planes, order, first_in, shares, result, size, nx, ny, nz,
     NUMBERS: tl.constexpr, RANK: tl.constexpr, CHANNELS: tl.constexpr, NODES: tl.constexpr, EACH: tl.constexpr,
@@ -94,7 +94,7 @@ def add_to_planes(
     tl.store(result + n * RANK + channel[None, :], tl.sum(total, 1), mask=inside)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["size"])
 def add_in_line_cells(
     by_lines, order, first_in, shares, sums, size, nx, ny, nz,
     NUMBERS: tl.constexpr, RANK: tl.constexpr, CHANNELS: tl.constexpr, EACH: tl.constexpr,

@@ -31,7 +31,7 @@ def begin_and_end(starts, ray, size):
     return begin, tl.minimum(tl.load(starts + ray + 1), size).to(tl.int32)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["size"])
 def weigh(
     optical, places, starts, origins, directions, weights, behind, lit, counts, lost, results, size,
     least_weight,
@@ -86,7 +86,7 @@ def sigmoid(x):
     return 1.0 / (1.0 + tl.exp(-x))
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["size"])
 def shade(
     flat, lights, origins, directions, places, starts, counts, lit, weights, lost, colours, results, size,
     nx, ny, nz,
@@ -142,7 +142,7 @@ def weight_and_worth(gradient, weights, places, colours, s, inside, least_weight
     return weight, worth
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["size"])
 def weigh_backward(
     gradient, starts, counts, weights, behind, slopes, places, colours, by_feature, size, least_weight,
     BLOCK: tl.constexpr,

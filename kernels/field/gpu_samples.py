@@ -15,7 +15,7 @@ def cell_of(coordinate, cells):
     return tl.minimum((inside * cells).to(tl.int32), cells - 1)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["count"])
 def mark(
     origins, directions, spans, offsets, occupied, marks, counts, count, width, height, depth, BLOCK: tl.constexpr
 ):  # fmt: skip
@@ -41,7 +41,7 @@ def mark(
     tl.store(counts + ray, tl.where(nothing == 0.0, total, FAR_TOO_MANY))
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["count"])
 def fill(spans, offsets, marks, starts, places, steps, count, BLOCK: tl.constexpr):
     """places and steps of the marked steps, ray after ray."""
     ray = tl.program_id(0)

@@ -13,7 +13,7 @@ from .gpu_rays import begin_and_end
 from .gpu_stencil import columns_of, line_of, rows_around, rows_of
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["size", "part"])
 def spread(
     flat, lights, gradient, origins, directions, places, starts, counts, lit, weights, colours, by_feature,
     by_planes, by_lines, by_lights, by_rays, size, nx, ny, nz, part,

@@ -20,7 +20,7 @@ from dofbench.compute.raster import GEOMETRIES, Geometry, Raster, ViewStatistics
 from dofbench.core.cameras import Camera
 
 from .gpu_gradient import gradients
-from .gpu_inputs import Settings
+from .gpu_inputs import CHUNK, KEPT, TILE, Settings
 from .gpu_lists import project_and_list
 from .reference_arguments import check
 
@@ -60,7 +60,8 @@ def rasterize(
     settings = Settings(
         camera, degree, filter_2d, filter_2d_fades, near, level, filter_3d, background, None, means.device
     )
-    return Raster(*_Rasterize.apply(settings, statistics, blur, None, *parameters))
+    keep = _learns(blur, *parameters)
+    return Raster(*_Rasterize.apply(settings, statistics, keep, blur, None, *parameters))
 
 
 def rasterize_from_points(
@@ -96,13 +97,19 @@ def rasterize_from_points(
         raise ValueError(f"points: expected shape (P, 2), P at least 1, found {lens.shape}")
     degree = min(sh_degree, math.isqrt(sh_rest.shape[1] + 1) - 1)
     settings = Settings(camera, degree, filter_2d, filter_2d_fades, near, 0, filter_3d, background, lens, means.device)
-    images: Tensor = _Rasterize.apply(settings, statistics, blur, radius, *parameters)[0]
+    keep = _learns(blur, radius, *parameters)
+    images: Tensor = _Rasterize.apply(settings, statistics, keep, blur, radius, *parameters)[0]
     return images
+
+
+def _learns(*inputs: Tensor | None) -> bool:
+    """Whether a gradient may be asked for, which inside an autograd function nobody can tell."""
+    return torch.is_grad_enabled() and any(each is not None and each.requires_grad for each in inputs)
 
 
 class _Rasterize(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, settings, statistics, blur, radius, *parameters):
+    def forward(ctx, settings, statistics, keep, blur, radius, *parameters):
         lists = project_and_list(settings, blur, radius, parameters)
         pictures = (settings.views,) if settings.moved else ()
         size = (*pictures, settings.height, settings.width)
@@ -117,6 +124,10 @@ class _Rasterize(torch.autograd.Function):
         median_at, mean_inverse = image(2, dtype=torch.int32), image(3)
         tiles = settings.columns * settings.rows
         looked_at = lists.starts.new_empty(tiles * settings.views)
+        each = KEPT[settings.geometry] if keep else 0
+        kept = None
+        if keep:
+            kept = settings.view.new_empty(lists.ids.numel() // CHUNK + tiles * settings.views, each, TILE * TILE)
         color, alpha, depth, median, normal, distortion = outputs
         images = (color, alpha, depth, median, median_at, normal, distortion, mean_inverse)
         launch(
@@ -130,17 +141,19 @@ class _Rasterize(torch.autograd.Function):
             lists.ids,
             *(settings.view if each is None else each for each in images),
             looked_at,
+            settings.view if kept is None else kept,
             settings.width,
             settings.height,
             tiles,
             warps=_WARPS,
             GEOMETRY=settings.geometry,
             MOVED=settings.moved,
+            EACH=each,
         )
         if statistics is not None:
             statistics.visible, statistics.radii = lists.visible, lists.radii
         ctx.settings, ctx.statistics = settings, statistics
-        ctx.lists, ctx.blended = lists, (looked_at, median_at, mean_inverse)
+        ctx.lists, ctx.blended = lists, (looked_at, kept, median_at, mean_inverse)
         ctx.set_materialize_grads(False)
         ctx.save_for_backward(*parameters, blur, radius, *outputs)
         return tuple(outputs)
@@ -161,4 +174,4 @@ class _Rasterize(torch.autograd.Function):
             by_outputs,
             _LEVELS,
         )
-        return None, None, by_blur, by_radius, *by_parameters
+        return None, None, None, by_blur, by_radius, *by_parameters

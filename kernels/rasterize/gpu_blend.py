@@ -6,10 +6,19 @@ import triton
 import triton.language as tl
 
 from .gpu_layout import (
+    CHUNK,
     CX,
     CY,
     FX,
     FY,
+    K_DEPTHS,
+    K_FIRST,
+    K_LEFT,
+    K_NX,
+    K_ORIGIN,
+    K_RED,
+    K_SECOND,
+    K_WEIGHTS,
     L11,
     L21,
     L22,
@@ -22,6 +31,7 @@ from .gpu_layout import (
     MY,
     NEAR,
     NX,
+    PIXELS,
     POINTS,
     RECORD,
     RED,
@@ -32,8 +42,9 @@ from .gpu_layout import (
     TY,
 )
 
-# After so many Gaussians it is tested whether the whole tile is opaque.
+# After so many Gaussians it is tested whether the whole tile is opaque; a divisor of CHUNK.
 _TEST_EVERY = tl.constexpr(16)
+_AT_ONCE = tl.constexpr(4)
 
 
 @triton.jit
@@ -83,6 +94,20 @@ def cosine_of(view, column, row):
 
 
 @triton.jit
+def first_chunk(begin, place):
+    """The first chunk of a tile's list, which begins at `begin`: those of all tiles lie behind each other, and no tile
+    has to know how many chunks the others have. Their number is at most that of the intersections over CHUNK, and one
+    for each tile."""
+    return begin // CHUNK + place
+
+
+@triton.jit
+def pixels_within():
+    """Each of a tile's pixels by its number in the tile, (8, 32)."""
+    return tl.arange(0, STRIPS)[:, None] * LANES + tl.arange(0, LANES)[None, :]
+
+
+@triton.jit
 def blend(
     records,
     radius,
@@ -99,13 +124,17 @@ def blend(
     distortion,
     mean_inverse,
     looked_at,
+    kept,
     width,
     height,
     tiles,
     GEOMETRY: tl.constexpr,
     MOVED: tl.constexpr,
+    EACH: tl.constexpr,
 ):
     """Composite every tile, writing the images and how many Gaussians each tile processed.
+
+    kept: (chunks, EACH, 256), the sums before each chunk; where EACH is 0 none are kept, as no gradient is wanted.
 
     GEOMETRY: 0 for colour and alpha, 1 to add depth, 2 to add median depth and normals, 3 to add distortion; images
     beyond may be anything. median_at: the number in the tile's list, from 1, of the Gaussian with the median depth.
@@ -125,8 +154,28 @@ def blend(
     nx, ny, nz, origin, first_moment, second_moment = zero, zero, zero, zero, zero, zero
     k = begin
     while k < end:
+        if EACH > 0:  # noqa: SIM102  # known when it is compiled
+            if (k - begin) % CHUNK == 0:
+                chunk = first_chunk(begin, place) + (k - begin) // CHUNK
+                state = kept + chunk.to(tl.int64) * EACH * PIXELS + pixels_within()
+                tl.store(state + K_LEFT * PIXELS, left)
+                tl.store(state + K_RED * PIXELS, red)
+                tl.store(state + (K_RED + 1) * PIXELS, green)
+                tl.store(state + (K_RED + 2) * PIXELS, blue)
+                if GEOMETRY > 0:
+                    tl.store(state + K_WEIGHTS * PIXELS, weights)
+                    tl.store(state + K_DEPTHS * PIXELS, depths)
+                    if GEOMETRY > 1:
+                        tl.store(state + K_NX * PIXELS, nx)
+                        tl.store(state + (K_NX + 1) * PIXELS, ny)
+                        tl.store(state + (K_NX + 2) * PIXELS, nz)
+                        if GEOMETRY > 2:
+                            tl.store(state + K_ORIGIN * PIXELS, origin)
+                            tl.store(state + K_FIRST * PIXELS, first_moment)
+                            tl.store(state + K_SECOND * PIXELS, second_moment)
         stop = tl.minimum(k + _TEST_EVERY, end)
-        for j in range(k, stop):
+        # Unrolled, so that several Gaussians are asked for at once: a tile's time is mostly waiting for them.
+        for j in tl.range(k, stop, loop_unroll_factor=_AT_ONCE):
             i = tl.load(ids + j)
             record = records + i * RECORD
             mx, my = mean_of(record, radius, view, i, number, MOVED)

@@ -1,4 +1,7 @@
-"""Triton kernel of blending's gradient: one program for each tile, over its Gaussians, nearest first once more.
+"""Triton kernel of blending's gradient: one program for each chunk of a tile's list, nearest first once more.
+
+Where a chunk begins, the tile's sums are those that blending has kept. One program for a whole list had the GPU wait
+for the longest list, nine tenths of the time (reports/notes/gpu.md).
 
 The pixel's loss to first order is S = sum of weight times s over its Gaussians, plus the background's part, with
 s = colour . g_color + g_alpha' + t g_t + n . g_normal. The mean depth doesn't change when all weights are scaled, so
@@ -12,8 +15,17 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from .gpu_blend import cosine_of, exponent_at, mean_of, pixels_of, ray_length_at
+from .gpu_blend import cosine_of, exponent_at, first_chunk, mean_of, pixels_of, pixels_within, ray_length_at
 from .gpu_layout import (
+    CHUNK,
+    K_DEPTHS,
+    K_FIRST,
+    K_LEFT,
+    K_NX,
+    K_ORIGIN,
+    K_RED,
+    K_SECOND,
+    K_WEIGHTS,
     L11,
     L21,
     L22,
@@ -24,6 +36,7 @@ from .gpu_layout import (
     MIN_TRANSMITTANCE,
     NEAR,
     NX,
+    PIXELS,
     POINTS,
     QX,
     QXX,
@@ -55,6 +68,18 @@ def across(values):
 
 
 @triton.jit
+def tile_of(starts, chunk, tiles, STEPS: tl.constexpr):
+    """The last of `tiles` tiles whose first chunk isn't behind `chunk`. STEPS: binary digits of `tiles`."""
+    low, high = 0, tiles  # the tile lies from low on, and before high
+    for _ in range(STEPS):
+        middle = (low + high) // 2
+        before = (first_chunk(tl.load(starts + middle), middle) <= chunk) & (high - low > 1)
+        low = tl.where(before, middle, low)
+        high = tl.where(before | (high - low <= 1), high, middle)
+    return low
+
+
+@triton.jit
 def blend_backward(
     records,
     radius,
@@ -63,6 +88,7 @@ def blend_backward(
     ids,
     slots,
     looked_at,
+    kept,
     color,
     alpha,
     depth,
@@ -81,6 +107,9 @@ def blend_backward(
     width,
     height,
     tiles,
+    places,
+    EACH: tl.constexpr,
+    STEPS: tl.constexpr,
     LEVEL: tl.constexpr,
     MOVED: tl.constexpr,
     ABSOLUTE: tl.constexpr,
@@ -92,27 +121,37 @@ def blend_backward(
     zero before.
 
     slots: each intersection's place, since a Gaussian's lie beside each other there. used: bit k for the kth output's
-    gradient, which may be anything where the bit is 0. LEVEL: of geometry that the loss uses.
+    gradient, which may be anything where the bit is 0. LEVEL: of geometry that the loss uses. places: the tiles of all
+    pictures, STEPS binary digits. kept, EACH: see `gpu_blend.blend`.
     """
-    place = tl.program_id(0)
+    chunk = tl.program_id(0)
+    place = tile_of(starts, chunk, places, STEPS)
+    first = tl.load(starts + place)
+    end = first + tl.load(looked_at + place)
+    begin = first + (chunk - first_chunk(first, place)) * CHUNK
+    if begin >= end:
+        return
+    end = tl.minimum(end, begin + CHUNK)
     number = place // tiles
     column, row, inside, at = pixels_of(place - number * tiles, width, height)
     at = number.to(tl.int64) * width * height + at
     x, y = column.to(tl.float32) + 0.5, row.to(tl.float32) + 0.5
     near = tl.load(view + NEAR)
-    begin = tl.load(starts + place)
-    end = begin + tl.load(looked_at + place)
-
+    state = kept + chunk.to(tl.int64) * EACH * PIXELS + pixels_within()
     zero = tl.zeros((STRIPS, LANES), tl.float32)
-    left = tl.where(inside, 1.0, zero)
+    left = tl.load(state + K_LEFT * PIXELS)
     covered = tl.load(alpha + at, mask=inside, other=0.0)
     some = tl.where(covered > 0.0, covered, 1.0)
     g_red, g_green = given(g_color, 3 * at, inside, used, 0), given(g_color, 3 * at + 1, inside, used, 0)
     g_blue, to_alpha = given(g_color, 3 * at + 2, inside, used, 0), given(g_alpha, at, inside, used, 1)
     # What is left of the pixel's loss behind the Gaussians so far.
-    loss = to_alpha * covered + g_red * tl.load(color + 3 * at, mask=inside, other=0.0)
-    loss += g_green * tl.load(color + 3 * at + 1, mask=inside, other=0.0)
-    loss += g_blue * tl.load(color + 3 * at + 2, mask=inside, other=0.0)
+    loss = to_alpha * covered
+    loss += g_red * (tl.load(color + 3 * at, mask=inside, other=0.0) - tl.load(state + K_RED * PIXELS))
+    loss += g_green * (tl.load(color + 3 * at + 1, mask=inside, other=0.0) - tl.load(state + (K_RED + 1) * PIXELS))
+    loss += g_blue * (tl.load(color + 3 * at + 2, mask=inside, other=0.0) - tl.load(state + (K_RED + 2) * PIXELS))
+    before = 1.0 - left
+    if EACH > K_WEIGHTS:
+        before = tl.load(state + K_WEIGHTS * PIXELS)
     to_depth, to_median, to_nx, to_ny, to_nz, to_spread, mean = zero, zero, zero, zero, zero, zero, zero
     medians_at = tl.zeros((STRIPS, LANES), tl.int32)
     if LEVEL > 0:
@@ -120,14 +159,16 @@ def blend_backward(
         to_depth = given(g_depth, at, inside, used, 2) / some
         to_alpha -= to_depth * tl.load(depth + at, mask=inside, other=0.0)
         to_depth = to_depth * cosine
+        loss -= to_depth * tl.load(state + K_DEPTHS * PIXELS)
         if LEVEL > 1:
             to_median = given(g_median, at, inside, used, 3) * cosine
             medians_at = tl.load(median_at + at, mask=inside, other=0)
             to_nx, to_ny = given(g_normal, 3 * at, inside, used, 4), given(g_normal, 3 * at + 1, inside, used, 4)
             to_nz = given(g_normal, 3 * at + 2, inside, used, 4)
-            loss += to_nx * tl.load(normal + 3 * at, mask=inside, other=0.0)
-            loss += to_ny * tl.load(normal + 3 * at + 1, mask=inside, other=0.0)
-            loss += to_nz * tl.load(normal + 3 * at + 2, mask=inside, other=0.0)
+            towards = normal + 3 * at
+            loss += to_nx * (tl.load(towards, mask=inside, other=0.0) - tl.load(state + K_NX * PIXELS))
+            loss += to_ny * (tl.load(towards + 1, mask=inside, other=0.0) - tl.load(state + (K_NX + 1) * PIXELS))
+            loss += to_nz * (tl.load(towards + 2, mask=inside, other=0.0) - tl.load(state + (K_NX + 2) * PIXELS))
             if LEVEL > 2:
                 to_spread = given(g_distortion, at, inside, used, 5)
                 spread = tl.load(distortion + at, mask=inside, other=0.0)
@@ -135,10 +176,16 @@ def blend_backward(
                 to_alpha += to_spread * spread / some
                 to_spread = to_spread * covered / (cosine * cosine)
                 mean = tl.load(mean_inverse + at, mask=inside, other=0.0)
+                apart = mean - tl.load(state + K_ORIGIN * PIXELS)
+                moments = apart * apart * before - 2.0 * apart * tl.load(state + K_FIRST * PIXELS)
+                loss -= to_spread * (moments + tl.load(state + K_SECOND * PIXELS))
+    loss -= to_alpha * before
 
     lens_x, lens_y = tl.load(view + POINTS + 2 * number), tl.load(view + POINTS + 2 * number + 1)
+    following = tl.load(ids + begin)  # asked for one Gaussian ahead, since its record can't be before it is there
     for j in range(begin, end):
-        i = tl.load(ids + j)
+        i = following
+        following = tl.load(ids + j + 1, mask=j + 1 < end, other=0)
         record = records + i * RECORD
         mx, my = mean_of(record, radius, view, i, number, MOVED)
         dx, dy = x - mx, y - my
@@ -158,7 +205,7 @@ def blend_backward(
                 s += to_depth * held
                 g_t = weight * to_depth
                 if LEVEL > 1:
-                    g_t += tl.where(medians_at == j - begin + 1, to_median, 0.0)
+                    g_t += tl.where(medians_at == j - first + 1, to_median, 0.0)
                     s += to_nx * tl.load(record + NX) + to_ny * tl.load(record + NX + 1)
                     s += to_nz * tl.load(record + NX + 2)
                     tl.store(slot + S_NORMAL, tl.sum(across(weight * to_nx), 0))

@@ -52,7 +52,7 @@ def harmonics(x, y, z):
     )
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["n"])
 def color(
     means,
     sh_dc,
@@ -109,7 +109,7 @@ def direction_gradient(f, x, y, z, TERMS: tl.constexpr):
     return gx, gy, gz
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["n"])
 def color_backward(
     means,
     sh_rest,

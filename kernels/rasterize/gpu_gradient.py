@@ -153,12 +153,13 @@ def _blend_backward(
     """Write every intersection's contribution."""
     nothing = settings.view
     color, alpha, depth, _, normal, distortion = outputs
-    looked_at, median_at, mean_inverse = blended
+    looked_at, kept, median_at, mean_inverse = blended
+    assert kept is not None
     images = (color, alpha, depth, median_at, normal, distortion, mean_inverse)
     tiles = settings.columns * settings.rows
     launch(
         kernels("rasterize.gpu_blend_backward").blend_backward,
-        (tiles * settings.views,),
+        (kept.shape[0],),
         lists.records,
         nothing if radius is None else radius,
         settings.view,
@@ -166,6 +167,7 @@ def _blend_backward(
         lists.ids,
         lists.slots,
         looked_at,
+        kept,
         *(nothing if each is None else each for each in images),
         *(nothing if each is None else each.contiguous() for each in by_outputs),
         contributions,
@@ -173,8 +175,11 @@ def _blend_backward(
         settings.width,
         settings.height,
         tiles,
+        tiles * settings.views,
         # All pixels of a tile in one warp: sums over them need no memory that warps share, nor do warps wait.
         warps=1,
+        EACH=kept.shape[1],
+        STEPS=(tiles * settings.views).bit_length(),
         LEVEL=level,
         MOVED=settings.moved,
         ABSOLUTE=want_abs,

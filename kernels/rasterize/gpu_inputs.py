@@ -12,6 +12,8 @@ from .reference_arguments import NAMES
 
 TILE = 16  # pixels, width and height
 RECORD = 16  # floats that projection keeps of a Gaussian
+CHUNK = 64  # Gaussians of a tile's list that one program of blending's gradient goes through
+KEPT = (4, 6, 9, 12)  # numbers that blending keeps of a pixel before each chunk, for each level of geometry
 BAD = 2**31 - 1  # the number of tiles that stands for a Gaussian that can't be drawn, and so for an error
 
 # Places in `Settings.view`, one float32 each: the camera, the constants of the view, three zeros that are the colour of

@@ -48,7 +48,7 @@ from .gpu_layout import (
 )
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["n"])
 def project(
     means,
     log_scales,

@@ -64,7 +64,7 @@ def clamped(value, low, high):
     return tl.where(free, value, tl.where(value <= low, low, high)), free
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["n"])
 def project_backward(
     means,
     log_scales,

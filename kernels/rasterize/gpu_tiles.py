@@ -83,7 +83,7 @@ def columns_met(mx, my, l11, l21, l22, reach2, row, width, height):
     return first, tl.where(met, tl.where(met, last, 0.0).to(tl.int32) // TILE - first + 1, 0)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["n"])
 def count(records, radius, view, radii, visible, counts, n, views, MOVED: tl.constexpr, BLOCK: tl.constexpr):
     """How many tiles each Gaussian meets in each picture, and whether it is visible in any; one thread for each.
 
@@ -116,7 +116,7 @@ def count(records, radius, view, radii, visible, counts, n, views, MOVED: tl.con
     tl.store(radii + i, tl.where(shown != 0, size, 0.0), mask=inside)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["total", "entries", "steps"])
 def fill(
     records,
     radius,

@@ -103,6 +103,19 @@ def test_opaque_tiles_stop_early() -> None:
     assert looked_at.shape == (4,) and int(looked_at.max()) < 24
 
 
+@pytest.mark.parametrize(
+    "geometry, count, opacity",
+    [("none", 131, 0.02), ("depth", 128, 0.01), ("full", 131, 0.02), ("distortion", 192, 0.06)],
+)
+def test_the_gradient_goes_on_from_chunk_to_chunk(geometry: str, count: int, opacity: float) -> None:
+    """Lists of several chunks of 64 Gaussians, that end with a chunk or within one; the last becomes opaque before."""
+    of_scene = {name: scene(count, 5)[name] for name in ("quaternions", "sh_dc")}
+    gaussians = facing(torch.linspace(4, 8, count).tolist(), opacity) | of_scene
+    gaussians["log_scales"] = torch.tensor([0.5, 0.0, -1.0]).repeat(count, 1)
+    outputs, _, _ = assert_agree(gaussians, camera=FRONTAL, geometry=geometry)
+    assert int(outputs.color.grad_fn.blended[0].max()) > 64
+
+
 def test_equal_depths_are_blended_in_the_order_of_their_numbers() -> None:
     outputs, _, _ = assert_agree(facing([3.0] * 9), camera=FRONTAL, geometry="full")
     assert outputs.alpha.min() > 0.9
