@@ -11,6 +11,7 @@ from typing import Any
 import torch
 from torch.profiler import ProfilerActivity, profile
 
+from dofbench.compute.device_host import feeding
 from dofbench.core.budget import Budget
 from dofbench.dataset.dataset import Dataset
 from dofbench.gaussians.gaussian_method import GaussianMethod
@@ -66,7 +67,8 @@ def step_parts(data: Path, method_id: str, preset: str | None, device: str, warm
     assert isinstance(method, GaussianMethod)
     trainer = Trainer(training_set, method.options, 0, device)
     watch = Watch(warm, count)
-    trainer.fit(Budget(steps=options["steps"]), watch)
+    with feeding(device):  # as a run does
+        trainer.fit(Budget(steps=options["steps"]), watch)
     kernels, calls = {}, {}
     for event in watch.profile.key_averages():
         if event.key.startswith("Optimizer."):  # a remark of torch's that spans kernels

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, replace
 
 from rich.console import Console
 
+from dofbench.compute.device_host import feeding
 from dofbench.core.budget import Budget
 from dofbench.core.clock import StageTimes, timestamp
 from dofbench.core.contracts import Decision, FitOutcome, Method, TrainingSet
@@ -140,7 +141,7 @@ class Execution:
         with self.progress(self.console, self.budget) as progress:
             observer = TrainingObserver(self.budget, clock, evaluating, self.evaluator.quick, progress)
             self.observer = observer
-            with clock.running():
+            with clock.running(), feeding(self.spec.device):
                 outcome = self.method.fit(training_set, self.budget, observer)
         # The end alone is seen of a training elsewhere, so its first step says nothing about the budget.
         failure = None if self.entry.card.elsewhere else observer.failure()

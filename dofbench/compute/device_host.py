@@ -1,0 +1,31 @@
+"""What the host does beside the work that it hands to a device: as little as can be, while a training runs."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import torch
+
+from dofbench.compute.devices import kind_of
+
+
+@contextmanager
+def feeding(device: str) -> Iterator[None]:
+    """A block in which a training on this device runs; on the CPU nothing changes.
+
+    A step on a GPU takes as long as the host needs to hand over some hundreds of kernels. torch runs backward passes in
+    a thread of their own for each device, and both threads then wait for Python's lock: in one thread a step takes four
+    fifths of the time. Python's garbage collector walks through everything that was imported; what there is when the
+    block begins is left to it afterwards (reports/notes/gpu.md has both measured).
+    """
+    if kind_of(device) == "cpu":
+        yield
+        return
+    gc.freeze()
+    try:
+        with torch.autograd.set_multithreading_enabled(False):
+            yield
+    finally:
+        gc.unfreeze()
