@@ -1,4 +1,4 @@
-"""What a GPU makes of it, in one go: gpu.json and measured.md.
+"""What a GPU makes of it, in one go: gpu.json, measured.csv and measured.md.
 
     python benchmarks/gpu_measure.py --out reports/gpu --data data/fern data/foliage-1008
 
@@ -35,7 +35,7 @@ import torch
 import tyro
 from gpu_call_sizes import model_calls
 from gpu_calls import CALLS, Call, Size, gaussians, gradients
-from gpu_page import page
+from gpu_page import COLUMNS, floors, numbers, page
 from gpu_peaks import GPUS, H200
 from gpu_step import step_parts
 from gpu_times import REPORT, predicted
@@ -47,6 +47,7 @@ from dofbench.core.budget import Budget
 from dofbench.core.files import read_json, write_json, write_text
 from dofbench.core.lens import PhysicalLens
 from dofbench.dataset.schema import MANIFEST
+from dofbench.reporting.csv_writer import write_csv
 from dofbench.results.provenance import code_version, git_state, package_versions
 from dofbench.results.result import read_result
 from dofbench.results.run_spec import Run
@@ -319,6 +320,9 @@ def main(settings: Settings) -> int:
         return 2
     found = measure(settings)
     write_text(settings.out / "measured.md", page(found))
+    parts = {**found["parts"], "floors": floors(found["parts"])}
+    rows = [row for part, made in parts.items() for row in numbers(part, made)]
+    write_csv(settings.out / "measured.csv", COLUMNS, rows)
     for name, problem in found.get("failed", {}).items():
         print(f"failed: {name}: {problem}", file=sys.stderr)
     return 1 if found.get("failed") else 0

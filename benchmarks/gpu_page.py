@@ -1,10 +1,36 @@
-"""The page of what `gpu_measure.py` measured: measured.md."""
+"""The page of what `gpu_measure.py` measured, measured.md, and its numbers as a table, measured.csv."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from dofbench.reporting.markdown_writer import markdown_table
+
+COLUMNS = ("part", "name", "value")
+
+
+def numbers(part: str, found: Any, name: str = "") -> Iterator[dict[str, Any]]:
+    """The rows of measured.csv: every number of a part, by its place there."""
+    if isinstance(found, dict):
+        for key, value in found.items():
+            yield from numbers(part, value, f"{name} / {key}" if name else key)
+    elif isinstance(found, list):
+        for place, value in enumerate(found):
+            yield from numbers(part, value, f"{name} / {place}")
+    elif isinstance(found, int | float):
+        yield dict(zip(COLUMNS, (part, name, found), strict=True))
+
+
+def floors(parts: dict[str, Any]) -> dict[str, dict[str, float]]:
+    """Of every op the time, ms, of reading and writing its tensors once, at the bandwidth that was measured."""
+    if "machine" not in parts or "ops" not in parts:
+        return {}
+    rate = 1e6 * parts["machine"]["copy_gb_per_s"]
+    return {
+        op: {what: one[f"{what}_bytes"] / rate for what in ("forward", "both") if f"{what}_bytes" in one}
+        for op, one in _ops(parts["ops"])
+    }
 
 
 def page(found: dict[str, Any]) -> str:
@@ -37,7 +63,7 @@ def page(found: dict[str, Any]) -> str:
         ]
         lines += [*markdown_table(("op", "value", "share", "gradient", "share", "same bits"), rows, 1), ""]
     if "ops" in parts:
-        rate = parts["machine"]["copy_gb_per_s"] if "machine" in parts else None
+        least = floors(parts)
         lines += [
             "## Ops",
             "",
@@ -47,7 +73,7 @@ def page(found: dict[str, Any]) -> str:
         ]
         each = ("works [ms]", "floor [ms]", "model [ms]")
         head = ("op", "forward [ms]", *each, "with its gradient [ms]", *each)
-        lines += [*markdown_table(head, [_times(op, one, rate) for op, one in _ops(parts["ops"])], 1), ""]
+        lines += [*markdown_table(head, [_times(op, one, least.get(op, {})) for op, one in _ops(parts["ops"])], 1), ""]
     if "cost" in parts:
         lines += ["## What it costs", ""]
         rows = [
@@ -94,14 +120,12 @@ def _step(one: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _times(op: str, one: dict[str, Any], rate: float | None) -> tuple[str, ...]:
+def _times(op: str, one: dict[str, Any], floor: dict[str, float]) -> tuple[str, ...]:
     if "left_out" in one:
         return op, one["left_out"], *[""] * 7
     cells = []
     for what in ("forward", "both"):
-        moved = one.get(f"{what}_bytes")
-        floor = moved / rate / 1e6 if rate and moved else None
-        cells += [one.get(f"{what}_ms"), one.get(f"{what}_busy_ms"), floor, one.get(f"{what}_model_ms")]
+        cells += [one.get(f"{what}_ms"), one.get(f"{what}_busy_ms"), floor.get(what), one.get(f"{what}_model_ms")]
     return op, *map(_number, cells)
 
 

@@ -8,9 +8,10 @@ otherwise.
 from __future__ import annotations
 
 from gpu_peaks import SORT_SHARE, WAIT, Gpu
-from gpu_sizes import LENS_POINTS, Sizes
+from gpu_sizes import LENS_POINTS, TILE, Sizes
 from gpu_work import Kernel, Loop, Op, OtherWork, blocks, loaded, sorted_bytes, stored
 
+CHUNK = 64  # Gaussians of a list that one program of blending's gradient goes through
 SLOT = 14  # numbers of an intersection's contribution to the gradient: three for depth or for points, two absolute
 
 _CENTRE = {"FADES": True, "FILTERED": True, "BLURRED": False, "MOVED": False}
@@ -20,7 +21,14 @@ _GAUSSIANS = blocks(lambda s: s.gaussians, 128)
 _LIST = lambda s: s.followed / s.tiles  # noqa: E731
 _LONGEST = lambda s: s.longest_list  # noqa: E731
 _BLENDED = Loop("MUFU", 2, _LIST), Loop("SHFL", 10, lambda s: s.followed / s.tiles / 16)
-_BLENDED_BACK = (Loop("MUFU", 16, _LIST, lambda s: s.taken),)
+_CHUNKS = lambda s: s.followed / CHUNK + s.tiles / 2  # noqa: E731  # that hold any: a list's last is half full
+_ALL_CHUNKS = lambda s: s.pairs / CHUNK + s.tiles  # noqa: E731
+_ENTERED = lambda s: _CHUNKS(s) / _ALL_CHUNKS(s)  # noqa: E731
+_FULL = lambda s: CHUNK * _CHUNKS(s) / s.followed  # noqa: E731  # a full chunk's passes over the mean
+_BLENDED_BACK = (
+    Loop("MUFU", 16, lambda s: s.followed / _CHUNKS(s), lambda s: s.taken),
+    Loop("LDG", 1, lambda s: int(s.points * s.tiles).bit_length(), exact=True),  # the bisection for a chunk's tile
+)
 # The bisection for an intersection's Gaussian, and the rows of tiles that it meets.
 _FILLED = (
     Loop("LDG", 2, lambda s: int(s.points * s.gaussians).bit_length(), exact=True),
@@ -31,6 +39,16 @@ _FILLED = (
 def records(s: Sizes, gpu: Gpu) -> float:
     """Bytes of records that blending reads: each once, or for every entry of the lists."""
     return 64 * (s.seen if 64 * s.seen <= gpu.l2 else max(s.seen, s.followed))
+
+
+def kept(s: Sizes, numbers: int) -> float:
+    """Bytes of the sums of all pixels before each chunk."""
+    return _CHUNKS(s) * TILE * TILE * 4 * numbers
+
+
+def images(s: Sizes, channels: int) -> float:
+    """Bytes of images that each chunk reads of its tile."""
+    return _CHUNKS(s) * TILE * TILE * 4 * channels
 
 
 def key(s: Sizes) -> int:
@@ -85,13 +103,13 @@ FROM_CENTRE = Op(
         ),
         Kernel(
             "rasterize", "blend", "blend forward", False, _TILES,
-            lambda s, gpu: records(s, gpu) + 4 * s.followed + s.pixels * (12 + 4 + 4),
+            lambda s, gpu: records(s, gpu) + 4 * s.followed + s.pixels * (12 + 4 + 4) + kept(s, 6),
             {"GEOMETRY": 1, "MOVED": False}, _BLENDED, longest=_LONGEST,
         ),
         Kernel(
-            "rasterize", "blend_backward", "blend backward", True, _TILES,
-            lambda s, gpu: records(s, gpu) + s.followed * (12 + 4 * SLOT * s.taken) + s.pixels * 2 * (12 + 4 + 4),
-            {"LEVEL": 1, "MOVED": False, "ABSOLUTE": True}, _BLENDED_BACK, longest=_LONGEST,
+            "rasterize", "blend_backward", "blend backward", True, _ALL_CHUNKS,
+            lambda s, gpu: records(s, gpu) + s.followed * (12 + 4 * SLOT * s.taken) + kept(s, 6) + images(s, 2 * 5),
+            {"LEVEL": 1, "MOVED": False, "ABSOLUTE": True}, _BLENDED_BACK, longest=_FULL, entered=_ENTERED,
         ),
         _SUM_SLOTS,
         Kernel(
@@ -127,14 +145,15 @@ FROM_POINTS = Op(
         ),
         Kernel(
             "rasterize", "blend", "blend forward", False, _TILES,
-            lambda s, gpu: records(s, gpu) + 4 * s.seen + 4 * s.followed + s.points * s.pixels * (12 + 4),
+            lambda s, gpu: records(s, gpu) + 4 * s.seen + 4 * s.followed + s.points * s.pixels * (12 + 4) + kept(s, 4),
             {"GEOMETRY": 0, "MOVED": True}, _BLENDED, longest=_LONGEST, variant="points",
         ),
         Kernel(
-            "rasterize", "blend_backward", "blend backward", True, _TILES,
-            lambda s, gpu: records(s, gpu) + 4 * s.seen + s.followed * (12 + 4 * SLOT * s.taken)
-            + s.points * s.pixels * (12 + 12 + 4),
-            {"LEVEL": 0, "MOVED": True, "ABSOLUTE": True}, _BLENDED_BACK, longest=_LONGEST, variant="points",
+            "rasterize", "blend_backward", "blend backward", True, _ALL_CHUNKS,
+            lambda s, gpu: records(s, gpu) + 4 * s.seen + s.followed * (12 + 4 * SLOT * s.taken) + kept(s, 4)
+            + images(s, 3 + 3 + 1),
+            {"LEVEL": 0, "MOVED": True, "ABSOLUTE": True}, _BLENDED_BACK, longest=_FULL, entered=_ENTERED,
+            variant="points",
         ),
         _SUM_SLOTS,
         Kernel(

@@ -68,10 +68,10 @@ def across(values):
 
 
 @triton.jit
-def tile_of(starts, chunk, tiles, STEPS: tl.constexpr):
-    """The last of `tiles` tiles whose first chunk isn't behind `chunk`. STEPS: binary digits of `tiles`."""
+def tile_of(starts, chunk, tiles, steps):
+    """The last of `tiles` tiles whose first chunk isn't behind `chunk`. steps: binary digits of `tiles`."""
     low, high = 0, tiles  # the tile lies from low on, and before high
-    for _ in range(STEPS):
+    for _ in range(steps):
         middle = (low + high) // 2
         before = (first_chunk(tl.load(starts + middle), middle) <= chunk) & (high - low > 1)
         low = tl.where(before, middle, low)
@@ -108,8 +108,8 @@ def blend_backward(
     height,
     tiles,
     places,
+    steps,
     EACH: tl.constexpr,
-    STEPS: tl.constexpr,
     LEVEL: tl.constexpr,
     MOVED: tl.constexpr,
     ABSOLUTE: tl.constexpr,
@@ -122,10 +122,10 @@ def blend_backward(
 
     slots: each intersection's place, since a Gaussian's lie beside each other there. used: bit k for the kth output's
     gradient, which may be anything where the bit is 0. LEVEL: of geometry that the loss uses. places: the tiles of all
-    pictures, STEPS binary digits. kept, EACH: see `gpu_blend.blend`.
+    pictures, `steps` binary digits. kept, EACH: see `gpu_blend.blend`.
     """
     chunk = tl.program_id(0)
-    place = tile_of(starts, chunk, places, STEPS)
+    place = tile_of(starts, chunk, places, steps)
     first = tl.load(starts + place)
     end = first + tl.load(looked_at + place)
     begin = first + (chunk - first_chunk(first, place)) * CHUNK

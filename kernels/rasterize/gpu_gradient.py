@@ -176,10 +176,10 @@ def _blend_backward(
         settings.height,
         tiles,
         tiles * settings.views,
+        (tiles * settings.views).bit_length(),
         # All pixels of a tile in one warp: sums over them need no memory that warps share, nor do warps wait.
         warps=1,
         EACH=kept.shape[1],
-        STEPS=(tiles * settings.views).bit_length(),
         LEVEL=level,
         MOVED=settings.moved,
         ABSOLUTE=want_abs,

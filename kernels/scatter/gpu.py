@@ -23,7 +23,7 @@ _WINDOWS = {"FINE": 4, "COARSE": 16}
 _BLOCK = 512
 _CHUNKS = 64
 # A tile whose light comes from or goes at least this far, pixels, has the linear form. By instructions of the compiled
-# kernels it is the shorter one, both ways together, from there on (reports/notes/gpu.md); no GPU has told yet.
+# kernels it is the shorter one, both ways together, from there on (reports/notes/gpu.md), which no GPU has confirmed.
 _FROM = {"auto": 24.0, "direct": math.inf, "linear": 0.0}
 # Of the largest image values a highlight is told by this multiple of the mean, as on the CPU (cpu_pack.py).
 _BRIGHT = math.e * 4.0
