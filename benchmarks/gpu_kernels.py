@@ -167,8 +167,8 @@ def page(rows: list[Row], reasons: dict[str, Any]) -> str:
         "",
         f"Compiled ahead of time, on a machine without a GPU: {len(rows)} kernels in all configurations of training, "
         f"of which {sum(row.spilled > 0 for row in rows)} spill and {sum(row.occupancy < LOW for row in rows)} have "
-        "less than half occupancy. Nothing here was run on a GPU. All rows: [kernels.csv](kernels.csv); of each kernel "
-        "here the configuration with the most registers.",
+        "less than half occupancy. Nothing here was run on a GPU; [what was](measured.md). All rows: "
+        "[kernels.csv](kernels.csv); of each kernel here the configuration with the most registers.",
         "",
         "| op | kernel | architecture | warps | registers | spilled [B] | shared [B] | occupancy |",
         "| :--- | :--- | ---: | ---: | ---: | ---: | ---: | ---: |",

@@ -20,6 +20,8 @@ INTRODUCTION = """# How long the GPU's kernels would take
 A model, not a measurement: **nothing here was run on a GPU.** It weighs the published peak figures of three GPUs
 against what each kernel has to do, and says what it would wait for. A real GPU doesn't reach its peaks, so times are
 rather too short; which kernel dominates, and why, is what the model is for. All {count} Triton kernels are in it.
+The host that hands over the launches is not, and on an H200 a training step of this size took several times as long for
+its sake ([measured](measured.md), [notes](../notes/gpu.md)).
 
 A kernel takes as long as the slowest of
 

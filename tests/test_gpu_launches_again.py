@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
@@ -56,6 +57,7 @@ VALUES = torch.zeros(64)
         ({"count": 1}, 2),
         ({"count": 2**31 + 5}, 2),
         ({"count": 2**63 + 5}, 2),
+        ({"count": np.int64(37)}, 2),
         ({"rate": 0.7}, 1),
         ({"rate": 1}, 2),
         ({"BLOCK": 32}, 2),
@@ -90,3 +92,10 @@ def test_constants_in_another_order_go_through_triton() -> None:
     for _ in range(2):
         gpu_launch.launch(kernel, (1,), VALUES, FIRST=1, SECOND=2)
     assert len(kernel.made) == 3 and kernel.made[2].launches == [((1, 1, 1), VALUES, 1, 2)]
+
+
+def test_each_number_of_a_type_that_is_not_known_is_its_own() -> None:
+    kernel = Kernel()
+    for count in (np.int64(37), np.int64(1), np.int64(37)):
+        gpu_launch.launch(kernel, (1,), VALUES, count, 0.5, BLOCK=64)
+    assert len(kernel.made) == 2 and len(kernel.made[0].launches) == 1

@@ -49,6 +49,7 @@ class Launch:
 
 
 _recorded: dict[Launch, int] | None = None
+_compiled: dict[tuple[Any, ...], Any] = {}
 
 
 def interpreted() -> bool:
@@ -117,22 +118,19 @@ def run(kernel: Any, grid: tuple[int, ...], arguments: Sequence[Any], constants:
         _compiled[key] = compiled
 
 
-_compiled: dict[tuple[Any, ...], Any] = {}
-
-
 def _device_of(arguments: Sequence[Any]) -> int:
     return next(argument.get_device() for argument in arguments if isinstance(argument, Tensor))
 
 
 def _kind(argument: Any) -> Any:
     """What Triton's code for an argument depends on: a tensor's type, and whether it begins at a multiple of 16 bytes;
-    a whole number's range, and whether it is 1 or a multiple of 16."""
+    a whole number's range, and whether it is 1 or a multiple of 16; nothing of a float. Of anything else its value."""
     if isinstance(argument, Tensor):
         return argument.dtype, argument.data_ptr() % 16 == 0
     if type(argument) is int:
         size = -(2**31) <= argument < 2**31, argument < 2**63
         return argument == 1, argument % 16 == 0, size
-    return type(argument)
+    return float if type(argument) is float else (type(argument), argument)
 
 
 @contextmanager

@@ -29,7 +29,9 @@ def _project(matrix, x, y):
     """(u, v, w): image coordinates in the source, and the third of the homogeneous ones."""
     a, b, c, d, e, f, g, h, i = matrix
     w = g * x + (h * y + i)
-    scale = 1.0 / w
+    # Triton's own quotient is a unit or two in the last place off, even of 1 over 1. In a wide picture that is enough
+    # for other planes to win (reports/notes/gpu.md).
+    scale = tl.div_rn(1.0, w)
     return (a * x + (b * y + c)) * scale, (d * x + (e * y + f)) * scale, w
 
 
