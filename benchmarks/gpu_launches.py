@@ -116,7 +116,13 @@ def field() -> None:
             load("field", "gpu", function="field_features")(*grids[:2], ray, shape=shape).sum().backward()
 
 
-CALLS: tuple[Callable[[], None], ...] = (tone, ssim, scatter, mix, rasterize, stereo, field)
+def adam() -> None:
+    """Of a training, which watches whether values are finite."""
+    values = [torch.zeros(3) for _ in range(4)]
+    load("adam", "gpu")(*values, step=1, rate=0.1, epsilon=1e-15, unless=torch.zeros(()))
+
+
+CALLS: tuple[Callable[[], None], ...] = (adam, tone, ssim, scatter, mix, rasterize, stereo, field)
 
 
 def main() -> None:

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-from gpu_work import Op, OtherWork
+from gpu_work import Kernel, Op, OtherWork, blocks
 
 PARAMETERS = 59  # numbers of a Gaussian: mean, scales, quaternion, opacity and 16 coefficients of three colours
 
-# Adam reads parameter, gradient and two moments, and writes all but the gradient. Of each gradient is counted whether
-# it is finite, the negation of that, and how often it isn't.
-_ADAM, _CHECKED = 28, 8  # bytes a parameter
+# Adam reads parameter, gradient and two moments, and writes all but the gradient. The largest magnitude of a gradient
+# says whether all of it is finite.
+_ADAM, _CHECKED = 28, 4  # bytes a parameter
 
 GAUSSIANS = Op(
+    (
+        # All parameters as if they were one; five more launches are below.
+        Kernel(
+            "adam", "update", "Adam", True, blocks(lambda s: PARAMETERS * s.gaussians, 1024),
+            lambda s, _: _ADAM * PARAMETERS * s.gaussians,
+        ),
+    ),
     others=(
-        # One launch for each parameter.
-        OtherWork("Adam", "Adam", True, lambda s: _ADAM * PARAMETERS * s.gaussians, lambda s: 6),
-        OtherWork("checks", "Adam", True, lambda s: _CHECKED * PARAMETERS * s.gaussians, lambda s: 36),
+        OtherWork("Adam's other launches", "Adam", True, lambda s: 0, lambda s: 5),
+        OtherWork("checks", "Adam", True, lambda s: _CHECKED * PARAMETERS * s.gaussians, lambda s: 8),
         OtherWork("statistics", "Adam", True, lambda s: 60 * s.gaussians, lambda s: 9),
         OtherWork("small operations", "small operations", True, lambda s: 0, lambda s: s.torch_ops),
-    )
-)
+    ),
+)  # fmt: skip
 
 # Pictures seen from points of the lens: their mean in linear light, and its gradient, which is the same for all.
 MEAN_OF_POINTS = Op(

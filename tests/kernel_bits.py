@@ -108,6 +108,14 @@ def field(load: Callable[..., Callable[..., Any]], to: Callable[[Tensor], Tensor
     yield from torch.autograd.grad(stored.square().sum(), inputs[:2])
 
 
+def adam(load: Callable[..., Callable[..., Any]], to: Callable[[Tensor], Tensor]) -> Iterator[Tensor]:
+    values, gradient, first = (to(torch.rand(HEIGHT, WIDTH)) - 0.5 for _ in range(3))
+    second = to(torch.rand(HEIGHT, WIDTH))
+    for step in (3, 4):
+        load("adam")(values, gradient, first, second, step=step, rate=0.1, epsilon=1e-15)
+    yield from (values, first, second)
+
+
 CALLS: dict[str, Callable[..., Iterator[Tensor]]] = {
     "ssim": ssim,
     "scatter": scatter,
@@ -116,6 +124,7 @@ CALLS: dict[str, Callable[..., Iterator[Tensor]]] = {
     "tone": tone,
     "mix": mix,
     "field": field,
+    "adam": adam,
 }
 
 

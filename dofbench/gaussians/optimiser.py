@@ -8,8 +8,9 @@ import torch
 from torch import Tensor
 
 from dofbench.gaussians.model import Gaussians
+from dofbench.kernels import load
 
-_MOMENTS = ("exp_avg", "exp_avg_sq")
+_EPSILON = 1e-15
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,28 @@ class RateOptions:
     """Rate of the quaternions. Unit: component, a step. Source: 3DGS."""
 
 
+@dataclass
+class _Moments:
+    """Adam's means of a parameter's gradient and of its square, and how many steps they are from."""
+
+    first: Tensor
+    second: Tensor
+    steps: int = 0
+
+    def copy(self) -> _Moments:
+        return _Moments(self.first.clone(), self.second.clone(), self.steps)
+
+
+@dataclass(frozen=True)
+class ParameterState:
+    """A copy of a parameter and of its moments, None before the first step."""
+
+    value: Tensor
+    moments: _Moments | None
+
+
 class GaussianOptimiser:
-    """torch's fused Adam, one group per parameter, eps 1e-15 as in 3DGS."""
+    """Adam with a rate for each parameter, eps 1e-15 as in 3DGS."""
 
     def __init__(self, gaussians: Gaussians, options: RateOptions, extent: float):
         self.gaussians = gaussians
@@ -46,77 +67,73 @@ class GaussianOptimiser:
             "sh_dc": options.sh_dc_lr,
             "sh_rest": options.sh_rest_lr,
         }
-        groups = [{"params": [parameter], "name": name} for name, parameter in gaussians.parameters.items()]
-        self._adam = torch.optim.Adam(groups, lr=0.0, eps=1e-15, fused=True)
+        self._moments: dict[str, _Moments] = {}
+        self._adam = load("adam")
+        self.means_rate = 0.0
+        """The rate of the means in the last step, scene units; 0 before the first."""
 
     def step(self, progress: float, cooldown: float = 1.0, unless: Tensor | None = None) -> None:
         """One Adam step, all rates times `cooldown`; the means' rate falls log-linearly with `progress` (0 ... 1).
         unless: a scalar on the parameters' device; if it is 1, nothing is changed."""
         options = self._options
-        for group in self._adam.param_groups:
-            decay = (options.means_lr_final / options.means_lr) ** progress if group["name"] == "means" else 1.0
-            group["lr"] = self._rates[group["name"]] * decay * cooldown
-        self._adam.found_inf = unless  # type: ignore[attr-defined]  # as torch's own gradient scaler hands it over
-        self._adam.step()
-        self._adam.zero_grad(set_to_none=True)
+        decay = (options.means_lr_final / options.means_lr) ** progress
+        self.means_rate = self._rates["means"] * decay * cooldown
+        for name, parameter in self.gaussians.parameters.items():
+            if parameter.grad is None:
+                continue
+            if name not in self._moments:
+                self._moments[name] = _Moments(torch.zeros_like(parameter), torch.zeros_like(parameter))
+            moments = self._moments[name]
+            moments.steps += 1
+            rate = self.means_rate if name == "means" else self._rates[name] * cooldown
+            self._adam(
+                parameter, parameter.grad, moments.first, moments.second,
+                step=moments.steps, rate=rate, epsilon=_EPSILON, unless=unless,
+            )  # fmt: skip
+        self.discard_gradients()
 
     def discard_gradients(self) -> None:
-        """Discard the gradients of a step that isn't carried out because a value isn't finite."""
-        self._adam.zero_grad(set_to_none=True)
+        """Discard the gradients, of a step that was carried out, or isn't because a value isn't finite."""
+        for parameter in self.gaussians.parameters.values():
+            parameter.grad = None
 
-    def state(self) -> dict[str, dict[str, Tensor]]:
+    def state(self) -> dict[str, ParameterState]:
         """A copy of each parameter and its moments, for `restore`."""
         return {
-            group["name"]: {
-                "value": group["params"][0].detach().clone(),
-                **{key: value.clone() for key, value in self._adam.state.get(group["params"][0], {}).items()},
-            }
-            for group in self._adam.param_groups
+            name: ParameterState(parameter.detach().clone(), moments and moments.copy())
+            for name, parameter, moments in self._each()
         }
 
-    def restore(self, state: dict[str, dict[str, Tensor]]) -> None:
+    def restore(self, state: dict[str, ParameterState]) -> None:
         """Set parameters and moments to an earlier `state`, even if Gaussians were added or removed since."""
-        for group in self._adam.param_groups:
-            kept = {key: value.clone() for key, value in state[group["name"]].items()}
-            self._adam.state.pop(group["params"][0], None)
-            parameter = kept.pop("value").requires_grad_()
-            group["params"] = [parameter]
-            self.gaussians.parameters[group["name"]] = parameter
-            if kept:
-                self._adam.state[parameter] = kept
+        self._moments = {name: kept.moments.copy() for name, kept in state.items() if kept.moments is not None}
+        for name, kept in state.items():
+            self.gaussians.parameters[name] = kept.value.clone().requires_grad_()
 
     def rebuild(self, kept: Tensor, added: dict[str, Tensor]) -> None:
         """Keep the Gaussians with index in `kept`, then append `added`, whose moments start at zero."""
-        for group in self._adam.param_groups:
-            name, old = group["name"], group["params"][0]
+        for name, old, moments in self._each():
             new = torch.cat([old.detach()[kept], added[name]]).contiguous().requires_grad_()
-            state = self._adam.state.pop(old, None)
-            if state:
-                for moment in _MOMENTS:
-                    state[moment] = torch.cat([state[moment][kept], torch.zeros_like(added[name])]).contiguous()
-                self._adam.state[new] = state
-            group["params"] = [new]
+            if moments is not None:
+                moments.first, moments.second = (
+                    torch.cat([moment[kept], torch.zeros_like(added[name])]).contiguous()
+                    for moment in (moments.first, moments.second)
+                )
             self.gaussians.parameters[name] = new
-
-    @property
-    def means_rate(self) -> float:
-        """The rate of the means in the last step, scene units; 0 before the first."""
-        return float(next(group["lr"] for group in self._adam.param_groups if group["name"] == "means"))
 
     def forget(self, rows: Tensor) -> None:
         """Forget the moments of these Gaussians."""
-        for parameter in self.gaussians.parameters.values():
-            state = self._adam.state.get(parameter)
-            if state:
-                for moment in _MOMENTS:
-                    state[moment][rows] = 0
+        for moments in self._moments.values():
+            moments.first[rows] = 0
+            moments.second[rows] = 0
 
     def replace(self, name: str, value: Tensor) -> None:
         """Overwrite one parameter and forget its moments (opacity reset)."""
-        parameter = self.gaussians.parameters[name]
         with torch.no_grad():
-            parameter.copy_(value)
-        state = self._adam.state.get(parameter)
-        if state:
-            for moment in _MOMENTS:
-                state[moment].zero_()
+            self.gaussians.parameters[name].copy_(value)
+        if moments := self._moments.get(name):
+            moments.first.zero_()
+            moments.second.zero_()
+
+    def _each(self) -> list[tuple[str, Tensor, _Moments | None]]:
+        return [(name, value, self._moments.get(name)) for name, value in self.gaussians.parameters.items()]

@@ -19,7 +19,7 @@ from dofbench.gaussians.forward.forward_schedule import ForwardSchedule
 from dofbench.gaussians.forward.shot import Shot
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.model import near_plane, scene_extent
-from dofbench.gaussians.optimiser import GaussianOptimiser
+from dofbench.gaussians.optimiser import GaussianOptimiser, ParameterState
 from dofbench.gaussians.surface_terms import surface_terms
 from dofbench.learning.adaptation import NO_ADAPTATION, AdaptationOptions
 from dofbench.learning.lens_ties import lens_ties
@@ -36,7 +36,7 @@ class Snapshot:
     """A copy of a `TrainingState` at one moment."""
 
     options: GaussianOptions
-    optimiser: dict[str, dict[str, Tensor]]
+    optimiser: dict[str, ParameterState]
     density: Any
     filter_3d: Tensor
     lenses: LearnedLenses | None

@@ -98,7 +98,7 @@ class Place:
         if tensor is not None and not math.isfinite(float(tensor.detach().sum())):
             bad = int((~torch.isfinite(tensor)).sum())
             if bad:
-                only = f"{stage} is {float(tensor)}" if tensor.numel() == 1 else ""
+                only = f"{stage} is {float(tensor.detach())}" if tensor.numel() == 1 else ""
                 raise self.error(stage, only or f"{bad} of {tensor.numel()} values")
 
     @contextmanager
