@@ -37,11 +37,10 @@ from gpu_call_sizes import model_calls
 from gpu_calls import CALLS, Call, Size, gaussians, gradients
 from gpu_page import COLUMNS, floors, numbers, page
 from gpu_peaks import GPUS, H200
-from gpu_step import step_parts
+from gpu_step import is_kernel, profiler, step_parts
 from gpu_times import REPORT, predicted
 from rich.console import Console
 from torch import Tensor
-from torch.profiler import ProfilerActivity, profile
 
 from dofbench.core.budget import Budget
 from dofbench.core.files import read_json, write_json, write_text
@@ -109,11 +108,11 @@ def busy(call: Callable[[], object], repeats: int) -> float:
     """How long the GPU works on a call, ms: the sum of its kernels' times, without the gaps between them."""
     call()
     torch.cuda.synchronize()
-    with profile(activities=[ProfilerActivity.CUDA]) as seen:
+    with profiler() as seen:
         for _ in range(repeats):
             call()
         torch.cuda.synchronize()
-    return sum(event.self_device_time_total for event in seen.key_averages()) / 1e3 / repeats
+    return sum(event.self_device_time_total for event in seen.key_averages() if is_kernel(event)) / 1e3 / repeats
 
 
 def machine(settings: Settings) -> dict[str, Any]:

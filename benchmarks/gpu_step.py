@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch.profiler import ProfilerActivity, profile
+from torch.profiler import profile, supported_activities
 
 from dofbench.compute.device_host import feeding
 from dofbench.core.budget import Budget
@@ -19,6 +19,16 @@ from dofbench.gaussians.trainer import Trainer
 from dofbench.running.method_cards import find_method
 
 MOST = 40  # kernels, and calls of the host, that are listed
+
+
+def profiler() -> profile:
+    """A profiler of the host and, where there is one, of the GPU."""
+    return profile(activities=supported_activities())
+
+
+def is_kernel(event: Any) -> bool:
+    """Whether an average of a profile is the GPU's own, and no remark of torch's that spans kernels."""
+    return event.device_type == torch.autograd.DeviceType.CUDA and not event.key.startswith("Optimizer.")
 
 
 @dataclass
@@ -32,7 +42,7 @@ class Watch:
     warm: int
     count: int
     times: list[float] = field(default_factory=list)
-    profile: Any = field(default_factory=lambda: profile(activities=[ProfilerActivity.CPU, ProfilerActivity.CUDA]))
+    profile: profile = field(default_factory=profiler)
     _began: float = 0.0
 
     def seconds(self) -> float:
@@ -71,11 +81,9 @@ def step_parts(data: Path, method_id: str, preset: str | None, device: str, warm
         trainer.fit(Budget(steps=options["steps"]), watch)
     kernels, calls = {}, {}
     for event in watch.profile.key_averages():
-        if event.key.startswith("Optimizer."):  # a remark of torch's that spans kernels
-            continue
-        if event.device_type == torch.autograd.DeviceType.CUDA:
+        if is_kernel(event):
             kernels[event.key] = [event.self_device_time_total / 1e3 / count, event.count / count]
-        else:
+        elif event.device_type == torch.autograd.DeviceType.CPU:
             calls[event.key] = [event.self_cpu_time_total / 1e3 / count, event.count / count]
     return {
         "gaussians": len(trainer.gaussians),
