@@ -18,6 +18,7 @@ from dofbench.core.blur import Blur
 from dofbench.optics.defocus import defocus
 from dofbench.stability.case import DOUBLE, SINGLE, Case, Found, Setting, gradient_at, values
 from dofbench.stability.comparisons import l1_ssim
+from dofbench.stability.gradients_adam import adam
 from dofbench.stability.oracle import POWER
 from dofbench.stability.samples import VIEW_WIDTH, gaussians, harmonic, single, straight, together
 from dofbench.stability.samples import disparity as _disparity
@@ -430,6 +431,7 @@ def _cases() -> tuple[Case, ...]:
             "80 times what rounding the start once makes of the exact training",
             _hundred_steps,
         ),
+        *adam(),
     )
 
 
