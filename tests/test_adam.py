@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 import torch
-from tolerances import FLOAT32_VALUE
+from tolerances import FLOAT32_VALUE, FLOAT64_VALUE
 from torch import Tensor
 
 from dofbench.kernels import load
@@ -48,7 +48,7 @@ def steps_of_torch(dtype: torch.dtype, **kind: bool) -> list[Tensor]:
 def test_the_definition_is_adam() -> None:
     """By torch's plain optimiser in float64."""
     for found, expected in zip(steps("reference", torch.float64), steps_of_torch(torch.float64), strict=True):
-        torch.testing.assert_close(found, expected, rtol=1e-12, atol=1e-12)
+        torch.testing.assert_close(found, expected, rtol=FLOAT64_VALUE, atol=FLOAT64_VALUE)
 
 
 def test_the_cpu_s_is_torch_s_fused_one_to_the_bit() -> None:
