@@ -124,10 +124,10 @@ class _Rasterize(torch.autograd.Function):
         median_at, mean_inverse = image(2, dtype=torch.int32), image(3)
         tiles = settings.columns * settings.rows
         looked_at = lists.starts.new_empty(tiles * settings.views)
-        each = KEPT[settings.geometry] if keep else 0
+        numbers = KEPT[settings.geometry] if keep else 0
         kept = None
         if keep:
-            kept = settings.view.new_empty(lists.ids.numel() // CHUNK + tiles * settings.views, each, TILE * TILE)
+            kept = settings.view.new_empty(lists.ids.numel() // CHUNK + tiles * settings.views, numbers, TILE * TILE)
         color, alpha, depth, median, normal, distortion = outputs
         images = (color, alpha, depth, median, median_at, normal, distortion, mean_inverse)
         launch(
@@ -148,7 +148,7 @@ class _Rasterize(torch.autograd.Function):
             warps=_WARPS,
             GEOMETRY=settings.geometry,
             MOVED=settings.moved,
-            EACH=each,
+            EACH=numbers,
         )
         if statistics is not None:
             statistics.visible, statistics.radii = lists.visible, lists.radii

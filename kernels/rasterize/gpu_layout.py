@@ -31,11 +31,10 @@ RED, T0, TX, TY, NX = (tl.constexpr(k) for k in (7, 10, 11, 12, 13))
 Q, QX, QXX, QY, QXY, QYY, S_RED, S_T = (tl.constexpr(k) for k in (0, 1, 2, 3, 4, 5, 6, 9))
 
 # Blending keeps a tile's sums so far before every CHUNK Gaussians, from where its gradient goes on: a list's chunks are
-# programs of their own there, which needn't wait for each other. KEPT numbers for each pixel, as far as they are drawn:
-# transmittance, colour; weights and ray lengths; normals; inverse ray lengths, about the first of them (`gpu_blend`).
+# programs of their own there, which needn't wait for each other. For each pixel, as far as they are drawn
+# (`gpu_inputs.KEPT`): transmittance, colour; weights and ray lengths; normals; inverse ray lengths, about the first of them (`gpu_blend`).
 CHUNK = tl.constexpr(inputs.CHUNK)
 PIXELS = tl.constexpr(inputs.TILE * inputs.TILE)
-KEPT = tuple(tl.constexpr(k) for k in inputs.KEPT)
 K_LEFT, K_RED, K_WEIGHTS, K_DEPTHS, K_NX, K_ORIGIN, K_FIRST, K_SECOND = (
     tl.constexpr(k) for k in (0, 1, 4, 5, 6, 9, 10, 11)
 )
