@@ -32,7 +32,8 @@ Q, QX, QXX, QY, QXY, QYY, S_RED, S_T = (tl.constexpr(k) for k in (0, 1, 2, 3, 4,
 
 # Blending keeps a tile's sums so far before every CHUNK Gaussians, from where its gradient goes on: a list's chunks are
 # programs of their own there, which needn't wait for each other. For each pixel, as far as they are drawn
-# (`gpu_inputs.KEPT`): transmittance, colour; weights and ray lengths; normals; inverse ray lengths, about the first of them (`gpu_blend`).
+# (`gpu_inputs.KEPT`): transmittance, colour; weights and ray lengths; normals; inverse ray lengths, about the first of
+# them (`gpu_blend`).
 CHUNK = tl.constexpr(inputs.CHUNK)
 PIXELS = tl.constexpr(inputs.TILE * inputs.TILE)
 K_LEFT, K_RED, K_WEIGHTS, K_DEPTHS, K_NX, K_ORIGIN, K_FIRST, K_SECOND = (
