@@ -10,7 +10,8 @@ from dofbench.core.errors import InputError
 
 @dataclass(frozen=True)
 class Budget:
-    """When to stop: after so many steps or seconds of training, whichever comes first.
+    """When to stop: after so many steps or seconds of training, whichever comes first. Seconds alone are all used,
+    however many steps a method's preset has; a budget that says nothing leaves the length to the preset.
 
     As text it is the shortest that `parse_budget` reads back: "300s", "7000it" or "300s,7000it".
     """
@@ -18,11 +19,14 @@ class Budget:
     steps: int | None = None
     seconds: float | None = None
 
-    def progress(self, step: int, total: int, seconds: Callable[[], float]) -> float:
-        """The share of a training of `total` steps that is over after `step`, by steps or by time, whichever is more.
-        seconds: tells the training time so far; asked only where time is limited."""
-        by_steps = step / total
-        return by_steps if self.seconds is None else max(by_steps, seconds() / self.seconds)
+    def progress(self, step: int, preset: int, seconds: Callable[[], float]) -> float:
+        """The share of a training that is over after `step`, by steps or by time, whichever is more.
+        preset: steps of the method's preset, the length of a training without a budget. seconds: tells the training
+        time so far; asked only where time is limited."""
+        if self.seconds is None:
+            return step / (self.steps or preset)
+        by_time = seconds() / self.seconds
+        return by_time if self.steps is None else max(step / self.steps, by_time)
 
     def __str__(self) -> str:
         parts = []

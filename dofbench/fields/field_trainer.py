@@ -59,15 +59,12 @@ class FieldTrainer:
         """Train until the budget or the observer ends it. A non-finite value ends with the status "diverged"."""
         for op in ("field", *self._model.kernels):
             warm_up(op, kind_of(self._device))
-        total = budget.steps or self._options.rays.steps
+        preset = self._options.rays.steps
         step = 0
         event: NonFinite | None = None
         try:
             self._pixels.check(step=1)
-            while step < total:
-                progress = budget.progress(step, total, observer.seconds)
-                if progress >= 1:
-                    break
+            while (progress := budget.progress(step, preset, observer.seconds)) < 1:
                 self.loss = self._step(step + 1, progress)
                 step += 1
                 if not observer.after_step(step, self._seen.after(step, self.loss)):

@@ -102,13 +102,13 @@ class Trainer:
         from_points = any(model.from_points for model in (*possible_models(self.options), *self.state.forward.models))
         more = () if self.state.blur is None else self.state.blur.kernels
         compile_kernels(self.gaussians, self.state.cameras[0], self.options, geometries, from_points, more)
-        total = budget.steps or self.options.schedule.steps
+        preset = self.options.schedule.steps
         step, event = 0, None
         try:
             with self._clock.timed("depth prior"):
-                self._prepare(total, observer)
+                self._prepare(budget.steps or preset, observer)
             self._photographs = self._all_photographs()
-            while (progress := budget.progress(step, total, observer.seconds)) < 1:
+            while (progress := budget.progress(step, preset, observer.seconds)) < 1:
                 if self._trials.due(step, progress):
                     step = self._decide(step, progress, budget, observer)
                 else:

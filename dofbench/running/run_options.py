@@ -25,8 +25,9 @@ class Runs(SeveralOptions, RunOptions):
     width: int | None = None
     """Width to train at with --photographs, pixels. Default: 504, or that of the photographs where it is less."""
     budget: SeveralBudgets = None
-    """When training stops: 300s, 5min, 7000it, or both (300s,7000it), whichever comes first. Several, with spaces
-    between, are runs of their own: --budget 60s 300s. Default: the preset's."""
+    """When training stops: 300s, 5min, 7000it, or both (300s,7000it), whichever comes first. Time alone is all used,
+    however many steps the preset has. Several, with spaces between, are runs of their own: --budget 60s 300s.
+    Default: the preset's steps."""
     seeds: int = 1
     """How many seeds: --seed, --seed + 1, ..."""
 

@@ -88,15 +88,17 @@ def seconds_by_card(
     """Wall seconds of a run by what its method's card says of steps and pixels; the budget's own seconds where it says
     nothing, None without either. steps: of the method's options, where the budget has none. view_pixels: of a view.
     fitted: whether the test views are photographs of unknown lens."""
-    costs, steps = card.costs, budget.steps or steps
+    costs = card.costs
     end, curve = (_FITTED_PIXEL, _FITTED_CURVE_PIXEL) if fitted else (_SCORED_PIXEL, _CURVE_PIXEL)
     others = _BEGINS + view_pixels * (test_views * end + min(test_views, _ON_CURVE) * curve)
-    if costs is None or not steps:
-        return None if budget.seconds is None else budget.seconds + others
-    training = steps * (costs.step + view_pixels * costs.step_pixel)
-    if budget.seconds is not None:
-        training = min(training, budget.seconds)
-    return training + train_views * view_pixels * costs.view_pixel + others
+    ends = [] if budget.seconds is None else [budget.seconds]
+    # Seconds alone are all used, so that the preset's steps count only where the budget says nothing.
+    length = budget.steps if ends else budget.steps or steps
+    if costs is not None:
+        others += train_views * view_pixels * costs.view_pixel
+        if length:
+            ends.append(length * (costs.step + view_pixels * costs.step_pixel))
+    return min(ends) + others if ends else None
 
 
 def _scaled(result: Result, steps: int | None, seconds: float | None) -> float:

@@ -46,6 +46,12 @@ def test_progress_is_by_what_is_more() -> None:
     assert Budget(steps=10, seconds=4.0).progress(3, 10, lambda: 6.0) == 1.5
 
 
+def test_seconds_alone_are_all_used_and_a_preset_counts_without_a_budget() -> None:
+    assert Budget(seconds=4.0).progress(30, 10, lambda: 1.0) == 0.25
+    assert Budget().progress(3, 10, lambda: 1e9) == 0.3
+    assert Budget(steps=20).progress(3, 10, lambda: 1e9) == 0.15
+
+
 @pytest.mark.parametrize(
     "text", ["", "lots", "0s", "-1it", "nans", "infs", "1.5it", "3s,4s", "1min,4s", "min", "1it,2it", "300", ","]
 )
