@@ -21,7 +21,8 @@ FRONT_LABEL = "Pareto front"
 _LEGEND_WIDTH = 95  # characters of a legend in one column
 _LEGEND_LINE = 0.16  # inches
 _MANY = 7  # series, above which the legend has several columns and a seed no line of its own
-_COLUMNS, _COLUMN_WIDTH = 2, 46  # of the legend of many; characters
+_COLUMN_WIDTH = 46  # of the legend of many, characters at most
+_SWATCH = 9  # characters that a line's example and its space take beside a label
 
 
 def write_curves(folder: Path, plots: Iterable[Plot]) -> dict[tuple[tuple[str, ...], str], list[Path]]:
@@ -45,7 +46,8 @@ def _figure(plot: Plot) -> Figure:
     many = len(plot.series) > _MANY
     labels = [_wrapped(_label(series), _COLUMN_WIDTH if many else _LEGEND_WIDTH) for series in plot.series]
     lines = sum(label.count("\n") + 1 for label in labels) + (len(plot.front) > 1) + (plot.nothing is not None)
-    columns = _COLUMNS if many else 1
+    longest = max(len(line) for label in labels for line in label.split("\n"))
+    columns = max(1, _LEGEND_WIDTH // (longest + _SWATCH)) if many else 1
     figure = new_figure(7.0, 3.9 + _LEGEND_LINE * math.ceil(lines / columns))
     axes = figure.add_subplot()
     if len(plot.front) > 1:  # drawn below the curves, so that it hides none of them
@@ -59,8 +61,8 @@ def _figure(plot: Plot) -> Figure:
             solid_capstyle="butt",
             label=FRONT_LABEL,
         )
-    for index, (series, label) in enumerate(zip(plot.series, labels, strict=True)):
-        _draw(axes, series, label, look(index), seeds=not many)
+    for series, label in zip(plot.series, labels, strict=True):
+        _draw(axes, series, label, look(series.place), seeds=not many)
     if plot.nothing is not None:
         axes.axhline(plot.nothing, color=NEUTRAL, linestyle=(0, (1, 3)), label="do nothing")
     axes.set_xscale("log")

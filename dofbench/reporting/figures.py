@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 # on white). Line styles change too, for grey prints and for more than seven methods.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", "--", "-.", ":")
+LOOKS = len(COLOURS) * len(STYLES)
 NEUTRAL = "#767676"
 DPI = 150
 
@@ -34,9 +35,9 @@ class Look(TypedDict):
     linestyle: str
 
 
-def look(index: int) -> Look:
-    """Colour and line style of the `index`-th line of a plot."""
-    return {"color": COLOURS[index % len(COLOURS)], "linestyle": STYLES[index // len(COLOURS) % len(STYLES)]}
+def look(place: int) -> Look:
+    """Colour and line style of the line number `place`; after `LOOKS` lines they repeat."""
+    return {"color": COLOURS[place % len(COLOURS)], "linestyle": STYLES[place // len(COLOURS) % len(STYLES)]}
 
 
 def file_name(*parts: str) -> str:

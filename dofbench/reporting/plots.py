@@ -20,8 +20,8 @@ from dofbench.results.columns import COLUMNS, Column
 @dataclass(frozen=True)
 class Plot:
     """The plot of one score on one board, or of its means over several. dataset: the board's name, or whose mean it is.
-    scene: "" of several. role: of the scene. levels: scores for which times are reported; chosen: whether the user
-    chose them. nothing: the score of a lens predictor that learns nothing."""
+    scene: "" of several. role: of the scene. series: the best last score first. levels: scores for which times are
+    reported; chosen: whether the user chose them. nothing: the score of a lens predictor that learns nothing."""
 
     board: tuple[str, ...]
     dataset: str
@@ -123,6 +123,7 @@ def _plot(
     wanted: dict[str, tuple[float, ...]],
 ) -> Plot:
     higher = bool(COLUMNS[column].higher_is_better)
+    series = tuple(sorted(series, key=lambda one: one.standing(higher_is_better=higher)))
     return Plot(
         board,
         dataset,

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from dofbench.core.errors import Status
 from dofbench.reporting import standing
+from dofbench.reporting.figures import LOOKS
 from dofbench.results.collecting import Entry, grouped
 from dofbench.results.columns import COLUMNS
 
@@ -28,14 +29,16 @@ class Run:
 
 @dataclass(frozen=True)
 class Series:
-    """The seeds of one variant. median: the median curve over its seeds; empty if a seed failed or has no point. signs:
-    what its results don't prove (`dofbench.reporting.standing`)."""
+    """The seeds of one variant. median: the median curve over its seeds; empty if a seed failed or has no point. place:
+    its number among the report's variants, by which it looks the same in every plot. signs: what its results don't
+    prove (`dofbench.reporting.standing`)."""
 
     variant: tuple[str, ...]
     method: str
     preset: str
     runs: tuple[Run, ...]
     median: tuple[Point, ...]
+    place: int
     signs: str = ""
 
     @property
@@ -47,6 +50,11 @@ class Series:
     def label(self) -> str:
         """Method and preset with the signs, as legends show them."""
         return f"{self.name} {self.signs}".strip()
+
+    def standing(self, *, higher_is_better: bool) -> tuple[bool, float]:
+        """By what series are put in order, the best first: its last score, after all others where a seed failed."""
+        last = statistics.median(run.points[-1][1] for run in self.runs if run.points)
+        return not self.median, -last if higher_is_better else last
 
     @property
     def failures(self) -> str:
@@ -63,16 +71,18 @@ def curve_columns(entries: Sequence[Entry]) -> list[str]:
 def series_of(
     entries: Sequence[Entry], column: str, names: dict[tuple[str, ...], tuple[str, str]]
 ) -> tuple[Series, ...]:
-    """The series of one board, without series that have no point."""
+    """The series of one board, without series that have no point. names: of all variants of the report."""
     found = []
-    role = standing.role_of(entries)
-    for variant, seeds in grouped(list(entries), "variant").items():
+    role, variants = standing.role_of(entries), grouped(list(entries), "variant")
+    # With more variants than looks two lines of one plot could look alike, if places were the report's.
+    places = list(names if len(names) <= LOOKS else variants)
+    for variant, seeds in variants.items():
         runs = tuple(run_of(entry, column) for entry in seeds)
         if not any(run.points for run in runs):
             continue
         whole = all(run.points and run.status is Status.OK for run in runs)
         median = median_curve([run.points for run in runs]) if whole else ()
-        found.append(Series(variant, *names[variant], runs, median, standing.signs(role, seeds)))
+        found.append(Series(variant, *names[variant], runs, median, places.index(variant), standing.signs(role, seeds)))
     return tuple(found)
 
 
@@ -98,7 +108,8 @@ def mean_series(scenes: Sequence[Sequence[Series]]) -> tuple[Series, ...]:
         curve = joint_curve([series.median for series in every], statistics.fmean)
         signs = standing.united(series.signs for series in every)
         first = every[0]
-        means.append(Series(variant, first.method, first.preset, (Run(None, Status.OK, curve, 0),), curve, signs))
+        run = Run(None, Status.OK, curve, 0)
+        means.append(Series(variant, first.method, first.preset, (run,), curve, first.place, signs))
     return tuple(means)
 
 

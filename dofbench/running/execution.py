@@ -225,12 +225,12 @@ class Execution:
         if "gaussians" in self.description:
             found.scores["gaussians"] = self.description["gaussians"]
         else:
-            found.left_out["gaussians"] = f"{self.entry.card.name} has no Gaussians"
+            found.left_out["gaussians"] = "the method has no Gaussians"
         return found
 
     def _measure_speed(self, found: Evaluation) -> None:
         if self.entry.card.elsewhere:
-            found.left_out["render_fps"] = f"{self.entry.card.name} renders in another program"
+            found.left_out["render_fps"] = "the method renders in another program"
             return
         with self.stages["measure speed"].running():
             frames = self.evaluator.frames_per_second()

@@ -229,7 +229,7 @@ def _why_no_lens(entry: MethodEntry, stages: Sequence[Stage]) -> str:
 def _no_exif(entry: MethodEntry, stages: list[Stage], dataset: BenchmarkDataset) -> str:
     """Why learned apertures can't be compared with EXIF, or ""."""
     if not entry.card.capabilities.learns_lens:
-        return f"{entry.card.name} learns no lens"
+        return "the method learns no lens"
     left_out = _why_no_lens(entry, stages)
     return f"the lens was left out: {left_out}" if left_out else missing_exif(dataset)
 
@@ -238,10 +238,10 @@ def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], missi
     capabilities = entry.card.capabilities
     refocus = missing.refocus
     if not capabilities.refocus and refocus != NO_TEST_VIEWS:
-        refocus = f"{entry.card.name} has no lens to refocus with"
+        refocus = "the method has no lens to refocus with"
     no_lens = _why_no_lens(entry, stages)
     if not capabilities.learns_lens:
-        lens = f"{entry.card.name} learns no lens"
+        lens = "the method learns no lens"
     elif not protocol.lens:
         lens = f"{protocol.id} trains on sharp photographs, which have no lens to be learned"
     elif missing.lens:
@@ -250,10 +250,10 @@ def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], missi
         lens = f"the lens was left out: {no_lens}" if no_lens else ""
     blur = ""
     if not capabilities.refocus:
-        blur = f"{BY_BLUR}: {entry.card.name} has no lens"
+        blur = f"{BY_BLUR}: the method has no lens"
     elif no_lens:
         blur = f"{BY_BLUR}: the lens was left out: {no_lens}"
-    no_depth = "" if capabilities.depth else f"{entry.card.name} renders no depth"
+    no_depth = "" if capabilities.depth else "the method renders no depth"
     reasons = (
         (tuple(column for column in protocol.photograph if column in OF_LENSES), blur),
         (protocol.refocus_columns, refocus),

@@ -8,13 +8,13 @@
   const hidden = new Set();   // names of series that are switched off
   let plot, marks = [], place, at = -1;
 
-  const colour = (index) => `var(--s${index % 7})`;
-  const dash = (index) => ["", "7 4", "2 4", "9 3 2 3"][Math.floor(index / 7) % 4];
+  const colour = (look) => `var(--s${look % 7})`;
+  const dash = (look) => ["", "7 4", "2 4", "9 3 2 3"][Math.floor(look / 7) % 4];
   const seconds = (t) => t >= 100 ? t.toFixed(0) : t >= 1 ? t.toFixed(1) : t.toPrecision(2);
   const value = (score) => score.toFixed(plot.digits) + (plot.unit ? ` ${plot.unit}` : "");
 
   /** The path of a marker of radius r; its shape tells series apart without colour. */
-  function shape(index, x, y, r) {
+  function shape(look, x, y, r) {
     const s = r * 0.9, t = r * 1.25;
     return [
       `M${x - r},${y}a${r},${r} 0 1,0 ${2 * r},0a${r},${r} 0 1,0 ${-2 * r},0`,
@@ -23,7 +23,7 @@
       `M${x},${y - t}l${t},${t}l${-t},${t}l${-t},${-t}z`,
       `M${x},${y + t}l${t},${-2 * t * 0.87}h${-2 * t}z`,
       `M${x - s},${y - r * 0.35}h${2 * s}v${r * 0.7}h${-2 * s}z`,
-    ][index % 6];
+    ][look % 6];
   }
 
   function logTicks(low, high, most) {
@@ -121,25 +121,25 @@
   }
 
   function drawSeries(svg, series, x, y) {
-    const several = series.median.length > 0, index = series.index;
+    const several = series.median.length > 0, look = series.place;
     for (const run of series.runs) {
       if (!run.points.length) continue;
       svg.append(page.make("path", {
-        d: run.points.map(([t, v], k) => `${k ? "L" : "M"}${x(t)},${y(v)}`).join(""), fill: "none", stroke: colour(index),
-        "stroke-width": several ? 1 : 2, "stroke-opacity": several ? 0.55 : 1, "stroke-dasharray": dash(index), "stroke-linejoin": "round",
+        d: run.points.map(([t, v], k) => `${k ? "L" : "M"}${x(t)},${y(v)}`).join(""), fill: "none", stroke: colour(look),
+        "stroke-width": several ? 1 : 2, "stroke-opacity": several ? 0.55 : 1, "stroke-dasharray": dash(look), "stroke-linejoin": "round",
       }));
       for (const [t, v] of run.points) {
-        svg.append(page.make("path", { d: shape(index, x(t), y(v), several ? 2.2 : 3.4), fill: colour(index),
+        svg.append(page.make("path", { d: shape(look, x(t), y(v), several ? 2.2 : 3.4), fill: colour(look),
           "fill-opacity": several ? 0.6 : 1 }));
         const who = run.seed === null ? series.name : `${series.name}, seed ${run.seed}`; // null: a mean over scenes
-        marks.push({ t, v, index, series, who, line: `${index}/${run.seed}` });
+        marks.push({ t, v, series, who, line: `${series.index}/${run.seed}` });
       }
     }
     if (several) {
-      svg.append(page.make("path", { d: steps(series.median, x, y), fill: "none", stroke: colour(index), "stroke-width": 2.6,
-        "stroke-dasharray": dash(index) }));
+      svg.append(page.make("path", { d: steps(series.median, x, y), fill: "none", stroke: colour(look), "stroke-width": 2.6,
+        "stroke-dasharray": dash(look) }));
       for (const [t, v] of series.median)
-        marks.push({ t, v, index, series, who: `${series.name}, median of ${series.runs.length} seeds`, line: `${index}/median` });
+        marks.push({ t, v, series, who: `${series.name}, median of ${series.runs.length} seeds`, line: `${series.index}/median` });
     }
   }
 
@@ -160,9 +160,9 @@
     const cx = place.x(mark.t), cy = place.y(mark.v);
     layer.replaceChildren(
       page.make("line", { class: "cross", x1: cx, x2: cx, y1: 26, y2: place.height - 46 }),
-      page.make("path", { d: shape(mark.index, cx, cy, 6), fill: colour(mark.index), stroke: "var(--card)", "stroke-width": 2 }),
+      page.make("path", { d: shape(mark.series.place, cx, cy, 6), fill: colour(mark.series.place), stroke: "var(--card)", "stroke-width": 2 }),
     );
-    const first = plot.front.some(([t, v, index]) => t === mark.t && v === mark.v && index === mark.index);
+    const first = plot.front.some(([t, v, index]) => t === mark.t && v === mark.v && index === mark.series.index);
     const text = `${plot.label} ${value(mark.v)} after ${seconds(mark.t)} s` + (first ? ", on the Pareto front" : "");
     const frame = place.svg.getBoundingClientRect(), scale = frame.width / place.width;
     page.tip(frame.left + cx * scale, frame.top + cy * scale, page.make("b", {}, mark.who), page.make("br"), text);
@@ -194,10 +194,10 @@
   }
 
   function drawLegend() {
-    legend.replaceChildren(...plot.series.map((series, index) => {
+    legend.replaceChildren(...plot.series.map((series) => {
       const swatch = page.make("svg", { viewBox: "0 0 34 14", "aria-hidden": "true" },
-        page.make("path", { d: "M1,7H33", stroke: colour(index), "stroke-width": 2, "stroke-dasharray": dash(index), fill: "none" }),
-        page.make("path", { d: shape(index, 17, 7, 4), fill: colour(index) }));
+        page.make("path", { d: "M1,7H33", stroke: colour(series.place), "stroke-width": 2, "stroke-dasharray": dash(series.place), fill: "none" }),
+        page.make("path", { d: shape(series.place, 17, 7, 4), fill: colour(series.place) }));
       const lost = series.runs.reduce((sum, run) => sum + run.dropped, 0);
       const more = [series.runs.length > 1 ? `${series.runs.length} seeds` : "", series.failures,
         lost ? `${lost} scores not finite, not drawn` : ""].filter(Boolean).join("; ");

@@ -141,7 +141,7 @@ def test_a_table_of_one_dataset(ablate, tmp_path: Path) -> None:
     values = [float(row["value"]) for row in rows(out / "noise.csv") if (row["row"], row["column"]) == ("more", "psnr")]
     spread = abs(values[0] - values[1]) / math.sqrt(2)
     assert more["PSNR [dB] ↑"] == f"{sum(values) / 2:.2f} ± {spread:.2f}"
-    assert notes(page, pinhole["PSNR [dB] ↑"]) == "Pinhole has no lens to refocus with"
+    assert notes(page, pinhole["PSNR [dB] ↑"]) == "the method has no lens to refocus with"
     # The paper's figures for this scene have a separate column.
     paper = "*paper: PSNR [dB] ↑*"
     assert some[paper] == "21.50" and pinhole[paper].startswith("–")

@@ -116,7 +116,7 @@ def test_pictures_and_lenses_are_scored(made: Make, tmp_path: Path) -> None:
     assert found.scores["delta_a"] == pytest.approx(0) and found.scores["delta_f"] == pytest.approx(0)
     assert found.scores["steps"] == 8 and found.scores["gaussians"] == 5
     assert found.scores["train_cpu_s"] >= 0.5 and found.scores["peak_mb"] >= 300
-    assert found.left_out["render_fps"] == "Program renders in another program"
+    assert found.left_out["render_fps"] == "the method renders in another program"
     assert [point.steps for point in found.curve] == [8]
     assert "disparity_error" in found.scores and "resolved" in found.scores
     assert {"pictures/sharp/0000.png", "lenses.json", "log.txt"} <= {

@@ -66,8 +66,8 @@ def test_everything_runs_where_everything_is_needed(plan) -> None:
 
 def test_a_method_without_a_lens_has_no_refocus_and_no_lens_errors(plan) -> None:
     made = plan("pinhole")
-    assert made.left_out["psnr"] == "Pinhole has no lens to refocus with"
-    assert made.left_out["delta_a"] == "Pinhole learns no lens"
+    assert made.left_out["psnr"] == "the method has no lens to refocus with"
+    assert made.left_out["delta_a"] == "the method learns no lens"
     assert made.columns == ("aif_psnr", "aif_ssim", "aif_flip", "aif_ssim_uniform7", *DEPTH_COLUMNS)
 
 
@@ -256,7 +256,7 @@ def test_some_test_views_without_a_lens(plan) -> None:
     assert {made.left_out[column] for column in REFOCUS} == {"no test lens of 1 of 2 test views: v1"}
     assert made.left_out.keys() == set(REFOCUS)  # the rest has its truth
     assert lens_words(made.lenses).endswith("the test views ask for F 0.2 and A 0.5 (1 of 2 lenses unknown)")
-    assert plan("pinhole", unknown=("v1",)).left_out["psnr"] == "Pinhole has no lens to refocus with"
+    assert plan("pinhole", unknown=("v1",)).left_out["psnr"] == "the method has no lens to refocus with"
 
 
 def test_no_test_view_with_a_lens(plan) -> None:
@@ -293,7 +293,7 @@ def test_a_plan_is_plain_data_and_text(plan) -> None:
     made = plan("pinhole")
     assert canonical_json(made.as_data())
     text = "\n".join(made.lines())
-    assert "no psnr, ssim, ms_ssim, flip, gmsd, delta_e, ssim_uniform7: Pinhole has no lens to refocus with" in text
+    assert "no psnr, ssim, ms_ssim, flip, gmsd, delta_e, ssim_uniform7: the method has no lens to refocus with" in text
 
 
 def test_every_protocol_is_found_by_its_inputs() -> None:

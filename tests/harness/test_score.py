@@ -129,7 +129,7 @@ def test_without_a_truth_it_is_left_out_with_the_reason(call, tmp_path: Path) ->
     assert good and "no depth_rel: the dataset's own depth is an estimate" in said
     assert read_added(end.folder).left_out == {
         "depth_rel": "the dataset's own depth is an estimate, no truth to compare with",
-        "ms_ssim": "Pinhole has no lens to refocus with",
+        "ms_ssim": "the method has no lens to refocus with",
     }
 
 

@@ -150,7 +150,7 @@ def test_cells_are_the_means_of_the_results(made_report, reader: Reader) -> None
 
 
 def test_a_gap_has_its_reason_on_hover_and_as_a_note(made_report) -> None:
-    reason = "Pinhole has no lens to refocus with"
+    reason = "the method has no lens to refocus with"
     found = re.search(rf'<a class="why" href="#(note-\d+)" title="{reason}">–', made_report.page)
     assert f'<li id="{found[1]}">{reason}</li>' in made_report.page
 
@@ -232,7 +232,7 @@ def test_a_method_without_any_score_of_a_table_is_told_below_it(boards: list, mo
         assert not any("pinhole" in cell for row in table.rows for cell, _ in row)
     said = layouts.layout_sections(boards)[0].blocks[1].below[0]
     assert said.startswith("No row, as they have none of these scores: ")
-    assert "; pinhole quick (Pinhole has no lens to refocus with)." in said
+    assert "; pinhole quick (the method has no lens to refocus with)." in said
     # A failure has its row, and a method that the paper has figures of.
     (waves,) = [board for board in boards if board.name == "waves" and not board.sharp]
     (table,) = [
@@ -368,7 +368,7 @@ def test_every_view_kind_and_method_has_its_pictures(made_report, reader: Reader
     assert all(kind["truth"].startswith("data:image/webp;base64,") for kind in kinds.values())
     fake, pinhole = kinds["refocus"]["runs"]
     assert fake["picture"] and fake["error"] and pinhole["picture"] is None
-    assert pinhole["reason"] == "Pinhole has no lens to refocus with"
+    assert pinhole["reason"] == "the method has no lens to refocus with"
     scores = of(made_report, "fake", dataset="fern_small").views[0].scores
     assert ["PSNR [dB] ↑", f"{scores['psnr']:.2f}"] in fake["scores"]
 

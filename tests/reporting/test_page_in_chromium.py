@@ -148,7 +148,7 @@ def test_the_reason_of_a_gap_shows_on_hover_and_on_focus(opened: Page) -> None:
     opened.mouse("moved", 1, 1)
     assert opened.run("document.getElementById('tip').hidden")
     opened.mouse("moved", x, y)
-    assert opened.run("document.getElementById('tip').textContent") == "Pinhole has no lens to refocus with"
+    assert opened.run("document.getElementById('tip').textContent") == "the method has no lens to refocus with"
     assert not opened.run("document.getElementById('tip').hidden")
     opened.mouse("moved", 1, 1)
     assert opened.run("document.getElementById('tip').hidden")
@@ -293,7 +293,9 @@ def test_truth_prediction_and_error_of_any_view(opened: Page) -> None:
     opened.wait("[...document.querySelectorAll('#compare img')].every((i) => i.complete && i.naturalWidth === 64)")
     assert opened.run("document.querySelector('#compare img.left').alt").startswith("truth")
     choose(opened, "picture-right", "pinhole quick, seed 0")
-    assert "Pinhole has no lens to refocus with" in opened.run("document.getElementById('picture-missing').textContent")
+    assert "the method has no lens to refocus with" in opened.run(
+        "document.getElementById('picture-missing').textContent"
+    )
     choose(opened, "picture-kind", "all in focus")
     assert opened.run("document.getElementById('picture-missing').hidden")
     names = opened.run("[...document.getElementById('picture-right').options].map((o) => o.textContent)")

@@ -40,7 +40,7 @@ CURVES = st.lists(st.tuples(TIMES, SCORES), min_size=1, max_size=8).map(curve_of
 def series(*curves: tuple[tuple[float, float], ...], status: Status = Status.OK) -> Series:
     """A series with a seed for each curve."""
     runs = tuple(Run(seed, status, curve, 0) for seed, curve in enumerate(curves))
-    return Series(("v",), "fake", "quick", runs, median_curve(curves) if status is Status.OK else ())
+    return Series(("v",), "fake", "quick", runs, median_curve(curves) if status is Status.OK else (), 0)
 
 
 # ---- the front ----

@@ -53,8 +53,8 @@ def test_the_page_explains_every_gap(plain, call, made) -> None:
     fake, pinhole, nothing = table_rows(page, "waves, refocus-v3")
     assert fake["method"] == "fake" and pinhole["method"] == "pinhole" and nothing["method"].startswith("do nothing")
     assert pinhole["PSNR [dB] ↑"].startswith("–[^")
-    assert notes(page, pinhole["PSNR [dB] ↑"]) == "Pinhole has no lens to refocus with"
-    assert notes(page, pinhole["δ_A ↓"]) == "Pinhole learns no lens"
+    assert notes(page, pinhole["PSNR [dB] ↑"]) == "the method has no lens to refocus with"
+    assert notes(page, pinhole["δ_A ↓"]) == "the method learns no lens"
     assert nothing["δ_A ↓"] == "0.250" and nothing["δ_F ↓"] == "0.225"
     assert nothing["PSNR [dB] ↑"].startswith("–[^")
     assert "–" not in "".join(fake.values())

@@ -137,7 +137,7 @@ def test_a_dry_run_lists_every_run(matrix, tmp_path: Path) -> None:
     assert said.count("to be run, time unknown: dofbench run --method ") == 8 and "8 runs; 0 of them" in said
     assert "no finished run of this kind" in said
     assert "fake (quick, seed 0, cpu) on waves, refocus-v3; seeds 0, 1" in said
-    assert "  no delta_a, delta_f, delta_r: Pinhole learns no lens" in said
+    assert "  no delta_a, delta_f, delta_r: the method learns no lens" in said
     matrix(method="fake", data=str(tmp_path / "data"))
     _, _, said = matrix(dry_run=True, seeds=2)
     assert said.count("finished: dofbench") == 1 and len(re.findall(r"to be run, about \d+ s: ", said)) == 3

@@ -34,6 +34,7 @@ def _one(plot: Plot) -> dict[str, Any]:
 def _series(series: Series) -> dict[str, Any]:
     return {
         "name": series.label,
+        "place": series.place,
         "failures": series.failures,
         "runs": [{"seed": run.seed, "points": _points(run.points), "dropped": run.dropped} for run in series.runs],
         "median": _points(series.median) if len(series.runs) > 1 else [],
