@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,12 +14,10 @@ from torch import Tensor
 from dofbench.core.errors import InputError
 from dofbench.core.lens import COC_FRACTION, DisparityRange, PhysicalLens
 from dofbench.learning.lens_ties import LensPer, Ties
-from dofbench.learning.nonfinite import finite_part
 from dofbench.learning.rendered_surface import rendered_range
+from dofbench.learning.row_adam import RowAdam
 
 _FLOOR = 1e-5  # least aperture; the released code adds it after the relu
-_BETAS = (0.9, 0.999)
-_EPSILON = 1e-15
 
 
 @dataclass(frozen=True)
@@ -100,15 +99,10 @@ class LearnedLenses:
         self.ranges = [disparity_range] * count
         self._ties = Ties.untied(count) if ties is None else ties
         self._numbers = (self._ties.aperture, self._ties.focus)
-        self._raw = [
-            torch.full((max(numbers) + 1,), value, device=device)
+        self._tables = [
+            RowAdam(torch.full((max(numbers) + 1, 1), value, device=device), dense=options.lens_update == "dense")
             for numbers, value in zip(self._numbers, self._start(), strict=True)
         ]
-        self._first = [torch.zeros_like(raw) for raw in self._raw]
-        self._second = [torch.zeros_like(raw) for raw in self._raw]
-        self._visits = [[0] * len(raw) for raw in self._raw]  # on the host, which so never waits for them
-        self._steps = 0
-        self._leaf: Tensor | None = None
 
     def _start(self) -> tuple[float, float]:
         return self._raw_of(self._options.lens_init_aperture, self._options.lens_init_focus)
@@ -124,10 +118,14 @@ class LearnedLenses:
             return aperture, aperture * opening * (0.5 - focus)
         return -aperture * focus, aperture * (1 - focus)
 
-    def _of(self, view: int) -> Tensor:
-        return torch.stack([raw[numbers[view]] for raw, numbers in zip(self._raw, self._numbers, strict=True)])
+    def _each(self, view: int) -> Iterator[tuple[RowAdam, int]]:
+        """The tables of both parameters, and the rows of `view` in them."""
+        return zip(self._tables, (numbers[view] for numbers in self._numbers), strict=True)
 
-    def _coefficients(self, view: int, raw: Tensor) -> tuple[Tensor, Tensor]:
+    def _of(self, view: int) -> list[Tensor]:
+        return [table.values[row, 0] for table, row in self._each(view)]
+
+    def _coefficients(self, view: int, raw: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
         opening = self._ties.opening[view]
         match self._options.lens_activation:
             case "relu":
@@ -143,9 +141,8 @@ class LearnedLenses:
         return aperture, -aperture * focus
 
     def forward(self, view: int) -> tuple[Tensor, Tensor]:
-        """Differentiable (slope, offset) of view number `view`; keeps the parameters' leaf tensor for `step`."""
-        self._leaf = self._of(view).requires_grad_()
-        return self._coefficients(view, self._leaf)
+        """Differentiable (slope, offset) of view number `view`; keeps the parameters' leaf tensors for `step`."""
+        return self._coefficients(view, [table.leaf(row)[0] for table, row in self._each(view)])
 
     def aperture_and_focus(self, view: int) -> tuple[float, float]:
         """A >= 1e-5 and F of view number `view`. Blur doesn't depend on the sign of the slope."""
@@ -156,7 +153,8 @@ class LearnedLenses:
 
     def gradient(self) -> Tensor | None:
         """(2,) gradient with respect to the raw parameters of the view of the last `forward`."""
-        return None if self._leaf is None else self._leaf.grad
+        parts = [table.gradient for table in self._tables if table.gradient is not None]
+        return torch.cat(parts) if len(parts) == len(self._tables) else None
 
     @property
     def follows_rendering(self) -> bool:
@@ -175,25 +173,9 @@ class LearnedLenses:
         options = self._options
         if progress < options.lens_from:
             return
-        assert self._leaf is not None and self._leaf.grad is not None
-        gradient = finite_part(self._leaf.grad)
         rate = options.lens_lr * (options.lens_lr_final / options.lens_lr) ** progress * cooldown
-        self._steps += 1
-        beta1, beta2 = _BETAS
-        for part, numbers in enumerate(self._numbers):
-            index = numbers[view]
-            self._visits[part][index] += 1
-            if options.lens_update == "view":
-                rows, visits = slice(index, index + 1), self._visits[part][index]
-            else:
-                rows, visits = slice(None), self._steps
-            first, second, raw = self._first[part][rows], self._second[part][rows], self._raw[part][rows]
-            full = torch.zeros_like(first)
-            full[0 if options.lens_update == "view" else index] = gradient[part]
-            first.copy_(beta1 * first + (1 - beta1) * full)
-            second.copy_(beta2 * second + (1 - beta2) * full * full)
-            raw.sub_(rate * ((first / (1 - beta1**visits)) / (torch.sqrt(second / (1 - beta2**visits)) + _EPSILON)))
-        self._leaf = None
+        for table, row in self._each(view):
+            table.step(row, rate)
 
     def estimate(self, view: int, width: int) -> PhysicalLens:
         """The learned lens of view number `view` in scene units, for an image `width` pixels wide."""
@@ -209,24 +191,24 @@ class LearnedLenses:
         """These lenses under the given ties: a shared aperture or focus is the median over the views that share it."""
         pairs = np.array([self.aperture_and_focus(view) for view in range(len(self.ranges))])
         apertures, foci = pairs[:, 0] / np.array(ties.opening), pairs[:, 1]
-        lenses = LearnedLenses(len(self.ranges), self._first_range, self._options, ties, self._raw[0].device)
+        lenses = LearnedLenses(len(self.ranges), self._first_range, self._options, ties, self._tables[0].values.device)
         lenses.ranges = list(self.ranges)
         for view in range(len(self.ranges)):
             number, place = ties.aperture[view], ties.focus[view]
             aperture = float(np.median(apertures[np.array(ties.aperture) == number]))
             focus = float(np.median(foci[np.array(ties.focus) == place]))
             first, second = lenses._raw_of(aperture, focus, ties.opening[view])
-            lenses._raw[0][number], lenses._raw[1][place] = first, second
+            lenses._tables[0].values[number], lenses._tables[1].values[place] = first, second
         return lenses
 
     def spoil(self, value: float) -> None:
         """Set all parameters to `value`, such as NaN: for checks that training ends with the right status."""
-        for raw in self._raw:
-            raw.fill_(value)
+        for table in self._tables:
+            table.values.fill_(value)
 
     def state(self) -> dict[str, np.ndarray]:
         """(V, 2) raw parameters of all views, and (V, 2) their disparity ranges."""
         return {
-            "raw": torch.stack([self._of(view) for view in range(len(self.ranges))]).numpy(force=True),
+            "raw": torch.stack([torch.stack(self._of(view)) for view in range(len(self.ranges))]).numpy(force=True),
             "ranges": np.array([[r.q_min, r.q_max] for r in self.ranges]),
         }

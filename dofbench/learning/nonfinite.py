@@ -52,7 +52,7 @@ class Watch:
         largest = torch.stack(torch._foreach_norm(self._waiting, math.inf))
         self._largest.append(largest)
         self._waiting = []
-        found = (~torch.isfinite(largest)).any().float()
+        found = (largest.max() < math.inf).logical_not().float()  # a comparison with NaN is false
         self._any = found if self._any is None else torch.maximum(self._any, found)
 
     @property

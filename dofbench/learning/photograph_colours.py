@@ -62,7 +62,7 @@ class LearnedColours:
     def forward(self, view: int, image: Tensor) -> Tensor:
         """The image (H, W, 3) with the colour transform of photograph number `view`; differentiable with respect to
         both."""
-        return self._applied(self._table.leaf(view), image)
+        return self._applied(self._table.leaf(view), image) if self.learned else image
 
     def gradient(self) -> Tensor | None:
         """Gradient with respect to the raw parameters of the view of the last `forward`; None if nothing is learned."""
@@ -71,6 +71,8 @@ class LearnedColours:
     def step(self, view: int, progress: float, cooldown: float = 1.0) -> None:
         """One Adam step on a view's colour transform, its rate times `cooldown`; then the mean over the views is made
         zero again."""
+        if not self.learned:
+            return
         options = self._options
         rate = options.colour_lr * options.colour_lr_fall**progress * cooldown
         self._table.step(view, rate)

@@ -21,12 +21,11 @@ _COLOURS = 3
 _TILE = {"TILE_Y": 8, "TILE_X": 32}
 _WINDOWS = {"FINE": 4, "COARSE": 16}
 _BLOCK = 512
+_SUMS = 1024
 _CHUNKS = 64
 # A tile whose light comes from or goes at least this far, pixels, has the linear form. By instructions of the compiled
 # kernels it is the shorter one, both ways together, from there on (reports/notes/gpu.md), which no GPU has confirmed.
 _FROM = {"auto": 24.0, "direct": math.inf, "linear": 0.0}
-# Of the largest image values a highlight is told by this multiple of the mean, as on the CPU (cpu_pack.py).
-_BRIGHT = math.e * 4.0
 _LARGEST_RADIUS = torch.finfo(torch.float32).tiny ** -0.5
 
 
@@ -87,19 +86,15 @@ def _factors(shape: ApertureShape, height: int, width: int, device: torch.device
     return torch.from_numpy(factors.astype(np.float32)).to(device)
 
 
-def _brightness(image: Tensor, radius: Tensor) -> Tensor:
-    """(3,) on the device: largest magnitude of the image, mean of those that are no highlights, largest radius.
-
-    Largest and mean are 1 where they can't be computed: NaN and infinity appear in the result anyway.
-    """
-    magnitude = image.abs()
-    largest, mean = magnitude.amax(), magnitude.mean()
-    usual = magnitude <= _BRIGHT * mean
-    without = (magnitude * usual).sum() / usual.sum().clamp(min=1)
-    mean = torch.where(largest <= _BRIGHT * mean, mean, without)
-    known = largest.isfinite() & mean.isfinite()
-    both = torch.where(known, torch.stack([largest, mean]), 1.0)
-    return torch.cat([both, radius.abs().amax()[None]])
+def _brightness(image: Tensor, sums: Tensor) -> Tensor:
+    """(3,) on the device: largest magnitude of the image, mean of those that are no highlights, largest radius. sums:
+    (5, blocks), which `pack_sources` began."""
+    direct = kernels("scatter.gpu_direct")
+    size, blocks = image.shape[0] * image.shape[1], sums.shape[1]
+    brightness = torch.empty(3, device=image.device)
+    launch(direct.sum_usual, (blocks,), image, sums, size, blocks, BLOCK=_SUMS, PIXELS=_BLOCK)
+    launch(direct.join_sums, (1,), sums, brightness, size, blocks, BLOCK=_SUMS)
+    return brightness
 
 
 def _regions(
@@ -174,15 +169,17 @@ class _Scatter(torch.autograd.Function):
         kind = {"SHAPED": aperture.shaped, "STOPPED": shape.obstruction > 0}
         planes = torch.empty(5, height, width, device=image.device)
         blocks = (-(-size // _BLOCK),)
+        sums = torch.empty(5, *blocks, device=image.device)
         launch(
-            direct.pack_sources, blocks, image, signed_radius, planes, size, _LARGEST_RADIUS, AREA=area, BLOCK=_BLOCK
-        )
+            direct.pack_sources, blocks, image, signed_radius, planes, sums, size, _LARGEST_RADIUS,
+            AREA=area, BLOCK=_BLOCK,
+        )  # fmt: skip
         tiles = -(-height // _TILE["TILE_Y"]), -(-width // _TILE["TILE_X"])
         reach = torch.empty(tiles, device=image.device)
         bounds = torch.empty(4, *tiles, device=image.device)
         window = torch.empty(tiles, dtype=torch.int32, device=image.device)
         stop = -math.log(1.0 - STOP_OPACITY) if shape.obstruction > 0 else 0.0
-        bright = _brightness(image, signed_radius)
+        bright = _brightness(image, sums)
         lengths = float(alpha), stop, aperture.shortest, float(shape.obstruction), _LARGEST_RADIUS
         launch(direct.tile_reach, tiles, image, signed_radius, bright, reach, bounds, height, width, *lengths, **_TILE)
         launch(direct.tile_window, (tiles[0] * tiles[1],), reach, window, *tiles, BLOCK=_BLOCK, **_TILE)

@@ -12,6 +12,7 @@ import triton.language as tl
 
 from .gpu_rim import (
     AREA_EPSILON,
+    BRIGHT,
     FOCUS_EXPONENT,
     LOG2_E,
     band_of,
@@ -24,9 +25,10 @@ from .gpu_rim import (
 
 
 @triton.jit
-def pack_sources(image, signed_radius, planes, size, largest_radius, AREA: tl.constexpr, BLOCK: tl.constexpr):
+def pack_sources(image, signed_radius, planes, sums, size, largest_radius, AREA: tl.constexpr, BLOCK: tl.constexpr):
     """Planes of radius, share times colour, share. A radius that isn't finite, or above the largest, gets the share
-    NaN, so that whoever looks at the picture finds it."""
+    NaN, so that whoever looks at the picture finds it. sums: (5, programs), of which the first three rows are written:
+    a block's largest magnitude, the sum of its magnitudes, and its largest radius that is a number."""
     at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     inside = at < size
     radius = tl.abs(tl.load(signed_radius + at, mask=inside, other=0.0))
@@ -35,10 +37,72 @@ def pack_sources(image, signed_radius, planes, size, largest_radius, AREA: tl.co
         share = 1.0 / (radius * radius + AREA_EPSILON)
     share = tl.where(radius <= largest_radius, share, float("nan"))
     tl.store(planes + at, radius, mask=inside)
+    peak = tl.zeros((BLOCK,), tl.float32)
+    total = tl.zeros((BLOCK,), tl.float32)
     for channel in tl.static_range(3):
         colour = tl.load(image + at * 3 + channel, mask=inside, other=0.0)
         tl.store(planes + (1 + channel) * size + at, share * colour, mask=inside)
+        peak = tl.maximum(peak, tl.abs(colour))
+        total += tl.abs(colour)
     tl.store(planes + 4 * size + at, share, mask=inside)
+    program, programs = tl.program_id(0), tl.num_programs(0)
+    tl.store(sums + program, tl.max(peak, 0))
+    tl.store(sums + programs + program, tl.sum(total, 0))
+    tl.store(sums + 2 * programs + program, tl.max(tl.where(radius >= 0.0, radius, 0.0), 0))
+
+
+@triton.jit
+def _row_sum(row, count, BLOCK: tl.constexpr):
+    """Of `count` numbers, always in the same order."""
+    total = tl.zeros((BLOCK,), tl.float32)
+    for start in range(0, count, BLOCK):
+        at = start + tl.arange(0, BLOCK)
+        total += tl.load(row + at, mask=at < count, other=0.0)
+    return tl.sum(total, 0)
+
+
+@triton.jit
+def _row_max(row, count, BLOCK: tl.constexpr):
+    """Of `count` numbers from 0 on."""
+    largest = tl.zeros((BLOCK,), tl.float32)
+    for start in range(0, count, BLOCK):
+        at = start + tl.arange(0, BLOCK)
+        largest = tl.maximum(largest, tl.load(row + at, mask=at < count, other=0.0))
+    return tl.max(largest, 0)
+
+
+@triton.jit
+def sum_usual(image, sums, size, programs, BLOCK: tl.constexpr, PIXELS: tl.constexpr):
+    """The last two rows of `sums` (see `pack_sources`): the sum of a block's magnitudes that are no highlights, and how
+    many they are. PIXELS: of a block."""
+    mean = _row_sum(sums + programs, programs, BLOCK) / (3.0 * size)
+    program = tl.program_id(0)
+    at = program * PIXELS + tl.arange(0, PIXELS)
+    total = tl.zeros((PIXELS,), tl.float32)
+    usual = tl.zeros((PIXELS,), tl.float32)
+    for channel in tl.static_range(3):
+        magnitude = tl.abs(tl.load(image + at * 3 + channel, mask=at < size, other=float("inf")))
+        counted = magnitude <= BRIGHT * mean
+        total += tl.where(counted, magnitude, 0.0)
+        usual += tl.where(counted, 1.0, 0.0)
+    tl.store(sums + 3 * programs + program, tl.sum(total, 0))
+    tl.store(sums + 4 * programs + program, tl.sum(usual, 0))
+
+
+@triton.jit
+def join_sums(sums, brightness, size, programs, BLOCK: tl.constexpr):
+    """brightness: (3,), the largest magnitude of the image, the mean of those that are no highlights, the largest
+    radius. The first two are 1 where the image isn't finite, as then the result isn't either."""
+    largest = _row_max(sums, programs, BLOCK)
+    total = _row_sum(sums + programs, programs, BLOCK)
+    mean = total / (3.0 * size)
+    without = _row_sum(sums + 3 * programs, programs, BLOCK)
+    without /= tl.maximum(_row_sum(sums + 4 * programs, programs, BLOCK), 1.0)
+    mean = tl.where(largest <= BRIGHT * mean, mean, without)
+    known = total < float("inf")  # false for NaN too
+    tl.store(brightness, tl.where(known, largest, 1.0))
+    tl.store(brightness + 1, tl.where(known, mean, 1.0))
+    tl.store(brightness + 2, _row_max(sums + 2 * programs, programs, BLOCK))
 
 
 @triton.jit

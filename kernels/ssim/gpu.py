@@ -9,7 +9,6 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from dofbench.compute.backend import Backend
-from dofbench.compute.device_numbers import beside
 from dofbench.compute.gpu_launch import check_tensors, kernels, launch
 
 from .reference import K1, K2, Border, Settings, check_images, check_weight, gaussian_window
@@ -38,12 +37,25 @@ def _frame(size: int, window: int, sigma: float, border: Border, device: torch.d
     return torch.stack([share, counts]).float().to(device), float(counts.sum())
 
 
+@cache
+def _factors(values: tuple[float, ...], device: torch.device) -> tuple[Tensor, Tensor]:
+    """The values in double and in single precision; kept, as `_window`."""
+    return torch.tensor(values, dtype=torch.float64, device=device), torch.tensor(values, device=device)
+
+
 class _Compare(torch.autograd.Function):
-    """(mean of 1 - S, or of weight times 1 - S; mean of weight times |prediction - target|; error of the edges), all
-    differentiable with respect to the prediction."""
+    """The sum of three means, each times its share: of 1 - S, or of weight times 1 - S; of weight times |prediction -
+    target|; and the error of the edges. Differentiable with respect to the prediction."""
 
     @staticmethod
-    def forward(context, prediction: Tensor, target: Tensor, weight: Tensor | None, settings: Settings):
+    def forward(
+        context,
+        prediction: Tensor,
+        target: Tensor,
+        weight: Tensor | None,
+        settings: Settings,
+        shares: tuple[float, float, float],
+    ):
         windows = kernels("ssim.gpu_windows")
         prediction, target = prediction.contiguous(), target.contiguous()
         height, width, channels = prediction.shape
@@ -78,24 +90,23 @@ class _Compare(torch.autograd.Function):
         )  # fmt: skip
         # Numbers in a row, and in a column, that have a neighbour behind them; never 0, since they are divided by.
         pairs = max(height * (width - 1) * channels, 1), max((height - 1) * width * channels, 1)
-        counts = counted_y * counted_x * channels, float(prediction.numel()), *map(float, pairs)
-        context.save_for_backward(prediction, target, weights, slopes)
+        counts = counted_y * counted_x * channels, prediction.numel(), *pairs
+        unlike, l1, edges = shares
+        # Multiplied by all at once, as every small operation has its own launch.
+        exact, factors = _factors(
+            tuple(share / count for share, count in zip((unlike, l1, edges, edges), counts, strict=True)), device
+        )
+        context.save_for_backward(prediction, target, weights, slopes, factors)
         context.call = taps, centre, kind, grid
-        totals = sums.sum(0, dtype=torch.float64)
-        means = totals / beside(totals, counts)
-        context.counts = counts
-        unlike, l1, across, down = means.float().unbind()
-        return unlike, l1, across + down
+        return (sums.sum(0, dtype=torch.float64) * exact).sum().float()
 
     @staticmethod
     @once_differentiable
-    def backward(context, by_unlike: Tensor, by_l1: Tensor, by_edges: Tensor):
+    def backward(context, by_sum: Tensor):
         windows = kernels("ssim.gpu_windows")
-        prediction, target, weights, slopes = context.saved_tensors
+        prediction, target, weights, slopes, factors = context.saved_tensors
         taps, centre, kind, grid = context.call
         height, length, channels = slopes.shape[1], slopes.shape[2], prediction.shape[2]
-        worth = torch.stack([by_unlike, by_l1, by_edges, by_edges])
-        scales = torch.stack([value / count for value, count in zip(worth.unbind(), context.counts, strict=True)])
         maps = torch.empty_like(slopes)
         launch(
             windows.filter_slopes_along_rows, grid, slopes, taps, maps, length, channels,
@@ -103,10 +114,10 @@ class _Compare(torch.autograd.Function):
         )  # fmt: skip
         result = torch.empty_like(prediction)
         launch(
-            windows.gradient, grid, prediction, target, weights, taps, maps, scales, result,
+            windows.gradient, grid, prediction, target, weights, taps, maps, by_sum * factors, result,
             height, length, channels, centre, **kind,
         )  # fmt: skip
-        return result, None, None, None
+        return result, None, None, None, None
 
 
 def ssim(
@@ -125,7 +136,7 @@ def ssim(
     check_images(prediction, target, border, window, sigma, data_range)
     check_tensors("ssim", prediction=prediction, target=target)
     settings = Settings(border, window, sigma, data_range, with_l1=False, weigh_all=False, with_edges=False)
-    return 1 - _Compare.apply(prediction, target, None, settings)[0]
+    return 1 - _Compare.apply(prediction, target, None, settings, (1.0, 0.0, 0.0))
 
 
 def l1_ssim(
@@ -150,6 +161,5 @@ def l1_ssim(
     check_weight(prediction, weight)
     check_tensors("ssim", prediction=prediction, target=target, weight=weight)
     settings = Settings(border, window, sigma, data_range, True, weigh_all, with_edges=edge_weight != 0)
-    unlike, l1, edge_error = _Compare.apply(prediction, target, weight, settings)
-    loss = (1 - ssim_weight) * l1 + ssim_weight * unlike
-    return loss + edge_weight * edge_error if edge_weight else loss
+    shares = ssim_weight, 1 - ssim_weight, edge_weight
+    return _Compare.apply(prediction, target, weight, settings, shares)

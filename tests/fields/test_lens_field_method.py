@@ -58,7 +58,9 @@ def test_it_learns_refocuses_and_is_read_again(kind: str, tmp_path: Path) -> Non
     assert np.abs(wide - sharp).mean() > 0.01
 
 
-@pytest.mark.parametrize(("kind", "expected"), [("rays", ["field", "tone"]), ("patch", ["field", "scatter", "tone"])])
+@pytest.mark.parametrize(
+    ("kind", "expected"), [("rays", ["field", "adam", "tone"]), ("patch", ["field", "adam", "scatter", "tone"])]
+)
 def test_kernels_are_compiled_before_the_clock_starts(
     kind: str, expected: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

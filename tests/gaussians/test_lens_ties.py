@@ -82,7 +82,7 @@ def test_what_is_shared_from_now_on_is_the_median_of_what_was_found(activation):
     start = [lenses.aperture_and_focus(view) for view in range(3)]
     for view, (aperture, focus) in enumerate([(0.3, 0.2), (0.5, 0.5), (0.6, 0.9)]):
         first, second = lenses._raw_of(aperture, focus)
-        lenses._raw[0][view], lenses._raw[1][view] = first, second
+        lenses._tables[0].values[view], lenses._tables[1].values[view] = first, second
     shared = lenses.shared(lens_ties(training_set().views, "aperture"))
     np.testing.assert_allclose(
         [shared.aperture_and_focus(view) for view in range(3)], [(0.5, 0.2), (0.5, 0.5), (0.5, 0.9)], rtol=LENS_FLOOR

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 import torch
+from dofbench.kernels.scatter import gpu as scatter_gpu
 from gpu_agreement import assert_agrees
-from tolerances import HIGHLIGHT
+from tolerances import FLOAT32_VALUE, HIGHLIGHT
 
+from dofbench.compute.gpu_launch import kernels, launch
 from dofbench.core.lens import ApertureShape
 from dofbench.kernels import load
 
@@ -52,6 +55,26 @@ def test_beside_a_highlight_every_pixel_is_right() -> None:
         for name, kind in (("gpu", torch.float32), ("reference", torch.float64))
     )
     assert ((found - expected).abs() / expected).max() < HIGHLIGHT
+
+
+@pytest.mark.parametrize("bad", [None, math.nan, math.inf])
+@pytest.mark.parametrize("highlights", [0, 5])
+def test_how_bright_a_picture_is(highlights: int, bad: float | None) -> None:
+    """Of several blocks, the last one cut: the mean is without what is above 4 e times the mean of all."""
+    image, radius = torch.rand(37, 41, 3) - 0.5, torch.rand(37, 41) * 2 - 1
+    image.view(-1)[:: image.numel() // 5][:highlights] = -6.0
+    radius[30, 2], radius[3, 3] = -7.5, math.nan
+    values = image.abs().double().numpy()
+    expected = [values.max(), values[values <= 4 * math.e * values.mean()].mean(), 7.5]
+    if bad is not None:
+        image[36, 40, 2] = bad
+        expected[:2] = 1.0, 1.0
+    size, block = radius.numel(), scatter_gpu._BLOCK
+    planes, sums = torch.empty(5, 37, 41), torch.full((5, -(-size // block)), math.nan)
+    assert sums.shape[1] > 2 and size % block
+    pack = kernels("scatter.gpu_direct").pack_sources
+    launch(pack, sums.shape[1:], image, radius, planes, sums, size, 1e18, AREA=True, BLOCK=block)
+    np.testing.assert_allclose(scatter_gpu._brightness(image, sums).numpy(), expected, rtol=FLOAT32_VALUE)
 
 
 @pytest.mark.parametrize("radius", [math.nan, math.inf, 1e19])

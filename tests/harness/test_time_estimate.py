@@ -14,9 +14,10 @@ from dofbench.core.jobs import Outcome, Resources
 from dofbench.core.progress import Several
 from dofbench.results.result import read_result
 from dofbench.results.run_spec import Run
+from dofbench.running.method_cards import Costs, find_method
 from dofbench.running.prepare import plan_run
 from dofbench.running.run_options import Runs
-from dofbench.running.time_estimate import expected, time_to_go
+from dofbench.running.time_estimate import expected, seconds_by_card, time_to_go
 
 PIXELS = 64 * 48
 COSTS = "[costs]\nstep = 0.5\nstep_pixel = 1e-3\nview_pixel = 2e-3\n"
@@ -38,16 +39,22 @@ def with_costs(call, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("budget", "training"),
-    [("8it", 8 * (0.5 + 1e-3 * PIXELS)), ("2s", None), ("8it,2s", 2.0)],
+    [("8it", 8 * (0.5 + 1e-3 * PIXELS)), ("2s", 2.0), ("8it,2s", 2.0)],
 )
-def test_by_the_card(with_costs, tmp_path: Path, budget: str, training: float | None) -> None:
+def test_by_the_card(with_costs, tmp_path: Path, budget: str, training: float) -> None:
     found = expected(planned(tmp_path, budget), []).seconds
     # Two test views are scored, at the end and along the training; four views are looked at before the first step.
     others = 8 + 2 * PIXELS * (1e-5 + 1e-5)
-    if training is None:  # by seconds alone, and the preset of the fake has no steps that it would end by
-        assert found == pytest.approx(2.0 + others)
-    else:
-        assert found == pytest.approx(training + 4 * PIXELS * 2e-3 + others)
+    assert found == pytest.approx(training + 4 * PIXELS * 2e-3 + others)
+
+
+@pytest.mark.parametrize(("budget", "training"), [("2s", 2.0), ("8it,2s", 2.0), ("1it,2s", 0.5)])
+def test_seconds_alone_are_all_used_however_short_the_preset(budget: str, training: float) -> None:
+    """The preset's three steps take 1.5 s, less than the budget's seconds."""
+    card = find_method("mipsplatting").card.model_copy(update={"costs": Costs(step=0.5, step_pixel=0.0)})
+    sizes = {"view_pixels": 0.0, "train_views": 0, "test_views": 0, "fitted": False}
+    found, no_training = (seconds_by_card(card, parse_budget(text), 3, **sizes) for text in (budget, "1e-9s"))
+    assert found is not None and no_training is not None and found - no_training == pytest.approx(training)
 
 
 def test_without_a_card_s_costs_nobody_knows(call, tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ class LensRays:
     """A `RayModel` with a learned lens for every view."""
 
     stage = "lens rays"
-    kernels: tuple[str, ...] = ("tone",)
+    kernels: tuple[str, ...] = ("adam", "tone")
 
     def __init__(self, lenses: LearnedLenses, options: LensRayOptions, generator: torch.Generator):
         self.lenses, self._options, self._generator = lenses, options, generator

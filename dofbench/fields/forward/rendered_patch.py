@@ -43,7 +43,7 @@ class RenderedPatch:
     """A `RayModel` with a learned lens for every view. Light from beside a patch is missing at its border."""
 
     stage = "patch"
-    kernels: tuple[str, ...] = ("scatter", "tone")
+    kernels: tuple[str, ...] = ("adam", "scatter", "tone")
 
     def __init__(self, lenses: LearnedLenses, options: PatchOptions):
         self.lenses, self._options = lenses, options
