@@ -19,11 +19,22 @@ _TILES = lambda s: s.scatter_tiles  # noqa: E731
 _TABLE = lambda s: 4 * (2 * s.reach + 1) ** 2  # noqa: E731  # bytes of a polygon's factors that a tile looks up
 _CHUNKS, _SUMMED = 64, 512  # of a program that bounds, and places of one that adds
 
+_BLOCKS = blocks(lambda s: s.pixels, 512)
+_SUMMED_PASSES = lambda s: math.ceil(_BLOCKS(s) / 1024)  # noqa: E731  # over the blocks' sums
+
 # What both forms have in common.
 _PREPARED = (
     Kernel(
-        "scatter", "pack_sources", "lens forward", False, blocks(lambda s: s.pixels, 512),
+        "scatter", "pack_sources", "lens forward", False, _BLOCKS,
         lambda s, _: s.pixels * (16 + 20), {"AREA": True}, apart=loaded(12, 12),
+    ),
+    Kernel(
+        "scatter", "sum_usual", "lens forward", False, _BLOCKS, lambda s, _: s.pixels * 12,
+        loops=(Loop("LDG", 8, _SUMMED_PASSES),), apart=loaded(12, 12),
+    ),
+    Kernel(
+        "scatter", "join_sums", "lens forward", False, lambda s: 1, lambda s, _: 20 * _BLOCKS(s),
+        loops=(Loop("LDG", 8, _SUMMED_PASSES),), loads="memory",  # five times, each for a row of sums
     ),
     Kernel(
         "scatter", "tile_reach", "lens forward", False, _TILES, lambda s, _: 16 * s.pixels, apart=loaded(6, 12)
@@ -37,7 +48,6 @@ _TARGETS = Kernel(
     "scatter", "pack_targets", "lens backward", True, blocks(lambda s: s.pixels, 512),
     lambda s, _: s.pixels * (28 + 16), apart=loaded(24, 12),
 )  # fmt: skip
-_BRIGHTNESS = OtherWork("brightness", "lens forward", False, lambda s: 6 * 12 * s.pixels, lambda s: 14)
 
 _GATHER = Kernel(
     "scatter", "gather", "lens forward", False, _TILES, lambda s, _: s.pixels * (20 + 16), _DISC,
@@ -119,7 +129,7 @@ def _shaped(kernel: Kernel, loops: tuple[Loop, ...]) -> Kernel:
 
 
 def _form(forward: tuple[Kernel, ...], backward: tuple[Kernel, ...]) -> Op:
-    return Op((*_PREPARED, *forward, _TARGETS, *backward), (_BRIGHTNESS,))
+    return Op((*_PREPARED, *forward, _TARGETS, *backward))
 
 
 DIRECT = _form((_GATHER,), (_GATHER_GRADIENT,))
