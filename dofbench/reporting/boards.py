@@ -88,6 +88,11 @@ def by_kind(boards: Sequence[Board]) -> dict[str, list[Board]]:
     return found
 
 
+def mean_name(kind: str, boards: Sequence[Board]) -> str:
+    """What the mean over several boards of one kind is called where datasets have their names."""
+    return f"the mean over {len(boards)} scenes{kind.removeprefix(boards[0].protocol)}"
+
+
 def mean_lines(boards: Sequence[Board], columns: Sequence[str]) -> dict[Variant, Line]:
     """Means over several boards of one kind, for variants that have a score on every board. The spread is the standard
     deviation of this mean over seeds that all boards have."""

@@ -8,7 +8,7 @@ from dofbench.reporting import layouts, leaderboard, overview, report_records, t
 from dofbench.reporting.boards import Board, score_columns
 from dofbench.reporting.gallery import BoardPictures
 from dofbench.reporting.how_made import run_table, stage_table
-from dofbench.reporting.pairwise import board_pairs, comparison_records, explanation
+from dofbench.reporting.pairwise import board_pairs, comparison_records, explanation, mean_pairs
 from dofbench.reporting.plots import Plot
 from dofbench.reporting.report_view import CurveView, ReportView
 from dofbench.reporting.view import Document, Items, Picture
@@ -34,6 +34,7 @@ def build_report(
     entries = collection.entries
     columns, names = score_columns(entries), variant_names(entries)
     pairs = {board.key: board_pairs(board.members) for board in boards}
+    of_means = mean_pairs(boards)
 
     def curve(plot: Plot) -> CurveView:
         return timing.curve_view(plot, drawn.get((plot.board, plot.column)))
@@ -57,7 +58,7 @@ def build_report(
         best=overview.best_table(boards),
         facts=overview.facts(collection, boards),
         boards=views,
-        means=leaderboard.mean_sections(boards, columns, names),
+        means=leaderboard.mean_sections(boards, columns, names, of_means),
         mean_curves=tuple(curve(plot) for plot in means),
         layouts=layouts.layout_sections(boards),
         tested=explanation() if compared else None,
@@ -75,7 +76,7 @@ def build_report(
             report_records.run_records(entries),
             report_records.view_records(entries),
             report_records.curve_records(entries),
-            comparison_records(boards, pairs, names),
+            comparison_records(boards, pairs, of_means, names),
             timing.reach_records(plots),
             timing.front_records((*plots, *means)),
             report_records.time_records(entries),

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS
 from dofbench.reporting import table_cells
 from dofbench.reporting.boards import Board, by_kind, mean_lines
 from dofbench.reporting.held_out import asked_section
-from dofbench.reporting.pairwise import Pair, pairwise_section, scene_pairs
+from dofbench.reporting.pairwise import Pair, pairwise_section
 from dofbench.reporting.paper import OF_THEIR_SSIM, names_their_ssim
 from dofbench.reporting.points_seen import with_points_note
 from dofbench.reporting.report_view import BoardView, CurveView
@@ -48,17 +48,19 @@ def board_view(
     )
 
 
-def mean_sections(boards: Sequence[Board], columns: Sequence[str], names: Names) -> tuple[Section, ...]:
-    """Means over the boards of each kind that has several."""
+def mean_sections(
+    boards: Sequence[Board], columns: Sequence[str], names: Names, pairs: Mapping[str, Sequence[Pair]]
+) -> tuple[Section, ...]:
+    """Means over the boards of each kind that has several. pairs: `mean_pairs`."""
     sections = []
     for kind, scenes in by_kind(boards).items():
-        if len(scenes) < 2:
+        if kind not in pairs:
             continue
         title = f"Means over scenes, {kind}"
         means = mean_lines(scenes, columns)
         lines = sorted_lines(list(means.values()))
         signs = {variant: line.signs for variant, line in means.items()}
-        compared = pairwise_section(scene_pairs([board.variants for board in scenes]), names, title, signs)
+        compared = pairwise_section(pairs[kind], names, title, signs)
         over = Paragraph(f"Scenes: {', '.join(board.name for board in scenes)}.")
         blocks = (over, score_table(lines, columns, title), *((compared,) if compared else ()))
         sections.append(Section(title, blocks))

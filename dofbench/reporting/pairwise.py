@@ -10,7 +10,7 @@ from typing import Any
 
 from dofbench.core.evidence import ROLE_NOT_STATED
 from dofbench.reporting import standing, table_cells
-from dofbench.reporting.boards import Board, Variant
+from dofbench.reporting.boards import Board, Variant, by_kind, mean_name
 from dofbench.reporting.differences import Compared, adjusted, compare
 from dofbench.reporting.paired import EXPLANATION
 from dofbench.reporting.records import Records
@@ -91,9 +91,11 @@ def board_pairs(members: Sequence[Entry]) -> list[Pair]:
     return pairwise([variants], _ranked([variants]))
 
 
-def scene_pairs(scenes: Sequence[Seeds]) -> list[Pair]:
-    """The pairs of a mean over scenes: of the variants that every scene has, over all their views."""
-    return pairwise(scenes, _ranked(scenes))
+def mean_pairs(boards: Sequence[Board]) -> dict[str, list[Pair]]:
+    """Kind -> the pairs of its mean over scenes, where it has several boards: of the variants that every scene has,
+    over all their views."""
+    kinds = {kind: [board.variants for board in scenes] for kind, scenes in by_kind(boards).items() if len(scenes) > 1}
+    return {kind: pairwise(scenes, _ranked(scenes)) for kind, scenes in kinds.items()}
 
 
 def _ranked(datasets: Sequence[Seeds]) -> list[Variant]:
@@ -150,16 +152,22 @@ def explanation() -> Section:
 
 
 def comparison_records(
-    boards: Sequence[Board], pairs: Mapping[Variant, Sequence[Pair]], names: dict[Variant, tuple[str, str]]
+    boards: Sequence[Board],
+    pairs: Mapping[Variant, Sequence[Pair]],
+    means: Mapping[str, Sequence[Pair]],
+    names: dict[Variant, tuple[str, str]],
 ) -> Records:
-    """One row per pair and score. pairs: those of each board, by its key."""
+    """One row per pair and score. pairs: those of each board, by its key. means: `mean_pairs`."""
+    kinds = by_kind(boards)
+    sources = [(board.name, board, pairs[board.key]) for board in boards]
+    sources += [(mean_name(kind, kinds[kind]), kinds[kind][0], own) for kind, own in means.items()]
     rows = []
-    for board in boards:
-        for pair in pairs[board.key]:
+    for name, board, own in sources:
+        for pair in own:
             (method, preset), (against, against_preset) = names[pair.one], names[pair.other]
             for column, found in pair.compared.items():
                 row: dict[str, object] = {
-                    "dataset": board.name,
+                    "dataset": name,
                     "protocol": board.protocol,
                     "method": method,
                     "preset": preset,

@@ -9,7 +9,7 @@ from statistics import fmean
 
 from dofbench.core.evidence import ROLE_WORDS, Role
 from dofbench.reporting import standing
-from dofbench.reporting.boards import Board, by_kind
+from dofbench.reporting.boards import Board, by_kind, mean_name
 from dofbench.reporting.pareto import FrontPoint, front_of
 from dofbench.reporting.reach import levels
 from dofbench.reporting.series import Series, curve_columns, mean_series, series_of
@@ -102,7 +102,7 @@ def _mean_plots(
     kind: str, boards: Sequence[Board], plots: Sequence[Plot], wanted: dict[str, tuple[float, ...]]
 ) -> Iterator[Plot]:
     protocol, role = boards[0].protocol, boards[0].role
-    name = f"the mean over {len(boards)} scenes{kind.removeprefix(protocol)}"
+    name = mean_name(kind, boards)
     keys = {board.key for board in boards}
     for column in COLUMNS:
         own = [plot for plot in plots if plot.column == column and plot.board in keys]

@@ -179,6 +179,26 @@ def test_methods_are_compared_view_by_view(plain, call, made, tmp_path: Path) ->
     assert float(found["low"]) < float(found["difference"]) < float(found["high"])
 
 
+def test_means_over_scenes_are_compared_in_the_csv_too(plain, call, made, tmp_path: Path) -> None:
+    """As many pairs as views of all scenes, and the mean of the scenes' differences."""
+    other = write_dataset(tmp_path / "other", name="ripples", seed=1)
+    for data in (tmp_path / "data", other):
+        call(data=data)
+        call(data=data, method="pinhole")
+    _, out, _ = made()
+    found = [row for row in rows(out / "comparisons.csv") if row["column"] == "aif_psnr"]
+    of_mean = [row for row in found if row["dataset"] == "the mean over 2 scenes, scatter"]
+    of_scenes = [row for row in found if row not in of_mean]
+    assert len(of_mean) == 1 and len(of_scenes) == 2
+    assert int(of_mean[0]["pairs"]) == sum(int(row["pairs"]) for row in of_scenes)
+    sides = ("method", "against_method")
+    signed = [
+        float(row["difference"]) * (1 if all(row[side] == of_mean[0][side] for side in sides) else -1)
+        for row in of_scenes
+    ]
+    assert float(of_mean[0]["difference"]) == pytest.approx(sum(signed) / 2, rel=CSV_DIGITS)
+
+
 def test_a_board_of_one_compares_nothing(plain, call, made) -> None:
     call()
     call(seed=1)
