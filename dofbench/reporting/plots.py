@@ -123,7 +123,7 @@ def _plot(
     wanted: dict[str, tuple[float, ...]],
 ) -> Plot:
     higher = bool(COLUMNS[column].higher_is_better)
-    series = tuple(sorted(series, key=lambda one: one.standing(higher_is_better=higher)))
+    series = tuple(sorted(series, key=lambda one: one.rank(higher_is_better=higher)))
     return Plot(
         board,
         dataset,

@@ -51,7 +51,7 @@ class Series:
         """Method and preset with the signs, as legends show them."""
         return f"{self.name} {self.signs}".strip()
 
-    def standing(self, *, higher_is_better: bool) -> tuple[bool, float]:
+    def rank(self, *, higher_is_better: bool) -> tuple[bool, float]:
         """By what series are put in order, the best first: its last score, after all others where a seed failed."""
         last = statistics.median(run.points[-1][1] for run in self.runs if run.points)
         return not self.median, -last if higher_is_better else last

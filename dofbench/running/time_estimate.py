@@ -93,7 +93,7 @@ def seconds_by_card(
     others = _BEGINS + view_pixels * (test_views * end + min(test_views, _ON_CURVE) * curve)
     ends = [] if budget.seconds is None else [budget.seconds]
     # Seconds alone are all used, so that the preset's steps count only where the budget says nothing.
-    length = budget.steps if ends else budget.steps or steps
+    length = budget.steps or (None if ends else steps)
     if costs is not None:
         others += train_views * view_pixels * costs.view_pixel
         if length:

@@ -43,7 +43,7 @@ def test_the_best_last_score_comes_first_and_failures_last(higher: bool, order: 
         series_named("a", 1, 30.0, 20.0),
         series_named("b", 2, 10.0, 25.0),
     ]
-    assert [one.name for one in sorted(found, key=lambda one: one.standing(higher_is_better=higher))] == [
+    assert [one.name for one in sorted(found, key=lambda one: one.rank(higher_is_better=higher))] == [
         f"{name} cpu" for name in order
     ]
 
