@@ -17,6 +17,7 @@
     # A row: keys, one of page.rows, a list of columns of its own, or "", not measured
     rows = [{ scene = "fern" }, "flower", ""]
     columns = ["", "psnr; ssim"]        # the values of a cell's numbers, in order; "": not measured
+    # With `each` in place of `rows`, the whole table follows: `benchmarks/figure_tables.py`
     [[page.sentence]]
     text = "fern has <31.39> dB, <0.2> dB more than before"
     is = ["fern.psnr.mean", "fern.psnr.mean - before.psnr"]     # "under x", "over x": a bound of x
@@ -41,6 +42,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import figure_tables
 from figure_numbers import NAMES, Figure, Table, agrees, number_of, numbers, plain, sentences, tables
 from figure_values import NoSuchValue, Rows, csv_values, evaluate, select
 
@@ -177,7 +179,7 @@ def _in_tables(page: Page) -> Iterator[str]:
             yield f"table {entry['head']!r}: the page has none, or fewer"
             continue
         left.remove(found[0])
-        yield from _in_table(page, entry, found[0])
+        yield from (_whole if "each" in entry else _in_table)(page, entry, found[0])
     for table in left:
         for row in table.rows:
             for cell in row:
@@ -207,6 +209,15 @@ def _in_table(page: Page, entry: dict[str, Any], table: Table) -> Iterator[str]:
         for cell, column in zip(cells, own, strict=True):
             if column:
                 yield from _in_cell(cell, column, known, f"table {entry['head']!r}, row {cells[0]!r}")
+
+
+def _whole(page: Page, entry: dict[str, Any], table: Table) -> Iterator[str]:
+    expected = figure_tables.rows(entry, page.folder, page.names)
+    if len(expected) != len(table.rows):
+        yield f"table {entry['head']!r}: {len(table.rows)} rows, but {len(expected)} in the CSV"
+    for cells, known in zip(table.rows, expected, strict=False):
+        if cells != (shown := tuple(plain(cell) for cell in known)):
+            yield f"table {entry['head']!r}: the page says {' | '.join(cells)}, the CSV {' | '.join(shown)}"
 
 
 def _in_cell(cell: str, column: str, known: dict[str, Any], where: str) -> Iterator[str]:

@@ -49,6 +49,10 @@ class Rows:
     def __len__(self) -> int:
         return len(self._records)
 
+    def names(self) -> list[str]:
+        """The names that the rows have by `by`, in their order."""
+        return list(dict.fromkeys(str(record[self._by[0]]) for record in self._records))
+
     def where(self, condition: str) -> Rows:
         """The rows for which a condition on their columns holds, for example "delta_a < 0.02"."""
         found = [record for record in self._records if evaluate(condition, dict(record))]
@@ -118,8 +122,9 @@ class _Names(dict[str, Any]):
         raise NoSuchValue(f"{name}: no row of that name")
 
 
-def _mean(values: Any) -> float:
-    return statistics.fmean(_list(values))
+def _mean(values: Any) -> float | None:
+    there = _list(values)
+    return statistics.fmean(there) if there else None
 
 
 def _sd(values: Any) -> float | None:
@@ -167,6 +172,14 @@ def _differences(one: list[float], other: list[float]) -> list[float]:
     return [a - b for a, b in zip(one, other, strict=True)]
 
 
+def _paper(method: str, layout: str, column: str) -> float | None:
+    """What the paper prints of a method, by its id; None if nothing."""
+    from dofbench.reporting.paper import paper_figures
+    from dofbench.running.method_cards import find_method
+
+    return paper_figures()[layout].means.get(find_method(method).card.name, {}).get(column)
+
+
 def _list(values: Any) -> list[float]:
     return [value for value in (values if isinstance(values, list) else [values]) if value is not None]
 
@@ -182,6 +195,7 @@ _FUNCTIONS: dict[str, Any] = {
     "tally": _tally,
     "portion": _portion,
     "differences": _differences,
+    "paper": _paper,
     "count": len,
     "abs": abs,
     "round": round,

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from tolerances import FLOAT64_VALUE, NORMAL_QUANTILE
 
 ROOT = Path(__file__).resolve().parents[1]
-check_figures, figure_numbers, figure_pages, figure_sources, figure_values = map(
-    script, ("check_figures", "figure_numbers", "figure_pages", "figure_sources", "figure_values")
+check_figures, figure_numbers, figure_pages, figure_sources, figure_tables, figure_values = map(
+    script, ("check_figures", "figure_numbers", "figure_pages", "figure_sources", "figure_tables", "figure_values")
 )
 
 PAGES = figure_pages.read_pages(ROOT)
@@ -80,8 +80,10 @@ def last_digits(page: Any) -> list[int]:
         head = next(number for number, (_, line) in enumerate(lines) if line.startswith(entry["head"]))
         lines[head] = (lines[head][0], "")  # the next table of the same head is another
         cells = []
-        for chosen, (start, line) in zip(entry["rows"], lines[head + 2 :], strict=False):
-            own = chosen if isinstance(chosen, list) else entry["columns"]
+        whole = len(figure_tables.rows(entry, page.folder, page.names)) if "each" in entry else 0
+        columns = ["", *entry["columns"]] if whole else entry["columns"]
+        for chosen, (start, line) in zip(entry.get("rows", range(whole)), lines[head + 2 :], strict=False):
+            own = chosen if isinstance(chosen, list) else columns
             bars = [bar.start() for bar in re.finditer(r"\|", line)]
             for left, right, column in zip(bars, bars[1:], own, strict=False):
                 figures = list(figure_numbers.numbers(line[left + 1 : right]))
@@ -185,6 +187,83 @@ def test_a_page_that_says_what_its_csv_says(found: Found) -> None:
 )
 def test_what_is_wrong_is_said(found: Found, old: str, new: str, problem: str) -> None:
     assert any(problem in one for one in found(old, new)), found(old, new)
+
+
+WHOLE = """# A page
+
+| method | fern | birds |
+| --- | ---: | ---: |
+| `two` | 1 | – |
+
+and more, as `python benchmarks/scatter.py` says
+"""
+WHOLE_TIES = """
+[[page]]
+file = "page.md"
+commits = ["abc"]
+machine = "one"
+rows.all = { csv = "board.csv", by = "method" }
+[[page.table]]
+head = "| method | fern"
+each = "method"
+from = { csv = "board.csv", by = "scene" }
+columns = ["fern.psnr", "mean(all[name].birds)"]
+digits = [1, 0]
+order = "fern.psnr"
+"""
+WHOLE_BOARD = """method,scene,psnr,birds
+one,fern,-31.37,
+two,fern,31.84,12345
+none,fern,,4
+one,flower,40,
+"""
+
+
+@pytest.fixture
+def whole(tmp_path: Path) -> Callable[[], Any]:
+    """A function that reads a page with a table that its figures.toml describes whole."""
+    for file, text in (("page.md", WHOLE), ("figures.toml", WHOLE_TIES), ("board.csv", WHOLE_BOARD)):
+        (tmp_path / file).write_text(text)
+    figure_values._read.cache_clear()
+    return lambda: figure_pages.pages_of(tmp_path / "figures.toml")[0]
+
+
+def test_a_whole_table_is_filled_in(whole: Callable[[], Any]) -> None:
+    page = whole()
+    (table,) = page.given["table"]
+    text = figure_tables.filled(page.text, [(table["head"], figure_tables.rows(table, page.folder, page.names))])
+    assert text == WHOLE.replace("| `two` | 1 | – |", "| `two` | 31.8 | 12 345 |\n| `one` | −31.4 | – |")
+    page.file.write_text(text)
+    assert list(check_figures.page_problems(whole())) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ("31.8", "31.9", "says `two` | 31.9"),
+        ("12 345", "12 346", "12 346"),
+        ("| `one` | −31.4 | – |\n", "", "1 rows, but 2 in the CSV"),
+        ("`one`", "`two`", "the CSV `one`"),
+        ("| `one` |", "| `none` | | 4 |\n| `one` |", "3 rows, but 2 in the CSV"),
+        ("and more", "and 3 more", "3 in"),
+    ],
+)
+def test_a_whole_table_that_is_wrong(whole: Callable[[], Any], old: str, new: str, problem: str) -> None:
+    text = WHOLE.replace("| `two` | 1 | – |", "| `two` | 31.8 | 12 345 |\n| `one` | −31.4 | – |")
+    page = whole()
+    page.file.write_text(text.replace(old, new))
+    found = list(check_figures.page_problems(whole()))
+    assert any(problem in one for one in found), found
+
+
+def test_a_table_that_the_page_has_not() -> None:
+    with pytest.raises(ValueError, match="no table '| other'"):
+        figure_tables.filled(WHOLE, [("| other", [])])
+
+
+def test_what_the_paper_prints() -> None:
+    values = {name: figure_values.evaluate(f"paper('{name}', 'time', 'render_fps')", {}) for name in ("bags", "rgs")}
+    assert values == {"bags": 332, "rgs": None}
 
 
 def test_a_commit_that_never_was(tmp_path: Path) -> None:
