@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import math
 import statistics
 from collections.abc import Callable, Sequence
@@ -119,7 +120,8 @@ def median_curve(curves: Sequence[Sequence[Point]]) -> tuple[Point, ...]:
 
 
 def joint_curve(curves: Sequence[Sequence[Point]], together: Callable[[Sequence[float]], float]) -> tuple[Point, ...]:
-    """One curve of several, at every moment when one of them was scored, from the time on when each has a score.
+    """One curve of several: a point when each of them has been scored, again when each has another score, and at the
+    end. So moments that are the same by plan, and milliseconds apart, are one point and not a stair.
 
     Between two scored moments a curve's score is the last measured one: no value is interpolated. together: makes one
     score of all. Raises ValueError for a curve without a point.
@@ -128,14 +130,13 @@ def joint_curve(curves: Sequence[Sequence[Point]], together: Callable[[Sequence[
         raise ValueError("joint curve: expected at least one point of each, found none")
     if len(curves) == 1:
         return tuple(curves[0])
-    start = max(curve[0][0] for curve in curves)
-    times = sorted({time for curve in curves for time, _ in curve if time >= start})
-    return tuple((time, together([last_score(curve, time) for curve in curves])) for time in times)
-
-
-def last_score(curve: Sequence[Point], time: float) -> float:
-    """The last score measured at `time` or before. Raises ValueError if there was none yet."""
-    known = [score for moment, score in curve if moment <= time]
-    if not known:
-        raise ValueError(f"last score: expected one by {time:g} s, the first is of {curve[0][0]:g} s")
-    return known[-1]
+    moments = [[time for time, _ in curve] for curve in curves]
+    times = sorted({time for own in moments for time in own})
+    points: list[Point] = []
+    shown = [0] * len(curves)  # how many scores of each the last point took in
+    for time in times:
+        scored = [bisect.bisect_right(own, time) for own in moments]
+        if time == times[-1] or all(now > before for now, before in zip(scored, shown, strict=True)):
+            points.append((time, together([curve[count - 1][1] for curve, count in zip(curves, scored, strict=True)])))
+            shown = scored
+    return tuple(points)

@@ -78,14 +78,30 @@ def test_a_curve_that_failed_is_not_on_the_front() -> None:
 # ---- the median over seeds ----
 
 
+def joint_times(curves) -> list[float]:
+    """When several curves have a point together: whenever each has a score since the point before, and at the end."""
+    if len(curves) == 1:
+        return [time for time, _ in curves[0]]
+    times, since = [], -math.inf
+    last = max(time for curve in curves for time, _ in curve)
+    while later := [[time for time, _ in curve if time > since] for curve in curves]:
+        if not all(later):
+            return times if times[-1] == last else [*times, last]
+        times.append(since := max(map(min, later)))
+
+
 @given(st.lists(CURVES, min_size=1, max_size=4))
 def test_the_median_is_of_what_was_measured_last(curves) -> None:
-    median = dict(median_curve(curves))
-    start = max(curve[0][0] for curve in curves)
-    assert set(median) == {time for curve in curves for time, _ in curve if time >= start}
-    for time, score in median.items():
+    median = median_curve(curves)
+    assert [time for time, _ in median] == joint_times(curves)
+    for time, score in median:
         known = [max((t, s) for t, s in curve if t <= time)[1] for curve in curves]
         assert score == statistics.median(known)
+
+
+def test_moments_that_are_nearly_the_same_are_one_point() -> None:
+    one, other = ((1.0, 10.0), (5.0, 20.0), (60.0, 30.0)), ((1.01, 12.0), (4.99, 24.0), (20.0, 30.0), (60.02, 36.0))
+    assert median_curve([one, other]) == ((1.01, 11.0), (5.0, 22.0), (60.0, 30.0), (60.02, 33.0))
 
 
 def test_a_seed_without_a_point_has_no_median() -> None:
@@ -99,8 +115,7 @@ def test_a_seed_without_a_point_has_no_median() -> None:
 @given(st.lists(CURVES, min_size=1, max_size=4))
 def test_the_mean_over_scenes_is_of_what_was_measured_last(curves) -> None:
     (found,) = mean_series([(series(curve),) for curve in curves])
-    start = max(curve[0][0] for curve in curves)
-    assert [time for time, _ in found.median] == sorted({t for curve in curves for t, _ in curve if t >= start})
+    assert [time for time, _ in found.median] == joint_times(curves)
     for time, score in found.median:
         assert score == statistics.fmean(max((t, s) for t, s in curve if t <= time)[1] for curve in curves)
     assert [run.points for run in found.runs] == [found.median] and found.name == "fake quick"

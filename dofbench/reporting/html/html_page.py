@@ -119,9 +119,9 @@ def _time(view: ReportView, notes: Footnotes) -> str:
     tables = "".join(_curve(index, curve, notes) for index, curve in enumerate(curves))
     return f"""
 <p>One line per run, with a mark at every moment that was scored; several seeds are thin lines, and their median is a
-thick line in steps, because no score is interpolated. A mean over scenes begins when each of them has a score, and
-takes the last one of each. The broad grey line is the Pareto front; dotted lines are the levels of the table
-below.</p>
+thick line in steps, because no score is interpolated. A mean over scenes begins when each of them has a score, has a
+point again when each has another, and takes the last one of each. The broad grey line is the Pareto front; dotted lines
+are the levels of the table below.</p>
 <div class="controls">
 <label>Dataset and protocol <select id="plot-board"></select></label>
 <label>Score <select id="plot-score"></select></label>
