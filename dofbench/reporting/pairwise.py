@@ -157,25 +157,35 @@ def comparison_records(
     means: Mapping[str, Sequence[Pair]],
     names: dict[Variant, tuple[str, str]],
 ) -> Records:
-    """One row per pair and score. pairs: those of each board, by its key. means: `mean_pairs`."""
+    """One row per pair and score, of scores that a run of the boards has. pairs: those of each board, by its key.
+    means: `mean_pairs`."""
     kinds = by_kind(boards)
-    sources = [(board.name, board, pairs[board.key]) for board in boards]
-    sources += [(mean_name(kind, kinds[kind]), kinds[kind][0], own) for kind, own in means.items()]
+    sources = [(board.name, [board], pairs[board.key]) for board in boards]
+    sources += [(mean_name(kind, kinds[kind]), kinds[kind], own) for kind, own in means.items()]
     rows = []
-    for name, board, own in sources:
+    for name, compared, own in sources:
+        known = {
+            column
+            for board in compared
+            for entry in board.members
+            for column, score in entry.scores.items()
+            if score is not None
+        }
         for pair in own:
             (method, preset), (against, against_preset) = names[pair.one], names[pair.other]
             for column, found in pair.compared.items():
+                if column not in known:
+                    continue
                 row: dict[str, object] = {
                     "dataset": name,
-                    "protocol": board.protocol,
+                    "protocol": compared[0].protocol,
                     "method": method,
                     "preset": preset,
                     "against_method": against,
                     "against_preset": against_preset,
                     "column": column,
                     "reason": found.reason,
-                    "role": board.role or ROLE_NOT_STATED,
+                    "role": compared[0].role or ROLE_NOT_STATED,
                 }
                 if (one := found.difference) is not None:
                     row |= {

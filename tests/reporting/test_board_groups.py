@@ -177,6 +177,10 @@ def test_methods_are_compared_view_by_view(plain, call, made, tmp_path: Path) ->
     assert float(found["difference"]) == pytest.approx(sum(differences) / 7, rel=CSV_DIGITS)
     assert (found["pairs"], found["seeds"], found["verdict"]) == ("7", "1", "better")
     assert float(found["low"]) < float(found["difference"]) < float(found["high"])
+    # What one of the two lacks is said; what no run of the board has isn't.
+    lacking = table["quick noise=0.05", "quick", "fake", "pinhole", "psnr"]
+    assert not lacking["difference"] and lacking["reason"] == "a run of the pair failed, or lacks this score"
+    assert not {"photo_psnr", "across_psnr"} & {row["column"] for row in rows(out / "comparisons.csv")}
 
 
 def test_means_over_scenes_are_compared_in_the_csv_too(plain, call, made, tmp_path: Path) -> None:
