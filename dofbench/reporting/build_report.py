@@ -25,16 +25,18 @@ def build_report(
     means: Sequence[Plot],
     drawn: Mapping[tuple[Key, str], Picture],
     strips: Mapping[Key, Picture],
+    against: Sequence[str] = (),
     ablations: Sequence[Document] = (),
     pictures: tuple[BoardPictures, ...] | None = None,
 ) -> ReportView:
     """The content of a report of these results. boards: as `gather` gives them. means: `mean_plots`. drawn: (board,
-    score) -> picture of the curves. strips: board -> strip of pictures. pictures: those of test views, None for a
+    score) -> picture of the curves. strips: board -> strip of pictures. against: methods that all are compared with.
+    pictures: those of test views, None for a
     report without pictures."""
     entries = collection.entries
     columns, names = score_columns(entries), variant_names(entries)
-    pairs = {board.key: board_pairs(board.members) for board in boards}
-    of_means = mean_pairs(boards)
+    pairs = {board.key: board_pairs(board.members, against) for board in boards}
+    of_means = mean_pairs(boards, against)
 
     def curve(plot: Plot) -> CurveView:
         return timing.curve_view(plot, drawn.get((plot.board, plot.column)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,7 +37,8 @@ COMPARED = (
     "delta_r",
     "disparity_error",
 )
-# Up to so many variants every pair is compared; with more, each only with the first, to keep the page short
+# Up to so many variants every pair is compared; of more, each only with the first and with those of methods that the
+# user asks for, to keep the page short
 EVERY_PAIR = 8
 HEADING = "Compared view by view"
 TESTED = "How differences are tested"
@@ -70,13 +71,14 @@ class Pair:
     compared: dict[str, Compared]
 
 
-def pairwise(datasets: Sequence[Seeds], order: Sequence[Variant]) -> list[Pair]:
+def pairwise(datasets: Sequence[Seeds], order: Sequence[Variant], against: Collection[str] = ()) -> list[Pair]:
     """Compare the variants that every dataset has, in the given order, in every score; p is adjusted over the pairs of
-    a column."""
+    a column. against: ids of methods that all are compared with, however many there are."""
     whole = [variant for variant in order if all(variant in seeds for seeds in datasets)]
     pairs = list(itertools.combinations(whole, 2))
     if len(whole) > EVERY_PAIR:
-        pairs = [pair for pair in pairs if pair[0] == whole[0]]
+        rivals = {variant for variant in whole if datasets[0][variant][0].spec.method in against} | {whole[0]}
+        pairs = [pair for pair in pairs if rivals & set(pair)]
     found: list[dict[str, Compared]] = [{} for _ in pairs]
     for column in (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH, *LENS, *DEPTH):
         raw = [compare([(seeds[one], seeds[other]) for seeds in datasets], column) for one, other in pairs]
@@ -85,17 +87,17 @@ def pairwise(datasets: Sequence[Seeds], order: Sequence[Variant]) -> list[Pair]:
     return [Pair(*pair, compared) for pair, compared in zip(pairs, found, strict=True)]
 
 
-def board_pairs(members: Sequence[Entry]) -> list[Pair]:
-    """The pairs of one board, in the order of its table."""
+def board_pairs(members: Sequence[Entry], against: Collection[str] = ()) -> list[Pair]:
+    """The pairs of one board, in the order of its table. against: as of `pairwise`."""
     variants = grouped(list(members), "variant")
-    return pairwise([variants], _ranked([variants]))
+    return pairwise([variants], _ranked([variants]), against)
 
 
-def mean_pairs(boards: Sequence[Board]) -> dict[str, list[Pair]]:
+def mean_pairs(boards: Sequence[Board], against: Collection[str] = ()) -> dict[str, list[Pair]]:
     """Kind -> the pairs of its mean over scenes, where it has several boards: of the variants that every scene has,
-    over all their views."""
+    over all their views. against: as of `pairwise`."""
     kinds = {kind: [board.variants for board in scenes] for kind, scenes in by_kind(boards).items() if len(scenes) > 1}
-    return {kind: pairwise(scenes, _ranked(scenes)) for kind, scenes in kinds.items()}
+    return {kind: pairwise(scenes, _ranked(scenes), against) for kind, scenes in kinds.items()}
 
 
 def _ranked(datasets: Sequence[Seeds]) -> list[Variant]:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from dofbench.core.errors import InputError
 from dofbench.core.files import write_text
 from dofbench.core.progress import say
 from dofbench.reporting.ablations.document_files import read_documents
@@ -48,7 +49,8 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
     comparison/, leaderboard.md and report.html.
 
     The same results give the same files, byte for byte. A result that can't be read is skipped and
-    named. Raises InputError when there is no result at all, or no table in a folder of ablations.
+    named. Raises InputError when there is no result at all or none of a method to compare with, or no table
+    in a folder of ablations.
     """
     console = console or Console()
     collection, out = collect(settings.results, *settings.merge), settings.out
@@ -64,6 +66,10 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
         tell(f"not counted, a copy of another result: {folder}")
 
     entries = collection.entries
+    there = sorted({entry.spec.method for entry in entries})
+    for method in settings.rivals:
+        if method not in there:
+            raise InputError("--against", repr(method), f"methods with results here: {', '.join(there)}")
     boards = gather(entries)
     plots = make_plots(entries, variant_names(entries), board_names(entries), settings.levels)
     pictures = gallery(boards) if settings.pictures else None
@@ -83,6 +89,7 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
             board: Picture(f"comparison/{strip.name}", "truth, predictions and errors")
             for board, strip in strips.items()
         },
+        against=settings.rivals,
         ablations=ablations,
         pictures=pictures,
     )

@@ -23,6 +23,9 @@ class Report:
     reach: str = ""
     """Levels for the tables of time to reach a score, comma-separated: psnr=30,delta_f=0.01. For other scores, levels
     are chosen from the data."""
+    against: str = ""
+    """Methods that every other is compared with view by view, comma-separated: 3dgs,nerf. Up to eight are compared with
+    each other anyway; of more, each with the best."""
     ablation: Path | None = None
     """Folder of tables written by `dofbench ablate`, which are shown in report.html too."""
     merge: tuple[Path, ...] = ()
@@ -40,3 +43,8 @@ class Report:
         from dofbench.reporting.reach import parse_levels
 
         return parse_levels(self.reach)
+
+    @property
+    def rivals(self) -> tuple[str, ...]:
+        """The methods of `against`."""
+        return tuple(method.strip() for method in self.against.split(",") if method.strip())

@@ -13,6 +13,9 @@ from report_pages import notes, rows, table_rows
 from small_dataset import write_dataset
 from tolerances import CSV_DIGITS
 
+from dofbench.core.errors import InputError
+from dofbench.reporting.report_files import write_report
+from dofbench.reporting.report_options import Report
 from dofbench.results.result import read_result
 
 
@@ -181,6 +184,25 @@ def test_methods_are_compared_view_by_view(plain, call, made, tmp_path: Path) ->
     lacking = table["quick noise=0.05", "quick", "fake", "pinhole", "psnr"]
     assert not lacking["difference"] and lacking["reason"] == "a run of the pair failed, or lacks this score"
     assert not {"photo_psnr", "across_psnr"} & {row["column"] for row in rows(out / "comparisons.csv")}
+
+
+def test_of_many_methods_each_is_compared_with_the_best_and_with_those_asked_for(plain, call, tmp_path: Path) -> None:
+    for noise in range(1, 9):
+        call(set=(f"noise=0.{noise}",))
+    call(method="pinhole")
+
+    def compared(**options) -> list[set[str]]:
+        write_report(Report(tmp_path / "results", out=tmp_path / "report", pictures=False, **options))
+        found = rows(tmp_path / "report" / "comparisons.csv")
+        sides = ("method", "preset"), ("against_method", "against_preset")
+        return [{" ".join(row[side] for side in pair) for pair in sides} for row in found if row["column"] == "psnr"]
+
+    best = "fake quick noise=0.1"
+    assert len(compared()) == 8 and all(best in pair for pair in compared())
+    asked = compared(against="pinhole")
+    assert len(asked) == 15 and all({best, "pinhole quick"} & pair for pair in asked)
+    with pytest.raises(InputError, match="--against: found 'other', expected methods with results here: fake, pinhole"):
+        compared(against="pinhole, other")
 
 
 def test_means_over_scenes_are_compared_in_the_csv_too(plain, call, made, tmp_path: Path) -> None:
