@@ -26,6 +26,7 @@ from dofbench.fields.forward.pinhole_rays import PinholeRays
 from dofbench.fields.forward.ray_model import RayModel
 from dofbench.fields.grid_field import PARAMETERS, GridField
 from dofbench.fields.space import space_of
+from dofbench.fields.surroundings import Surroundings
 from dofbench.learning.option_groups import ListedOption, listed_options
 
 _MODEL = "field.npz"
@@ -88,7 +89,7 @@ class FieldMethod:
         """Write the field, its space and the options that it is rendered with, as one NumPy archive."""
         scene = self._trained()
         field = scene.field
-        arrays: dict[str, Any] = {name: tensor.numpy(force=True) for name, tensor in field.parameters.items()}
+        arrays: dict[str, Any] = {name: tensor.numpy(force=True) for name, tensor in scene.parameters.items()}
         arrays |= {f"space_{name}": array for name, array in scene.space.record().items()}
         occupied = np.packbits(scene.occupancy.occupied.numpy(force=True))
         arrays |= {"nodes": np.array(field.shape.nodes), "occupied": occupied}
@@ -107,6 +108,9 @@ class FieldMethod:
             parameters = {name: torch.from_numpy(arrays[name]).to(self._device) for name in PARAMETERS}
             record = {name.removeprefix("space_"): arrays[name] for name in arrays if name.startswith("space_")}
             space, cells = space_of(record), options.rays.cells
+            behind = None
+            if not space.reaches_everything:
+                behind = Surroundings(torch.from_numpy(arrays["surroundings"]).to(self._device))
             occupied = np.unpackbits(arrays["occupied"], count=cells**3).reshape(cells, cells, cells)
         except (OSError, ValueError, KeyError, BadZipFile) as error:
             raise InputError(path, str(error), _EXPECTED) from None
@@ -115,7 +119,7 @@ class FieldMethod:
             raise InputError(path, f"tensors of {sizes}", f"those of a grid of {shape.nodes} nodes")
         self._options = options
         field = GridField(shape, parameters, options.grid.density_shift)
-        self._scene = FieldScene(field, space, options)
+        self._scene = FieldScene(field, space, options, behind)
         self._scene.occupancy.occupied = torch.from_numpy(occupied.astype(bool)).to(self._device)
 
     def _trained(self) -> FieldScene:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor
 
@@ -13,22 +15,32 @@ from dofbench.fields.grid_field import GridField
 from dofbench.fields.occupancy import Occupancy
 from dofbench.fields.pixels import CameraTable, whole_image
 from dofbench.fields.space import PER_RAY, CubeRays, Space
+from dofbench.fields.surroundings import Surroundings
 
 _CHUNK = 8192  # rays rendered at once
 _LEAST_OPACITY = 1e-3  # of a ray that has a depth
 
 
 class FieldScene:
-    """A field, the space that it fills, and which of its cells are empty, on the field's device."""
+    """A field, the space that it fills, what lies behind that, and which of its cells are empty, on the field's device.
 
-    def __init__(self, field: GridField, space: Space, options: FieldOptions):
-        self.field, self.space, self._options = field, space, options
+    surroundings: None if the space reaches as far as anything does.
+    """
+
+    def __init__(self, field: GridField, space: Space, options: FieldOptions, surroundings: Surroundings | None = None):
+        self.field, self.space, self._options, self.surroundings = field, space, options, surroundings
         self.occupancy = Occupancy(options.rays.cells, options.rays.cells_absorb, field.device)
 
     @property
     def device(self) -> torch.device:
         """Where rays are seen."""
         return self.field.device
+
+    @property
+    def parameters(self) -> dict[str, Tensor]:
+        """What is learned, by name: leaf tensors."""
+        behind = {} if self.surroundings is None else {"surroundings": self.surroundings.logits}
+        return self.field.parameters | behind
 
     @property
     def steps_of_a_ray(self) -> int:
@@ -47,7 +59,11 @@ class FieldScene:
         rays = self.space.rays(origins, directions)
         samples = self.occupancy.samples(rays, self.steps_of_a_ray, offsets)
         views = torch.nn.functional.normalize(directions, dim=1)
-        return self.field.render(rays, views, samples, self._options.rays.least_weight)
+        seen = self.field.render(rays, views, samples, self._options.rays.least_weight)
+        if self.surroundings is None:
+            return seen
+        behind = (1 - seen.opacity)[:, None] * self.surroundings.seen(directions)
+        return replace(seen, color=seen.color + behind)
 
     def disparity(self, origins: Tensor, directions: Tensor, seen: FieldRender) -> Tensor:
         """(R,) 1 / z in the cameras' frames of the mean place of what the rays met; see `RayScene.disparity`."""

@@ -18,6 +18,7 @@ from dofbench.fields.forward.ray_model import Prediction, RayModel, RayScene
 from dofbench.fields.grid_field import GridField
 from dofbench.fields.pixels import CameraTable, Pixels, TrainingPixels
 from dofbench.fields.space import space_for
+from dofbench.fields.surroundings import Surroundings
 from dofbench.kernels import warm_up
 from dofbench.learning.nonfinite import NonFiniteError, Place, Watch
 from dofbench.learning.seen_loss import SeenLoss
@@ -47,7 +48,8 @@ class FieldTrainer:
         space = space_for(cameras, training_set.points.xyz)
         shape = options.grid.shape(space.nodes(options.grid.nodes(0.0)))
         field = GridField.at_random(shape, options.grid.density_shift, self._generator, device)
-        self.scene = FieldScene(field, space, options)
+        surroundings = None if space.reaches_everything else Surroundings.grey(options.grid.surroundings_nodes, device)
+        self.scene = FieldScene(field, space, options, surroundings)
         self._rays = RayScene(self.scene, CameraTable(cameras, device), self._generator)
         self._optimiser = self._new_optimiser()
         self._clock = StageClock()
@@ -103,7 +105,7 @@ class FieldTrainer:
         place.check(loss, "loss")
         with self._clock.timed("backward"):
             loss.backward()
-        own = {name: tensor.grad for name, tensor in self.scene.field.parameters.items()}
+        own = {name: tensor.grad for name, tensor in self.scene.parameters.items()}
         for name, gradient in {**own, **self._model.gradients()}.items():
             place.check(gradient, f"gradient by {name}")
         with self._clock.timed("optimiser"):
@@ -137,9 +139,10 @@ class FieldTrainer:
             self._optimiser = self._new_optimiser()
 
     def _new_optimiser(self) -> torch.optim.Adam:
-        rates, parameters = self._options.rates, self.scene.field.parameters
+        rates, parameters = self._options.rates, self.scene.parameters
+        basis = parameters.pop("basis")
         groups = [
-            {"params": [parameters["density"], parameters["colour"]], "first": rates.grid_lr},
-            {"params": [parameters["basis"]], "first": rates.basis_lr},
+            {"params": list(parameters.values()), "first": rates.grid_lr},
+            {"params": [basis], "first": rates.basis_lr},
         ]
         return torch.optim.Adam(groups, betas=_BETAS, eps=_EPSILON, fused=True)

@@ -30,6 +30,9 @@ class GridOptions:
     """In how many equal ratios the grid grows from the first to the last size. Unit: none. Source: own; TensoRF 5."""
     grid_grown: float = 0.35
     """When it has its last size. Unit: share of the training. Source: own; TensoRF 0.22."""
+    surroundings_nodes: int = 128
+    """Nodes along each side of the square of directions on which lies what is behind a scene seen from all around.
+    Unit: none. Source: own."""
     density_rank: int = 8
     """Channels of each mode of the density, a multiple of 8. Unit: none. Source: TensoRF on LLFF: 16, 4, 4."""
     colour_rank: int = 16
@@ -43,6 +46,8 @@ class GridOptions:
     def __post_init__(self) -> None:
         if self.grid_grows < 1:
             raise InputError("option grid_grows", str(self.grid_grows), "at least 1")
+        if self.surroundings_nodes < 2:
+            raise InputError("option surroundings_nodes", str(self.surroundings_nodes), "at least 2")
         if not 2 <= self.grid_nodes_first <= self.grid_nodes:
             raise InputError("option grid_nodes_first", str(self.grid_nodes_first), f"2 to {self.grid_nodes}")
         for name in ("density_rank", "colour_rank"):

@@ -2,7 +2,7 @@
 
 Views that look in one direction share a frustum, in which places are counted in disparity, so that far things have no
 more cells than the views can resolve (NeRF's normalised device coordinates; Mildenhall et al., ECCV 2020, appendix C,
-here for any near and far plane). Views from around a scene share a box.
+here for any near and far plane). Views from around a scene share a box; what lies behind it, `surroundings.py` tells.
 """
 
 from __future__ import annotations
@@ -22,7 +22,10 @@ _LEAST_FORWARD = 0.5  # cosine of the angle between a frustum's axis and its wid
 _POINTS_SHARE = 0.005  # of the sparse points that may be outliers, at each end
 _NEARER, _FARTHER = 0.7, 0.7  # of the nearest points' distance from the cameras, and of the farthest points' disparity
 _INFINITE = 0.02  # a far plane is at infinity if its disparity is less than this share of the near plane's
-_MARGIN = 0.05  # of the extent of a frustum or box, on each side
+_MARGIN = 0.05  # of the extent of a frustum, on each side
+# The same of a box. Sparse points are dense on what all cameras look at and rare beside it. On blowtorch and chessking,
+# development scenes, photographs were predicted 0.2 and 0.9 dB better than with 0.05.
+_BOX_MARGIN = 0.5
 PER_RAY = 100.0  # density is per hundredth of a ray through the whole space
 
 
@@ -39,6 +42,10 @@ class CubeRays:
 
 class Space(Protocol):
     """A part of the scene, and where its points lie in the unit cube."""
+
+    @property
+    def reaches_everything(self) -> bool:
+        """Whether nothing that a camera sees lies behind it."""
 
     def rays(self, origins: Tensor, directions: Tensor) -> CubeRays:
         """World rays (R, 3) in the cube; differentiable. directions: of length 1 in z of their camera."""
@@ -66,6 +73,11 @@ class Frustum:
     high: np.ndarray
     near: float
     far: float
+
+    @property
+    def reaches_everything(self) -> bool:
+        """See `Space.reaches_everything`."""
+        return True
 
     def rays(self, origins: Tensor, directions: Tensor) -> CubeRays:
         """See `Space.rays`."""
@@ -116,6 +128,11 @@ class Box:
     low: np.ndarray
     high: np.ndarray
 
+    @property
+    def reaches_everything(self) -> bool:
+        """See `Space.reaches_everything`."""
+        return False
+
     def rays(self, origins: Tensor, directions: Tensor) -> CubeRays:
         """See `Space.rays`. A ray that misses the box ends before it begins."""
         low, extent = beside(origins, self.low), beside(origins, self.high - self.low)
@@ -162,7 +179,8 @@ def space_for(cameras: Sequence[Camera], points: np.ndarray) -> Space:
     z = np.quantile(_transformed(pose, points)[:, 2], [_POINTS_SHARE, 1 - _POINTS_SHARE])
     forward = rays[:, 2] / np.linalg.norm(rays, axis=1)
     if forward.min() < _LEAST_FORWARD or z[0] <= centres[:, 2].max():
-        return Box(*_widened(*np.quantile(points, [_POINTS_SHARE, 1 - _POINTS_SHARE], axis=0)))
+        low, high = np.quantile(points, [_POINTS_SHARE, 1 - _POINTS_SHARE], axis=0)
+        return Box(*_widened(low, high, _BOX_MARGIN))
     first = float(centres[:, 2].max())
     near = 1 / (first + _NEARER * (float(z[0]) - first))
     far = _FARTHER / float(z[1])
@@ -170,12 +188,12 @@ def space_for(cameras: Sequence[Camera], points: np.ndarray) -> Space:
     origins = np.repeat(centres, [len(border) for border in borders], axis=0)
     slope = rays[:, :2] / rays[:, 2:]
     ends = np.concatenate([origins[:, :2] * q + (1 - origins[:, 2:] * q) * slope for q in (near, far)])
-    low, high = _widened(ends.min(axis=0), ends.max(axis=0))
+    low, high = _widened(ends.min(axis=0), ends.max(axis=0), _MARGIN)
     return Frustum(pose, low, high, near, far)
 
 
-def _widened(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    margin = _MARGIN * (high - low)
+def _widened(low: np.ndarray, high: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
+    margin = share * (high - low)
     return low - margin, high + margin
 
 

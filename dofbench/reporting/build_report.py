@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from dofbench.reporting import layouts, leaderboard, overview, report_records, timing
-from dofbench.reporting.boards import Board, score_columns
+from dofbench.reporting.boards import Board, by_kind, score_columns
 from dofbench.reporting.gallery import BoardPictures
 from dofbench.reporting.how_made import run_table, stage_table
-from dofbench.reporting.pairwise import board_pairs, comparison_records, explanation, mean_pairs
+from dofbench.reporting.pairwise import board_pairs, comparison_records, explanation, mean_pairs, with_the_best
 from dofbench.reporting.plots import Plot
 from dofbench.reporting.report_view import CurveView, ReportView
 from dofbench.reporting.view import Document, Items, Picture
@@ -42,12 +42,16 @@ def build_report(
         return timing.curve_view(plot, drawn.get((plot.board, plot.column)))
 
     curves = [(plot, curve(plot)) for plot in plots]
+    several = {board.key for scenes in by_kind(boards).values() if len(scenes) > 1 for board in scenes}
+    shown = dict(pairs) | {
+        board.key: with_the_best(pairs[board.key], len(board.variants)) for board in boards if board.key in several
+    }
     views = tuple(
         leaderboard.board_view(
             board,
             columns,
             names,
-            pairs[board.key],
+            shown[board.key],
             tuple(view for plot, view in curves if plot.board == board.key),
             strips.get(board.key),
         )

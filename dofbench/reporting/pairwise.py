@@ -93,6 +93,12 @@ def board_pairs(members: Sequence[Entry], against: Collection[str] = ()) -> list
     return pairwise([variants], _ranked([variants]), against)
 
 
+def with_the_best(pairs: Sequence[Pair], variants: int) -> list[Pair]:
+    """Of the pairs of many variants, those with the best of them: what a page says of one scene among several, since
+    pairs with other methods say more of the mean over scenes."""
+    return [pair for pair in pairs if variants <= EVERY_PAIR or pair.one == pairs[0].one]
+
+
 def mean_pairs(boards: Sequence[Board], against: Collection[str] = ()) -> dict[str, list[Pair]]:
     """Kind -> the pairs of its mean over scenes, where it has several boards: of the variants that every scene has,
     over all their views. against: as of `pairwise`."""

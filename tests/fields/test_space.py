@@ -122,7 +122,7 @@ def test_points_at_infinity_put_the_far_plane_there() -> None:
 
 
 def test_a_ray_begins_and_ends_on_the_box() -> None:
-    space = space_for(around(), ball(1.0))
+    space = space_for(around(), ball(0.5))
     origins, directions = rays(around(), 2, torch.tensor([[20.0, 15.0], [0.5, 0.5]]))
     cube = space.rays(origins, directions)
     for end in cube.spans.T:

@@ -14,6 +14,7 @@ from small_dataset import write_dataset
 from tolerances import CSV_DIGITS
 
 from dofbench.core.errors import InputError
+from dofbench.reporting.pairwise import Pair, with_the_best
 from dofbench.reporting.report_files import write_report
 from dofbench.reporting.report_options import Report
 from dofbench.results.result import read_result
@@ -203,6 +204,12 @@ def test_of_many_methods_each_is_compared_with_the_best_and_with_those_asked_for
     assert len(asked) == 15 and all({best, "pinhole quick"} & pair for pair in asked)
     with pytest.raises(InputError, match="--against: found 'other', expected methods with results here: fake, pinhole"):
         compared(against="pinhole, other")
+
+
+def test_a_page_of_one_scene_among_several_keeps_to_the_best_of_many() -> None:
+    best, other, third = ("a",), ("b",), ("c",)
+    pairs = [Pair(best, other, {}), Pair(best, third, {}), Pair(other, third, {})]
+    assert with_the_best(pairs, 3) == pairs and with_the_best(pairs, 9) == pairs[:2] and with_the_best([], 9) == []
 
 
 def test_means_over_scenes_are_compared_in_the_csv_too(plain, call, made, tmp_path: Path) -> None:
