@@ -45,9 +45,10 @@ def softplus8(x):
 
 @njit(forceinline=True)
 def absorbed8(optical):
-    """1 - exp(-optical)."""
+    """(1 - exp(-optical), exp(-optical))."""
+    passed = exp8(-optical)
     series = optical * (ONE - optical * (_HALF - optical * (_SIXTH - optical * _TWENTY_FOURTH)))
-    return select8(optical < _SMALL, series, ONE - exp8(-optical))
+    return select8(optical < _SMALL, series, ONE - passed), passed
 
 
 @njit(forceinline=True)
@@ -191,6 +192,7 @@ def render(grids, rays, samples, sizes, constants, kept, seen, results):
     count, none = len(origins), splat8(ZERO)
     for task in prange(-(-count // RAYS_PER_TASK)):
         optical, absorbed = np.empty(LANES, np.float32), np.empty(LANES, np.float32)
+        passed = np.empty(LANES, np.float32)
         slopes = np.empty(LANES, np.float32)
         harmonic, weights = np.empty(terms, np.float32), np.empty(9 * colour_rank, np.float32)
         rgb = np.empty(LANES, np.float32)
@@ -218,11 +220,14 @@ def render(grids, rays, samples, sizes, constants, kept, seen, results):
                     optical[lane] = lengths[min(s + lane, end - 1)]
                 length = load8(optical, 0)
                 store8(slopes, 0, slope * length)
-                store8(absorbed, 0, absorbed8(value * length))
+                held_back, let_through = absorbed8(value * length)
+                store8(absorbed, 0, held_back)
+                store8(passed, 0, let_through)
                 block = s
                 while s < min(block + LANES, end) and left >= _STOP:
                     weight = left * absorbed[s - block]
-                    left -= weight
+                    # Multiplied, since 1 less what was held back has no digits left in an opaque ray.
+                    left *= passed[s - block]
                     kept[s, WEIGHT], kept[s, BEHIND], kept[s, SLOPE] = weight, left, slopes[s - block]
                     opacity += weight
                     distance += weight * places[s]
