@@ -34,9 +34,10 @@ from typing import Any
 import torch
 import tyro
 from gpu_call_sizes import model_calls
-from gpu_calls import CALLS, Call, Size, gaussians, gradients
+from gpu_calls import CALLS, Call, Size, gradients
 from gpu_page import COLUMNS, floors, numbers, page
 from gpu_peaks import GPUS, H200
+from gpu_peer import both, gsplat
 from gpu_step import is_kernel, profiler, step_parts
 from gpu_times import REPORT, predicted
 from rich.console import Console
@@ -140,22 +141,34 @@ def machine(settings: Settings) -> dict[str, Any]:
 def agreement(settings: Settings) -> dict[str, Any]:
     """Largest differences from the CPU backend, over the largest magnitude; and the share of the values that differ by
     more than `CLOSE` of it, since rounding decides at a threshold, such as the least opacity that is drawn. repeats: 1
-    if a second call gives the same bits."""
+    if a second call gives the same bits. gsplat's differences are from this project's rasteriser on the GPU."""
+    size = replace(settings.size, gaussians=min(settings.size.gaussians, 20_000))
     found = {}
     for name, make in CALLS.items():
-        call = make(replace(settings.size, gaussians=min(settings.size.gaussians, 20_000)))
-        here, there, again = (gradients(call, call.on(device)) for device in ("cpu", DEVICE, DEVICE))
-        pairs = zip((*there[0], *there[1]), (*again[0], *again[1]), strict=True)
-        found[name] = {"repeats": int(all(torch.equal(*pair) for pair in pairs))}
-        for what, ours, theirs in zip(("value", "gradient"), here, there, strict=True):
-            if ours:
-                apart = torch.cat([_apart(*pair).flatten() for pair in zip(ours, theirs, strict=True)])
-                found[name] |= {what: float(apart.max()), f"{what}_share": float((apart > CLOSE).float().mean())}
+        call = make(size)
+        found[name] = _differences(gradients(call, call.on("cpu")), call)
+    try:
+        ours, theirs = both(size)
+        found["gsplat"] = _differences(gradients(ours, ours.on(DEVICE)), theirs)
+    except ImportError:
+        pass  # `ops` says so
+    return found
+
+
+def _differences(expected: tuple[list[Tensor], list[Tensor]], call: Call) -> dict[str, float]:
+    """How far the values and gradients of a call on the GPU are from those that are expected."""
+    there, again = (gradients(call, call.on(DEVICE)) for _ in range(2))
+    pairs = zip((*there[0], *there[1]), (*again[0], *again[1]), strict=True)
+    found: dict[str, float] = {"repeats": int(all(torch.equal(*pair) for pair in pairs))}
+    for what, ours, theirs in zip(("value", "gradient"), expected, there, strict=True):
+        if ours:
+            apart = torch.cat([_apart(*pair).flatten() for pair in zip(ours, theirs, strict=True)])
+            found |= {what: float(apart.max()), f"{what}_share": float((apart > CLOSE).float().mean())}
     return found
 
 
 def _apart(here: Tensor, there: Tensor) -> Tensor:
-    here, there = here.detach().double(), there.detach().cpu().double()
+    here, there = here.detach().cpu().double(), there.detach().cpu().double()
     return (there - here).abs() / here.abs().max().clamp_min(1e-30)
 
 
@@ -166,7 +179,7 @@ def ops(settings: Settings) -> dict[str, Any]:
         found[name] = _timed(make(settings.size), settings.repeats)
         found[name] |= modelled(name, settings.size, torch.cuda.get_device_name(DEVICE))
     try:
-        found["gsplat"] = {"forward_ms": _gsplat(settings)}
+        found["gsplat"] = _timed(gsplat(settings.size), settings.repeats)
     except ImportError as error:
         found["gsplat"] = {"left_out": str(error)}
     return found
@@ -199,25 +212,6 @@ def _timed(call: Call, repeats: int) -> dict[str, float]:
         found["both_busy_ms"] = busy(lambda: gradients(call, inputs), repeats)
         found["both_bytes"] = 2 * moved + 4 * sum(slope.numel() for slope in slopes)
     return found
-
-
-def _gsplat(settings: Settings) -> float:
-    from gsplat import rasterization
-
-    parameters, camera = gaussians(settings.size)
-    means, scales, quaternions, logits, dc, rest = (value.to(DEVICE) for value in parameters)
-    colours = torch.cat([dc[:, None], rest], 1)
-    intrinsics = torch.tensor([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]], device=DEVICE)
-    pose = torch.eye(4, device=DEVICE)[None]
-
-    def call() -> object:
-        return rasterization(
-            means, quaternions, scales.exp(), logits.sigmoid(), colours, pose, intrinsics[None],
-            camera.width, camera.height, sh_degree=3, render_mode="RGB+ED", rasterize_mode="antialiased",
-        )  # fmt: skip
-
-    with torch.no_grad():
-        return milliseconds(call, settings.repeats)
 
 
 def cost(settings: Settings) -> dict[str, Any]:

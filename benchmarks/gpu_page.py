@@ -58,7 +58,8 @@ def page(found: dict[str, Any]) -> str:
             "## Beside the CPU backend",
             "",
             "Largest difference over the largest magnitude; the share of values that differ by more than 1e-5 of it; 1 "
-            "where a second call gives the same bits.",
+            "where a second call gives the same bits. gsplat, where it is installed, is compared with this project's "
+            "rasteriser on the GPU: colour and opacity.",
             "",
         ]
         lines += [*markdown_table(("op", "value", "share", "gradient", "share", "same bits"), rows, 1), ""]

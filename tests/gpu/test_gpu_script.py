@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 import small_dataset
 import torch
+from dofbench.kernels.rasterize.reference import rasterize
 from pretended_device import pretended
 from small_dataset import write_dataset
 from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE
+from torch import Tensor
 
+from dofbench.core.cameras import Camera
 from dofbench.core.files import read_json
 
 BESIDE = Path(__file__).resolve().parents[2] / "benchmarks"
@@ -133,3 +138,32 @@ def test_without_a_gpu_it_says_so(script: ModuleType, tmp_path: Path, capsys: py
         pytest.skip("this machine has a GPU")
     assert script.main(toy(script, tmp_path)) == 2
     assert capsys.readouterr().err.startswith("no GPU that torch can use")
+
+
+def test_a_peer_draws_the_same_picture_from_what_it_is_given(
+    script: ModuleType, device: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """gsplat isn't installed here: the definition of this project's rasteriser, called as gsplat is, stands for it."""
+
+    def rasterization(
+        means: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor, colors: Tensor, viewmats: Tensor, Ks: Tensor,
+        width: int, height: int, *, near_plane: float, eps2d: float, sh_degree: int, render_mode: str,
+        rasterize_mode: str,
+    ) -> tuple[Tensor, Tensor, dict[str, Any]]:  # fmt: skip
+        assert (render_mode, rasterize_mode) == ("RGB+ED", "antialiased")
+        (fx, _, cx), (_, fy, cy), _ = Ks[0].tolist()
+        camera = Camera(width, height, fx, fy, cx, cy, np.array(viewmats[0].tolist()))
+        seen = rasterize(
+            means, scales.log(), quats, opacities.logit(), colors[:, 0], colors[:, 1:], camera=camera,
+            near=near_plane, filter_2d=eps2d, sh_degree=sh_degree,
+        )  # fmt: skip
+        return torch.cat([seen.color, seen.depth[..., None]], 2)[None], seen.alpha[None, ..., None], {}
+
+    monkeypatch.setitem(sys.modules, "gsplat", SimpleNamespace(rasterization=rasterization))
+    monkeypatch.setattr(script, "CALLS", {})
+    settings = toy(script, tmp_path)
+    with pretended(monkeypatch):
+        apart, took = script.agreement(settings)["gsplat"], script.ops(settings)["gsplat"]
+    assert apart["repeats"] == 1
+    assert apart["value"] < FLOAT32_VALUE and apart["gradient"] < FLOAT32_GRADIENT
+    assert min(took[name] for name in ("forward_ms", "forward_bytes", "both_ms", "both_bytes")) > 0
