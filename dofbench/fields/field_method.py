@@ -28,6 +28,8 @@ from dofbench.fields.grid_field import PARAMETERS, GridField
 from dofbench.fields.space import space_of
 from dofbench.fields.surroundings import Surroundings
 from dofbench.learning.option_groups import ListedOption, listed_options
+from dofbench.learning.photograph_colours import FILE as COLOURS
+from dofbench.learning.photograph_colours import read_colours, write_colours
 
 _MODEL = "field.npz"
 _EXPECTED = "a field that `dofbench run` stored"
@@ -45,6 +47,7 @@ class FieldMethod:
         self._device = resolve(device, KINDS, "training of fields")
         self._options, self._seed = self.OPTIONS.of(**options), seed
         self._scene: FieldScene | None = None
+        self._colours: dict[str, np.ndarray] | None = None
         self._peak: dict[str, float] = {}
 
     @classmethod
@@ -68,6 +71,7 @@ class FieldMethod:
         trainer = FieldTrainer(training_set, self._options, model, self._seed, self._device)
         self._scene = trainer.scene
         outcome = trainer.fit(budget, observer)
+        self._colours = trainer.colour_estimates()
         self._peak = peak_mb(self._device)
         return outcome
 
@@ -81,12 +85,18 @@ class FieldMethod:
         """None: there is no lens."""
         return None
 
+    def colour_estimates(self) -> dict[str, np.ndarray] | None:
+        """The learned colour of every training photograph, (3, 4) as in `photograph_colours.py`; None if none is
+        learned."""
+        return self._colours
+
     def describe(self) -> dict[str, float]:
         """After training on a GPU, the most of its memory that was in use, MB; else nothing that methods share."""
         return dict(self._peak)
 
     def save(self, folder: Path) -> None:
-        """Write the field, its space and the options that it is rendered with, as one NumPy archive."""
+        """Write the field, its space and the options that it is rendered with, as one NumPy archive, and the
+        photographs' colours if they were learned."""
         scene = self._trained()
         field = scene.field
         arrays: dict[str, Any] = {name: tensor.numpy(force=True) for name, tensor in scene.parameters.items()}
@@ -96,6 +106,8 @@ class FieldMethod:
         arrays["options"] = np.array(json.dumps(self._options.flat()))
         with replacing(folder / _MODEL) as temporary, temporary.open("wb") as stream:
             np.savez(stream, **arrays)
+        if self._colours is not None:
+            write_colours(folder / COLOURS, self._colours)
 
     def load(self, folder: Path) -> None:
         """Read a model that `save` wrote; raises InputError when the file is missing or damaged."""
@@ -120,6 +132,7 @@ class FieldMethod:
         self._options = options
         field = GridField(shape, parameters, options.grid.density_shift)
         self._scene = FieldScene(field, space, options, behind)
+        self._colours = read_colours(folder / COLOURS) if (folder / COLOURS).is_file() else None
         self._scene.occupancy.occupied = torch.from_numpy(occupied.astype(bool)).to(self._device)
 
     def _trained(self) -> FieldScene:

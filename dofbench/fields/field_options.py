@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from dofbench.core.errors import InputError
 from dofbench.fields.grid_field import GridOptions
 from dofbench.learning.option_groups import OptionGroups
+from dofbench.learning.photograph_colours import ColourOptions
 
 
 @dataclass(frozen=True)
@@ -65,3 +66,4 @@ class FieldOptions(OptionGroups):
     rays: RayOptions = RayOptions()
     grid: GridOptions = GridOptions()
     rates: FieldRates = FieldRates()
+    colours: ColourOptions = ColourOptions()

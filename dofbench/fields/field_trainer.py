@@ -21,6 +21,7 @@ from dofbench.fields.space import space_for
 from dofbench.fields.surroundings import Surroundings
 from dofbench.kernels import warm_up
 from dofbench.learning.nonfinite import NonFiniteError, Place, Watch
+from dofbench.learning.photograph_colours import LearnedColours
 from dofbench.learning.seen_loss import SeenLoss
 from dofbench.learning.stage_clock import StageClock
 
@@ -31,8 +32,8 @@ class FieldTrainer:
     """Trains a field, and what its forward model learns, on a training set. After `fit`, or during it from an observer,
     `scene` can be rendered at any time.
 
-    device: where the field is trained; the model's tensors lie there too. loss: that of the last step, None before the
-    first.
+    colours: the photographs' colours as learned so far. device: where the field is trained; the model's tensors lie
+    there too. loss: that of the last step, None before the first.
     """
 
     def __init__(
@@ -50,6 +51,8 @@ class FieldTrainer:
         field = GridField.at_random(shape, options.grid.density_shift, self._generator, device)
         surroundings = None if space.reaches_everything else Surroundings.grey(options.grid.surroundings_nodes, device)
         self.scene = FieldScene(field, space, options, surroundings)
+        self.colours = LearnedColours(len(cameras), options.colours, device)
+        self._names = [view.name for view in training_set.views]
         self._rays = RayScene(self.scene, CameraTable(cameras, device), self._generator)
         self._optimiser = self._new_optimiser()
         self._clock = StageClock()
@@ -59,7 +62,7 @@ class FieldTrainer:
 
     def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
         """Train until the budget or the observer ends it. A non-finite value ends with the status "diverged"."""
-        for op in ("field", *self._model.kernels):
+        for op in ("adam", "field", *self._model.kernels):
             warm_up(op, kind_of(self._device))
         preset = self._options.rays.steps
         step = 0
@@ -106,7 +109,8 @@ class FieldTrainer:
         with self._clock.timed("backward"):
             loss.backward()
         own = {name: tensor.grad for name, tensor in self.scene.parameters.items()}
-        for name, gradient in {**own, **self._model.gradients()}.items():
+        learned = {**self._model.gradients(), "colours": self.colours.gradient()}
+        for name, gradient in {**own, **learned}.items():
             place.check(gradient, f"gradient by {name}")
         with self._clock.timed("optimiser"):
             for group in self._optimiser.param_groups:
@@ -115,12 +119,15 @@ class FieldTrainer:
             self._optimiser.step()
             self._optimiser.zero_grad()
             self._model.step(progress)
+            self.colours.step(pixels.view, progress)
         return loss.detach()
 
     def _cost(self, predictions: Sequence[Prediction], pixels: Pixels, step: int, progress: float) -> Tensor:
         """Mean squared errors, the forward model's own term, and every so often the roughness of the grid."""
         rates = self._options.rates
-        errors = [one.weight * (one.colours - pixels.colours).square().mean() for one in predictions]
+        shown = self._photographed(torch.stack([one.colours for one in predictions]), pixels)
+        weights = [one.weight for one in predictions]
+        errors = [weight * (one - pixels.colours).square().mean() for weight, one in zip(weights, shown, strict=True)]
         loss = torch.stack(errors).sum()
         if (own := self._model.cost(progress)) is not None:
             loss = loss + own
@@ -129,6 +136,18 @@ class FieldTrainer:
             smooth = rates.density_smooth * rough["density"] + rates.colour_smooth * rough["colour"]
             loss = loss + rates.smooth_every * smooth
         return loss
+
+    def _photographed(self, colours: Tensor, pixels: Pixels) -> Tensor:
+        """Predicted colours (..., P, 3) as each pixel's photograph has them."""
+        if pixels.view is not None:
+            return self.colours.forward(pixels.view, colours)
+        return self.colours.of_pixels(pixels.views, colours)
+
+    def colour_estimates(self) -> dict[str, np.ndarray] | None:
+        """The learned colour of each training view, (3, 4) as in `photograph_colours.py`; None if none is learned."""
+        if not self.colours.learned:
+            return None
+        return {name: self.colours.matrix(number) for number, name in enumerate(self._names)}
 
     def _grow(self, progress: float) -> None:
         """Give the grid the nodes that it has at `progress`; the optimiser then begins anew, as in TensoRF."""

@@ -23,9 +23,10 @@ from dofbench.gaussians.splats import lower_degree, read_splats, write_splats
 from dofbench.gaussians.trainer import Trainer
 from dofbench.learning.lens_file import read_lenses, write_lenses
 from dofbench.learning.option_groups import ListedOption, listed_options
+from dofbench.learning.photograph_colours import FILE as COLOURS
 from dofbench.learning.photograph_colours import read_colours, write_colours
 
-_MODEL, _LENSES, _COLOURS = "gaussians.ply", "lenses.json", "colours.json"
+_MODEL, _LENSES = "gaussians.ply", "lenses.json"
 
 
 class GaussianMethod:
@@ -103,7 +104,7 @@ class GaussianMethod:
         rendering = {**{name: values[name] for name in RENDERING}, NEAR_PLANE: self.gaussians.near}
         write_lenses(folder / _LENSES, self.lens_estimates(), rendering, CONVENTIONS)
         if (colours := self.colour_estimates()) is not None:
-            write_colours(folder / _COLOURS, colours)
+            write_colours(folder / COLOURS, colours)
 
     def load(self, folder: Path) -> None:
         """Read a model that `save` wrote; raises InputError when a file is missing or damaged."""
@@ -116,7 +117,7 @@ class GaussianMethod:
         gaussians.near = float(near)
         self._options = self._options.with_overrides(rendering, f"{folder / _LENSES}: rendering")
         self._gaussians = lower_degree(gaussians, self._options.appearance.sh_degree)
-        self._colours = read_colours(folder / _COLOURS) if (folder / _COLOURS).is_file() else None
+        self._colours = read_colours(folder / COLOURS) if (folder / COLOURS).is_file() else None
         self._trainer, self._exposures = None, Exposures(self._gaussians, self._options)
 
     @property

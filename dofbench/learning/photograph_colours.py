@@ -27,7 +27,7 @@ from dofbench.core.files import read_json, write_json
 from dofbench.learning.row_adam import RowAdam
 
 _COLUMNS = {"off": 0, "gain": 3, "affine": 12}
-SCHEMA, VERSION = "dofbench.colours", 1
+FILE, SCHEMA, VERSION = "colours.json", "dofbench.colours", 1
 CONVENTION = "photograph = matrix[:, :3] @ rendering through the lens + matrix[:, 3], encoded colours in [0, 1]"
 
 
@@ -64,13 +64,26 @@ class LearnedColours:
         both."""
         return self._applied(self._table.leaf(view), image) if self.learned else image
 
+    def of_pixels(self, views: Tensor, colours: Tensor) -> Tensor:
+        """Colours (..., P, 3) of pixels, each with the transform of the photograph that it is of, numbered by views
+        (P,) int64; differentiable with respect to both."""
+        if not self.learned:
+            return colours
+        # Looked up as an embedding since its gradient is added up in the same order every time, on a GPU too.
+        raw = torch.nn.functional.embedding(views, self._table.leaf(None))
+        if self._kind == "gain":
+            return colours * raw.exp()
+        change = raw.view(-1, 3, 4)
+        return colours + (change[:, :, :3] @ colours[..., None])[..., 0] + change[:, :, 3]
+
     def gradient(self) -> Tensor | None:
-        """Gradient with respect to the raw parameters of the view of the last `forward`; None if nothing is learned."""
+        """Gradient with respect to the raw parameters of the view of the last `forward`, or of all after `of_pixels`;
+        None if nothing is learned."""
         return self._table.gradient
 
-    def step(self, view: int, progress: float, cooldown: float = 1.0) -> None:
-        """One Adam step on a view's colour transform, its rate times `cooldown`; then the mean over the views is made
-        zero again."""
+    def step(self, view: int | None, progress: float, cooldown: float = 1.0) -> None:
+        """One Adam step on a view's colour transform after `forward`, on all after `of_pixels` (None), its rate times
+        `cooldown`; then the mean over the views is made zero again."""
         if not self.learned:
             return
         options = self._options

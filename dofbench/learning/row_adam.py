@@ -1,6 +1,8 @@
-"""Adam over a small table of parameters, of which each training step needs one row."""
+"""Adam over a small table of parameters, of which a training step needs one row, or all of them."""
 
 from __future__ import annotations
+
+from itertools import groupby
 
 import torch
 from torch import Tensor
@@ -14,8 +16,8 @@ _EPSILON = 1e-15
 class RowAdam:
     """Parameters that start at `values` (rows, columns), which are changed (Adam: Kingma and Ba, 2015).
 
-    dense: whether every step updates all rows, with a gradient of zero but for its own row, so that all rows' moments
-    decay; else each row's moments depend on the steps on that row alone.
+    dense: whether a step on one row updates all rows, the others with a gradient of zero, so that all rows' moments
+    decay; else each row's moments depend on the steps on that row alone, or on all.
     """
 
     def __init__(self, values: Tensor, *, dense: bool = False):
@@ -26,28 +28,35 @@ class RowAdam:
         self._leaf: Tensor | None = None
         self._adam = load("adam")
 
-    def leaf(self, row: int) -> Tensor:
-        """(columns,) parameters of a row as a leaf tensor that collects gradients; kept for `step`."""
-        self._leaf = self.values[row].clone().requires_grad_()
+    def leaf(self, row: int | None) -> Tensor:
+        """(columns,) parameters of a row, (rows, columns) of all for None, as a leaf tensor that collects gradients;
+        kept for `step`."""
+        self._leaf = (self.values if row is None else self.values[row]).clone().requires_grad_()
         return self._leaf
 
     @property
     def gradient(self) -> Tensor | None:
-        """(columns,) gradient with respect to the row of the last `leaf`; None if the loss didn't depend on it."""
+        """Gradient with respect to the last `leaf`, of its shape; None if the loss didn't depend on it."""
         return None if self._leaf is None else self._leaf.grad
 
-    def step(self, row: int, rate: float) -> None:
-        """One Adam step; does nothing if the row has no gradient."""
+    def step(self, row: int | None, rate: float) -> None:
+        """One Adam step on what the last `leaf` was, a row or all for None; does nothing if it has no gradient."""
         gradient = self.gradient
         self._leaf = None
         if gradient is None:
             return
         gradient = finite_part(gradient)
-        self._visits[row] += 1
-        rows, visits = slice(row, row + 1), self._visits[row]
-        if self._dense:
-            rows, visits = slice(None), sum(self._visits)
+        rows = range(len(self.values))
+        if row is not None and self._dense:
             own, gradient = gradient, torch.zeros_like(self.values)
             gradient[row] = own
-        values, first, second = self.values[rows], self._first[rows], self._second[rows]
-        self._adam(values, gradient.view_as(values), first, second, step=visits, rate=rate, epsilon=_EPSILON)
+        elif row is not None:
+            rows, gradient = range(row, row + 1), gradient[None]
+        for number in rows:
+            self._visits[number] += 1
+        for visits, alike in groupby(rows, self._visits.__getitem__):
+            numbers = list(alike)
+            some = slice(numbers[0], numbers[-1] + 1)
+            values, first, second = self.values[some], self._first[some], self._second[some]
+            slope = gradient[numbers[0] - rows.start : numbers[-1] + 1 - rows.start]
+            self._adam(values, slope, first, second, step=visits, rate=rate, epsilon=_EPSILON)

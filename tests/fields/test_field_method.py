@@ -11,10 +11,12 @@ from made_up import Recorder
 from small_scene import HEIGHT, WIDTH, cameras, training_set
 
 from dofbench.core.budget import Budget
-from dofbench.core.contracts import TrainingSet
+from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.core.errors import InputError, Status
 from dofbench.core.lens import PhysicalLens
 from dofbench.fields.field_method import FieldMethod
+from dofbench.fields.field_trainer import FieldTrainer
+from dofbench.fields.forward.pinhole_rays import PinholeRays
 
 SHORT = {
     "steps": 120,
@@ -130,6 +132,45 @@ def test_it_has_no_lens() -> None:
         method.render(cameras()[0], PhysicalLens(1.0, 0.2, WIDTH))
     with pytest.raises(RuntimeError, match="fit or load"):
         FieldMethod({}, 0, "cpu").render(cameras()[0], None)
+
+
+def test_photographs_of_other_colours_are_explained_by_colours_of_their_own(tmp_path: Path) -> None:
+    """Of three photographs one is darker and one warmer. With colours the field learns what all have in common."""
+    given, errors = training_set(), {}
+    factors = np.array([[0.8, 0.8, 0.8], [1.2, 1.2, 1.0], [1.0, 1.0, 1.2]], np.float32)
+    shown = TrainingSet(
+        tuple(
+            TrainingView(view.name, view.camera, view.image * factor)
+            for view, factor in zip(given.views, factors, strict=True)
+        ),
+        given.points,
+    )
+    for chosen in ("off", "gain"):
+        method, _ = trained(shown, steps=400, colour_per_view=chosen)
+        predictions = [method.render(view.camera, None).image for view in given.views]
+        errors[chosen] = np.mean(
+            [np.abs(one - view.image).mean() for one, view in zip(predictions, given.views, strict=True)]
+        )
+        folder = tmp_path / chosen
+        folder.mkdir()
+        method.save(folder)
+        again = FieldMethod({}, 0, "cpu")
+        again.load(folder)
+        if chosen == "off":
+            assert method.colour_estimates() is None and again.colour_estimates() is None
+    assert errors["gain"] < errors["off"]
+    found, read = method.colour_estimates(), again.colour_estimates()
+    assert found is not None and read is not None and list(found) == list(read) == ["v0", "v1", "v2"]
+    assert all(np.array_equal(found[name], read[name]) for name in found)
+    assert found["v0"][0, 0] < 0.95 < 1.05 < found["v1"][0, 0] and found["v2"][2, 2] > 1.05
+
+
+def test_a_bad_number_in_a_colour_is_told() -> None:
+    options = FieldMethod({**SHORT, "colour_per_view": "gain"}, 0, "cpu").options
+    trainer = FieldTrainer(training_set(), options, PinholeRays(), 0)
+    trainer.colours._table.values[1] = float("nan")
+    outcome = trainer.fit(Budget(), Recorder())
+    assert [(event.step, event.stage) for event in outcome.nonfinite] == [(1, "loss")]
 
 
 def test_time_ends_it_too() -> None:

@@ -7,13 +7,14 @@ import pytest
 import torch
 from made_up import Recorder
 from small_scene import options, training_set
-from tolerances import FLOAT32_VALUE, GAIN_LEARNED, RESPONSE_GRADIENT
+from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE, GAIN_LEARNED, RESPONSE_GRADIENT
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
 from dofbench.gaussians.trainer import Trainer
 from dofbench.learning import image_losses as losses
 from dofbench.learning.photograph_colours import ColourOptions, LearnedColours, read_colours, write_colours
+from dofbench.learning.row_adam import RowAdam
 
 
 def _image(seed=0):
@@ -85,12 +86,73 @@ def test_exposure_and_white_balance_are_learned(kind):
         assert np.diag(colours.matrix(view)) == pytest.approx(factors[view], abs=GAIN_LEARNED)
 
 
+def _pixels(count=40, views=3):
+    """(numbers of photographs, colours of pixels)."""
+    random = torch.Generator().manual_seed(5)
+    return torch.randint(views, (count,), generator=random), torch.rand(count, 3, generator=random)
+
+
+@pytest.mark.parametrize("kind", ["gain", "affine"])
+def test_pixels_of_many_photographs_have_each_its_own_colour(kind):
+    """Values and gradients are those of each photograph's pixels by themselves, for two predictions at once too."""
+    learned, (views, colours) = _learned(kind), _pixels()
+    table = learned._table.values
+    table[:] = 0.2 * torch.rand(table.shape, generator=torch.Generator().manual_seed(6)) - 0.1
+    both = torch.stack([colours, 1 - colours]).requires_grad_()
+    found = learned.of_pixels(views, both)
+    found.square().sum().backward()
+    gradient = learned.gradient()
+    assert gradient.shape == table.shape
+    for view in range(3):
+        own = both.detach()[:, views == view].requires_grad_()
+        alone = learned.forward(view, own)
+        alone.square().sum().backward()
+        assert torch.allclose(found.detach()[:, views == view], alone.detach(), rtol=0, atol=FLOAT32_VALUE)
+        assert torch.allclose(both.grad[:, views == view], own.grad, rtol=0, atol=FLOAT32_GRADIENT)
+        assert torch.allclose(gradient[view], learned.gradient(), rtol=FLOAT32_GRADIENT, atol=0)
+
+
+@pytest.mark.parametrize("kind", ["gain", "affine"])
+def test_exposure_is_learned_from_pixels_of_many_photographs(kind):
+    factors = torch.tensor([[1.2, 1.1, 1.0], [0.8, 1.0, 1.1], [1.0, 0.9, 0.9]])
+    if kind == "gain":
+        factors = (factors.log() - factors.log().mean(0)).exp()
+    learned, (views, colours) = _learned(kind), _pixels(60)
+    for step in range(600):
+        (learned.of_pixels(views, colours) - colours * factors[views]).square().mean().backward()
+        learned.step(None, step / 600)
+    for view in range(3):
+        assert np.diag(learned.matrix(view)) == pytest.approx(factors[view].numpy(), abs=GAIN_LEARNED)
+
+
+def test_steps_on_all_rows_and_on_one_are_torch_s_adam_s():
+    """Each row is a parameter of its own, which steps as often as it is asked for."""
+    start, random = torch.rand(4, 3, generator=torch.Generator().manual_seed(7)), np.random.default_rng(8)
+    table = RowAdam(start.clone())
+    rows = [row.clone().requires_grad_() for row in start]
+    optimisers = [torch.optim.Adam([row], lr=1e-2, eps=1e-15) for row in rows]
+    for _ in range(30):
+        chosen = None if random.random() < 0.5 else int(random.integers(4))
+        weight = torch.tensor(random.normal(size=(4, 3)), dtype=torch.float32)
+        leaf = table.leaf(chosen)
+        (leaf * (weight if chosen is None else weight[chosen])).sum().backward()
+        table.step(chosen, 1e-2)
+        for number in range(4) if chosen is None else [chosen]:
+            rows[number].grad = weight[number]
+            optimisers[number].step()
+    expected = torch.stack([row.detach() for row in rows])
+    assert torch.allclose(table.values, expected, rtol=0, atol=FLOAT32_VALUE)
+
+
 def test_without_options_nothing_is_learned_and_nothing_touched():
     colours, image = _learned("off"), _image()
     assert not colours.learned
     assert colours.forward(0, image) is image and colours.apply(0, image) is image
+    views, pixels = _pixels()
+    assert colours.of_pixels(views, pixels) is pixels
     assert colours.gradient() is None
     colours.step(0, 0.5)
+    colours.step(None, 0.5)
     assert np.array_equal(colours.matrix(0), np.eye(3, 4))
 
 
