@@ -141,7 +141,8 @@ def machine(settings: Settings) -> dict[str, Any]:
 def agreement(settings: Settings) -> dict[str, Any]:
     """Largest differences from the CPU backend, over the largest magnitude; and the share of the values that differ by
     more than `CLOSE` of it, since rounding decides at a threshold, such as the least opacity that is drawn. repeats: 1
-    if a second call gives the same bits. gsplat's differences are from this project's rasteriser on the GPU."""
+    if a second call gives the same bits. value_each, gradient_each: the two for every result, and every input.
+    gsplat's differences are from this project's rasteriser on the GPU."""
     size = replace(settings.size, gaussians=min(settings.size.gaussians, 20_000))
     found = {}
     for name, make in CALLS.items():
@@ -155,16 +156,21 @@ def agreement(settings: Settings) -> dict[str, Any]:
     return found
 
 
-def _differences(expected: tuple[list[Tensor], list[Tensor]], call: Call) -> dict[str, float]:
+def _differences(expected: tuple[list[Tensor], list[Tensor]], call: Call) -> dict[str, Any]:
     """How far the values and gradients of a call on the GPU are from those that are expected."""
     there, again = (gradients(call, call.on(DEVICE)) for _ in range(2))
     pairs = zip((*there[0], *there[1]), (*again[0], *again[1]), strict=True)
-    found: dict[str, float] = {"repeats": int(all(torch.equal(*pair) for pair in pairs))}
+    found: dict[str, Any] = {"repeats": int(all(torch.equal(*pair) for pair in pairs))}
     for what, ours, theirs in zip(("value", "gradient"), expected, there, strict=True):
         if ours:
-            apart = torch.cat([_apart(*pair).flatten() for pair in zip(ours, theirs, strict=True)])
-            found |= {what: float(apart.max()), f"{what}_share": float((apart > CLOSE).float().mean())}
+            each = [_apart(*pair).flatten() for pair in zip(ours, theirs, strict=True)]
+            found[what], found[f"{what}_share"] = _largest_and_share(torch.cat(each))
+            found[f"{what}_each"] = [_largest_and_share(apart) for apart in each]
     return found
+
+
+def _largest_and_share(apart: Tensor) -> list[float]:
+    return [float(apart.max()), float((apart > CLOSE).float().mean())]
 
 
 def _apart(here: Tensor, there: Tensor) -> Tensor:
@@ -225,10 +231,11 @@ def cost(settings: Settings) -> dict[str, Any]:
         try:
             took = _timed(CALLS["scatter" if what == "radius" else "rasterize"](size), max(settings.repeats // 4, 1))
         except torch.OutOfMemoryError as error:
-            found[what][str(value)] = {"left_out": str(error).partition(".")[0]}
+            found[what][str(value)] = {"varied": value, "left_out": str(error).partition(".")[0]}
             continue
         megabytes = torch.cuda.max_memory_allocated() / 1e6
-        found[what][str(value)] = {"forward_ms": took["forward_ms"], "both_ms": took["both_ms"], "peak_mb": megabytes}
+        times = {name: took[name] for name in ("forward_ms", "both_ms")}
+        found[what][str(value)] = {"varied": value, **times, "peak_mb": megabytes}
     return found
 
 
@@ -252,6 +259,7 @@ def training(settings: Settings, data: Path, steps: int) -> dict[str, Any]:
     found: dict[str, Any] = {"status": result.status, "message": result.message}
     found |= {name: result.scores[name] for name in SCORES if name in result.scores}
     found["peak_mb"] = result.description.get("device_peak_mb")
+    found["stages"] = dict(result.method_stages)
     if not end:
         return found
     loaded = load_run(end.folder)

@@ -77,6 +77,7 @@ def test_every_part_runs_and_is_kept(
     for op, largest in found["agreement"].items():
         if op != "seconds":
             assert largest["repeats"] == 1
+            assert max(one for one, _ in largest["value_each"]) == largest["value"]
             assert largest["value"] < FLOAT32_VALUE and largest.get("gradient", 0) < FLOAT32_GRADIENT, op
             assert found["ops"][op]["forward_ms"] > 0 and f"| {op} |" in page
             assert ("both_ms" in found["ops"][op]) == ("gradient" in largest) == (op != "stereo")

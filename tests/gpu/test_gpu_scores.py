@@ -1,0 +1,41 @@
+"""The table of what a GPU's trainings reached beside a CPU's."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+
+from dofbench.core.errors import InputError
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+    return import_module("gpu_scores")
+
+
+def entry(seed: int, psnr: float, method: str = "a", budget: str = "1000it") -> Any:
+    spec = SimpleNamespace(
+        method=method, preset="cpu", options={}, budget=budget, dataset_checksum="0", protocol="p", seed=seed
+    )
+    return SimpleNamespace(spec=spec, scores={"aif_psnr": psnr, "train_s": 3.0})
+
+
+def test_a_row_holds_the_same_seed_s_and_the_range_of_all_seeds(script: ModuleType) -> None:
+    cpu = [entry(0, 25.0), entry(1, 26.0), entry(2, 24.5), entry(0, 99.0, "b"), entry(3, 99.0, budget="2000it")]
+    cpu += [entry(0, 25.0)]  # the same seed once more isn't another one
+    assert script.rows([entry(0, 25.25), entry(7, 1.0), entry(0, 1.0, "c")], cpu) == [
+        {
+            "method": "a", "score": "aif_psnr", "gpu": 25.25, "cpu": 25.0, "difference": 0.25,
+            "cpu_least": 24.5, "cpu_most": 26.0, "cpu_seeds": 3,
+        }
+    ]  # fmt: skip
+
+
+def test_a_folder_without_results_is_one_line(script: ModuleType, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no result.json"):
+        script.finished(tmp_path)
