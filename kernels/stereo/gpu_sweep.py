@@ -29,7 +29,7 @@ def _project(matrix, x, y):
     """(u, v, w): image coordinates in the source, and the third of the homogeneous ones."""
     a, b, c, d, e, f, g, h, i = matrix
     w = g * x + (h * y + i)
-    # Triton's own quotient may be two units in the last place off, which moves samples at the far side of a wide picture.
+    # Triton's own quotient may be two units in the last place off, which moves samples at a wide picture's far side.
     scale = tl.div_rn(1.0, w)
     return (a * x + (b * y + c)) * scale, (d * x + (e * y + f)) * scale, w
 
