@@ -175,7 +175,8 @@ def stereo(size: Size) -> Call:
     def run(image: Tensor, others: Tensor) -> list[Tensor]:
         given = (value.to(image.device) for value in (maps, planes))
         scores = load("stereo")(image, others, *given, radius=RADIUS, best=BEST)
-        return list(load("stereo", function="semiglobal")(scores, image, small=SMALL, large=LARGE, edge=EDGE)[1:])
+        found = load("stereo", function="semiglobal")(scores, image, small=SMALL, large=LARGE, edge=EDGE)
+        return [scores, *found]
 
     return Call((grey[0], torch.stack(grey[1:])), run, learns=False)
 
