@@ -46,8 +46,9 @@ def trained(trainer: FieldTrainer, waits: list[str]) -> Steps:
     ("kind", "overrides", "renderings"),
     [
         (FieldMethod, {}, 1),
+        (FieldMethod, {"colour_per_view": "affine"}, 1),
         (LensRayField, {"lens_points": 2, "lens_activation": "ends", "lens_update": "dense"}, 1),
-        (PatchField, {"patch_side": 4, "patch_from": 0.0}, 1),
+        (PatchField, {"patch_side": 4, "patch_from": 0.0, "colour_per_view": "gain"}, 1),
         (DeformableField, {}, 1),
         (RigidField, {"proposal_samples": 3}, 1),
         (ProgressiveField, {"kernel_points": 3}, 2),
