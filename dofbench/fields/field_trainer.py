@@ -62,7 +62,7 @@ class FieldTrainer:
 
     def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
         """Train until the budget or the observer ends it. A non-finite value ends with the status "diverged"."""
-        for op in ("adam", "field", *self._model.kernels):
+        for op in sorted({"adam", "field", *self._model.kernels}):
             warm_up(op, kind_of(self._device))
         preset = self._options.rays.steps
         step = 0
