@@ -39,8 +39,9 @@ class Settings:
 
 
 def finished(folder: Path) -> list[Entry]:
-    """The results below a folder that ended well. Raises InputError where there are no results."""
-    return [entry for entry in collect(folder).entries if entry.status is Status.OK]
+    """The results below a folder that ended well, the latest last. Raises InputError where there are no results."""
+    ended = [entry for entry in collect(folder).entries if entry.status is Status.OK]
+    return sorted(ended, key=lambda one: one.result.started if one.result else "")
 
 
 def trained_alike(one: Entry, other: Entry) -> bool:
@@ -50,7 +51,8 @@ def trained_alike(one: Entry, other: Entry) -> bool:
 
 
 def rows(gpu: list[Entry], cpu: list[Entry]) -> list[dict[str, object]]:
-    """A row for every score of every run on the GPU that the CPU has with the same seed."""
+    """A row for every score of every run on the GPU that the CPU has with the same seed. Of runs of one seed that
+    differ in their code alone the last one counts."""
     found: list[dict[str, object]] = []
     for entry in sorted(gpu, key=lambda one: (one.spec.method, one.spec.seed)):
         seeds = {one.spec.seed: one for one in cpu if trained_alike(one, entry)}

@@ -144,10 +144,8 @@ class FieldTrainer:
         return self.colours.of_pixels(pixels.views, colours)
 
     def colour_estimates(self) -> dict[str, np.ndarray] | None:
-        """The learned colour of each training view, (3, 4) as in `photograph_colours.py`; None if none is learned."""
-        if not self.colours.learned:
-            return None
-        return {name: self.colours.matrix(number) for number, name in enumerate(self._names)}
+        """See `LearnedColours.estimates`."""
+        return self.colours.estimates(self._names)
 
     def _grow(self, progress: float) -> None:
         """Give the grid the nodes that it has at `progress`; the optimiser then begins anew, as in TensoRF."""

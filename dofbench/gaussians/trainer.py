@@ -287,10 +287,8 @@ class Trainer:
         return {view.name: self._lens_estimate(index) for index, view in enumerate(self.views)}
 
     def colour_estimates(self) -> dict[str, np.ndarray] | None:
-        """The learned colour of each training view, (3, 4) as in `photograph_colours.py`."""
-        if not self.colours.learned:
-            return None
-        return {view.name: self.colours.matrix(index) for index, view in enumerate(self.views)}
+        """See `LearnedColours.estimates`."""
+        return self.colours.estimates([view.name for view in self.views])
 
     @torch.no_grad()
     def _lens_estimate(self, index: int) -> PhysicalLens:

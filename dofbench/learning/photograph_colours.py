@@ -13,7 +13,7 @@ transform.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -105,6 +105,10 @@ class LearnedColours:
             case "gain":
                 return np.diag(np.exp(raw)) @ np.eye(3, 4, dtype=np.float32)
         return np.eye(3, 4, dtype=np.float32) + raw.reshape(3, 4)
+
+    def estimates(self, names: Sequence[str]) -> dict[str, np.ndarray] | None:
+        """`matrix` of every photograph by its name, names in the order of their numbers; None if nothing is learned."""
+        return {name: self.matrix(view) for view, name in enumerate(names)} if self.learned else None
 
     def _applied(self, raw: Tensor, image: Tensor) -> Tensor:
         match self._kind:
