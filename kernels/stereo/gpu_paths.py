@@ -35,7 +35,8 @@ def add_path(
     cost = tl.where(there, 0.0, infinity)
     own = tl.load((scores + pixel.to(tl.int64) * plane_count) + plane, mask=there, other=-infinity)
     grey = tl.load(guide + pixel)
-    grey_before = grey
+    # How far a pixel is from the one before it is carried along, not that pixel's grey: see tests/gpu/test_loops.py.
+    contrast = 0.0
     for _ in range(length):
         neighbour = tl.minimum(tl.gather(cost, before, 0), tl.gather(cost, after, 0))
         way = tl.minimum(neighbour + small, cost)
@@ -47,13 +48,14 @@ def add_path(
         if not FIRST:
             others = tl.load(to, mask=there)
         lowest = tl.min(cost, 0)
-        jump = tl.maximum(large / (1.0 + tl.abs(grey - grey_before) / edge), small)
+        jump = tl.maximum(large / (1.0 + contrast / edge), small)
         cost = (tl.minimum(way, lowest + jump) - lowest) - own
         if FIRST:
             tl.store(to, cost, mask=there)
         else:
             tl.store(to, others + cost, mask=there)
-        pixel, own, grey_before, grey = following, next_own, grey, next_grey
+        contrast = tl.abs(next_grey - grey)
+        pixel, own, grey = following, next_own, next_grey
 
 
 @triton.jit
