@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 
-import dofbench
+import dofbench.kernels
 
-KERNELS = Path(dofbench.__file__).parents[1] / "kernels"
+KERNELS = Path(dofbench.kernels.__path__[0])
 MODULES = sorted(KERNELS.glob("*/gpu*.py"))
 
 
@@ -67,6 +67,10 @@ def loops(program: str) -> list[str]:
         if isinstance(loop, ast.For | ast.While)
         for text in handed_on(loop, stored_before(one, loop.lineno))
     ]
+
+
+def test_there_are_kernels_to_read() -> None:
+    assert {path.parent.name for path in MODULES} >= {"rasterize", "scatter", "stereo", "field"}
 
 
 @pytest.mark.parametrize("module", MODULES, ids=lambda path: f"{path.parent.name}-{path.stem}")
