@@ -8,26 +8,9 @@ import numpy as np
 from numba import njit
 from tolerances import EIGHT_LANES, EXP2_FAST
 
-from dofbench.compute.simd import (
-    abs8,
-    any8,
-    bits8,
-    exp2_fast8,
-    exp8,
-    floor8,
-    floor_int,
-    gather8,
-    gather_pairs8,
-    load8,
-    log2_8,
-    mask8_of,
-    max8,
-    min8,
-    scatter8,
-    select8,
-    store8,
-    sums8,
-)
+from dofbench.compute.simd import any8, bits8, mask8_of, select8, sums8
+from dofbench.compute.simd_functions import abs8, exp2_fast8, exp8, floor8, floor_int, log2_8, max8, min8
+from dofbench.compute.simd_memory import gather8, gather_pairs8, load8, scatter8, store8
 
 F = np.float32
 

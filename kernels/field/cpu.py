@@ -12,7 +12,8 @@ from torch import Tensor
 from dofbench.compute.backend import Backend
 from dofbench.compute.factored_grid import FieldRender, GridShape, RaySamples
 from dofbench.compute.kernel_cache import cached, is_compiled
-from dofbench.compute.simd import LANES, store8, sums8
+from dofbench.compute.simd import LANES, sums8
+from dofbench.compute.simd_memory import store8
 
 from . import cpu_grids, cpu_rays
 from .cpu_rays import KEPT, RAYS_PER_TASK, WEIGHT, feature_lanes, softplus8

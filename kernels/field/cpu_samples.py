@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit, prange
 
 from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd import floor_int
+from dofbench.compute.simd_functions import floor_int
 
 from .cpu_stencil import ONE, ZERO
 

@@ -15,7 +15,9 @@ from torch import Tensor
 
 from dofbench.compute.backend import Backend
 from dofbench.compute.kernel_cache import cached, is_compiled
-from dofbench.compute.simd import LANES, exp8, load8, store8
+from dofbench.compute.simd import LANES
+from dofbench.compute.simd_functions import exp8
+from dofbench.compute.simd_memory import load8, store8
 
 from .reference import kernel_size
 

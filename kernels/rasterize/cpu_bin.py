@@ -8,7 +8,9 @@ import numpy as np
 from numba import njit, prange
 
 from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd import LANES, bits8, floor8, floor_int, lanes8, load1, max8, min8, splat8, sqrt8, store8
+from dofbench.compute.simd import LANES, bits8, lanes8, splat8
+from dofbench.compute.simd_functions import floor8, floor_int, max8, min8, sqrt8
+from dofbench.compute.simd_memory import load1, store8
 
 from . import cpu_layout as layout
 

@@ -8,22 +8,9 @@ import numpy as np
 from numba import njit, prange
 
 from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd import (
-    LANES,
-    abs8,
-    any8,
-    exp2_fast8,
-    lanes8,
-    load1,
-    load8,
-    max8,
-    min8,
-    prefetch,
-    select8,
-    splat8,
-    store8,
-    sums8,
-)
+from dofbench.compute.simd import LANES, any8, lanes8, select8, splat8, sums8
+from dofbench.compute.simd_functions import abs8, exp2_fast8, max8, min8
+from dofbench.compute.simd_memory import load1, load8, prefetch, store8
 
 from . import cpu_layout as layout
 from . import cpu_tiles as planes

@@ -19,7 +19,8 @@ from torch import Tensor
 
 from dofbench.compute.kernel_cache import cached
 from dofbench.compute.raster import ViewStatistics
-from dofbench.compute.simd import LANES, load8, store8
+from dofbench.compute.simd import LANES
+from dofbench.compute.simd_memory import load8, store8
 from dofbench.core.cameras import Camera
 
 from . import cpu_layout as layout

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit, prange
 
 from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd import load8, store8
+from dofbench.compute.simd_memory import load8, store8
 from dofbench.core.lens import AREA_EPSILON
 
 from .cpu_edge import half_width, logistic2

@@ -16,7 +16,9 @@ import numpy as np
 from numba import njit, prange
 
 from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd import any8, floor8, load8, max8, min8, select8, splat8, sqrt8, store8
+from dofbench.compute.simd import any8, select8, splat8
+from dofbench.compute.simd_functions import floor8, max8, min8, sqrt8
+from dofbench.compute.simd_memory import load8, store8
 from dofbench.core.lens import AREA_EPSILON
 
 from .cpu_double4 import load4, splat4, store4

@@ -10,21 +10,9 @@ import numpy as np
 from numba import njit, prange
 
 from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd import (
-    LANES,
-    floor8,
-    gather8,
-    gather_pairs8,
-    lanes8,
-    load8,
-    max8,
-    min8,
-    select8,
-    splat8,
-    sqrt8,
-    store8,
-    store_whole8,
-)
+from dofbench.compute.simd import LANES, lanes8, select8, splat8
+from dofbench.compute.simd_functions import floor8, max8, min8, sqrt8
+from dofbench.compute.simd_memory import gather8, gather_pairs8, load8, store8, store_whole8
 
 from .reference import FLOOR, UNKNOWN
 
