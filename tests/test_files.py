@@ -9,7 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dofbench.core.files import canonical_json, replacing, sha256_file, sha256_text, write_json, write_text
+from dofbench.core.files import (
+    canonical_json,
+    files_below,
+    replacing,
+    sha256_file,
+    sha256_text,
+    write_json,
+    write_text,
+)
 
 values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),
@@ -65,3 +73,22 @@ def test_checksums_are_sha256(tmp_path_factory, text):
     file = tmp_path_factory.mktemp("sum") / "a.txt"
     file.write_bytes(text.encode())
     assert sha256_file(file) == sha256_text(text) == hashlib.sha256(text.encode()).hexdigest()
+
+
+def test_files_behind_links_are_found_once(tmp_path):
+    """A folder on another disk, two links to it, one to the folder above and one to nothing."""
+    here, there = tmp_path / "here", tmp_path / "there"
+    for folder in (here / "b", here / "a", there / "deep"):
+        folder.mkdir(parents=True)
+        (folder / "x.json").write_text("{}")
+        (folder / "y.txt").write_text("")
+    (here / "c").symlink_to(there)
+    (here / "d").symlink_to(there, target_is_directory=True)
+    (there / "round").symlink_to(here)
+    (here / "nowhere").symlink_to(tmp_path / "nothing")
+    assert files_below(here, "x.json") == [here / "a/x.json", here / "b/x.json", here / "c/deep/x.json"]
+    assert [file.name for file in files_below(here / "a", "*.*")] == ["x.json", "y.txt"]
+    assert files_below(here / "d", "x*") == [
+        here / f"d/{name}" for name in ("deep/x.json", "round/a/x.json", "round/b/x.json")
+    ]
+    assert files_below(tmp_path / "nothing", "*") == []

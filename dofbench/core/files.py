@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import fnmatch
 import hashlib
 import json
 import os
@@ -81,6 +82,24 @@ def sha256_file(path: Path) -> str:
     """Hexadecimal sha256 of a file's bytes."""
     with Path(path).open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def files_below(root: Path, pattern: str) -> list[Path]:
+    """Files at or below a folder whose names match `pattern`, sorted; none where there is no such folder.
+
+    Folders that are links are looked into as well, as results may lie on another disk. A folder that several paths lead
+    to counts once, so that a link to a folder above it doesn't lead round in a circle.
+    """
+    found, seen = [], set()
+    for parent, folders, names in os.walk(root, followlinks=True):
+        folders.sort()
+        place = os.path.realpath(parent)
+        if place in seen:
+            folders.clear()
+            continue
+        seen.add(place)
+        found += [Path(parent, name) for name in fnmatch.filter(names, pattern)]
+    return sorted(found)
 
 
 def read_json(path: Path) -> Any:

@@ -29,7 +29,7 @@ from typing import Any, BinaryIO
 
 from dofbench.core.errors import InputError
 from dofbench.core.file_lock import Lock, ask
-from dofbench.core.files import read_json
+from dofbench.core.files import files_below, read_json
 
 RENEWED_EVERY = 15.0  # seconds
 EXPIRES_AFTER = 120.0  # seconds without renewal; longer than the delay of a busy machine or of a network's cache
@@ -121,7 +121,7 @@ def left_note(folder: Path) -> tuple[Path, Any] | None:
 
 def leased_folders(root: Path) -> list[Path]:
     """Folders at or below `root` with a lease, whose process is working or has died."""
-    return sorted({file.parent for file in root.rglob(PATTERN) if _NAME.fullmatch(file.name)})
+    return sorted({file.parent for file in files_below(root, PATTERN) if _NAME.fullmatch(file.name)})
 
 
 def _files(folder: Path) -> list[Path]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dofbench.core.errors import InputError, Status
-from dofbench.core.files import canonical_json
+from dofbench.core.files import canonical_json, files_below
 from dofbench.core.leases import at_work, leased_folders
 from dofbench.dataset.points_record import PointsRecord, points_of_plan
 from dofbench.results.added_scores import Added, read_added
@@ -109,7 +109,7 @@ def collect(*folders: Path) -> Collection:
     for folder in folders:
         if not folder.is_dir():
             raise InputError(folder, "no such folder", "a folder of results, as `dofbench run` writes it")
-        for file in sorted(folder.rglob(RESULT_FILE)):
+        for file in files_below(folder, RESULT_FILE):
             try:
                 found = file.parent, read_result(file)
             except InputError as error:

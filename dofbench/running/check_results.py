@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from dofbench.core.errors import InputError, Status
-from dofbench.core.files import sha256_file
+from dofbench.core.files import files_below, sha256_file
 from dofbench.core.images import read_image
 from dofbench.core.leases import at_work, leased_folders
 from dofbench.dataset.dataset import Dataset
@@ -45,7 +45,7 @@ def check_result(folder: Path) -> list[str]:
 
 def result_folders(folder: Path) -> list[Path]:
     """Folders at or below `folder` with a result, or where a run is at work or died."""
-    return sorted({*(file.parent for file in folder.rglob(RESULT_FILE)), *leased_folders(folder)})
+    return sorted({*(file.parent for file in files_below(folder, RESULT_FILE)), *leased_folders(folder)})
 
 
 def check_results(folders: Sequence[Path], say: Callable[[str], None]) -> dict[Path, list[str]]:

@@ -17,7 +17,7 @@ from rich.console import Console
 from dofbench.core.clock import timestamp
 from dofbench.core.contracts import Method
 from dofbench.core.errors import InputError, Status
-from dofbench.core.files import sha256_file
+from dofbench.core.files import files_below, sha256_file
 from dofbench.core.images import read_image, to_8bit
 from dofbench.core.progress import Terminal, say
 from dofbench.dataset.dataset import Dataset
@@ -159,7 +159,7 @@ def _folders(paths: Sequence[Path]) -> list[Path]:
     for path in paths:
         if not path.exists():
             raise InputError(path, "no such file or folder", "a result or a folder of results")
-        below = [path.parent] if path.is_file() else sorted(file.parent for file in path.rglob(RESULT_FILE))
+        below = [path.parent] if path.is_file() else [file.parent for file in files_below(path, RESULT_FILE)]
         if not below:
             raise InputError(path, f"no {RESULT_FILE} in it or below", "results of `dofbench run`")
         folders += below

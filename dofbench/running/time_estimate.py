@@ -8,6 +8,7 @@ from pathlib import Path
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
+from dofbench.core.files import files_below
 from dofbench.core.jobs import Resources
 from dofbench.results.protocol import PROTOCOLS
 from dofbench.results.result import RESULT_FILE, Result, read_result
@@ -25,7 +26,7 @@ _ON_CURVE = 4  # test views that are scored along the training, at most
 def finished_results(folder: Path) -> list[Result]:
     """Every result below `folder` that went well; those that can't be read are no business of an estimate."""
     found = []
-    for file in sorted(folder.rglob(RESULT_FILE)) if folder.is_dir() else ():
+    for file in files_below(folder, RESULT_FILE):
         try:
             result = read_result(file)
         except InputError:

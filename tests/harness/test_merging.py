@@ -54,6 +54,16 @@ def test_folders_of_several_machines_are_merged_by_key(call, tmp_path: Path) -> 
     assert len(rows) == 4 and "a copy of another result" in stream.getvalue()
 
 
+def test_results_on_another_disk_count_through_a_link(call, tmp_path: Path) -> None:
+    first, second = call(), call(seed=1)
+    disk = tmp_path / "disk"
+    shutil.move(second.folder, disk / second.folder.name)
+    second.folder.symlink_to(disk / second.folder.name)
+    merged = collect(tmp_path / "results")
+    assert [(entry.spec.seed, entry.folder) for entry in merged.entries] == [(0, first.folder), (1, second.folder)]
+    assert merged.doubles == ()
+
+
 @pytest.mark.parametrize("bad", [Status.CRASHED, Status.OUT_OF_MEMORY, Status.DIVERGED])
 @pytest.mark.parametrize("swapped", [False, True])
 def test_of_two_with_one_key_the_one_that_went_best_counts(call, tmp_path: Path, bad: Status, swapped: bool) -> None:
