@@ -2,8 +2,9 @@
 
     python benchmarks/gpu_torch_calls.py --out reports/gpu
 
-Each is a launch on a GPU. They are counted in short trainings on the built-in scene on the CPU, whose kernels call no
-operations of torch: a step takes as many as the difference of two lengths of training, over the difference in steps.
+Each is a launch on a GPU. They are counted in short trainings on the built-in scene on the CPU, whose kernels call
+hardly any operations of torch, SSIM's some ten: a step takes as many as the difference of two lengths of training, over
+the difference in steps.
 """
 
 from __future__ import annotations
@@ -30,11 +31,8 @@ from dofbench.running.method_cards import find_method
 from dofbench.scenes import load_scene
 
 SCENE = "tabletop"
-# A lens and the losses of the preset `gpu`, without what isn't done in every step.
-LENS = {
-    "colour_per_view": "affine", "ssim_weight": 0.4, "edge_weight": 4.0, "grow_absolute": True, "densify_until": 0.0,
-    "reset_every": 0.0, "adaptation": "off", "lens_init_aperture": 0.75,
-}  # fmt: skip
+# What the preset `gpu` does in all steps but a few at the beginning, in trials, and when it adds Gaussians.
+USUAL = {"lens_trials": "", "lens_from": 0.0, "coarse_until": 0.0, "densify_until": 0.0}
 POINTS = {"lens_model": "samples", "lens_samples_from": 0.0, "lens_rings": 1, "lens_rings_from": 0.0}
 
 
@@ -54,12 +52,13 @@ class Calls(TorchDispatchMode):
     """Counts the calls of torch's operations that would be launches on a GPU.
 
     Views, and constants made on the host, are none. What the host reads is a sum that says whether values are finite: a
-    GPU's checks are told apart in the model, and so is Adam, so that neither the reading nor its sum counts.
+    GPU's checks are told apart in the model, and so is Adam with its count of steps, so that neither the reading nor
+    its sum counts.
     """
 
     FREE = (
         "view", "detach", "alias", "unbind", "empty", "t.", "transpose", "unsqueeze", "select", "slice", "expand",
-        "permute", "lift_fresh", "scalar_tensor", "profiler", "_fused_adam_",
+        "permute", "lift_fresh", "scalar_tensor", "profiler", "_fused_adam_", "_foreach_add_",
     )  # fmt: skip
     READ = "_local_scalar_dense"
 
@@ -77,8 +76,8 @@ def main(settings: Settings) -> None:
     """Count and write."""
     data = training_set(settings.width)
     trainings = {
-        "scatter": lambda: Trainer(data, GaussianOptions().with_overrides(LENS), 0),
-        "points": lambda: Trainer(data, GaussianOptions().with_overrides(LENS | POINTS), 0),
+        "scatter": lambda: Trainer(data, gaussian_options(**USUAL), 0),
+        "points": lambda: Trainer(data, gaussian_options(**USUAL, **POINTS), 0),
         "field": lambda: FieldTrainer(data, field_options(), PinholeRays(), 0),
     }
     rows = [{"training": name, "calls": calls(make, settings.steps)} for name, make in trainings.items()]
@@ -89,6 +88,11 @@ def training_set(width: int) -> TrainingSet:
     """The built-in scene's photographs, and its points."""
     scene = load_scene(content_folder("datasets") / SCENE, width=width)
     return TrainingSet(tuple(TrainingView(one.name, one.camera, one.image()) for one in scene.views), scene.points)
+
+
+def gaussian_options(**changes: Any) -> GaussianOptions:
+    """The preset that DoF-Gaussian has for a GPU, and some options changed."""
+    return GaussianOptions.of(**{**find_method("dofgaussian").preset("gpu")[1], **changes})
 
 
 def field_options(**changes: Any) -> FieldOptions:
