@@ -113,7 +113,7 @@ def drawn(scene: FieldScene, data: TrainingSet, options: FieldOptions, count: in
     """The samples of `count` rays through pixels as training draws them, and the points along them."""
     pixels = TrainingPixels(data.views, np.random.default_rng(1)).draw(count)
     cameras = CameraTable([view.camera for view in data.views])
-    rays = scene.space.rays(*cameras.rays(pixels.views, pixels.places))
+    (rays,) = scene.space.pieces(*cameras.rays(pixels.views, pixels.places))
     offsets = torch.rand(count, generator=torch.Generator().manual_seed(1))
     samples = scene.occupancy.samples(rays, scene.steps_of_a_ray, offsets)
     counts = samples.starts.diff()

@@ -9,9 +9,9 @@ import torch
 from made_up import frontal
 from torch import Tensor
 
-from dofbench.compute.factored_grid import FieldRender
 from dofbench.core.cameras import Camera
 from dofbench.fields.pixels import CameraTable
+from dofbench.fields.rays_seen import RaysSeen
 
 WIDTH, HEIGHT, FOCAL = 40, 30, 50.0
 
@@ -26,17 +26,18 @@ class PlaneScene:
     def __init__(self, z: float, pattern: Callable[[Tensor], Tensor]):
         self.cameras, self._z, self._pattern = CameraTable(cameras()), z, pattern
 
-    def trace(self, origins: Tensor, directions: Tensor) -> FieldRender:
+    def trace(self, origins: Tensor, directions: Tensor) -> RaysSeen:
         along = (self._z - origins[:, 2:]) / directions[:, 2:]
         where = origins[:, :2] + along * directions[:, :2]
-        return FieldRender(self._pattern(where), torch.ones(len(origins)), along[:, 0])
+        opacity, places = torch.ones(len(origins)), along.T
+        return RaysSeen(self._pattern(where), opacity, opacity[None], places, opacity[None], places)
 
-    def disparity(self, origins: Tensor, directions: Tensor, seen: FieldRender) -> Tensor:
-        return 1 / seen.distance
+    def disparity(self, origins: Tensor, directions: Tensor, seen: RaysSeen) -> Tensor:
+        return 1 / seen.places[0]
 
-    def features_met(self, origins: Tensor, directions: Tensor, seen: FieldRender) -> Tensor:
+    def features_met(self, origins: Tensor, directions: Tensor, seen: RaysSeen) -> Tensor:
         """The place on the wall."""
-        return (origins + seen.distance[:, None] * directions).detach()
+        return (origins + seen.places[0][:, None] * directions).detach()
 
     def features_along(self, origins: Tensor, directions: Tensor, count: int) -> Tensor:
         """Places along the ray up to the wall."""

@@ -7,14 +7,14 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from dofbench.compute.factored_grid import FieldRender
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Rendering
+from dofbench.fields.cube_rays import PER_RAY, Space, joined, points_along
 from dofbench.fields.field_options import FieldOptions
 from dofbench.fields.grid_field import GridField
 from dofbench.fields.occupancy import Occupancy
 from dofbench.fields.pixels import CameraTable, whole_image
-from dofbench.fields.space import PER_RAY, CubeRays, Space
+from dofbench.fields.rays_seen import RaysSeen
 from dofbench.fields.surroundings import Surroundings
 
 _CHUNK = 8192  # rays rendered at once
@@ -44,8 +44,8 @@ class FieldScene:
 
     @property
     def steps_of_a_ray(self) -> int:
-        """Into how many steps a ray is divided: while the grid is coarser than at the end, longer ones, as in TensoRF,
-        so that a step always crosses about as many cells."""
+        """Into how many steps a piece of a ray is divided. While the grid is coarser than at the end they are longer,
+        as in TensoRF, so that a step always crosses about as many cells."""
         share = max(self.field.shape.nodes) / self._options.grid.grid_nodes
         return max(1, round(self._options.rays.ray_samples * share))
 
@@ -53,39 +53,40 @@ class FieldScene:
         """Find out anew which cells rays needn't be sampled in."""
         self.occupancy.update(self.field, PER_RAY / self.steps_of_a_ray, generator)
 
-    def see(self, origins: Tensor, directions: Tensor, offsets: Tensor) -> FieldRender:
+    def see(self, origins: Tensor, directions: Tensor, offsets: Tensor) -> RaysSeen:
         """What world rays (R, 3) see, whose directions have the length 1 in z of their camera; differentiable. offsets:
-        (R,) in [0, 1), where in its step a sample lies."""
-        rays = self.space.rays(origins, directions)
-        samples = self.occupancy.samples(rays, self.steps_of_a_ray, offsets)
-        views = torch.nn.functional.normalize(directions, dim=1)
-        seen = self.field.render(rays, views, samples, self._options.rays.least_weight)
+        (R,) in [0, 1), where in its step a sample lies; each piece of a ray is divided into as many steps."""
+        pieces = self.space.pieces(origins, directions)
+        rays, count = joined(pieces), len(pieces)
+        samples = self.occupancy.samples(rays, self.steps_of_a_ray, offsets.repeat(count))
+        views = torch.nn.functional.normalize(directions, dim=1).repeat(count, 1)
+        found = self.field.render(rays, views, samples, self._options.rays.least_weight)
+        seen = RaysSeen.of(found, pieces)
         if self.surroundings is None:
             return seen
         behind = (1 - seen.opacity)[:, None] * self.surroundings.seen(directions)
         return replace(seen, color=seen.color + behind)
 
-    def disparity(self, origins: Tensor, directions: Tensor, seen: FieldRender) -> Tensor:
+    def disparity(self, origins: Tensor, directions: Tensor, seen: RaysSeen) -> Tensor:
         """(R,) 1 / z in the cameras' frames of the mean place of what the rays met; see `RayScene.disparity`."""
-        places = _mean_places(self.space.rays(origins, directions), seen)
-        return 1 / self.space.depths(origins, directions, places)
+        return (seen.weights / self.space.depths(origins, directions, seen.places)).sum(0)
 
-    def features_met(self, origins: Tensor, directions: Tensor, seen: FieldRender) -> Tensor:
+    def features_met(self, origins: Tensor, directions: Tensor, seen: RaysSeen) -> Tensor:
         """(R, C); see `RayScene.features_met`."""
         with torch.no_grad():
-            rays = self.space.rays(origins, directions)
-            points = rays.origins + _mean_places(rays, seen)[:, None] * rays.directions
-        return self.field.features(points)
+            pieces = self.space.pieces(origins, directions)
+            points = torch.stack([piece.points(place) for piece, place in zip(pieces, seen.places, strict=True)])
+            most = seen.weights.argmax(0)
+            met = points.gather(0, most[None, :, None].expand(1, -1, 3))[0]
+        return self.field.features(met)
 
     def features_along(self, origins: Tensor, directions: Tensor, count: int) -> Tensor:
         """(R, count, C); see `RayScene.features_along`."""
         with torch.no_grad():
-            rays = self.space.rays(origins, directions)
-            begin, end = rays.spans.unbind(1)
-            shares = (torch.arange(count, device=begin.device) + 0.5) / count
-            places = begin[:, None] + shares * (end - begin).clamp_min(0)[:, None]
-            points = rays.origins[:, None] + places[..., None] * rays.directions[:, None]
-        return self.field.features(points.view(-1, 3)).view(len(origins), count, -1)
+            pieces = self.space.pieces(origins, directions)
+            shares = (torch.arange(count, device=origins.device) + 0.5) / count
+            points = points_along(pieces, shares)
+        return self.field.features(points.reshape(-1, 3)).view(len(origins), count, -1)
 
     @torch.no_grad()
     def render(self, camera: Camera) -> Rendering:
@@ -96,16 +97,15 @@ class FieldScene:
         for part in places.split(_CHUNK):
             origins, directions = table.rays(torch.zeros(len(part), dtype=torch.int64, device=device), part)
             seen = self.see(origins, directions, torch.full((len(part),), 0.5, device=device))
-            met = seen.opacity >= _LEAST_OPACITY
-            depth = self.space.depths(origins, directions, seen.distance / seen.opacity.clamp_min(_LEAST_OPACITY))
             colours.append(seen.color)
-            depths.append(torch.where(met, depth, 0.0))
+            depths.append(self._depth(origins, directions, seen))
         shape = camera.height, camera.width
         image = torch.cat(colours).view(*shape, 3).clamp(0, 1).numpy(force=True)
         return Rendering(image, torch.cat(depths).view(shape).numpy(force=True))
 
-
-def _mean_places(rays: CubeRays, seen: FieldRender) -> Tensor:
-    """(R,) where rays met something on average; those that met nothing count as if they had at their end."""
-    missing = 1 - seen.opacity
-    return seen.distance + missing * torch.maximum(rays.spans[:, 1], rays.spans[:, 0])
+    def _depth(self, origins: Tensor, directions: Tensor, seen: RaysSeen) -> Tensor:
+        """(R,) z of what the rays met, 0 where they met nothing."""
+        met = seen.opacity >= _LEAST_OPACITY
+        shares = seen.met / seen.opacity.clamp_min(_LEAST_OPACITY)
+        disparity = (shares / self.space.depths(origins, directions, seen.met_places)).sum(0)
+        return torch.where(met, 1 / disparity, 0.0)

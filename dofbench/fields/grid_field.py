@@ -11,7 +11,7 @@ from torch import Tensor
 
 from dofbench.compute.factored_grid import FieldRender, GridShape, RaySamples
 from dofbench.core.errors import InputError
-from dofbench.fields.space import CubeRays
+from dofbench.fields.cube_rays import CubeRays
 from dofbench.kernels import load
 
 _START = 0.1  # standard deviation of a plane's and a line's numbers at the start (TensoRF's code)

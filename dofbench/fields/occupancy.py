@@ -6,8 +6,8 @@ import torch
 from torch import Tensor
 
 from dofbench.compute.factored_grid import RaySamples
+from dofbench.fields.cube_rays import CubeRays
 from dofbench.fields.grid_field import GridField
-from dofbench.fields.space import CubeRays
 from dofbench.kernels import load
 
 _FORGET = 0.9  # share of a cell's largest density that is kept from update to update (Instant-NGP 0.95)

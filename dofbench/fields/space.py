@@ -1,15 +1,14 @@
-"""From the scene to the unit cube in which a radiance field lives.
+"""From the scene to the unit cube in which a radiance field lives, for views that look in one direction or around.
 
 Views that look in one direction share a frustum, in which places are counted in disparity, so that far things have no
 more cells than the views can resolve (NeRF's normalised device coordinates; Mildenhall et al., ECCV 2020, appendix C,
-here for any near and far plane). Views from around a scene share a box; what lies behind it, `surroundings.py` tells.
+here for any near and far plane). Views from around a scene share all of space (`unbounded.py`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import torch
@@ -17,47 +16,14 @@ from torch import Tensor
 
 from dofbench.compute.device_numbers import beside
 from dofbench.core.cameras import Camera
+from dofbench.fields.cube_rays import PER_RAY, CubeRays, Space
+from dofbench.fields.unbounded import Unbounded
 
 _LEAST_FORWARD = 0.5  # cosine of the angle between a frustum's axis and its widest rays
 _POINTS_SHARE = 0.005  # of the sparse points that may be outliers, at each end
 _NEARER, _FARTHER = 0.7, 0.7  # of the nearest points' distance from the cameras, and of the farthest points' disparity
 _INFINITE = 0.02  # a far plane is at infinity if its disparity is less than this share of the near plane's
-_MARGIN = 0.05  # of the extent of a frustum, on each side
-# The same of a box. Sparse points are dense on what all cameras look at and rare beside it. On blowtorch and chessking,
-# development scenes, one run each, photographs were predicted 0.2 and 0.9 dB better than with 0.05.
-_BOX_MARGIN = 0.5
-PER_RAY = 100.0  # density is per hundredth of a ray through the whole space
-
-
-@dataclass(frozen=True, eq=False)
-class CubeRays:
-    """R rays in the unit cube. origins, directions: (R, 3). spans: (R, 2), the places where they begin and end. gain:
-    (R,), what the length of a step along the ray is multiplied by before it meets the density."""
-
-    origins: Tensor
-    directions: Tensor
-    spans: Tensor
-    gain: Tensor
-
-
-class Space(Protocol):
-    """A part of the scene, and where its points lie in the unit cube."""
-
-    @property
-    def reaches_everything(self) -> bool:
-        """Whether nothing that a camera sees lies behind it."""
-
-    def rays(self, origins: Tensor, directions: Tensor) -> CubeRays:
-        """World rays (R, 3) in the cube; differentiable. directions: of length 1 in z of their camera."""
-
-    def depths(self, origins: Tensor, directions: Tensor, places: Tensor) -> Tensor:
-        """(R,) z in the cameras' frames, scene units, of places along world rays."""
-
-    def nodes(self, most: int) -> tuple[int, int, int]:
-        """Nodes along the cube's axes, for cells that are alike in the images; `most` along the longest."""
-
-    def record(self) -> dict[str, np.ndarray]:
-        """The numbers that the space is made of, by name."""
+_MARGIN = 0.05  # of the extent of a frustum or a box, on each side
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +45,13 @@ class Frustum:
         """See `Space.reaches_everything`."""
         return True
 
-    def rays(self, origins: Tensor, directions: Tensor) -> CubeRays:
-        """See `Space.rays`."""
+    def pieces(self, origins: Tensor, directions: Tensor) -> tuple[CubeRays, ...]:
+        """See `Space.pieces`."""
         start, end = self._ends(*self._seen(origins, directions))
         ones = torch.ones_like(start[:, 0])
         directions = torch.cat([end - start, ones[:, None]], 1)
         spans = torch.stack([torch.zeros_like(ones), ones], 1)
-        return CubeRays(torch.cat([start, 0 * ones[:, None]], 1), directions, spans, PER_RAY * ones)
+        return (CubeRays(torch.cat([start, 0 * ones[:, None]], 1), directions, spans, PER_RAY * ones),)
 
     def depths(self, origins: Tensor, directions: Tensor, places: Tensor) -> Tensor:
         """See `Space.depths`."""
@@ -121,54 +87,16 @@ class Frustum:
         return at(self.near), at(self.far)
 
 
-@dataclass(frozen=True, eq=False)
-class Box:
-    """A box along the world's axes, from `low` to `high`, (3,). A place along a ray is z in its camera's frame."""
-
-    low: np.ndarray
-    high: np.ndarray
-
-    @property
-    def reaches_everything(self) -> bool:
-        """See `Space.reaches_everything`."""
-        return False
-
-    def rays(self, origins: Tensor, directions: Tensor) -> CubeRays:
-        """See `Space.rays`. A ray that misses the box ends before it begins."""
-        low, extent = beside(origins, self.low), beside(origins, self.high - self.low)
-        begin, along = (origins - low) / extent, directions / extent
-        with torch.no_grad():
-            safe = torch.where(along.abs() < 1e-9, torch.full_like(along, 1e-9), along)
-            walls = torch.stack([-begin / safe, (1 - begin) / safe])
-            spans = torch.stack([walls.amin(0).amax(1).clamp_min(0), walls.amax(0).amin(1)], 1)
-        gain = PER_RAY / float(np.linalg.norm(self.high - self.low)) * directions.norm(dim=1)
-        return CubeRays(begin, along, spans, gain)
-
-    def depths(self, origins: Tensor, directions: Tensor, places: Tensor) -> Tensor:
-        """See `Space.depths`."""
-        return places
-
-    def nodes(self, most: int) -> tuple[int, int, int]:
-        """See `Space.nodes`."""
-        extent = self.high - self.low
-        x, y, z = (max(2, round(most * float(side / extent.max()))) for side in extent)
-        return x, y, z
-
-    def record(self) -> dict[str, np.ndarray]:
-        """See `Space.record`."""
-        return {"low": self.low, "high": self.high}
-
-
 def space_of(record: dict[str, np.ndarray]) -> Space:
     """The space with this `record`."""
     if "pose" not in record:
-        return Box(record["low"], record["high"])
+        return Unbounded(record["low"], record["high"])
     near, far = (float(value) for value in record["disparities"])
     return Frustum(record["pose"], record["low"], record["high"], near, far)
 
 
 def space_for(cameras: Sequence[Camera], points: np.ndarray) -> Space:
-    """A frustum if all cameras look in about one direction at points that lie before all of them, else a box.
+    """A frustum if all cameras look in about one direction at points that lie before all of them, else all of space.
 
     points: (P, 3), what the cameras see, scene units.
     """
@@ -180,7 +108,7 @@ def space_for(cameras: Sequence[Camera], points: np.ndarray) -> Space:
     forward = rays[:, 2] / np.linalg.norm(rays, axis=1)
     if forward.min() < _LEAST_FORWARD or z[0] <= centres[:, 2].max():
         low, high = np.quantile(points, [_POINTS_SHARE, 1 - _POINTS_SHARE], axis=0)
-        return Box(*_widened(low, high, _BOX_MARGIN))
+        return Unbounded(*_widened(low, high, _MARGIN))
     first = float(centres[:, 2].max())
     near = 1 / (first + _NEARER * (float(z[0]) - first))
     far = _FARTHER / float(z[1])

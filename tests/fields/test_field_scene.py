@@ -3,40 +3,60 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
+import pytest
 import torch
 from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE
 
 from dofbench.compute.factored_grid import FieldRender
+from dofbench.fields.cube_rays import Space, points_along
 from dofbench.fields.field_options import FieldOptions, RayOptions
 from dofbench.fields.field_scene import FieldScene
 from dofbench.fields.grid_field import GridField, GridOptions
-from dofbench.fields.space import Box
+from dofbench.fields.rays_seen import RaysSeen
+from dofbench.fields.space import Frustum
+from dofbench.fields.unbounded import Unbounded
+from dofbench.kernels import load
 
-# A box from -1 to 1, 2 to 6 and 1 to 5: rays along z from the origin of the first two axes begin at 1 and end at 5.
-BOX = Box(np.array([-1.0, 2.0, 1.0]), np.array([1.0, 6.0, 5.0]))
+# Disparities from 1 to 0.2 before a camera that sees as far to each side as ahead.
+FRUSTUM = Frustum(np.eye(4), np.array([-1.0, -1.0]), np.array([1.0, 1.0]), 1.0, 0.2)
+UNBOUNDED = Unbounded(np.array([-1.0, 2.0, 1.0]), np.array([1.0, 6.0, 5.0]))
 
 
-def scene() -> FieldScene:
+def scene(space: Space = FRUSTUM) -> FieldScene:
     options = FieldOptions(
         rays=RayOptions(cells=4, ray_samples=20), grid=GridOptions(grid_nodes=12, grid_nodes_first=6)
     )
     field = GridField.at_random(options.grid.shape((6, 5, 4)), -4.0, torch.Generator().manual_seed(0))
-    return FieldScene(field, BOX, options)
+    return FieldScene(field, space, options)
 
 
 def rays(count: int) -> tuple[torch.Tensor, torch.Tensor]:
-    origins = torch.tensor([[0.5, 3.0, 0.0]]).repeat(count, 1).requires_grad_()
+    """Beside the camera, straight ahead."""
+    origins = torch.tensor([[0.5, -0.4, 0.0]]).repeat(count, 1).requires_grad_()
     return origins, torch.tensor([[0.0, 0.0, 1.0]]).repeat(count, 1)
+
+
+def in_frustum(shares: Sequence[float]) -> torch.Tensor:
+    """(N, 3) where these rays are in the cube at shares of the way from the near to the far disparity."""
+    disparities = [1 - 0.8 * share for share in shares]
+    return torch.tensor(
+        [[(1 + 0.5 * q) / 2, (1 - 0.4 * q) / 2, share] for q, share in zip(disparities, shares, strict=True)]
+    )
+
+
+def seen_in_frustum(opacity: Sequence[float], distance: Sequence[float]) -> RaysSeen:
+    found = FieldRender(torch.zeros(len(opacity), 3), torch.tensor(opacity), torch.tensor(distance))
+    return RaysSeen.of(found, FRUSTUM.pieces(*rays(len(opacity))))
 
 
 def test_features_along_a_ray_are_those_in_the_middle_of_its_parts() -> None:
     made = scene()
     origins, directions = rays(3)
     found = made.features_along(origins, directions, 4)
-    places = torch.tensor([[0.75, 0.25, share] for share in (0.125, 0.375, 0.625, 0.875)])
-    expected = made.field.features(places)
+    expected = made.field.features(in_frustum([0.125, 0.375, 0.625, 0.875]))
     assert found.shape == (3, 4, GridOptions().feature_count)
     for one in found:
         torch.testing.assert_close(one, expected, rtol=FLOAT32_GRADIENT, atol=FLOAT32_VALUE)
@@ -44,19 +64,98 @@ def test_features_along_a_ray_are_those_in_the_middle_of_its_parts() -> None:
     assert origins.grad is None and float(made.field.parameters["colour"].grad.abs().sum()) > 0
 
 
-def test_features_met_are_those_at_the_mean_place() -> None:
-    """All light from 2; half of it, the other half from nowhere, which counts as the end; all from nowhere."""
-    made = scene()
-    opacity, distance = torch.tensor([1.0, 0.5, 0.0]), torch.tensor([2.0, 1.0, 0.0])
-    found = made.features_met(*rays(3), FieldRender(torch.zeros(3, 3), opacity, distance))
-    places = torch.tensor([[0.75, 0.25, (z - 1) / 4] for z in (2.0, 3.5, 5.0)])
-    torch.testing.assert_close(found, made.field.features(places), rtol=FLOAT32_GRADIENT, atol=FLOAT32_VALUE)
+def test_the_mean_place_counts_what_nothing_met_as_the_end() -> None:
+    """All light from 0.25 of the way; half of it, the other half from nowhere; all from nowhere."""
+    made, seen, shares = scene(), seen_in_frustum([1.0, 0.5, 0.0], [0.25, 0.125, 0.0]), [0.25, 0.625, 1.0]
+    found = made.features_met(*rays(3), seen)
+    torch.testing.assert_close(
+        found, made.field.features(in_frustum(shares)), rtol=FLOAT32_GRADIENT, atol=FLOAT32_VALUE
+    )
+    expected = torch.tensor([1 - 0.8 * share for share in shares])
+    torch.testing.assert_close(made.disparity(*rays(3), seen), expected, rtol=FLOAT32_VALUE, atol=0)
 
 
-def test_a_ray_that_misses_the_box_has_features_of_its_border() -> None:
-    made = scene()
-    found = made.features_along(torch.tensor([[9.0, 9.0, 0.0]]), torch.tensor([[0.0, 0.0, 1.0]]), 2)
-    assert bool(torch.isfinite(found).all()) and torch.equal(found[0, 0], found[0, 1])
+def test_pieces_of_a_ray_are_seen_one_behind_the_other() -> None:
+    """As if all samples of a ray were composited one by one: colour, opacity and gradients."""
+    made = scene(UNBOUNDED)
+    made.field = GridField(made.field.shape, made.field.parameters, 0.0)  # so dense that a piece hides part of the next
+    generator = torch.Generator().manual_seed(2)
+    origins = torch.tensor([0.0, 4.0, 3.0]) + 3 * torch.randn(40, 3, generator=generator)
+    directions = torch.randn(40, 3, generator=generator)
+    offsets = torch.rand(40, generator=generator)
+    seen = made.see(origins, directions, offsets)
+    colours, opacities = composited(made, origins, directions, offsets)
+    torch.testing.assert_close(seen.opacity.double(), opacities, rtol=FLOAT32_GRADIENT, atol=0)
+    torch.testing.assert_close(seen.color.double(), colours, rtol=0, atol=made._options.rays.least_weight * 80)
+    torch.testing.assert_close(seen.weights.sum(0), torch.ones(40), rtol=FLOAT32_GRADIENT, atol=0)
+    assert bool((seen.met.amax(1) > 0.1).all())  # every piece is seen by some ray
+
+
+def composited(
+    made: FieldScene, origins: torch.Tensor, directions: torch.Tensor, offsets: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """(R, 3) colours and (R,) opacities, float64, by the definition of the kernel for one sample after the other."""
+    own = {name: tensor.detach().double() for name, tensor in made.field.parameters.items()}
+    views = torch.nn.functional.normalize(directions, dim=1).double()
+    colours, left = torch.zeros(len(origins), 3).double(), torch.ones(len(origins)).double()
+    for piece in UNBOUNDED.pieces(origins.double(), directions.double()):
+        count = made.steps_of_a_ray
+        step = (piece.spans[:, 1] - piece.spans[:, 0]).clamp_min(0) / count
+        for number in range(count):
+            one = load("field", "reference")(
+                **own,
+                origins=piece.origins,
+                directions=piece.directions,
+                views=views,
+                starts=torch.arange(len(origins) + 1),
+                places=piece.spans[:, 0] + (number + offsets) * step,
+                lengths=step * piece.gain,
+                shape=made.field.shape,
+                shift=made.field.shift,
+            )
+            colours += left[:, None] * one.color
+            left = left * (1 - one.opacity)
+    return colours, 1 - left
+
+
+def test_what_was_met_in_several_pieces_has_the_mean_disparity_and_the_features_of_the_most() -> None:
+    """A quarter of the light in the box at depth 3, the rest beyond it at depth 7.5; and a ray that met nothing at all,
+    which counts as infinitely far away."""
+    made = scene(UNBOUNDED)
+    origins, directions = torch.tensor([[0.3, 4.0, 0.0]]).repeat(2, 1), torch.tensor([[0.0, 0.0, 1.0]]).repeat(2, 1)
+    pieces = UNBOUNDED.pieces(origins, directions)
+    far = bisected(lambda place: float(UNBOUNDED.depths(origins, directions, torch.full((4, 2), place))[3, 0]) - 7.5)
+    opacity = torch.tensor([[0.25, 0.0], [0.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
+    distance = opacity * torch.tensor([[3.0], [0.0], [0.0], [far]])
+    seen = RaysSeen.of(FieldRender(torch.zeros(8, 3), opacity.flatten(), distance.flatten()), pieces)
+    found = made.disparity(origins, directions, seen)
+    assert float(found[0]) == pytest.approx(0.25 / 3 + 0.75 / 7.5, rel=FLOAT32_GRADIENT)
+    assert 0 <= float(found[1]) < 0.001
+    met = made.field.features(pieces[3].points(torch.full((2,), far))[:1])
+    torch.testing.assert_close(made.features_met(origins, directions, seen)[:1], met, rtol=0, atol=FLOAT32_VALUE)
+
+
+def bisected(rises: Callable[[float], float]) -> float:
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if rises(middle) < 0 else (low, middle)
+    return low
+
+
+def test_features_along_pieces_are_equally_far_apart() -> None:
+    """By the length in the cube, in which the box is as wide as the sides of the space say."""
+    made = scene(UNBOUNDED)
+    generator = torch.Generator().manual_seed(4)
+    origins, directions = torch.randn(2, 30, 3, generator=generator, dtype=torch.float64)
+    origins = origins + torch.tensor([0.0, 4.0, 3.0])
+    points = points_along(UNBOUNDED.pieces(origins, directions), (torch.arange(400).double() + 0.5) / 400)
+    apart = (points.diff(dim=1) * torch.tensor([1.0, 2.0, 2.0])).norm(dim=2)
+    # Where a ray bends, the straight way is shorter; a ray bends three times at most.
+    equal = (apart - apart.median(1, keepdim=True).values).abs() <= FLOAT32_GRADIENT
+    assert int((~equal).sum(1).max()) <= 3
+    found = made.features_along(origins.float(), directions.float(), 5)
+    assert found.shape == (30, 5, GridOptions().feature_count) and bool(torch.isfinite(found).all())
 
 
 def test_a_coarse_grid_has_longer_steps() -> None:
@@ -65,10 +164,10 @@ def test_a_coarse_grid_has_longer_steps() -> None:
     made = scene()
     made.field = GridField(made.field.shape, made.field.parameters, 40.0)  # opaque
     half = torch.full((1,), 0.5)
-    coarse = made.see(*rays(1), half).distance
+    coarse = made.see(*rays(1), half).places[0]
     made.field = made.field.resized(GridOptions().shape((12, 10, 8)))
-    fine = made.see(*rays(1), half).distance
-    expected = torch.tensor([1 + 4 / 10 / 2, 1 + 4 / 20 / 2])
+    fine = made.see(*rays(1), half).places[0]
+    expected = torch.tensor([1 / 10 / 2, 1 / 20 / 2])
     torch.testing.assert_close(torch.cat([coarse, fine]), expected, rtol=FLOAT32_GRADIENT, atol=0)
 
 

@@ -11,7 +11,6 @@ from made_up import Recorder
 from small_scene import WIDTH, cameras, field_options, training_set
 from tolerances import DISC_ON_FEWER_PIXELS, DISC_ON_PIXELS, FLOAT32_VALUE
 
-from dofbench.compute.factored_grid import FieldRender
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import Rendering, Sketches
 from dofbench.core.errors import InputError, Status
@@ -20,6 +19,7 @@ from dofbench.fields import field_trainer
 from dofbench.fields.field_method import FieldMethod
 from dofbench.fields.lens_field_method import LensFieldMethod, LensRayField, PatchField, RefocusedField
 from dofbench.fields.lens_rendering import through_points
+from dofbench.fields.rays_seen import RaysSeen
 from dofbench.optics.defocus import defocus_numpy
 
 SHORT = field_options()
@@ -81,10 +81,13 @@ class _Wall:
 
     device = torch.device("cpu")
 
-    def see(self, origins: torch.Tensor, directions: torch.Tensor, offsets: torch.Tensor) -> FieldRender:
+    def see(self, origins: torch.Tensor, directions: torch.Tensor, offsets: torch.Tensor) -> RaysSeen:
         x = origins[:, 0] + 4.0 * directions[:, 0]
         light = 0.05 + 0.05 * x.square()
-        return FieldRender(light.pow(1 / 2.2)[:, None].expand(-1, 3), torch.ones(len(x)), 4 + 0 * x)
+        opacity, places = torch.ones(len(x)), torch.full((1, len(x)), 4.0)
+        return RaysSeen(
+            light.pow(1 / 2.2)[:, None].expand(-1, 3), opacity, opacity[None], places, opacity[None], places
+        )
 
     def render(self, camera) -> Rendering:
         return Rendering(np.zeros((camera.height, camera.width, 3), np.float32), np.full((1, 1), 4.0, np.float32))

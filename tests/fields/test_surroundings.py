@@ -22,8 +22,8 @@ from dofbench.fields.field_method import FieldMethod
 from dofbench.fields.field_options import FieldOptions, RayOptions
 from dofbench.fields.field_scene import FieldScene
 from dofbench.fields.grid_field import GridField, GridOptions
-from dofbench.fields.space import Box
 from dofbench.fields.surroundings import Surroundings, on_square
+from dofbench.fields.unbounded import Unbounded
 
 PARTS = st.floats(-1, 1).filter(lambda part: abs(part) > 1e-3)
 DIRECTIONS = st.tuples(PARTS, PARTS, PARTS)
@@ -85,18 +85,18 @@ def test_what_is_not_a_square_of_colours(shape: tuple[int, ...]) -> None:
 
 @pytest.mark.parametrize(("shift", "share"), [(-60.0, 1.0), (60.0, 0.0)])
 def test_light_from_behind_passes_what_the_field_lets_through(shift: float, share: float) -> None:
-    """All of it through an empty field and beside the box, none through a full one."""
+    """All of it through an empty field, none through a full one."""
     options = FieldOptions(rays=RayOptions(cells=4, ray_samples=20))
     shape = options.grid.shape((6, 5, 4))
     field = GridField.at_random(shape, shift, torch.Generator().manual_seed(0))
-    box = Box(np.array([-1.0, -1.0, 1.0]), np.array([1.0, 1.0, 5.0]))
+    space = Unbounded(np.array([-1.0, -1.0, 1.0]), np.array([1.0, 1.0, 5.0]))
     behind = Surroundings(torch.randn(16, 3, generator=torch.Generator().manual_seed(1)))
     origins, directions = torch.tensor([[0.2, 0.1, 0.0], [9.0, 9.0, 0.0]]), torch.tensor([[0.0, 0.1, 1.0]]).repeat(2, 1)
     with_it, without = (
-        FieldScene(field, box, options, one).see(origins, directions, torch.full((2,), 0.5)) for one in (behind, None)
+        FieldScene(field, space, options, one).see(origins, directions, torch.full((2,), 0.5)) for one in (behind, None)
     )
     colours = behind.seen(directions)
-    expected = without.color + torch.tensor([[share], [1.0]]) * colours
+    expected = without.color + share * colours
     torch.testing.assert_close(with_it.color, expected, rtol=0, atol=FLOAT32_VALUE)
     assert torch.equal(with_it.opacity, without.opacity)
 
@@ -148,11 +148,11 @@ def test_what_lies_behind_is_learned_and_stored(tmp_path: Path, monkeypatch: pyt
     again = FieldMethod({}, 0, "cpu")
     again.load(tmp_path)
     assert error(again) == error(method)
-    monkeypatch.setattr(Box, "reaches_everything", True)
+    monkeypatch.setattr(Unbounded, "reaches_everything", True)
     assert error(trained(photographs())) > 5 * error(method)
 
 
-def test_a_stored_box_without_surroundings_is_one_line(tmp_path: Path) -> None:
+def test_a_stored_field_without_surroundings_is_one_line(tmp_path: Path) -> None:
     trained(photographs()).save(tmp_path)
     arrays = dict(np.load(tmp_path / "field.npz"))
     del arrays["surroundings"]

@@ -9,9 +9,9 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from dofbench.compute.factored_grid import FieldRender
 from dofbench.fields.field_scene import FieldScene
 from dofbench.fields.pixels import CameraTable, Pixels, TrainingPixels
+from dofbench.fields.rays_seen import RaysSeen
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,18 +31,18 @@ class RayScene:
         self.cameras = cameras
         self._scene, self._generator = scene, generator
 
-    def trace(self, origins: Tensor, directions: Tensor) -> FieldRender:
+    def trace(self, origins: Tensor, directions: Tensor) -> RaysSeen:
         """What world rays (R, 3) see, whose directions have the length 1 in z of their camera; differentiable. Each is
         sampled at random places of its steps."""
         offsets = torch.rand(len(origins), generator=self._generator).to(origins.device, non_blocking=True)
         return self._scene.see(origins, directions, offsets)
 
-    def disparity(self, origins: Tensor, directions: Tensor, seen: FieldRender) -> Tensor:
+    def disparity(self, origins: Tensor, directions: Tensor, seen: RaysSeen) -> Tensor:
         """(R,) 1 / z in the cameras' frames, 1 / scene unit, of the mean place of what `trace` found; differentiable.
         Rays that met nothing count as if they had met something at their end."""
         return self._scene.disparity(origins, directions, seen)
 
-    def features_met(self, origins: Tensor, directions: Tensor, seen: FieldRender) -> Tensor:
+    def features_met(self, origins: Tensor, directions: Tensor, seen: RaysSeen) -> Tensor:
         """(R, C) what the field stores (`GridField.features`) at the mean place of what `trace` found; differentiable
         by the field alone, not by the rays."""
         return self._scene.features_met(origins, directions, seen)
