@@ -88,9 +88,9 @@ class Frustum:
 
 
 def space_of(record: dict[str, np.ndarray]) -> Space:
-    """The space with this `record`."""
+    """The space with this `record`. Raises KeyError for that of a field stored before all of space was in it."""
     if "pose" not in record:
-        return Unbounded(record["low"], record["high"])
+        return Unbounded(record["box_low"], record["box_high"])
     near, far = (float(value) for value in record["disparities"])
     return Frustum(record["pose"], record["low"], record["high"], near, far)
 

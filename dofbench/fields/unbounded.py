@@ -81,7 +81,7 @@ class Unbounded:
 
     def record(self) -> dict[str, np.ndarray]:
         """See `Space.record`."""
-        return {"low": self.low, "high": self.high}
+        return {"box_low": self.low, "box_high": self.high}
 
     def _from_the_middle(self, origins: Tensor, directions: Tensor, half: Tensor) -> tuple[Tensor, Tensor]:
         return (origins - beside(origins, (self.low + self.high) / 2)) / half, directions / half

@@ -152,12 +152,14 @@ def test_what_lies_behind_is_learned_and_stored(tmp_path: Path, monkeypatch: pyt
     assert error(trained(photographs())) > 5 * error(method)
 
 
-def test_a_stored_field_without_surroundings_is_one_line(tmp_path: Path) -> None:
+@pytest.mark.parametrize("missing", ["surroundings", "space_box_low"])
+def test_a_field_that_an_earlier_version_stored_is_one_line(tmp_path: Path, missing: str) -> None:
+    """Its box was all that it had: neither anything behind it nor space around it."""
     trained(photographs()).save(tmp_path)
     arrays = dict(np.load(tmp_path / "field.npz"))
-    del arrays["surroundings"]
+    arrays["space_low"] = arrays.pop(missing)
     np.savez(tmp_path / "field.npz", **arrays)
-    with pytest.raises(InputError, match="surroundings"):
+    with pytest.raises(InputError, match=missing.removeprefix("space_")):
         FieldMethod({}, 0, "cpu").load(tmp_path)
 
 
