@@ -115,7 +115,7 @@ def _cuts(begin: Tensor, slope: Tensor) -> Tensor:
     ]
     first = leave.clamp_min(0)
     second = torch.maximum(first, torch.minimum(meet[0], meet[1]))
-    third = torch.maximum(second, torch.maximum(meet[1], meet[2]))
+    third = torch.maximum(second, meet[2])
     return torch.stack([first, second, third, torch.full_like(first, torch.inf)])
 
 
