@@ -54,7 +54,7 @@ class Unbounded:
         found = [_piece(_BOX_SHARE * start, _BOX_SHARE * along, inside, half)]
         for number, axis in enumerate(slope.detach().argsort(1).unbind(1)):
             first, rate = (part.gather(1, axis[:, None]) for part in (begin, slope))
-            with torch.no_grad():
+            with torch.no_grad():  # in the box, where r is less than 1, the ray is the piece above
                 nearest = (first + cuts[number][:, None] * rate).clamp_min(1)
                 farthest = torch.maximum(first + cuts[number + 1][:, None] * rate, nearest)
                 spans = torch.cat([1 - 1 / (nearest + _PULL), 1 - 1 / (farthest + _PULL)], 1)
@@ -99,21 +99,21 @@ def _crossings(begin: Tensor, slope: Tensor, size: Tensor) -> tuple[Tensor, Tens
 
 
 def _cuts(begin: Tensor, slope: Tensor) -> Tensor:
-    """(4, R): where the pieces outside the box begin and end, up to infinity. A ray that misses the box begins where it
-    is nearest to it, and none before its camera.
+    """(4, R): where the longest coordinate of rays is one along another axis, from where it is least, which is where a
+    ray touches a box that it just doesn't miss, or from the camera, up to infinity.
 
-    From there on the longest coordinate only grows: it is the largest of three lines, in the order of their slopes.
+    From there on it only grows: it is the largest of three lines, in the order of their slopes.
     """
     others = torch.roll(begin, 1, 1), torch.roll(slope, 1, 1)
     touching = ((begin * others[1] - others[0] * slope).abs() / (slope + others[1])).amax(1, keepdim=True)
-    _, leave = _crossings(begin, slope, touching.clamp_min(1))
+    _, nearest = _crossings(begin, slope, touching)
     axes = slope.argsort(1)
     (one, two, three), (a, b, c) = begin.gather(1, axes).T, slope.gather(1, axes).T
     meet = [
         torch.where(rise > 0, (low - high) / rise, torch.where(high > low, -torch.inf, torch.inf))
         for low, high, rise in ((one, two, b - a), (one, three, c - a), (two, three, c - b))
     ]
-    first = leave.clamp_min(0)
+    first = nearest.clamp_min(0)
     second = torch.maximum(first, torch.minimum(meet[0], meet[1]))
     third = torch.maximum(second, meet[2])
     return torch.stack([first, second, third, torch.full_like(first, torch.inf)])

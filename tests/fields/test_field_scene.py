@@ -78,7 +78,9 @@ def test_the_mean_place_counts_what_nothing_met_as_the_end() -> None:
 def test_pieces_of_a_ray_are_seen_one_behind_the_other() -> None:
     """As if all samples of a ray were composited one by one: colour, opacity and gradients."""
     made = scene(UNBOUNDED)
-    made.field = GridField(made.field.shape, made.field.parameters, 0.0)  # so dense that a piece hides part of the next
+    # So dense that a piece hides part of the next, and so uneven that it matters where a sample lies.
+    parameters = {name: 8 * tensor for name, tensor in made.field.parameters.items()}
+    made.field = GridField(made.field.shape, parameters, 0.0)
     generator = torch.Generator().manual_seed(2)
     origins = torch.tensor([0.0, 4.0, 3.0]) + 3 * torch.randn(40, 3, generator=generator)
     directions = torch.randn(40, 3, generator=generator)

@@ -139,6 +139,15 @@ def test_a_ray_in_the_box_begins_at_its_camera_and_one_before_it_at_the_near_sid
         assert inside.spans[0].tolist() == pytest.approx([begin, 5 - z], abs=FLOAT64_VALUE)
 
 
+def test_a_ray_that_leaves_the_box_behind_begins_at_its_camera() -> None:
+    """And not where its line was nearest to the box, which is behind the camera."""
+    camera = MIDDLE + HALF * torch.tensor([3.0, -1.0, 0.5]).double()
+    pieces = SPACE.pieces(camera[None], HALF[None] * torch.tensor([[1.0, 0.2, 0.4]]).double())
+    there = next(piece for piece in pieces if float(piece.spans[0, 1] - piece.spans[0, 0]) > 1e-9)
+    (expected,) = in_cube(camera, MIDDLE)
+    torch.testing.assert_close(there.points(there.spans[:, 0])[0], expected, rtol=0, atol=SEARCHED_PLACE)
+
+
 @pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (0.5, 1.0, 1.0), (-0.5, 1.0, 0.0), (0.0, -1.0, 1.0)])
 @pytest.mark.parametrize("origin", [(0.0, 4.0, 3.0), (0.0, 4.0, -9.0), (1.0, 6.0, 5.0), (30.0, 4.0, 3.0)])
 def test_rays_along_axes_and_diagonals_are_finite(origin: tuple[float, ...], direction: tuple[float, ...]) -> None:
