@@ -18,8 +18,7 @@ from torch import Tensor
 from dofbench.compute.device_numbers import beside
 from dofbench.fields.cube_rays import PER_RAY, CubeRays
 
-# Of the cube's side, which the box fills. On two development scenes, blowtorch and chessking, 0.85 was better than 0.7.
-_BOX_SHARE = 0.85
+_BOX_SHARE = 0.85  # of the cube's side, which the box fills; 0.7 does as well (reports/notes/fields.md)
 _PULL = 1 / _BOX_SHARE - 1  # a in x / (|x| + a), so that the box's surface is where that of the smaller box is
 _LEAST_DEPTH = 1e-6  # scene units, of a place on a piece that isn't there
 _LEAST_RECIPROCAL = 1e-4  # of a distance: what is farther away counts as being there
