@@ -38,8 +38,9 @@ class Space(Protocol):
     """A part of the scene, and where its points lie in the unit cube."""
 
     @property
-    def reaches_everything(self) -> bool:
-        """Whether nothing that a camera sees lies behind it."""
+    def has_surroundings(self) -> bool:
+        """Whether cameras look out of it on all sides, so that what is infinitely far away is a colour for every
+        direction (`surroundings.py`)."""
 
     def pieces(self, origins: Tensor, directions: Tensor) -> tuple[CubeRays, ...]:
         """World rays (R, 3) in the cube, K straight pieces of each from near to far; differentiable. directions: of

@@ -121,7 +121,7 @@ class FieldMethod:
             record = {name.removeprefix("space_"): arrays[name] for name in arrays if name.startswith("space_")}
             space, cells = space_of(record), options.rays.cells
             behind = None
-            if not space.reaches_everything:
+            if space.has_surroundings:
                 behind = Surroundings(torch.from_numpy(arrays["surroundings"]).to(self._device))
             occupied = np.unpackbits(arrays["occupied"], count=cells**3).reshape(cells, cells, cells)
         except (OSError, ValueError, KeyError, BadZipFile) as error:

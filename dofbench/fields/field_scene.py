@@ -24,7 +24,7 @@ _LEAST_OPACITY = 1e-3  # of a ray that has a depth
 class FieldScene:
     """A field, the space that it fills, what lies behind that, and which of its cells are empty, on the field's device.
 
-    surroundings: None if the space reaches as far as anything does.
+    surroundings: None if the space has none.
     """
 
     def __init__(self, field: GridField, space: Space, options: FieldOptions, surroundings: Surroundings | None = None):

@@ -49,7 +49,7 @@ class FieldTrainer:
         space = space_for(cameras, training_set.points.xyz)
         shape = options.grid.shape(space.nodes(options.grid.nodes(0.0)))
         field = GridField.at_random(shape, options.grid.density_shift, self._generator, device)
-        surroundings = None if space.reaches_everything else Surroundings.grey(options.grid.surroundings_nodes, device)
+        surroundings = Surroundings.grey(options.grid.surroundings_nodes, device) if space.has_surroundings else None
         self.scene = FieldScene(field, space, options, surroundings)
         self.colours = LearnedColours(len(cameras), options.colours, device)
         self._names = [view.name for view in training_set.views]

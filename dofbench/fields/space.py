@@ -41,9 +41,9 @@ class Frustum:
     far: float
 
     @property
-    def reaches_everything(self) -> bool:
-        """See `Space.reaches_everything`."""
-        return True
+    def has_surroundings(self) -> bool:
+        """See `Space.has_surroundings`."""
+        return False
 
     def pieces(self, origins: Tensor, directions: Tensor) -> tuple[CubeRays, ...]:
         """See `Space.pieces`."""

@@ -1,9 +1,8 @@
-"""What lies behind a scene that is seen from all around: a colour for every direction, as if infinitely far away.
+"""What is infinitely far away behind a scene that is seen from all around: a colour for every direction.
 
-The field of such a scene fills a box around the sparse points. Photographs show what lies behind the box too. If
-nothing stands for it, training paints it on the air inside the box, differently for every view, and learns little
-else. Directions are laid out on a square, as the faces of an octahedron that are folded out: unlike a map by longitude
-and latitude it has no poles at which they crowd.
+A ray that meets nothing in the field would be black otherwise, and training would have to put something opaque in the
+way of every ray. Directions are laid out on a square, as the faces of an octahedron that are folded out: unlike a map
+by longitude and latitude it has no poles at which they crowd.
 """
 
 from __future__ import annotations

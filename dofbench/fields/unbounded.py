@@ -37,9 +37,9 @@ class Unbounded:
     high: np.ndarray
 
     @property
-    def reaches_everything(self) -> bool:
-        """See `Space.reaches_everything`."""
-        return False
+    def has_surroundings(self) -> bool:
+        """See `Space.has_surroundings`."""
+        return True
 
     def pieces(self, origins: Tensor, directions: Tensor) -> tuple[CubeRays, ...]:
         """See `Space.pieces`."""
@@ -49,9 +49,10 @@ class Unbounded:
         with torch.no_grad():
             enter, leave = _crossings(begin, slope, torch.ones_like(begin[:, :1]))
             inside = torch.stack([enter.clamp_min(0), leave], 1)
-            cuts = _cuts(begin, slope)
+            axes = slope.argsort(1)
+            cuts = _cuts(begin, slope, axes)
         found = [_piece(_BOX_SHARE * start, _BOX_SHARE * along, inside, half)]
-        for number, axis in enumerate(slope.detach().argsort(1).unbind(1)):
+        for number, axis in enumerate(axes.unbind(1)):
             first, rate = (part.gather(1, axis[:, None]) for part in (begin, slope))
             with torch.no_grad():  # in the box, where r is less than 1, the ray is the piece above
                 nearest = (first + cuts[number][:, None] * rate).clamp_min(1)
@@ -97,16 +98,16 @@ def _crossings(begin: Tensor, slope: Tensor, size: Tensor) -> tuple[Tensor, Tens
     return ((-size - begin) / slope).amax(1), ((size - begin) / slope).amin(1)
 
 
-def _cuts(begin: Tensor, slope: Tensor) -> Tensor:
+def _cuts(begin: Tensor, slope: Tensor, axes: Tensor) -> Tensor:
     """(4, R): where the longest coordinate of rays is one along another axis, from where it is least, which is where a
     ray touches a box that it just doesn't miss, or from the camera, up to infinity.
 
-    From there on it only grows: it is the largest of three lines, in the order of their slopes.
+    From there on it only grows: it is the largest of three lines, in the order of their slopes. axes: (R, 3), that
+    order.
     """
     others = torch.roll(begin, 1, 1), torch.roll(slope, 1, 1)
     touching = ((begin * others[1] - others[0] * slope).abs() / (slope + others[1])).amax(1, keepdim=True)
     _, nearest = _crossings(begin, slope, touching)
-    axes = slope.argsort(1)
     (one, two, three), (a, b, c) = begin.gather(1, axes).T, slope.gather(1, axes).T
     meet = [
         torch.where(rise > 0, (low - high) / rise, torch.where(high > low, -torch.inf, torch.inf))

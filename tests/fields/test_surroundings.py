@@ -148,7 +148,7 @@ def test_what_lies_behind_is_learned_and_stored(tmp_path: Path, monkeypatch: pyt
     again = FieldMethod({}, 0, "cpu")
     again.load(tmp_path)
     assert error(again) == error(method)
-    monkeypatch.setattr(Unbounded, "reaches_everything", True)
+    monkeypatch.setattr(Unbounded, "has_surroundings", False)
     assert error(trained(photographs())) > 5 * error(method)
 
 
