@@ -252,8 +252,6 @@ TWO_FITS_DB = 3.02
 UNSEEN = 0.5 / 255
 # Places along a ray are searched among 100 001.
 SEARCHED_PLACE = 1e-5
-# A world point through a camera's float32 matrices, in units of a box of about 2 scene units, and ends of a ray on it.
-FLOAT32_CAMERA = 2e-6
 # Weights so near a threshold, relative, that float32 may put them on its other side: some hundred roundings.
 AT_A_THRESHOLD = 1e-3
 # Second moments of a disc by some ten thousand points, one in each ring of equal area, relative and of its quarter.
@@ -281,3 +279,5 @@ CLAIMED_GAIN = 0.4
 # Share of stereo's scores that float32 puts on the other side of a source's border, or whose plane it decides where two
 # cost the same: coordinates of 60 pixels are rounded by 4e-6, so one pixel in 1e5. A hundred pixels may have one.
 STEREO_AT_A_BORDER = 0.01
+# The disparity of what counts as infinitely far: more than 500 sides of a box of 4 scene units away.
+AS_IF_INFINITELY_FAR = 1 / 2000
