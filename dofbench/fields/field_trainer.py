@@ -46,7 +46,7 @@ class FieldTrainer:
         self._generator = torch.Generator().manual_seed(seed)
         self._pixels = TrainingPixels(training_set.views, np.random.default_rng(seed), device)
         cameras = [view.camera for view in training_set.views]
-        space = space_for(cameras, training_set.points.xyz)
+        space = space_for(cameras, training_set.points)
         shape = options.grid.shape(space.nodes(options.grid.nodes(0.0)))
         field = GridField.at_random(shape, options.grid.density_shift, self._generator, device)
         surroundings = Surroundings.grey(options.grid.surroundings_nodes, device) if space.has_surroundings else None

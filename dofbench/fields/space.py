@@ -16,8 +16,10 @@ from torch import Tensor
 
 from dofbench.compute.device_numbers import beside
 from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud
 from dofbench.fields.cube_rays import PER_RAY, CubeRays, Space
 from dofbench.fields.unbounded import Unbounded
+from dofbench.learning.supervision import all_disparities
 
 _LEAST_FORWARD = 0.5  # cosine of the angle between a frustum's axis and its widest rays
 _POINTS_SHARE = 0.005  # of the sparse points that may be outliers, at each end
@@ -90,25 +92,22 @@ class Frustum:
 def space_of(record: dict[str, np.ndarray]) -> Space:
     """The space with this `record`. Raises KeyError for that of a field stored before all of space was in it."""
     if "pose" not in record:
-        return Unbounded(record["box_low"], record["box_high"])
+        return Unbounded(record["box_low"], record["box_high"], float(record["near"]))
     near, far = (float(value) for value in record["disparities"])
     return Frustum(record["pose"], record["low"], record["high"], near, far)
 
 
-def space_for(cameras: Sequence[Camera], points: np.ndarray) -> Space:
-    """A frustum if all cameras look in about one direction at points that lie before all of them, else all of space.
-
-    points: (P, 3), what the cameras see, scene units.
-    """
+def space_for(cameras: Sequence[Camera], points: PointCloud) -> Space:
+    """A frustum if all cameras look in about one direction at points that lie before all of them, else all of space."""
     pose = _mean_pose(cameras)
     centres = _transformed(pose, np.array([camera.centre for camera in cameras]))
     borders = [_transformed(pose, _border(camera)) for camera in cameras]
     rays = np.concatenate([border - centre for border, centre in zip(borders, centres, strict=True)])
-    z = np.quantile(_transformed(pose, points)[:, 2], [_POINTS_SHARE, 1 - _POINTS_SHARE])
+    z = np.quantile(_transformed(pose, points.xyz)[:, 2], [_POINTS_SHARE, 1 - _POINTS_SHARE])
     forward = rays[:, 2] / np.linalg.norm(rays, axis=1)
     if forward.min() < _LEAST_FORWARD or z[0] <= centres[:, 2].max():
-        low, high = np.quantile(points, [_POINTS_SHARE, 1 - _POINTS_SHARE], axis=0)
-        return Unbounded(*_widened(low, high, _MARGIN))
+        low, high = np.quantile(points.xyz, [_POINTS_SHARE, 1 - _POINTS_SHARE], axis=0)
+        return Unbounded(*_widened(low, high, _MARGIN), _NEARER * _nearest(cameras, points))
     first = float(centres[:, 2].max())
     near = 1 / (first + _NEARER * (float(z[0]) - first))
     far = _FARTHER / float(z[1])
@@ -118,6 +117,12 @@ def space_for(cameras: Sequence[Camera], points: np.ndarray) -> Space:
     ends = np.concatenate([origins[:, :2] * q + (1 - origins[:, 2:] * q) * slope for q in (near, far)])
     low, high = _widened(ends.min(axis=0), ends.max(axis=0), _MARGIN)
     return Frustum(pose, low, high, near, far)
+
+
+def _nearest(cameras: Sequence[Camera], points: PointCloud) -> float:
+    """Depth of the nearest points that a camera sees, scene units; 0 if none sees any."""
+    disparities = all_disparities(points, cameras)
+    return 1 / float(np.quantile(disparities, 1 - _POINTS_SHARE)) if len(disparities) else 0.0
 
 
 def _widened(low: np.ndarray, high: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:

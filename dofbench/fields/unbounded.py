@@ -29,12 +29,15 @@ _LEAST_SLOPE = 1e-6  # of a ray along an axis, half a box's side for a length of
 class Unbounded:
     """All of space, with a box along the world's axes from `low` to `high`, (3,), in its middle.
 
-    A ray has four pieces: from its camera or the box's near side to its far side, where a place is z in the camera's
-    frame; and up to three beyond, where it is 1 - 1 / (|x| + a). What is between a camera and the box counts as empty.
+    A ray has four pieces: from the box's near side to its far side, where a place is z in the camera's frame; and up to
+    three beyond, where it is 1 - 1 / (|x| + a). What is between a camera and the box counts as empty, and so does what
+    is nearer than `near`, z in the camera's frame, scene units: few cameras see what stands right before one of them,
+    so training would explain a photograph by a haze there.
     """
 
     low: np.ndarray
     high: np.ndarray
+    near: float
 
     @property
     def has_surroundings(self) -> bool:
@@ -48,9 +51,9 @@ class Unbounded:
         begin, slope = _rising(start, along)
         with torch.no_grad():
             enter, leave = _crossings(begin, slope, torch.ones_like(begin[:, :1]))
-            inside = torch.stack([enter.clamp_min(0), leave], 1)
+            inside = torch.stack([enter.clamp_min(self.near), leave], 1)
             axes = slope.argsort(1)
-            cuts = _cuts(begin, slope, axes)
+            cuts = _cuts(begin, slope, axes, self.near)
         found = [_piece(_BOX_SHARE * start, _BOX_SHARE * along, inside, half)]
         for number, axis in enumerate(axes.unbind(1)):
             first, rate = (part.gather(1, axis[:, None]) for part in (begin, slope))
@@ -81,7 +84,7 @@ class Unbounded:
 
     def record(self) -> dict[str, np.ndarray]:
         """See `Space.record`."""
-        return {"box_low": self.low, "box_high": self.high}
+        return {"box_low": self.low, "box_high": self.high, "near": np.array(self.near)}
 
     def _from_the_middle(self, origins: Tensor, directions: Tensor, half: Tensor) -> tuple[Tensor, Tensor]:
         return (origins - beside(origins, (self.low + self.high) / 2)) / half, directions / half
@@ -98,9 +101,9 @@ def _crossings(begin: Tensor, slope: Tensor, size: Tensor) -> tuple[Tensor, Tens
     return ((-size - begin) / slope).amax(1), ((size - begin) / slope).amin(1)
 
 
-def _cuts(begin: Tensor, slope: Tensor, axes: Tensor) -> Tensor:
+def _cuts(begin: Tensor, slope: Tensor, axes: Tensor, near: float) -> Tensor:
     """(4, R): where the longest coordinate of rays is one along another axis, from where it is least, which is where a
-    ray touches a box that it just doesn't miss, or from the camera, up to infinity.
+    ray touches a box that it just doesn't miss, or from `near`, up to infinity.
 
     From there on it only grows: it is the largest of three lines, in the order of their slopes. axes: (R, 3), that
     order.
@@ -113,7 +116,7 @@ def _cuts(begin: Tensor, slope: Tensor, axes: Tensor) -> Tensor:
         torch.where(rise > 0, (low - high) / rise, torch.where(high > low, -torch.inf, torch.inf))
         for low, high, rise in ((one, two, b - a), (one, three, c - a), (two, three, c - b))
     ]
-    first = nearest.clamp_min(0)
+    first = nearest.clamp_min(near)
     second = torch.maximum(first, torch.minimum(meet[0], meet[1]))
     third = torch.maximum(second, meet[2])
     return torch.stack([first, second, third, torch.full_like(first, torch.inf)])

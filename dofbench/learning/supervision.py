@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,7 +73,7 @@ def sparse_depth(points: PointCloud, camera: Camera, view: int) -> DepthSamples:
     )
 
 
-def all_disparities(points: PointCloud, cameras: list[Camera]) -> np.ndarray:
+def all_disparities(points: PointCloud, cameras: Sequence[Camera]) -> np.ndarray:
     """Disparities, 1 / scene unit, of all points over all views that see them."""
     found = [1.0 / sparse_depth(points, camera, index).depth.numpy() for index, camera in enumerate(cameras)]
     return np.concatenate(found)

@@ -22,7 +22,7 @@ from dofbench.kernels import load
 
 # Disparities from 1 to 0.2 before a camera that sees as far to each side as ahead.
 FRUSTUM = Frustum(np.eye(4), np.array([-1.0, -1.0]), np.array([1.0, 1.0]), 1.0, 0.2)
-UNBOUNDED = Unbounded(np.array([-1.0, 2.0, 1.0]), np.array([1.0, 6.0, 5.0]))
+UNBOUNDED = Unbounded(np.array([-1.0, 2.0, 1.0]), np.array([1.0, 6.0, 5.0]), 0.0)
 
 
 def scene(space: Space = FRUSTUM, **rays: float) -> FieldScene:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from made_up import frontal
 from tolerances import FLOAT64_VALUE, SEARCHED_PLACE
 
 from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud
 from dofbench.fields.cube_rays import Space
 from dofbench.fields.pixels import CameraTable, whole_image
 from dofbench.fields.space import Frustum, space_for, space_of
@@ -26,11 +28,17 @@ def frontal_cameras() -> list[Camera]:
     return [frontal(40, 30, 45.0, place) for place in PLACES]
 
 
-def points(farthest: float = FARTHEST) -> np.ndarray:
-    """(P, 3), in what the cameras see."""
+def points(farthest: float = FARTHEST, moved: float = 0.0) -> PointCloud:
+    """In what the cameras see, or that by so much farther away."""
     random = np.random.default_rng(0)
     z = 1 / random.uniform(1 / farthest, 1 / NEAREST, 4000)
-    return np.stack([random.uniform(-0.4, 0.4, 4000) * z, random.uniform(-0.3, 0.3, 4000) * z, z], axis=1)
+    return cloud(
+        np.stack([random.uniform(-0.4, 0.4, 4000) * z, random.uniform(-0.3, 0.3, 4000) * z, z + moved], axis=1)
+    )
+
+
+def cloud(xyz: np.ndarray) -> PointCloud:
+    return PointCloud(xyz, np.zeros((len(xyz), 3), np.float32), np.zeros(len(xyz), np.float32))
 
 
 def around(count: int = 6) -> list[Camera]:
@@ -50,10 +58,10 @@ def frustum(farthest: float = FARTHEST) -> Space:
     return found
 
 
-def ball(radius: float) -> np.ndarray:
+def ball(radius: float) -> PointCloud:
     random = np.random.default_rng(1)
     directions = random.normal(size=(4000, 3))
-    return radius * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    return cloud(radius * directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
 def rays(cameras: list[Camera], view: int, pixels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -99,7 +107,7 @@ def test_the_near_plane_lies_before_all_points_and_behind_all_cameras() -> None:
     space = frustum()
     assert isinstance(space, Frustum)
     at = space.pose[2, :3] @ np.array(PLACES).T + space.pose[2, 3]
-    seen = points() @ space.pose[2, :3] + space.pose[2, 3]
+    seen = points().xyz @ space.pose[2, :3] + space.pose[2, 3]
     assert at.max() < 1 / space.near < seen.min() and 0 < space.far < 1 / seen.max()
 
 
@@ -113,7 +121,18 @@ def test_points_at_infinity_put_the_far_plane_there() -> None:
 
 def test_cameras_that_look_around_or_stand_among_the_points_share_all_of_space() -> None:
     assert isinstance(space_for(around(), ball(1.0)), Unbounded)
-    assert isinstance(space_for(frontal_cameras(), points() - [0, 0, 4.0]), Unbounded)
+    assert isinstance(space_for(frontal_cameras(), points(moved=-4.0)), Unbounded)
+
+
+def test_what_is_seen_from_around_begins_before_the_nearest_points() -> None:
+    """Those of a ball of radius 1 are 3 away from cameras at 4; a camera that sees none leaves nothing out."""
+    space = space_for(around(), ball(1.0))
+    assert isinstance(space, Unbounded) and 0.5 * 3 < space.near < 0.9 * 3
+    away = [
+        replace(camera, world_to_camera=np.diag([-1.0, 1.0, -1.0, 1.0]) @ camera.world_to_camera) for camera in around()
+    ]
+    blind = space_for(away, ball(1.0))
+    assert isinstance(blind, Unbounded) and blind.near == 0
 
 
 def test_gradients_reach_the_rays() -> None:

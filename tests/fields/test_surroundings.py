@@ -89,7 +89,7 @@ def test_light_from_behind_passes_what_the_field_lets_through(shift: float, shar
     options = FieldOptions(rays=RayOptions(cells=4, ray_samples=20))
     shape = options.grid.shape((6, 5, 4))
     field = GridField.at_random(shape, shift, torch.Generator().manual_seed(0))
-    space = Unbounded(np.array([-1.0, -1.0, 1.0]), np.array([1.0, 1.0, 5.0]))
+    space = Unbounded(np.array([-1.0, -1.0, 1.0]), np.array([1.0, 1.0, 5.0]), 0.0)
     behind = Surroundings(torch.randn(16, 3, generator=torch.Generator().manual_seed(1)))
     origins, directions = torch.tensor([[0.2, 0.1, 0.0], [9.0, 9.0, 0.0]]), torch.tensor([[0.0, 0.1, 1.0]]).repeat(2, 1)
     with_it, without = (
@@ -152,12 +152,12 @@ def test_what_lies_behind_is_learned_and_stored(tmp_path: Path, monkeypatch: pyt
     assert error(trained(photographs())) > 5 * error(method)
 
 
-@pytest.mark.parametrize("missing", ["surroundings", "space_box_low"])
+@pytest.mark.parametrize("missing", ["surroundings", "space_box_low", "space_near"])
 def test_a_field_that_an_earlier_version_stored_is_one_line(tmp_path: Path, missing: str) -> None:
-    """Its box was all that it had: neither anything behind it nor space around it."""
+    """Its box was all that it had: neither anything behind it nor space around it, and it began at the camera."""
     trained(photographs()).save(tmp_path)
     arrays = dict(np.load(tmp_path / "field.npz"))
-    arrays["space_low"] = arrays.pop(missing)
+    arrays["space_older"] = arrays.pop(missing)
     np.savez(tmp_path / "field.npz", **arrays)
     with pytest.raises(InputError, match=missing.removeprefix("space_")):
         FieldMethod({}, 0, "cpu").load(tmp_path)

@@ -17,7 +17,7 @@ from dofbench.fields.unbounded import Unbounded
 
 LOW, HIGH = np.array([-1.0, 2.0, 1.0]), np.array([1.0, 6.0, 5.0])
 MIDDLE, HALF = torch.tensor([0.0, 4.0, 3.0]).double(), torch.tensor([1.0, 2.0, 2.0]).double()
-SPACE = Unbounded(LOW, HIGH)
+SPACE = Unbounded(LOW, HIGH, 0.0)
 PIECES = 4
 
 
@@ -148,6 +148,25 @@ def test_a_ray_that_leaves_the_box_behind_begins_at_its_camera() -> None:
     torch.testing.assert_close(there.points(there.spans[:, 0])[0], expected, rtol=0, atol=SEARCHED_PLACE)
 
 
+@given(there(), st.tuples(*[st.floats(-1, 1)] * 3), st.floats(0.1, 20))
+def test_what_is_nearer_than_the_near_plane_is_not_there(
+    camera: Tensor, direction: tuple[float, ...], near: float
+) -> None:
+    """What is farther away has the place that it has without such a plane, wherever the plane cuts the ray."""
+    along = torch.tensor(direction).double() * HALF + 1e-3
+    rays = camera[None], along[None]
+    whole, cut = SPACE.pieces(*rays), Unbounded(LOW, HIGH, near).pieces(*rays)
+    for number, (one, other) in enumerate(zip(whole, cut, strict=True)):
+        begin, end = (depth_of(rays, number, float(place)) for place in one.spans[0])
+        nearer, farther = (depth_of(rays, number, float(place)) for place in other.spans[0])
+        if float(one.spans[0, 1] - one.spans[0, 0]) > 1e-9 and end > near * 1.001:
+            assert nearer == pytest.approx(max(begin, near), rel=SEARCHED_PLACE)
+            assert farther == pytest.approx(end, rel=SEARCHED_PLACE)
+            torch.testing.assert_close(one.points(one.ends), other.points(other.ends), rtol=0, atol=SEARCHED_PLACE)
+        elif end < near * 0.999:
+            assert float(other.spans[0, 1]) <= float(other.spans[0, 0])
+
+
 @pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (0.5, 1.0, 1.0), (-0.5, 1.0, 0.0), (0.0, -1.0, 1.0)])
 @pytest.mark.parametrize("origin", [(0.0, 4.0, 3.0), (0.0, 4.0, -9.0), (1.0, 6.0, 5.0), (30.0, 4.0, 3.0)])
 def test_rays_along_axes_and_diagonals_are_finite(origin: tuple[float, ...], direction: tuple[float, ...]) -> None:
@@ -183,5 +202,5 @@ def test_length_is_that_in_the_cube_by_the_sides_of_the_box() -> None:
 
 
 def test_nodes_follow_the_sides() -> None:
-    assert Unbounded(np.zeros(3), np.array([1.0, 2.0, 4.0])).nodes(80) == (20, 40, 80)
-    assert math.prod(Unbounded(LOW, HIGH).nodes(8)) == 4 * 8 * 8
+    assert Unbounded(np.zeros(3), np.array([1.0, 2.0, 4.0]), 0.0).nodes(80) == (20, 40, 80)
+    assert math.prod(SPACE.nodes(8)) == 4 * 8 * 8
