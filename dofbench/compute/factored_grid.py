@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 
+import torch
 from torch import Tensor
 
 # The function is a sum over these modes: a plane over the first two axes (columns, rows) times a line along the third.
@@ -104,3 +106,14 @@ class RaySamples:
     starts: Tensor
     places: Tensor
     steps: Tensor
+
+    @staticmethod
+    def joined(parts: Sequence[RaySamples]) -> RaySamples:
+        """Those of some rays, then those of others."""
+        if len(parts) == 1:
+            return parts[0]
+        before = accumulate((len(part.places) for part in parts), initial=0)
+        starts = [part.starts[:-1] + count for part, count in zip(parts, before, strict=False)]
+        end = parts[-1].starts.new_full((1,), sum(len(part.places) for part in parts))
+        places, steps = ([getattr(part, name) for part in parts] for name in ("places", "steps"))
+        return RaySamples(torch.cat([*starts, end]), torch.cat(places), torch.cat(steps))

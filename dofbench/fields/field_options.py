@@ -19,9 +19,9 @@ class RayOptions:
     batch_pixels: int = 1024
     """Pixels of a training step. Unit: none. Source: NeRF."""
     ray_samples: int = 128
-    """Steps that a ray, or each of its pieces where views are from all around, is divided into when the grid has its
-    last size, of which those in empty cells are left out; in proportion fewer before. Unit: none. Source: own; NeRF 64
-    and 64; TensoRF two a cell."""
+    """Steps that a ray, or its piece in the box where views are from all around, is divided into when the grid has its
+    last size, of which those in empty cells are left out; in proportion fewer before. Each of its pieces beyond the box
+    has a quarter as many. Unit: none. Source: own; NeRF 64 and 64; TensoRF two a cell."""
     least_weight: float = 1e-3
     """Weight below which a sample has no colour. Unit: none. Source: own; TensoRF 1e-4."""
     cells: int = 64

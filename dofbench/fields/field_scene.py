@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
 from torch import Tensor
 
+from dofbench.compute.factored_grid import RaySamples
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Rendering
-from dofbench.fields.cube_rays import PER_RAY, Space, joined, points_along
+from dofbench.fields.cube_rays import PER_RAY, CubeRays, Space, joined, points_along
 from dofbench.fields.field_options import FieldOptions
 from dofbench.fields.grid_field import GridField
 from dofbench.fields.occupancy import Occupancy
@@ -44,8 +47,8 @@ class FieldScene:
 
     @property
     def steps_of_a_ray(self) -> int:
-        """Into how many steps a piece of a ray is divided. While the grid is coarser than at the end they are longer,
-        as in TensoRF, so that a step always crosses about as many cells."""
+        """Into how many steps a ray is divided; a piece of it into a share of these. While the grid is coarser than at
+        the end they are longer, as in TensoRF, so that a step always crosses about as many cells."""
         share = max(self.field.shape.nodes) / self._options.grid.grid_nodes
         return max(1, round(self._options.rays.ray_samples * share))
 
@@ -55,17 +58,24 @@ class FieldScene:
 
     def see(self, origins: Tensor, directions: Tensor, offsets: Tensor) -> RaysSeen:
         """What world rays (R, 3) see, whose directions have the length 1 in z of their camera; differentiable. offsets:
-        (R,) in [0, 1), where in its step a sample lies; each piece of a ray is divided into as many steps."""
+        (R,) in [0, 1), where in its step a sample lies."""
         pieces = self.space.pieces(origins, directions)
-        rays, count = joined(pieces), len(pieces)
-        samples = self.occupancy.samples(rays, self.steps_of_a_ray, offsets.repeat(count))
-        views = torch.nn.functional.normalize(directions, dim=1).repeat(count, 1)
-        found = self.field.render(rays, views, samples, self._options.rays.least_weight)
+        views = torch.nn.functional.normalize(directions, dim=1).repeat(len(pieces), 1)
+        samples = self._samples(pieces, offsets)
+        found = self.field.render(joined(pieces), views, samples, self._options.rays.least_weight)
         seen = RaysSeen.of(found, pieces)
         if self.surroundings is None:
             return seen
         behind = (1 - seen.opacity)[:, None] * self.surroundings.seen(directions)
         return replace(seen, color=seen.color + behind)
+
+    def _samples(self, pieces: Sequence[CubeRays], offsets: Tensor) -> RaySamples:
+        """Where the pieces of rays are looked at, one piece of all rays after the other."""
+        found = []
+        for share, alike in itertools.groupby(pieces, key=lambda piece: piece.steps):
+            rays, count = joined(list(alike)), max(1, round(share * self.steps_of_a_ray))
+            found.append(self.occupancy.samples(rays, count, offsets.repeat(len(rays.spans) // len(offsets))))
+        return RaySamples.joined(found)
 
     def disparity(self, origins: Tensor, directions: Tensor, seen: RaysSeen) -> Tensor:
         """(R,) 1 / z in the cameras' frames of the mean place of what the rays met; see `RayScene.disparity`."""

@@ -12,12 +12,12 @@ from dofbench.compute.devices import kind_of
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import FitOutcome, NonFinite, Observer, TrainingSet
 from dofbench.core.errors import InputError, Status
+from dofbench.fields.annealed_space import AnnealedSpace
 from dofbench.fields.field_options import FieldOptions
 from dofbench.fields.field_scene import FieldScene
 from dofbench.fields.forward.ray_model import Prediction, RayModel, RayScene
 from dofbench.fields.grid_field import GridField
 from dofbench.fields.pixels import CameraTable, Pixels, TrainingPixels
-from dofbench.fields.space import space_for
 from dofbench.fields.surroundings import Surroundings
 from dofbench.kernels import warm_up
 from dofbench.learning.nonfinite import NonFiniteError, Place, Watch
@@ -26,6 +26,9 @@ from dofbench.learning.seen_loss import SeenLoss
 from dofbench.learning.stage_clock import StageClock
 
 _BETAS, _EPSILON = (0.9, 0.99), 1e-15  # TensoRF
+# Share of the training over which rates rise from nothing where views are from all around: with the whole rate from the
+# start, every camera may get a haze of its own before it, which nothing takes away again (reports/notes/fields.md).
+_RISE = 0.1
 
 
 class FieldTrainer:
@@ -46,7 +49,8 @@ class FieldTrainer:
         self._generator = torch.Generator().manual_seed(seed)
         self._pixels = TrainingPixels(training_set.views, np.random.default_rng(seed), device)
         cameras = [view.camera for view in training_set.views]
-        space = space_for(cameras, training_set.points)
+        self._space = AnnealedSpace.of(cameras, training_set.points)
+        space = self._space.whole
         shape = options.grid.shape(space.nodes(options.grid.nodes(0.0)))
         field = GridField.at_random(shape, options.grid.density_shift, self._generator, device)
         surroundings = Surroundings.grey(options.grid.surroundings_nodes, device) if space.has_surroundings else None
@@ -95,6 +99,7 @@ class FieldTrainer:
         """
         place, options = Place(step, "", self._watch), self._options
         self._grow(progress)
+        self.scene.space = self._space.at(progress)
         with self._clock.timed("cells"):
             if progress >= options.rays.cells_from and step % options.rays.cells_every == 0:
                 self.scene.look_for_empty_cells(self._generator)
@@ -113,8 +118,9 @@ class FieldTrainer:
         for name, gradient in {**own, **learned}.items():
             place.check(gradient, f"gradient by {name}")
         with self._clock.timed("optimiser"):
+            rise = min(1, progress / _RISE) if self.scene.space.has_surroundings else 1
             for group in self._optimiser.param_groups:
-                group["lr"] = group["first"] * options.rates.lr_final**progress
+                group["lr"] = group["first"] * options.rates.lr_final**progress * rise
             self._optimiser.found_inf = self._watch.found  # type: ignore[attr-defined]  # 1 has it change nothing
             self._optimiser.step()
             self._optimiser.zero_grad()

@@ -101,7 +101,7 @@ def composited(
     views = torch.nn.functional.normalize(directions, dim=1).double()
     colours, left = torch.zeros(len(origins), 3).double(), torch.ones(len(origins)).double()
     for piece in UNBOUNDED.pieces(origins.double(), directions.double()):
-        count = made.steps_of_a_ray
+        count = round(piece.steps * made.steps_of_a_ray)
         step = (piece.spans[:, 1] - piece.spans[:, 0]).clamp_min(0) / count
         for number in range(count):
             one = load("field", "reference")(

@@ -10,7 +10,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up import frontal
+from made_up import cloud, frontal
 from tolerances import FLOAT64_VALUE, SEARCHED_PLACE
 
 from dofbench.core.cameras import Camera
@@ -35,10 +35,6 @@ def points(farthest: float = FARTHEST, moved: float = 0.0) -> PointCloud:
     return cloud(
         np.stack([random.uniform(-0.4, 0.4, 4000) * z, random.uniform(-0.3, 0.3, 4000) * z, z + moved], axis=1)
     )
-
-
-def cloud(xyz: np.ndarray) -> PointCloud:
-    return PointCloud(xyz, np.zeros((len(xyz), 3), np.float32), np.zeros(len(xyz), np.float32))
 
 
 def around(count: int = 6) -> list[Camera]:

@@ -11,7 +11,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up import Recorder, cloud
+from made_up import Recorder, cloud, frontal
 from tolerances import FLOAT32_VALUE, FLOAT64_VALUE
 
 from dofbench.core.budget import Budget
@@ -21,6 +21,8 @@ from dofbench.core.errors import InputError, Status
 from dofbench.fields.field_method import FieldMethod
 from dofbench.fields.field_options import FieldOptions, RayOptions
 from dofbench.fields.field_scene import FieldScene
+from dofbench.fields.field_trainer import FieldTrainer
+from dofbench.fields.forward.pinhole_rays import PinholeRays
 from dofbench.fields.grid_field import GridField, GridOptions
 from dofbench.fields.surroundings import Surroundings, on_square
 from dofbench.fields.unbounded import Unbounded
@@ -118,7 +120,7 @@ def photograph(camera: Camera) -> np.ndarray:
     x, y = camera.rays(columns.ravel(), rows.ravel())
     directions = np.stack([x, y, np.ones_like(x)], 1) @ camera.camera_to_world[:3, :3].T
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return (0.5 + 0.4 * directions).reshape(18, 24, 3).astype(np.float32)
+    return (0.5 + 0.4 * np.sin(3 * directions)).reshape(18, 24, 3).astype(np.float32)
 
 
 def photographs() -> TrainingSet:
@@ -140,6 +142,22 @@ def error(method: FieldMethod) -> float:
     """Mean squared error of a camera between those that it was trained on."""
     (camera,) = around(1, first=0.5)
     return float(np.square(method.render(camera, None).image - photograph(camera)).mean())
+
+
+@pytest.mark.parametrize(("turned", "share"), [(True, 0.2), (False, 1.0)])
+def test_rates_rise_from_nothing_where_views_are_from_all_around(turned: bool, share: float) -> None:
+    """At the third of 100 steps a fifth of the whole rate there, elsewhere all of it; both decay to a twentieth."""
+    shown = photographs()
+    if not turned:  # beside each other instead, behind the points
+        views = tuple(
+            replace(view, camera=frontal(24, 18, 27.0, (0.1 * n, 0, 0))) for n, view in enumerate(shown.views)
+        )
+        shown = TrainingSet(views, cloud(shown.points.xyz + [0, 0, 4.0]))
+    options = FieldOptions.of(**SHORT | {"steps": 100, "lr_final": 0.05})
+    trainer = FieldTrainer(shown, options, PinholeRays(), 0)
+    trainer.fit(Budget(), Recorder(3))
+    (rate,) = {group["lr"] for group in trainer._optimiser.param_groups if group["first"] == options.rates.grid_lr}
+    assert rate == pytest.approx(share * options.rates.grid_lr * 0.05**0.02, rel=FLOAT64_VALUE)
 
 
 def test_what_lies_behind_is_learned_and_stored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
