@@ -70,13 +70,22 @@ def main(arguments: list[str]) -> int:
 
 
 def joined_file(name: str, board: Path, reports: list[Path]) -> tuple[list[str], list[Row]]:
-    """Columns and rows of one file of the board, with those of all reports. Raises InputError for a report with other
-    columns."""
+    """Columns and rows of one file of the board, with those of all reports.
+
+    Raises InputError for a report with other columns, with a run by two codes, of which one would have to be chosen, or
+    with a run that ended early where the board's didn't.
+    """
     columns, rows = read(board / name)
     for report in reports:
         own, new = read(report / name)
         if more := sorted(set(own) - set(columns)):
             raise InputError(report / name, f"column {more[0]}", f"a column of {board / name}")
+        runs = [run_of(row) for row in new]
+        if name == FILES[0] and (twice := [run for run in runs if runs.count(run) > 1]):
+            raise InputError(report / name, f"{' '.join(twice[0])} twice", "every run by one code")
+        ended = {run_of(row) for row in new if row.get("status", "ok") != "ok"}
+        if worse := [row for row in rows if row.get("status") == "ok" and run_of(row) in ended]:
+            raise InputError(report / name, f"{' '.join(run_of(worse[0]))} not ok", "ok, as the board has it")
         rows = joined(rows, [dict.fromkeys(columns, "") | row for row in new])
     return columns, rows
 

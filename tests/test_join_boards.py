@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from benchmark_scripts import script
 
-RUN = {"preset": "cpu", "protocol": "refocus-v3", "seed": "0"}
+RUN = {"status": "ok", "preset": "cpu", "protocol": "refocus-v3", "seed": "0"}
 BOARD = [
     {"method": "nerf", "dataset": "street", "psnr": "20", **RUN},
     {"method": "nerf", "dataset": "torch", "psnr": "18", **RUN},
@@ -57,10 +57,14 @@ def test_a_column_that_a_report_lacks_is_empty(tmp_path: Path) -> None:
 def test_mistakes_are_one_line_and_change_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     whole = board(tmp_path / "board", BOARD, BOARD)
     more = board(tmp_path / "more", BOARD, [BOARD[0] | {"flip": "1"}])
+    crashed = board(tmp_path / "crashed", [BOARD[3] | {"status": "crashed"}], BOARD)
+    twice = board(tmp_path / "twice", [*BOARD, BOARD[3]], BOARD)
     for arguments, expected in (
         ([whole], "expected a board and at least one report"),
         ([whole, str(tmp_path / "none")], "leaderboard.csv: found no such file"),
         ([whole, more], f"{Path(more) / 'curves.csv'}: found column flip"),
+        ([whole, twice], "found rgs cpu street refocus-v3 0 twice"),
+        ([whole, crashed], "found rgs cpu street refocus-v3 0 not ok"),
     ):
         assert script("join_boards").main(arguments) == 2
         line = capsys.readouterr().err

@@ -2,7 +2,7 @@
 
 Few cameras see what stands right before one of them. At the first steps, when nothing is where it belongs yet, it would
 be painted there soonest, for each camera its own picture, and nothing takes such a haze away again. RegNeRF (Niemeyer
-et al., CVPR 2022, section 4.3) therefore has rays begin farther away at first.
+et al., CVPR 2022, sample space annealing) therefore has rays begin farther away at first.
 """
 
 from __future__ import annotations
@@ -10,12 +10,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
 from dofbench.fields.cube_rays import Space
-from dofbench.fields.space import space_for
+from dofbench.fields.space import depth_at, space_for
 from dofbench.fields.unbounded import Unbounded
 from dofbench.learning.supervision import all_disparities
 
@@ -33,9 +31,9 @@ class AnnealedSpace:
 
     @staticmethod
     def of(cameras: Sequence[Camera], points: PointCloud) -> AnnealedSpace:
-        """See `space_for`."""
+        """See `space_for`; points: what the cameras see."""
         disparities = all_disparities(points, cameras)
-        return AnnealedSpace(space_for(cameras, points), 1 / float(np.median(disparities)) if len(disparities) else 0.0)
+        return AnnealedSpace(space_for(cameras, points.xyz, disparities), depth_at(disparities, 0.5))
 
     def at(self, progress: float) -> Space:
         """What is trained at this share of the training. A frustum is there from the start: its near plane lies behind

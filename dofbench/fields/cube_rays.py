@@ -17,14 +17,12 @@ PER_RAY = 100.0  # density is per hundredth of a ray through the whole space
 class CubeRays:
     """R rays in the unit cube, or one straight piece of each. origins, directions: (R, 3). spans: (R, 2), the places
     where they begin and end; what ends before it begins is not there. gain: (R,), what the length of a step along the
-    ray is multiplied by before it meets the density. steps: as a share of those of a whole ray, how many they are
-    divided into."""
+    ray is multiplied by before it meets the density."""
 
     origins: Tensor
     directions: Tensor
     spans: Tensor
     gain: Tensor
-    steps: float = 1.0
 
     @property
     def ends(self) -> Tensor:
@@ -44,6 +42,10 @@ class Space(Protocol):
         """Whether cameras look out of it on all sides, so that what is infinitely far away is a colour for every
         direction (`surroundings.py`)."""
 
+    @property
+    def sampling(self) -> tuple[float, ...]:
+        """Into how many steps each of the K pieces of a ray is divided, as a share of `ray_samples`."""
+
     def pieces(self, origins: Tensor, directions: Tensor) -> tuple[CubeRays, ...]:
         """World rays (R, 3) in the cube, K straight pieces of each from near to far; differentiable. directions: of
         length 1 in z of their camera."""
@@ -59,7 +61,7 @@ class Space(Protocol):
 
 
 def joined(pieces: Sequence[CubeRays]) -> CubeRays:
-    """One piece of all rays after the other, as if each were a ray. They have the first one's share of steps."""
+    """One piece of all rays after the other, as if each were a ray."""
     if len(pieces) == 1:
         return pieces[0]
     return CubeRays(
@@ -67,7 +69,6 @@ def joined(pieces: Sequence[CubeRays]) -> CubeRays:
         directions=torch.cat([piece.directions for piece in pieces]),
         spans=torch.cat([piece.spans for piece in pieces]),
         gain=torch.cat([piece.gain for piece in pieces]),
-        steps=pieces[0].steps,
     )
 
 

@@ -72,9 +72,9 @@ class FieldScene:
     def _samples(self, pieces: Sequence[CubeRays], offsets: Tensor) -> RaySamples:
         """Where the pieces of rays are looked at, one piece of all rays after the other."""
         found = []
-        for share, alike in itertools.groupby(pieces, key=lambda piece: piece.steps):
-            rays, count = joined(list(alike)), max(1, round(share * self.steps_of_a_ray))
-            found.append(self.occupancy.samples(rays, count, offsets.repeat(len(rays.spans) // len(offsets))))
+        for share, alike in itertools.groupby(zip(self.space.sampling, pieces, strict=True), key=lambda pair: pair[0]):
+            own, count = [piece for _, piece in alike], max(1, round(share * self.steps_of_a_ray))
+            found.append(self.occupancy.samples(joined(own), count, offsets.repeat(len(own))))
         return RaySamples.joined(found)
 
     def disparity(self, origins: Tensor, directions: Tensor, seen: RaysSeen) -> Tensor:

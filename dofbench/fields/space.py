@@ -16,10 +16,8 @@ from torch import Tensor
 
 from dofbench.compute.device_numbers import beside
 from dofbench.core.cameras import Camera
-from dofbench.core.contracts import PointCloud
 from dofbench.fields.cube_rays import PER_RAY, CubeRays, Space
 from dofbench.fields.unbounded import Unbounded
-from dofbench.learning.supervision import all_disparities
 
 _LEAST_FORWARD = 0.5  # cosine of the angle between a frustum's axis and its widest rays
 _POINTS_SHARE = 0.005  # of the sparse points that may be outliers, at each end
@@ -46,6 +44,11 @@ class Frustum:
     def has_surroundings(self) -> bool:
         """See `Space.has_surroundings`."""
         return False
+
+    @property
+    def sampling(self) -> tuple[float, ...]:
+        """See `Space.sampling`."""
+        return (1.0,)
 
     def pieces(self, origins: Tensor, directions: Tensor) -> tuple[CubeRays, ...]:
         """See `Space.pieces`."""
@@ -97,17 +100,21 @@ def space_of(record: dict[str, np.ndarray]) -> Space:
     return Frustum(record["pose"], record["low"], record["high"], near, far)
 
 
-def space_for(cameras: Sequence[Camera], points: PointCloud) -> Space:
-    """A frustum if all cameras look in about one direction at points that lie before all of them, else all of space."""
+def space_for(cameras: Sequence[Camera], points: np.ndarray, disparities: np.ndarray) -> Space:
+    """A frustum if all cameras look in about one direction at points that lie before all of them, else all of space.
+
+    points: (P, 3), what the cameras see, scene units. disparities: of any shape, 1 / scene unit, of the points over all
+    cameras that see them.
+    """
     pose = _mean_pose(cameras)
     centres = _transformed(pose, np.array([camera.centre for camera in cameras]))
     borders = [_transformed(pose, _border(camera)) for camera in cameras]
     rays = np.concatenate([border - centre for border, centre in zip(borders, centres, strict=True)])
-    z = np.quantile(_transformed(pose, points.xyz)[:, 2], [_POINTS_SHARE, 1 - _POINTS_SHARE])
+    z = np.quantile(_transformed(pose, points)[:, 2], [_POINTS_SHARE, 1 - _POINTS_SHARE])
     forward = rays[:, 2] / np.linalg.norm(rays, axis=1)
     if forward.min() < _LEAST_FORWARD or z[0] <= centres[:, 2].max():
-        low, high = np.quantile(points.xyz, [_POINTS_SHARE, 1 - _POINTS_SHARE], axis=0)
-        return Unbounded(*_widened(low, high, _MARGIN), _NEARER * _nearest(cameras, points))
+        low, high = np.quantile(points, [_POINTS_SHARE, 1 - _POINTS_SHARE], axis=0)
+        return Unbounded(*_widened(low, high, _MARGIN), _NEARER * depth_at(disparities, 1 - _POINTS_SHARE))
     first = float(centres[:, 2].max())
     near = 1 / (first + _NEARER * (float(z[0]) - first))
     far = _FARTHER / float(z[1])
@@ -119,10 +126,9 @@ def space_for(cameras: Sequence[Camera], points: PointCloud) -> Space:
     return Frustum(pose, low, high, near, far)
 
 
-def _nearest(cameras: Sequence[Camera], points: PointCloud) -> float:
-    """Depth of the nearest points that a camera sees, scene units; 0 if none sees any."""
-    disparities = all_disparities(points, cameras)
-    return 1 / float(np.quantile(disparities, 1 - _POINTS_SHARE)) if len(disparities) else 0.0
+def depth_at(disparities: np.ndarray, share: float) -> float:
+    """The depth, scene units, that this share of the disparities lies beyond; 0 if there are none."""
+    return 1 / float(np.quantile(disparities, share)) if disparities.size else 0.0
 
 
 def _widened(low: np.ndarray, high: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:

@@ -20,7 +20,7 @@ from dofbench.fields.cube_rays import PER_RAY, CubeRays
 
 _BOX_SHARE = 0.85  # of the cube's side, which the box fills; 0.7 does as well (reports/notes/fields.md)
 _PULL = 1 / _BOX_SHARE - 1  # a in x / (|x| + a), so that the box's surface is where that of the smaller box is
-_BEYOND_STEPS = 0.25  # of a ray's steps, for a piece beyond the box, which is that much shorter in the cube
+_SAMPLING = (1.0, 0.25, 0.25, 0.25)  # beyond the box most pieces are that much shorter in the cube
 _LEAST_DEPTH = 1e-6  # scene units, of a place on a piece that isn't there
 _LEAST_RECIPROCAL = 1e-4  # of a distance: what is farther away counts as being there
 _LEAST_SLOPE = 1e-6  # of a ray along an axis, half a box's side for a length of 1
@@ -45,6 +45,11 @@ class Unbounded:
         """See `Space.has_surroundings`."""
         return True
 
+    @property
+    def sampling(self) -> tuple[float, ...]:
+        """See `Space.sampling`."""
+        return _SAMPLING
+
     def pieces(self, origins: Tensor, directions: Tensor) -> tuple[CubeRays, ...]:
         """See `Space.pieces`."""
         half = beside(origins, (self.high - self.low) / 2)
@@ -55,7 +60,7 @@ class Unbounded:
             inside = torch.stack([enter.clamp_min(self.near), leave], 1)
             axes = slope.argsort(1)
             cuts = _cuts(begin, slope, axes, self.near)
-        found = [_piece(_BOX_SHARE * start, _BOX_SHARE * along, inside, half, 1.0)]
+        found = [_piece(_BOX_SHARE * start, _BOX_SHARE * along, inside, half)]
         for number, axis in enumerate(axes.unbind(1)):
             first, rate = (part.gather(1, axis[:, None]) for part in (begin, slope))
             with torch.no_grad():  # in the box, where r is less than 1, the ray is the piece above
@@ -65,7 +70,7 @@ class Unbounded:
             # In q = 1 / (r + a), r being the longest coordinate, the ray is A + q B; its place is 1 - q.
             infinite = along / rate
             nearer = start - along * (first + _PULL) / rate
-            found.append(_piece(infinite + nearer, -nearer, spans, half, _BEYOND_STEPS))
+            found.append(_piece(infinite + nearer, -nearer, spans, half))
         return tuple(found)
 
     def depths(self, origins: Tensor, directions: Tensor, places: Tensor) -> Tensor:
@@ -123,7 +128,7 @@ def _cuts(begin: Tensor, slope: Tensor, axes: Tensor, near: float) -> Tensor:
     return torch.stack([first, second, third, torch.full_like(first, torch.inf)])
 
 
-def _piece(begin: Tensor, along: Tensor, spans: Tensor, half: Tensor, steps: float) -> CubeRays:
+def _piece(begin: Tensor, along: Tensor, spans: Tensor, half: Tensor) -> CubeRays:
     """From coordinates from -1 to 1 to those of the unit cube."""
     gain = PER_RAY * (along.detach() / 2 * half).norm(dim=1) / half.norm()
-    return CubeRays((begin + 1) / 2, along / 2, spans, gain, steps)
+    return CubeRays((begin + 1) / 2, along / 2, spans, gain)

@@ -18,6 +18,7 @@ from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.core.errors import InputError, Status
+from dofbench.fields.annealed_space import AnnealedSpace
 from dofbench.fields.field_method import FieldMethod
 from dofbench.fields.field_options import FieldOptions, RayOptions
 from dofbench.fields.field_scene import FieldScene
@@ -158,6 +159,19 @@ def test_rates_rise_from_nothing_where_views_are_from_all_around(turned: bool, s
     trainer.fit(Budget(), Recorder(3))
     (rate,) = {group["lr"] for group in trainer._optimiser.param_groups if group["first"] == options.rates.grid_lr}
     assert rate == pytest.approx(share * options.rates.grid_lr * 0.05**0.02, rel=FLOAT64_VALUE)
+
+
+def test_rays_begin_farther_away_while_training_begins() -> None:
+    """At the first of 300 steps, at the second, and when all of them are taken."""
+    shown, near = photographs(), []
+    for stop in (1, 2, 300):
+        trainer = FieldTrainer(shown, FieldOptions.of(**SHORT), PinholeRays(), 0)
+        trainer.fit(Budget(), Recorder(stop))
+        assert isinstance(trainer.scene.space, Unbounded)
+        near.append(trainer.scene.space.near)
+    whole = AnnealedSpace.of(around(6), shown.points)
+    assert isinstance(whole.whole, Unbounded) and near[2] == whole.whole.near
+    assert near[0] == near[1] == pytest.approx((whole.middle + near[2]) / 2, rel=FLOAT64_VALUE) and near[0] > near[2]
 
 
 def test_what_lies_behind_is_learned_and_stored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
