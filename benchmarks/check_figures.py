@@ -17,6 +17,7 @@ import figure_pages
 import figure_sources
 
 ROOT = Path(__file__).resolve().parents[1]
+OWN_REPORT = Path("reports", "leaderboard")  # in .gitignore, so no page of the project can lie there
 
 
 def page_problems(page: figure_pages.Page) -> Iterator[str]:
@@ -27,7 +28,8 @@ def page_problems(page: figure_pages.Page) -> Iterator[str]:
 
 def unlisted(root: Path) -> list[str]:
     """Pages that may state a figure, and that no figures.toml has: all of reports/, and those of docs/ that name a
-    quantity and aren't among its `settings`."""
+    quantity and aren't among its `settings`. The report that `dofbench report` writes where it isn't told another folder
+    is the user's own, and not kept with the project."""
     listed = {page.file for page in figure_pages.read_pages(root)}
     settings = {(root / "docs" / name).resolve() for name in figure_pages.settings(root / "docs" / "figures.toml")}
     return [
@@ -35,6 +37,7 @@ def unlisted(root: Path) -> list[str]:
         for folder in ("reports", "docs")
         for file in sorted((root / folder).rglob("*.md"))
         if file.resolve() not in listed | settings
+        and not file.is_relative_to(root / OWN_REPORT)
         and (folder == "reports" or figure_pages.QUANTITY.search(file.read_text(encoding="utf-8")))
     ]
 

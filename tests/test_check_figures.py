@@ -15,6 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT64_VALUE, NORMAL_QUANTILE
 
+from dofbench.reporting.report_options import Report
+
 ROOT = Path(__file__).resolve().parents[1]
 check_figures, figure_numbers, figure_pages, figure_sources, figure_tables, figure_values = map(
     script, ("check_figures", "figure_numbers", "figure_pages", "figure_sources", "figure_tables", "figure_values")
@@ -286,13 +288,21 @@ def test_a_table_that_a_command_wrote(tmp_path: Path) -> None:
 
 
 def test_a_page_that_no_file_lists(tmp_path: Path) -> None:
-    for folder in ("docs", "reports/x"):
+    for folder in ("docs", "reports/x", "reports/leaderboard", "reports/leaderboards"):
         (tmp_path / folder).mkdir(parents=True)
     (tmp_path / "docs" / "figures.toml").write_text('settings = ["limits.md"]\n')
     for file, text in (("limits.md", "0.3 dB"), ("guide.md", "four steps"), ("measured.md", "it takes 3 ms")):
         (tmp_path / "docs" / file).write_text(text)
-    (tmp_path / "reports" / "x" / "README.md").write_text("words alone")
-    assert check_figures.unlisted(tmp_path) == ["reports/x/README.md", Path("docs", "measured.md").as_posix()]
+    for folder in ("x", "leaderboard", "leaderboards"):
+        (tmp_path / "reports" / folder / "README.md").write_text("words alone")
+    expected = ["reports/leaderboards/README.md", "reports/x/README.md", "docs/measured.md"]
+    assert check_figures.unlisted(tmp_path) == expected
+
+
+def test_the_users_own_report_is_where_the_command_writes_it_and_is_not_kept() -> None:
+    """So that the README's second command passes where the first has run, and no page of the project goes unchecked."""
+    assert Report().out == check_figures.OWN_REPORT
+    assert f"/{check_figures.OWN_REPORT.as_posix()}/" in (ROOT / ".gitignore").read_text().splitlines()
 
 
 @given(number=st.floats(-1e4, 1e4), digits=st.integers(0, 4))
