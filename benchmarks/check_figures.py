@@ -28,8 +28,8 @@ def page_problems(page: figure_pages.Page) -> Iterator[str]:
 
 def unlisted(root: Path) -> list[str]:
     """Pages that may state a figure, and that no figures.toml has: all of reports/, and those of docs/ that name a
-    quantity and aren't among its `settings`. The report that `dofbench report` writes where it isn't told another folder
-    is the user's own, and not kept with the project."""
+    quantity and aren't among its `settings`. The report that `dofbench report` writes where no other folder is given is
+    the user's own, and not kept with the project."""
     listed = {page.file for page in figure_pages.read_pages(root)}
     settings = {(root / "docs" / name).resolve() for name in figure_pages.settings(root / "docs" / "figures.toml")}
     return [
