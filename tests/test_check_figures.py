@@ -291,11 +291,11 @@ def test_a_page_that_no_file_lists(tmp_path: Path) -> None:
     for folder in ("docs", "reports/x", "reports/leaderboard", "reports/leaderboards"):
         (tmp_path / folder).mkdir(parents=True)
     (tmp_path / "docs" / "figures.toml").write_text('settings = ["limits.md"]\n')
-    for file, text in (("limits.md", "0.3 dB"), ("guide.md", "four steps"), ("measured.md", "it takes 3 ms")):
+    for file, text in (("limits.md", "0.3 dB"), ("guide.md", "four steps"), ("gpu.md", "it takes 3 ms")):
         (tmp_path / "docs" / file).write_text(text)
     for folder in ("x", "leaderboard", "leaderboards"):
         (tmp_path / "reports" / folder / "README.md").write_text("words alone")
-    expected = ["reports/leaderboards/README.md", "reports/x/README.md", "docs/measured.md"]
+    expected = ["reports/leaderboards/README.md", "reports/x/README.md", "docs/gpu.md"]
     assert check_figures.unlisted(tmp_path) == expected
 
 
