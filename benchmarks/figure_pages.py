@@ -103,7 +103,11 @@ def settings(file: Path) -> list[str]:
 def problems(page: Page) -> Iterator[str]:
     """What is wrong with the figures of a page, a line each."""
     try:
-        yield from _in_csv(page) if page.generated else (*_in_tables(page), *_in_sentences(page))
+        if page.generated:
+            yield from _in_csv(page)
+        else:
+            yield from _in_tables(page)
+            yield from _in_sentences(page)
     except NoSuchValue as error:
         yield str(error)
 

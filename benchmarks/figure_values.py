@@ -172,6 +172,7 @@ def _differences(one: list[float], other: list[float]) -> list[float]:
     return [a - b for a, b in zip(one, other, strict=True)]
 
 
+@cache
 def _paper(method: str, layout: str, column: str) -> float | None:
     """What the paper prints of a method, by its id; None if nothing."""
     from dofbench.reporting.paper import paper_figures

@@ -55,6 +55,7 @@ def changed(page: Any, place: int) -> Any:
     other = figure_pages.Page(page.folder, page.given)
     digit = str((int(page.text[place]) + 5) % 10)
     other.__dict__["text"] = page.text[:place] + digit + page.text[place + 1 :]
+    other.__dict__["names"] = page.names  # rows of CSV files, which the text doesn't change
     return other
 
 
@@ -100,7 +101,8 @@ def test_another_figure_on_a_page_is_noticed(page: Any) -> None:
     places = last_digits(page)
     assert places
     for place in places:
-        assert list(figure_pages.problems(changed(page, place))), page.text[max(0, place - 60) : place + 10]
+        first = next(figure_pages.problems(changed(page, place)), None)
+        assert first is not None, page.text[max(0, place - 60) : place + 10]
 
 
 # ---- what the script notices ----
