@@ -9,8 +9,13 @@ from pathlib import Path
 import hypothesis
 import pytest
 
-from dofbench.compute.threads import configure_threads
+from dofbench.compute.threads import available_cores, configure_threads
 
+# `pytest -n` starts worker processes, which share the cores. With more threads than cores a test takes many times as
+# long. A worker inherits the thread counts of the process that started it, so they are set whatever they were.
+if (workers := int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))) > 1:
+    share = str(max(1, available_cores() // workers))
+    os.environ.update(OMP_NUM_THREADS=share, NUMBA_NUM_THREADS=share)
 configure_threads()  # before any test imports torch or numba
 # Triton chooses when it is imported, and torch may import it, whether kernels are interpreted. On a GPU, run tests/gpu
 # with TRITON_INTERPRET=0 to test them compiled.
@@ -22,6 +27,15 @@ import torch  # noqa: E402 - after the thread counts are set
 # so that a failure is due to the change.
 hypothesis.settings.register_profile("dofbench", deadline=None, max_examples=25, derandomize="CI" in os.environ)
 hypothesis.settings.load_profile("dofbench")
+
+MOST_WORKERS = 4  # each takes up to 2 GB of memory
+
+
+@pytest.hookimpl(optionalhook=True)  # of pytest-xdist
+def pytest_xdist_auto_num_workers() -> int:
+    """How many processes `pytest -n auto` starts: a container's CPU quota counts, which pytest-xdist doesn't know."""
+    return min(available_cores(), MOST_WORKERS)
+
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
