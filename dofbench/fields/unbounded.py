@@ -9,6 +9,7 @@ of MERF (Reiser et al., SIGGRAPH 2023, Eq. 3) is projective in these parts too, 
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,7 @@ _PULL = 1 / _BOX_SHARE - 1  # a in x / (|x| + a), so that the box's surface is w
 _SAMPLING = (1.0, 0.25, 0.25, 0.25)  # beyond the box most pieces are that much shorter in the cube
 _LEAST_DEPTH = 1e-6  # scene units, of a place on a piece that isn't there
 _LEAST_RECIPROCAL = 1e-4  # of a distance: what is farther away counts as being there
+_FARTHEST = 1e30  # scene units, of a piece that begins at infinity
 _LEAST_SLOPE = 1e-6  # of a ray along an axis, half a box's side for a length of 1
 
 
@@ -31,9 +33,10 @@ class Unbounded:
     """All of space, with a box along the world's axes from `low` to `high`, (3,), in its middle.
 
     A ray has four pieces: from the box's near side to its far side, where a place is z in the camera's frame; and up to
-    three beyond, where it is 1 - 1 / (|x| + a). What is between a camera and the box counts as empty, and so does what
-    is nearer than `near`, z in the camera's frame, scene units: few cameras see what stands right before one of them,
-    so training would explain a photograph by a haze there.
+    three beyond, where it is the share of the way in the cube, so that a ray along a face, whose distance from the box
+    hardly changes, has its places as exactly as any other. What is between a camera and the box counts as empty, and so
+    does what is nearer than `near`, z in the camera's frame, scene units: few cameras see what stands right before one
+    of them, so training would explain a photograph by a haze there.
     """
 
     low: np.ndarray
@@ -51,36 +54,22 @@ class Unbounded:
         return _SAMPLING
 
     def pieces(self, origins: Tensor, directions: Tensor) -> tuple[CubeRays, ...]:
-        """See `Space.pieces`."""
+        """See `Space.pieces`. Gradients are at the same depths along the rays, not at the same places in the cube."""
         half = beside(origins, (self.high - self.low) / 2)
         start, along = self._from_the_middle(origins, directions, half)
         begin, slope = _rising(start, along)
-        with torch.no_grad():
-            enter, leave = _crossings(begin, slope, torch.ones_like(begin[:, :1]))
-            inside = torch.stack([enter.clamp_min(self.near), leave], 1)
-            axes = slope.argsort(1)
-            cuts = _cuts(begin, slope, axes, self.near)
-        found = [_piece(_BOX_SHARE * start, _BOX_SHARE * along, inside, half)]
-        for number, axis in enumerate(axes.unbind(1)):
-            first, rate = (part.gather(1, axis[:, None]) for part in (begin, slope))
-            with torch.no_grad():  # in the box, where r is less than 1, the ray is the piece above
-                nearest = (first + cuts[number][:, None] * rate).clamp_min(1)
-                farthest = torch.maximum(first + cuts[number + 1][:, None] * rate, nearest)
-                spans = torch.cat([1 - 1 / (nearest + _PULL), 1 - 1 / (farthest + _PULL)], 1)
-            # In q = 1 / (r + a), r being the longest coordinate, the ray is A + q B; its place is 1 - q.
-            infinite = along / rate
-            nearer = start - along * (first + _PULL) / rate
-            found.append(_piece(infinite + nearer, -nearer, spans, half))
-        return tuple(found)
+        inside, stretches = _divided(begin, slope, self.near)
+        return (
+            _piece(_BOX_SHARE * start, _BOX_SHARE * along, inside, half),
+            *(_piece(*stretch.ends(start, along), stretch.spans, half) for stretch in stretches),
+        )
 
     def depths(self, origins: Tensor, directions: Tensor, places: Tensor) -> Tensor:
         """See `Space.depths`."""
         half = beside(origins, (self.high - self.low) / 2)
-        begin, slope = _rising(*self._from_the_middle(origins, directions, half))
-        axes = slope.detach().argsort(1)
-        first, rate = begin.gather(1, axes).T, slope.gather(1, axes).T
-        far = (1 / (1 - places[1:]).clamp_min(_LEAST_RECIPROCAL) - _PULL - first) / rate
-        return torch.cat([places[:1], far]).clamp_min(_LEAST_DEPTH)
+        _, stretches = _divided(*_rising(*self._from_the_middle(origins, directions, half)), self.near)
+        beyond = [stretch.depths(place) for stretch, place in zip(stretches, places[1:], strict=True)]
+        return torch.stack([places[0], *beyond]).clamp_min(_LEAST_DEPTH)
 
     def nodes(self, most: int) -> tuple[int, int, int]:
         """See `Space.nodes`."""
@@ -102,6 +91,71 @@ def _rising(start: Tensor, along: Tensor) -> tuple[Tensor, Tensor]:
     return sign * start, (sign * along).clamp_min(_LEAST_SLOPE)
 
 
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """What lies beyond the box's face across one axis, of every ray: from depth `begin` to depth `end`, (R,) each,
+    which may be infinite; nothing where it ends before it begins. first, rate: (R,), where rays begin along that axis,
+    their longest coordinate in this stretch, and how fast they go."""
+
+    first: Tensor
+    rate: Tensor
+    begin: Tensor
+    end: Tensor
+
+    @property
+    def spans(self) -> Tensor:
+        """(R, 2); see `CubeRays`."""
+        return torch.stack([torch.zeros_like(self.begin), self._there.to(self.begin.dtype)], 1)
+
+    def ends(self, start: Tensor, along: Tensor) -> tuple[Tensor, Tensor]:
+        """(R, 3) each: where it begins, and the way to its end, in coordinates from -1 to 1. start, along: the rays."""
+        begin, end = self._depths
+        origin, finite = ((start + depth[:, None] * along) / self._drawn(depth)[:, None] for depth in (begin, end))
+        infinite = along / self.rate[:, None]
+        return origin, torch.where(self._endless[:, None], infinite, finite) - origin
+
+    def depths(self, places: Tensor) -> Tensor:
+        """(R,) of the shares `places`, (R,), of the way in the cube."""
+        begin, end = self._depths
+        near, far = self._drawn(begin), self._drawn(end)
+        finite = places * (end - begin) * near / (far - places * (far - near))
+        infinite = places * near / (self.rate * torch.maximum(1 - places, (_LEAST_RECIPROCAL * near).clamp_max(1)))
+        found = begin + torch.where(self._endless, infinite, finite)
+        return torch.where(self._there, found, self.begin.clamp(0, _FARTHEST))
+
+    @property
+    def _there(self) -> Tensor:
+        return self.end > self.begin
+
+    @property
+    def _endless(self) -> Tensor:
+        return self._there & self.end.isinf()
+
+    @property
+    def _depths(self) -> tuple[Tensor, Tensor]:
+        """(R,) each, finite: the ends, but 0 of what isn't there, and the begin for an end at infinity."""
+        begin = torch.where(self._there, self.begin, 0)
+        return begin, torch.where(self._there & ~self.end.isinf(), self.end, begin)
+
+    def _drawn(self, depth: Tensor) -> Tensor:
+        """(R,) |x| + a at these depths, with |x| at least 1, as it is beyond the box. On the box's face, where rounding
+        makes it less as often as more, it keeps its gradient."""
+        size = self.first + depth * self.rate
+        return size + (1 - size.detach()).clamp_min(0) + _PULL
+
+
+def _divided(begin: Tensor, slope: Tensor, near: float) -> tuple[Tensor, list[_Stretch]]:
+    """The depths (R, 2) from which and up to which rays are in the box, and the three stretches beyond it."""
+    with torch.no_grad():
+        enter, leave = _crossings(begin, slope, torch.ones_like(begin[:, :1]))
+        inside = torch.stack([enter.clamp_min(near), leave], 1)
+        axes = slope.argsort(1)
+        cuts = torch.maximum(_cuts(begin, slope, axes, near), torch.where(enter < leave, leave, -torch.inf))
+    rays = zip(begin.gather(1, axes).T, slope.gather(1, axes).T, strict=True)
+    ends = itertools.pairwise(cuts)
+    return inside, [_Stretch(first, rate, *pair) for (first, rate), pair in zip(rays, ends, strict=True)]
+
+
 def _crossings(begin: Tensor, slope: Tensor, size: Tensor) -> tuple[Tensor, Tensor]:
     """(R,) each: where rays enter and leave the box that is `size`, (R, 1), times as large."""
     return ((-size - begin) / slope).amax(1), ((size - begin) / slope).amin(1)
@@ -114,9 +168,10 @@ def _cuts(begin: Tensor, slope: Tensor, axes: Tensor, near: float) -> Tensor:
     From there on it only grows: it is the largest of three lines, in the order of their slopes. axes: (R, 3), that
     order.
     """
-    others = torch.roll(begin, 1, 1), torch.roll(slope, 1, 1)
-    touching = ((begin * others[1] - others[0] * slope).abs() / (slope + others[1])).amax(1, keepdim=True)
-    _, nearest = _crossings(begin, slope, touching)
+    others, speeds = torch.roll(begin, 1, 1), slope + torch.roll(slope, 1, 1)
+    # The larger box that a ray touches, it touches at an edge, where two coordinates are as long.
+    edge = ((begin * speeds - (begin + others) * slope).abs() / speeds).argmax(1, keepdim=True)
+    nearest = (-(begin + others) / speeds).gather(1, edge)[:, 0]
     (one, two, three), (a, b, c) = begin.gather(1, axes).T, slope.gather(1, axes).T
     meet = [
         torch.where(rise > 0, (low - high) / rise, torch.where(high > low, -torch.inf, torch.inf))

@@ -10,6 +10,7 @@ import numpy as np
 from torch import Tensor
 
 from dofbench.compute.factored_grid import GridShape
+from dofbench.stability import space_cases
 from dofbench.stability.case import (
     COMPILED,
     DOUBLE,
@@ -202,4 +203,4 @@ def _cases() -> tuple[Case, ...]:
     )
 
 
-CASES = _cases()
+CASES = _cases() + space_cases.CASES

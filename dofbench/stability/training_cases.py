@@ -21,7 +21,7 @@ from dofbench.running.method_cards import MethodEntry, find_method, method_files
 from dofbench.stability.case import COMPILED, Case, Found, Setting
 from dofbench.stability.short_trainings import DENSIFY_EVERY, STEPS, End, Watch, faster, options_of, run
 from dofbench.stability.subject import Subject
-from dofbench.stability.training_scene import VIEWS, black, noise, nothing_but_noise, scene, spoiled, wrong_pose
+from dofbench.stability.training_scene import VIEWS, around, black, noise, nothing_but_noise, scene, spoiled, wrong_pose
 
 RATES = ("means_lr", "means_lr_final", "sh_dc_lr", "sh_rest_lr", "opacity_lr", "scale_lr", "rotation_lr")
 LENS_RATES = ("lens_lr", "lens_lr_final")
@@ -182,6 +182,7 @@ def cases_of(method: str) -> tuple[Case, ...]:
 
     makers: Mapping[str, tuple[str, Callable[[], TrainingSet]]] = {
         "3-views": ("three views", partial(scene, 3)),
+        "around": ("views from all around", around),
         "textureless": ("a scene of one colour, background and all", partial(scene, textureless=True)),
         "noise": ("noise of 0.2", partial(noise, 0.2)),
         "only-noise": ("photographs of nothing but noise", nothing_but_noise),

@@ -13,10 +13,11 @@ from functools import cache, partial
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
-from dofbench.core.lens import DisparityRange, Lens
+from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
 from dofbench.kernels import load
 from dofbench.optics.defocus import defocus
 from dofbench.stability.samples import harmonic
@@ -53,37 +54,74 @@ def scene(
     )
     xyz[:60, :2] *= 0.5
     colour = np.full((count, 3), 0.5) if textureless else random.uniform(0, 1, (count, 3))
-    tensor = partial(torch.tensor, dtype=torch.float32)
-    truth = {
+    truth, background = _dots(xyz, 0.035 * depth, colour), [0.5, 0.5, 0.5] if textureless else [0.15, 0.2, 0.3]
+    taken = []
+    for index in range(views):
+        angle = 2 * math.pi * index / views
+        pose = np.eye(4)
+        pose[:2, 3] = -0.35 * math.cos(angle), -0.25 * math.sin(angle)
+        lens = true_lens(index, one_plane).physical(true_range(), WIDTH)
+        taken.append(_taken(f"v{index}", pose, truth, background, lens, own_blur))
+    points = PointCloud(
+        xyz + random.normal(0, 0.01, xyz.shape), colour.astype(np.float32), np.full(count, 0.3, np.float32)
+    )
+    return TrainingSet(tuple(taken), points)
+
+
+@cache
+def around() -> TrainingSet:
+    """Photographs of a ball of coloured dots by cameras on a circle around it, which look at its middle."""
+    random = np.random.default_rng(2)
+    count, distance = 220, (NEAR + FAR) / 2
+    xyz = random.normal(size=(count, 3))
+    xyz *= (1.2 * random.uniform(size=count) ** (1 / 3) / np.linalg.norm(xyz, axis=1))[:, None]
+    colour = random.uniform(0, 1, (count, 3))
+    truth, taken = _dots(xyz, np.full(count, 0.035 * distance), colour), []
+    for index in range(VIEWS):
+        angle = 2 * math.pi * index / VIEWS
+        pose = np.eye(4)
+        pose[0, [0, 2]] = pose[2, [2, 0]] = math.cos(angle), math.sin(angle)
+        pose[2, 0] *= -1
+        pose[2, 3] = distance
+        lens = true_lens(index).physical(true_range(), WIDTH)
+        taken.append(_taken(f"v{index}", pose, truth, [0.15, 0.2, 0.3], lens))
+    return TrainingSet(tuple(taken), PointCloud(xyz, colour.astype(np.float32), np.full(count, 0.3, np.float32)))
+
+
+def _dots(xyz: np.ndarray, size: np.ndarray, colour: np.ndarray) -> dict[str, Tensor]:
+    """Round Gaussians at (N, 3), as the rasteriser's six arguments. size: (N,), scene units."""
+    tensor, count = partial(torch.tensor, dtype=torch.float32), len(xyz)
+    return {
         "means": tensor(xyz),
-        "log_scales": tensor(np.log(0.035 * depth)[:, None].repeat(3, 1)),
+        "log_scales": tensor(np.log(size)[:, None].repeat(3, 1)),
         "quaternions": tensor([[1.0, 0, 0, 0]]).repeat(count, 1),
         "opacity_logits": torch.full((count,), 3.0),
         "sh_dc": tensor(harmonic(colour)),
         "sh_rest": torch.zeros(count, 0, 3),
     }
-    background, taken = tensor([0.5, 0.5, 0.5] if textureless else [0.15, 0.2, 0.3]), []
-    for index in range(views):
-        angle = 2 * math.pi * index / views
-        pose = np.eye(4)
-        pose[:2, 3] = -0.35 * math.cos(angle), -0.25 * math.sin(angle)
-        camera = Camera(WIDTH, HEIGHT, 50.0, 50.0, WIDTH / 2, HEIGHT / 2, pose)
-        lens = true_lens(index, one_plane).physical(true_range(), WIDTH)
-        with torch.no_grad():
-            if own_blur:
-                radius = lens.signed_radius(1 / truth["means"][:, 2], WIDTH)
-                # The variance of a disc of this radius along each axis
-                picture = load("rasterize")(**truth, camera=camera, background=background, blur=radius**2 / 4)
-                photograph = picture.color.clamp(0, 1)
-            else:
-                raster = load("rasterize")(**truth, camera=camera, background=background)
-                surface = torch.where(raster.alpha > 0.1, raster.depth, FAR).clamp_min(NEAR / 2)
-                photograph = defocus(raster.color, lens.signed_radius(1 / surface, WIDTH)).clamp(0, 1)
-        taken.append(TrainingView(f"v{index}", camera, photograph.numpy()))
-    points = PointCloud(
-        xyz + random.normal(0, 0.01, xyz.shape), colour.astype(np.float32), np.full(count, 0.3, np.float32)
-    )
-    return TrainingSet(tuple(taken), points)
+
+
+@torch.no_grad()
+def _taken(
+    name: str,
+    pose: np.ndarray,
+    truth: dict[str, Tensor],
+    background: list[float],
+    lens: PhysicalLens,
+    own_blur: bool = False,
+) -> TrainingView:
+    """A photograph from this pose, (4, 4) world to camera; see `scene`."""
+    camera, behind = Camera(WIDTH, HEIGHT, 50.0, 50.0, WIDTH / 2, HEIGHT / 2, pose), torch.tensor(background)
+    if own_blur:
+        depth = truth["means"] @ torch.from_numpy(pose[2, :3]).float() + float(pose[2, 3])
+        radius = lens.signed_radius(1 / depth, WIDTH)
+        # The variance of a disc of this radius along each axis
+        picture = load("rasterize")(**truth, camera=camera, background=behind, blur=radius**2 / 4)
+        return TrainingView(name, camera, picture.color.clamp(0, 1).numpy())
+    raster = load("rasterize")(**truth, camera=camera, background=behind)
+    surface = torch.where(raster.alpha > 0.1, raster.depth, FAR).clamp_min(NEAR / 2)
+    photograph = defocus(raster.color, lens.signed_radius(1 / surface, WIDTH)).clamp(0, 1)
+    return TrainingView(name, camera, photograph.numpy())
 
 
 def spoiled(training_set: TrainingSet, index: int | None, change: Callable[[np.ndarray], np.ndarray]) -> TrainingSet:

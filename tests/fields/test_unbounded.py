@@ -8,11 +8,12 @@ import math
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from tolerances import FLOAT64_VALUE, SEARCHED_PLACE
+from tolerances import FLOAT32_GRADIENT, FLOAT64_VALUE, SEARCHED_PLACE
 from torch import Tensor
 
+from dofbench.fields.cube_rays import points_along
 from dofbench.fields.unbounded import Unbounded
 
 LOW, HIGH = np.array([-1.0, 2.0, 1.0]), np.array([1.0, 6.0, 5.0])
@@ -48,8 +49,15 @@ def in_cube(point: Tensor, origin: Tensor, depth: float = 1.0) -> list[Tensor]:
     return found
 
 
-def depth_of(rays: tuple[Tensor, Tensor], number: int, place: float) -> float:
-    return float(SPACE.depths(*rays, torch.full((PIECES, 1), place, dtype=torch.float64))[number, 0])
+def depth_of(rays: tuple[Tensor, Tensor], number: int, place: float, space: Unbounded = SPACE) -> float:
+    return float(space.depths(*rays, torch.full((PIECES, 1), place, dtype=torch.float64))[number, 0])
+
+
+def drawn_together(points: Tensor) -> Tensor:
+    """(..., 3) in the cube, of points of the world (..., 3): the map itself, without rays."""
+    units = (points - MIDDLE) / HALF
+    size = units.abs().amax(-1, keepdim=True)
+    return (torch.where(size < 1, 0.85 * units, units / (size + 1 / 0.85 - 1)) + 1) / 2
 
 
 def there() -> st.SearchStrategy[Tensor]:
@@ -155,13 +163,14 @@ def test_what_is_nearer_than_the_near_plane_is_not_there(
     """What is farther away has the place that it has without such a plane, wherever the plane cuts the ray."""
     along = torch.tensor(direction).double() * HALF + 1e-3
     rays = camera[None], along[None]
-    whole, cut = SPACE.pieces(*rays), Unbounded(LOW, HIGH, near).pieces(*rays)
+    space = Unbounded(LOW, HIGH, near)
+    whole, cut = SPACE.pieces(*rays), space.pieces(*rays)
     for number, (one, other) in enumerate(zip(whole, cut, strict=True)):
         begin, end = (depth_of(rays, number, float(place)) for place in one.spans[0])
-        nearer, farther = (depth_of(rays, number, float(place)) for place in other.spans[0])
+        nearer, farther = (depth_of(rays, number, float(place), space) for place in other.spans[0])
         if float(one.spans[0, 1] - one.spans[0, 0]) > 1e-9 and end > near * 1.001:
             assert nearer == pytest.approx(max(begin, near), rel=SEARCHED_PLACE)
-            assert farther == pytest.approx(end, rel=SEARCHED_PLACE)
+            assert 1 / farther == pytest.approx(1 / end, rel=SEARCHED_PLACE, abs=SEARCHED_PLACE)
             torch.testing.assert_close(one.points(one.ends), other.points(other.ends), rtol=0, atol=SEARCHED_PLACE)
         elif end < near * 0.999:
             assert float(other.spans[0, 1]) <= float(other.spans[0, 0])
@@ -182,15 +191,73 @@ def test_rays_along_axes_and_diagonals_are_finite(origin: tuple[float, ...], dir
     assert all(bool(torch.isfinite(piece.spans).all()) for piece in pieces)
 
 
-def test_gradients_reach_the_rays() -> None:
-    origins, directions = (one.requires_grad_() for one in random_rays(5, seed=1))
-    places = torch.stack([piece.spans.mean(1) for piece in SPACE.pieces(origins, directions)])
+def test_gradients_are_those_of_the_map_at_the_ends_depths() -> None:
+    """Of both ends of every piece beyond the box, whose depths count as fixed; infinity's are those of the direction.
+    An end lies where the map has a kink, so the map is that beyond the face that the piece's middle is beyond."""
+    origins, directions = (one.requires_grad_() for one in random_rays(200, seed=1))
+    pieces = SPACE.pieces(origins, directions)
+    weights = torch.randn(200, 3, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
+    depths = [SPACE.depths(origins, directions, torch.full((PIECES, 200), at).double()).detach() for at in (0, 0.5, 1)]
+    finite = 0
+    for number, piece in list(enumerate(pieces))[1:]:
+        middle = (origins + depths[1][number, :, None] * directions - MIDDLE) / HALF
+        axis = middle.abs().argmax(1, keepdim=True)
+        for side, depth in ((0, depths[0][number]), (1, depths[2][number])):
+            there = (piece.spans[:, 1] > piece.spans[:, 0]) & (1e-3 < depth) & (depth < 1e3)
+            finite += int(there.sum())
+            units = (origins + depth[:, None] * directions - MIDDLE) / HALF
+            size = (middle.sign() * units).gather(1, axis)
+            expected = (weights * (units / (size + 1 / 0.85 - 1) + 1) / 2)[there].sum()
+            found = (weights * piece.points(piece.spans[:, side]))[there].sum()
+            for one, other in zip(*(gradients(total, origins, directions) for total in (found, expected)), strict=True):
+                torch.testing.assert_close(one, other, rtol=FLOAT64_VALUE, atol=FLOAT64_VALUE)
+    assert finite > 300
+    last = (weights * pieces[-1].points(pieces[-1].spans[:, 1])).sum()
+    units = directions / HALF
+    infinite = (weights * units / units.abs().amax(1, keepdim=True)).sum() / 2
+    for one, other in zip(*(gradients(total, origins, directions) for total in (last, infinite)), strict=True):
+        torch.testing.assert_close(one, other, rtol=FLOAT64_VALUE, atol=FLOAT64_VALUE)
 
-    def mapped(o: Tensor, d: Tensor) -> tuple[Tensor, ...]:
-        pieces = SPACE.pieces(o, d)
-        return *(piece.origins for piece in pieces), *(piece.directions for piece in pieces), SPACE.depths(o, d, places)
 
-    assert torch.autograd.gradcheck(mapped, (origins, directions))
+def gradients(total: Tensor, *by: Tensor) -> list[Tensor]:
+    found = torch.autograd.grad(total, by, retain_graph=True, allow_unused=True, materialize_grads=True)
+    return list(found)
+
+
+@settings(max_examples=100)
+@given(st.integers(0, 99999), st.floats(0.01, 0.99), st.floats(0, 5))
+def test_a_place_is_where_the_map_has_its_depth(seed: int, share: float, near: float) -> None:
+    """Of every piece, with the gradients of both."""
+    space = Unbounded(LOW, HIGH, near)
+    origins, directions = (one.requires_grad_() for one in random_rays(20, seed))
+    pieces = space.pieces(origins, directions)
+    places = torch.stack([piece.spans[:, 0] + share * (piece.ends - piece.spans[:, 0]) for piece in pieces]).detach()
+    depths = space.depths(origins, directions, places)
+    for piece, place, depth in zip(pieces, places, depths, strict=True):
+        there = (piece.spans[:, 1] - piece.spans[:, 0] > 1e-6) & (depth.detach() < 1e3)  # farther away it is capped
+        found = piece.points(place)[there]
+        expected = drawn_together(origins + depth[:, None] * directions)[there]
+        torch.testing.assert_close(found, expected, rtol=0, atol=FLOAT64_VALUE)
+        weights = torch.linspace(-1, 2, found.numel(), dtype=torch.float64).view(found.shape)
+        sums = (weights * found).sum(), (weights * expected).sum()
+        for one, other in zip(*(gradients(total, origins, directions) for total in sums), strict=True):
+            torch.testing.assert_close(one, other, rtol=FLOAT64_VALUE, atol=FLOAT64_VALUE)
+
+
+def test_rays_along_a_face_have_places_as_exact_as_any() -> None:
+    """In float32, and gradients no larger than those of other rays: their distance from the box hardly changes."""
+    slopes = 10.0 ** -torch.arange(1, 8).double()
+    origins = (MIDDLE + HALF * torch.tensor([-3.0, 1.5, 0.2]).double()).repeat(7, 1)
+    directions = HALF * torch.stack([torch.ones(7).double(), slopes, slopes / 3], 1)
+    found = []
+    for kind in (torch.float32, torch.float64):
+        rays = origins.to(kind).requires_grad_(), directions.to(kind).requires_grad_()
+        points = points_along(SPACE.pieces(*rays), torch.linspace(0.05, 0.95, 19, dtype=kind))
+        points.sum().backward()
+        found.append((points.detach().double(), *(ray.grad.double() for ray in rays if ray.grad is not None)))
+    for single, double in zip(*found, strict=True):
+        torch.testing.assert_close(single, double, rtol=FLOAT32_GRADIENT, atol=FLOAT32_GRADIENT)
+        assert float(double.abs().max()) < 100
 
 
 def test_length_is_that_in_the_cube_by_the_sides_of_the_box() -> None:

@@ -23,6 +23,7 @@ def test_a_method_from_outside_gets_hard_scenes_and_none_of_our_options(outside)
     names = {case.name.removeprefix(f"{outside}-") for case in chosen(Stability(method=outside))}
     assert names == {
         "3-views",
+        "around",
         "textureless",
         "noise",
         "only-noise",
