@@ -168,10 +168,10 @@ def _cuts(begin: Tensor, slope: Tensor, axes: Tensor, near: float) -> Tensor:
     From there on it only grows: it is the largest of three lines, in the order of their slopes. axes: (R, 3), that
     order.
     """
-    others, speeds = torch.roll(begin, 1, 1), slope + torch.roll(slope, 1, 1)
+    others, slopes = torch.roll(begin, 1, 1), torch.roll(slope, 1, 1)
     # The larger box that a ray touches, it touches at an edge, where two coordinates are as long.
-    edge = ((begin * speeds - (begin + others) * slope).abs() / speeds).argmax(1, keepdim=True)
-    nearest = (-(begin + others) / speeds).gather(1, edge)[:, 0]
+    edge = ((begin * slopes - others * slope).abs() / (slope + slopes)).argmax(1, keepdim=True)
+    nearest = (-(begin + others) / (slope + slopes)).gather(1, edge)[:, 0]
     (one, two, three), (a, b, c) = begin.gather(1, axes).T, slope.gather(1, axes).T
     meet = [
         torch.where(rise > 0, (low - high) / rise, torch.where(high > low, -torch.inf, torch.inf))
