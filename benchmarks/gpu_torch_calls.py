@@ -33,7 +33,6 @@ from dofbench.scenes import load_scene
 SCENE = "tabletop"
 # What the preset `gpu` does in all steps but a few at the beginning, in trials, and when it adds Gaussians.
 USUAL = {"lens_trials": "", "lens_from": 0.0, "coarse_until": 0.0, "densify_until": 0.0}
-POINTS = {"lens_model": "samples", "lens_samples_from": 0.0, "lens_rings": 1, "lens_rings_from": 0.0}
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,7 @@ def main(settings: Settings) -> None:
     data = training_set(settings.width)
     trainings = {
         "scatter": lambda: Trainer(data, gaussian_options(**USUAL), 0),
-        "points": lambda: Trainer(data, gaussian_options(**USUAL, **POINTS), 0),
+        "points": lambda: Trainer(data, gaussian_options(**USUAL, **points_of_the_lens()), 0),
         "field": lambda: FieldTrainer(data, field_options(), PinholeRays(), 0),
     }
     rows = [{"training": name, "calls": calls(make, settings.steps)} for name, make in trainings.items()]
@@ -93,6 +92,13 @@ def training_set(width: int) -> TrainingSet:
 def gaussian_options(**changes: Any) -> GaussianOptions:
     """The preset that DoF-Gaussian has for a GPU, and some options changed."""
     return GaussianOptions.of(**{**find_method("dofgaussian").preset("gpu")[1], **changes})
+
+
+def points_of_the_lens() -> dict[str, Any]:
+    """What the preset `thinlens` has besides those of a CPU's, with the points from the first step on."""
+    usual, thin = (find_method("dofgaussian").preset(name)[1] for name in ("cpu", "thinlens"))
+    changed = {name: value for name, value in thin.items() if usual.get(name) != value}
+    return {**changed, "lens_samples_from": 0.0, "lens_rings_from": 0.0}
 
 
 def field_options(**changes: Any) -> FieldOptions:
