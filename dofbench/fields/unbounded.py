@@ -109,17 +109,18 @@ class _Stretch:
 
     def ends(self, start: Tensor, along: Tensor) -> tuple[Tensor, Tensor]:
         """(R, 3) each: where it begins, and the way to its end, in coordinates from -1 to 1. start, along: the rays."""
-        begin, end = self._depths
+        begin, end = self._finite_ends
         origin, finite = ((start + depth[:, None] * along) / self._drawn(depth)[:, None] for depth in (begin, end))
         infinite = along / self.rate[:, None]
         return origin, torch.where(self._endless[:, None], infinite, finite) - origin
 
     def depths(self, places: Tensor) -> Tensor:
         """(R,) of the shares `places`, (R,), of the way in the cube."""
-        begin, end = self._depths
+        begin, end = self._finite_ends
         near, far = self._drawn(begin), self._drawn(end)
         finite = places * (end - begin) * near / (far - places * (far - near))
-        infinite = places * near / (self.rate * torch.maximum(1 - places, (_LEAST_RECIPROCAL * near).clamp_max(1)))
+        left = torch.maximum(1 - places, (_LEAST_RECIPROCAL * near).clamp_max(1))
+        infinite = (1 - left) * near / (self.rate * left)
         found = begin + torch.where(self._endless, infinite, finite)
         return torch.where(self._there, found, self.begin.clamp(0, _FARTHEST))
 
@@ -132,7 +133,7 @@ class _Stretch:
         return self._there & self.end.isinf()
 
     @property
-    def _depths(self) -> tuple[Tensor, Tensor]:
+    def _finite_ends(self) -> tuple[Tensor, Tensor]:
         """(R,) each, finite: the ends, but 0 of what isn't there, and the begin for an end at infinity."""
         begin = torch.where(self._there, self.begin, 0)
         return begin, torch.where(self._there & ~self.end.isinf(), self.end, begin)

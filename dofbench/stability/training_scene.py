@@ -24,6 +24,7 @@ from dofbench.stability.samples import harmonic
 
 WIDTH, HEIGHT, VIEWS = 64, 48, 6
 NEAR, FAR = 2.0, 6.0
+BACKGROUND = [0.15, 0.2, 0.3]
 # Larger than the usual 0 ... 1, which would blur by one pixel at most in so small an image; A = 5 gives 6.4 pixels.
 TRUE_APERTURES, TRUE_FOCI = (3.0, 5.0), (0.2, 0.5, 0.8)
 
@@ -54,7 +55,7 @@ def scene(
     )
     xyz[:60, :2] *= 0.5
     colour = np.full((count, 3), 0.5) if textureless else random.uniform(0, 1, (count, 3))
-    truth, background = _dots(xyz, 0.035 * depth, colour), [0.5, 0.5, 0.5] if textureless else [0.15, 0.2, 0.3]
+    truth, background = _dots(xyz, 0.035 * depth, colour), [0.5, 0.5, 0.5] if textureless else BACKGROUND
     taken = []
     for index in range(views):
         angle = 2 * math.pi * index / views
@@ -80,12 +81,15 @@ def around() -> TrainingSet:
     for index in range(VIEWS):
         angle = 2 * math.pi * index / VIEWS
         pose = np.eye(4)
-        pose[0, [0, 2]] = pose[2, [2, 0]] = math.cos(angle), math.sin(angle)
-        pose[2, 0] *= -1
-        pose[2, 3] = distance
+        pose[:3, :3], pose[2, 3] = _turned(angle), distance
         lens = true_lens(index).physical(true_range(), WIDTH)
-        taken.append(_taken(f"v{index}", pose, truth, [0.15, 0.2, 0.3], lens))
+        taken.append(_taken(f"v{index}", pose, truth, BACKGROUND, lens))
     return TrainingSet(tuple(taken), PointCloud(xyz, colour.astype(np.float32), np.full(count, 0.3, np.float32)))
+
+
+def _turned(angle: float) -> np.ndarray:
+    """(3, 3), about the axis that points down, radians."""
+    return np.array([[math.cos(angle), 0, math.sin(angle)], [0, 1, 0], [-math.sin(angle), 0, math.cos(angle)]])
 
 
 def _dots(xyz: np.ndarray, size: np.ndarray, colour: np.ndarray) -> dict[str, Tensor]:
@@ -154,7 +158,6 @@ def wrong_pose() -> TrainingSet:
     """The scene with one camera turned by 0.2 radians."""
     views = list(scene().views)
     turn, pose = 0.2, views[2].camera.world_to_camera.copy()
-    rotation = np.array([[math.cos(turn), 0, math.sin(turn)], [0, 1, 0], [-math.sin(turn), 0, math.cos(turn)]])
-    pose[:3] = rotation @ pose[:3]
+    pose[:3] = _turned(turn) @ pose[:3]
     views[2] = replace(views[2], camera=replace(views[2].camera, world_to_camera=pose))
     return replace(scene(), views=tuple(views))

@@ -170,7 +170,7 @@ def test_what_is_nearer_than_the_near_plane_is_not_there(
         nearer, farther = (depth_of(rays, number, float(place), space) for place in other.spans[0])
         if float(one.spans[0, 1] - one.spans[0, 0]) > 1e-9 and end > near * 1.001:
             assert nearer == pytest.approx(max(begin, near), rel=SEARCHED_PLACE)
-            assert 1 / farther == pytest.approx(1 / end, rel=SEARCHED_PLACE, abs=SEARCHED_PLACE)
+            assert farther == pytest.approx(end, rel=SEARCHED_PLACE)
             torch.testing.assert_close(one.points(one.ends), other.points(other.ends), rtol=0, atol=SEARCHED_PLACE)
         elif end < near * 0.999:
             assert float(other.spans[0, 1]) <= float(other.spans[0, 0])
@@ -194,10 +194,10 @@ def test_rays_along_axes_and_diagonals_are_finite(origin: tuple[float, ...], dir
 def test_gradients_are_those_of_the_map_at_the_ends_depths() -> None:
     """Of both ends of every piece beyond the box, whose depths count as fixed; infinity's are those of the direction.
     An end lies where the map has a kink, so the map is that beyond the face that the piece's middle is beyond."""
-    origins, directions = (one.requires_grad_() for one in random_rays(200, seed=1))
+    origins, directions = (one.requires_grad_() for one in random_rays(300, seed=1))
     pieces = SPACE.pieces(origins, directions)
-    weights = torch.randn(200, 3, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
-    depths = [SPACE.depths(origins, directions, torch.full((PIECES, 200), at).double()).detach() for at in (0, 0.5, 1)]
+    weights = torch.randn(300, 3, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
+    depths = [SPACE.depths(origins, directions, torch.full((PIECES, 300), at).double()).detach() for at in (0, 0.5, 1)]
     finite = 0
     for number, piece in list(enumerate(pieces))[1:]:
         middle = (origins + depths[1][number, :, None] * directions - MIDDLE) / HALF
@@ -211,7 +211,7 @@ def test_gradients_are_those_of_the_map_at_the_ends_depths() -> None:
             found = (weights * piece.points(piece.spans[:, side]))[there].sum()
             for one, other in zip(*(gradients(total, origins, directions) for total in (found, expected)), strict=True):
                 torch.testing.assert_close(one, other, rtol=FLOAT64_VALUE, atol=FLOAT64_VALUE)
-    assert finite > 300
+    assert finite > 400
     last = (weights * pieces[-1].points(pieces[-1].spans[:, 1])).sum()
     units = directions / HALF
     infinite = (weights * units / units.abs().amax(1, keepdim=True)).sum() / 2
