@@ -15,6 +15,7 @@ from dofbench.core.cameras import Camera
 from dofbench.gaussians.forward.lens_pattern import lens_points
 from dofbench.kernels import load
 from dofbench.learning.priors.stereo import BEST, EDGE, LARGE, RADIUS, SMALL, SOURCES
+from dofbench.learning.rendered_surface import SURFACE_ALPHA
 
 NAMES = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
 
@@ -76,6 +77,42 @@ def scatter(size: Size) -> Call:
     """A ramp of circles of confusion from one side to the other."""
     ramp = torch.linspace(-size.radius, size.radius, size.width).repeat(size.height, 1)
     return Call((*_pictures(size), ramp), lambda image, radius: [load("scatter")(image, radius)])
+
+
+def surface(size: Size) -> Call:
+    """Circles of confusion of a slanted surface with holes in it."""
+    depth = torch.linspace(1.0, 4.0, size.width).repeat(size.height, 1)
+    random = torch.Generator().manual_seed(5)
+    alpha = torch.rand(size.height, size.width, generator=random)
+
+    def run(depth: Tensor, slope: Tensor, offset: Tensor) -> list[Tensor]:
+        disparity = load("surface")(depth, alpha.to(depth.device), SURFACE_ALPHA)
+        radius = load("surface", function="circle")(disparity, slope, offset, low=0.3, extent=0.6, scale=size.radius)
+        return [disparity, radius]
+
+    return Call((depth, torch.tensor(0.7), torch.tensor(-0.4)), run)
+
+
+def known_depth(size: Size) -> Call:
+    """A depth known in every pixel, as the depth prior has it at most, in disparity."""
+    random = torch.Generator().manual_seed(6)
+    pixels, count = torch.arange(size.width * size.height), size.width * size.height
+    known, shares = 1 + torch.rand(count, generator=random), torch.rand(count, generator=random)
+    samples = pixels // size.width, pixels % size.width, known, shares
+    error = load("surface", function="known_depth")
+
+    def run(depth: Tensor) -> list[Tensor]:
+        given = (value.to(depth.device) for value in samples)
+        alpha = torch.ones_like(depth)
+        return [error(depth, alpha, *given, None, most=1, least_alpha=SURFACE_ALPHA, extent=0.5, squared=False)]
+
+    return Call((1 + torch.rand(size.height, size.width, generator=random),), run)
+
+
+def colours(size: Size) -> Call:
+    """A picture's colours, mixed."""
+    change = torch.rand(3, 4, generator=torch.Generator().manual_seed(7))
+    return Call((*_pictures(size), change), lambda image, matrix: [load("colours")(image, matrix)])
 
 
 def mix(size: Size) -> Call:
@@ -182,7 +219,20 @@ def stereo(size: Size) -> Call:
 
 
 CALLS: dict[str, Callable[[Size], Call]] = {
-    one.__name__: one for one in (tone, ssim, scatter, mix, rasterize, rasterize_from_points, field, stereo)
+    one.__name__: one
+    for one in (
+        tone,
+        ssim,
+        scatter,
+        surface,
+        known_depth,
+        colours,
+        mix,
+        rasterize,
+        rasterize_from_points,
+        field,
+        stereo,
+    )
 }
 
 

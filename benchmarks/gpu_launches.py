@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import asdict
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -122,7 +123,28 @@ def adam() -> None:
     load("adam", "gpu")(*values, step=1, rate=0.1, epsilon=1e-15, unless=torch.zeros(()))
 
 
-CALLS: tuple[Callable[[], None], ...] = (adam, tone, ssim, scatter, mix, rasterize, stereo, field)
+def surface() -> None:
+    """Both errors of depth, in disparity and in scene units, with shares and weight and without."""
+    depth, alpha, at = torch.ones(3, 4).requires_grad_(), torch.ones(3, 4), torch.zeros(5, dtype=torch.int64)
+    slope, known, weight = torch.ones(()).requires_grad_(), torch.rand(5), torch.rand(3, 4)
+    disparity = load("surface", "gpu")(depth, alpha, 0.1)
+    radius = load("surface", "gpu", function="circle")(disparity, slope, slope, low=0.3, extent=0.7, scale=5.0)
+    radius.sum().backward()
+    error = load("surface", "gpu", function="known_depth")
+    for shares, weights, extent, squared in product((None, known), (None, weight), (None, 0.7), (False, True)):
+        options = {"most": 5, "least_alpha": 0.1, "extent": extent, "squared": squared}
+        error(depth, alpha, at, at, known, shares, weights, **options).backward()
+
+
+def colours() -> None:
+    """An affine map of a picture's colours."""
+    image, change = torch.rand(3, 4, 3).requires_grad_(), torch.zeros(3, 4).requires_grad_()
+    load("colours", "gpu")(image, change).sum().backward()
+
+
+CALLS: tuple[Callable[[], None], ...] = (
+    adam, colours, tone, ssim, scatter, surface, mix, rasterize, stereo, field,
+)  # fmt: skip
 
 
 def main() -> None:

@@ -13,12 +13,15 @@ from gpu_sizes import Sizes
 from gpu_sizes_field import FieldSizes, cells_of
 from gpu_sizes_stereo import CHECKED, StereoSizes, levels
 from gpu_work import Kernel, Op
-from gpu_work_pictures import MIXTURE, SSIM, TONE
+from gpu_work_pictures import COLOURS, KNOWN_DEPTH, MIXTURE, SSIM, SURFACE, TONE
 from gpu_work_rasterize import FROM_CENTRE, FROM_POINTS
 
 OPS: dict[str, Op] = {
     "tone": TONE,
     "ssim": SSIM,
+    "surface": SURFACE,
+    "known_depth": KNOWN_DEPTH,
+    "colours": COLOURS,
     "mix": MIXTURE,
     "rasterize": FROM_CENTRE,
     "rasterize_from_points": FROM_POINTS,
@@ -76,9 +79,12 @@ def training_step(sizes: Sizes) -> Task:
     """A step of Gaussians with a lens that scatters, and BAGS' mixture, which isn't in it."""
     calls = (
         Call("rasterize", sizes),
+        Call("surface", sizes),
         Call("tone", sizes, 2),
         Call("scatter", sizes),
+        Call("colours", sizes),
         Call("ssim", sizes),
+        Call("known_depth", sizes),
         Call("training", sizes),
         Call("mix", sizes),
     )
@@ -111,6 +117,7 @@ def points_step(sizes: Sizes) -> Task:
         Call("tone", every),
         Call("training_points", sizes),
         Call("tone", sizes),
+        Call("colours", sizes),
         Call("ssim", sizes),
         Call("training", sizes),
     )

@@ -1,4 +1,5 @@
-"""What the ops on whole pictures do: the tone curve, the colour loss, and mixtures of neighbouring pixels."""
+"""What the ops on whole pictures do: the tone curve, circles of confusion, the losses of colour and depth, and mixtures
+of neighbouring pixels."""
 
 from __future__ import annotations
 
@@ -50,6 +51,55 @@ SSIM = Op(
         OtherWork("scales", "loss", True, lambda s: 0, lambda s: 6),
     ),
 )
+
+_SURFACE = blocks(lambda s: s.pixels, 1024)
+
+
+def _sums(stage: str, backward: bool = True, launches: int = 1) -> OtherWork:
+    """What torch makes of the programs' sums."""
+    return OtherWork("sums", stage, backward, lambda s: 0, lambda s: launches)
+
+
+def _surface_kernel(name: str, stage: str, backward: bool, numbers: int) -> Kernel:
+    """numbers: that are read and written for a pixel."""
+    return Kernel("surface", name, stage, backward, _SURFACE, lambda s, _: 4 * numbers * s.pixels)
+
+
+SURFACE = Op(
+    (
+        _surface_kernel("disparities", "lens forward", False, 3),
+        _surface_kernel("fill", "lens forward", False, 3),
+        _surface_kernel("disparities_gradient", "lens backward", True, 4),
+        _surface_kernel("circles", "lens forward", False, 2),
+        _surface_kernel("circles_gradient", "lens backward", True, 3),
+    ),
+    (_sums("lens backward"),),
+)
+
+# A sample in every pixel, as the depth prior has, at most: its place, depth and share, and what is rendered there.
+_DEPTH = {"INVERSE": True, "SQUARED": False, "SHARED": True, "WEIGHTED": False}
+KNOWN_DEPTH = Op(
+    (
+        Kernel("surface", "depth_error", "loss", False, _SURFACE, lambda s, _: 32 * s.pixels, _DEPTH),
+        Kernel("surface", "depth_error_gradient", "loss", True, _SURFACE, lambda s, _: 52 * s.pixels, _DEPTH),
+    ),
+    (_sums("loss", False, 3), OtherWork("zeros", "loss", True, lambda s: 4 * s.pixels, lambda s: 1)),
+)
+
+# Three channels of neighbouring pixels lie 12 bytes apart.
+COLOURS = Op(
+    (
+        Kernel(
+            "colours", "changed", "loss", False, blocks(lambda s: s.pixels, 512), lambda s, _: 8 * s.numbers,
+            apart=loaded(3, 12) + stored(3, 12),
+        ),
+        Kernel(
+            "colours", "gradient", "loss", True, blocks(lambda s: s.pixels, 512), lambda s, _: 12 * s.numbers,
+            apart=loaded(6, 12) + stored(3, 12),
+        ),
+    ),
+    (_sums("loss"),),
+)  # fmt: skip
 
 # Logits of neighbouring pixels lie 4 * 81 bytes apart, so that every load of a warp touches 32 lines.
 MIXTURE = Op(

@@ -116,6 +116,29 @@ def adam(load: Callable[..., Callable[..., Any]], to: Callable[[Tensor], Tensor]
     yield from (values, first, second)
 
 
+def surface(load: Callable[..., Callable[..., Tensor]], to: Callable[[Tensor], Tensor]) -> Iterator[Tensor]:
+    depth, alpha = to(torch.rand(HEIGHT, WIDTH) + 1).requires_grad_(), to(torch.rand(HEIGHT, WIDTH))
+    lens = [to(torch.tensor(value)).requires_grad_() for value in (0.7, -0.3)]
+    disparity = load("surface")(depth, alpha, 0.1)
+    radius = load("circle")(disparity, *lens, low=0.4, extent=0.5, scale=6.0)
+    # Many of them in a pixel that another has too.
+    at = torch.randint(HEIGHT * WIDTH, (40_000,), device=depth.device).sort().values
+    samples = at // WIDTH, at % WIDTH, to(torch.rand(len(at)) + 1), to(torch.rand(len(at)))
+    options = {"most": int(at.bincount().max()), "least_alpha": 0.1, "extent": 0.5}
+    errors = [
+        load("known_depth")(depth, alpha, *samples, None, squared=squared, **options) for squared in (False, True)
+    ]
+    (radius.square().sum() + sum(errors)).backward()
+    yield from (disparity, radius, *errors, depth.grad, *(one.grad for one in lens))
+
+
+def colours(load: Callable[..., Callable[..., Tensor]], to: Callable[[Tensor], Tensor]) -> Iterator[Tensor]:
+    image, change = (to(torch.rand(size)).requires_grad_() for size in ((HEIGHT, WIDTH, 3), (3, 4)))
+    changed = load("colours")(image, change)
+    changed.square().sum().backward()
+    yield from (changed, image.grad, change.grad)
+
+
 CALLS: dict[str, Callable[..., Iterator[Tensor]]] = {
     "ssim": ssim,
     "scatter": scatter,
@@ -125,6 +148,8 @@ CALLS: dict[str, Callable[..., Iterator[Tensor]]] = {
     "mix": mix,
     "field": field,
     "adam": adam,
+    "surface": surface,
+    "colours": colours,
 }
 
 

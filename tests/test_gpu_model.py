@@ -137,7 +137,8 @@ def test_programs_that_find_nothing_skip_most() -> None:
 
 
 SIZES_OF = {
-    **dict.fromkeys(("tone", "ssim", "mix", "rasterize", "rasterize_from_points"), SIZES),
+    **dict.fromkeys(("tone", "ssim", "mix", "surface", "known_depth", "colours"), SIZES),
+    **dict.fromkeys(("rasterize", "rasterize_from_points"), SIZES),
     **dict.fromkeys((name for name in gpu_ops.OPS if name.startswith("scatter")), SIZES),
     **dict.fromkeys((name for name in gpu_ops.OPS if name.startswith("field")), FIELD),
     **dict.fromkeys((name for name in gpu_ops.OPS if name.startswith("stereo")), VIEW),
@@ -191,9 +192,10 @@ def test_a_gradient_takes_time(op: str) -> None:
 def test_the_step_is_made_of_its_parts() -> None:
     """The ops' calls in a step, and what torch does besides; `mix` isn't among its stages."""
     task = gpu_ops.training_step(SIZES)
+    once = "surface", "scatter", "rasterize", "colours", "ssim", "known_depth", "training"
     ops = sum(
         calls * gpu_times.predicted(op, SIZES, A100, backward=True)
-        for op, calls in (("tone", 2), ("ssim", 1), ("scatter", 1), ("rasterize", 1), ("training", 1))
+        for op, calls in (("tone", 2), *((name, 1) for name in once))
     )
     times = gpu_times.task_times(task, A100)
     assert sum(time.seconds for time in times if time.stage in task.stages) == pytest.approx(ops)

@@ -72,6 +72,7 @@ ALLOWED: dict[str, dict[str, int]] = {
     PRIOR: {
         "learning with_surface_points: .numpy()": 4,
         "learning DepthMap.with_samples: .numpy()": 3,
+        "learning DepthSamples.on: .numpy()": 2,
         "learning all_disparities: .numpy()": 1,
         "learning disparity_bounds: .numpy()": 1,
         "learning LogDepth.__init__: torch.tensor": 3,

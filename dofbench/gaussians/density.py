@@ -107,7 +107,7 @@ class DensityControl:
         gradient_2d = statistics.abs_grad_2d if self._options.grow_absolute else statistics.grad_2d
         assert gradient_2d is not None and statistics.visible is not None
         x, y = gradient_2d[:, 0] * (0.5 * width), gradient_2d[:, 1] * (0.5 * height)
-        self._gradient_sum += torch.sqrt(x * x + y * y)
+        self._gradient_sum += torch.hypot(x, y)
         self._visits += statistics.visible
 
     def after_step(self, step: int, progress: float) -> bool:

@@ -41,7 +41,14 @@ def compile_kernels(
     that steps call beside those of every training.
     """
     device = gaussians.parameters["means"].device.type
-    called = ("ssim", *(("scatter", "tone") if options.lens.lens else ()), *more)
+    affine = options.colours.colour_per_view == "affine"
+    called = (
+        "ssim",
+        "surface",
+        *(("scatter", "tone") if options.lens.lens else ()),
+        *(("colours",) if affine else ()),
+        *more,
+    )
     others = [op for op in called if not is_warm(op, device)]
     if device == "cpu" and not is_warm("rasterize"):
         _compile_side_by_side(gaussians, camera, options, others)

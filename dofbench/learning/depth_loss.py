@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-import torch
 from torch import Tensor
 
 from dofbench.core.errors import InputError
+from dofbench.kernels import load
 from dofbench.learning.rendered_surface import SURFACE_ALPHA
 from dofbench.learning.supervision import DepthSamples
 
-_LEAST_SHARES = 1e-12  # divides the sum over no pixels, which is 0
+_LEAST_SQUARE = 1e-12  # whose root has a finite slope
 
 
 @dataclass(frozen=True)
@@ -59,20 +59,19 @@ def depth_loss(
     that normalised disparity refers to, 1 / scene unit. With "disparity" the difference is taken in normalised
     disparity, in which the circle of confusion is linear; with "depth" in scene units, as published.
     """
-    there = alpha.detach()[truth.rows, truth.columns] > SURFACE_ALPHA
-    # Other pixels get the known depth itself instead of being left out, since the host would have to wait for a device
-    # to know how many they are.
-    rendered = torch.where(there, depth[truth.rows, truth.columns], truth.depth)
-    if options.depth_space == "disparity":
-        difference = (1 / rendered - 1 / truth.depth) / disparity_extent
-    else:
-        difference = rendered - truth.depth
-    error = difference.abs() if options.depth_norm == "l1" else difference.square()
-    if truth.weight is not None:
-        error = error * truth.weight
-    if weight is not None:
-        error = error * weight[truth.rows, truth.columns]
-    shares = there.to(error.dtype) if truth.weight is None else there * truth.weight
-    mean = error.sum() / shares.sum().clamp(min=_LEAST_SHARES)
+    squared = options.depth_norm == "l2"
+    mean: Tensor = load("surface", function="known_depth")(
+        depth,
+        alpha,
+        truth.rows,
+        truth.columns,
+        truth.depth,
+        truth.weight,
+        weight,
+        most=truth.most,
+        least_alpha=SURFACE_ALPHA,
+        extent=disparity_extent if options.depth_space == "disparity" else None,
+        squared=squared,
+    )
     # The root of the mean square is the norm of Eq. 9 made independent of the number of points.
-    return mean if options.depth_norm == "l1" else mean.clamp(min=1e-12).sqrt()
+    return mean.clamp(min=_LEAST_SQUARE).sqrt() if squared else mean

@@ -24,6 +24,7 @@ from torch import Tensor
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, write_json
+from dofbench.kernels import load
 from dofbench.learning.row_adam import RowAdam
 
 _COLUMNS = {"off": 0, "gain": 3, "affine": 12}
@@ -116,8 +117,8 @@ class LearnedColours:
                 return image
             case "gain":
                 return image * raw.exp()
-        change = raw.view(3, 4)
-        return image + image @ change[:, :3].T + change[:, 3]
+        changed: Tensor = load("colours")(image, raw.view(3, 4))
+        return changed
 
 
 def write_colours(path: Path, colours: Mapping[str, np.ndarray]) -> None:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
-import torch
 from torch import Tensor
 
 from dofbench.core.lens import DisparityRange
+from dofbench.kernels import load
 
 # A pixel with less accumulated opacity has no surface with a meaningful depth.
 SURFACE_ALPHA = 0.1
@@ -21,11 +19,8 @@ def surface_disparity(depth: Tensor, alpha: Tensor) -> Tensor:
     The released code treats such pixels as the nearest of all, which spreads the blur of holes over their surroundings.
     Here they count as far, since a hole shows what lies behind.
     """
-    there = (alpha > SURFACE_ALPHA) & (depth > 0)
-    disparity = 1 / torch.where(there, depth, 1.0)
-    # Without a branch, which would have the host wait for a device.
-    farthest = torch.where(there, disparity.detach(), math.inf).min()
-    return torch.where(there, disparity, torch.where(farthest.isinf(), 0.0, farthest))
+    disparity: Tensor = load("surface")(depth, alpha, SURFACE_ALPHA)
+    return disparity
 
 
 def rendered_range(disparity: Tensor, alpha: Tensor, fallback: DisparityRange) -> DisparityRange:

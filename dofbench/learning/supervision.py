@@ -17,17 +17,23 @@ from dofbench.scenes.visibility import visible
 @dataclass(frozen=True, eq=False)
 class DepthSamples:
     """rows, columns: (M,) int64 pixels; depth: (M,) float32 z in scene units. weight: (M,), or None for equal
-    weights."""
+    weights. most: how many lie in one pixel, at most, where they are in the order of rows, then columns, else None."""
 
     rows: Tensor
     columns: Tensor
     depth: Tensor
     weight: Tensor | None = None
+    most: int | None = None
 
     def on(self, device: str) -> DepthSamples:
-        """The samples on a device."""
-        weight = None if self.weight is None else self.weight.to(device)
-        return DepthSamples(self.rows.to(device), self.columns.to(device), self.depth.to(device), weight)
+        """The samples on a device, in the order of rows, then columns."""
+        pixels = np.stack([self.rows.numpy(force=True), self.columns.numpy(force=True)])
+        order = torch.from_numpy(np.lexsort(pixels[::-1])).to(self.rows.device)
+        _, many = np.unique(pixels, axis=1, return_counts=True)
+        tensors = (self.rows, self.columns, self.depth, self.weight)
+        rows, columns, depth, weight = (None if one is None else one[order].to(device) for one in tensors)
+        assert rows is not None and columns is not None and depth is not None
+        return DepthSamples(rows, columns, depth, weight, int(many.max(initial=1)))
 
 
 @dataclass(frozen=True, eq=False)

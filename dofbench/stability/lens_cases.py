@@ -26,6 +26,7 @@ from dofbench.stability.case import (
     values,
 )
 from dofbench.stability.comparisons import EXACT, NAMED, SCATTERED, against_formula, scatter_bound, within_the_image
+from dofbench.stability.lens_surfaces import surfaces
 from dofbench.stability.oracle import ROUNDINGS, dense_scatter
 from dofbench.stability.samples import HEIGHT, WIDTH, disparity, picture, radii, single, straight
 from dofbench.stability.subject import Subject
@@ -295,6 +296,7 @@ def _cases() -> tuple[Case, ...]:
             EXACT + "; blurred, 32 roundings",
             _no_gaussians,
         ),
+        *surfaces(),
         scatter.case("depth-is-focus-sign", "as far before the focus as behind it blurs alike", EXACT, _sign),
         scatter.case(
             "depth-is-focus-continuous",

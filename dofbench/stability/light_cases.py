@@ -28,6 +28,7 @@ from dofbench.stability.case import (
     values,
 )
 from dofbench.stability.comparisons import EXACT, NAMED, summed
+from dofbench.stability.lens_surfaces import coloured
 from dofbench.stability.light_mixing import mixing
 from dofbench.stability.oracle import POWER, ROUNDINGS, dense_scatter
 from dofbench.stability.samples import HEIGHT, WIDTH, picture, radii
@@ -277,6 +278,7 @@ def _cases() -> tuple[Case, ...]:
             gamma=GAMMAS,
         ),
         *mixing(),
+        *coloured(),
         images.case("levels", "levels saturate, and those of 8 and 16 bits come back as they were", EXACT, _levels),
         *images.each("nan-{bits}-bit", "NaN is no level: refused by name", NAMED, _nan_level, bits=(8, 16)),
     )

@@ -25,7 +25,8 @@ class Stability:
     """Run stiff and extreme cases and report which error bounds are met: as a table, and by the exit status."""
 
     kernel: str | None = None
-    """Only the cases of this kernel: adam, field, mix, rasterize, scatter, ssim, stereo or tone."""
+    """Only the cases of this kernel: adam, colours, field, mix, rasterize, scatter, ssim, stereo, surface
+    or tone."""
     method: str | None = None
     """Only the training of this method. Without it, of every method found."""
     group: tuple[str, ...] = ()

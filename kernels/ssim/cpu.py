@@ -11,6 +11,7 @@ reason the kernels (`cpu_windows.py`) sum up 1 - S.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,7 @@ class _Compare(torch.autograd.Function):
         window = gaussian_window(settings.window, settings.sigma)
         taps = np.asarray(window, dtype=np.float32)
         frame_y = _frame(height, window, settings.border)
-        frame_x = np.repeat(_frame(width, window, settings.border), channels, axis=1)
+        frame_x = _frame(width, window, settings.border, channels)
         # Images are shifted by this, since squares of numbers around zero lose fewer digits than those around one half.
         centre = np.float32(0.5 * settings.data_range)
         c1, c2 = (np.float32((k * settings.data_range) ** 2) for k in (K1, K2))
@@ -80,14 +81,16 @@ class _Compare(torch.autograd.Function):
         return torch.from_numpy(gradient).view(context.shape), None, None, None
 
 
-def _frame(size: int, window: list[float], border: Border) -> np.ndarray:
-    """(2, size) float32 along one axis: the share of the window inside the image; 1 where a pixel counts, else 0."""
+@cache
+def _frame(size: int, window: tuple[float, ...], border: Border, channels: int = 1) -> np.ndarray:
+    """(2, size times channels) float32 along one axis: the share of the window inside the image; 1 where a pixel
+    counts, else 0. Kept, as the window."""
     radius = len(window) // 2
     frame = np.ones((2, size))
     for index in {*range(min(radius, size)), *range(max(size - radius, 0), size)}:
         frame[0, index] = sum(w for k, w in enumerate(window, index - radius) if 0 <= k < size)
         frame[1, index] = border == "same"
-    return frame.astype(np.float32)
+    return np.repeat(frame.astype(np.float32), channels, axis=1)
 
 
 def _check_device(*images: Tensor | None) -> None:

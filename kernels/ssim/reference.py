@@ -7,6 +7,7 @@ structural similarity", IEEE TIP 2004, equation 13 with K1 = 0.01, K2 = 0.03 and
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal
 
 import torch
@@ -38,11 +39,13 @@ class Settings:
     with_edges: bool
 
 
-def gaussian_window(window: int, sigma: float) -> list[float]:
-    """The `window` weights of a sampled Gaussian, scaled to sum to one."""
+@cache
+def gaussian_window(window: int, sigma: float) -> tuple[float, ...]:
+    """The `window` weights of a sampled Gaussian, scaled to sum to one. Kept, since every training step asks for them
+    again."""
     radius = window // 2
     samples = torch.exp(-0.5 * (torch.arange(-radius, radius + 1, dtype=torch.float64) / sigma) ** 2)
-    return (samples / samples.sum()).tolist()
+    return tuple((samples / samples.sum()).tolist())
 
 
 def check_images(prediction: Tensor, target: Tensor, border: str, window: int, sigma: float, data_range: float) -> None:

@@ -134,7 +134,7 @@ def test_tensors_on_two_devices_are_refused(folder: Path) -> None:
 
 
 def test_unknown_names_are_one_line() -> None:
-    with pytest.raises(InputError, match="kernel: found 'blur', expected one of adam, field, mix, rasterize, sca"):
+    with pytest.raises(InputError, match="kernel: found 'blur', expected one of adam, colours, field, mix, rasteri"):
         kernels.load("blur")
     with pytest.raises(InputError, match="backend of kernel ssim: found 'npu', expected auto or one of cpu, gpu, ref"):
         kernels.load("ssim", "npu")

@@ -6,6 +6,7 @@ normalised disparity (`learning/lenses.py`); slope and offset are tensors in tra
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -15,8 +16,10 @@ from torch import Tensor
 from dofbench.compute.device_numbers import beside
 from dofbench.core.cameras import Camera
 from dofbench.core.lens import COC_FRACTION, DisparityRange, PhysicalLens
+from dofbench.kernels import load
 
-_LEAST_CLIPPED = 1e-5  # released code; its greatest is 1
+_CLIPPED = 1e-5, 1.0  # released code
+_FREE = -math.inf, math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +63,21 @@ class Shot:
             for value in (self.slope, self.offset)
         )
         focus = torch.where(slope == 0, 0.0, -offset / slope)
-        return (self._normalised(disparity.detach()) - focus).abs()
+        normalised: Tensor = self.bounds.normalise(disparity.detach()).clamp(*self._limits)
+        return (normalised - focus).abs()
 
     def _whole(self, disparity: Tensor) -> Tensor:
-        return (COC_FRACTION * self.camera.width) * (self.slope * self._normalised(disparity) + self.offset)
+        radius: Tensor = load("surface", function="circle")(
+            disparity,
+            self.slope,
+            self.offset,
+            low=self.bounds.q_min,
+            extent=self.bounds.extent,
+            scale=COC_FRACTION * self.camera.width,
+            clipped=self._limits,
+        )
+        return radius
 
-    def _normalised(self, disparity: Tensor) -> Tensor:
-        normalised: Tensor = self.bounds.normalise(disparity)
-        return normalised.clamp(_LEAST_CLIPPED, 1) if self.clipped else normalised
+    @property
+    def _limits(self) -> tuple[float, float]:
+        return _CLIPPED if self.clipped else _FREE

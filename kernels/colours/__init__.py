@@ -1,0 +1,1 @@
+"""A picture's colours, each mixed from its three channels in the same way."""

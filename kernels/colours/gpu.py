@@ -1,0 +1,43 @@
+"""The colour transform on a GPU: float32, Triton, one autograd function."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from dofbench.compute.backend import Backend
+from dofbench.compute.gpu_launch import check_tensors, kernels, launch
+
+BACKEND = Backend(devices=("cuda",), dtypes=("float32",), bits_repeat=True)
+_BLOCK = 512
+
+
+def colours(image: Tensor, change: Tensor) -> Tensor:
+    """See `reference.colours`. float32 on a GPU; raises ValueError for another type or device."""
+    check_tensors("colours", image=image, change=change)
+    return _Colours.apply(image.contiguous(), change.contiguous())
+
+
+class _Colours(torch.autograd.Function):
+    @staticmethod
+    def forward(context, image, change):
+        result, pixels = torch.empty_like(image), image.numel() // 3
+        context.save_for_backward(image, change)
+        launch(kernels("colours.gpu_pixels").changed, _grid(pixels), image, change, result, pixels, BLOCK=_BLOCK)
+        return result
+
+    @staticmethod
+    @once_differentiable
+    def backward(context, gradient):
+        image, change = context.saved_tensors
+        pixels = image.numel() // 3
+        grid, result = _grid(pixels), torch.empty_like(image)
+        sums = image.new_empty(*grid, 3, 4)
+        call = gradient.contiguous(), image, change, result, sums, pixels
+        launch(kernels("colours.gpu_pixels").gradient, grid, *call, BLOCK=_BLOCK)
+        return result, sums.sum(0)
+
+
+def _grid(pixels: int) -> tuple[int]:
+    return (-(-pixels // _BLOCK),)

@@ -1,0 +1,159 @@
+"""`surface`, `circle` and `known_depth` with their gradients on the CPU: float32, one autograd function each."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from dofbench.compute.backend import Backend
+from dofbench.compute.kernel_cache import is_compiled
+
+from . import cpu_pixels as compiled
+from .reference import LEAST_SHARES
+
+_NOTHING = np.empty((0, 0), dtype=np.float32)  # what the kernels take for no weight
+_NO_SHARES = np.empty(0, dtype=np.float32)
+
+
+def surface(depth: Tensor, alpha: Tensor, least_alpha: float) -> Tensor:
+    """See `reference.surface`. float32 on the CPU; raises ValueError for another type or device."""
+    _check(depth=depth, alpha=alpha)
+    return _Surface.apply(depth, alpha, least_alpha)
+
+
+def circle(
+    disparity: Tensor,
+    slope: Tensor | float,
+    offset: Tensor | float,
+    *,
+    low: float,
+    extent: float,
+    scale: float,
+    clipped: tuple[float, float] = (-math.inf, math.inf),
+) -> Tensor:
+    """See `reference.circle`. float32 on the CPU; raises ValueError for another type or device."""
+    _check(disparity=disparity)
+    return _Circle.apply(disparity, slope, offset, (low, extent, scale, *clipped))
+
+
+def known_depth(
+    depth: Tensor,
+    alpha: Tensor,
+    rows: Tensor,
+    columns: Tensor,
+    known: Tensor,
+    shares: Tensor | None,
+    weight: Tensor | None,
+    *,
+    most: int | None,
+    least_alpha: float,
+    extent: float | None,
+    squared: bool,
+) -> Tensor:
+    """See `reference.known_depth`. float32 on the CPU; raises ValueError for another type or device. `most` isn't
+    needed."""
+    _check(depth=depth, alpha=alpha, known=known, shares=shares, weight=weight)
+    samples = rows, columns, known, shares
+    return _KnownDepth.apply(depth, alpha, samples, weight, (least_alpha, extent, squared))
+
+
+class _Surface(torch.autograd.Function):
+    @staticmethod
+    def forward(context, depth, alpha, least_alpha):
+        z, opacity = _flat(depth), _flat(alpha)
+        result = compiled.disparities(z, opacity, np.float32(least_alpha))
+        context.kept = z, opacity, np.float32(least_alpha), depth.shape
+        return torch.from_numpy(result).reshape(depth.shape)
+
+    @staticmethod
+    @once_differentiable
+    def backward(context, gradient):
+        *call, shape = context.kept
+        return torch.from_numpy(compiled.disparities_gradient(_flat(gradient), *call)).reshape(shape), None, None
+
+
+class _Circle(torch.autograd.Function):
+    @staticmethod
+    def forward(context, disparity, slope, offset, numbers):
+        q, lens = _flat(disparity), tuple(_number(value) for value in (slope, offset))
+        context.kept = q, lens[0], tuple(np.float32(value) for value in numbers), disparity.shape
+        context.shapes = [value.shape if isinstance(value, Tensor) else None for value in (slope, offset)]
+        return torch.from_numpy(compiled.circles(q, *lens, *context.kept[2])).reshape(disparity.shape)
+
+    @staticmethod
+    @once_differentiable
+    def backward(context, gradient):
+        q, slope, numbers, shape = context.kept
+        by_disparity, *by_lens = compiled.circles_gradient(_flat(gradient), q, slope, *numbers)
+        found = [
+            None if shape is None else torch.from_numpy(np.full(shape, by, np.float32))
+            for shape, by in zip(context.shapes, by_lens, strict=True)
+        ]
+        return torch.from_numpy(by_disparity).reshape(shape), *found, None
+
+
+class _KnownDepth(torch.autograd.Function):
+    @staticmethod
+    def forward(context, depth, alpha, samples, weight, options):
+        least_alpha, extent, squared = options
+        rows, columns, known, shares = samples
+        call = (
+            depth.detach().contiguous().numpy(),
+            alpha.detach().contiguous().numpy(),
+            rows.contiguous().numpy(),
+            columns.contiguous().numpy(),
+            known.detach().contiguous().numpy(),
+            _NO_SHARES if shares is None else shares.detach().contiguous().numpy(),
+            _NOTHING if weight is None else weight.detach().contiguous().numpy(),
+            np.float32(least_alpha),
+            np.float32(0.0 if extent is None else 1 / extent),
+            squared,
+        )
+        error, counted = compiled.depth_error(*call)
+        context.call, context.counted = call, max(counted, LEAST_SHARES)
+        return torch.from_numpy(np.array(error / context.counted, np.float32))
+
+    @staticmethod
+    @once_differentiable
+    def backward(context, gradient):
+        by_depth = compiled.depth_error_gradient(*context.call, np.float32(_number(gradient) / context.counted))
+        return torch.from_numpy(by_depth), None, None, None, None
+
+
+def _number(value: Tensor | float) -> np.float32:
+    return np.float32(value.detach().numpy().item() if isinstance(value, Tensor) else value)
+
+
+def _flat(tensor: Tensor) -> np.ndarray:
+    flat: np.ndarray = tensor.detach().contiguous().numpy().reshape(-1)
+    return flat
+
+
+def _check(**tensors: Tensor | None) -> None:
+    for name, tensor in tensors.items():
+        if tensor is not None and (tensor.dtype != torch.float32 or tensor.device.type != "cpu"):
+            found = f"{tensor.dtype} on {tensor.device}"
+            raise ValueError(f"surface on the CPU, {name}: expected float32 on cpu, found {found}")
+
+
+def _warm_up() -> None:
+    depth, alpha = torch.ones(4, 4, requires_grad=True), torch.ones(4, 4)
+    slope, at = torch.ones((), requires_grad=True), torch.arange(4)
+    radius = circle(surface(depth, alpha, 0.1), slope, 0.0, low=0.0, extent=1.0, scale=1.0)
+    error = known_depth(
+        depth, alpha, at, at, torch.ones(4), None, None, most=1, least_alpha=0.1, extent=1.0, squared=False
+    )
+    (radius.sum() + error).backward()
+
+
+BACKEND = Backend(
+    devices=("cpu",),
+    dtypes=("float32",),
+    bits_repeat=True,
+    warm_up=_warm_up,
+    is_warm=lambda: is_compiled(compiled.depth_error_gradient),
+)
