@@ -53,6 +53,7 @@ SSIM = Op(
 )
 
 _SURFACE = blocks(lambda s: s.pixels, 1024)
+_SAMPLES = blocks(lambda s: s.pixels, 256)
 
 
 def _sums(stage: str, backward: bool = True, launches: int = 1) -> OtherWork:
@@ -80,8 +81,8 @@ SURFACE = Op(
 _DEPTH = {"INVERSE": True, "SQUARED": False, "SHARED": True, "WEIGHTED": False}
 KNOWN_DEPTH = Op(
     (
-        Kernel("surface", "depth_error", "loss", False, _SURFACE, lambda s, _: 32 * s.pixels, _DEPTH),
-        Kernel("surface", "depth_error_gradient", "loss", True, _SURFACE, lambda s, _: 52 * s.pixels, _DEPTH),
+        Kernel("surface", "depth_error", "loss", False, _SAMPLES, lambda s, _: 32 * s.pixels, _DEPTH),
+        Kernel("surface", "depth_error_gradient", "loss", True, _SAMPLES, lambda s, _: 52 * s.pixels, _DEPTH),
     ),
     (_sums("loss", False, 3), OtherWork("zeros", "loss", True, lambda s: 4 * s.pixels, lambda s: 1)),
 )

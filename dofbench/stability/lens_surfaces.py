@@ -86,7 +86,7 @@ def _nothing_known(setting: Setting, count: int) -> Found:
 
 
 def _crowded(setting: Setting, squared: bool) -> Found:
-    """A thousand samples in one pixel, more than a program of a GPU's takes with one of them in the next."""
+    """A thousand samples in one pixel, more than one program of a GPU's takes."""
     count = 1025
     (found, gradient), (exact, expected) = (_error(one, count, 1.0, squared) for one in (setting, DOUBLE))
     return Found(max(off(found, exact), off(gradient, expected)), (2 * ROUNDINGS + count) * setting.eps)

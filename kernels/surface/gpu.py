@@ -16,6 +16,7 @@ from .reference import LEAST_SHARES
 
 BACKEND = Backend(devices=("cuda",), dtypes=("float32",), bits_repeat=True)
 _BLOCK = 1024
+_SAMPLES = 256  # of a program; more would need so many registers that few programs fit
 
 
 def surface(depth: Tensor, alpha: Tensor, least_alpha: float) -> Tensor:
@@ -68,7 +69,7 @@ def known_depth(
         "SQUARED": squared,
         "SHARED": shares is not None,
         "WEIGHTED": weight is not None,
-        "BLOCK": _BLOCK,
+        "BLOCK": _SAMPLES,
     }
     numbers = float(least_alpha), 1.0 if extent is None else 1 / extent
     # A kernel that knows no shares, or no weight, never looks at what stands in its place.
@@ -130,7 +131,7 @@ class _KnownDepth(torch.autograd.Function):
     @staticmethod
     def forward(context, depth, alpha, samples, most, numbers, call):
         count, width = samples[2].numel(), depth.shape[1]
-        grid = _grid(count)
+        grid = _grid(count, _SAMPLES)
         sums = depth.new_empty(*grid, 2)
         launch(
             kernels("surface.gpu_samples").depth_error, grid, depth, alpha, *samples, sums, count, width, *numbers,
@@ -150,11 +151,11 @@ class _KnownDepth(torch.autograd.Function):
         count, width = samples[2].numel(), depth.shape[1]
         result = torch.zeros_like(depth)
         launch(
-            kernels("surface.gpu_samples").depth_error_gradient, _grid(count), depth, alpha, *samples, gradient,
-            counted, result, count, width, most, *numbers, **call,
+            kernels("surface.gpu_samples").depth_error_gradient, _grid(count, _SAMPLES), depth, alpha, *samples,
+            gradient, counted, result, count, width, most, *numbers, **call,
         )  # fmt: skip
         return result, None, None, None, None, None
 
 
-def _grid(size: int) -> tuple[int]:
-    return (-(-size // _BLOCK),)
+def _grid(size: int, block: int = _BLOCK) -> tuple[int]:
+    return (-(-size // block),)

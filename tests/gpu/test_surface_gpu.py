@@ -52,7 +52,7 @@ def test_errors_of_depth_agree_with_the_definition(
 
 
 def test_samples_of_a_pixel_are_added_up_over_the_border_of_programs() -> None:
-    """All but the first and the last sample lie in one pixel, from before the 1 024th on to behind it."""
+    """All but the first and the last sample lie in one pixel, whose first sample adds up those of several programs."""
     at = torch.tensor([0, *[7] * 1100, 19])
     assert_agrees(
         "surface", {"depth": torch.rand(4, 5) + 0.5}, function="known_depth", alpha=torch.ones(4, 5), rows=at // 5,
