@@ -83,7 +83,9 @@ def total_row(sizes: Sizes, gpu: Gpu, many: Sequence[Time], codes: Sequence[Code
     whole = task_row(training_step(sizes), gpu, many)
     step = 1e-3 * float(str(whole["milliseconds"]))
     drawn = predicted("rasterize", sizes, gpu, codes=codes)
-    lens = predicted("scatter", sizes, gpu, codes=codes) + 2 * predicted("tone", sizes, gpu, codes=codes)
+    lens = sum(
+        calls * predicted(op, sizes, gpu, codes=codes) for op, calls in (("surface", 1), ("scatter", 1), ("tone", 2))
+    )
     named = {time.kernel: time for time in many}
     backward = named["blend_backward"]
     more = training_step(

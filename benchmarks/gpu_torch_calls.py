@@ -50,9 +50,8 @@ class Settings:
 class Calls(TorchDispatchMode):
     """Counts the calls of torch's operations that would be launches on a GPU.
 
-    Views, and constants made on the host, are none. What the host reads is a sum that says whether values are finite: a
-    GPU's checks are told apart in the model, and so is Adam with its count of steps, so that neither the reading nor
-    its sum counts.
+    Views, and constants made on the host, are none. A sum that the host reads at once says whether values are finite: a
+    GPU's checks are told apart in the model, and so is Adam with its count of steps, so that such a sum doesn't count.
     """
 
     FREE = (
@@ -64,10 +63,14 @@ class Calls(TorchDispatchMode):
     def __init__(self) -> None:
         super().__init__()
         self.count = 0
+        self._before = ""
 
     def __torch_dispatch__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         name = str(function).removeprefix("aten.")
-        self.count += -1 if name.startswith(self.READ) else not name.startswith(self.FREE)
+        if name.startswith(self.READ):
+            self.count -= self._before.startswith("sum")
+        elif not name.startswith(self.FREE):
+            self.count, self._before = self.count + 1, name
         return function(*args, **(kwargs or {}))
 
 
