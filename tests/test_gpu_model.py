@@ -229,7 +229,7 @@ def test_points_of_the_lens_are_pictures_of_their_own() -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: gpu_times.predicted("defocus", SIZES, A100), "op defocus: expected one of field, field_density"),
+        (lambda: gpu_times.predicted("defocus", SIZES, A100), "op defocus: expected one of colours, field"),
         (lambda: gpu_times.predicted("tone", SIZES, replace(A100, architecture=70)), "no code for sm_70"),
     ],
 )

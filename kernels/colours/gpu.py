@@ -24,7 +24,7 @@ class _Colours(torch.autograd.Function):
     def forward(context, image, change):
         result, pixels = torch.empty_like(image), image.numel() // 3
         context.save_for_backward(image, change)
-        launch(kernels("colours.gpu_pixels").changed, _grid(pixels), image, change, result, pixels, BLOCK=_BLOCK)
+        launch(kernels("colours.gpu_affine").changed, _grid(pixels), image, change, result, pixels, BLOCK=_BLOCK)
         return result
 
     @staticmethod
@@ -35,7 +35,7 @@ class _Colours(torch.autograd.Function):
         grid, result = _grid(pixels), torch.empty_like(image)
         sums = image.new_empty(*grid, 3, 4)
         call = gradient.contiguous(), image, change, result, sums, pixels
-        launch(kernels("colours.gpu_pixels").gradient, grid, *call, BLOCK=_BLOCK)
+        launch(kernels("colours.gpu_affine").gradient, grid, *call, BLOCK=_BLOCK)
         return result, sums.sum(0)
 
 

@@ -12,7 +12,7 @@ from torch.autograd.function import once_differentiable
 from dofbench.compute.backend import Backend
 from dofbench.compute.kernel_cache import is_compiled
 
-from . import cpu_pixels as compiled
+from . import cpu_loops as compiled
 from .reference import LEAST_SHARES
 
 _NOTHING = np.empty((0, 0), dtype=np.float32)  # what the kernels take for no weight

@@ -88,7 +88,7 @@ class _Surface(torch.autograd.Function):
     def forward(context, depth, alpha, least_alpha):
         size, grid = depth.numel(), _grid(depth.numel())
         result, nearest = torch.empty_like(depth), depth.new_empty(grid)
-        pixels = kernels("surface.gpu_pixels")
+        pixels = kernels("surface.gpu_circles")
         launch(pixels.disparities, grid, depth, alpha, result, nearest, size, least_alpha, BLOCK=_BLOCK)
         launch(pixels.fill, grid, depth, alpha, nearest, result, size, grid[0], least_alpha, BLOCK=_BLOCK)
         context.save_for_backward(depth, alpha)
@@ -101,7 +101,7 @@ class _Surface(torch.autograd.Function):
         depth, alpha = context.saved_tensors
         size, result = depth.numel(), torch.empty_like(depth)
         call = gradient.contiguous(), depth, alpha, result, size, context.least_alpha
-        launch(kernels("surface.gpu_pixels").disparities_gradient, _grid(size), *call, BLOCK=_BLOCK)
+        launch(kernels("surface.gpu_circles").disparities_gradient, _grid(size), *call, BLOCK=_BLOCK)
         return result, None, None
 
 
@@ -110,7 +110,7 @@ class _Circle(torch.autograd.Function):
     def forward(context, disparity, slope, offset, numbers):
         size, result = disparity.numel(), torch.empty_like(disparity)
         call = disparity, slope, offset, result, size, *numbers
-        launch(kernels("surface.gpu_pixels").circles, _grid(size), *call, BLOCK=_BLOCK)
+        launch(kernels("surface.gpu_circles").circles, _grid(size), *call, BLOCK=_BLOCK)
         context.save_for_backward(disparity, slope)
         context.numbers, context.offset = numbers, offset.shape
         return result
@@ -122,7 +122,7 @@ class _Circle(torch.autograd.Function):
         size, grid = disparity.numel(), _grid(disparity.numel())
         result, sums = torch.empty_like(disparity), disparity.new_empty(*grid, 2)
         call = gradient.contiguous(), disparity, slope, result, sums, size, *context.numbers
-        launch(kernels("surface.gpu_pixels").circles_gradient, grid, *call, BLOCK=_BLOCK)
+        launch(kernels("surface.gpu_circles").circles_gradient, grid, *call, BLOCK=_BLOCK)
         by_slope, by_offset = sums.sum(0)
         return result, by_slope.view(slope.shape), by_offset.view(context.offset), None
 
@@ -134,7 +134,7 @@ class _KnownDepth(torch.autograd.Function):
         grid = _grid(count, _SAMPLES)
         sums = depth.new_empty(*grid, 2)
         launch(
-            kernels("surface.gpu_samples").depth_error, grid, depth, alpha, *samples, sums, count, width, *numbers,
+            kernels("surface.gpu_depth_error").depth_error, grid, depth, alpha, *samples, sums, count, width, *numbers,
             **call,
         )  # fmt: skip
         error, counted = sums.sum(0)
@@ -151,7 +151,7 @@ class _KnownDepth(torch.autograd.Function):
         count, width = samples[2].numel(), depth.shape[1]
         result = torch.zeros_like(depth)
         launch(
-            kernels("surface.gpu_samples").depth_error_gradient, _grid(count, _SAMPLES), depth, alpha, *samples,
+            kernels("surface.gpu_depth_error").depth_error_gradient, _grid(count, _SAMPLES), depth, alpha, *samples,
             gradient, counted, result, count, width, most, *numbers, **call,
         )  # fmt: skip
         return result, None, None, None, None, None
