@@ -13,15 +13,16 @@ from dofbench.compute.backend import Backend
 from dofbench.compute.kernel_cache import is_compiled
 
 from . import cpu_loops as compiled
-from .reference import LEAST_SHARES
+from .reference import LEAST_SHARES, check_shapes
 
 _NOTHING = np.empty((0, 0), dtype=np.float32)  # what the kernels take for no weight
 _NO_SHARES = np.empty(0, dtype=np.float32)
 
 
 def surface(depth: Tensor, alpha: Tensor, least_alpha: float) -> Tensor:
-    """See `reference.surface`. float32 on the CPU; raises ValueError for another type or device."""
+    """See `reference.surface`. float32 on the CPU; raises ValueError for another type, device or shape."""
     _check(depth=depth, alpha=alpha)
+    check_shapes(depth, alpha)
     return _Surface.apply(depth, alpha, least_alpha)
 
 
@@ -54,9 +55,10 @@ def known_depth(
     extent: float | None,
     squared: bool,
 ) -> Tensor:
-    """See `reference.known_depth`. float32 on the CPU; raises ValueError for another type or device. `most` isn't
-    needed."""
+    """See `reference.known_depth`. float32 on the CPU; raises ValueError for another type, device or shape, and
+    IndexError for samples outside the picture. `most` isn't needed."""
     _check(depth=depth, alpha=alpha, known=known, shares=shares, weight=weight)
+    check_shapes(depth, alpha, weight)
     samples = rows, columns, known, shares
     return _KnownDepth.apply(depth, alpha, samples, weight, (least_alpha, extent, squared))
 
@@ -113,7 +115,9 @@ class _KnownDepth(torch.autograd.Function):
             np.float32(0.0 if extent is None else 1 / extent),
             squared,
         )
-        error, counted = compiled.depth_error(*call)
+        error, counted, outside = compiled.depth_error(*call)
+        if outside:
+            raise IndexError(f"surface: {outside:.0f} samples of known depth outside {tuple(depth.shape)} pixels")
         context.call, context.counted = call, max(counted, LEAST_SHARES)
         return torch.from_numpy(np.array(error / context.counted, np.float32))
 

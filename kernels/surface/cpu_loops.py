@@ -110,14 +110,18 @@ def _difference(rendered, known, inverse_extent):
 @cached
 @njit(parallel=True, error_model="numpy")
 def depth_error(depth, alpha, rows, columns, known, shares, weight, least_alpha, inverse_extent, squared):
-    """The sum of the samples' errors and that of their shares; see `reference.known_depth`. shares, weight: empty for
-    none. inverse_extent: 0 for errors in scene units."""
+    """The sum of the samples' errors, that of their shares, and how many lie outside the picture, which isn't looked at
+    there; see `reference.known_depth`. shares, weight: empty for none. inverse_extent: 0 for errors in scene units."""
+    height, width = depth.shape
     pieces = -(-known.size // _PIECE)
-    sums = np.zeros((pieces, 2))
+    sums = np.zeros((pieces, 3))
     for piece in prange(pieces):
-        total = counted = 0.0
+        total = counted = outside = 0.0
         for i in range(piece * _PIECE, min(known.size, piece * _PIECE + _PIECE)):
             row, column = rows[i], columns[i]
+            if not (0 <= row < height and 0 <= column < width):
+                outside += 1.0
+                continue
             if not alpha[row, column] > least_alpha:
                 continue
             share = shares[i] if shares.size else _ONE
@@ -126,12 +130,13 @@ def depth_error(depth, alpha, rows, columns, known, shares, weight, least_alpha,
             total += float(error * weight[row, column] if weight.size else error)
             counted += float(share)
         sums[piece, 0] = total
-        sums[piece, 1] = counted
-    total = counted = 0.0
+        sums[piece] = np.array((total, counted, outside))
+    total = counted = outside = 0.0
     for piece in range(pieces):
         total += sums[piece, 0]
         counted += sums[piece, 1]
-    return total, counted
+        outside += sums[piece, 2]
+    return total, counted, outside
 
 
 @cached

@@ -12,7 +12,7 @@ from dofbench.compute.backend import Backend
 from dofbench.compute.device_numbers import beside
 from dofbench.compute.gpu_launch import check_tensors, kernels, launch
 
-from .reference import LEAST_SHARES
+from .reference import LEAST_SHARES, check_shapes
 
 BACKEND = Backend(devices=("cuda",), dtypes=("float32",), bits_repeat=True)
 _BLOCK = 1024
@@ -20,8 +20,9 @@ _SAMPLES = 256  # of a program; more would need so many registers that few progr
 
 
 def surface(depth: Tensor, alpha: Tensor, least_alpha: float) -> Tensor:
-    """See `reference.surface`. float32 on a GPU; raises ValueError for another type or device."""
+    """See `reference.surface`. float32 on a GPU; raises ValueError for another type, device or shape."""
     check_tensors("surface", depth=depth, alpha=alpha)
+    check_shapes(depth, alpha)
     return _Surface.apply(depth.contiguous(), alpha.contiguous(), float(least_alpha))
 
 
@@ -58,10 +59,11 @@ def known_depth(
 ) -> Tensor:
     """See `reference.known_depth`. float32 on a GPU.
 
-    Raises ValueError for another type or device, and where `most` isn't known: the first sample of a pixel adds up the
-    gradients of the next ones, in their order.
+    Raises ValueError for another type, device or shape, and where `most` isn't known: the first sample of a pixel adds
+    up the gradients of the next ones, in their order. Samples must lie in the picture.
     """
     check_tensors("surface", depth=depth, alpha=alpha, known=known, shares=shares, weight=weight)
+    check_shapes(depth, alpha, weight)
     if most is None:
         raise ValueError("surface: expected to be told how many samples a pixel has at most, found None")
     call = {

@@ -81,3 +81,10 @@ def known_depth(
         error = error * weight[rows, columns]
     counted = there.to(error.dtype) if shares is None else there * shares
     return error.sum() / counted.sum().clamp(min=LEAST_SHARES)
+
+
+def check_shapes(depth: Tensor, *others: Tensor | None) -> None:
+    """Raise ValueError unless all pictures have the size of the depth."""
+    for one in others:
+        if one is not None and one.shape != depth.shape:
+            raise ValueError(f"surface: expected pictures of {tuple(depth.shape)} pixels, found {tuple(one.shape)}")

@@ -159,3 +159,14 @@ def test_a_radius_keeps_the_shape_and_numbers_are_a_lens_too() -> None:
 def test_tensors_that_it_cannot_take_are_named() -> None:
     with pytest.raises(ValueError, match="surface on the CPU, depth: expected float32 on cpu, found torch.float64"):
         load("surface", "cpu")(torch.ones(2, 2).double(), torch.ones(2, 2), LEAST_ALPHA)
+    with pytest.raises(ValueError, match=r"surface: expected pictures of \(2, 3\) pixels, found \(3, 2\)"):
+        load("surface", "cpu")(torch.ones(2, 3), torch.ones(3, 2), LEAST_ALPHA)
+
+
+@pytest.mark.parametrize(("row", "column"), [(2, 0), (0, 3), (-1, 0), (0, -1)])
+def test_samples_outside_the_picture_are_refused_instead_of_read(row: int, column: int) -> None:
+    depth, known = torch.ones(2, 3), torch.ones(2)
+    at = torch.tensor([0, row]), torch.tensor([0, column])
+    options = {"most": 1, "least_alpha": LEAST_ALPHA, "extent": None, "squared": False}
+    with pytest.raises(IndexError, match=r"surface: 1 samples of known depth outside \(2, 3\) pixels"):
+        load("surface", "cpu", function="known_depth")(depth, depth, *at, known, None, None, **options)
