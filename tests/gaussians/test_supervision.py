@@ -41,3 +41,17 @@ def test_samples_are_put_into_a_copy_of_a_depth_map() -> None:
     after = before.with_samples(DepthSamples(*where, torch.tensor([7.0])))
     assert (before.depth == 4.0).all() and (before.weight == 0.5).all()
     assert after.depth.tolist() == [[4, 4, 4], [4, 4, 7]] and after.weight.tolist() == [[0.5] * 3, [0.5, 0.5, 1.0]]
+
+
+def test_samples_on_a_device_are_in_the_order_of_their_pixels_with_what_belongs_to_them() -> None:
+    """And how many lie in one pixel at most is told, by which a GPU adds up their gradients."""
+    rows, columns = torch.tensor([2, 0, 2, 1, 2, 0]), torch.tensor([1, 5, 1, 0, 0, 5])
+    number = torch.arange(6, dtype=torch.float32)
+    found = DepthSamples(rows, columns, 1 + number, number).on("cpu")
+    assert list(zip(found.rows.tolist(), found.columns.tolist(), strict=True)) == [
+        (0, 5), (0, 5), (1, 0), (2, 0), (2, 1), (2, 1),
+    ]  # fmt: skip
+    assert found.weight is not None and found.weight.tolist() == [1, 5, 3, 4, 0, 2]
+    assert torch.equal(found.depth, 1 + found.weight) and found.most == 2
+    nothing = DepthSamples(rows[:0], columns[:0], number[:0]).on("cpu")
+    assert len(nothing.depth) == 0 and nothing.most == 1 and nothing.weight is None
