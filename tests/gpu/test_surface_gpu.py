@@ -25,7 +25,7 @@ def test_disparities_agree_with_the_definition(nearer: float) -> None:
 @pytest.mark.parametrize("clipped", [(-math.inf, math.inf), (0.0, 1.0)])
 def test_circles_agree_with_the_definition(clipped: tuple[float, float]) -> None:
     disparity = torch.rand(40, 37)
-    disparity = torch.where(((disparity - 0.2).abs() < 1e-3) | ((disparity - 0.7).abs() < 1e-3), 0.3, disparity)
+    disparity = torch.where(((disparity - 0.2).abs() < 0.01) | ((disparity - 0.7).abs() < 0.01), 0.3, disparity)
     inputs = {"disparity": disparity, "slope": torch.tensor(0.8), "offset": torch.tensor(-0.3)}
     numbers = {"low": 0.2, "extent": 0.5, "scale": 6.0, "clipped": clipped}
     assert_agrees("surface", inputs, torch.randn_like(disparity), function="circle", **numbers)

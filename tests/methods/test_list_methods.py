@@ -136,7 +136,7 @@ def test_the_kernels_of_a_shipped_method_with_their_backends(said) -> None:
     _, lines, _ = said("methods", "mipsplatting")
     first = next(index for index, line in enumerate(lines) if line.split()[:2] == ["kernel", "backend"])
     rows = [cells(lines[first], line) for line in lines[first + 1 : lines.index("", first) - 2]]
-    assert {row["kernel"] for row in rows} == {"adam", "rasterize", "ssim", "stereo"}
+    assert {row["kernel"] for row in rows} == {"adam", "colours", "rasterize", "ssim", "stereo", "surface"}
     expected = {"kernel": "ssim", "backend": "cpu", "devices": "cpu", "types": "float32", "bits repeat": "yes"}
     assert expected in rows
     expected = {"backend": "reference", "devices": "cpu, cuda", "types": "float64, float32", "bits repeat": "no"}
