@@ -27,9 +27,9 @@ class DepthSamples:
 
     def on(self, device: str) -> DepthSamples:
         """The samples on a device, in the order of rows, then columns."""
-        pixels = np.stack([self.rows.numpy(force=True), self.columns.numpy(force=True)])
-        order = torch.from_numpy(np.lexsort(pixels[::-1])).to(self.rows.device)
-        _, many = np.unique(pixels, axis=1, return_counts=True)
+        rows_first = self.rows.numpy(force=True) << 32 | self.columns.numpy(force=True)
+        order = torch.from_numpy(np.argsort(rows_first, kind="stable")).to(self.rows.device)
+        _, many = np.unique(rows_first, return_counts=True)
         tensors = (self.rows, self.columns, self.depth, self.weight)
         rows, columns, depth, weight = (None if one is None else one[order].to(device) for one in tensors)
         assert rows is not None and columns is not None and depth is not None

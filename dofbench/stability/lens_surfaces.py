@@ -1,5 +1,5 @@
 """What a rendered depth says: surfaces without depth, ranges of disparity without extent, samples of known depth that
-crowd in one pixel or have none, colours that are no numbers."""
+crowd in one pixel or have none."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
-from dofbench.stability.case import DOUBLE, KERNELS, Case, Found, Setting, differing, gradient_at, off, values
+from dofbench.stability.case import DOUBLE, KERNELS, Case, Found, Setting, differing, gradient_at, off
 from dofbench.stability.comparisons import EXACT
 from dofbench.stability.oracle import ROUNDINGS
-from dofbench.stability.samples import HEIGHT, WIDTH, disparity, picture
+from dofbench.stability.samples import HEIGHT, WIDTH, disparity
 from dofbench.stability.subject import Subject
 
 _LEAST_ALPHA = 0.1
@@ -92,35 +92,6 @@ def _crowded(setting: Setting, squared: bool) -> Found:
     return Found(max(off(found, exact), off(gradient, expected)), (2 * ROUNDINGS + count) * setting.eps)
 
 
-def _colour_lost(setting: Setting, bad: float) -> Found:
-    """A channel that is none makes its own pixel's channels none, and no other's."""
-    image = picture().astype(np.float32)
-    image[3, 4, 1] = bad
-    found = values(setting.kernel("colours")(setting.tensor(image), setting.tensor(np.full((3, 4), 0.5))))
-    lost = ~np.isfinite(found).any(axis=2)
-    return Found(float(lost.sum() != 1 or not lost[3, 4]), 0.0)
-
-
-def _identity(setting: Setting) -> Found:
-    """Without any change the picture comes back bit for bit."""
-    image = picture().astype(np.float32)
-    found = setting.kernel("colours")(setting.tensor(image), setting.tensor(np.zeros((3, 4))))
-    return Found(differing(found, image), 0.0)
-
-
-def _mixed_colours(setting: Setting, largest: float) -> Found:
-    """Values and gradients of a strong change are the definition's."""
-    results = []
-    for one in (setting, DOUBLE):
-        change = np.random.default_rng(7).uniform(-largest, largest, (3, 4)).astype(np.float32)
-        given = [one.tensor(array, gradient=True) for array in (picture().astype(np.float32), change)]
-        found = one.kernel("colours")(*given)
-        found.sum().backward()
-        results.append([values(found), *(gradient_at(leaf) for leaf in given)])
-    worst = max(off(found, exact) for found, exact in zip(*results, strict=True))
-    return Found(worst, (2 * ROUNDINGS + HEIGHT * WIDTH) * setting.eps)
-
-
 def surfaces() -> tuple[Case, ...]:
     """The cases of the lens's group."""
     surface = Subject("lens", "surface", KERNELS)
@@ -166,25 +137,3 @@ def surfaces() -> tuple[Case, ...]:
             squared={"absolute": False, "squared": True},
         ),
     )  # fmt: skip
-
-
-def coloured() -> tuple[Case, ...]:
-    """The cases of light's group."""
-    colours = Subject("light", "colours", KERNELS)
-    return (
-        colours.case("colours-unchanged", "a photograph without a change of its own is the picture", EXACT, _identity),
-        *colours.each(
-            "colours-{bad:g}",
-            "a channel of {bad:g} is seen in its pixel, and nowhere else",
-            "0: neither swallowed nor spread",
-            _colour_lost,
-            bad=(math.nan, math.inf),
-        ),
-        *colours.each(
-            "colours-changed-by-{largest:g}",
-            "values and gradients are the definition's with a change of up to {largest:g}",
-            _AS_DEFINED + ", and one for each pixel that is added up",
-            _mixed_colours,
-            largest=(0.1, 1e6),
-        ),
-    )

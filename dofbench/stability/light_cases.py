@@ -28,7 +28,7 @@ from dofbench.stability.case import (
     values,
 )
 from dofbench.stability.comparisons import EXACT, NAMED, summed
-from dofbench.stability.lens_surfaces import coloured
+from dofbench.stability.light_colours import coloured
 from dofbench.stability.light_mixing import mixing
 from dofbench.stability.oracle import POWER, ROUNDINGS, dense_scatter
 from dofbench.stability.samples import HEIGHT, WIDTH, picture, radii

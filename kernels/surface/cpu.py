@@ -92,8 +92,8 @@ class _Circle(torch.autograd.Function):
         q, slope, numbers, shape = context.kept
         by_disparity, *by_lens = compiled.circles_gradient(_flat(gradient), q, slope, *numbers)
         found = [
-            None if shape is None else torch.from_numpy(np.full(shape, by, np.float32))
-            for shape, by in zip(context.shapes, by_lens, strict=True)
+            None if size is None else torch.from_numpy(np.full(size, by, np.float32))
+            for size, by in zip(context.shapes, by_lens, strict=True)
         ]
         return torch.from_numpy(by_disparity).reshape(shape), *found, None
 

@@ -89,10 +89,10 @@ class _Surface(torch.autograd.Function):
     @staticmethod
     def forward(context, depth, alpha, least_alpha):
         size, grid = depth.numel(), _grid(depth.numel())
-        result, nearest = torch.empty_like(depth), depth.new_empty(grid)
+        result, farthest = torch.empty_like(depth), depth.new_empty(grid)
         pixels = kernels("surface.gpu_circles")
-        launch(pixels.disparities, grid, depth, alpha, result, nearest, size, least_alpha, BLOCK=_BLOCK)
-        launch(pixels.fill, grid, depth, alpha, nearest, result, size, grid[0], least_alpha, BLOCK=_BLOCK)
+        launch(pixels.disparities, grid, depth, alpha, result, farthest, size, least_alpha, BLOCK=_BLOCK)
+        launch(pixels.fill, grid, depth, alpha, farthest, result, size, grid[0], least_alpha, BLOCK=_BLOCK)
         context.save_for_backward(depth, alpha)
         context.least_alpha = least_alpha
         return result

@@ -32,8 +32,8 @@ def fill(depth, alpha, farthest, result, size, programs, least_alpha, BLOCK: tl.
     own = tl.arange(0, BLOCK)
     least = tl.full((BLOCK,), float("inf"), tl.float32)
     for first in range(0, programs, BLOCK):
-        near = tl.load(farthest + first + own, mask=first + own < programs, other=float("inf"))
-        least = tl.minimum(least, near)
+        known = tl.load(farthest + first + own, mask=first + own < programs, other=float("inf"))
+        least = tl.minimum(least, known)
     far = tl.min(least, 0)
     at = tl.program_id(0) * BLOCK + own
     inside = at < size
