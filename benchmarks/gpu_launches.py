@@ -118,9 +118,11 @@ def field() -> None:
 
 
 def adam() -> None:
-    """Of a training, which watches whether values are finite."""
-    values = [torch.zeros(3) for _ in range(4)]
-    load("adam", "gpu")(*values, step=1, rate=0.1, epsilon=1e-15, unless=torch.zeros(()))
+    """Of Gaussians, whose training watches whether values are finite, and of a table of lenses, of colours or of
+    focuses, whose gradient counts as 0 where it isn't."""
+    values = [[torch.zeros(3)] for _ in range(4)]
+    for options in ({"unless": torch.zeros(())}, {"finite": True}):
+        load("adam", "gpu")(*values, steps=[1], rates=[0.1], epsilon=1e-15, **options)
 
 
 def surface() -> None:

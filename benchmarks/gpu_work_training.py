@@ -12,14 +12,14 @@ _ADAM, _CHECKED = 28, 4  # bytes a parameter
 
 GAUSSIANS = Op(
     (
-        # All parameters as if they were one; five more launches are below.
+        # All parameters of the Gaussians, which one launch moves.
         Kernel(
             "adam", "update", "Adam", True, blocks(lambda s: PARAMETERS * s.gaussians, 1024),
             lambda s, _: _ADAM * PARAMETERS * s.gaussians,
         ),
     ),
     others=(
-        OtherWork("Adam's other launches", "Adam", True, lambda s: 0, lambda s: 5),
+        OtherWork("Adam of lenses and colours", "Adam", True, lambda s: 0, lambda s: 2),
         OtherWork("checks", "Adam", True, lambda s: _CHECKED * PARAMETERS * s.gaussians, lambda s: 8),
         # Five small operations of torch, which are counted with the others below.
         OtherWork("statistics", "Adam", True, lambda s: 50 * s.gaussians, lambda s: 0),

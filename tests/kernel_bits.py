@@ -109,11 +109,14 @@ def field(load: Callable[..., Callable[..., Any]], to: Callable[[Tensor], Tensor
 
 
 def adam(load: Callable[..., Callable[..., Any]], to: Callable[[Tensor], Tensor]) -> Iterator[Tensor]:
-    values, gradient, first = (to(torch.rand(HEIGHT, WIDTH)) - 0.5 for _ in range(3))
-    second = to(torch.rand(HEIGHT, WIDTH))
+    # More than one launch takes, and one of them with a gradient by some rows alone.
+    values, gradients, first = ([to(torch.rand(HEIGHT, WIDTH)) - 0.5 for _ in range(8)] for _ in range(3))
+    second = [to(torch.rand(HEIGHT, WIDTH)) for _ in range(8)]
+    gradients[3] = gradients[3][5:9]
+    rows = [2 if number == 3 else 0 for number in range(8)]
     for step in (3, 4):
-        load("adam")(values, gradient, first, second, step=step, rate=0.1, epsilon=1e-15)
-    yield from (values, first, second)
+        load("adam")(values, gradients, first, second, steps=[step] * 8, rates=[0.1] * 8, epsilon=1e-15, rows=rows)
+    yield from (*values, *first, *second)
 
 
 def surface(load: Callable[..., Callable[..., Tensor]], to: Callable[[Tensor], Tensor]) -> Iterator[Tensor]:

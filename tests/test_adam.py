@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import pytest
 import torch
 from tolerances import FLOAT32_VALUE, FLOAT64_VALUE
@@ -27,7 +29,9 @@ def steps(backend: str, dtype: torch.dtype, rate: float = RATE) -> list[Tensor]:
     moments = torch.zeros_like(values), torch.zeros_like(values)
     found = []
     for step, gradient in enumerate(gradients, 1):
-        load("adam", backend)(values, gradient, *moments, step=step, rate=rate * step, epsilon=EPSILON)
+        load("adam", backend)(
+            [values], [gradient], *([one] for one in moments), steps=[step], rates=[rate * step], epsilon=EPSILON
+        )
         found.append(values.clone())
     return found
 
@@ -61,25 +65,89 @@ def test_the_cpu_s_agrees_with_the_definition() -> None:
         assert float((found - expected).abs().max()) < FLOAT32_VALUE * float(expected.abs().max())
 
 
+@dataclass
+class Several:
+    """Arguments of a step on tensors of several shapes and numbers of steps, one with a gradient by two of its rows."""
+
+    values: list[Tensor]
+    gradients: list[Tensor]
+    first: list[Tensor]
+    second: list[Tensor]
+    rows: list[int]
+    steps: list[int]
+    rates: list[float]
+
+    @staticmethod
+    def drawn(dtype: torch.dtype) -> Several:
+        random = torch.Generator().manual_seed(1)
+        shapes = [(1500,), (7, 4), (3, 2, 2), (1,), (9, 3), (0, 5), (2050,), (40, 1)]
+        made = [[torch.rand(shape, generator=random).to(dtype) for shape in shapes] for _ in range(4)]
+        made[1][4] = made[1][4][:2]
+        rows = [6 if number == 4 else 0 for number in range(len(shapes))]
+        steps = [1 + number for number in range(len(shapes))]
+        return Several(*made, rows, steps, [0.01 * step for step in steps])
+
+    def step(self, backend: str, only: int | None = None, **options: object) -> list[Tensor]:
+        """What is moved by a step on all, or on one of them alone."""
+        some = slice(None) if only is None else slice(only, only + 1)
+        moved = [one[some] for one in (self.values, self.first, self.second)]
+        load("adam", backend)(
+            moved[0], self.gradients[some], *moved[1:],
+            steps=self.steps[some], rates=self.rates[some], rows=self.rows[some], epsilon=EPSILON, **options,
+        )  # fmt: skip
+        return [one for each in moved for one in each]
+
+
+@pytest.mark.parametrize("backend", ["reference", "cpu"])
+def test_a_step_on_several_tensors_is_one_on_each(backend: str) -> None:
+    """To the bit; and rows without a gradient have one of 0."""
+    together, alone = Several.drawn(torch.float32), Several.drawn(torch.float32)
+    alone.gradients[4] = torch.cat([torch.zeros(6, 3), alone.gradients[4], torch.zeros(1, 3)])
+    alone.rows[4] = 0
+    together.step(backend)
+    for number in range(len(alone.values)):
+        alone.step(backend, number)
+    for name in ("values", "first", "second"):
+        assert all(map(torch.equal, getattr(together, name), getattr(alone, name)))
+
+
+@pytest.mark.parametrize("backend", ["reference", "cpu"])
+def test_what_is_not_finite_counts_as_zero_if_it_is_to_be_finite(backend: str) -> None:
+    moved = []
+    for bad in ((torch.nan, torch.inf, -torch.inf), (0.0, 0.0, 0.0)):
+        several = Several.drawn(torch.float32)
+        several.gradients[0][3:6] = several.gradients[4][1] = torch.tensor(bad)
+        moved.append(several.step(backend, finite=bad[0] != 0))
+    assert all(map(torch.equal, *moved))
+
+
 @pytest.mark.parametrize("backend", ["reference", "cpu"])
 def test_a_scalar_that_is_one_has_nothing_changed(backend: str) -> None:
     values, (gradient, *_) = begun(torch.float32)
     tensors = values, gradient, torch.full_like(values, 0.5), torch.full_like(values, 0.25)
     before = [tensor.clone() for tensor in tensors]
+    arguments, options = [[tensor] for tensor in tensors], {"steps": [1], "rates": [RATE], "epsilon": EPSILON}
     gradient[7] = torch.nan
-    load("adam", backend)(*tensors, step=1, rate=RATE, epsilon=EPSILON, unless=torch.ones(()))
+    load("adam", backend)(*arguments, **options, unless=torch.ones(()))
     assert all(torch.equal(*pair) for k, pair in enumerate(zip(tensors, before, strict=True)) if k != 1)
     gradient[7] = 0.0
-    load("adam", backend)(*tensors, step=1, rate=RATE, epsilon=EPSILON, unless=torch.zeros(()))
+    load("adam", backend)(*arguments, **options, unless=torch.zeros(()))
     assert not any(torch.equal(*pair) for k, pair in enumerate(zip(tensors, before, strict=True)) if k != 1)
 
 
 def test_wrong_arguments_are_named() -> None:
     values = torch.zeros(3)
     call = load("adam")
+    usual = {"steps": [1], "rates": [1.0], "epsilon": 0.0}
     with pytest.raises(ValueError, match=r"^adam second: expected shape \(3,\), found \(4,\)$"):
-        call(values, values, values, torch.zeros(4), step=1, rate=1.0, epsilon=0.0)
+        call([values], [values], [values], [torch.zeros(4)], **usual)
+    with pytest.raises(ValueError, match=r"^adam gradient: expected shape \(3,\), found \(4,\)$"):
+        call([values], [torch.zeros(4)], [values], [values], **usual)
+    with pytest.raises(ValueError, match=r"^adam gradient: expected rows of \(3,\) from row 2 on, found \(2,\)$"):
+        call([values], [values[:2]], [values], [values], **usual, rows=[2])
     with pytest.raises(ValueError, match=r"^adam: expected a step of at least 1, found 0$"):
-        call(values, values, values, values, step=0, rate=1.0, epsilon=0.0)
+        call(*[[values]] * 4, **{**usual, "steps": [0]})
+    with pytest.raises(ValueError, match=r"^adam: expected 1 of each argument, found \[1, 1, 1, 1, 2, 1, 1\]$"):
+        call(*[[values]] * 4, **{**usual, "steps": [1, 2]})
     with pytest.raises(ValueError, match=r"^adam on the CPU: expected float32 on cpu, found torch.float64 on cpu$"):
-        load("adam", "cpu")(*[values.double()] * 4, step=1, rate=1.0, epsilon=0.0)
+        load("adam", "cpu")(*[[values.double()]] * 4, **usual)

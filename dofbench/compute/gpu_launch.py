@@ -90,7 +90,7 @@ def launch(kernel: Any, grid: tuple[int, ...], *arguments: Any, warps: int = 4, 
     """
     if 0 in grid:
         return
-    first = next(argument for argument in arguments if isinstance(argument, Tensor))
+    first = _first_tensor(arguments)
     if _recorded is not None:
         one = _launch(kernel, arguments, constants, warps)
         _recorded[one] = _recorded.get(one, 0) + 1
@@ -108,7 +108,7 @@ def run(kernel: Any, grid: tuple[int, ...], arguments: Sequence[Any], constants:
     has compiled, which takes longer than most kernels do (reports/notes/gpu.md).
     """
     values = tuple(constants.values())
-    key = kernel, _device_of(arguments), warps, values, tuple([_kind(argument) for argument in arguments])
+    key = kernel, _first_tensor(arguments).get_device(), warps, values, _kinds(arguments)
     if (compiled := _compiled.get(key)) is not None:
         compiled[(*grid, 1, 1)[:3]](*arguments, *values)
         return
@@ -118,19 +118,36 @@ def run(kernel: Any, grid: tuple[int, ...], arguments: Sequence[Any], constants:
         _compiled[key] = compiled
 
 
-def _device_of(arguments: Sequence[Any]) -> int:
-    return next(argument.get_device() for argument in arguments if isinstance(argument, Tensor))
+def _first_tensor(arguments: Sequence[Any]) -> Tensor:
+    for argument in arguments:
+        if isinstance(argument, Tensor):
+            return argument
+    raise ValueError("a kernel without a tensor among its arguments")
 
 
-def _kind(argument: Any) -> Any:
-    """What Triton's code for an argument depends on: a tensor's type, and whether it begins at a multiple of 16 bytes;
-    a whole number's range, and whether it is 1 or a multiple of 16; nothing of a float. Of anything else its value."""
-    if isinstance(argument, Tensor):
-        return argument.dtype, argument.data_ptr() % 16 == 0
-    if type(argument) is int:
-        size = -(2**31) <= argument < 2**31, argument < 2**63
-        return argument == 1, argument % 16 == 0, size
-    return float if type(argument) is float else (type(argument), argument)
+def _kinds(arguments: Sequence[Any]) -> tuple[Any, ...]:
+    """What Triton's code for the arguments depends on: a tensor's type, and where it begins within 16 bytes; of a whole
+    number see `_kind`; nothing of a float; of anything else its value. In one expression, since each launch goes
+    through it."""
+    return tuple(
+        [
+            (one.dtype, one.data_ptr() & 15)
+            if isinstance(one, Tensor)
+            else float
+            if type(one) is float
+            else _kind(one)
+            if type(one) is int
+            else (type(one), one)
+            for one in arguments
+        ]
+    )
+
+
+def _kind(number: int) -> int:
+    """What Triton's code for a whole number depends on: whether it is 1 or a multiple of 16, and its range."""
+    if -(2**31) <= number < 2**31:
+        return (number == 1) + 2 * (number & 15 == 0)
+    return 4 + 2 * (number & 15 == 0) + (number >= 2**63)
 
 
 @contextmanager

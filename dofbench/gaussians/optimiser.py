@@ -78,18 +78,23 @@ class GaussianOptimiser:
         options = self._options
         decay = (options.means_lr_final / options.means_lr) ** progress
         self.means_rate = self._rates["means"] * decay * cooldown
-        for name, parameter in self.gaussians.parameters.items():
-            if parameter.grad is None:
-                continue
+        due = {name: one for name, one in self.gaussians.parameters.items() if one.grad is not None}
+        for name, parameter in due.items():
             if name not in self._moments:
                 self._moments[name] = _Moments(torch.zeros_like(parameter), torch.zeros_like(parameter))
-            moments = self._moments[name]
-            moments.steps += 1
-            rate = self.means_rate if name == "means" else self._rates[name] * cooldown
+            self._moments[name].steps += 1
+        if due:
+            moments = [self._moments[name] for name in due]
             self._adam(
-                parameter, parameter.grad, moments.first, moments.second,
-                step=moments.steps, rate=rate, epsilon=_EPSILON, unless=unless,
-            )  # fmt: skip
+                list(due.values()),
+                [parameter.grad for parameter in due.values()],
+                [one.first for one in moments],
+                [one.second for one in moments],
+                steps=[one.steps for one in moments],
+                rates=[self.means_rate if name == "means" else self._rates[name] * cooldown for name in due],
+                epsilon=_EPSILON,
+                unless=unless,
+            )
         self.discard_gradients()
 
     def discard_gradients(self) -> None:

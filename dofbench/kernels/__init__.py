@@ -13,7 +13,7 @@ Nothing of an op is imported before it is used.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
@@ -104,21 +104,35 @@ def is_warm(op: str, device: str = "cpu", dtype: str = "float32") -> bool:
 
 
 def _dispatched(op: str, function: str | None, *arguments: Any, **options: Any) -> Any:
-    tensors = list(_tensors((*arguments, *options.values())))
+    tensors = _tensors((*arguments, *options.values()))
     if not tensors:
         raise InputError(f"kernel {op}", "no tensor among its arguments", "at least one")
-    devices = sorted({str(tensor.device) for tensor in tensors})
-    if len(devices) > 1:
+    device = tensors[0].device
+    if any(tensor.device != device for tensor in tensors):
+        devices = sorted({str(tensor.device) for tensor in tensors})
         raise InputError(f"kernel {op}", f"tensors on {' and '.join(devices)}", "all on one device")
-    first = tensors[0]
-    backend = chosen(op, first.device.type, str(first.dtype).removeprefix("torch."))
-    return _function(op, backend, function)(*arguments, **options)
+    module = _suiting(tuple(__path__), op, device.type, tensors[0].dtype)
+    return getattr(module, function or op)(*arguments, **options)
 
 
-def _tensors(arguments: tuple[Any, ...]) -> Iterator[Tensor]:
-    import torch
+def _tensors(arguments: Iterable[Any]) -> list[Tensor]:
+    """Those among the arguments, and in sequences among them."""
+    from torch import Tensor
 
-    return (argument for argument in arguments if isinstance(argument, torch.Tensor))
+    found = []
+    for argument in arguments:
+        if isinstance(argument, Tensor):
+            found.append(argument)
+        elif isinstance(argument, list | tuple):
+            found += [one for one in argument if isinstance(one, Tensor)]
+    return found
+
+
+@cache
+def _suiting(roots: tuple[str, ...], op: str, device: str, dtype: object) -> ModuleType:
+    """The backend that such tensors get, kept: a training step on a GPU waits for the host, which would choose some
+    twenty times a step. roots: where ops are, so that new ones are looked for."""
+    return _module(op, chosen(op, device, str(dtype).removeprefix("torch.")))
 
 
 def _offer(op: str) -> str:

@@ -15,7 +15,7 @@ from dofbench.core.errors import InputError
 from dofbench.core.lens import COC_FRACTION, DisparityRange, PhysicalLens
 from dofbench.learning.lens_ties import LensPer, Ties
 from dofbench.learning.rendered_surface import rendered_range
-from dofbench.learning.row_adam import RowAdam
+from dofbench.learning.row_adam import RowAdam, step_together
 
 _FLOOR = 1e-5  # least aperture; the released code adds it after the relu
 
@@ -174,8 +174,7 @@ class LearnedLenses:
         if progress < options.lens_from:
             return
         rate = options.lens_lr * (options.lens_lr_final / options.lens_lr) ** progress * cooldown
-        for table, row in self._each(view):
-            table.step(row, rate)
+        step_together(self._each(view), rate)
 
     def estimate(self, view: int, width: int) -> PhysicalLens:
         """The learned lens of view number `view` in scene units, for an image `width` pixels wide."""

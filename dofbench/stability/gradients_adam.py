@@ -16,14 +16,17 @@ _SIGNS = np.array([1.0, -1.0, 0.0, 1.0, -1.0])
 
 
 def _stepped(
-    setting: Setting, gradient: np.ndarray, steps: int, unless: float | None = None
+    setting: Setting, gradient: np.ndarray, steps: int, unless: float | None = None, finite: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
     """(values that began at 0, the running mean of the gradient) after so many steps along one gradient."""
     moved, first, second = (setting.tensor(np.zeros_like(gradient)) for _ in range(3))
     slope = setting.tensor(gradient)
     watched = None if unless is None else setting.tensor(unless).reshape(())
     for step in range(1, steps + 1):
-        setting.kernel("adam")(moved, slope, first, second, step=step, rate=_RATE, epsilon=_EPSILON, unless=watched)
+        setting.kernel("adam")(
+            [moved], [slope], [first], [second],
+            steps=[step], rates=[_RATE], epsilon=_EPSILON, finite=finite, unless=watched,
+        )  # fmt: skip
     return values(moved), values(first)
 
 
@@ -39,6 +42,15 @@ def _bad_number(setting: Setting, bad: float) -> Found:
     gradient[3] = bad
     moved, _ = _stepped(setting, gradient, 1)
     return Found(float(differing(np.isnan(moved), np.arange(5) == 3)), 0.0)
+
+
+def _left_out(setting: Setting, bad: float) -> Found:
+    gradient = _SIGNS.copy()
+    gradient[3] = bad
+    moved, _ = _stepped(setting, gradient, 2, finite=True)
+    gradient[3] = 0.0
+    expected, _ = _stepped(setting, gradient, 2)
+    return Found(float(differing(moved, expected)), 0.0)
 
 
 def _held(setting: Setting) -> Found:
@@ -61,5 +73,12 @@ def adam() -> tuple[Case, ...]:
             steps=(1, 200),
         ),
         subject.case("adam-nan", "a gradient of NaN is seen in its own number alone", EXACT, _bad_number, bad=math.nan),
+        *subject.each(
+            "adam-left-out-{bad:g}",
+            "a gradient of {bad:g} counts as 0 where gradients are to be finite",
+            EXACT,
+            _left_out,
+            bad=(math.nan, math.inf, -math.inf),
+        ),
         subject.case("adam-held", "nothing changes where the scalar is 1, whatever the gradient", EXACT, _held),
     )
