@@ -82,6 +82,13 @@ def test_triton_is_asked_again_where_its_code_may_differ(change: dict[str, Any],
         assert not kernel.made[0].launches
 
 
+def test_large_numbers_of_several_kinds_are_not_one() -> None:
+    kernel = Kernel()
+    for count in (2**31 + 5, 2**31 + 16, 2**63 + 5, 2**63 + 16, 2**31 + 7, -(2**31) - 1):
+        gpu_launch.launch(kernel, (3, 2), VALUES, count, 0.5, BLOCK=64)
+    assert len(kernel.made) == 4
+
+
 def test_constants_in_another_order_go_through_triton() -> None:
     """What is compiled takes them in the order of the parameters."""
     kernel = Kernel()

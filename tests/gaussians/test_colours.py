@@ -144,6 +144,18 @@ def test_steps_on_all_rows_and_on_one_are_torch_s_adam_s():
     assert torch.allclose(table.values, expected, rtol=0, atol=FLOAT32_VALUE)
 
 
+def test_what_is_not_finite_in_a_gradient_counts_as_zero():
+    """On a device nobody has looked at it before the step is taken."""
+    found = []
+    for bad in (torch.nan, torch.inf, 0.0):
+        table = RowAdam(torch.ones(2, 3), dense=True)
+        for number in (0.5, bad):
+            (table.leaf(1) * torch.tensor([1.0, number, -2.0])).sum().backward()
+            table.step(1, 1e-2)
+        found.append(table.values)
+    assert torch.equal(found[0], found[2]) and torch.equal(found[1], found[2])
+
+
 def test_without_options_nothing_is_learned_and_nothing_touched():
     colours, image = _learned("off"), _image()
     assert not colours.learned

@@ -131,6 +131,23 @@ def test_what_no_backend_takes_is_one_line_that_says_what_each_does(folder, op, 
 def test_tensors_on_two_devices_are_refused(folder: Path) -> None:
     with pytest.raises(InputError, match="kernel both: found tensors on cpu and meta, expected all on one"):
         kernels.load("both")(torch.zeros(2), other=torch.zeros(2, device="meta"))
+    with pytest.raises(InputError, match="kernel both: found tensors on cpu and meta, expected all on one"):
+        kernels.load("both")([torch.zeros(2), torch.zeros(2, device="meta")])
+
+
+def test_tensors_in_a_sequence_choose(folder: Path) -> None:
+    assert kernels.load("both")([torch.zeros(2, device="meta")]) == "meta"
+
+
+def test_a_folder_that_is_added_later_is_looked_at(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Although the choice for such tensors was made before."""
+    assert kernels.load("lone")(torch.zeros(2)) == "reference"
+    other = folder / "other" / "lone"
+    other.mkdir(parents=True)
+    (other / "another.py").write_text(META.format(op="lone").replace('"meta"', '"cpu"'))
+    monkeypatch.setattr(kernels, "__path__", [*kernels.__path__, str(other.parent)])
+    invalidate_caches()
+    assert kernels.load("lone")(torch.zeros(2)) == "cpu"
 
 
 def test_unknown_names_are_one_line() -> None:
