@@ -19,7 +19,8 @@ class TrialOptions:
     lens_trials_at: float = 0.35
     """When the trials take place. Unit: share of the training. Source: own."""
     lens_trials_steps: float = 0.03
-    """Length of each trial. Unit: share of the training. Source: own."""
+    """Length of each trial; beyond 200 steps only as far as its visits need it. Unit: share of the training. Source:
+    own."""
 
     def __post_init__(self) -> None:
         unknown = sorted(set(filter(None, self.lens_trials.split(","))) - set(QUESTIONS))

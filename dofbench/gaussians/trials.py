@@ -35,6 +35,7 @@ from dofbench.learning.held_back import HeldBackScores
 HELD_BACK = 0.08  # share of the tiles
 VISITS = 2  # smallest number of visits of each photograph in a trial
 MOST = 0.06  # largest share of the training's steps that a trial may take
+LONGEST = 200  # steps of a trial, unless its visits need more: longer ones decide alike (reports/notes/gpu.md)
 MOST_TIME = 0.35  # largest share of a limited training time that all trials may take
 NO_CIRCLE = 0.3  # px, radius: smaller circles of confusion are invisible in a photograph
 SMALL_CIRCLE = 1.0  # px, radius: with smaller circles a lens is kept only if it explains held-back pixels better
@@ -123,7 +124,8 @@ class Trials:
 
     def length(self, total: int, views: int) -> int:
         """Steps of one trial, in a training of `total` steps on so many views."""
-        return max(1, min(max(round(self._share * total), VISITS * views), round(MOST * total)))
+        enough = min(round(self._share * total), LONGEST)
+        return max(1, min(max(enough, VISITS * views), round(MOST * total)))
 
     def decide(
         self, step: int, total: int, progress: float, tell: Progress = silent, left: Left = unlimited

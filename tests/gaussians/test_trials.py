@@ -240,6 +240,8 @@ def test_the_length_of_a_trial_is_a_share_of_the_training_and_shows_every_photog
     assert trials.length(5000, 17) == 150
     assert trials.length(2000, 50) == 100
     assert trials.length(600, 50) == 36  # but no more than 6 % of it
+    assert trials.length(30_000, 17) == 200  # and no longer than is needed
+    assert trials.length(30_000, 250) == 500
 
 
 def test_what_other_options_settle_is_not_asked():
