@@ -111,8 +111,8 @@ def _dispatched(op: str, function: str | None, *arguments: Any, **options: Any) 
     if any(tensor.device != device for tensor in tensors):
         devices = sorted({str(tensor.device) for tensor in tensors})
         raise InputError(f"kernel {op}", f"tensors on {' and '.join(devices)}", "all on one device")
-    module = _suiting(tuple(__path__), op, device.type, tensors[0].dtype)
-    return getattr(module, function or op)(*arguments, **options)
+    backend = _suiting(tuple(__path__), op, device.type, tensors[0].dtype)
+    return _function(op, backend, function)(*arguments, **options)
 
 
 def _tensors(arguments: Iterable[Any]) -> list[Tensor]:
@@ -129,10 +129,10 @@ def _tensors(arguments: Iterable[Any]) -> list[Tensor]:
 
 
 @cache
-def _suiting(roots: tuple[str, ...], op: str, device: str, dtype: object) -> ModuleType:
-    """The backend that such tensors get, kept: a training step on a GPU waits for the host, which would choose some
-    twenty times a step. roots: where ops are, so that new ones are looked for."""
-    return _module(op, chosen(op, device, str(dtype).removeprefix("torch.")))
+def _suiting(roots: tuple[str, ...], op: str, device: str, dtype: object) -> str:
+    """The backend that such tensors get, which is kept, and so is its module: a training step on a GPU waits for the
+    host, which would choose some twenty times a step. roots: where ops are, so that new ones are looked for."""
+    return chosen(op, device, str(dtype).removeprefix("torch."))
 
 
 def _offer(op: str) -> str:
@@ -156,6 +156,11 @@ def _found(roots: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
 
 
 def _module(op: str, backend: str) -> ModuleType:
+    return _imported(tuple(__path__), op, backend)
+
+
+@cache
+def _imported(roots: tuple[str, ...], op: str, backend: str) -> ModuleType:
     if backend not in backends(op):
         raise InputError(f"backend of kernel {op}", repr(backend), f"auto or one of {', '.join(backends(op))}")
     return import_module(f"dofbench.kernels.{op}.{backend}")
