@@ -126,28 +126,20 @@ def _first_tensor(arguments: Sequence[Any]) -> Tensor:
 
 
 def _kinds(arguments: Sequence[Any]) -> tuple[Any, ...]:
-    """What Triton's code for the arguments depends on: a tensor's type, and where it begins within 16 bytes; of a whole
-    number see `_kind`; nothing of a float; of anything else its value. In one expression, since each launch goes
-    through it."""
-    return tuple(
-        [
-            (one.dtype, one.data_ptr() & 15)
-            if isinstance(one, Tensor)
-            else float
-            if type(one) is float
-            else _kind(one)
-            if type(one) is int
-            else (type(one), one)
-            for one in arguments
-        ]
-    )
+    """What Triton's code for the arguments depends on: a tensor's type, and where it begins within 16 bytes; of others
+    see `_kind`."""
+    # Each launch goes through all its arguments, most of which are tensors: no call for these.
+    return tuple([(one.dtype, one.data_ptr() & 15) if isinstance(one, Tensor) else _kind(one) for one in arguments])
 
 
-def _kind(number: int) -> int:
-    """What Triton's code for a whole number depends on: whether it is 1 or a multiple of 16, and its range."""
-    if -(2**31) <= number < 2**31:
-        return (number == 1) + 2 * (number & 15 == 0)
-    return 4 + 2 * (number & 15 == 0) + (number >= 2**63)
+def _kind(argument: Any) -> Any:
+    """What Triton's code depends on of a whole number: whether it is 1 or a multiple of 16, and its range; of a float:
+    nothing; of anything else: its value."""
+    if type(argument) is not int:
+        return float if type(argument) is float else (type(argument), argument)
+    if -(2**31) <= argument < 2**31:
+        return (argument == 1) + 2 * (argument & 15 == 0)
+    return 4 + 2 * (argument & 15 == 0) + (argument >= 2**63)
 
 
 @contextmanager

@@ -77,14 +77,13 @@ def _launch(moved: list[Moved], epsilon: float, finite: bool, unless: Tensor | N
 def _arguments(one: Moved) -> tuple[Tensor, Tensor, Tensor, Tensor, int, int, int, float, float]:
     """Those of the kernel that are a tensor's own."""
     keep, keep_squares = BETAS
-    size = one.values.numel()
-    begin = one.row * (size // max(len(one.values), 1)) if one.row else 0
+    begin = one.row * one.values.stride(0) if one.row else 0
     return (
         one.values,
         one.gradient.contiguous(),
         one.first,
         one.second,
-        size,
+        one.values.numel(),
         begin,
         one.gradient.numel(),
         one.rate / (1.0 - keep**one.step),
