@@ -212,7 +212,8 @@ class SourceRecord(_Record):
 
     licence: the licence of the images, as their source states it; terms: details of the licence. citation: one
     reference per entry. origin: where the images come from. role: what the scene may be used for, absent where no named
-    dataset states it; role_by: ID/SCENE, or ID, of the named dataset that does.
+    dataset states it; role_by: ID/SCENE, or ID, of the named dataset that does. notes: what was chosen, changed or
+    skipped while the scene was read; absent where nothing was.
     """
 
     scene: str
@@ -225,6 +226,7 @@ class SourceRecord(_Record):
     origin: str = ""
     role: Role | None = None
     role_by: str | None = None
+    notes: tuple[str, ...] | None = None
 
 
 class ConsistencyRecord(_Record):

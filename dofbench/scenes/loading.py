@@ -25,6 +25,7 @@ _MARKS = {
 # Layouts that no file gives away: they are asked for by name, or known of a named dataset.
 UNMARKED = ("deblurnerf",)
 LAYOUTS = (*_MARKS, *UNMARKED)
+_printed: set[str] = set()
 
 
 def load_scene(
@@ -46,7 +47,7 @@ def load_scene(
     COLMAP takes images, else the one with the smallest factor; nerfstudio takes the files as transforms.json has them.
     layout: one of `LAYOUTS`, or "auto": the first of transforms.json, poses_bounds.npy, sparse/0, sparse. "deblurnerf"
     is never found out: it is LLFF's, with blurred photographs to train on. A transforms.json that is in another frame
-    than the COLMAP model beside it is passed over for the model, where that is complete, with a line on standard error.
+    than the COLMAP model beside it is passed over for the model, where that is complete, with a note (`Scene.notes`).
     hold: every hold-th view from the first is a test view (dofnerf: from the second). None: transforms.json's
     train_filenames and test_filenames, else a marker file `hold=N` in the folder, else 8 (dofnerf: 9;
     deblurnerf: an error).
@@ -93,13 +94,19 @@ def _model_by_itself(root: Path, error: AnotherFrame, **options: int | str | Non
     frames = json.loads((root / "transforms.json").read_text(encoding="utf-8"))["frames"]
     if scene.points is None or len(scene.views) < len(frames):
         return None
-    print(
-        f"{root}: transforms.json and the COLMAP model are in different frames ({error.subject}: {error.found}); "
-        "read as --layout colmap, with nothing from transforms.json",
-        file=sys.stderr,
-        flush=True,
+    return scene.noted(
+        f"transforms.json and the COLMAP model are in different frames ({error.subject}: {error.found}); "
+        "read as --layout colmap, with nothing from transforms.json"
     )
-    return scene
+
+
+def print_notes(scene: Scene) -> None:
+    """Print a scene's notes to standard error, each once in the life of the program."""
+    for note in scene.notes:
+        line = f"{scene.root}: {note}"
+        if line not in _printed:
+            _printed.add(line)
+            print(line, file=sys.stderr, flush=True)
 
 
 def detect(root: Path) -> str | None:

@@ -42,7 +42,8 @@ class SceneView:
 class Scene:
     """Views with poses. `views` are sorted by name; names carry no suffix.
 
-    points.views, where known, index into `views`. layout: the reader's id.
+    points.views, where known, index into `views`. layout: the reader's id. notes: what was chosen, changed or skipped
+    while reading, one sentence each, for the terminal and the dataset's record: `noted` adds one.
     """
 
     name: str
@@ -50,6 +51,11 @@ class Scene:
     layout: str
     views: tuple[SceneView, ...]
     points: PointCloud | None
+    notes: tuple[str, ...] = ()
+
+    def noted(self, *notes: str) -> Scene:
+        """The scene with further notes; empty ones and repeated ones are dropped."""
+        return replace(self, notes=tuple(dict.fromkeys([*self.notes, *filter(None, notes)])))
 
     @property
     def photographs(self) -> Photograph:

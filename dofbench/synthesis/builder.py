@@ -23,6 +23,7 @@ from dofbench.depth.given import with_folder_depth
 from dofbench.depth.network import find_network, network_digest
 from dofbench.scenes.by_exif import split_by_f_number
 from dofbench.scenes.folders import listed
+from dofbench.scenes.loading import print_notes
 from dofbench.scenes.named import Reading, ResolvedScene, find_data_root, resolve
 from dofbench.scenes.reconstruction.posed_points import program
 from dofbench.scenes.scene import Scene, Split
@@ -60,6 +61,7 @@ def read_scene(found: ResolvedScene, settings: MakeDataset) -> tuple[Scene, Make
     by its label."""
     asked = Reading(width=settings.width, images=settings.images, layout=settings.layout, hold=settings.hold)
     scene = found.load(**asked)
+    print_notes(scene)
     if settings.train_f_number is not None and settings.test_f_number is not None:
         if settings.photographs == "auto" and scene.photographs != "shallow":
             raise InputError(

@@ -173,7 +173,7 @@ def readme_text(
         dealt=_dealt_text(settings),
         bits=settings.bits,
         sensor=_sensor_text(settings),
-        lost="".join(f"\nCareful: {note}.\n" for note in lost),
+        lost="".join(f"\nCareful: {note}.\n" for note in lost) + reading_text(scene),
         but=" but for a rare last bit of the ray tracer's" if blur.renderer == "thinlens" else "",
         origin=f", from {source.origin}" if source.origin else "",
         evidence=evidence_text(source, settings.renderer),
@@ -196,6 +196,11 @@ def seen_text(points: PointsRecord) -> str:
             "training view."
         )
     return textwrap.fill(text, 120, break_long_words=False, break_on_hyphens=False)
+
+
+def reading_text(scene: Scene) -> str:
+    """What was chosen, changed or skipped while the scene was read; empty where nothing was."""
+    return "".join(f"\nWhile reading the scene: {note}.\n" for note in scene.notes)
 
 
 def licence_text(scene: Scene, source: SourceRecord) -> str:

@@ -10,7 +10,7 @@ from dofbench.dataset.points_record import PointsRecord
 from dofbench.dataset.schema import DepthRecord, SourceRecord
 from dofbench.scenes.scene import Scene
 from dofbench.synthesis.dataset_options import MakeDataset
-from dofbench.synthesis.dataset_readme import DEPTH_TEXT, evidence_text, licence_text, seen_text
+from dofbench.synthesis.dataset_readme import DEPTH_TEXT, evidence_text, licence_text, reading_text, seen_text
 
 _TEXT = """\
 # {name}: photographs with shallow depth of field, lens unknown
@@ -103,7 +103,7 @@ def photographs_readme(
         seen=seen_text(points),
         exif=_exif_text(scene),
         missing="\n".join(f"- {line}" for line in _missing(len(sharp), measured, len(views), bounded)),
-        lost="".join(f"\nCareful: {note}.\n" for note in lost),
+        lost="".join(f"\nCareful: {note}.\n" for note in lost) + reading_text(scene),
         origin=f", from {source.origin}" if source.origin else "",
         evidence=evidence_text(source, "unknown"),
         licence=licence_text(scene, source),

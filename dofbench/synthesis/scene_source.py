@@ -54,6 +54,7 @@ def source_record(scene: Scene, found: ResolvedScene, with_depth: bool) -> Sourc
         origin=found.origin,
         role=found.role,
         role_by=found.role_by or None,
+        notes=scene.notes or None,
     )
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 
 from dofbench.core.errors import InputError
 from dofbench.scenes.folders import image_folders
-from dofbench.scenes.loading import detect, load_scene
+from dofbench.scenes.loading import detect, load_scene, print_notes
 from dofbench.scenes.reconstruction import video
 from dofbench.scenes.reconstruction.photograph_list import LEAST, Photograph, digests, find_photographs, upright_size
 from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
@@ -84,6 +84,7 @@ def _posed(settings: Reconstruct) -> Source:
     except InputError as error:
         anew = f"{error.expected}; or --poses ignore, to find poses anew"
         raise InputError(error.subject, error.found, anew) from None
+    print_notes(scene)
     if len(scene.views) < LEAST:
         raise InputError(path, f"{len(scene.views)} views", f"at least {LEAST}")
     photographs = [
