@@ -96,6 +96,7 @@ def row_of(name: str, dataset: Dataset, steps: int) -> dict[str, object]:
     rendering with the shallow photograph, as it has no other."""
     method, seconds = trained(name, dataset, steps)
     learned = method.lens_estimates()
+    cameras = {view.name: view.camera for view in dataset.training_views()}
     rows, spent = [], 0.0
     for view in dataset.test_views():
         photograph = dataset.image(view)
@@ -104,7 +105,7 @@ def row_of(name: str, dataset: Dataset, steps: int) -> dict[str, object]:
             refocused = from_8bit(to_8bit(method.render(view.camera, view.physical_lens).image))
         except ValueError:
             refocused = sharp
-        found = predict(method, view.camera, photograph, learned, THOROUGH)
+        found = predict(method, view.camera, photograph, learned, THOROUGH, cameras=cameras)
         spent += found.seconds
         scores = prediction_scores(found, photograph)
         scores.setdefault("photo_blur_psnr", scores["photo_psnr"])

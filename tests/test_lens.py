@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT64_VALUE
 
-from dofbench.core.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
+from dofbench.core.cameras import Camera
+from dofbench.core.lens import ApertureShape, DisparityRange, Lens, PhysicalLens, framed_alike
 
 widths = st.integers(16, 4096)
 apertures = st.floats(0.0, 2.0)
@@ -27,6 +29,14 @@ def ranges(draw) -> DisparityRange:
     q_min = draw(st.floats(-1.0, 1.0))
     unit = draw(st.sampled_from([1e-3, 1.0, 1e3]))
     return DisparityRange(unit * q_min, unit * (q_min + draw(st.floats(0.01, 3.0))))
+
+
+@st.composite
+def cameras(draw) -> Camera:
+    """Upright or not, of any size and angle of view, and with pixels that needn't be square."""
+    width, height = draw(widths), draw(widths)
+    fx = draw(st.floats(0.3, 10.0)) * width
+    return Camera(width, height, fx, fx * draw(st.floats(0.5, 2.0)), width / 2, height / 2, np.eye(4))
 
 
 # ------------------------------------------------------------------------------------------------ disparity ranges
@@ -162,3 +172,38 @@ def test_what_counts_as_a_disc():
 def test_shapes_that_do_not_exist(options, message):
     with pytest.raises(ValueError, match=message):
         ApertureShape(**options)
+
+
+# ------------------------------------------------------------------------------------------------ between cameras
+
+
+@given(cameras(), cameras(), st.floats(1e-3, 1e3), st.floats(0.0, 2.0), st.floats(1e-3, 2.0))
+def test_a_lens_keeps_its_opening_from_camera_to_camera(one, other, opening, focus, disparity):
+    """Against the thin lens: radius = focal length in pixels x half the opening x |1 / z - 1 / z in focus|."""
+    lens = PhysicalLens(one.fx * opening, focus, one.width)
+    there = lens.transferred(one, other)
+    expected = other.fx * opening * (disparity - focus)
+    assert there.width == other.width and there.focus_disparity == focus
+    assert there.signed_radius(disparity, other.width) == pytest.approx(expected, rel=FLOAT64_VALUE)
+    assert there.half_opening(other) == pytest.approx(opening, rel=FLOAT64_VALUE)
+    assert lens.half_opening(one) == pytest.approx(opening, rel=FLOAT64_VALUE)
+
+
+@given(cameras(), cameras(), st.floats(1e-3, 1e3), st.integers(1, 8))
+def test_the_size_at_which_a_lens_was_learned_does_not_matter(one, other, aperture, times):
+    small = PhysicalLens(aperture, 0.3, one.width).transferred(one, other)
+    large = PhysicalLens(aperture * times, 0.3, one.width * times).transferred(one, other)
+    assert large.aperture == pytest.approx(small.aperture, rel=FLOAT64_VALUE)
+
+
+@given(cameras(), st.floats(1e-3, 1e3))
+def test_between_equal_cameras_only_the_width_counts(camera, aperture):
+    lens = PhysicalLens(aperture, 0.3, 3 * camera.width)
+    assert lens.transferred(camera, camera).aperture == aperture * camera.width / (3 * camera.width)  # bit for bit
+
+
+def test_portrait_and_landscape_are_not_framed_alike():
+    across = Camera(320, 240, 280.0, 280.0, 160.0, 120.0, np.eye(4))
+    upright = Camera(240, 320, 280.0, 280.0, 120.0, 160.0, np.eye(4))
+    assert framed_alike([across, across.resized(640, 480), replace(across, fx=282.0)])
+    assert not framed_alike([across, upright]) and framed_alike([])

@@ -8,8 +8,9 @@ Signed circle-of-confusion radius in pixels, for an image `width` pixels wide:
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from dofbench.core.errors import InputError
 
@@ -63,12 +64,42 @@ class DisparityRange:
         return (disparity - self.q_min) / self.extent
 
 
+class Framed(Protocol):
+    """What a lens needs of the camera behind it: the image's width and the focal length along x, both in pixels.
+
+    Where pixels aren't square, circles of confusion are counted along x, in pixels of the width.
+    """
+
+    @property
+    def width(self) -> int:
+        """Image width, pixels."""
+
+    @property
+    def fx(self) -> float:
+        """Focal length along x, pixels."""
+
+
+def framing(camera: Framed) -> float:
+    """Focal length in image widths. The circles of confusion of one physical lens, as shares of the width, are in
+    proportion to it: it changes where a camera is turned upright or an image is cropped, not where it is resized."""
+    return camera.fx / camera.width
+
+
+def framed_alike(cameras: Iterable[Framed]) -> bool:
+    """Whether the cameras' framings agree to 2 %: structure from motion may give every photograph a focal length of its
+    own, though one camera took all."""
+    framings = [framing(camera) for camera in cameras]
+    return not framings or max(framings) <= 1.02 * min(framings)
+
+
 @dataclass(frozen=True)
 class PhysicalLens:
     """A lens without any reference to a disparity range: R = aperture * |1/z - focus_disparity|.
 
     aperture: pixels * scene unit, for an image `width` pixels wide. focus_disparity: 1 / scene
-    unit; zero is focus at infinity, negative beyond it.
+    unit; zero is focus at infinity, negative beyond it. The aperture belongs to the camera that it was learned or
+    planned with: aperture = fx * half the width of the lens's opening. `width` alone converts to another size of the
+    same view; for another camera there is `transferred`.
     """
 
     aperture: float
@@ -83,6 +114,21 @@ class PhysicalLens:
     def signed_radius(self, disparity: Any, width: int) -> Any:
         """Signed CoC radius in pixels of an image `width` wide, from disparity (1 / scene unit)."""
         return (self.aperture * (width / self.width)) * (disparity - self.focus_disparity)
+
+    def aperture_at(self, width: int) -> float:
+        """The aperture for an image of the same view that is `width` pixels wide, pixels * scene unit."""
+        return self.aperture * width / self.width
+
+    def half_opening(self, camera: Framed) -> float:
+        """Half the width of the lens's opening, scene units. camera: the one this lens belongs to, at any size."""
+        return self.aperture * (camera.width / self.width) / camera.fx
+
+    def transferred(self, of: Framed, to: Framed) -> PhysicalLens:
+        """The same opening and focus on another camera: the aperture grows with the focal length in pixels.
+
+        of: the camera this lens belongs to, at any size. to: the other camera, whose width the result has.
+        """
+        return PhysicalLens(self.aperture_at(to.width) * (framing(to) / framing(of)), self.focus_disparity, to.width)
 
 
 @dataclass(frozen=True)

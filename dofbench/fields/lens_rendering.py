@@ -39,7 +39,7 @@ def through_points(scene: FieldScene, camera: Camera, lens: PhysicalLens, count:
     device = scene.device
     table, places = CameraTable([camera], device), whole_image(camera, device)
     generator = torch.Generator().manual_seed(0)
-    aperture = lens.aperture * camera.width / lens.width
+    aperture = lens.aperture_at(camera.width)
     parts = []
     for part in places.split(max(1, _RAYS // count)):
         points = disc_points(len(part), count, generator, device).view(-1, 2)

@@ -32,10 +32,12 @@ def widest_circle(gaussians: Gaussians, shots: Sequence[Shot], appearance: Appea
 
 @torch.no_grad()
 def foci_apart(shots: Sequence[Shot], bounds: DisparityRange) -> float:
-    """How much the circle of confusion of one point differs between lenses, pixels: the spread over the middle half of
-    the lenses, at that end of the disparity range `bounds` where the spread is larger."""
+    """How much the circle of confusion of one point differs between lenses, pixels of a camera of the median focal
+    length: the spread over the middle half of the lenses, at that end of the disparity range `bounds` where the spread
+    is larger."""
+    focal = np.array([shot.camera.fx for shot in shots])
     ends = np.array(
         [[float(shot.radius(torch.tensor(disparity))) for shot in shots] for disparity in (bounds.q_min, bounds.q_max)]
     )
-    low, high = np.quantile(ends, _MIDDLE, axis=1)
+    low, high = np.quantile(ends * (np.median(focal) / focal), _MIDDLE, axis=1)
     return float((high - low).max())

@@ -2,7 +2,8 @@
 
 A lens of focal length f at f-number N has an opening f / N wide, and its circles of confusion in pixels grow with the
 focal length in pixels. So photographs that were taken together may share their aperture (pixels x scene unit), up to a
-factor that EXIF states, while each has its own focus.
+factor that EXIF states, while each has its own focus. Where cameras differ, as in portrait and landscape, the factor
+of the focal length in image widths is part of it.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 
 from dofbench.core.contracts import TrainingView
 from dofbench.core.errors import InputError
+from dofbench.core.lens import framing
 
 LensPer = Literal["view", "aperture", "group", "exif", "scene"]
 
@@ -53,8 +55,10 @@ def lens_ties(views: Sequence[TrainingView], per: LensPer) -> Ties:
     each, one = tuple(range(count)), (0,) * count
     if per == "view":
         return Ties.untied(count)
+    # Circles of confusion are learned in units of the image's width.
+    openings = np.array([framing(view.camera) for view in views])
     if per == "scene":
-        return Ties(one, one, (1.0,) * count)
+        return Ties(one, one, _about_median(openings))
     numbers = [None if view.exif is None else view.exif.f_number for view in views]
     known = [number for number in numbers if number is not None]
     if per != "aperture" and len(known) < count:
@@ -64,11 +68,13 @@ def lens_ties(views: Sequence[TrainingView], per: LensPer) -> Ties:
             f"{per}, and view {name} without an f-number",
             "EXIF with the f-number of every photograph, or lens_per=aperture",
         )
-    # Circles of confusion are learned in units of the image's width.
-    widths = np.array([view.camera.fx / view.camera.width for view in views])
     if per == "exif":
         lengths = [None if view.exif is None else view.exif.focal_length for view in views]
-        widths = widths * np.array([1.0 if length is None else length for length in lengths]) / np.array(known)
+        openings = openings * np.array([1.0 if length is None else length for length in lengths]) / np.array(known)
     different = sorted(set(known))
     shared = tuple(different.index(number) for number in known) if per == "group" else one
-    return Ties(shared, each, tuple(float(width) for width in widths / np.median(widths)))
+    return Ties(shared, each, _about_median(openings))
+
+
+def _about_median(openings: np.ndarray) -> tuple[float, ...]:
+    return tuple(float(opening) for opening in openings / np.median(openings))

@@ -135,8 +135,10 @@ class LearnedLenses:
             case _ if self._ties.tied:
                 slope = raw[0] * opening
                 return slope, raw[1] - 0.5 * slope
-            case _:
+            case _ if opening == 1.0:
                 return raw[1] - raw[0], raw[0]
+            case _:
+                return (raw[1] - raw[0]) * opening, raw[0] * opening
         aperture = aperture * opening
         return aperture, -aperture * focus
 

@@ -177,6 +177,6 @@ class Tracer:
         # from where a pinhole sees it. So the blur's radius is fx times the lens's radius times that difference.
         return sensor | {
             "type": "thinlens",
-            "aperture_radius": lens.aperture * (camera.width / lens.width) / camera.fx,
+            "aperture_radius": lens.half_opening(camera),
             "focus_distance": 1 / lens.focus_disparity,
         }

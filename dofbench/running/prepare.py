@@ -10,6 +10,7 @@ from typing import Any
 from dofbench.core.budget import Budget
 from dofbench.core.clock import loading
 from dofbench.core.contracts import Method
+from dofbench.core.lens import framed_alike
 from dofbench.dataset.benchmark_dataset import BenchmarkDataset
 from dofbench.dataset.dataset import Dataset
 from dofbench.dataset.inputs import Inputs
@@ -123,5 +124,7 @@ def _prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
 def _facts(folder: Path, checksum: str, inputs: Inputs) -> Facts:
     """Facts of a dataset, which many runs in one call may share. checksum: so that it is the same one still."""
     dataset = Dataset.load(folder)
-    one_lens = None if dataset.assign == "unknown" else dataset.assign == "fixed"
+    one_lens = None
+    if dataset.assign != "unknown":  # an aperture in units of the width is one opening on cameras that are alike
+        one_lens = dataset.assign == "fixed" and framed_alike(view.camera for view in dataset.training_views())
     return facts_of(dataset.training_set(inputs), one_lens=one_lens)

@@ -37,19 +37,18 @@ def missing_exif(dataset: BenchmarkDataset) -> str:
 
 
 def learned_apertures(dataset: BenchmarkDataset, estimated: Mapping[str, PhysicalLens]) -> list[ViewAperture]:
-    """The learned apertures of the training views with a known f-number, all for the image width of the first of these
-    views."""
+    """The learned apertures of the training views with a known f-number, all transferred to the camera of the first of
+    these views."""
     known = [
         (view, view.exif.f_number)
         for view in dataset.views
         if view.split == "train" and view.name in estimated and view.exif is not None and view.exif.f_number is not None
     ]
-    width = known[0][0].camera.width if known else 0
     return [
         ViewAperture(
             name=view.name,
             f_number=f_number,
-            aperture=estimated[view.name].aperture * width / estimated[view.name].width,
+            aperture=estimated[view.name].transferred(view.camera, known[0][0].camera).aperture,
         )
         for view, f_number in known
     ]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Method
 from dofbench.dataset.benchmark_dataset import BenchmarkDataset, BenchmarkView
 from dofbench.results.protocol import ACROSS_COLUMNS, ACROSS_PREFIX, PHOTO_PREFIX
@@ -69,10 +70,11 @@ def scored_photographs(
     if tuple(columns) == ACROSS_COLUMNS:
         yield from _across(method, dataset, views, no_lens, quick)
         return
-    learned = method.lens_estimates()
+    learned, cameras = method.lens_estimates(), _training_cameras(dataset)
     for view in views:
         photograph = dataset.image(view)
-        found = predict(method, view.camera, photograph, learned, QUICK if quick else THOROUGH, no_lens=no_lens)
+        effort = QUICK if quick else THOROUGH
+        found = predict(method, view.camera, photograph, learned, effort, cameras=cameras, no_lens=no_lens)
         yield Scored(view, photograph, found, prediction_scores(found, photograph))
 
 
@@ -105,7 +107,7 @@ def _across(
     quick: bool,
 ) -> Iterator[Scored]:
     learned, trained = method.lens_estimates(), training_f_number(dataset)
-    strata = {} if quick else blurred_thirds(dataset)
+    strata, cameras = {} if quick else blurred_thirds(dataset), _training_cameras(dataset)
     for view in views:
         assert trained is not None and view.exif is not None and view.exif.f_number is not None
         photograph = dataset.image(view)
@@ -116,6 +118,7 @@ def _across(
             learned,
             trained / view.exif.f_number,
             QUICK_FOCUS_EFFORT if quick else FOCUS_EFFORT,
+            cameras=cameras,
             no_lens=no_lens,
             unscaled=not quick,
         )
@@ -138,6 +141,10 @@ def _across(
             else tiled_ssim(found.scaled.picture, photograph, found.scaled.tiles)
         )
         yield Scored(view, photograph, found.scaled, scores)
+
+
+def _training_cameras(dataset: BenchmarkDataset) -> dict[str, Camera]:
+    return {view.name: view.camera for view in dataset.training_views()}
 
 
 def blurred_thirds(dataset: BenchmarkDataset) -> dict[str, np.ndarray]:

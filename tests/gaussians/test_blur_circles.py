@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 from made_up import frontal
 from tolerances import FLOAT32_VALUE, PLANE_DEPTH
 
+from dofbench.core.cameras import Camera
 from dofbench.core.lens import DisparityRange, PhysicalLens
 from dofbench.gaussians.blur_circles import foci_apart, widest_circle
 from dofbench.gaussians.forward.shot import Shot
@@ -33,8 +36,8 @@ def _walls(*walls: tuple[float, float]) -> Gaussians:
     )
 
 
-def _shot(aperture: float, focus_disparity: float) -> Shot:
-    return Shot.through(PhysicalLens(aperture=aperture, focus_disparity=focus_disparity, width=40), CAMERA)
+def _shot(aperture: float, focus_disparity: float, camera: Camera = CAMERA) -> Shot:
+    return Shot.through(PhysicalLens(aperture, focus_disparity, camera.width), camera)
 
 
 def test_the_widest_circle_is_that_of_nine_views_in_ten() -> None:
@@ -69,6 +72,13 @@ def test_the_foci_are_as_far_apart_as_the_circles_of_one_point_in_the_middle_hal
     foci = [0.5, 0.1, 0.3, 0.2, 0.9]
     assert foci_apart([_shot(8.0, focus) for focus in foci], bounds) == pytest.approx(8 * 0.3, rel=FLOAT32_VALUE)
     assert foci_apart([_shot(8.0, 0.3)] * 5, bounds) == 0.0
+
+
+def test_one_lens_on_two_cameras_is_not_apart() -> None:
+    """Its circles are in proportion to the focal length in pixels."""
+    longer = replace(CAMERA, width=30, height=40, fx=2 * CAMERA.fx, fy=2 * CAMERA.fy)
+    shots = [_shot(8.0, 0.3), _shot(16.0, 0.3, longer)] * 3
+    assert foci_apart(shots, DisparityRange(0.1, 0.6)) == pytest.approx(0, abs=FLOAT32_VALUE)
 
 
 def test_it_is_the_end_of_the_range_that_counts_at_which_they_differ_more() -> None:

@@ -7,6 +7,7 @@ import pytest
 from small_scene import training_set
 from tolerances import FLOAT32_VALUE, LENS_FLOOR, LENS_FOUND
 
+from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
 from dofbench.core.exif import Exif
 from dofbench.core.lens import DisparityRange, Lens
@@ -90,6 +91,36 @@ def test_what_is_shared_from_now_on_is_the_median_of_what_was_found(activation):
     scene = lenses.shared(lens_ties(training_set().views, "scene"))
     np.testing.assert_allclose([scene.aperture_and_focus(view) for view in range(3)], [(0.5, 0.5)] * 3, rtol=LENS_FLOOR)
     assert start == [pytest.approx((0.5, 0.5), rel=LENS_FLOOR)] * 3
+
+
+def _upright(view):
+    """The same view, the camera turned by a quarter."""
+    camera = view.camera
+    turned = Camera(camera.height, camera.width, camera.fy, camera.fx, camera.cy, camera.cx, camera.world_to_camera)
+    return dataclasses.replace(view, camera=turned)
+
+
+@pytest.mark.parametrize("activation", ["relu", "log", "ends"])
+@pytest.mark.parametrize("per", ["scene", "aperture", "exif"])
+def test_one_lens_has_one_opening_upright_and_across(per, activation):
+    views = _views(4.0, 4.0, 4.0)
+    views[1] = _upright(views[1])
+    views[2] = dataclasses.replace(views[2], camera=dataclasses.replace(views[2].camera, fx=77.0))
+    options = LensOptions(lens_activation=activation, lens_per=per)
+    ties = lens_ties(views, per)
+    separate = LearnedLenses(3, RANGE, options)
+    for lenses in (LearnedLenses(3, RANGE, options, ties), separate.shared(ties)):
+        found = [lenses.estimate(index, view.camera.width) for index, view in enumerate(views)]
+        openings = [lens.half_opening(view.camera) for lens, view in zip(found, views, strict=True)]
+        np.testing.assert_allclose(openings, openings[0], rtol=LENS_FLOOR)
+        if per == "scene":
+            np.testing.assert_allclose(
+                [lens.focus_disparity for lens in found], found[0].focus_disparity, rtol=LENS_FLOOR
+            )
+        for index in range(3):  # what is learned is what is estimated
+            aperture, focus = lenses.aperture_and_focus(index)
+            slope, offset = (value.item() for value in lenses.forward(index))
+            assert (slope, -slope * focus) == pytest.approx((aperture, offset), rel=LENS_FLOOR)
 
 
 def test_circles_are_learned_as_shares_of_the_width():

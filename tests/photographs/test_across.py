@@ -42,6 +42,15 @@ def test_the_learned_aperture_is_scaled_and_the_focus_found() -> None:
     assert len(method.rendered) <= 2 + 2 * grid_and_simplex
 
 
+def test_a_lens_learned_upright_is_transferred_by_its_opening() -> None:
+    """The same opening and focus on a camera with twice this one's focal length in pixels, at 3/4 of its width."""
+    upright = replace(CAMERA, width=WIDTH * 3 // 4, height=WIDTH, fx=2 * CAMERA.fx, fy=2 * CAMERA.fy)
+    learned = {"a": PhysicalLens(2 * 14.0, 0.4, upright.width), "b": PhysicalLens(14.0, 0.4, WIDTH)}
+    cameras = {"a": upright, "b": CAMERA}
+    found = predict_across(Known(), CAMERA, PHOTOGRAPH, learned, 0.5, cameras=cameras)
+    assert all(half.lens.aperture == pytest.approx(7.0) for half in found.scaled.halves)
+
+
 def test_the_half_that_is_scored_is_never_looked_at() -> None:
     found = predict_across(Known(), CAMERA, PHOTOGRAPH, LEARNED, 0.5)
     own = found.scaled.tiles.fitted(0)

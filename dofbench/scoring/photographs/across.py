@@ -54,13 +54,14 @@ def predict_across(
     ratio: float,
     effort: Effort = FOCUS_EFFORT,
     *,
+    cameras: Mapping[str, Camera] | None = None,
     no_lens: str = "",
     unscaled: bool = True,
 ) -> AcrossPrediction:
     """Predict a photograph whose f-number is 1 / `ratio` times that of the training views.
 
-    photograph: (H, W, 3) float32, encoded. learned: lenses of the training views. no_lens: as in `predict`; a method
-    without learned lenses has no aperture to scale. unscaled: whether to predict by the unscaled aperture too.
+    photograph: (H, W, 3) float32, encoded. learned, cameras, no_lens: as in `predict`; a method without
+    learned lenses has no aperture to scale. unscaled: whether to predict by the unscaled aperture too.
     """
     start = time.perf_counter()
     tiles = Tiles.of(camera.height, camera.width)
@@ -69,13 +70,13 @@ def predict_across(
         nothing = Prediction(None, None, (), tiles, no_lens, bad, time.perf_counter() - start)
         return AcrossPrediction(nothing, None, None)
     in_focus = assembled([image, image], photograph, tiles)
-    lens, frame = median_lens(learned), frame_of(depth, camera, learned)
+    lens, frame = median_lens(learned, cameras, camera), frame_of(depth, camera, learned)
     refused = no_lens or (
         "no learned aperture to be scaled" if lens is None or frame is None else refusal(method, camera, frame)
     )
     if lens is None or frame is None or refused:
         return AcrossPrediction(Prediction.by_blur(image, photograph, tiles, refused, start), None, in_focus)
-    apertures = [lens.aperture * camera.width / lens.width * factor for factor in (ratio, *([1.0] * unscaled))]
+    apertures = [lens.aperture_at(camera.width) * factor for factor in (ratio, *([1.0] * unscaled))]
     scaled, *other = (
         _by_focus(method, camera, photograph, tiles, frame, aperture, effort).prediction(effort, start)
         for aperture in apertures

@@ -83,14 +83,16 @@ def predict(
     learned: Mapping[str, PhysicalLens] | None,
     effort: Effort,
     *,
+    cameras: Mapping[str, Camera] | None = None,
     no_lens: str = "",
 ) -> Prediction:
     """Fit lens and colours on each half of the photograph, and predict the other half.
 
     photograph: (H, W, 3) float32, encoded. learned: the lenses of the training views, as a starting point of the
-    search. no_lens: why the method has no lens, if that is known; a method that raises ValueError for a lens has none
-    either. For a method without a lens, the best Gaussian blur is used instead. Raises ValueError when the method
-    renders an image of another size.
+    search. cameras: theirs, from which the lenses are transferred to `camera`; without, all are `camera`. no_lens: why
+    the method has no lens, if that is known; a method that raises ValueError for a lens has none either. For a method
+    without a lens, the best Gaussian blur is used instead. Raises ValueError when the method renders an image of
+    another size.
     """
     start = time.perf_counter()
     tiles = Tiles.of(camera.height, camera.width)
@@ -103,7 +105,7 @@ def predict(
     )
     if frame is None or refused:
         return Prediction.by_blur(image, photograph, tiles, refused, start)
-    starts = [frame.ends(lens) for lens in lens_grid(frame, median_lens(learned), effort)]
+    starts = [frame.ends(lens) for lens in lens_grid(frame, median_lens(learned, cameras, camera), effort)]
     search = LensSearch(method, camera, photograph, tiles, starts, frame.lens, _steps)
     found = search.prediction(effort, start)
     if not effort.blur or found.bad:
@@ -250,14 +252,19 @@ def refusal(method: Method, camera: Camera, frame: Frame) -> str:
     return ""
 
 
-def median_lens(learned: Mapping[str, PhysicalLens] | None) -> PhysicalLens | None:
-    """Median aperture and median focus of learned lenses; None without any."""
+def median_lens(
+    learned: Mapping[str, PhysicalLens] | None, cameras: Mapping[str, Camera] | None, camera: Camera
+) -> PhysicalLens | None:
+    """Median aperture and median focus of learned lenses, on `camera`; None without any.
+
+    cameras: that of every learned lens, by the same names; None where all are `camera`'s, at any size.
+    """
     if not learned:
         return None
-    width = next(iter(learned.values())).width
-    apertures = [lens.aperture * width / lens.width for lens in learned.values()]
-    focuses = [lens.focus_disparity for lens in learned.values()]
-    return PhysicalLens(float(np.median(apertures)), float(np.median(focuses)), width)
+    taken = dict.fromkeys(learned, camera) if cameras is None else cameras
+    lenses = [lens.transferred(taken[name], camera) for name, lens in learned.items()]
+    aperture, focus = np.median([[lens.aperture, lens.focus_disparity] for lens in lenses], axis=0)
+    return PhysicalLens(float(aperture), float(focus), camera.width)
 
 
 def checked_image(image: np.ndarray, camera: Camera) -> np.ndarray:

@@ -70,13 +70,14 @@ class Frame:
 
 
 def lens_grid(frame: Frame, learned: PhysicalLens | None, effort: Effort) -> list[PhysicalLens]:
-    """The grid of lenses: a lens without blur, and every aperture with every focus, including those of `learned`."""
+    """The grid of lenses: a lens without blur, and every aperture with every focus, including those of `learned`, a
+    lens of the view's camera."""
     first = 0 if effort.apertures == len(APERTURES) else 1
     disparities, width = frame.disparities, frame.width
     apertures = [COC_FRACTION * a * width / disparities.extent for a in APERTURES[first : first + effort.apertures]]
     focuses = list(np.linspace(disparities.q_min, disparities.q_max, effort.focuses))
     if learned is not None:
-        apertures.append(learned.aperture * width / learned.width)
+        apertures.append(learned.aperture_at(width))
         # Clipped, because a focus far outside the range would blur everything equally.
         focuses.append(
             float(
