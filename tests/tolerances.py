@@ -252,6 +252,8 @@ TWO_FITS_DB = 3.02
 UNSEEN = 0.5 / 255
 # Places along a ray are searched among 100 001.
 SEARCHED_PLACE = 1e-5
+# Depths where pieces of a ray meet, relative: thousands of float64's roundings, for rays nearly along a diagonal.
+SAME_DEPTH = 1e-12
 # Weights so near a threshold, relative, that float32 may put them on its other side: some hundred roundings.
 AT_A_THRESHOLD = 1e-3
 # Second moments of a disc by some ten thousand points, one in each ring of equal area, relative and of its quarter.
