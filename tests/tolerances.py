@@ -37,6 +37,11 @@ OPENCV_ALPHA = 1e-2
 SAME_POSE = 1e-8
 # The published CIEDE2000 pairs are printed with four decimals.
 PUBLISHED_DELTA_E = 6e-5
+# CIELAB of sRGB's primaries to three decimals, relative.
+PUBLISHED_COLOURS = 1e-4
+# Each pixel of FLIP, 0 ... 1, against its authors' package, which computes in float32: a rounding of a feature counts
+# by its square root.
+FLIP_IN_FLOAT32 = 1e-4
 # sRGB's matrix and white point are standardised to four digits; programs differ in the next.
 DELTA_E_BY_FORMULA = 2e-3
 # PSNR (dB) of 8-bit images against the float64 blur (docs/conventions.md, "A dataset folder"). Rounding alone leaves

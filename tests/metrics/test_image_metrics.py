@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tolerances import DELTA_E_BY_FORMULA, FLOAT32_VALUE, FLOAT64_VALUE, PUBLISHED_DELTA_E
+from tolerances import (
+    DELTA_E_BY_FORMULA,
+    FLIP_IN_FLOAT32,
+    FLOAT32_VALUE,
+    FLOAT64_VALUE,
+    PUBLISHED_COLOURS,
+    PUBLISHED_DELTA_E,
+)
 
+from dofbench.core.images import read_image
 from dofbench.metrics.delta_e import delta_e
-from dofbench.metrics.flip import PIXELS_PER_DEGREE, flip
+from dofbench.metrics.flip import PIXELS_PER_DEGREE, flip, flip_map
 from dofbench.metrics.gmsd import gmsd
 from dofbench.metrics.ms_ssim import ms_ssim, scale_count
 from dofbench.metrics.psnr import psnr
@@ -203,13 +213,64 @@ def test_flip_extremes() -> None:
     assert flip(black, white) == flip(white, black)
 
 
-def test_flip_is_the_mean_of_the_packages_map() -> None:
-    import flip_evaluator
-
-    prediction, truth = (image.astype(np.float32) for image in pair(40, 50))
-    _, mean, parameters = flip_evaluator.evaluate(truth, prediction, "LDR")
-    assert flip(prediction, truth) == pytest.approx(mean, rel=FLOAT32_VALUE)
+def of_the_authors(prediction: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """(H, W) float32: the error map of their package, which has no wheel for some Pythons and processors."""
+    package = pytest.importorskip("flip_evaluator")
+    images = (np.ascontiguousarray(image, np.float32) for image in (truth, prediction))
+    found, _, parameters = package.evaluate(*images, "LDR", applyMagma=False, computeMeanError=False)
     assert parameters["ppd"] == pytest.approx(PIXELS_PER_DEGREE, rel=FLOAT32_VALUE)
+    return found.reshape(truth.shape[:2])
+
+
+@given(
+    height=st.integers(1, 40),
+    width=st.integers(1, 40),
+    noise=st.sampled_from([0.001, 0.1, 1.0]),
+    seed=st.integers(0, 99),
+    stretched=st.sampled_from([1.0, 1.5]),  # to values outside [0, 1], which count as 0 and 1
+)
+def test_flip_equals_its_authors_package(height: int, width: int, noise: float, seed: int, stretched: float) -> None:
+    prediction, truth = (0.5 + stretched * (image - 0.5) for image in pair(height, width, noise, seed))
+    expected = of_the_authors(prediction, truth)
+    found = flip_map(prediction, truth)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=FLIP_IN_FLOAT32)
+    assert flip(prediction, truth) == pytest.approx(found.mean(), rel=FLOAT64_VALUE)
+
+
+@pytest.mark.parametrize("colours", [np.eye(3), np.indices((2, 2, 2)).reshape(3, 8).T])
+def test_flip_equals_its_authors_package_where_colours_are_pure(colours: np.ndarray) -> None:
+    """The largest differences, and the curve's bend."""
+    rng = np.random.default_rng(5)
+    prediction, truth = (colours[rng.integers(0, len(colours), (40, 50))].astype(np.float64) for _ in range(2))
+    np.testing.assert_allclose(
+        flip_map(prediction, truth), of_the_authors(prediction, truth), rtol=0, atol=FLIP_IN_FLOAT32
+    )
+
+
+def test_flip_equals_its_authors_package_on_photographs(real_data: Callable[[str], Path]) -> None:
+    """And to the digits that tables print. A real view against itself blurred, and against its neighbour."""
+    from scipy.ndimage import gaussian_filter
+
+    first, second = (read_image(path)[::2, ::2] for path in sorted((real_data("llff_fern") / "images_8").iterdir())[:2])
+    for prediction in (gaussian_filter(first, (2, 2, 0)), second):
+        expected = of_the_authors(prediction, first)
+        np.testing.assert_allclose(flip_map(prediction, first), expected, rtol=0, atol=FLIP_IN_FLOAT32)
+        assert f"{flip(prediction, first):.4f}" == f"{expected.mean(dtype=np.float64):.4f}"
+
+
+def test_flip_of_flat_images_by_hand() -> None:
+    """No edges, so the colour difference alone: that in lightness, compressed, and scaled below the curve's bend."""
+    darker, lighter = (116 * ((one + 0.055) / 1.055) ** (2.4 / 3) - 16 for one in (0.4, 0.45))
+    green, blue = (
+        np.array([lightness, lightness / 100 * a, lightness / 100 * b])  # Hunt's adjustment
+        for lightness, a, b in [
+            (87.737, -86.183, 83.188),
+            (32.303, 79.198, -107.850),
+        ]  # CIELAB of sRGB's primaries, D65
+    )
+    largest = (abs(green[0] - blue[0]) + math.hypot(*(green - blue)[1:])) ** 0.7
+    expected = (lighter - darker) ** 0.7 * 0.95 / (0.4 * largest)
+    assert flip(level(0.4, 0.4, 0.4), level(0.45, 0.45, 0.45)) == pytest.approx(expected, rel=PUBLISHED_COLOURS)
 
 
 def test_flip_averages_over_the_eye_not_over_pixels() -> None:
