@@ -24,8 +24,8 @@ class Exif:
     """One photograph's record; None is what nobody wrote down.
 
     f_number: focal length / diameter of the opening. focal_length: mm. focal_length_35mm: mm, of the lens with the
-    same angle of view on 36 x 24 mm. focus_distance: m, as the camera estimated it. exposure: s. iso: sensitivity.
-    time: "YYYY-MM-DD hh:mm:ss", local to the camera. camera, lens: as the camera names them.
+    same angle of view on 36 x 24 mm. focus_distance: m, as the camera estimated it; inf for infinity. exposure: s. iso:
+    sensitivity. time: "YYYY-MM-DD hh:mm:ss", local to the camera. camera, lens: as the camera names them.
     """
 
     f_number: float | None = None
@@ -41,7 +41,7 @@ class Exif:
     def __post_init__(self) -> None:
         for name in ("f_number", "focal_length", "focal_length_35mm", "focus_distance", "exposure", "iso"):
             value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
+            if value is not None and not (value > 0 and (value < math.inf or name == "focus_distance")):
                 raise ValueError(f"{name}: expected a positive number, found {value!r}")
 
     @property
@@ -52,8 +52,9 @@ class Exif:
         return self.exposure * self.iso / self.f_number**2
 
     def as_data(self) -> dict[str, Any]:
-        """Plain data of what is known."""
-        return {name: value for name, value in asdict(self).items() if value is not None}
+        """Plain data of what is known, of JSON's kinds: infinity is "inf"."""
+        known = {name: value for name, value in asdict(self).items() if value is not None}
+        return {name: "inf" if value == math.inf else value for name, value in known.items()}
 
     @staticmethod
     def of_data(data: Mapping[str, Any]) -> Exif:

@@ -10,6 +10,7 @@ from typing import Any
 
 from dofbench.core.errors import InputError
 from dofbench.core.exif import EXIF_FILE, Exif, read_exif
+from dofbench.scenes.focus_distance import focus_distance
 
 CSV_FILE = "exif.csv"
 # A column of exif.csv, and what it is here.
@@ -29,7 +30,6 @@ _TAGS = {
     "f_number": ("FNumber", "Exif:FNumber"),
     "focal_length": ("Exif:FocalLength",),
     "focal_length_35mm": ("Exif:FocalLengthIn35mmFilm",),
-    "focus_distance": ("Exif:SubjectDistance",),
     "exposure": ("ExposureTime", "Exif:ExposureTime"),
     "iso": ("Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings"),
     # Not DateTime, which is when the file was last changed.
@@ -75,6 +75,7 @@ def exif_of_image(file: Path) -> Exif:
     }
     return Exif(
         **known,
+        focus_distance=focus_distance(file, tags),
         time=_time(values["time"]),
         camera=_camera(_text(tags.get("Make")), _text(tags.get("Model"))),
     )
@@ -83,9 +84,9 @@ def exif_of_image(file: Path) -> Exif:
 def read_exif_csv(file: Path) -> dict[str, Exif]:
     """The photographs of an exif.csv by file name, which stands in the column `name`.
 
-    Other columns: f_number, focal_length_mm, focal_length_35mm, focus_distance_m, exposure_s, iso, time, camera, lens;
-    each may be absent, or empty in a line. Further columns are passed over. Raises InputError, which names the line,
-    for a value that can't be.
+    Other columns: f_number, focal_length_mm, focal_length_35mm, focus_distance_m (inf for infinity), exposure_s, iso,
+    time, camera, lens; each may be absent, or empty in a line. Further columns are passed over. Raises InputError,
+    which names the line, for a value that can't be.
     """
     try:
         with file.open(encoding="utf-8-sig", newline="") as stream:

@@ -21,7 +21,7 @@ class Listed:
     """One line of the list. problem: why the scene can't be read, empty where it can.
 
     name: what to give to make-dataset: a built-in name or a folder. width, height: of the first view, pixels.
-    title: what a built-in scene shows.
+    exif: how many views' f-numbers and focus distances are known. title: what a built-in scene shows.
     """
 
     name: str
@@ -32,6 +32,7 @@ class Listed:
     height: int = 0
     points: int = 0
     depth: bool = False
+    exif: str = ""
     title: str = ""
     problem: str = ""
 
@@ -61,7 +62,7 @@ def print_scenes(folders: Sequence[Path] = (), data_root: Path | None = None) ->
     """
     root = find_data_root(data_root)
     listed = list_scenes(folders)
-    rows = [("scene", "layout", "views", "size", "points", "depth", "what")]
+    rows = [("scene", "layout", "views", "size", "points", "depth", "EXIF", "what")]
     rows += [
         (
             scene.name,
@@ -70,6 +71,7 @@ def print_scenes(folders: Sequence[Path] = (), data_root: Path | None = None) ->
             f"{scene.width}x{scene.height}",
             str(scene.points),
             "given" if scene.depth else "-",
+            scene.exif or "-",
             scene.title,
         )
         for scene in listed
@@ -179,7 +181,18 @@ def _describe(folder: Path, name: str) -> Listed:
         height=first.camera.height,
         points=0 if scene.points is None else len(scene.points),
         depth=first.depth is not None,
+        exif=_exif_text(scene.views),
     )
+
+
+def _exif_text(views: Sequence[SceneView]) -> str:
+    """A text such as "20 f-numbers, 18 focus distances"; empty where none is known."""
+    records = [view.exif for view in views if view.exif is not None]
+    counts = {
+        "f-number": sum(record.f_number is not None for record in records),
+        "focus distance": sum(record.focus_distance is not None for record in records),
+    }
+    return ", ".join(f"{count} {what}{'s' * (count != 1)}" for what, count in counts.items() if count)
 
 
 def _count(views: Iterable[SceneView], split: str) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from dofbench import __version__
@@ -155,8 +156,6 @@ def _files(sharp: int, measured: int, origin: str, count: int, bounded: bool, ex
 _EXIF = """\
 ## What the cameras wrote down
 
-| f-number | photographs | focal length, mm | exposure, s | ISO |
-| --- | --- | --- | --- | --- |
 {lines}
 
 With one focal length and one sensor, the lens's opening is in proportion to 1 / f-number. Of each view: `exif.json`.
@@ -172,16 +171,15 @@ def _exif_text(scene: Scene) -> str:
         by_number.setdefault(record.f_number, []).append(record)
     if not any(view.exif is not None for view in scene.views):
         return ""
-    order = sorted(by_number, key=lambda number: (number is None, number or 0.0))
-    lines = [
-        f"| {'not known' if number is None else f'f/{number:g}'} | {len(by_number[number])} | "
-        + " | ".join(
-            _range_text([getattr(record, name) for record in by_number[number]])
-            for name in ("focal_length", "exposure", "iso")
-        )
-        + " |"
-        for number in order
-    ]
+    columns = {"focal_length": "focal length, mm", "exposure": "exposure, s", "iso": "ISO"}
+    if any(view.exif is not None and view.exif.focus_distance is not None for view in scene.views):
+        columns["focus_distance"] = "in focus at, m"
+    rows = [("f-number", "photographs", *columns.values()), ("---",) * (2 + len(columns))]
+    for number in sorted(by_number, key=lambda number: (number is None, number or 0.0)):
+        records = by_number[number]
+        known = [_range_text([getattr(record, name) for record in records]) for name in columns]
+        rows.append(("not known" if number is None else f"f/{number:g}", str(len(records)), *known))
+    lines = [f"| {' | '.join(row)} |" for row in rows]
     return _EXIF.format(lines="\n".join(lines))
 
 
@@ -189,7 +187,7 @@ def _range_text(values: Sequence[float | None]) -> str:
     known = [value for value in values if value is not None]
     if not known:
         return "not known"
-    low, high = f"{min(known):.4g}", f"{max(known):.4g}"
+    low, high = ("infinity" if end == math.inf else f"{end:.4g}" for end in (min(known), max(known)))
     return (low if low == high else f"{low} to {high}") + ("" if len(known) == len(values) else f", of {len(known)}")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -161,6 +162,16 @@ def test_what_the_cameras_wrote_down_goes_along(blurred: Path, tmp_path: Path) -
     (source / "exif.csv").write_text("name,f_number\nv01.png,8\n")
     with pytest.raises(InputError, match="another dataset"):
         make(source, folder)
+
+
+def test_focus_distances_are_kept_and_shown(blurred: Path, tmp_path: Path) -> None:
+    source = shutil.copytree(blurred, tmp_path / "seal")
+    (source / "exif.csv").write_text("name,f_number,focus_distance_m\nv00.png,14,0.8\nv01.png,8,inf\nv02.png,8,1.25\n")
+    dataset = Dataset.load(make(source, tmp_path / "out"))
+    known = {view.name: view.exif.focus_distance for view in dataset.views if view.exif}
+    assert known == {"v00": 0.8, "v01": math.inf, "v02": 1.25}
+    text = (tmp_path / "out" / "README.md").read_text()
+    assert "in focus at, m" in text and "1.25 to infinity" in text
 
 
 def test_without_exif_nothing_is_said_of_it(made: Path) -> None:
