@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import hypothesis
@@ -35,6 +35,14 @@ MOST_WORKERS = 4  # each takes up to 2 GB of memory
 def pytest_xdist_auto_num_workers() -> int:
     """How many processes `pytest -n auto` starts: a container's CPU quota counts, which pytest-xdist doesn't know."""
     return min(available_cores(), MOST_WORKERS)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Checksums of the tests' files aren't kept in the user's cache."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
 
 
 REPOSITORY = Path(__file__).resolve().parent.parent

@@ -205,13 +205,13 @@ def test_a_dead_lease_goes_to_one_of_all_that_want_it(
 
 
 def test_what_processes_left_that_died_while_they_took_a_lease_is_cleared_away(tmp_path: Path) -> None:
-    (tmp_path / ".lease.empty").write_text("")
-    (tmp_path / ".lease.whole").write_text(json.dumps({"machine": leases._machine()}))
-    theirs = file_of_another_machine(tmp_path, 5.0, ".lease.theirs")
-    with (tmp_path / ".lease.living").open("w") as living:
+    (tmp_path / ".dofbench-lease.empty").write_text("")
+    (tmp_path / ".dofbench-lease.whole").write_text(json.dumps({"machine": leases._machine()}))
+    theirs = file_of_another_machine(tmp_path, 5.0, ".dofbench-lease.theirs")
+    with (tmp_path / ".dofbench-lease.living").open("w") as living:
         assert file_lock.ask(living.fileno()) is Lock.OURS
         with leased(tmp_path, {}):
-            left = {".lease.living", theirs.name, "running.lock"}
+            left = {".dofbench-lease.living", theirs.name, "running.lock"}
             assert {file.name for file in tmp_path.iterdir()} == left
     file_of_another_machine(tmp_path, EXPIRES_AFTER + 5, theirs.name)
     with leased(tmp_path, {}):

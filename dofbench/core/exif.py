@@ -15,6 +15,7 @@ from typing import Any
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, write_json
+from dofbench.core.names import inside
 
 EXIF_FILE = "exif.json"
 
@@ -81,6 +82,8 @@ def read_exif(folder: Path) -> dict[str, Exif]:
     if not path.is_file():
         return {}
     try:
-        return {name: Exif.of_data(data) for name, data in read_json(path).items()}
+        return {inside(name, path): Exif.of_data(data) for name, data in read_json(path).items()}
+    except InputError:
+        raise
     except (AttributeError, ValueError) as error:
         raise InputError(path, str(error), "EXIF by view, as make-dataset writes it") from None

@@ -7,6 +7,7 @@ import fnmatch
 import hashlib
 import json
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from dofbench.core.errors import InputError
+
+# Beginning of the names of files and folders that are being written. Only such are taken for what a killed run left.
+TEMPORARY = ".dofbench-"
 
 
 @contextmanager
@@ -24,7 +28,7 @@ def replacing(path: Path) -> Iterator[Path]:
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
+    handle, name = tempfile.mkstemp(prefix=f"{TEMPORARY}{path.stem}.", suffix=path.suffix, dir=path.parent)
     os.close(handle)
     # mkstemp makes the file private to its owner; a dataset is meant to be shared.
     umask = os.umask(0)
@@ -41,6 +45,32 @@ def replacing(path: Path) -> Iterator[Path]:
         raise
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def temporaries(root: Path) -> list[Path]:
+    """Files and folders at or below `root` that `replacing` and its like were writing; folders that are links aren't
+    looked into."""
+    return sorted(root.rglob(f"{TEMPORARY}*"))
+
+
+def drop_temporaries(root: Path) -> None:
+    """Remove what a killed run was writing, and nothing else."""
+    for path in temporaries(root):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def refuse_links_outside(root: Path) -> None:
+    """Raise InputError for a folder below `root` that is a link to one outside: what is written or deleted by its name
+    would be somewhere else. `root` itself may be a link, as a disk may be too small for results."""
+    place = root.resolve()
+    for parent, folders, _ in os.walk(root):
+        for name in folders:
+            path = Path(parent, name)
+            if path.is_symlink() and not path.resolve().is_relative_to(place):
+                raise InputError(path, f"a link to {path.resolve()}", "a folder inside, as files are written to it")
 
 
 def refused(path: Path, temporary: Path, message: str) -> OSError:

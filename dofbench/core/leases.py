@@ -29,14 +29,14 @@ from typing import Any, BinaryIO
 
 from dofbench.core.errors import InputError
 from dofbench.core.file_lock import Lock, ask
-from dofbench.core.files import files_below, read_json
+from dofbench.core.files import TEMPORARY, files_below, read_json
 
 RENEWED_EVERY = 15.0  # seconds
 EXPIRES_AFTER = 120.0  # seconds without renewal; longer than the delay of a busy machine or of a network's cache
 _POLL = 0.25  # seconds between two checks of a process that waits
 _NAME = re.compile(r"running(?:\.(\d+))?\.lock")
 PATTERN = "running*.lock"
-_UNNAMED = ".lease."  # beginning of the names of files that aren't leases yet
+_UNNAMED = f"{TEMPORARY}lease."  # beginning of the names of files that aren't leases yet
 # Errors of file systems without hard links.
 _NO_LINKS = {errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK}
 

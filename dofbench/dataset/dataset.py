@@ -10,11 +10,12 @@ import numpy as np
 
 from dofbench.core.blur import Blur
 from dofbench.core.cameras import Camera
+from dofbench.core.checksums import checksums
 from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.core.errors import InputError
 from dofbench.core.evidence import Photographer, Role
-from dofbench.core.exif import Exif, read_exif
-from dofbench.core.files import sha256_file
+from dofbench.core.exif import EXIF_FILE, Exif, read_exif
+from dofbench.core.files import files_below, sha256_file
 from dofbench.core.images import read_exr, read_image
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
 from dofbench.dataset import layout
@@ -33,6 +34,8 @@ from dofbench.dataset.schema import (
 )
 from dofbench.scenes import nerfstudio
 from dofbench.scenes.scene import Split
+
+_MODELS = ("sparse", "colmap")  # folders in which a COLMAP model is looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,13 +75,16 @@ class Dataset:
 
     @staticmethod
     def load(folder: Path) -> Dataset:
-        """Open a dataset; reads its manifest, lenses, cameras and points, and no image.
+        """Open a dataset; reads its manifest, lenses, cameras and points, and decodes no image.
 
-        Raises InputError, one line, when the folder is no dataset, is unfinished, is of another
-        schema version, or its parts don't fit together.
+        Every file is compared with its checksum in the manifest (`dofbench.core.checksums`), so that `checksum` stands
+        for all that is read. Raises InputError, one line, when the folder is no dataset, is unfinished, is of another
+        schema version, has a missing, changed or unlisted file, or its parts don't fit together.
         """
         folder = Path(folder)
-        manifest, lenses = read_manifest(folder), read_lens_file(folder)
+        manifest = read_manifest(folder)
+        _check_files(folder, manifest)
+        lenses = read_lens_file(folder)
         scene = nerfstudio.read(folder, width=None, images=None, hold=None)
         views = {view.name: view for view in scene.views}
         records = {record.name: record for record in lenses.views}
@@ -258,6 +264,27 @@ class Dataset:
 
     def _view(self, view: BenchmarkView | str) -> BenchmarkView:
         return self.view(view) if isinstance(view, str) else view
+
+
+def _check_files(folder: Path, manifest: Manifest) -> None:
+    """Raise InputError unless the files of a dataset are those of its manifest: a missing or changed one is named, and
+    one that would be read with them and isn't listed."""
+    found = checksums(folder, manifest.files)
+    for name, record in manifest.files.items():
+        if found[name] is None:
+            raise InputError(folder / name, "no such file", f"the file that {MANIFEST} lists")
+        if found[name] != record.sha256:
+            expected = f"the one that {MANIFEST} lists; make-dataset makes it again"
+            raise InputError(folder / name, "a changed file", expected)
+    for path in _read_as_well(folder):
+        if path.relative_to(folder).as_posix() not in manifest.files:
+            raise InputError(path, f"a file that {MANIFEST} doesn't list", "none, as it would be read with the dataset")
+
+
+def _read_as_well(folder: Path) -> list[Path]:
+    """Files at places that are read without being asked for by name."""
+    models = [path for place in _MODELS for path in files_below(folder / place, "*")]
+    return [path for path in (folder / EXIF_FILE, *models) if path.is_file() and not path.name.startswith(".")]
 
 
 def _name(view: BenchmarkView | str) -> str:

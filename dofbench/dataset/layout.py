@@ -1,9 +1,11 @@
-"""The paths of the files in a dataset folder."""
+"""The paths of the files in a dataset folder. A view whose name leads out of the folder has none: InputError."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+
+from dofbench.core.names import inside
 
 TRANSFORMS, POSES_BOUNDS, SPARSE = "transforms.json", "poses_bounds.npy", "sparse/0"
 SHALLOW, LINEAR, SHARP, DEPTH = "images/{}.png", "images_linear/{}.exr", "all_in_focus/{}.png", "depth/{}.exr"
@@ -12,27 +14,27 @@ CONFIDENCE = "confidence/{}.png"
 
 def shallow_path(root: Path, name: str) -> Path:
     """The view's shallow photograph, encoded, 8 bit."""
-    return root / SHALLOW.format(name)
+    return root / SHALLOW.format(inside(name, "view"))
 
 
 def linear_path(root: Path, name: str) -> Path:
     """The view's shallow photograph before encoding."""
-    return root / LINEAR.format(name)
+    return root / LINEAR.format(inside(name, "view"))
 
 
 def sharp_path(root: Path, name: str) -> Path:
     """The view's all-in-focus photograph, encoded, 8 bit."""
-    return root / SHARP.format(name)
+    return root / SHARP.format(inside(name, "view"))
 
 
 def depth_path(root: Path, name: str) -> Path:
     """The view's z-depth, float32, scene units."""
-    return root / DEPTH.format(name)
+    return root / DEPTH.format(inside(name, "view"))
 
 
 def confidence_path(root: Path, name: str) -> Path:
     """The confidence of the view's depth, 8 bit: 0 unknown ... 255 certain."""
-    return root / CONFIDENCE.format(name)
+    return root / CONFIDENCE.format(inside(name, "view"))
 
 
 def relative(place: Callable[[Path, str], Path], name: str) -> str:

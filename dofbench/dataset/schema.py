@@ -13,6 +13,7 @@ from dofbench.core.errors import InputError
 from dofbench.core.evidence import Photographer, Role
 from dofbench.core.files import read_json
 from dofbench.core.lens import LAYERS, ApertureShape, DisparityRange, Energy, Lens, PhysicalLens, SceneRenderer
+from dofbench.core.names import InsidePath
 from dofbench.dataset.points_record import PointsRecord
 from dofbench.dataset.sensor import Sensor
 from dofbench.scenes.scene import Photograph, Split
@@ -63,7 +64,7 @@ class ViewRecord(_Record):
     noise_psnr_db: of a photograph by the renderer "thinlens", as in a rendered scene's scene.json.
     """
 
-    name: str
+    name: InsidePath
     split: Split
     aperture: FiniteFloat = Field(ge=0)
     focus: FiniteFloat
@@ -88,7 +89,7 @@ class ViewRecord(_Record):
 class UnknownLens(_Record):
     """A view of unknown lens: its image is a real photograph."""
 
-    name: str
+    name: InsidePath
     split: Split
     lens: Literal["unknown"]
 
@@ -202,7 +203,7 @@ class SourceImage(_Record):
     blurred from an all-in-focus image.
     """
 
-    view: str
+    view: InsidePath
     sha256: str = Checksum
     photograph: Photograph | None = None
 
@@ -249,7 +250,7 @@ class DepthViewRecord(_Record):
     six digits; their meaning is in the provenance. consistency: absent where no other view sees enough of the same.
     """
 
-    view: str
+    view: InsidePath
     known: FiniteFloat = Field(ge=0, le=1)
     confidence: FiniteFloat = Field(ge=0, le=1)
     confident: FiniteFloat = Field(ge=0, le=1)
@@ -286,7 +287,7 @@ class Manifest(_Record):
 
     schema_name: Literal["dofbench-dataset"] = Field(alias="schema")
     version: PositiveInt
-    name: str
+    name: InsidePath
     dofbench: str
     command: str
     identity: str = Checksum
@@ -295,7 +296,7 @@ class Manifest(_Record):
     source: SourceRecord
     depth: DepthRecord | None = None
     points: PointsRecord | None = None
-    files: dict[str, FileRecord]
+    files: dict[InsidePath, FileRecord]
 
 
 Model = TypeVar("Model", bound=BaseModel)

@@ -20,6 +20,7 @@ from dofbench.core.contracts import FitOutcome, Observer, Rendering, TrainingSet
 from dofbench.core.errors import InputError, Status
 from dofbench.core.files import read_json, write_json
 from dofbench.core.lens import PhysicalLens
+from dofbench.core.names import inside
 from dofbench.core.processes import machine_memory_mb
 from dofbench.external.handed_over import Wanted, write_training_set, write_wanted
 from dofbench.external.limited_command import Limits, Taken, run_command
@@ -159,7 +160,7 @@ class External:
     def load(self, folder: Path) -> None:
         """Read what `save` kept."""
         kept = read_json(folder / _KEPT)
-        self._files = dict(kept["files"])
+        self._files = {key: inside(file, folder / _KEPT) for key, file in dict(kept["files"]).items()}
         self._figures = read_figures(folder)
         self._lenses = read_lenses(folder, kept["photographs"])
         if (folder / "pictures").is_dir():

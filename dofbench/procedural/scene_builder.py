@@ -15,6 +15,7 @@ import numpy as np
 
 from dofbench.core.cameras import Camera
 from dofbench.core.file_lock import only_writer
+from dofbench.core.files import replacing
 from dofbench.core.images import read_exr
 from dofbench.core.lens import DisparityRange, Lens
 from dofbench.core.progress import Progress
@@ -174,8 +175,9 @@ class _Rendering:
             model = sparse_points.triangulate(
                 views, files, self.folder.root / "images", Path(work), Path(work) / "model"
             )
-            shutil.rmtree(output, ignore_errors=True)
-            shutil.copytree(Path(work) / "model", output)
+            for file in sorted((Path(work) / "model").iterdir()):
+                with replacing(output / file.name) as temporary:
+                    shutil.copyfile(file, temporary)
         about: dict[str, float | str | int] = {"pycolmap": version("pycolmap"), "points": model.num_points3D()}
         if model.num_points3D():
             errors = sparse_points.depth_errors(views, model, list(self._depths()))

@@ -11,9 +11,10 @@ import numpy as np
 
 from dofbench import __version__
 from dofbench.core.errors import InputError
-from dofbench.core.files import read_json, sha256_file, write_json, write_text
+from dofbench.core.files import read_json, refuse_links_outside, sha256_file, write_json, write_text
 from dofbench.core.images import write_exr, write_png
 from dofbench.core.lens import GAMMA
+from dofbench.core.names import inside
 from dofbench.optics.tone import encode
 from dofbench.procedural.scene_options import MakeScene
 from dofbench.procedural.tracer import Photograph
@@ -31,6 +32,10 @@ def read_record(folder: Path) -> dict[str, Any]:
         raise InputError(path, "another kind of JSON", f'a record with "schema": "{SCHEMA}", as make-scene writes it')
     if record.get("version") != VERSION:
         raise InputError(path, f"schema version {record.get('version')}", f"version {VERSION}")
+    for entry in (*record.get("images", ()), *record.get("lens_images", ())):
+        inside(entry["view"], path)
+    for entry in record.get("lens_images", ()):
+        inside(entry["image"], path)
     return record
 
 
@@ -56,6 +61,8 @@ class SceneFolder:
             "depth_bits": settings.depth_bits,
             "variant": variant,
         }
+        if root.is_dir():
+            refuse_links_outside(root)
         if (root / RECORD).is_file():
             self.record = read_record(root)
             if self.record.get("made") != made:

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from dofbench.core.errors import InputError, Status
 from dofbench.core.evidence import Photographer, Role
 from dofbench.core.files import canonical_json, sha256_text, write_json
+from dofbench.core.names import InsideName, InsidePath
 
 SCHEMA_VERSION = 4
 RESULT_FILE = "result.json"
@@ -74,12 +75,12 @@ class Spec(Stored):
     (`provenance.code_version`).
     """
 
-    method: str
-    preset: str
+    method: InsideName
+    preset: InsideName
     overrides: dict[str, Any]
     options: dict[str, Any]
     budget: str
-    dataset: str
+    dataset: InsidePath
     dataset_checksum: str
     protocol: str
     seed: int
@@ -121,14 +122,14 @@ class CurvePoint(Stored):
 class ViewScores(Stored):
     """Scores (column -> value) of one test view."""
 
-    name: str
+    name: InsidePath
     scores: dict[str, float]
 
 
 class ViewLens(Stored):
     """True and estimated lens of one training view, in the dataset's units, and their errors."""
 
-    name: str
+    name: InsidePath
     aperture: float
     focus: float
     aperture_estimated: float
@@ -230,8 +231,8 @@ class Result(Stored):
     description: dict[str, float]
     kernels_compiled: int | None
     nonfinite: list[Event]
-    predictions: dict[str, str]
-    model: dict[str, str]
+    predictions: dict[InsidePath, str]
+    model: dict[InsidePath, str]
     git: Git | None
     machine: dict[str, str | int | float]
     packages: dict[str, str]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from dofbench.core.errors import InputError, Status
-from dofbench.core.files import files_below, sha256_file
+from dofbench.core.files import files_below, sha256_file, temporaries
 from dofbench.core.images import read_image
 from dofbench.core.leases import at_work, leased_folders
 from dofbench.dataset.dataset import Dataset
@@ -74,7 +74,7 @@ def _place(folder: Path, result: Result) -> Iterator[str]:
         yield f"the folder of this run would be {result.spec.folder.name}: it is found by its name"
     if (folder / TRAINED_FILE).is_file():
         yield f"{TRAINED_FILE}: left by a run that died while it scored; its command goes on with it"
-    for file in sorted(folder.rglob(".*")):
+    for file in temporaries(folder):
         if file.is_file():
             yield f"{file.relative_to(folder)}: half a file, left by a process that died"
 
@@ -82,7 +82,7 @@ def _place(folder: Path, result: Result) -> Iterator[str]:
 def _pictures(folder: Path, result: Result) -> Iterator[str]:
     for name, checksum in {**result.predictions, **result.model}.items():
         file = folder / name
-        if not file.resolve().is_relative_to(folder.resolve()):
+        if not file.resolve().is_relative_to(folder.resolve()):  # by a link
             yield f"{name}: outside of the result's folder"
         elif not file.is_file():
             yield f"{name}: missing"

@@ -16,7 +16,7 @@ from dofbench.core.budget import Budget
 from dofbench.core.clock import StageTimes, timestamp
 from dofbench.core.contracts import Decision, FitOutcome, Method, TrainingSet
 from dofbench.core.errors import Ended, InputError, Status, interruption
-from dofbench.core.files import read_json, sha256_file, write_json
+from dofbench.core.files import read_json, refuse_links_outside, sha256_file, write_json
 from dofbench.core.leases import Lease
 from dofbench.core.progress import say
 from dofbench.metrics import METRICS
@@ -87,6 +87,7 @@ class Execution:
 
         Raises InputError when another process has taken the run over meanwhile: the result is that one's to write.
         """
+        refuse_links_outside(self.folder)
         if self.settings.rerun:
             (self.folder / TRAINED_FILE).unlink(missing_ok=True)
         trained: _Trained | None = None
@@ -127,13 +128,13 @@ class Execution:
         return kernels_compiled() - self.already_compiled
 
     def _train(self) -> _Trained:
+        with self.stages["load data"].running():
+            training_set = self.dataset.training_set(self.settings.inputs)
         # An earlier result's files go before they are written anew: if this run dies, none is left half.
         for name in (RESULT_FILE, ADDED_FILE):
             (self.folder / name).unlink(missing_ok=True)
         for name in (MODEL_FOLDER, PREDICTIONS_FOLDER):
             shutil.rmtree(self.folder / name, ignore_errors=True)
-        with self.stages["load data"].running():
-            training_set = self.dataset.training_set(self.settings.inputs)
         if not self.entry.card.elsewhere:
             self._warm_up(training_set)
         provenance.reset_peak_memory()

@@ -15,7 +15,7 @@ import numpy as np
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
-from dofbench.core.files import refused, replacing, write_json
+from dofbench.core.files import TEMPORARY, refused, replacing, write_json
 from dofbench.core.images import to_8bit
 from dofbench.scenes.colmap_files import check_binary
 from dofbench.scenes.poses import opencv_to_llff, opengl_to_opencv
@@ -59,7 +59,7 @@ def write_colmap(root: Path, file_names: Sequence[str], cameras: Sequence[Camera
         _add_points(model, points, sightings)
     folder = root / "sparse" / "0"
     folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".model.", dir=folder) as unfinished:
+    with tempfile.TemporaryDirectory(prefix=f"{TEMPORARY}model.", dir=folder) as unfinished:
         model.write_binary(unfinished)
         try:
             check_binary(Path(unfinished))

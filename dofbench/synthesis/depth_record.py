@@ -13,6 +13,7 @@ from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, write_json
 from dofbench.core.images import read_exr, read_image, to_8bit, write_exr, write_grey_png
 from dofbench.core.lens import DisparityRange
+from dofbench.core.names import inside
 from dofbench.core.progress import Progress
 from dofbench.dataset import layout
 from dofbench.dataset.dataset import Dataset
@@ -155,7 +156,7 @@ def _files_there(out: Path, view: SceneView) -> bool:
 
 def _one_view(source: DepthSource, view: SceneView, out: Path) -> DepthViewRecord:
     """Estimate a view's depth and write it, unless an earlier run has finished it; the record is written last."""
-    noted = out / WORK / _VIEWS / f"{view.name}.json"
+    noted = out / WORK / _VIEWS / f"{inside(view.name, 'view')}.json"
     if noted.is_file() and _files_there(out, view):
         return DepthViewRecord.model_validate(read_json(noted))
     estimate = source.estimate(view)

@@ -12,7 +12,7 @@ from dofbench.core.errors import InputError
 from dofbench.core.files import replacing, sha256_file, write_json
 from dofbench.dataset import layout
 from dofbench.dataset.points_choice import Points
-from dofbench.dataset.schema import MANIFEST, LensFile, Manifest, SourceRecord, read_lens_file, read_manifest
+from dofbench.dataset.schema import LENS_FILE, MANIFEST, LensFile, Manifest, SourceRecord, read_lens_file, read_manifest
 from dofbench.synthesis.dataset_options import DatasetOptions, MakeDataset
 from dofbench.synthesis.work import DEPTH_RECORD, NOISE, WORK, noise_file
 
@@ -46,6 +46,9 @@ def take_over_all(other: Path, out: Path, identity: Callable[[Points], str]) -> 
             "--reuse", f"{other}, of another scene, split, version or lens", "a dataset that differs in --points alone"
         )
     _copy(other, manifest, out, (*_TRUTH, layout.shallow_path, layout.linear_path))
+    record = manifest.files.get(LENS_FILE)
+    if record is None or not (other / LENS_FILE).is_file() or sha256_file(other / LENS_FILE) != record.sha256:
+        raise InputError(other / LENS_FILE, "a changed file", f"the one that {MANIFEST} lists")
     lenses = read_lens_file(other)
     if isinstance(lenses, LensFile) and lenses.thinlens is not None:
         for view in lenses.known:

@@ -141,7 +141,9 @@ def expected_files(root: Path, source: SourceRecord, depth: DepthRecord | None) 
                 *([layout.DEPTH, layout.CONFIDENCE] if image.view in measured else []),
             ]
         views += [pattern.format(image.view) for pattern in patterns]
-    model = [path.relative_to(root).as_posix() for path in (root / layout.SPARSE).iterdir()]
+    sparse = root / layout.SPARSE
+    files = [path for path in sparse.iterdir() if path.is_file()] if sparse.is_dir() else []
+    model = [path.relative_to(root).as_posix() for path in files if not path.name.startswith(".")]
     # Photographs without depth and points have no depth bounds, hence no poses_bounds.npy.
     unbounded = (
         all(image.photograph is not None for image in source.images) and not (root / layout.POSES_BOUNDS).is_file()

@@ -7,6 +7,7 @@ and are removed.
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import asdict
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from dofbench.validation.renderer_scores import Score, score
 from dofbench.validation.renderer_truth import Case
 
 FOLDER = ".scores"
+_NAME = re.compile(r"[0-9a-f]{16}-[0-9a-f]{24}\.json")
 
 
 class Store:
@@ -24,7 +26,7 @@ class Store:
     def __init__(self, out: Path):
         self._folder, self._code = out / FOLDER, closure_digest([score, "dofbench.validation.variants:VARIANTS"])
         for file in self._folder.glob("*.json"):
-            if not file.name.startswith(self._code[:16]):
+            if _NAME.fullmatch(file.name) and not file.name.startswith(self._code[:16]):
                 file.unlink()
 
     def read(self, case: Case) -> dict[str, list[Score]]:

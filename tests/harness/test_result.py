@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from relisted import edit_json
 from tolerances import FLOAT64_VALUE
 
 from dofbench.core.errors import InputError, Status
@@ -222,3 +223,20 @@ def test_a_mean_leaves_no_value_out(values: list[float]) -> None:
     else:
         assert math.isfinite(mean)
         assert min(values) <= mean <= max(values) or mean == pytest.approx(values[0], rel=FLOAT64_VALUE)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda data: data["spec"].update(dataset="../../evil"),
+        lambda data: data["spec"].update(method="a/b"),
+        lambda data: data["spec"].update(preset=".."),
+        lambda data: data["predictions"].update({"/etc/passwd": "0" * 64}),
+        lambda data: data["model"].update({"model/../../x": "0" * 64}),
+    ],
+)
+def test_names_that_lead_out_of_a_results_folder_are_refused(call, change):
+    file = call().folder / "result.json"
+    edit_json(file, change)
+    with pytest.raises(InputError, match=r"result\.json"):
+        read_result(file)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -276,3 +277,27 @@ def test_a_log_gets_plain_lines(call) -> None:
     console, stream = text_console()
     call(console)
     assert "step 8, loss 0.1250" in stream.getvalue() and "\x1b" not in stream.getvalue()
+
+
+def test_a_dataset_whose_files_changed_isnt_run_on(call, tmp_path):
+    folder = call().folder
+    image = next((tmp_path / "data" / "images").iterdir())
+    content = bytearray(image.read_bytes())
+    content[-20] ^= 1
+    image.write_bytes(content)
+    before = (folder / "result.json").read_bytes()
+    for rerun in (False, True):
+        with pytest.raises(InputError, match=f"{image.name}: found a changed file"):
+            call(rerun=rerun)
+    assert (folder / "result.json").read_bytes() == before
+
+
+def test_a_link_out_of_the_results_folder_is_not_written_through(call, tmp_path):
+    folder = call().folder
+    (tmp_path / "outside").mkdir()
+    (tmp_path / "outside" / "v0.png").write_text("precious")
+    shutil.rmtree(folder / "predictions" / "refocus")
+    (folder / "predictions" / "refocus").symlink_to(tmp_path / "outside")
+    with pytest.raises(InputError, match="a link to"):
+        call(rerun=True)
+    assert (tmp_path / "outside" / "v0.png").read_text() == "precious"

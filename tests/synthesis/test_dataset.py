@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import shutil
 
 import numpy as np
 import pytest
+from relisted import edit_json, relist
 from tolerances import FLOAT64_VALUE
 
 from dofbench.core.blur import Blur
@@ -151,8 +153,44 @@ def test_a_folder_that_is_no_dataset(folder, spoil, word):
     ],
 )
 def test_parts_that_do_not_fit_together(folder, change, word):
-    lenses = json.loads((folder / "lens.json").read_text())
-    change(lenses)
-    write_json(folder / "lens.json", lenses)
+    edit_json(folder / "lens.json", change)
+    relist(folder)
     with pytest.raises(InputError, match=word):
         Dataset.load(folder)
+
+
+# ---- files that aren't those of the manifest ----
+
+
+@pytest.mark.parametrize("file", ["images/v01.png", "depth/v02.exr", "all_in_focus/v00.png", "sparse/0/images.bin"])
+def test_a_changed_file_of_equal_size_is_named(folder, file):
+    assert Dataset.load(folder).views
+    content = bytearray((folder / file).read_bytes())
+    times = (folder / file).stat()
+    content[len(content) // 2] ^= 4
+    (folder / file).write_bytes(content)
+    os.utime(folder / file, ns=(times.st_atime_ns, times.st_mtime_ns))  # as a copy that keeps times does
+    with pytest.raises(InputError, match=f"{file}: found a changed file"):
+        Dataset.load(folder)
+
+
+def test_training_images_in_place_of_others_are_named(folder):
+    for sharp in (folder / "all_in_focus").iterdir():
+        shutil.copyfile(sharp, folder / "images" / sharp.name)
+    with pytest.raises(InputError, match=r"images/v00\.png: found a changed file"):
+        Dataset.load(folder)
+
+
+@pytest.mark.parametrize("file", ["exif.json", "sparse/0/points3D.txt", "colmap/sparse/0/cameras.bin"])
+def test_a_file_that_would_be_read_as_well_must_be_listed(folder, file):
+    (folder / file).parent.mkdir(parents=True, exist_ok=True)
+    (folder / file).write_text("{}")
+    with pytest.raises(InputError, match=f"{file}: found a file that dataset.json doesn't list"):
+        Dataset.load(folder)
+
+
+def test_notes_of_the_user_are_no_obstacle(folder):
+    (folder / ".git").mkdir()
+    (folder / ".git" / "config").write_text("x")
+    (folder / "notes.txt").write_text("mine")
+    assert Dataset.load(folder).views

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from relisted import edit_json as edit
+from relisted import relist
 from scipy.ndimage import uniform_filter
 
 from dofbench import cli
 from dofbench.core.errors import InputError
-from dofbench.core.files import sha256_file, write_json
 from dofbench.core.images import read_image, write_png
 from dofbench.core.progress import Silent
 from dofbench.scenes import export, load_scene
@@ -62,25 +63,6 @@ def made(blurred: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def folder(made: Path, tmp_path: Path) -> Path:
     return shutil.copytree(made, tmp_path / "copy")
-
-
-def edit(path: Path, change: Callable[[dict], object]) -> None:
-    content = json.loads(path.read_text())
-    change(content)
-    write_json(path, content)
-
-
-def recorded(folder: Path) -> None:
-    """Bring the manifest up to date with the files, as a program would that makes such a dataset."""
-
-    def change(manifest: dict) -> None:
-        manifest["files"] = {
-            path.relative_to(folder).as_posix(): {"sha256": sha256_file(path), "size": path.stat().st_size}
-            for path in sorted(folder.rglob("*"))
-            if path.is_file() and path.name != "dataset.json"
-        }
-
-    edit(folder / "dataset.json", change)
 
 
 def test_what_is_known_is_there_and_nothing_else(made: Path, blurred: Path, contents: Callable) -> None:
@@ -348,7 +330,7 @@ def test_how_to_blur_is_no_question(
 )
 def test_check_finds_what_cannot_be(folder: Path, change: Callable, problem: str) -> None:
     change(folder)
-    recorded(folder)
+    relist(folder)
     assert any(problem in line for line in check_dataset(folder)), check_dataset(folder)
 
 
@@ -363,6 +345,8 @@ def test_check_finds_what_cannot_be(folder: Path, change: Callable, problem: str
 )
 def test_the_reader_refuses_what_cannot_be(folder: Path, file: str, change: Callable, word: str) -> None:
     edit(folder / file, change)
+    if file != "dataset.json":
+        relist(folder)
     with pytest.raises(InputError, match=word) as caught:
         Dataset.load(folder)
     assert "\n" not in str(caught.value)
@@ -382,7 +366,7 @@ def mixed(dataset_folder: Path, tmp_path: Path) -> Path:
         folder / "dataset.json",
         lambda manifest: manifest["source"]["images"][0].update(photograph="shallow"),
     )
-    recorded(folder)
+    relist(folder)
     return folder
 
 

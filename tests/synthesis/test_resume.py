@@ -63,9 +63,9 @@ def test_killed_and_started_again(scene, dataset_folder, tmp_path, contents):
     assert done.returncode == -signal.SIGKILL, done.stdout
     assert not (out / "dataset.json").exists()
     # What a kill in the middle of a write leaves.
-    (out / "images" / ".v03.abc.png").write_bytes(b"half")
-    (out / "sparse" / "0" / ".model.abc").mkdir(parents=True)
-    (out / "sparse" / "0" / ".model.abc" / "points3D.bin").write_bytes(b"half")
+    (out / "images" / ".dofbench-v03.abc.png").write_bytes(b"half")
+    (out / "sparse" / "0" / ".dofbench-model.abc").mkdir(parents=True)
+    (out / "sparse" / "0" / ".dofbench-model.abc" / "points3D.bin").write_bytes(b"half")
     finished = {path: path.stat().st_mtime_ns for path in out.glob("images/v*.png")}
     run(scene, out)
     assert contents(out) == contents(dataset_folder)
@@ -154,6 +154,41 @@ def test_a_changed_scene_is_another_dataset(write_scene, tmp_path):
     (root / "depth" / "v01.exr").write_bytes((root / "depth" / "v02.exr").read_bytes())
     with pytest.raises(InputError, match="another dataset"):
         run(root, out)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_hidden_files_of_the_user_stay(scene, dataset_folder, tmp_path, monkeypatch, contents, seed):
+    """Whether the same dataset is resumed, or the call is refused as another one."""
+    out = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        patch.setattr(make, "shallow_image", None)
+        with pytest.raises(TypeError):
+            run(scene, out)
+    own = [".git/config", ".dvc/cache/a", ".notes", "images/.thumbs", ".v03.abc.png", ".work/mine.txt"]
+    for name in own:
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (out / name).write_text("precious")
+    (out / "images" / ".dofbench-v03.abc.png").write_bytes(b"half")
+    before = contents(out)
+    if seed:
+        with pytest.raises(InputError, match="another dataset"):
+            run(scene, out, seed=seed)
+        assert contents(out) == before
+    else:
+        run(scene, out)
+        assert contents(out) == {**contents(dataset_folder), **dict.fromkeys(own, b"precious")}
+
+
+@pytest.mark.parametrize("content", [None, "[]", '{"identity": "of a reconstruction"}'])
+def test_a_work_folder_of_another_program_is_left_alone(scene, tmp_path, content):
+    work = tmp_path / "out" / ".work"
+    work.mkdir(parents=True)
+    (work / "thesis.tex").write_text("precious")
+    if content is not None:
+        (work / "state.json").write_text(content)
+    with pytest.raises(InputError, match="a folder that make-dataset didn't make"):
+        run(scene, tmp_path / "out")
+    assert (work / "thesis.tex").read_text() == "precious"
 
 
 def test_one_writer_at_a_time(scene, tmp_path, monkeypatch):

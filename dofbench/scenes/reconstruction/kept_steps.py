@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from dofbench.core.errors import InputError
-from dofbench.core.files import read_json, write_json
+from dofbench.core.files import TEMPORARY, read_json, refuse_links_outside, write_json
 
 RECORD = "reconstruct.json"
-_WORK, _STATE, _TIMES = ".work", "state.json", "seconds.json"
+_WORK, _STATE, _TIMES, _MOVED = ".work", "state.json", "seconds.json", "moved.json"
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,7 @@ class Work:
 
         What another one left unfinished is thrown away. Raises InputError where the folder holds anything else.
         """
+        refuse_links_outside(self.root)
         record = self.root / RECORD
         if record.is_file():
             found = read_json(record)
@@ -62,24 +63,37 @@ class Work:
                     "another reconstruction",
                     "the same one (photographs, settings, version), or another --out",
                 )
-            shutil.rmtree(self.folder, ignore_errors=True)
+            if self._begun():
+                shutil.rmtree(self.folder)
             return "complete"
-        if any(entry.name != _WORK for entry in self.root.iterdir()) and not (self.folder / _STATE).is_file():
+        moved = read_json(self.folder / _MOVED) if (self.folder / _MOVED).is_file() else []
+        others = [entry.name for entry in self.root.iterdir() if entry.name != _WORK and entry.name not in moved]
+        if any(not name.startswith(".") for name in others) or (others and not self._begun()):
             raise InputError(self.root, "files that are no reconstruction", "an empty or a new folder")
-        if (self.folder / _STATE).is_file() and read_json(self.folder / _STATE) == {"identity": identity}:
-            return "open"
-        shutil.rmtree(self.folder, ignore_errors=True)
+        if self._begun():
+            if read_json(self.folder / _STATE) == {"identity": identity}:
+                return "open"
+            shutil.rmtree(self.folder)
+        elif self.folder.is_dir() and any(not entry.name.startswith(TEMPORARY) for entry in self.folder.iterdir()):
+            raise InputError(self.folder, "a folder that reconstruct didn't make", "an empty or a new folder")
         write_json(self.folder / _STATE, {"identity": identity})
         return "open"
 
     def finish(self) -> None:
         """Move the result to its place, the record last, and take the rest away."""
-        for path in sorted(self.scene.iterdir(), key=lambda path: path.name == RECORD):
-            place = self.root / path.name
-            if place.is_dir():  # moved by a run that was cut off right here
-                shutil.rmtree(place)
-            path.replace(place)
+        paths = sorted(self.scene.iterdir(), key=lambda path: path.name == RECORD)
+        write_json(self.folder / _MOVED, [path.name for path in paths])
+        for path in paths:
+            _move(path, self.root / path.name)
         shutil.rmtree(self.folder)
+
+    def _begun(self) -> bool:
+        """Whether the work folder is a reconstruction's."""
+        file = self.folder / _STATE
+        if not file.is_file():
+            return False
+        state = read_json(file)
+        return isinstance(state, dict) and state.keys() == {"identity"}
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
@@ -93,3 +107,12 @@ class Work:
     def seconds(self) -> dict[str, Any]:
         """Seconds spent, by stage."""
         return read_json(self.folder / _TIMES) if (self.folder / _TIMES).is_file() else {}
+
+
+def _move(path: Path, place: Path) -> None:
+    """Move a file or folder to its place; a folder that a run which was cut off moved in part is completed."""
+    if path.is_dir() and place.is_dir():
+        for below in sorted(path.iterdir()):
+            _move(below, place / below.name)
+    else:
+        path.replace(place)
