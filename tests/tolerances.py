@@ -13,6 +13,9 @@ FLOAT64_VALUE = 1e-10
 FINITE_DIFFERENCE = 1e-5
 # A rotation through a quaternion, a matrix product and back: a few roundings of float64, times scene units of order 10.
 POSE_ROUND_TRIP = 1e-9
+# Positions of up to 1e7 scene units and a rotation's products with them, in float64 with steps of 1.9e-9 there: some
+# ten roundings on the way into a file and out of it.
+FAR_POSITION = 3e-8
 # A distortion inverted by Newton's method, in pixels: the method stops at 1e-12 of the focal length.
 UNDISTORTED_PIXEL = 1e-6
 # Waves of amplitude 0.4 resampled by OpenCV's Lanczos, worst along a diagonal with a period of 60 pixels, where both

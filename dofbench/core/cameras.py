@@ -7,6 +7,10 @@ from typing import Any, Self
 
 import numpy as np
 
+# What is added to local coordinates to get those of a scene's files, (3,), scene units.
+Offset = tuple[float, float, float]
+NO_OFFSET: Offset = (0.0, 0.0, 0.0)
+
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
@@ -91,6 +95,14 @@ class Camera(Calibration):
     def centre(self) -> np.ndarray:
         """(3,) camera position in world coordinates."""
         return self.camera_to_world[:3, 3]
+
+    def moved(self, by: Offset) -> Self:
+        """The same camera at its position plus `by`, scene units, computed in float64; itself for no offset."""
+        if by == NO_OFFSET:
+            return self
+        pose = self.world_to_camera.copy()
+        pose[:3, 3] -= pose[:3, :3] @ np.array(by)
+        return replace(self, world_to_camera=pose)
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Project world points (P, 3). Returns image coordinates (P, 2), pixels, and depth (P,).

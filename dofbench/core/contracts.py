@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -11,7 +11,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from dofbench.core.budget import Budget
-from dofbench.core.cameras import Camera
+from dofbench.core.cameras import NO_OFFSET, Camera, Offset
 from dofbench.core.errors import Status
 from dofbench.core.exif import Exif
 from dofbench.core.lens import PhysicalLens
@@ -33,6 +33,15 @@ class PointCloud:
 
     def __len__(self) -> int:
         return len(self.xyz)
+
+    def moved(self, by: Offset) -> PointCloud:
+        """The points at their positions plus `by`, scene units; itself for no offset."""
+        return self if by == NO_OFFSET else replace(self, xyz=self.xyz + np.array(by))
+
+    def kept(self, keep: np.ndarray) -> PointCloud:
+        """The points where `keep`, (P,) bool, is true, with their tracks."""
+        tracks = self.views and tuple(track for track, kept in zip(self.views, keep, strict=True) if kept)
+        return PointCloud(self.xyz[keep], self.rgb[keep], self.error[keep], tracks)
 
     def seen_from(self, view: int) -> np.ndarray:
         """(P,) bool: the points that view number `view` saw. Raises ValueError where tracks are unknown."""
@@ -64,9 +73,7 @@ class PointCloud:
         tracks = [place[track] for track in self.views]
         tracks = [np.sort(track[track >= 0]) for track in tracks]
         kept = np.array([len(track) > 0 for track in tracks], dtype=bool)
-        return PointCloud(
-            self.xyz[kept], self.rgb[kept], self.error[kept], tuple(track for track in tracks if len(track))
-        )
+        return replace(self, views=tuple(tracks)).kept(kept)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +94,12 @@ class TrainingSet:
     they are unknown, all points of the scene, those that only test views saw among them. Points and the cameras' poses
     usually come from structure from motion on the sharp photographs of all views, test views included, as is usual in
     the field; a dataset's manifest says where its own come from (`dofbench.dataset.points_record`).
+    offset: add it to coordinates here for those of the scene's files; zero unless these are far from their origin.
     """
 
     views: tuple[TrainingView, ...]
     points: PointCloud | None
+    offset: Offset = NO_OFFSET
 
 
 @dataclass(frozen=True)

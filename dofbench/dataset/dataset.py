@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from dofbench.core.blur import Blur
-from dofbench.core.cameras import Camera
+from dofbench.core.cameras import NO_OFFSET, Camera, Offset
 from dofbench.core.checksums import checksums
 from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.core.errors import InputError
@@ -84,8 +84,8 @@ class Dataset:
         folder = Path(folder)
         manifest = read_manifest(folder)
         _check_files(folder, manifest)
-        lenses = read_lens_file(folder)
-        scene = nerfstudio.read(folder, width=None, images=None, hold=None)
+        lenses, offset = read_lens_file(folder), manifest.offset or NO_OFFSET
+        scene = nerfstudio.read(folder, width=None, images=None, hold=None, offset=offset)
         views = {view.name: view for view in scene.views}
         records = {record.name: record for record in lenses.views}
         if views.keys() != records.keys():
@@ -150,6 +150,12 @@ class Dataset:
     def photographer(self) -> Photographer:
         """What took the photographs."""
         return self.lenses.photographer
+
+    @property
+    def offset(self) -> Offset:
+        """Added to the coordinates of cameras and points here, it gives those of the dataset's files; zero unless the
+        scene lies far from its origin."""
+        return self.manifest.offset or NO_OFFSET
 
     @property
     def assign(self) -> Dealt:
@@ -260,7 +266,7 @@ class Dataset:
             image = read(view)
             assert image is not None
             views.append(TrainingView(view.name, view.camera, image, view.exif))
-        return TrainingSet(tuple(views), self.training_points())
+        return TrainingSet(tuple(views), self.training_points(), self.offset)
 
     def _view(self, view: BenchmarkView | str) -> BenchmarkView:
         return self.view(view) if isinstance(view, str) else view

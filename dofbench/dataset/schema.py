@@ -283,6 +283,7 @@ class Manifest(_Record):
 
     identity: sha256 of everything that decides the content (settings, source, lens plan, version). depth: absent if no
     view has depth. points: where points and poses come from; absent before schema version 3, which is "not stated".
+    offset: of cameras and points in the dataset's files, subtracted on reading, scene units; absent where it is zero.
     """
 
     schema_name: Literal["dofbench-dataset"] = Field(alias="schema")
@@ -296,6 +297,7 @@ class Manifest(_Record):
     source: SourceRecord
     depth: DepthRecord | None = None
     points: PointsRecord | None = None
+    offset: tuple[FiniteFloat, FiniteFloat, FiniteFloat] | None = None
     files: dict[InsidePath, FileRecord]
 
 

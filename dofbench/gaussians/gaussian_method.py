@@ -11,7 +11,7 @@ import numpy as np
 from dofbench.compute.device_memory import forget_peak, peak_mb
 from dofbench.compute.devices import KINDS, resolve
 from dofbench.core.budget import Budget
-from dofbench.core.cameras import Camera
+from dofbench.core.cameras import NO_OFFSET, Camera
 from dofbench.core.contracts import FitOutcome, Observer, Rendering, TrainingSet
 from dofbench.core.errors import InputError
 from dofbench.core.lens import PhysicalLens
@@ -19,7 +19,7 @@ from dofbench.gaussians.exposure import Exposures
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.model import NEAR, Gaussians
 from dofbench.gaussians.rendering_options import CONVENTIONS, NEAR_PLANE, RENDERING
-from dofbench.gaussians.splats import lower_degree, read_splats, write_splats
+from dofbench.gaussians.splats import lower_degree, read_offset, read_splats, write_splats
 from dofbench.gaussians.trainer import Trainer
 from dofbench.learning.lens_file import read_lenses, write_lenses
 from dofbench.learning.option_groups import ListedOption, listed_options
@@ -49,6 +49,7 @@ class GaussianMethod:
         self._lenses: dict[str, PhysicalLens] | None = None
         self._colours: dict[str, np.ndarray] | None = None
         self._peak: dict[str, float] = {}
+        self._offset = NO_OFFSET
 
     @classmethod
     def available_options(cls) -> tuple[ListedOption, ...]:
@@ -65,6 +66,7 @@ class GaussianMethod:
         forget_peak(self._device)
         self._trainer = Trainer(training_set, self._options, self._seed, self._device)
         self._gaussians, self._exposures = self._trainer.gaussians, None
+        self._offset = training_set.offset
         outcome = self._trainer.fit(budget, observer)
         self._peak = peak_mb(self._device)
         self._exposures = Exposures(self._gaussians, self.options)
@@ -93,13 +95,14 @@ class GaussianMethod:
         """Write the Gaussians as 3DGS' .ply, the learned lenses and the rendering options as JSON, and the photographs'
         colours if they were learned.
 
+        The .ply has the coordinates of the scene's files; `load` subtracts their offset again, which its header states.
         The 3D filter, where it is on, is merged into the Gaussians, so a model that is read back renders the same
         except for rounding.
         """
         shown = self.gaussians
         if not self.options.appearance.filter_3d:
             shown = Gaussians(shown.parameters, None, shown.near)
-        write_splats(folder / _MODEL, shown)
+        write_splats(folder / _MODEL, shown, self._offset)
         values = self.options.flat()
         rendering = {**{name: values[name] for name in RENDERING}, NEAR_PLANE: self.gaussians.near}
         write_lenses(folder / _LENSES, self.lens_estimates(), rendering, CONVENTIONS)
@@ -108,7 +111,8 @@ class GaussianMethod:
 
     def load(self, folder: Path) -> None:
         """Read a model that `save` wrote; raises InputError when a file is missing or damaged."""
-        gaussians = read_splats(folder / _MODEL)
+        self._offset = read_offset(folder / _MODEL)
+        gaussians = read_splats(folder / _MODEL, self._offset)
         self._lenses, rendering = read_lenses(folder / _LENSES, (*RENDERING, NEAR_PLANE))
         near = rendering.pop(NEAR_PLANE, NEAR)
         if isinstance(near, str) or not near > 0:

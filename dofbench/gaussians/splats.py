@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from dofbench.core.cameras import NO_OFFSET, Offset
 from dofbench.core.errors import InputError
 from dofbench.core.files import replacing
 from dofbench.gaussians.model import Gaussians
-from dofbench.scenes.ply import read_vertices
+from dofbench.scenes.ply import read_comments, read_vertices
 
 EXPECTED = "a .ply file of Gaussians as 3DGS writes it"
 _REST = 15  # coefficients per channel after the first, up to degree 3; some viewers require all of them
@@ -20,15 +21,19 @@ _ALWAYS = (*_PLACE, *_COLOUR, *_FORM)
 _PROPERTIES = (*_PLACE, "nx", "ny", "nz", *_COLOUR, *(f"f_rest_{k}" for k in range(3 * _REST)), *_FORM)
 # An opacity of exactly 0 or 1 has no finite logit; logits of this size give 0 or 1 within float32's precision.
 _LARGEST_LOGIT = 30.0
+_OFFSET = "offset"
+_OFFSET_SAYS = "comment x y z are double precision: local coordinates plus this offset"
 
 
-def write_splats(path: Path, gaussians: Gaussians) -> None:
+def write_splats(path: Path, gaussians: Gaussians, offset: Offset = NO_OFFSET) -> None:
     """Write N Gaussians as binary little-endian PLY of float32, atomically.
 
     Mip-Splatting's 3D filter is merged into the scales and opacities, since viewers don't support the filter. Scales
     are natural
     logarithms of scene units, opacities logits, quaternions w first and of unit length; f_rest holds all of one
     channel's coefficients before the next one's, zero above the scene's degree; normals are zero.
+    offset: added to the positions, which are then doubles, since float32 would round them to half a metre in a UTM
+    zone's; a comment in the header states it.
     """
     parameters = {name: value.numpy(force=True) for name, value in gaussians.parameters.items()}
     log_scales, logits = (parameters[name].astype(np.float64) for name in ("log_scales", "opacity_logits"))
@@ -42,18 +47,25 @@ def write_splats(path: Path, gaussians: Gaussians) -> None:
         rows[:, first : first + terms] = parameters["sh_rest"][:, :, channel]
     rows[:, 54] = np.clip(logits, -_LARGEST_LOGIT, _LARGEST_LOGIT)
     rows[:, 55:58], rows[:, 58:62] = log_scales, _unit(parameters["quaternions"].astype(np.float64))
+    body, kind, comments = rows.tobytes(), "float", []
+    if offset != NO_OFFSET:
+        placed = np.empty(count, [("place", "<f8", 3), ("others", "<f4", len(_PROPERTIES) - 3)])
+        placed["place"], placed["others"] = parameters["means"].astype(np.float64) + np.array(offset), rows[:, 3:]
+        body = placed.tobytes()
+        kind, comments = "double", [f"comment {_OFFSET} {' '.join(map(repr, offset))}", _OFFSET_SAYS]
     header = "\n".join(
         [
             "ply",
             "format binary_little_endian 1.0",
+            *comments,
             f"element vertex {count}",
-            *(f"property float {name}" for name in _PROPERTIES),
+            *(f"property {kind if name in _PLACE else 'float'} {name}" for name in _PROPERTIES),
             "end_header\n",
         ]
     )
     with replacing(path) as temporary, temporary.open("wb") as stream:
         stream.write(header.encode("ascii"))
-        stream.write(rows.data)
+        stream.write(body)
 
 
 def _baked(log_scales: np.ndarray, logits: np.ndarray, filter_3d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -72,12 +84,30 @@ def _unit(quaternions: np.ndarray) -> np.ndarray:
     return np.where(length > 0, quaternions / np.where(length > 0, length, 1), [1.0, 0.0, 0.0, 0.0])
 
 
-def read_splats(path: Path) -> Gaussians:
+def read_offset(path: Path) -> Offset:
+    """The offset that the header of a .ply of `write_splats` states; zero without. Raises InputError for a damaged
+    one."""
+    for comment in read_comments(path, EXPECTED):
+        match comment.split():
+            case [word, *numbers] if word == _OFFSET:
+                try:
+                    x, y, z = (float(number) for number in numbers)
+                except ValueError:
+                    raise InputError(path, f"comment {comment}", "three numbers as the offset") from None
+                if not np.isfinite([x, y, z]).all():
+                    raise InputError(path, f"comment {comment}", "finite numbers")
+                return x, y, z
+    return NO_OFFSET
+
+
+def read_splats(path: Path, offset: Offset | None = None) -> Gaussians:
     """Read Gaussians from 3DGS' PLY, binary or ASCII, with harmonics of degree 0 to 3, from any program.
 
-    Properties that 3DGS doesn't have are ignored, except Mip-Splatting's filter_3D. Raises InputError when the
-    file isn't there, is damaged, or lacks a property.
+    Properties that 3DGS doesn't have are ignored, except Mip-Splatting's filter_3D. offset: subtracted from the
+    positions before they become float32; None for the header's. Raises InputError when the file isn't there, is
+    damaged, or lacks a property.
     """
+    offset = read_offset(path) if offset is None else offset
     rows = read_vertices(path, EXPECTED)
     names = set(rows.dtype.names or ())
     missing = [name for name in _ALWAYS if name not in names]
@@ -89,6 +119,8 @@ def read_splats(path: Path) -> Gaussians:
 
     def columns(*wanted: str) -> torch.Tensor:
         values = np.stack([rows[name] for name in wanted], axis=1) if wanted else np.empty((len(rows), 0))
+        if wanted == _PLACE and offset != NO_OFFSET:
+            values = values.astype(np.float64) - np.array(offset)
         if not np.isfinite(values).all():
             raise InputError(path, f"NaN or infinity in {wanted[0]} to {wanted[-1]}", "finite numbers")
         return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
@@ -96,7 +128,7 @@ def read_splats(path: Path) -> Gaussians:
     rest = columns(*(f"f_rest_{k}" for k in range(count))).reshape(len(rows), 3, count // 3)
     return Gaussians(
         {
-            "means": columns("x", "y", "z"),
+            "means": columns(*_PLACE),
             "log_scales": columns("scale_0", "scale_1", "scale_2"),
             "quaternions": columns("rot_0", "rot_1", "rot_2", "rot_3"),
             "opacity_logits": columns("opacity")[:, 0],

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dofbench.core.cameras import Camera
+from dofbench.core.cameras import NO_OFFSET, Camera, Offset
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.core.files import TEMPORARY, refused, replacing, write_json
@@ -24,14 +24,20 @@ from dofbench.scenes.scene import Split
 _MODEL_FILES = ("cameras.bin", "images.bin", "points3D.bin")
 
 
-def write_colmap(root: Path, file_names: Sequence[str], cameras: Sequence[Camera], points: PointCloud | None) -> None:
+def write_colmap(
+    root: Path,
+    file_names: Sequence[str],
+    cameras: Sequence[Camera],
+    points: PointCloud | None,
+    offset: Offset = NO_OFFSET,
+) -> None:
     """Write `root/sparse/0/{cameras,images,points3D}.bin`, the binary layout that 3DGS and COLMAP read.
 
     file_names: a view's image file, relative to the image folder. One PINHOLE camera for every
     distinct size and intrinsics, in order of appearance; camera, image and point ids count from 1 in
     the order given. points.views, where known, index the views: they become tracks, and the
     2D points are the projections. The rig and frame files of newer COLMAP are left out: it
-    makes them up itself, and older readers don't know them.
+    makes them up itself, and older readers don't know them. offset: added to all positions.
     """
     import pycolmap
 
@@ -54,9 +60,9 @@ def write_colmap(root: Path, file_names: Sequence[str], cameras: Sequence[Camera
             if not np.isfinite(pixels).all():
                 raise ValueError(f"points.views: view {index} ({name}) sees a point behind its camera")
         image = pycolmap.Image(name, pixels, camera_id=lens_ids[lens], image_id=index + 1)
-        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(camera.world_to_camera[:3]))
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(camera.moved(offset).world_to_camera[:3]))
     if points is not None:
-        _add_points(model, points, sightings)
+        _add_points(model, points.moved(offset), sightings)
     folder = root / "sparse" / "0"
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f"{TEMPORARY}model.", dir=folder) as unfinished:
@@ -70,11 +76,14 @@ def write_colmap(root: Path, file_names: Sequence[str], cameras: Sequence[Camera
                 temporary.write_bytes(Path(unfinished, name).read_bytes())
 
 
-def write_poses_bounds(path: Path, cameras: Sequence[Camera], near_far: np.ndarray) -> list[str]:
+def write_poses_bounds(
+    path: Path, cameras: Sequence[Camera], near_far: np.ndarray, offset: Offset = NO_OFFSET
+) -> list[str]:
     """Write LLFF's `poses_bounds.npy`: (N, 17) float64, cameras in the order of the sorted image files.
 
     near_far: (N, 2), scene units. The layout has one focal length and the principal point in the
     middle: what is lost of the cameras is returned, one note a kind of loss, and fx, fy become their mean.
+    offset: added to all positions.
     """
     near_far = np.asarray(near_far, dtype=np.float64)
     if near_far.shape != (len(cameras), 2):
@@ -82,17 +91,17 @@ def write_poses_bounds(path: Path, cameras: Sequence[Camera], near_far: np.ndarr
     rows = np.empty((len(cameras), 17))
     for row, camera, bounds in zip(rows, cameras, near_far, strict=True):
         size = (camera.height, camera.width, 0.5 * (camera.fx + camera.fy))
-        row[:15] = np.column_stack([opencv_to_llff(camera.camera_to_world), size]).ravel()
+        row[:15] = np.column_stack([opencv_to_llff(camera.moved(offset).camera_to_world), size]).ravel()
         row[15:] = bounds
     with replacing(path) as temporary, temporary.open("wb") as stream:
         np.save(stream, rows)
     stretch = max((abs(camera.fx / camera.fy - 1) for camera in cameras), default=0.0)
-    offset = max((max(abs(c.cx - c.width / 2), abs(c.cy - c.height / 2)) for c in cameras), default=0.0)
+    off_middle = max((max(abs(c.cx - c.width / 2), abs(c.cy - c.height / 2)) for c in cameras), default=0.0)
     notes = []
     if stretch > 0:
         notes.append(f"{path.name}: fx and fy differ by up to {stretch:.3%}; LLFF has one focal length, their mean")
-    if offset > 0:
-        notes.append(f"{path.name}: principal points up to {offset:.3g} px off the middle, where LLFF has them")
+    if off_middle > 0:
+        notes.append(f"{path.name}: principal points up to {off_middle:.3g} px off the middle, where LLFF has them")
     return notes
 
 
@@ -105,12 +114,14 @@ def write_transforms(
     splits: Sequence[Split] | None = None,
     extra: Sequence[Mapping[str, Any]] | None = None,
     ply_path: str | None = None,
+    offset: Offset = NO_OFFSET,
 ) -> None:
     """Write nerfstudio's `transforms.json`, with OpenGL camera axes.
 
     Paths are relative to the file's folder. Intrinsics stand once where all cameras share them,
     else in every frame. depth_paths: z-depth in scene units, float EXR; None of a view without. splits give
     train_filenames and test_filenames. extra: more entries for each frame; they must not clash with the layout's own.
+    offset: added to all positions.
     """
     _check_equal(len(file_paths), len(cameras), "file_paths", "cameras")
     lenses = [_lens(camera) for camera in cameras]
@@ -125,7 +136,7 @@ def write_transforms(
     frames = []
     for index, (file_path, camera) in enumerate(zip(file_paths, cameras, strict=True)):
         frame = {"file_path": file_path, **({} if shared else lenses[index])}
-        frame["transform_matrix"] = opengl_to_opencv(camera.camera_to_world).tolist()
+        frame["transform_matrix"] = opengl_to_opencv(camera.moved(offset).camera_to_world).tolist()
         if depth_paths is not None and depth_paths[index] is not None:
             frame["depth_file_path"] = depth_paths[index]
         if extra is not None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from dofbench.core.cameras import Offset
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.core.images import image_size
@@ -35,8 +36,8 @@ def fits(root: Path) -> bool:
     return (root / _FILE).is_file()
 
 
-def read(root: Path, *, width: int | None, images: str | None, hold: int | None) -> Scene:
-    """Read the layout; see `load_scene`.
+def read(root: Path, *, width: int | None, images: str | None, hold: int | None, offset: Offset | None = None) -> Scene:
+    """Read the layout; see `load_scene`. offset: the scene's, where it is known already.
 
     transform_matrix is camera-to-world with OpenGL axes. fl_x fl_y cx cy w h k1 k2 k3 p1 p2 stand
     in a frame or for all frames; camera_angle_x, camera_angle_y where there is no focal length.
@@ -58,7 +59,7 @@ def read(root: Path, *, width: int | None, images: str | None, hold: int | None)
     if splits is not None:
         frames = [replace(frame, split=split) for frame, split in zip(frames, splits, strict=True)]
     points, origin = _points(root, content, paths, frames, file)
-    scene = assemble(root, "nerfstudio", frames, points, width=width, subject=file)
+    scene = assemble(root, "nerfstudio", frames, points, width=width, subject=file, offset=offset)
     check_inside(scene, origin)
     return scene if hold is None and splits is not None else held_out(scene, hold)
 

@@ -28,6 +28,7 @@ _TYPES = {
     "float64": "f8",
 }
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_LONGEST_HEADER = 1 << 16
 _COLOURS = ("red", "green", "blue")
 
 
@@ -54,16 +55,28 @@ def read_vertices(file: Path, expected: str) -> np.ndarray:
 
     expected: what the file should be, for the message. Raises InputError for another format or a truncated file.
     """
+    head, body = _split(file, expected)
+    order, count, fields = _header(head, file, expected)
+    kind = np.dtype([(name, (order or "=") + code) for name, code in fields])
+    return _ascii(body, count, kind, file) if not order else _binary(body, count, kind, file)
+
+
+def read_comments(file: Path, expected: str) -> list[str]:
+    """The header's comments, without the word. expected, errors: as `read_vertices`."""
+    lines = _split(file, expected, most=_LONGEST_HEADER)[0].splitlines()
+    return [line.removeprefix("comment").strip() for line in lines if line.split()[:1] == ["comment"]]
+
+
+def _split(file: Path, expected: str, most: int = -1) -> tuple[str, bytes]:
+    """(header, what follows its end). most: bytes to read, all where it is negative."""
     if not file.is_file():
         raise InputError(file, "no such file", expected)
-    content = file.read_bytes()
+    with file.open("rb") as stream:
+        content = stream.read(most)
     head, mark, body = content.partition(b"end_header")
     if not content.startswith(b"ply") or not mark:
         raise InputError(file, "no PLY header", expected)
-    order, count, fields = _header(head.decode("ascii", "replace"), file, expected)
-    kind = np.dtype([(name, (order or "=") + code) for name, code in fields])
-    body = body[2:] if body.startswith(b"\r\n") else body[1:]
-    return _ascii(body, count, kind, file) if not order else _binary(body, count, kind, file)
+    return head.decode("ascii", "replace"), body[2:] if body.startswith(b"\r\n") else body[1:]
 
 
 def _header(text: str, file: Path, expected: str) -> tuple[str, int, list[tuple[str, str]]]:

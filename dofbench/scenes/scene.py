@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from dofbench.core.cameras import Camera
+from dofbench.core.cameras import NO_OFFSET, Camera, Offset
 from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.core.errors import InputError
 from dofbench.core.exif import Exif
@@ -43,7 +43,8 @@ class Scene:
     """Views with poses. `views` are sorted by name; names carry no suffix.
 
     points.views, where known, index into `views`. layout: the reader's id. notes: what was chosen, changed or skipped
-    while reading, one sentence each, for the terminal and the dataset's record: `noted` adds one.
+    while reading, one sentence each, for the terminal and the dataset's record: `noted` adds one. offset: cameras and
+    points are in a local frame; add it for the coordinates of the files (`local_frame.py`).
     """
 
     name: str
@@ -52,6 +53,7 @@ class Scene:
     views: tuple[SceneView, ...]
     points: PointCloud | None
     notes: tuple[str, ...] = ()
+    offset: Offset = NO_OFFSET
 
     def noted(self, *notes: str) -> Scene:
         """The scene with further notes; empty ones and repeated ones are dropped."""
@@ -102,6 +104,7 @@ class Scene:
         return TrainingSet(
             tuple(TrainingView(view.name, view.camera, view.image(), view.exif) for view in views),
             None if self.points is None else self.points.seen_by(training),
+            self.offset,
         )
 
     def test_views(self) -> tuple[SceneView, ...]:

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
+from dofbench.core.cameras import Offset
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.core.images import image_size, read_image, resize
 from dofbench.scenes.depth_files import read_depth
 from dofbench.scenes.exif_files import exif_by_file
 from dofbench.scenes.folders import marked_hold, scene_name, view_names
+from dofbench.scenes.local_frame import localised
 from dofbench.scenes.scene import Scene, SceneView, Split
 from dofbench.scenes.undistort import Intrinsics, sample_depth, undistort_image, undistorted
 
@@ -83,14 +85,22 @@ class DepthOnDisk:
 
 
 def assemble(
-    root: Path, layout: str, frames: Sequence[Frame], points: PointCloud | None, *, width: int | None, subject: object
+    root: Path,
+    layout: str,
+    frames: Sequence[Frame],
+    points: PointCloud | None,
+    *,
+    width: int | None,
+    subject: object,
+    offset: Offset | None = None,
 ) -> Scene:
     """Check every frame and make the scene: views sorted by name, points.views turned to that order.
 
     width: of every view, pixels; None keeps the images' own. Raises InputError about `subject`
     (the file with the poses) or about the image that is missing, unreadable, of another shape, too narrow.
     A track loses the views that the point lies behind: no camera can have made such a sighting. What cameras wrote
-    down of the photographs comes from where `exif_by_file` looks.
+    down of the photographs comes from where `exif_by_file` looks. Cameras and points far from their origin are moved
+    near it (`localised`); offset: by how much, where that is known already.
     """
     if not frames:
         raise InputError(subject, "no views", "at least one")
@@ -105,7 +115,8 @@ def assemble(
         in_front = np.stack([views[index].camera.project(points.xyz)[1] > 0 for index in order])
         tracks = (np.sort(rank[track]) for track in points.views)
         points = replace(points, views=tuple(track[in_front[track, point]] for point, track in enumerate(tracks)))
-    return Scene(scene_name(root), root, layout, tuple(views[index] for index in order), points)
+    scene = Scene(scene_name(root), root, layout, tuple(views[index] for index in order), points)
+    return localised(scene, offset, subject)
 
 
 def held_out(scene: Scene, hold: int | None) -> Scene:

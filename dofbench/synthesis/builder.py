@@ -165,6 +165,7 @@ def make(
             depth=depth_record,
             points=points_record,
             identity=identity.digest,
+            offset=scene.offset,
         )
         finish(out)
     progress.finished(out, f"{len(records)} views")

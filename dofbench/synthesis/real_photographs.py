@@ -95,6 +95,7 @@ def make_of_photographs(
             depth=depth,
             points=points_record,
             identity=identity.digest,
+            offset=scene.offset,
         )
         finish(out)
     progress.finished(out, f"{len(scene.views)} views of unknown lens")

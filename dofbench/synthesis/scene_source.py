@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dofbench.core.cameras import NO_OFFSET
 from dofbench.core.errors import InputError
 from dofbench.core.files import canonical_json, sha256_file
 from dofbench.core.images import to_8bit
@@ -33,6 +34,8 @@ def source_record(scene: Scene, found: ResolvedScene, with_depth: bool) -> Sourc
         )
         if with_depth and view.depth is not None:
             digest.update(np.ascontiguousarray(view.depth(), dtype=np.float32).tobytes())
+    if scene.offset != NO_OFFSET:
+        digest.update(canonical_json({"offset": scene.offset}).encode())
     if scene.points is not None:
         for array in (scene.points.xyz, scene.points.rgb, scene.points.error, *(scene.points.views or ())):
             digest.update(np.ascontiguousarray(array).tobytes() + b"|")

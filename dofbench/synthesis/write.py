@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dofbench import __version__
+from dofbench.core.cameras import NO_OFFSET, Offset
 from dofbench.core.exif import EXIF_FILE, write_exif
 from dofbench.core.files import sha256_file, write_json, write_text
 from dofbench.core.images import read_exr, read_image, to_8bit, write_png
@@ -163,9 +164,10 @@ def manifest(
     depth: DepthRecord | None,
     points: PointsRecord,
     identity: str,
+    offset: Offset,
 ) -> None:
     """Write dataset.json with all files of the folder, which makes the dataset complete. recipe: the settings to
-    record."""
+    record. offset: the scene's."""
     files = {
         file: FileRecord(sha256=sha256_file(root / file), size=(root / file).stat().st_size)
         for file in expected_files(root, source, depth)
@@ -182,20 +184,22 @@ def manifest(
         source=source,
         depth=depth,
         points=points,
+        offset=None if offset == NO_OFFSET else offset,
         files=files,
     )
     write_json(root / MANIFEST, as_json(record))
 
 
 def geometry(root: Path, scene: Scene, near_far: np.ndarray | None, measured: Set[str] | None = None) -> list[str]:
-    """Write the cameras, at this size, and the points: a COLMAP model, poses_bounds.npy, transforms.json.
+    """Write the cameras, at this size, and the points: a COLMAP model, poses_bounds.npy, transforms.json;
+    with the scene's offset added back.
 
     near_far: (N, 2), scene units, of the views in the scene's order; None for no poses_bounds.npy. measured: the views
     that have depth, None for all. Returns lines on what poses_bounds.npy can't represent.
     """
     cameras = [view.camera for view in scene.views]
     files = [layout.relative(layout.shallow_path, view.name) for view in scene.views]
-    export.write_colmap(root, [Path(file).name for file in files], cameras, scene.points)
+    export.write_colmap(root, [Path(file).name for file in files], cameras, scene.points, scene.offset)
     export.write_transforms(
         root / layout.TRANSFORMS,
         files,
@@ -205,9 +209,11 @@ def geometry(root: Path, scene: Scene, near_far: np.ndarray | None, measured: Se
             layout.relative(layout.depth_path, view.name) if measured is None or view.name in measured else None
             for view in scene.views
         ],
+        offset=scene.offset,
     )
     if near_far is None:
         return []
     # Rows are in the order of sorted file names: "a-b.png" comes before "a.png", although "a" comes before "a-b".
     order = sorted(range(len(files)), key=files.__getitem__)
-    return export.write_poses_bounds(root / layout.POSES_BOUNDS, [cameras[index] for index in order], near_far[order])
+    ordered = [cameras[index] for index in order]
+    return export.write_poses_bounds(root / layout.POSES_BOUNDS, ordered, near_far[order], scene.offset)

@@ -6,12 +6,12 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from random_gaussians import scene, view
-from tolerances import DRAWN_OR_NOT, FLOAT32_SCALAR, FLOAT32_VALUE, LEVEL_8BIT
+from tolerances import DRAWN_OR_NOT, FAR_POSITION, FLOAT32_SCALAR, FLOAT32_VALUE, LEVEL_8BIT
 
 from dofbench.core.errors import InputError
 from dofbench.gaussians.model import Gaussians
 from dofbench.gaussians.render import AppearanceOptions, rasterise
-from dofbench.gaussians.splats import lower_degree, read_splats, write_splats
+from dofbench.gaussians.splats import lower_degree, read_offset, read_splats, write_splats
 
 FIELDS = (
     ["x", "y", "z", "nx", "ny", "nz"]
@@ -182,3 +182,39 @@ def test_opacities_of_zero_and_one_are_numbers_in_the_file(tmp_path):
         write_splats(tmp_path / "a.ply", Gaussians(parameters, filter_3d))
         found = independently(tmp_path / "a.ply")["opacity"]
         assert found.tolist() == pytest.approx([-30.0, 30.0, 0.5], rel=FLOAT32_SCALAR)
+
+
+OFFSET = (448260.0, 5411932.0, 136.0)
+
+
+def test_positions_far_from_the_origin_are_doubles(tmp_path):
+    gaussians = Gaussians(scene(500, 3, rest=8))
+    write_splats(tmp_path / "near.ply", gaussians)
+    write_splats(tmp_path / "far.ply", gaussians, OFFSET)
+    head, body = (tmp_path / "far.ply").read_bytes().split(b"end_header\n", 1)
+    lines = head.decode("ascii").splitlines()
+    assert "comment offset 448260.0 5411932.0 136.0" in lines
+    assert [line for line in lines if "double" in line][-3:] == [f"property double {axis}" for axis in "xyz"]
+    row = np.dtype([(name, "<f8" if name in "xyz" else "<f4") for name in FIELDS])
+    rows = np.frombuffer(body, row)
+    means = gaussians.parameters["means"].detach().numpy().astype(np.float64)
+    assert np.array_equal(np.stack([rows[axis] for axis in "xyz"], 1), means + np.array(OFFSET))
+    near = independently(tmp_path / "near.ply")
+    assert all(np.array_equal(rows[name], near[name]) for name in FIELDS[3:])
+    assert read_offset(tmp_path / "far.ply") == OFFSET and read_offset(tmp_path / "near.ply") == (0, 0, 0)
+    # Read back in the local frame; from a file without the comment, by the offset that is given.
+    plain = head.replace(b"comment offset", b"comment shifted") + b"end_header\n" + body
+    (tmp_path / "plain.ply").write_bytes(plain)
+    for again in (read_splats(tmp_path / "far.ply"), read_splats(tmp_path / "plain.ply", OFFSET)):
+        assert np.allclose(again.parameters["means"].detach(), means, rtol=0, atol=FAR_POSITION)
+
+
+@pytest.mark.parametrize("numbers", ["1 2", "1 2 3 4", "a b c", "nan 0 0", "1e999 0 0"])
+def test_a_damaged_offset_is_named(tmp_path, numbers):
+    write_splats(tmp_path / "a.ply", Gaussians(scene(5, 3)), OFFSET)
+    content = (tmp_path / "a.ply").read_bytes()
+    said = b"offset 448260.0 5411932.0 136.0"
+    assert said in content
+    (tmp_path / "a.ply").write_bytes(content.replace(said, f"offset {numbers}".encode()))
+    with pytest.raises(InputError, match="offset"):
+        read_splats(tmp_path / "a.ply")

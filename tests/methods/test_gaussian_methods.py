@@ -14,8 +14,10 @@ from dofbench.core.errors import InputError
 from dofbench.core.lens import PhysicalLens
 from dofbench.gaussians.gaussian_options import GaussianOptions
 from dofbench.gaussians.rendering_options import RENDERING
+from dofbench.gaussians.splats import read_offset
 from dofbench.running.ablation_tables import TUNING, read_tables, tables_of
 from dofbench.running.method_cards import find_method
+from dofbench.scenes.ply import read_vertices
 
 CAMERA = noise().views[0].camera
 LENS = PhysicalLens(aperture=8.0, focus_disparity=0.2, width=40)
@@ -58,6 +60,25 @@ def test_a_scene_nearer_than_the_usual_near_plane_is_saved_with_its_own(training
     before, after = method.render(CAMERA, None), _loaded(entry, tmp_path).render(CAMERA, None)
     assert before.image.mean() > 0.1
     assert np.abs(before.image - after.image).max() < FLOAT32_VALUE
+
+
+def test_a_georeferenced_model_has_the_files_coordinates(training_set, tmp_path):
+    offset = (448260.0, 5411932.0, 136.0)
+    entry, near = _trained("mipsplatting", training_set)
+    _, far = _trained("mipsplatting", replace(training_set, offset=offset))
+    near.save(tmp_path / "near")
+    far.save(tmp_path / "far")
+    again = _loaded(entry, tmp_path / "far")
+    # The same training, rendered by the same local cameras; the file alone is elsewhere.
+    assert np.array_equal(near.render(CAMERA, None).image, far.render(CAMERA, None).image)
+    assert np.abs(far.render(CAMERA, None).image - again.render(CAMERA, None).image).max() < FLOAT32_VALUE
+    places = [
+        np.stack([vertices[axis] for axis in "xyz"], 1).astype(np.float64)
+        for vertices in (read_vertices(tmp_path / name / "gaussians.ply", "a model") for name in ("near", "far"))
+    ]
+    assert np.array_equal(places[0] + np.array(offset), places[1])
+    again.save(tmp_path / "again")
+    assert read_offset(tmp_path / "again" / "gaussians.ply") == offset
 
 
 @pytest.mark.parametrize("name", ["dofgaussian", "mipsplatting"])

@@ -12,11 +12,20 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pycolmap
 import pytest
 from called import called, dofbench, killed
-from tolerances import MOTION_BASELINE, MOTION_FOCAL, MOTION_ROTATION_DEG, POSE_ROUND_TRIP, TRIANGULATED_DEPTH
+from tolerances import (
+    FAR_POSITION,
+    MOTION_BASELINE,
+    MOTION_FOCAL,
+    MOTION_ROTATION_DEG,
+    POSE_ROUND_TRIP,
+    TRIANGULATED_DEPTH,
+)
 
 from dofbench import cli
+from dofbench.core.cameras import NO_OFFSET, Offset
 from dofbench.core.content import content_folder
 from dofbench.core.exif import Exif
 from dofbench.core.images import write_png
@@ -95,8 +104,8 @@ def test_killed_it_goes_on_and_gives_the_same_bytes(made: Path, photographs: Pat
     assert result_files(out) == result_files(made)
 
 
-def bare(root: Path, layout: str) -> Path:
-    """The built-in scene's photographs and exact poses, without its points and depth."""
+def bare(root: Path, layout: str, offset: Offset = NO_OFFSET) -> Path:
+    """The built-in scene's photographs and exact poses, moved by an offset, without its points and depth."""
     scene = load_scene(content_folder("datasets") / "tabletop")
     views = scene.views[6:10]
     names = [f"{view.name}.png" for view in views]
@@ -105,12 +114,13 @@ def bare(root: Path, layout: str) -> Path:
         shutil.copy(view.source, root / "images" / name)
     cameras = [view.camera for view in views]
     if layout == "llff":
-        export.write_poses_bounds(root / "poses_bounds.npy", cameras, np.tile([0.5, 9.0], (len(cameras), 1)))
+        export.write_poses_bounds(root / "poses_bounds.npy", cameras, np.tile([0.5, 9.0], (len(cameras), 1)), offset)
     elif layout == "nerfstudio":
         splits = ["test", "train", "train", "test"]
-        export.write_transforms(root / "transforms.json", [f"images/{name}" for name in names], cameras, splits=splits)
+        paths = [f"images/{name}" for name in names]
+        export.write_transforms(root / "transforms.json", paths, cameras, splits=splits, offset=offset)
     else:
-        export.write_colmap(root, names, cameras, None)
+        export.write_colmap(root, names, cameras, None, offset)
     return root
 
 
@@ -139,6 +149,27 @@ def test_poses_without_points_are_kept_and_points_found(
         pixels, z = view.camera.project(found.points.xyz[seen])
         errors.append(np.abs(z / depth[pixels[:, 1].astype(int), pixels[:, 0].astype(int)] - 1))
     assert np.median(np.concatenate(errors)) < TRIANGULATED_DEPTH
+
+
+@pytest.mark.parametrize("layout", ["nerfstudio", "colmap"])
+def test_known_poses_far_from_the_origin_stay_where_they_are(tmp_path: Path, layout: str) -> None:
+    offset = (448262.0, 5411932.0, 135.0)
+    near, far = bare(tmp_path / "near", layout), bare(tmp_path / "far", layout, offset)
+    for source in (near, far):
+        assert cli.main(["reconstruct", str(source), "--out", str(source.with_suffix(".out"))]) == 0
+    found = [pycolmap.Reconstruction(tmp_path / f"{name}.out" / "sparse" / "0") for name in ("near", "far")]
+    centres, points = (
+        [np.array([one.projection_center() for one in model.images.values()]) for model in found],
+        [np.array([one.xyz for one in model.points3D.values()]) for model in found],
+    )
+    np.testing.assert_allclose(centres[1], centres[0] + np.array(offset), rtol=0, atol=FAR_POSITION)
+    assert len(points[1]) == len(points[0])
+    place = np.median(points[1] - np.array(offset), axis=0)
+    np.testing.assert_allclose(place, np.median(points[0], axis=0), rtol=TRIANGULATED_DEPTH)
+    given, made = load_scene(far), load_scene(far.with_suffix(".out"))
+    for before, after in zip(given.views, made.views, strict=True):
+        assert np.allclose(before.camera.centre + given.offset, after.camera.centre + made.offset, atol=FAR_POSITION)
+        assert before.split == after.split
 
 
 def test_poses_may_be_ignored(tmp_path: Path) -> None:

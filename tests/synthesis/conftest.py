@@ -11,7 +11,7 @@ import pytest
 import torch
 from made_up import cloud, frontal
 
-from dofbench.core.cameras import Camera
+from dofbench.core.cameras import NO_OFFSET, Camera, Offset
 from dofbench.core.images import write_exr, write_png
 from dofbench.core.progress import Silent
 from dofbench.scenes import export
@@ -62,9 +62,10 @@ def one_torch_thread() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def write_scene() -> Callable[..., Path]:
-    """`write_scene(folder, depth=True, points=True)`: write the scene in nerfstudio's layout, with a COLMAP model."""
+    """`write_scene(folder, depth=True, points=True, offset=)`: write the scene in nerfstudio's layout, with a COLMAP
+    model; with all positions moved by an offset."""
 
-    def write(folder: Path, depth: bool = True, points: bool = True) -> Path:
+    def write(folder: Path, depth: bool = True, points: bool = True, offset: Offset = NO_OFFSET) -> Path:
         names = [f"images/v{index:02d}.png" for index in range(VIEWS)]
         depths = [f"depth/v{index:02d}.exr" for index in range(VIEWS)]
         cameras = [_camera(index) for index in range(VIEWS)]
@@ -79,13 +80,14 @@ def write_scene() -> Callable[..., Path]:
         # Points 0 ... 3 are seen by test views alone.
         tracks = tuple(np.array(TEST_VIEWS if index < 4 else SEEN_BY) for index in range(20))
         points_of = cloud(xyz, tracks, np.full((20, 3), 0.5), error=0.5)
-        export.write_colmap(folder, [Path(name).name for name in names], cameras, points_of if points else None)
+        export.write_colmap(folder, [Path(name).name for name in names], cameras, points_of if points else None, offset)
         export.write_transforms(
             folder / "transforms.json",
             names,
             cameras,
             depth_paths=depths if depth else None,
             splits=["test" if index in TEST_VIEWS else "train" for index in range(VIEWS)],
+            offset=offset,
         )
         return folder
 

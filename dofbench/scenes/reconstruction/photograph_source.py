@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from dofbench.core.cameras import NO_OFFSET, Offset
 from dofbench.core.errors import InputError
 from dofbench.scenes.folders import image_folders
 from dofbench.scenes.loading import detect, load_scene, print_notes
@@ -24,7 +25,7 @@ class Source:
     """What there is. views: photographs that it gives, of a video at most. size: the first one's (width, height),
     upright. digests: gives the sha256 of every file, by name. photographs: given a folder for frames, and told of
     progress, the photographs. count: of the items that progress counts; 0 where nothing needs doing. holds_split:
-    whether the views' split is another than every eighth view's."""
+    whether the views' split is another than every eighth view's. offset: of the scene whose poses are known."""
 
     kind: Kind
     name: str
@@ -34,6 +35,7 @@ class Source:
     photographs: Callable[[Path, Callable[[int], None]], list[Photograph]]
     count: int = 0
     holds_split: bool = False
+    offset: Offset = NO_OFFSET
 
 
 def find_source(settings: Reconstruct) -> Source:
@@ -100,4 +102,5 @@ def _posed(settings: Reconstruct) -> Source:
         lambda: digests(photographs),
         lambda folder, advance: photographs,
         holds_split=any(view.split != usual[view.name] for view in scene.views),
+        offset=scene.offset,
     )

@@ -116,7 +116,7 @@ def _stages(
         )
         return Outcome(None, (*lines, nothing))
     with work.timed("undistortion"), progress.stage("undistortion", model.num_reg_images()) as advance:
-        placed = write_scene(work, photographs, source.holds_split, advance)
+        placed = write_scene(work, photographs, source.holds_split, advance, source.offset)
     content = record(
         settings,
         source,

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dofbench.core.cameras import Camera
+from dofbench.core.cameras import NO_OFFSET, Camera, Offset
 from dofbench.core.contracts import PointCloud
 from dofbench.core.exif import write_exif
 from dofbench.core.images import read_image, write_png
@@ -19,12 +19,17 @@ from dofbench.scenes.undistort import Intrinsics, undistort_image, undistorted
 
 
 def write_scene(
-    work: Work, photographs: Sequence[Prepared], holds_split: bool, advance: Callable[[int], None]
+    work: Work,
+    photographs: Sequence[Prepared],
+    holds_split: bool,
+    advance: Callable[[int], None],
+    offset: Offset = NO_OFFSET,
 ) -> dict[str, Intrinsics]:
     """Write the scene into `work.scene` from the model in `work.model`. Returns each view's camera with distortion.
 
     Poses that were known stay as they were, but for rounding. holds_split: the split is written, in transforms.json,
     which readers take before the model. advance: called with the number of photographs done.
+    offset: added to all positions.
     """
     model = read_model(work.model)
     by_file = {photograph.file_name: photograph for photograph in photographs}
@@ -39,13 +44,14 @@ def write_scene(
             write_png(path, undistort_image(image, lens))
         advance(index + 1)
     points = None if model.points is None else in_front(model.points, cameras)
-    export.write_colmap(work.scene, names, cameras, points)
+    export.write_colmap(work.scene, names, cameras, points, offset)
     if holds_split:
         export.write_transforms(
             work.scene / "transforms.json",
             [f"images/{name}" for name in names],
             cameras,
             splits=[view.split or "train" for view in views],
+            offset=offset,
         )
     if exif := {view.name: view.exif for view in views if view.exif is not None}:
         write_exif(work.scene, exif)

@@ -1,0 +1,118 @@
+"""Scenes whose coordinates are far from their origin, as georeferenced models are: their local frame.
+
+Everything after the readers computes in float32, which has steps of half a metre in a UTM zone. So such a scene is
+moved near the origin in float64 when it is read, and back when its coordinates are written for other programs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dofbench.core.cameras import NO_OFFSET, Camera, Offset
+from dofbench.core.contracts import PointCloud
+from dofbench.core.errors import InputError
+from dofbench.scenes.scene import Scene
+
+# Distance of the origin, as a multiple of the scene's size, from which on a scene is moved. float32 rounds a distance
+# of 100 sizes to 6e-6 of the size, less than a hundredth of a pixel of images 1000 pixels wide.
+_FAR = 100.0
+# As a multiple of the scene's size: a camera farther away than this isn't of the scene, and neither is a point, which
+# no two cameras see under different angles.
+_CAMERA_APART, _POINT_APART = 1e4, 1e5
+# Share of the scene's size to which float32 may round what a file holds without being named.
+_ROUNDED = 1e-4
+
+
+def localised(scene: Scene, offset: Offset | None, subject: object) -> Scene:
+    """The scene in its local frame, with notes on what was done; the scene as it is where nothing is to be done.
+
+    offset: subtracted as it is, and nothing is checked; None to find it (`local_offset`), to exclude points far outside
+    of the scene, and to name coordinates that were rounded to float32 far from the origin. Raises InputError about
+    `subject` for a camera far outside of the scene.
+    """
+    if offset is not None:
+        return _moved(scene, offset)
+    cameras = [view.camera for view in scene.views]
+    centres, centre, size = _layout(cameras, scene.points)
+    if not size > 0:
+        return scene
+    apart = _distances(centres, centre)
+    if apart.max() > _CAMERA_APART * size:
+        worst = int(np.argmax(apart))
+        found = f"the camera of {scene.views[worst].name} {apart[worst]:.3g} scene units away from the others"
+        raise InputError(subject, found, f"cameras of one scene, which is {size:.3g} scene units in size (median)")
+    points, excluded = scene.points, ""
+    if points is not None:
+        kept = _distances(points.xyz, centre) <= _POINT_APART * size
+        if not kept.all():
+            points = points.kept(kept)
+            excluded = (
+                f"{(~kept).sum()} of {len(kept)} points are more than {_POINT_APART:g} times as far away as others "
+                "(median); excluded"
+            )
+    offset = local_offset(cameras, scene.points)
+    scene = replace(scene, points=points).noted(excluded)
+    if offset == NO_OFFSET:
+        return scene
+    moved = (
+        f"coordinates are far from the origin: ({', '.join(f'{value:.12g}' for value in offset)}) is subtracted, and "
+        "added back in exported files"
+    )
+    named = [_rounded("camera positions", centres, size)]
+    if points is not None:
+        named.append(_rounded("points", points.xyz, size))
+    return _moved(scene, offset).noted(moved, *named)
+
+
+def local_offset(cameras: Sequence[Camera], points: PointCloud | None) -> Offset:
+    """What to subtract from the coordinates of a scene; zero unless its origin is far away.
+
+    Far is more than 100 times the scene's size: the median distance of cameras, or of points where that is larger, from
+    the median camera. That camera's position is rounded to a power of two below the size, so that the subtraction and
+    the addition of the offset are exact but for what float64 rounds in the file.
+    """
+    _, centre, size = _layout(cameras, points)
+    if not 0 < size < math.inf or not math.hypot(*centre) > _FAR * size:
+        return NO_OFFSET
+    unit = 2.0 ** math.floor(math.log2(size))
+    x, y, z = (float(value) for value in np.round(centre / unit) * unit + 0.0)
+    return x, y, z
+
+
+def _layout(cameras: Sequence[Camera], points: PointCloud | None) -> tuple[np.ndarray, np.ndarray, float]:
+    """(centres (V, 3), their median (3,), the scene's size); medians, so that single outliers don't count."""
+    centres = np.stack([camera.centre for camera in cameras])
+    centre = np.median(centres, axis=0)
+    sizes = [_distances(places, centre) for places in (centres, *(() if points is None else (points.xyz,)))]
+    return centres, centre, max(float(np.median(distances)) for distances in sizes if len(distances))
+
+
+def _distances(places: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    with np.errstate(over="ignore"):
+        return np.linalg.norm(places - centre, axis=1)
+
+
+def _moved(scene: Scene, offset: Offset) -> Scene:
+    if offset == NO_OFFSET:
+        return scene
+    x, y, z = offset
+    back = (-x, -y, -z)
+    views = tuple(replace(view, camera=view.camera.moved(back)) for view in scene.views)
+    points = None if scene.points is None else scene.points.moved(back)
+    return replace(scene, views=views, points=points, offset=offset)
+
+
+def _rounded(what: str, places: np.ndarray, size: float) -> str:
+    """A note where positions (N, 3) look rounded to float32, whose steps there matter for a scene of this size."""
+    with np.errstate(over="ignore"):
+        stored = places.astype(np.float32)
+    steps = np.abs(np.spacing(stored)).astype(np.float64)
+    coarse = steps > _ROUNDED * size
+    # Poses are inverted on the way here, which leaves the last bits of float64.
+    if not coarse.any() or (np.abs(places - stored)[coarse] > 1e-3 * steps[coarse]).any():
+        return ""
+    return f"{what} are stored in steps of {steps[coarse].max():g} scene units, as float32 rounds them so far away"

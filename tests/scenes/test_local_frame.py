@@ -1,0 +1,153 @@
+"""Scenes far from their origin: the same rays and points as near it, and their own coordinates in exported files."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tolerances import FAR_POSITION
+
+from dofbench.core.cameras import NO_OFFSET, Camera
+from dofbench.core.contracts import PointCloud
+from dofbench.core.errors import InputError
+from dofbench.core.files import read_json, write_json
+from dofbench.scenes import load_scene
+from dofbench.scenes.export import write_colmap, write_poses_bounds, write_transforms
+from dofbench.scenes.local_frame import local_offset
+from dofbench.scenes.scene import Scene
+
+NAMES = [f"v{index}.png" for index in range(5)]
+UTM = (448262.0, 5411932.0, 135.0)
+ANYWHERE = st.floats(-1e7, 1e7, allow_subnormal=False)
+
+
+class Far:
+    """A scene in a folder, and the cameras and points that it has near the origin."""
+
+    def __init__(self, folder: Path, cameras: list[Camera], cloud: PointCloud):
+        self.folder, self.cameras, self.cloud = folder, cameras, cloud
+
+    def written(self, layout: str, at: np.ndarray, cameras: list[Camera] | None = None, **changes: object) -> Scene:
+        """The scene written at another place by adding numbers to positions, and read."""
+        cloud = replace(self.cloud, **changes)
+        placed = replace(cloud, xyz=cloud.xyz + at)
+        moved = [placed_at(camera, camera.centre + at) for camera in cameras or self.cameras]
+        for file in ("transforms.json", "poses_bounds.npy"):
+            (self.folder / file).unlink(missing_ok=True)
+        write_colmap(self.folder, NAMES, moved, placed)
+        if layout == "nerfstudio":
+            write_transforms(self.folder / "transforms.json", [f"images/{name}" for name in NAMES], moved)
+        if layout == "llff":
+            write_poses_bounds(self.folder / "poses_bounds.npy", moved, np.tile([1.0, 9.0], (len(NAMES), 1)))
+        return load_scene(self.folder)
+
+
+def placed_at(camera: Camera, centre: np.ndarray) -> Camera:
+    pose = camera.world_to_camera.copy()
+    pose[:3, 3] = -pose[:3, :3] @ centre
+    return replace(camera, world_to_camera=pose)
+
+
+@pytest.fixture(scope="module")
+def far(tmp_path_factory: pytest.TempPathFactory, make_cameras: Callable, make_cloud: Callable, write_images: Callable):
+    folder = tmp_path_factory.mktemp("far")
+    write_images(folder / "images", NAMES)
+    cameras = make_cameras(5)
+    return Far(folder, cameras, make_cloud(cameras))
+
+
+def assert_same_views(scene: Scene, far: Far) -> None:
+    """Points before every camera, and centres among each other, are as they are near the origin."""
+    for view, camera in zip(scene.views, far.cameras, strict=True):
+        to_camera = [one.world_to_camera for one in (view.camera, camera)]
+        xyz = [points @ pose[:3, :3].T + pose[:3, 3] for points, pose in zip(
+            (scene.points.xyz, far.cloud.xyz), to_camera, strict=True)]  # fmt: skip
+        np.testing.assert_allclose(*xyz, rtol=0, atol=FAR_POSITION)
+    centres = [
+        np.array([camera.centre for camera in cameras])
+        for cameras in ([view.camera for view in scene.views], far.cameras)
+    ]
+    np.testing.assert_allclose(*(one - one[0] for one in centres), rtol=0, atol=FAR_POSITION)
+
+
+@pytest.mark.parametrize("layout", ["colmap", "nerfstudio", "llff"])
+@given(st.tuples(ANYWHERE, ANYWHERE, ANYWHERE))
+def test_a_moved_scene_has_the_same_rays_and_points(far: Far, layout: str, at: tuple[float, float, float]) -> None:
+    scene = far.written(layout, np.array(at))
+    assert scene.layout == layout
+    assert_same_views(scene, far)
+    # In float32, where everything is trained, positions keep their digits.
+    assert (
+        np.abs(scene.points.xyz).max() < 1000 and max(np.abs(view.camera.centre).max() for view in scene.views) < 1000
+    )
+    assert bool(scene.notes) is (scene.offset != NO_OFFSET)
+
+
+@given(st.tuples(ANYWHERE, ANYWHERE, ANYWHERE))
+def test_the_offset_added_gives_the_files_points_to_the_bit(far: Far, at: tuple[float, float, float]) -> None:
+    scene = far.written("colmap", np.array(at))
+    stored = pycolmap.Reconstruction(far.folder / "sparse" / "0")
+    xyz = np.array([stored.points3D[key].xyz for key in sorted(stored.points3D)])
+    near = np.abs(xyz) < 2 * np.spacing(np.abs(xyz).max()) * 2**52
+    np.testing.assert_array_equal((scene.points.xyz + np.array(scene.offset))[near], xyz[near])
+
+
+def test_an_ordinary_scene_keeps_its_bits(far: Far) -> None:
+    scene = far.written("colmap", np.array([3.0, -20.0, 1.0]))
+    stored = pycolmap.Reconstruction(far.folder / "sparse" / "0")
+    assert scene.offset == NO_OFFSET and not scene.notes
+    for index, view in enumerate(scene.views):
+        assert np.array_equal(view.camera.world_to_camera[:3], stored.images[index + 1].cam_from_world().matrix())
+    assert np.array_equal(scene.points.xyz, [stored.points3D[key].xyz for key in sorted(stored.points3D)])
+
+
+@pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), UTM])
+def test_a_point_far_outside_moves_nothing(far: Far, at: tuple[float, float, float]) -> None:
+    usual = far.written("colmap", np.array(at))
+    xyz = far.cloud.xyz.copy()
+    xyz[3] = 1e9, -1e9, 1e9
+    scene = far.written("colmap", np.array(at), xyz=xyz, views=None)
+    assert scene.offset == usual.offset and len(scene.points) == len(xyz) - 1
+    assert np.array_equal(scene.points.xyz, np.delete(usual.points.xyz, 3, axis=0))
+    assert any("1 of 40 points" in note for note in scene.notes)
+
+
+@pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), UTM])
+@pytest.mark.parametrize("away", [1e6, 1e9, 1e200])
+def test_a_camera_far_outside_is_named(far: Far, at: tuple[float, float, float], away: float) -> None:
+    cameras = list(far.cameras)
+    cameras[2] = placed_at(cameras[2], np.array([away, 0.0, 0.0]))
+    with pytest.raises(InputError, match="camera of v2 .* scene units away"):
+        far.written("colmap", np.array(at), cameras, views=None)
+
+
+def test_positions_that_float32_rounded_are_named(far: Far) -> None:
+    scene = far.written("nerfstudio", np.array(UTM))
+    assert len(scene.notes) == 1
+    content = read_json(far.folder / "transforms.json")
+    for frame in content["frames"]:
+        for row in frame["transform_matrix"][:3]:
+            row[3] = float(np.float32(row[3]))
+    write_json(far.folder / "transforms.json", content)
+    shutil.rmtree(far.folder / "sparse")  # its cameras contradict the rounded ones, which is an error of its own
+    (moved, rounded) = load_scene(far.folder, layout="nerfstudio").notes
+    assert "camera positions" in rounded and "0.5 scene units" in rounded and "far from the origin" in moved
+
+
+def test_a_scene_without_extent_stays(make_cameras: Callable) -> None:
+    camera = placed_at(make_cameras(1)[0], np.array(UTM))
+    assert local_offset([camera, camera], None) == NO_OFFSET
+
+
+def test_the_offset_is_found_whatever_the_scenes_unit(far: Far) -> None:
+    for unit in (1e-3, 1.0, 1e4):
+        cameras = [placed_at(camera, unit * (camera.centre + np.array(UTM))) for camera in far.cameras]
+        offset = local_offset(cameras, PointCloud(unit * (far.cloud.xyz + UTM), far.cloud.rgb, far.cloud.error))
+        assert np.abs(np.array(offset) / unit - UTM).max() < 10
