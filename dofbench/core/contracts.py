@@ -15,6 +15,7 @@ from dofbench.core.cameras import NO_OFFSET, Camera, Offset
 from dofbench.core.errors import Status
 from dofbench.core.exif import Exif
 from dofbench.core.lens import PhysicalLens
+from dofbench.core.masks import filled
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,12 +79,28 @@ class PointCloud:
 
 @dataclass(frozen=True, eq=False)
 class TrainingView:
-    """One training photograph: image (H, W, 3) float32, encoded, [0, 1]. exif: what its camera wrote down, if any."""
+    """One training photograph: image (H, W, 3) float32, encoded, [0, 1]. exif: what its camera wrote down, if any.
+
+    mask: (H, W) bool, True for the pixels to train on; None where all are. Masked pixels of `image` are replaced by
+    their nearest valid ones, so a method never receives what was under a mask. Raises ValueError for a mask of another
+    size or without a valid pixel.
+    """
 
     name: str
     camera: Camera
     image: np.ndarray
     exif: Exif | None = None
+    mask: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        if self.mask is None:
+            return
+        mask = np.asarray(self.mask, bool)
+        if mask.shape != self.image.shape[:2] or not mask.any():
+            found = "no valid pixel" if mask.shape == self.image.shape[:2] else f"shape {mask.shape}"
+            raise ValueError(f"mask of view {self.name}: expected valid pixels, {self.image.shape[:2]}, found {found}")
+        object.__setattr__(self, "mask", None if mask.all() else mask)
+        object.__setattr__(self, "image", filled(self.image, mask))
 
 
 @dataclass(frozen=True, eq=False)

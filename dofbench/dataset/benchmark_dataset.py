@@ -50,6 +50,10 @@ class BenchmarkView(Protocol):
         """Whether the dataset has depth of this view."""
 
     @property
+    def has_mask(self) -> bool:
+        """Whether some of its pixels are masked: neither trained on nor scored."""
+
+    @property
     def exif(self) -> Exif | None:
         """What the camera recorded when the photograph was taken; None without."""
 
@@ -120,6 +124,9 @@ class BenchmarkDataset(Protocol):
 
     def depth(self, view: BenchmarkView, /) -> np.ndarray | None:
         """z-depth: (H, W) float32, scene units, 0 where unknown; None if the view has no depth."""
+
+    def mask(self, view: BenchmarkView, /) -> np.ndarray | None:
+        """(H, W) bool: True for the pixels to train on and to score; None for a view without masked pixels."""
 
     def training_set(self, inputs: Inputs, /) -> TrainingSet:
         """All that a method may see: training photographs, their cameras, and points, where tracks are known without

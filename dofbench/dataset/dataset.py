@@ -18,6 +18,7 @@ from dofbench.core.exif import EXIF_FILE, Exif, read_exif
 from dofbench.core.files import files_below, sha256_file
 from dofbench.core.images import read_exr, read_image
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
+from dofbench.core.masks import read_mask
 from dofbench.dataset import layout
 from dofbench.dataset.benchmark_dataset import BenchmarkView
 from dofbench.dataset.dealing import Dealt
@@ -34,6 +35,7 @@ from dofbench.dataset.schema import (
 )
 from dofbench.scenes import nerfstudio
 from dofbench.scenes.scene import Split
+from dofbench.scenes.visibility import unmasked_points
 
 _MODELS = ("sparse", "colmap")  # folders in which a COLMAP model is looked for
 
@@ -44,7 +46,7 @@ class DatasetView:
 
     max_coc_px: largest CoC radius among the view's pixels. These three are None if the lens is unknown: the view is
     then a real photograph. has_all_in_focus, has_depth: whether the dataset has a sharp image and depth of the view.
-    exif: what the camera recorded, None without.
+    exif: what the camera recorded, None without. has_mask: whether some of its pixels are masked.
     """
 
     name: str
@@ -56,6 +58,7 @@ class DatasetView:
     has_all_in_focus: bool = True
     has_depth: bool = True
     exif: Exif | None = None
+    has_mask: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +125,7 @@ class Dataset:
                     has_all_in_focus=layout.relative(layout.sharp_path, name) in manifest.files,
                     has_depth=layout.relative(layout.depth_path, name) in manifest.files,
                     exif=exif.get(name),
+                    has_mask=layout.relative(layout.mask_path, name) in manifest.files,
                 )
             )
         return Dataset(folder, manifest, lenses, tuple(found), scene.points, sha256_file(folder / MANIFEST))
@@ -247,6 +251,21 @@ class Dataset:
         path = layout.confidence_path(self.folder, _name(view))
         return read_image(path)[..., 0] if path.is_file() else None
 
+    def mask(self, view: BenchmarkView | str) -> np.ndarray | None:
+        """(H, W) bool: True for the pixels to train on and to score; None for a view without masked pixels.
+
+        Raises InputError for a mask of another size than the view's, or without a valid pixel.
+        """
+        known = self._view(view)
+        if not known.has_mask:
+            return None
+        path = layout.mask_path(self.folder, known.name)
+        mask, size = read_mask(path), (known.camera.height, known.camera.width)
+        if mask.shape != size or not mask.any():
+            found = f"shape {mask.shape}" if mask.shape != size else "no valid pixel"
+            raise InputError(path, found, f"a mask of shape {size} with valid pixels")
+        return mask
+
     def training_set(self, inputs: Inputs = "shallow") -> TrainingSet:
         """All that a method may see: training photographs, their cameras, `training_points`; no lens, no depth, no
         photograph or camera of a test view. What the points and poses were found in: `points_record`.
@@ -265,8 +284,9 @@ class Dataset:
         for view in self.training_views():
             image = read(view)
             assert image is not None
-            views.append(TrainingView(view.name, view.camera, image, view.exif))
-        return TrainingSet(tuple(views), self.training_points(), self.offset)
+            views.append(TrainingView(view.name, view.camera, image, view.exif, self.mask(view)))
+        cameras, masks = [view.camera for view in views], [view.mask for view in views]
+        return TrainingSet(tuple(views), unmasked_points(self.training_points(), cameras, masks), self.offset)
 
     def _view(self, view: BenchmarkView | str) -> BenchmarkView:
         return self.view(view) if isinstance(view, str) else view

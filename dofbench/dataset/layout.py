@@ -9,7 +9,7 @@ from dofbench.core.names import inside
 
 TRANSFORMS, POSES_BOUNDS, SPARSE = "transforms.json", "poses_bounds.npy", "sparse/0"
 SHALLOW, LINEAR, SHARP, DEPTH = "images/{}.png", "images_linear/{}.exr", "all_in_focus/{}.png", "depth/{}.exr"
-CONFIDENCE = "confidence/{}.png"
+CONFIDENCE, MASK = "confidence/{}.png", "masks/{}.png"
 
 
 def shallow_path(root: Path, name: str) -> Path:
@@ -35,6 +35,11 @@ def depth_path(root: Path, name: str) -> Path:
 def confidence_path(root: Path, name: str) -> Path:
     """The confidence of the view's depth, 8 bit: 0 unknown ... 255 certain."""
     return root / CONFIDENCE.format(inside(name, "view"))
+
+
+def mask_path(root: Path, name: str) -> Path:
+    """The view's mask, 8 bit: 255 valid, 0 masked; no such file for a view without masked pixels."""
+    return root / MASK.format(name)
 
 
 def relative(place: Callable[[Path, str], Path], name: str) -> str:

@@ -200,12 +200,14 @@ class SourceImage(_Record):
     """The file that a view was made from, identified by its content.
 
     photograph: true if the view is that photograph itself, taken through an unknown lens. Absent if the view was
-    blurred from an all-in-focus image.
+    blurred from an all-in-focus image. mask: sha256 of the view's mask as read, at this size, one bit a pixel; absent
+    without one.
     """
 
     view: InsidePath
     sha256: str = Checksum
     photograph: Photograph | None = None
+    mask: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")
 
 
 class SourceRecord(_Record):

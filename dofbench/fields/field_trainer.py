@@ -131,7 +131,7 @@ class FieldTrainer:
     def _cost(self, predictions: Sequence[Prediction], pixels: Pixels, step: int, progress: float) -> Tensor:
         """Mean squared errors, the forward model's own term, and every so often the roughness of the grid."""
         rates = self._options.rates
-        shown = self._photographed(torch.stack([one.colours for one in predictions]), pixels)
+        shown = pixels.without_masked(self._photographed(torch.stack([one.colours for one in predictions]), pixels))
         weights = [one.weight for one in predictions]
         errors = [weight * (one - pixels.colours).square().mean() for weight, one in zip(weights, shown, strict=True)]
         loss = torch.stack(errors).sum()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -20,7 +20,8 @@ class Pixels:
     """P pixels. views: (P,) int64. places: (P, 2), x and y of their centres, pixels. colours: (P, 3), encoded.
 
     view: the photograph that all of them are of, where they were drawn from one. width: of a patch, pixels. Both are
-    numbers of the host, which so needn't ask a device for them.
+    numbers of the host, which so needn't ask a device for them. valid: (P,) bool, the pixels of a patch that aren't
+    masked; None where all are valid.
     """
 
     views: Tensor
@@ -28,6 +29,11 @@ class Pixels:
     colours: Tensor
     view: int | None = None
     width: int | None = None
+    valid: Tensor | None = None
+
+    def without_masked(self, colours: Tensor) -> Tensor:
+        """Predicted colours (..., P, 3), replaced by the photographs' where masked: no error and no gradient there."""
+        return colours if self.valid is None else torch.where(self.valid[:, None], colours, self.colours)
 
 
 class CameraTable:
@@ -69,7 +75,8 @@ class CameraTable:
 
 class TrainingPixels:
     """The pixels of the training photographs. `draw` takes them in a random order that is drawn anew when all were
-    used; `draw_view` and `draw_patch` take them from one photograph, in rounds of all photographs.
+    used; `draw_view` and `draw_patch` take them from one photograph, in rounds of all photographs. Masked pixels are
+    drawn only as parts of a patch.
 
     Which pixels a step has is drawn on the host, so that it is the same on every device; their colours are looked up on
     the device."""
@@ -82,6 +89,8 @@ class TrainingPixels:
         self._photographs = np.concatenate(images)
         self._colours = torch.from_numpy(self._photographs).to(device)
         self._names = [view.name for view in views]
+        self._valid = [None if view.mask is None else np.flatnonzero(view.mask) for view in views]
+        self._all = self._unmasked()
         self._order, self._next = np.empty(0, np.int64), 0
         self._round: list[int] = []
 
@@ -96,7 +105,7 @@ class TrainingPixels:
     def draw(self, count: int) -> Pixels:
         """The next `count` pixels of the order, or all if there are fewer."""
         if self._next + count > len(self._order):
-            self._order, self._next = self._random.permutation(int(self._starts[-1])), 0
+            self._order, self._next = self._random.permutation(self._all), 0
         chosen = self._order[self._next : self._next + count]
         self._next += count
         return self._pixels(chosen)
@@ -104,16 +113,38 @@ class TrainingPixels:
     def draw_view(self, count: int) -> Pixels:
         """`count` different pixels of one photograph, or all if it has fewer."""
         view = self._next_view()
-        size = int(self._sizes[view].prod())
-        return self._pixels(self._starts[view] + self._random.permutation(size)[:count], view)
+        valid = self._valid[view]
+        drawn = self._random.permutation(int(self._sizes[view].prod()) if valid is None else valid)
+        return self._pixels(self._starts[view] + drawn[:count], view)
 
     def draw_patch(self, side: int) -> Pixels:
-        """A patch of one photograph, row after row, `side` pixels high and wide or as much as the photograph has."""
+        """A patch of one photograph, row after row, `side` pixels high and wide or as much as the photograph has. It
+        has at least one valid pixel."""
         view = self._next_view()
         width, height = (int(size) for size in self._sizes[view])
-        left, top = (int(self._random.integers(max(length - side, 0) + 1)) for length in (width, height))
+        valid = self._valid[view]
+        if valid is None:
+            left, top = (int(self._random.integers(max(length - side, 0) + 1)) for length in (width, height))
+        else:
+            row, column = divmod(int(self._random.choice(valid)), width)
+            left, top = self._around(column, side, width), self._around(row, side, height)
         rows, columns = np.mgrid[top : min(top + side, height), left : min(left + side, width)]
-        return self._pixels(self._starts[view] + (rows * width + columns).reshape(-1), view, columns.shape[1])
+        within = (rows * width + columns).reshape(-1)
+        pixels = self._pixels(self._starts[view] + within, view, columns.shape[1])
+        if valid is None:
+            return pixels
+        return replace(pixels, valid=torch.from_numpy(np.isin(within, valid)).to(self._device))
+
+    def _around(self, place: int, side: int, length: int) -> int:
+        """A random start of `side` pixels of a line of `length`, or all of it, with `place` among them."""
+        return int(self._random.integers(max(0, place - side + 1), min(place, max(length - side, 0)) + 1))
+
+    def _unmasked(self) -> int | np.ndarray:
+        """What `permutation` takes to draw all valid pixels: how many there are where none is masked, else which."""
+        if all(valid is None for valid in self._valid):
+            return int(self._starts[-1])
+        pairs = zip(self._starts[:-1], self._sizes.prod(axis=1), self._valid, strict=True)
+        return np.concatenate([start + (np.arange(size) if own is None else own) for start, size, own in pairs])
 
     def _next_view(self) -> int:
         if not self._round:

@@ -153,8 +153,11 @@ def reconstruct(scene: Scene, *, steps: int, seed: int, progress: Progress | Non
     """
     scene.require_points("a Gaussian reconstruction")
     options = OPTIONS.with_overrides({"steps": steps})
-    views = tuple(TrainingView(view.name, view.camera, view.image()) for view in scene.views)
-    trainer = Trainer(TrainingSet(views, scene.points), options, seed)
+    views = tuple(
+        TrainingView(view.name, view.camera, view.image(), mask=None if view.mask is None else view.mask())
+        for view in scene.views
+    )
+    trainer = Trainer(TrainingSet(views, scene.unmasked().points), options, seed)
     outcome = trainer.fit(Budget(steps=steps), _ProgressObserver(steps, progress))
     if outcome.status is not Status.OK:
         raise FloatingPointError(f"{scene.root}: reconstruction {outcome.status}: {outcome.message}")

@@ -199,7 +199,9 @@ class Trainer:
             state.cameras = [view.camera for view in views]
             update_filter(state, Place(step, views[index].name))
         state.loss = take_step(state, step + 1, progress, views[index], self._clock)
-        state.order.record(index, state.loss)
+        # A masked pixel has no loss, which would make its view seem better explained than others.
+        used = views[index].used
+        state.order.record(index, state.loss / used if 0 < used < 1 else state.loss)
 
     def train(
         self,
@@ -278,7 +280,8 @@ class Trainer:
         hold back; the option `held_back` counts if it is larger."""
         photographs = {view.name: view.image for view in self.views}
         share = max(self.options.reconstruction.held_back, share or 0)
-        return held_back_scores(photographs, self.photograph, share, self._seed)
+        masks = [view.mask for view in self.views]
+        return held_back_scores(photographs, self.photograph, share, self._seed, masks)
 
     def lens_estimates(self) -> dict[str, PhysicalLens] | None:
         """The learned lens of each training view, in scene units."""

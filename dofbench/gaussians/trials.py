@@ -255,6 +255,8 @@ def possible_models(options: GaussianOptions) -> tuple[ForwardModel, ...]:
 def _gain(one: _Attempt, other: _Attempt) -> tuple[float, float]:
     """(mean over the views of the first attempt's PSNR minus the other's, standard error of the mean), dB."""
     differences = one.psnr - other.psnr
+    # A view whose held-back pixels are all masked has no score.
+    differences = differences[~np.isnan(differences)] if len(differences) > 1 else differences
     spread = float(differences.std(ddof=1)) if len(differences) > 1 else math.inf
     return float(differences.mean()), spread / math.sqrt(len(differences))
 

@@ -9,13 +9,14 @@ come from the whole photographs, so only trainings with the same of these can be
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.core.masks import touched
 from dofbench.metrics.ssim import ssim_map
 
 TILE = 16  # px, in the photograph at full size
@@ -49,21 +50,6 @@ def held_back_tiles(height: int, width: int, share: float, seed: int, view: int)
     return np.kron(tiles.reshape(rows, columns), np.ones((TILE, TILE), dtype=bool))[:height, :width]
 
 
-def shrunk(mask: np.ndarray, width: int, height: int) -> np.ndarray:
-    """(height, width) bool: the pixels of the shrunk photograph that a held-back pixel contributes to."""
-    rows, columns = mask.shape
-    if (rows, columns) == (height, width):
-        return mask
-
-    def sums(values: np.ndarray, size: int) -> np.ndarray:
-        edges = np.arange(size + 1) * len(values) / size
-        first, last = np.floor(edges[:-1]).astype(int), np.ceil(edges[1:]).astype(int)
-        total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
-        return total[last] - total[first]
-
-    return sums(sums(mask.astype(float), height).T, width).T > 0
-
-
 def held_back_mask(
     height: int, width: int, shown: tuple[int, int], share: float, seed: int, view: int
 ) -> Tensor | None:
@@ -71,27 +57,40 @@ def held_back_mask(
     if share <= 0:
         return None
     tiles = held_back_tiles(height, width, share, seed, view)
-    return torch.from_numpy(np.ascontiguousarray(shrunk(tiles, shown[1], shown[0])))
+    return torch.from_numpy(np.ascontiguousarray(touched(tiles, shown[1], shown[0])))
 
 
 def held_back_scores(
-    photographs: Mapping[str, np.ndarray], render: Callable[[int], np.ndarray], share: float, seed: int
+    photographs: Mapping[str, np.ndarray],
+    render: Callable[[int], np.ndarray],
+    share: float,
+    seed: int,
+    masks: Sequence[np.ndarray | None] | None = None,
 ) -> HeldBackScores:
     """Score renderings of the training views on the pixels that were held back.
 
     photographs: name -> (H, W, 3) encoded, in the training set's order. render: the rendering of a view by its
     number, (H, W, 3) encoded, with its learned lens and colour (`Trainer.photograph`). share, seed: as trained with.
-    Raises ValueError for a share of 0.
+    masks: (H, W) bool of each view, False for pixels that aren't scored, or None. Without a valid held-back pixel a
+    view has the scores NaN, and doesn't count. Raises ValueError for a share of 0.
     """
     if share <= 0:
         raise ValueError(f"held-back scores: expected a share above 0, found {share}")
     views = {}
     for number, (name, photograph) in enumerate(photographs.items()):
         height, width = photograph.shape[:2]
-        mask = held_back_tiles(height, width, share, seed, number)
-        views[name] = tile_scores(np.clip(render(number), 0, 1), photograph, mask)
+        tiles = held_back_tiles(height, width, share, seed, number)
+        if masks is not None and (valid := masks[number]) is not None:
+            tiles &= valid
+        views[name] = tile_scores(np.clip(render(number), 0, 1), photograph, tiles)
     psnr, ssim = np.array(list(views.values())).T
-    return HeldBackScores(float(psnr.mean()), float(np.nanmean(ssim)) if np.isfinite(ssim).any() else math.nan, views)
+    if np.isnan(psnr).any() and not np.isnan(psnr).all():
+        return HeldBackScores(float(np.nanmean(psnr)), _mean(ssim), views)
+    return HeldBackScores(float(psnr.mean()), _mean(ssim), views)
+
+
+def _mean(ssim: np.ndarray) -> float:
+    return float(np.nanmean(ssim)) if np.isfinite(ssim).any() else math.nan
 
 
 def tile_scores(prediction: np.ndarray, photograph: np.ndarray, mask: np.ndarray) -> tuple[float, float]:
@@ -101,6 +100,8 @@ def tile_scores(prediction: np.ndarray, photograph: np.ndarray, mask: np.ndarray
     """
     from scipy.ndimage import binary_erosion
 
+    if not mask.any():
+        return math.nan, math.nan
     error = float(np.mean(np.square(prediction.astype(float) - photograph)[mask]))
     psnr = -10 * math.log10(max(error, (0.1 / 255) ** 2))
     side = 2 * _WINDOW_REACH + 1

@@ -25,6 +25,12 @@ class DepthSamples:
     weight: Tensor | None = None
     most: int | None = None
 
+    def within(self, mask: Tensor) -> DepthSamples:
+        """The samples at pixels where mask (H, W) is true, on the host."""
+        kept = mask[self.rows, self.columns]
+        weight = None if self.weight is None else self.weight[kept]
+        return DepthSamples(self.rows[kept], self.columns[kept], self.depth[kept], weight)
+
     def on(self, device: str) -> DepthSamples:
         """The samples on a device, in the order of rows, then columns."""
         rows_first = self.rows.numpy(force=True) << 32 | self.columns.numpy(force=True)

@@ -12,6 +12,7 @@ from torch import Tensor
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingView
 from dofbench.core.images import resize
+from dofbench.core.masks import shrunk_mask
 from dofbench.learning.held_back import held_back_mask
 from dofbench.learning.priors import Prior
 from dofbench.learning.supervision import DepthSamples
@@ -20,7 +21,8 @@ from dofbench.learning.supervision import DepthSamples
 @dataclass(frozen=True, eq=False)
 class Photograph:
     """One training view at one size. image: (H, W, 3), encoded. known: its known depth, or None. held_back: (H, W)
-    bool, the pixels that no colour loss uses, or None."""
+    bool, the pixels that no colour loss uses, masked ones among them, or None. used: share of the pixels that aren't
+    masked."""
 
     index: int
     name: str
@@ -28,6 +30,7 @@ class Photograph:
     image: Tensor
     known: DepthSamples | None
     held_back: Tensor | None
+    used: float = 1.0
 
 
 def all_photographs(
@@ -50,6 +53,13 @@ def _photograph(
     width, height = view.camera.width // factor, view.camera.height // factor
     camera = view.camera if factor == 1 else view.camera.resized(width, height)
     image = torch.from_numpy(np.ascontiguousarray(resize(view.image, width, height))).to(device)
-    known = None if prior is None else prior.samples(index, camera).on(device)
-    mask = held_back_mask(view.camera.height, view.camera.width, (height, width), held_back, seed, index)
-    return Photograph(index, view.name, camera, image, known, None if mask is None else mask.to(device))
+    known = None if prior is None else prior.samples(index, camera)
+    held = held_back_mask(view.camera.height, view.camera.width, (height, width), held_back, seed, index)
+    used = 1.0
+    if view.mask is not None:
+        valid = torch.from_numpy(shrunk_mask(view.mask, width, height))
+        known = None if known is None else known.within(valid)
+        held = ~valid if held is None else held | ~valid
+        used = float(valid.double().mean())
+    on_device = None if known is None else known.on(device)
+    return Photograph(index, view.name, camera, image, on_device, None if held is None else held.to(device), used)

@@ -42,7 +42,7 @@ def facts_of(training_set: TrainingSet, *, one_lens: bool | None) -> Facts:
     light, numbers = light_spread(exif), _comparable(exif)
     if points is None or not len(points):
         return Facts(0, None, None, one_lens, light_spread=light, f_numbers=numbers)
-    seen = [visible(points, view.camera, index) for index, view in enumerate(training_set.views)]
+    seen = [visible(points, view.camera, index).within(view.mask) for index, view in enumerate(training_set.views)]
     images = [view.image for view in training_set.views]
     shown = point_colours(images, seen)
     dependence, spread = (None, None) if shown is None else (view_dependence(*shown), colour_spread(shown[0]))

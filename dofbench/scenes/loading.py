@@ -12,6 +12,7 @@ from dofbench.core.errors import InputError
 from dofbench.scenes import colmap
 from dofbench.scenes.folders import contents, image_files
 from dofbench.scenes.scene import Scene
+from dofbench.scenes.scene_masks import ALPHAS, Alpha, with_masks
 from dofbench.scenes.views import AnotherFrame
 
 # In the order of detection. transforms.json says most (a camera a view, distortion, depth, split);
@@ -35,6 +36,7 @@ def load_scene(
     images: str | None = None,
     layout: str = "auto",
     hold: int | None = None,
+    alpha_channel: Alpha | None = None,
 ) -> Scene:
     """Read a scene folder: views sorted by name, with lazy images, OpenCV cameras, sparse points, a split.
 
@@ -51,7 +53,10 @@ def load_scene(
     hold: every hold-th view from the first is a test view (dofnerf: from the second). None: transforms.json's
     train_filenames and test_filenames, else a marker file `hold=N` in the folder, else 8 (dofnerf: 9;
     deblurnerf: an error).
+    alpha_channel: what an alpha channel that isn't 1 everywhere means: a mask (None: the same, with a note), or
+    background, which is composited over black.
 
+    Masks are those that transforms.json names, else those in a folder masks/, and alpha (`scene_masks.py`).
     Distortion is taken out of images, depth and intrinsics here. Every image's existence and size
     are checked, its pixels are read by `SceneView.image()`. Raises InputError for whatever doesn't fit.
     """
@@ -64,6 +69,14 @@ def load_scene(
     chosen = _detect(root) if layout == "auto" else layout
     if chosen not in LAYOUTS:
         raise InputError("layout", repr(layout), f"auto, {', '.join(LAYOUTS)}")
+    if alpha_channel is not None and alpha_channel not in ALPHAS:
+        raise InputError("alpha_channel", repr(alpha_channel), " or ".join(ALPHAS))
+    return with_masks(_without_masks(root, layout, chosen, width, images, hold), alpha_channel)
+
+
+def _without_masks(
+    root: Path, layout: str, chosen: str, width: int | None, images: str | None, hold: int | None
+) -> Scene:
     options = {"width": width, "images": images, "hold": hold}
     try:
         return _read(chosen, root, **options)

@@ -15,6 +15,7 @@ from dofbench.core.cameras import Offset
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.core.images import image_size
+from dofbench.core.names import inside
 from dofbench.scenes.beside import points_beside
 from dofbench.scenes.colmap import find_model, read_model
 from dofbench.scenes.folders import IMAGE_SUFFIXES, choose_folder, image_folders, listed, match_files
@@ -41,6 +42,7 @@ def read(root: Path, *, width: int | None, images: str | None, hold: int | None,
 
     transform_matrix is camera-to-world with OpenGL axes. fl_x fl_y cx cy w h k1 k2 k3 p1 p2 stand
     in a frame or for all frames; camera_angle_x, camera_angle_y where there is no focal length.
+    mask_path: a mask, black where pixels don't count.
     depth_file_path: z-depth, times `depth_unit_scale_factor` (default 0.001 for PNG, 1 for EXR).
     Points: ply_file_path, else the COLMAP model beside the file, taken into the file's frame by
     applied_transform and applied_scale. Views in val_filenames alone are left out.
@@ -136,6 +138,7 @@ def _frame(
         world_to_camera=invert(opengl_to_opencv(rigid(pose, file, name))),
         depth_file=None if depth_path is None else root / str(depth_path),
         unit=unit,
+        mask_file=None if entry.get("mask_path") is None else root / inside(entry["mask_path"], file),
     )
 
 

@@ -13,6 +13,7 @@ from dofbench.core.cameras import NO_OFFSET, Camera, Offset
 from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.core.errors import InputError
 from dofbench.core.exif import Exif
+from dofbench.scenes.visibility import unmasked_points
 
 Split = Literal["train", "test"]
 # What a view's image is: all in focus, or taken by a lens with shallow depth of field that nobody knows.
@@ -25,7 +26,8 @@ class SceneView:
 
     `depth()` gives exact z-depth (H, W) float32, scene units, 0 where unknown; None when the
     scene has none. `source` is the file behind the image, for messages and provenance. photograph: what the image is.
-    exif: what the camera wrote down, if it did.
+    exif: what the camera wrote down, if it did. `mask()`, where it isn't None, gives (H, W) bool: True for the pixels
+    that count. Masked pixels of the image are replaced by their nearest valid ones.
     """
 
     name: str
@@ -36,6 +38,7 @@ class SceneView:
     depth: Callable[[], np.ndarray] | None = None
     photograph: Photograph = "all-in-focus"
     exif: Exif | None = None
+    mask: Callable[[], np.ndarray] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,12 +103,21 @@ class Scene:
         Raises InputError for an image that can't be read.
         """
         training = [index for index, view in enumerate(self.views) if view.split == "train"]
-        views = [self.views[index] for index in training]
+        views = tuple(
+            TrainingView(view.name, view.camera, view.image(), view.exif, None if view.mask is None else view.mask())
+            for view in (self.views[index] for index in training)
+        )
+        points = None if self.points is None else self.points.seen_by(training)
         return TrainingSet(
-            tuple(TrainingView(view.name, view.camera, view.image(), view.exif) for view in views),
-            None if self.points is None else self.points.seen_by(training),
+            views,
+            unmasked_points(points, [view.camera for view in views], [view.mask for view in views]),
             self.offset,
         )
+
+    def unmasked(self) -> Scene:
+        """The scene without sightings of points at masked pixels, and without points that were seen nowhere else."""
+        masks = [None if view.mask is None else view.mask() for view in self.views]
+        return replace(self, points=unmasked_points(self.points, [view.camera for view in self.views], masks))
 
     def test_views(self) -> tuple[SceneView, ...]:
         """The views held back, sorted by name."""

@@ -12,11 +12,13 @@ from dofbench.core.cameras import Offset
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.core.images import image_size, read_image, resize
+from dofbench.core.masks import filled
 from dofbench.scenes.depth_files import read_depth
 from dofbench.scenes.exif_files import exif_by_file
 from dofbench.scenes.folders import marked_hold, scene_name, view_names
 from dofbench.scenes.local_frame import localised
 from dofbench.scenes.scene import Scene, SceneView, Split
+from dofbench.scenes.scene_masks import MaskOnDisk, check_size
 from dofbench.scenes.undistort import Intrinsics, sample_depth, undistort_image, undistorted
 
 # Sizes rounded down a pyramid leave the aspect ratio off by a pixel: 1 % is more than that, and less than a crop.
@@ -36,7 +38,7 @@ class Frame:
 
     name: its path inside the scene, for the view's name. intrinsics: at the size of the camera
     file, which need not be the image's. world_to_camera: (4, 4), OpenCV axes. unit: scene units a
-    number in the depth file. split: where the layout says it.
+    number in the depth file. split: where the layout says it. mask_file: where the layout names one.
     """
 
     name: str
@@ -46,11 +48,14 @@ class Frame:
     depth_file: Path | None = None
     unit: float = 1.0
     split: Split | None = None
+    mask_file: Path | None = None
 
 
 @dataclass(frozen=True)
 class ImageOnDisk:
     """Reads an image, takes the distortion out, resizes: (height, width, 3) float32, encoded.
+
+    mask: pixels that it masks are replaced by the nearest valid ones first, so they reach no others.
 
     A class, not a closure, so that a view can be sent to another process.
     """
@@ -59,6 +64,7 @@ class ImageOnDisk:
     intrinsics: Intrinsics
     width: int
     height: int
+    mask: MaskOnDisk | None = None
 
     def __call__(self) -> np.ndarray:
         image = read_image(self.file)
@@ -66,6 +72,8 @@ class ImageOnDisk:
         if image.shape[:2] != expected:
             size = f"{image.shape[1]}x{image.shape[0]} pixels"
             raise InputError(self.file, size, f"{expected[1]}x{expected[0]}, as when the scene was loaded")
+        if self.mask is not None:
+            image = filled(image, self.mask.as_stored())
         return resize(undistort_image(image, self.intrinsics), self.width, self.height)
 
 
@@ -175,13 +183,20 @@ def _view(frame: Frame, name: str, width: int | None, subject: object) -> SceneV
             raise InputError(frame.depth_file, "no such file", f"the depth map that {subject} names")
         _check_aspect(frame.depth_file, image_size(frame.depth_file), given, subject)
         depth = DepthOnDisk(frame.depth_file, frame.unit, lens, out_width, out_height)
+    mask = None
+    if frame.mask_file is not None:
+        if not frame.mask_file.is_file():
+            raise InputError(frame.mask_file, "no such file", f"the mask that {subject} names")
+        check_size(frame.mask_file, (file_width, file_height))
+        mask = MaskOnDisk(frame.file, frame.mask_file, False, lens, out_width, out_height)
     return SceneView(
         name=name,
         camera=straight.camera(frame.world_to_camera).resized(out_width, out_height),
-        image=ImageOnDisk(frame.file, lens, out_width, out_height),
+        image=ImageOnDisk(frame.file, lens, out_width, out_height, mask),
         source=frame.file,
         split=frame.split or "train",
         depth=depth,
+        mask=mask,
     )
 
 

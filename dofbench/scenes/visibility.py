@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,13 @@ class Seen:
     xy: np.ndarray
     depth: np.ndarray
 
+    def within(self, mask: np.ndarray | None) -> Seen:
+        """Those at pixels where mask (H, W) is true; all without a mask."""
+        if mask is None:
+            return self
+        kept = mask[self.xy[:, 1].astype(np.int64), self.xy[:, 0].astype(np.int64)]
+        return Seen(self.index[kept], self.xy[kept], self.depth[kept])
+
 
 def visible(points: PointCloud, camera: Camera, view: int) -> Seen:
     """The points that view number `view` sees.
@@ -37,6 +45,29 @@ def visible(points: PointCloud, camera: Camera, view: int) -> Seen:
     if points.views is None:
         index = index[~hidden(xy[index], depth[index], camera.width)]
     return Seen(index, xy[index], depth[index])
+
+
+def unmasked_points(
+    points: PointCloud | None, cameras: Sequence[Camera], masks: Sequence[np.ndarray | None]
+) -> PointCloud | None:
+    """The points without what was seen at masked pixels, and without those that were seen nowhere else.
+
+    masks: of each view, (H, W) bool, True where valid, or None. points.views index into the views; where tracks are
+    unknown, all points stay.
+    """
+    if points is None or points.views is None or all(mask is None for mask in masks):
+        return points
+    masked = np.zeros((len(cameras), len(points)), bool)
+    for index, (camera, mask) in enumerate(zip(cameras, masks, strict=True)):
+        if mask is not None:
+            xy, _ = camera.project(points.xyz)
+            inside = camera.inside(xy)
+            column, row = np.where(inside[:, None], xy, 0).astype(np.int64).T
+            masked[index] = inside & ~mask[row, column]
+    tracks = [track[~masked[track, point]] for point, track in enumerate(points.views)]
+    kept = np.array([len(now) > 0 or not len(was) for now, was in zip(tracks, points.views, strict=True)], bool)
+    chosen = tuple(track for track, stays in zip(tracks, kept, strict=True) if stays)
+    return PointCloud(points.xyz[kept], points.rgb[kept], points.error[kept], chosen)
 
 
 def hidden(xy: np.ndarray, depth: np.ndarray, width: int) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -33,11 +33,12 @@ from dofbench.synthesis.depth_bounds import bounds_of_views
 from dofbench.synthesis.depth_record import make_depth
 from dofbench.synthesis.depth_sources import source_for
 from dofbench.synthesis.lens_plan import Plan, deal_plan, draw_plan
+from dofbench.synthesis.masked_views import read_masks, unreached, write_view_mask
 from dofbench.synthesis.method_points import choose_points
 from dofbench.synthesis.photographing import Optics, exposed
 from dofbench.synthesis.real_photographs import make_of_photographs
 from dofbench.synthesis.render_views import Photography, shallow_image, view_record
-from dofbench.synthesis.scene_source import check_source, encoded, source_record
+from dofbench.synthesis.scene_source import check_source, encoded, image_digests, source_record
 from dofbench.synthesis.sibling import take_over, take_over_all
 from dofbench.synthesis.work import WORK, Identity, finish, noise_file, prepare
 
@@ -59,8 +60,14 @@ def find_scene(settings: MakeDataset) -> ResolvedScene:
 def read_scene(found: ResolvedScene, settings: MakeDataset) -> tuple[Scene, MakeDataset]:
     """Read the scene; returns it with settings that are completed by the named dataset's defaults, and name the scene
     by its label."""
-    asked = Reading(width=settings.width, images=settings.images, layout=settings.layout, hold=settings.hold)
-    scene = found.load(**asked)
+    asked = Reading(
+        width=settings.width,
+        images=settings.images,
+        layout=settings.layout,
+        hold=settings.hold,
+        alpha_channel=settings.alpha_channel,
+    )
+    scene = found.load(**asked).unmasked()
     print_notes(scene)
     if settings.train_f_number is not None and settings.test_f_number is not None:
         if settings.photographs == "auto" and scene.photographs != "shallow":
@@ -121,7 +128,7 @@ def make(
         }
         return Identity(
             rest=sha256_text(canonical_json(parts)),
-            images={image.view: image.sha256 for image in source.images},
+            images=image_digests(source),
             own_depth=source_id in ("given", "folder"),
         )
 
@@ -149,6 +156,7 @@ def make(
             print(optics.remark, file=sys.stderr, flush=True)
         shoot = partial(_shoot, out=out, shared=shared, half=settings.linear == "exr-half", optics=optics)
         records = _shallow(plan, scene, out, shared, shoot, progress)
+        _masks(scene, out, records, shared)
         points, points_record = choose_points(scene, settings.points, out, out / WORK / "points", progress)
         scene = replace(scene, points=points)
         near_far = bounds_of_views(scene, out, settings.points, {view.name for view in scene.views})
@@ -209,6 +217,14 @@ def _shallow(
             records.append(shoot(record, camera_of[planned.name], depth_map))
             advance(index + 1)
     return records
+
+
+def _masks(scene: Scene, out: Path, records: Sequence[ViewRecord], shared: Photography) -> None:
+    masks = read_masks(scene)
+    for record in records:
+        if record.name in masks and not layout.mask_path(out, record.name).is_file():
+            depth = read_exr(layout.depth_path(out, record.name))
+            write_view_mask(out, record.name, unreached(masks[record.name], depth, record, shared))
 
 
 def _shoot(

@@ -34,6 +34,7 @@ from dofbench.core.option_rules import (
 from dofbench.dataset.dealing import Assign
 from dofbench.dataset.points_choice import Points
 from dofbench.dataset.sensor import Sensor
+from dofbench.scenes.scene_masks import Alpha
 from dofbench.synthesis.lens_plan import Values
 
 DepthSource = Literal["auto", "given", "folder", "splat", "sfm", "onnx"]
@@ -178,6 +179,10 @@ class DatasetOptions:
     """Layout of the scene folder: nerfstudio, llff, colmap, dofnerf, deblurnerf, or auto to detect it. This option
     decides if a folder has several layouts; auto ignores a transforms.json whose frame differs from that of the COLMAP
     model beside it."""
+
+    alpha_channel: Alpha | None = option(None, about="scene", sharp=True, kept_with="alpha_channel")
+    """What an alpha channel of the images means: mask, transparent pixels are neither trained on nor scored; or
+    background, they are composited over black. Without it: mask, with a note."""
 
     points: Points = option("scene", about="scene", kept_with="points")
     """Where the points come from that a method gets: the scene's own (scene); or, by the given poses, triangulated

@@ -160,8 +160,10 @@ def _one_view(source: DepthSource, view: SceneView, out: Path) -> DepthViewRecor
     if noted.is_file() and _files_there(out, view):
         return DepthViewRecord.model_validate(read_json(noted))
     estimate = source.estimate(view)
-    write_exr(layout.depth_path(out, view.name), estimate.depth)
-    write_grey_png(layout.confidence_path(out, view.name), np.where(estimate.depth > 0, estimate.confidence, 0))
+    # What stands under a mask is no part of the scene: its depth is unknown.
+    depth = estimate.depth if view.mask is None else np.where(view.mask(), estimate.depth, np.float32(0))
+    write_exr(layout.depth_path(out, view.name), depth)
+    write_grey_png(layout.confidence_path(out, view.name), np.where(depth > 0, estimate.confidence, 0))
     record = record_of_files(out, view.name, estimate.statistics)
     write_json(noted, record.model_dump(mode="json"))
     return record

@@ -27,9 +27,10 @@ from dofbench.synthesis import write
 from dofbench.synthesis.dataset_options import MakeDataset
 from dofbench.synthesis.depth_bounds import bounds_of_views
 from dofbench.synthesis.depth_record import make_depth
+from dofbench.synthesis.masked_views import read_masks, write_view_mask
 from dofbench.synthesis.method_points import choose_points
 from dofbench.synthesis.photographs_readme import photographs_readme
-from dofbench.synthesis.scene_source import check_source, encoded, source_record
+from dofbench.synthesis.scene_source import check_source, encoded, image_digests, source_record
 from dofbench.synthesis.work import WORK, Identity, finish, prepare
 
 
@@ -64,7 +65,7 @@ def make_of_photographs(
                 }
             )
         ),
-        images={image.view: image.sha256 for image in source.images},
+        images=image_digests(source),
         own_depth=True,
     )
     out = settings.out or Path("data") / scene.name
@@ -73,6 +74,8 @@ def make_of_photographs(
             progress.finished(out, "up to date")
             return out
         _photographs(scene, out, progress)
+        for name, mask in read_masks(scene).items():
+            write_view_mask(out, name, mask)
         depth, disparity_range = _depth(scene, settings, out, progress)
         points, points_record = choose_points(scene, settings.points, out, out / WORK / "points", progress)
         scene = replace(scene, points=points)

@@ -9,7 +9,7 @@ import numpy as np
 
 from dofbench.core.cameras import NO_OFFSET
 from dofbench.core.errors import InputError
-from dofbench.core.files import canonical_json, sha256_file
+from dofbench.core.files import canonical_json, sha256_file, sha256_text
 from dofbench.core.images import to_8bit
 from dofbench.dataset.schema import SourceImage, SourceRecord
 from dofbench.scenes.named import ResolvedScene
@@ -48,6 +48,7 @@ def source_record(scene: Scene, found: ResolvedScene, with_depth: bool) -> Sourc
                 view=view.name,
                 sha256=sha256_file(view.source),
                 photograph=view.photograph if scene.photographs == "shallow" else None,
+                mask=_mask_digest(view),
             )
             for view in scene.views
         ),
@@ -59,6 +60,19 @@ def source_record(scene: Scene, found: ResolvedScene, with_depth: bool) -> Sourc
         role_by=found.role_by or None,
         notes=scene.notes or None,
     )
+
+
+def image_digests(source: SourceRecord) -> dict[str, str]:
+    """What identifies each view's image, and its mask where it has one."""
+    return {
+        image.view: image.sha256 if image.mask is None else sha256_text(f"{image.sha256} {image.mask}")
+        for image in source.images
+    }
+
+
+def _mask_digest(view: SceneView) -> str | None:
+    mask = None if view.mask is None else view.mask()
+    return None if mask is None or mask.all() else hashlib.sha256(np.packbits(mask).tobytes()).hexdigest()
 
 
 def encoded(view: SceneView) -> np.ndarray:
@@ -74,12 +88,11 @@ def encoded(view: SceneView) -> np.ndarray:
 
 def check_source(source: SourceRecord, expected: SourceRecord, root: Path) -> None:
     """Raise InputError unless the scene is the one that a manifest is of."""
-    before = {image.view: image.sha256 for image in expected.images}
-    now = {image.view: image.sha256 for image in source.images}
+    before, now = image_digests(expected), image_digests(source)
     if before.keys() != now.keys():
         raise InputError(root, f"{len(now)} views", f"the {len(before)} of the manifest, by name")
     for view, digest in now.items():
         if before[view] != digest:
-            raise InputError(root, f"another image of view {view}", "the image whose sha256 is in the manifest")
+            raise InputError(root, f"another image or mask of view {view}", "those whose sha256 is in the manifest")
     if source.geometry != expected.geometry:
         raise InputError(root, "other cameras, split, depth or points", "those of the manifest")

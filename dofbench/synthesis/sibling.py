@@ -28,7 +28,7 @@ def take_over(sibling: Path, out: Path, source: SourceRecord, settings: MakeData
     same = (manifest.source.geometry, manifest.source.images) == (source.geometry, source.images)
     recipe = settings.recipe()
     sharp = [at.name for at in fields(DatasetOptions) if at.metadata.get("sharp")]
-    if not same or any(manifest.settings.get(name) != recipe[name] for name in sharp):
+    if not same or any(manifest.settings.get(name) != recipe.get(name) for name in sharp):
         return
     _copy(sibling, manifest, out, _TRUTH)
 

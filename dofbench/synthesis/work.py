@@ -165,6 +165,7 @@ def _drop_outdated(root: Path, identity: Identity, before: Mapping[str, str]) ->
             layout.confidence_path(root, view).unlink(missing_ok=True)
         changed = list(identity.images)
     for view in changed:
+        layout.mask_path(root, view).unlink(missing_ok=True)
         layout.linear_path(root, view).unlink(missing_ok=True)
         layout.shallow_path(root, view).unlink(missing_ok=True)
 

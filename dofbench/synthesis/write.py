@@ -141,7 +141,7 @@ def expected_files(root: Path, source: SourceRecord, depth: DepthRecord | None) 
                 *([layout.SHARP] if image.photograph == "all-in-focus" else []),
                 *([layout.DEPTH, layout.CONFIDENCE] if image.view in measured else []),
             ]
-        views += [pattern.format(image.view) for pattern in patterns]
+        views += [pattern.format(image.view) for pattern in (*patterns, *([layout.MASK] if image.mask else []))]
     sparse = root / layout.SPARSE
     files = [path for path in sparse.iterdir() if path.is_file()] if sparse.is_dir() else []
     model = [path.relative_to(root).as_posix() for path in files if not path.name.startswith(".")]
@@ -209,6 +209,7 @@ def geometry(root: Path, scene: Scene, near_far: np.ndarray | None, measured: Se
             layout.relative(layout.depth_path, view.name) if measured is None or view.name in measured else None
             for view in scene.views
         ],
+        extra=[_mask_entry(root, view.name) for view in scene.views],
         offset=scene.offset,
     )
     if near_far is None:
@@ -217,3 +218,9 @@ def geometry(root: Path, scene: Scene, near_far: np.ndarray | None, measured: Se
     order = sorted(range(len(files)), key=files.__getitem__)
     ordered = [cameras[index] for index in order]
     return export.write_poses_bounds(root / layout.POSES_BOUNDS, ordered, near_far[order], scene.offset)
+
+
+
+def _mask_entry(root: Path, name: str) -> dict[str, str]:
+    """What transforms.json says of a view's mask, as nerfstudio reads it; nothing without one."""
+    return {"mask_path": layout.relative(layout.mask_path, name)} if layout.mask_path(root, name).is_file() else {}

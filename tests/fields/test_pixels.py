@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from made_up import frontal
@@ -93,3 +95,35 @@ def test_a_patch_is_a_rectangle_row_after_row() -> None:
         assert torch.equal(part.colours[:, 1:], part.places.flip(1) - 0.5)
         corners.add((view, left, top))
     assert corners == {(0, 0.5, 0.5), *((1, x + 0.5, y + 0.5) for x in range(3) for y in range(2))}
+
+
+def masked_views():
+    random = np.random.default_rng(3)
+    found = []
+    for view in views():
+        mask = random.uniform(size=view.image.shape[:2]) < 0.3
+        mask[0, 0] = True
+        found.append(replace(view, mask=mask))
+    return found
+
+
+def test_masked_pixels_are_drawn_only_within_patches_and_have_no_error_there():
+    given = masked_views()
+    pixels = TrainingPixels(given, np.random.default_rng(0))
+
+    def valid(drawn):
+        at = zip(drawn.views.tolist(), drawn.places.floor().long().tolist(), strict=True)
+        return np.array([given[view].mask[row, column] for view, (column, row) in at])
+
+    for _ in range(12):
+        assert valid(pixels.draw(7)).all() and valid(pixels.draw_view(9)).all()
+    every = sum(int(view.mask.sum()) for view in given)
+    whole = TrainingPixels(given, np.random.default_rng(0)).draw(10**6)
+    assert len(whole.views) == every
+    for side in (1, 3, 5):
+        for _ in range(20):
+            patch = pixels.draw_patch(side)
+            assert patch.valid.any() and (patch.valid.numpy() == valid(patch)).all()
+            predicted = torch.full_like(patch.colours, 0.123).requires_grad_()
+            (patch.without_masked(predicted) - patch.colours).square().sum().backward()
+            assert ((predicted.grad != 0).any(dim=1) <= patch.valid).all()

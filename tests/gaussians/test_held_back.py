@@ -16,9 +16,10 @@ from dofbench.core.budget import Budget
 from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import InputError
 from dofbench.core.images import resize
+from dofbench.core.masks import touched
 from dofbench.gaussians.trainer import Trainer
 from dofbench.learning import image_losses as losses
-from dofbench.learning.held_back import TILE, held_back_mask, held_back_scores, held_back_tiles, shrunk, tile_scores
+from dofbench.learning.held_back import TILE, held_back_mask, held_back_scores, held_back_tiles, tile_scores
 from dofbench.metrics.psnr import psnr
 from dofbench.metrics.ssim import ssim
 
@@ -42,10 +43,10 @@ def test_views_and_seeds_differ():
 @pytest.mark.parametrize(("width", "height"), [(50, 35), (33, 23), (100, 70), (99, 50)])
 def test_a_shrunk_pixel_is_held_back_as_soon_as_one_of_its_own_is(width, height):
     mask = held_back_tiles(70, 100, 0.3, 0, 0)
-    touched = resize(mask.astype(np.float32), width, height) > 1e-6
-    found = shrunk(mask, width, height)
-    assert not (touched & ~found).any()
-    assert (found & ~touched).mean() < 0.02  # no more than rounding
+    changed = resize(mask.astype(np.float32), width, height) > 1e-6
+    found = touched(mask, width, height)
+    assert not (changed & ~found).any()
+    assert (found & ~changed).mean() < 0.02  # no more than rounding
 
 
 def test_no_gradient_reaches_a_held_back_pixel():

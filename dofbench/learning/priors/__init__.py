@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 import numpy as np
+import torch
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud, TrainingSet
@@ -156,6 +157,8 @@ def with_surface_points(training_set: TrainingSet, prior: Prior, count: int, see
     xyz, rgb = [points.xyz], [points.rgb]
     for index, view in enumerate(training_set.views):
         camera, samples = view.camera, prior.samples(index, view.camera)
+        if view.mask is not None:
+            samples = samples.within(torch.from_numpy(view.mask))
         depth = samples.depth.numpy().astype(np.float64)
         weight = np.ones(len(depth)) if samples.weight is None else samples.weight.numpy().astype(np.float64)
         wanted = min(len(depth), -(-count // len(training_set.views)))

@@ -17,6 +17,7 @@ from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import InputError
 from dofbench.core.images import resize
+from dofbench.core.masks import shrunk_mask
 from dofbench.kernels import load
 from dofbench.learning.priors.prior_progress import Progress, silent
 from dofbench.learning.supervision import DepthMap, sparse_depth
@@ -61,7 +62,8 @@ def stereo_depth(
 ) -> list[DepthMap]:
     """One map per view: z, 0 where no depth was found or confirmed, and a weight of 0 ... 1.
 
-    Uses the photographs, the cameras, and the sparse points, which give the range of the planes. coarser: how many
+    Uses the photographs, the cameras, and the sparse points, which give the range of the planes. Masked pixels get no
+    depth, and confirm none. coarser: how many
     times to repeat at half the previous size, to fill pixels without depth, since blurred photographs agree only at
     coarse scales. Each time the weight is halved, as errors are twice as large. device: where the views are matched.
     progress: called for every view that is swept or checked.
@@ -72,18 +74,23 @@ def stereo_depth(
         raise InputError("option depth_prior", "stereo for one training view", "two or more")
     bounds, neighbours = disparity_bounds(training_set), choose_sources(training_set, CHECKED)
     pyramids = [_pyramid(view.image, view.camera, len(SCALES) + coarser, device) for view in views]
-    maps = _matched([levels[: len(SCALES)] for levels in pyramids], neighbours, bounds, "", progress)
+    masks = [view.mask for view in views]
+    maps = _matched([levels[: len(SCALES)] for levels in pyramids], masks, neighbours, bounds, "", progress)
     for level in range(1, coarser + 1):
         smaller = [levels[level : level + len(SCALES)] for levels in pyramids]
         if not all(smaller):
             break
-        more = _matched(smaller, neighbours, bounds, f" at 1/{2**level}", progress)
+        more = _matched(smaller, masks, neighbours, bounds, f" at 1/{2**level}", progress)
         maps = [_filled(one, other, 0.5**level) for one, other in zip(maps, more, strict=True)]
-    return maps
+    return [
+        one if mask is None else DepthMap(np.where(mask, one.depth, 0), np.where(mask, one.weight, 0))
+        for one, mask in zip(maps, masks, strict=True)
+    ]
 
 
 def _matched(
     pyramids: list[list[_Level]],
+    masks: list[np.ndarray | None],
     neighbours: list[list[int]],
     bounds: tuple[float, float],
     size: str,
@@ -93,7 +100,7 @@ def _matched(
     swept, cameras = [], [levels[0][1] for levels in pyramids]
     progress(SWEEP + size, 0, len(cameras))
     for index, chosen in enumerate(neighbours):
-        swept.append(_sweep(pyramids, index, chosen[:SOURCES], *bounds))
+        swept.append(_unmasked(_sweep(pyramids, index, chosen[:SOURCES], *bounds), masks[index]))
         progress(SWEEP + size, index + 1, len(cameras))
     maps = []
     progress(CHECK + size, 0, len(cameras))
@@ -101,6 +108,14 @@ def _matched(
         maps.append(_agreed(cameras, swept, index, chosen, pyramids[index][0][0].device))
         progress(CHECK + size, index + 1, len(cameras))
     return maps
+
+
+def _unmasked(found: _Swept, mask: np.ndarray | None) -> _Swept:
+    """The sweep without what stands under a mask, (H, W) at the photograph's size or None."""
+    if mask is None:
+        return found
+    valid = shrunk_mask(mask, found.depth.shape[1], found.depth.shape[0])
+    return _Swept(np.where(valid, found.depth, np.float32(0)), np.where(valid, found.weight, np.float32(0)))
 
 
 def _filled(found: DepthMap, coarse: DepthMap, share: float) -> DepthMap:

@@ -12,6 +12,7 @@ from dofbench.core.evidence import Role
 from dofbench.scenes.loading import load_scene
 from dofbench.scenes.named.schema import NOT_STATED, Recipe
 from dofbench.scenes.scene import Scene
+from dofbench.scenes.scene_masks import Alpha
 
 
 class Reading(TypedDict):
@@ -21,6 +22,7 @@ class Reading(TypedDict):
     images: str | None
     layout: str
     hold: int | None
+    alpha_channel: Alpha | None
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,13 @@ class ResolvedScene:
     missing: str = ""
 
     def reading(
-        self, *, width: int | None = None, images: str | None = None, layout: str = "auto", hold: int | None = None
+        self,
+        *,
+        width: int | None = None,
+        images: str | None = None,
+        layout: str = "auto",
+        hold: int | None = None,
+        alpha_channel: Alpha | None = None,
     ) -> Reading:
         """How the scene is to be read: options that are given go before what is known of it.
 
@@ -68,13 +76,21 @@ class ResolvedScene:
             images=self.images if images is None else images,
             layout=self.layout if layout == "auto" else layout,
             hold=self.hold if hold is None else hold,
+            alpha_channel=alpha_channel,
         )
 
     def load(
-        self, *, width: int | None = None, images: str | None = None, layout: str = "auto", hold: int | None = None
+        self,
+        *,
+        width: int | None = None,
+        images: str | None = None,
+        layout: str = "auto",
+        hold: int | None = None,
+        alpha_channel: Alpha | None = None,
     ) -> Scene:
         """Read the scene by `load_scene`, as `reading` says. Raises InputError as it does, or for a missing scene."""
         if self.missing:
             raise InputError(self.label, "no such scene here", self.missing)
-        scene = load_scene(self.root, **self.reading(width=width, images=images, layout=layout, hold=hold))
+        asked = Reading(width=width, images=images, layout=layout, hold=hold, alpha_channel=alpha_channel)
+        scene = load_scene(self.root, **self.reading(**asked))
         return replace(scene, name=self.name)
