@@ -11,8 +11,8 @@ from pathlib import Path
 from dofbench.core.errors import InputError
 from dofbench.scenes import colmap
 from dofbench.scenes.folders import contents, image_files
-from dofbench.scenes.scene import Scene
-from dofbench.scenes.scene_masks import ALPHAS, Alpha, with_masks
+from dofbench.scenes.found_masks import ALPHAS, with_masks
+from dofbench.scenes.scene import Alpha, Scene
 from dofbench.scenes.views import AnotherFrame
 
 # In the order of detection. transforms.json says most (a camera a view, distortion, depth, split);
@@ -56,7 +56,7 @@ def load_scene(
     alpha_channel: what an alpha channel that isn't 1 everywhere means: a mask (None: the same, with a note), or
     background, which is composited over black.
 
-    Masks are those that transforms.json names, else those in a folder masks/, and alpha (`scene_masks.py`).
+    Masks are those that transforms.json names, else those in a folder masks/, and alpha (`found_masks.py`).
     Distortion is taken out of images, depth and intrinsics here. Every image's existence and size
     are checked, its pixels are read by `SceneView.image()`. Raises InputError for whatever doesn't fit.
     """

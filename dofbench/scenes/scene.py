@@ -18,6 +18,8 @@ from dofbench.scenes.visibility import unmasked_points
 Split = Literal["train", "test"]
 # What a view's image is: all in focus, or taken by a lens with shallow depth of field that nobody knows.
 Photograph = Literal["all-in-focus", "shallow"]
+# What an alpha channel means: a mask, or the share of what isn't background, which is black.
+Alpha = Literal["mask", "background"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,7 @@ from dofbench.core.option_rules import (
 from dofbench.dataset.dealing import Assign
 from dofbench.dataset.points_choice import Points
 from dofbench.dataset.sensor import Sensor
-from dofbench.scenes.scene_masks import Alpha
+from dofbench.scenes.scene import Alpha
 from dofbench.synthesis.lens_plan import Values
 
 DepthSource = Literal["auto", "given", "folder", "splat", "sfm", "onnx"]

@@ -139,15 +139,20 @@ def test_every_option_says_what_it_is_about():
 def test_the_recipe_keeps_what_decides_the_content_in_the_order_of_the_options():
     names = [at.name for at in fields(DatasetOptions)]
     places = ("data_root", "out", "reuse")
-    left_out = {*places, "points", "photographs", "train_f_number", "test_f_number", "test_points"}
+    left_out = {*places, "alpha_channel", "points", "photographs", "train_f_number", "test_f_number", "test_points"}
     assert list(MakeDataset().recipe()) == [name for name in names if name not in left_out]
     asked = MakeDataset(
-        points="shallow", photographs="shallow", train_f_number=2.0, test_f_number=8.0, out=Path("there")
+        alpha_channel="mask",
+        points="shallow",
+        photographs="shallow",
+        train_f_number=2.0,
+        test_f_number=8.0,
+        out=Path("there"),
     )
     assert list(asked.recipe()) == [name for name in names if name not in places]
     kept = ["width", "hold", "depth", "depth_unit", "images", "layout"]
     assert list(MakeDataset().photograph_recipe()) == [*kept, "photographs"]
-    of_photographs = ["points", "photographs", "train_f_number", "test_f_number", "test_points"]
+    of_photographs = ["alpha_channel", "points", "photographs", "train_f_number", "test_f_number", "test_points"]
     assert list(asked.photograph_recipe()) == [*kept, *of_photographs]
 
 

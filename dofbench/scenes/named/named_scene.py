@@ -11,8 +11,7 @@ from dofbench.core.errors import InputError
 from dofbench.core.evidence import Role
 from dofbench.scenes.loading import load_scene
 from dofbench.scenes.named.schema import NOT_STATED, Recipe
-from dofbench.scenes.scene import Scene
-from dofbench.scenes.scene_masks import Alpha
+from dofbench.scenes.scene import Alpha, Scene
 
 
 class Reading(TypedDict):
