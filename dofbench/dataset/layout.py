@@ -39,7 +39,7 @@ def confidence_path(root: Path, name: str) -> Path:
 
 def mask_path(root: Path, name: str) -> Path:
     """The view's mask, 8 bit: 255 valid, 0 masked; no such file for a view without masked pixels."""
-    return root / MASK.format(name)
+    return root / MASK.format(inside(name, "view"))
 
 
 def relative(place: Callable[[Path, str], Path], name: str) -> str:

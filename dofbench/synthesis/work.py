@@ -42,6 +42,7 @@ _OF_A_VIEW = (
     layout.confidence_path,
     layout.linear_path,
     layout.shallow_path,
+    layout.mask_path,
 )
 
 
