@@ -220,7 +220,6 @@ def geometry(root: Path, scene: Scene, near_far: np.ndarray | None, measured: Se
     return export.write_poses_bounds(root / layout.POSES_BOUNDS, ordered, near_far[order], scene.offset)
 
 
-
 def _mask_entry(root: Path, name: str) -> dict[str, str]:
     """What transforms.json says of a view's mask, as nerfstudio reads it; nothing without one."""
     return {"mask_path": layout.relative(layout.mask_path, name)} if layout.mask_path(root, name).is_file() else {}

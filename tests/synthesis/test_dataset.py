@@ -57,7 +57,7 @@ def test_a_method_sees_photographs_cameras_and_points(dataset, dataset_folder, s
     training = dataset.training_set()
     # Nothing else can hide in these types: no lens, no depth, no path.
     assert {field.name for field in dataclasses.fields(TrainingSet)} == {"views", "points", "offset"}
-    assert {field.name for field in dataclasses.fields(TrainingView)} == {"name", "camera", "image", "exif"}
+    assert {field.name for field in dataclasses.fields(TrainingView)} == {"name", "camera", "image", "exif", "mask"}
     assert [view.name for view in training.views] == ["v01", "v02", "v04", "v05"]
     for view in training.views:
         np.testing.assert_array_equal(view.image, read_image(dataset_folder / f"images/{view.name}.png"))
