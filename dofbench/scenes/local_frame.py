@@ -72,8 +72,8 @@ def local_offset(cameras: Sequence[Camera], points: PointCloud | None) -> Offset
     """What to subtract from the coordinates of a scene; zero unless its origin is far away.
 
     Far is more than 100 times the scene's size: the median distance of cameras, or of points where that is larger, from
-    the median camera. That camera's position is rounded to a power of two below the size, so that the subtraction and
-    the addition of the offset are exact but for what float64 rounds in the file.
+    the median camera. That camera's position is rounded to a power of two below the size, so that subtracting and
+    adding it rounds no more than float64 does in the file.
     """
     _, centre, size = _layout(cameras, points)
     if not 0 < size < math.inf or not math.hypot(*centre) > _FAR * size:
