@@ -5,26 +5,38 @@ from __future__ import annotations
 import errno
 from enum import StrEnum
 
+# Characters of a part of a message: a file with a thousand mistakes has its first ones named.
+_LONGEST = 1500
+
 
 class InputError(ValueError):
     """The user's mistake: one line that names the file, what was found and what was expected.
 
-    The command line prints it and exits with status 2; it never shows a traceback for it.
+    The command line prints it and exits with status 2; it never shows a traceback for it. The message is printable
+    and of bounded length, whatever the file holds: a terminal obeys some control characters.
     """
 
     def __init__(self, subject: object, found: str, expected: str):
         self.subject, self.found, self.expected = str(subject), found, expected
-        super().__init__(f"{subject}: found {found}, expected {expected}")
+        super().__init__(f"{printable(subject)}: found {printable(found)}, expected {printable(expected)}")
+
+
+def printable(text: object) -> str:
+    """`text` in one line of at most 1500 characters, of which a terminal obeys none and UTF-8 holds all."""
+    line = " ".join(str(text).split())
+    line = line if len(line) <= _LONGEST else f"{line[:_LONGEST]}…"
+    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in line)
 
 
 # What the machine refuses, as opposed to what a bug asks for: named in one line, without a traceback.
 _REFUSALS = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
+_REFUSALS |= {errno.ENAMETOOLONG, errno.ELOOP}
 
 
 def one_line(error: BaseException) -> str:
     """What to tell the user of an error in one line: a wrong input, or what the machine refused; "" for a bug."""
     if isinstance(error, InputError):
-        return " ".join(str(error).split())
+        return str(error)
     if isinstance(error, OSError) and error.errno in _REFUSALS:
         return f"{error.filename or 'a file'}: {error.strerror}; what is finished stays"
     return ""

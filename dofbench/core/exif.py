@@ -17,6 +17,8 @@ from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, write_json
 from dofbench.core.names import inside
 
+# No exposure, f-number, focal length or sensitivity is beyond these; products and squares stay finite within them.
+LEAST, MOST = 1e-12, 1e12
 EXIF_FILE = "exif.json"
 
 
@@ -42,8 +44,9 @@ class Exif:
     def __post_init__(self) -> None:
         for name in ("f_number", "focal_length", "focal_length_35mm", "focus_distance", "exposure", "iso"):
             value = getattr(self, name)
-            if value is not None and not (value > 0 and (value < math.inf or name == "focus_distance")):
-                raise ValueError(f"{name}: expected a positive number, found {value!r}")
+            infinite = name == "focus_distance" and value == math.inf
+            if value is not None and not (LEAST <= value <= MOST or infinite):
+                raise ValueError(f"{name}: expected a positive number, found {value!r:.60}")
 
     @property
     def light(self) -> float | None:
@@ -64,11 +67,13 @@ class Exif:
         unknown = sorted(set(data) - set(kinds))
         if unknown:
             raise ValueError(f"{unknown[0]}: expected one of {', '.join(kinds)}")
-        try:
-            known: dict[str, Any] = {name: kinds[name](value) for name, value in data.items()}
-            return Exif(**known)
-        except TypeError as error:
-            raise ValueError(str(error)) from None
+        known: dict[str, Any] = {}
+        for name, value in data.items():
+            wanted = str if kinds[name] is str else int | float
+            if isinstance(value, bool) or not isinstance(value, wanted):
+                raise ValueError(f"{name}: expected {'text' if wanted is str else 'a number'}, found {value!r:.60}")
+            known[name] = kinds[name](value)
+        return Exif(**known)
 
 
 def write_exif(folder: Path, of: Mapping[str, Exif]) -> None:
@@ -81,9 +86,12 @@ def read_exif(folder: Path) -> dict[str, Exif]:
     path = folder / EXIF_FILE
     if not path.is_file():
         return {}
+    data, expected = read_json(path), "EXIF by view, as make-dataset writes it"
+    if not isinstance(data, dict) or not all(isinstance(record, dict) for record in data.values()):
+        raise InputError(path, "no object of objects", expected)
     try:
-        return {inside(name, path): Exif.of_data(data) for name, data in read_json(path).items()}
+        return {inside(name, path): Exif.of_data(record) for name, record in data.items()}
     except InputError:
         raise
-    except (AttributeError, ValueError) as error:
-        raise InputError(path, str(error), "EXIF by view, as make-dataset writes it") from None
+    except ValueError as error:
+        raise InputError(path, str(error), expected) from None

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from dofbench.core.errors import InputError
+from dofbench.core.readable import parse_json, read_text
 
 # Beginning of the names of files and folders that are being written. Only such are taken for what a killed run left.
 TEMPORARY = ".dofbench-"
@@ -133,10 +134,5 @@ def files_below(root: Path, pattern: str) -> list[Path]:
 
 
 def read_json(path: Path) -> Any:
-    """Read a JSON file; raises InputError when it is absent or isn't JSON."""
-    try:
-        return json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(path, error.strerror or "no readable file", "a JSON file") from None
-    except ValueError as error:
-        raise InputError(path, f"no JSON ({error})", "a JSON file") from None
+    """Read a JSON file, as `core/readable.py` bounds it; raises InputError when it is absent or isn't JSON."""
+    return parse_json(read_text(path, "a JSON file"), path)

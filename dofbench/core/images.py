@@ -5,6 +5,7 @@ In memory an image is float32 (H, W, 3), RGB; encoded images are in [0, 1].
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,11 @@ import numpy as np
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import refused, replacing
+from dofbench.core.readable import check_file, check_pixels
 
 _LARGEST_HALF = 65504.0
+# deflate makes a byte out of 1032 at best (zlib's documentation); OpenEXR's other compressions have no such bound.
+_DEFLATE, _DEFLATED = 1032, ("none", "rle", "zip", "zips")
 _NO_DATE = "1970:01:01 00:00:00"
 
 
@@ -32,14 +36,29 @@ def from_8bit(image: np.ndarray) -> np.ndarray:
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """(width, height) of an image file, read from its header alone."""
+    """(width, height) of an image file, read from its header alone.
+
+    Raises InputError for what is no image file, and for one that claims more than 250 megapixels or 10^9 values, or
+    more than its bytes can hold.
+    """
     import OpenImageIO as oiio
 
+    check_file(path, "an image file")
     opened = oiio.ImageInput.open(str(path))
     if opened is None:
-        raise InputError(path, f"no readable image ({_reason(oiio.geterror())})", "an image file")
+        raise InputError(path, f"no readable image ({_reason(oiio.geterror)})", "an image file")
     spec = opened.spec()
+    kind = opened.format_name()
     opened.close()
+    if min(spec.width, spec.height, spec.nchannels) < 1 or spec.depth > 1 or spec.deep:
+        found = f"{spec.width} x {spec.height} x {spec.depth} pixels of {spec.nchannels} channels"
+        raise InputError(path, found if not spec.deep else "an image of several depths a pixel", "a flat image")
+    check_pixels(path, spec.width, spec.height, spec.nchannels)
+    # Whatever the file's end lacks would be found out only after memory was taken for all pixels.
+    size, announced = Path(path).stat().st_size, spec.image_bytes(True)
+    deflated = kind == "png" or (kind == "openexr" and spec.get_string_attribute("compression") in _DEFLATED)
+    if deflated and announced > _DEFLATE * size + 2**20:
+        raise InputError(path, f"{size} bytes, too few for {spec.width} x {spec.height} pixels", "a whole image file")
     return spec.width, spec.height
 
 
@@ -51,11 +70,12 @@ def read_image(path: Path) -> np.ndarray:
     """
     import OpenImageIO as oiio
 
+    image_size(path)
     _check_whole_jpeg(path)
     buffer = oiio.ImageBuf(str(path))
     pixels = buffer.get_pixels(oiio.FLOAT) if not buffer.has_error else None
     if pixels is None or buffer.has_error:
-        raise InputError(path, f"no readable image ({_reason(buffer.geterror())})", "an image file")
+        raise InputError(path, f"no readable image ({_reason(buffer.geterror)})", "an image file")
     pixels = np.asarray(pixels, dtype=np.float32)
     if pixels.ndim == 2:
         pixels = pixels[..., None]
@@ -119,10 +139,11 @@ def read_exr(path: Path) -> np.ndarray:
     """Read an EXR as float32: (H, W) for one channel, else (H, W, C)."""
     import OpenImageIO as oiio
 
+    image_size(path)
     buffer = oiio.ImageBuf(str(path))
     pixels = buffer.get_pixels(oiio.FLOAT) if not buffer.has_error else None
     if pixels is None or buffer.has_error:
-        raise InputError(path, f"no readable image ({_reason(buffer.geterror())})", "an EXR file")
+        raise InputError(path, f"no readable image ({_reason(buffer.geterror)})", "an EXR file")
     pixels = np.asarray(pixels, dtype=np.float32)
     return np.ascontiguousarray(pixels[..., 0] if pixels.ndim == 3 and pixels.shape[2] == 1 else pixels)
 
@@ -145,9 +166,12 @@ def resize(image: np.ndarray, width: int, height: int) -> np.ndarray:
     return np.clip(resized.reshape(height, width, *image.shape[2:]), least, greatest)
 
 
-def _reason(message: str) -> str:
-    """The first line of a library's message, which may repeat itself over several."""
-    lines = message.strip().splitlines()
+def _reason(message: Callable[[], str]) -> str:
+    """The first line of a library's message, which may repeat itself over several, or quote bytes of the file."""
+    try:
+        lines = message().strip().splitlines()
+    except UnicodeDecodeError:
+        return "damaged header"
     return lines[0] if lines else "unknown format"
 
 
@@ -190,7 +214,7 @@ def _write(
         )
         # On a full disk both the PNG and the EXR writer report success.
         if not (written and _reads_back(temporary)):
-            message = output.geterror() if output is not None else oiio.geterror()
+            message = output.geterror if output is not None else oiio.geterror
             raise refused(path, temporary, _reason(message))
 
 

@@ -192,6 +192,8 @@ def _named(temporary: Path, target: Path) -> bool:
 
 def _alive(file: Path, now: float) -> bool:
     """Whether the lease's owner is alive at the time `now`, by the clock of the file's disk."""
+    if not file.is_file():  # a FIFO would never open
+        return False
     try:
         stream = file.open("rb")
     except FileNotFoundError:
@@ -210,7 +212,7 @@ def _of_this_machine(stream: BinaryIO) -> bool:
         note = json.loads(stream.read())
         # Leases without this entry are older, and held on one machine only.
         return note.get("machine", _machine()) == _machine()
-    except (ValueError, AttributeError):  # damaged by a process that died while writing
+    except (ValueError, AttributeError, RecursionError):  # damaged by a process that died while writing
         return True
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,6 +14,7 @@ from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file
 from dofbench.core.images import resize
+from dofbench.core.readable import read_toml
 
 Preset = Literal["depth-pro", "depth-anything-v2", "midas"]
 Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
@@ -126,12 +126,7 @@ def network_digest(network: Path) -> dict[str, str]:
 def read_description(network: Path) -> Description:
     """Read the side file of a network. Raises InputError, one line, when it is missing or wrong."""
     path = side_file(network)
-    try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError:
-        raise InputError(path, "no such file", _EXPECTED) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(path, f"no TOML ({error})", _EXPECTED) from None
+    values = read_toml(path, _EXPECTED)
     try:
         return Description.model_validate(values)
     except ValidationError as error:

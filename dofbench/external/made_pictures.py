@@ -15,6 +15,7 @@ from dofbench.core.errors import Ended, InputError, Status
 from dofbench.core.files import read_json
 from dofbench.core.images import read_image
 from dofbench.core.lens import PhysicalLens
+from dofbench.core.readable import read_array
 
 LENSES_FILE, FIGURES_FILE = "lenses.json", "figures.json"
 
@@ -46,12 +47,11 @@ def _read_depth(path: Path, size: tuple[int, int]) -> np.ndarray:
     if not path.is_file():
         return np.full(size, np.nan, np.float32)
     try:
-        depth = np.load(path, allow_pickle=False)
-    except (OSError, ValueError) as error:
-        raise _wrong(path, f"no array ({error})", "the depth of each pixel, scene units, 0 where empty") from None
-    if not isinstance(depth, np.ndarray) or depth.shape != size or depth.dtype.kind not in "fiu":
-        found = f"{depth.dtype} of shape {depth.shape}" if isinstance(depth, np.ndarray) else "several arrays"
-        raise _wrong(path, found, f"numbers of shape {size}")
+        depth = read_array(path, "the depth of each pixel, scene units, 0 where empty")
+    except InputError as error:
+        raise Ended(Status.CRASHED, str(error)) from None
+    if depth.shape != size or depth.dtype.kind not in "fiu":
+        raise _wrong(path, f"{depth.dtype} of shape {depth.shape}", f"numbers of shape {size}")
     return depth.astype(np.float32)
 
 

@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
-from zipfile import BadZipFile
 
 import numpy as np
 import torch
@@ -19,6 +18,7 @@ from dofbench.core.contracts import FitOutcome, Observer, Rendering, TrainingSet
 from dofbench.core.errors import InputError
 from dofbench.core.files import replacing
 from dofbench.core.lens import PhysicalLens
+from dofbench.core.readable import parse_json, read_arrays
 from dofbench.fields.field_options import FieldOptions
 from dofbench.fields.field_scene import FieldScene
 from dofbench.fields.field_trainer import FieldTrainer
@@ -113,9 +113,8 @@ class FieldMethod:
         """Read a model that `save` wrote; raises InputError when the file is missing or damaged."""
         path = folder / _MODEL
         try:
-            with np.load(path, allow_pickle=False) as file:
-                arrays = dict(file)
-            options = self.OPTIONS.of(**json.loads(str(arrays["options"])))
+            arrays = read_arrays(path, _EXPECTED)
+            options = self.OPTIONS.of(**parse_json(str(arrays["options"]), path))
             shape = options.grid.shape([int(count) for count in arrays["nodes"]])
             parameters = {name: torch.from_numpy(arrays[name]).to(self._device) for name in PARAMETERS}
             record = {name.removeprefix("space_"): arrays[name] for name in arrays if name.startswith("space_")}
@@ -124,7 +123,9 @@ class FieldMethod:
             if space.has_surroundings:
                 behind = Surroundings(torch.from_numpy(arrays["surroundings"]).to(self._device))
             occupied = np.unpackbits(arrays["occupied"], count=cells**3).reshape(cells, cells, cells)
-        except (OSError, ValueError, KeyError, BadZipFile) as error:
+        except InputError:
+            raise
+        except (ValueError, KeyError, TypeError, IndexError, OverflowError, RuntimeError) as error:
             raise InputError(path, str(error), _EXPECTED) from None
         sizes = (len(parameters["density"]), len(parameters["colour"]), tuple(parameters["basis"].shape))
         if sizes != (shape.density_size, shape.colour_size, shape.basis_shape):

@@ -16,6 +16,7 @@ from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.core.files import replacing
 from dofbench.core.lens import DisparityRange
+from dofbench.core.readable import read_arrays
 
 SH_C0 = 0.5 / math.sqrt(math.pi)  # value of the constant spherical harmonic
 INITIAL_OPACITY = 0.1  # 3DGS
@@ -24,6 +25,7 @@ NEAR = 0.2  # 3DGS: Gaussians that aren't farther than this from a camera aren't
 LEAST_SPACING = 0.01  # of the median distance between points; 3DGS has 3e-4 scene units, which are arbitrary
 NEAREST_SHARE = 4  # the near plane is at most this part of the distance of the nearest surfaces
 
+_SAVED = "saved Gaussians (.npz)"
 PARAMETERS = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
 
 
@@ -128,16 +130,23 @@ class Gaussians:
     @staticmethod
     def load(path: Path) -> Gaussians:
         """Read a file that `save` wrote; raises InputError for any other file."""
-        try:
-            with np.load(path) as archive:
-                near = float(archive["near"]) if "near" in archive.files else NEAR
-                arrays = {name: torch.from_numpy(archive[name]) for name in archive.files if name != "near"}
-        except (EOFError, OSError, ValueError) as error:
-            raise InputError(path, str(error), "saved Gaussians (.npz)") from None
-        missing = [name for name in PARAMETERS if name not in arrays]
+        found = read_arrays(path, _SAVED)
+        missing = [name for name in PARAMETERS if name not in found]
         if missing:
-            raise InputError(path, f"no {', '.join(missing)}", "saved Gaussians (.npz)")
-        return Gaussians(arrays, arrays.get("filter_3d"), near)
+            raise InputError(path, f"no {', '.join(missing)}", _SAVED)
+        near = found.pop("near", np.array(NEAR))
+        if near.shape != () or near.dtype.kind != "f" or not 0 < near < math.inf:
+            raise InputError(path, f"near of shape {near.shape}, {near.dtype}", _SAVED)
+        count = len(found["means"]) if found["means"].ndim else 0
+        terms = found["sh_rest"].shape[1] if found["sh_rest"].ndim == 3 else -1
+        rows = {"means": (3,), "log_scales": (3,), "quaternions": (4,), "sh_dc": (3,), "sh_rest": (terms, 3)}
+        for name in (*PARAMETERS, *(("filter_3d",) if "filter_3d" in found else ())):
+            shape = (count, *rows.get(name, ()))
+            if found[name].shape != shape or found[name].dtype != np.float32:
+                kind = f"{name} of shape {found[name].shape}, {found[name].dtype}"
+                raise InputError(path, kind, f"{_SAVED}: shape {shape}, float32")
+        arrays = {name: torch.from_numpy(array) for name, array in found.items()}
+        return Gaussians(arrays, arrays.get("filter_3d"), float(near))
 
 
 def near_plane(sparse: DisparityRange) -> float:

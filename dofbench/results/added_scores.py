@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from dofbench.core.errors import InputError
-from dofbench.core.files import sha256_file, write_json
+from dofbench.core.files import read_json, sha256_file, write_json
 from dofbench.results.result import RESULT_FILE, Git, Stored
 
 ADDED_FILE = "added.json"
@@ -54,12 +53,10 @@ def read_added(folder: Path) -> Added | None:
     if not file.is_file():
         return None
     try:
-        added = Added.model_validate(json.loads(file.read_text(encoding="utf-8")))
+        added = Added.model_validate(read_json(file))
     except ValidationError as error:
         problems = [f"{'.'.join(map(str, e['loc'])) or 'the whole'}: {e['msg']}" for e in error.errors()]
         raise InputError(file, "; ".join(problems), f"added scores of version {ADDED_VERSION}") from None
-    except (OSError, ValueError) as error:
-        raise InputError(file, f"nothing readable ({error})", "JSON") from None
     if added.schema_version != ADDED_VERSION:
         raise InputError(file, f"schema_version {added.schema_version}", f"{ADDED_VERSION}")
     if added.result_sha256 != sha256_file(folder / RESULT_FILE):

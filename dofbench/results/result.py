@@ -5,7 +5,6 @@ Non-finite numbers are stored as NaN, Infinity and -Infinity, so that a score of
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from dofbench.core.errors import InputError, Status
 from dofbench.core.evidence import Photographer, Role
 from dofbench.core.files import canonical_json, sha256_text, write_json
 from dofbench.core.names import InsideName, InsidePath
+from dofbench.core.readable import parse_json, read_text
 
 SCHEMA_VERSION = 4
 RESULT_FILE = "result.json"
@@ -256,12 +256,7 @@ def read_result(path: Path) -> Result:
     """
     path = Path(path)
     path = path / RESULT_FILE if path.is_dir() else path
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(path, "no such file", "a result that `dofbench run` wrote") from None
-    except (OSError, ValueError) as error:
-        raise InputError(path, f"nothing readable ({error})", "JSON") from None
+    data = parse_json(read_text(path, "a result that `dofbench run` wrote"), path)
     try:
         return Result.model_validate(migrate(data, path))
     except ValidationError as error:

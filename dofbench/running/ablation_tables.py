@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from dofbench.core.errors import InputError
+from dofbench.core.readable import read_toml
 from dofbench.dataset.dealing import Dealt
 from dofbench.dataset.inputs import Inputs
 from dofbench.results.columns import COLUMNS
@@ -119,11 +119,7 @@ def tables_of(method: str) -> Path:
 def read_tables(file: Path) -> Declaration:
     """Read a file of tables. Raises InputError, one line, when it is missing or wrong."""
     try:
-        return Declaration.model_validate(tomllib.loads(file.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise InputError(file, error.strerror or "no readable file", "a file of tables") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(file, f"no TOML ({error})", "a TOML file") from None
+        return Declaration.model_validate(read_toml(file, "a TOML file"))
     except ValidationError as error:
         found = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
         raise InputError(file, found, "tables as dofbench.running.ablation_tables describes them") from None

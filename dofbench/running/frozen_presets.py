@@ -9,7 +9,6 @@ preset, and one that differs from it in nothing but its budget from both.
 from __future__ import annotations
 
 import subprocess
-import tomllib
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,6 +18,7 @@ from dofbench.core.budget import Budget, parse_budget
 from dofbench.core.contracts import ListsOptions
 from dofbench.core.errors import InputError
 from dofbench.core.files import canonical_json, sha256_text, write_text
+from dofbench.core.readable import read_toml
 from dofbench.running.method_cards import MethodEntry, find_method, method_files, preset_budget
 
 FROZEN_FILE = "frozen.toml"
@@ -80,9 +80,7 @@ def frozen_presets(folder: Path) -> dict[str, FrozenPreset]:
     if not file.is_file():
         return {}
     try:
-        return _File.model_validate(tomllib.loads(file.read_text(encoding="utf-8"))).presets
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(file, f"no TOML ({error})", "a TOML file") from None
+        return _File.model_validate(read_toml(file, "a TOML file")).presets
     except ValidationError as error:
         found = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
         raise InputError(file, found, "[presets.NAME] with commit and digest") from None

@@ -6,7 +6,6 @@ import importlib
 import importlib.machinery
 import importlib.util
 import sys
-import tomllib
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from dofbench.core.budget import Budget, parse_budget
 from dofbench.core.content import method_folders
 from dofbench.core.contracts import Method
 from dofbench.core.errors import InputError
+from dofbench.core.readable import read_toml
 from dofbench.kernels import require
 from dofbench.running.stage_deciders import DECIDERS, LENS_DECIDERS
 
@@ -274,10 +274,7 @@ def _entry(file: Path) -> MethodEntry:
 
 
 def _read_toml(file: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(file, f"no TOML ({error})", "a TOML file") from None
+    return read_toml(file, "a TOML file")
 
 
 def _completed(own: dict[str, Any], file: Path) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
-from dofbench.scenes.colmap_files import check_binary, model_suffix
+from dofbench.scenes.colmap_files import check_binary, check_kinds, model_suffix
 from dofbench.scenes.folders import choose_folder, match_files
 from dofbench.scenes.poses import rigid
 from dofbench.scenes.scene import Scene
@@ -21,6 +21,8 @@ from dofbench.scenes.views import Frame, assemble, held_out
 if TYPE_CHECKING:
     import pycolmap
 
+# Pixels; no sensor has so many on a side.
+_LARGEST_SIDE = 1_000_000
 _PLACES = ("sparse/0", "sparse")
 # pycolmap's messages may quote whole lines of its source.
 _REASON = 120
@@ -95,6 +97,7 @@ def read_model(folder: Path) -> Model:
     suffix = model_suffix(folder)
     if suffix is None:
         raise InputError(folder, "no COLMAP model", "cameras, images, points3D (.bin or .txt)")
+    check_kinds(folder)
     if suffix == ".bin":
         check_binary(folder)
     reconstruction = pycolmap.Reconstruction()
@@ -104,7 +107,12 @@ def read_model(folder: Path) -> Model:
         reason = " ".join(str(error).split()) or type(error).__name__
         found = f"no readable COLMAP model ({reason[:_REASON]})"
         raise InputError(folder, found, f"consistent {suffix} files") from None
-    posed = sorted((image for image in reconstruction.images.values() if image.has_pose), key=lambda image: image.name)
+    try:
+        names = {image.image_id: image.name for image in reconstruction.images.values() if image.has_pose}
+    except UnicodeDecodeError as error:
+        found = f"an image's name that isn't UTF-8 ({error.object!r:.80})"
+        raise InputError(folder / f"images{suffix}", found, "names in UTF-8") from None
+    posed = [reconstruction.images[number] for number in sorted(names, key=names.__getitem__)]
     if not posed:
         raise InputError(folder / f"images{suffix}", "no image with a pose", "at least one")
     cameras_file, images_file = folder / f"cameras{suffix}", folder / f"images{suffix}"
@@ -123,7 +131,8 @@ def _intrinsics(camera: pycolmap.Camera, subject: Path) -> Intrinsics:
     fisheye = name in _FISHEYE
     if not fisheye and name not in _PERSPECTIVE:
         raise InputError(subject, f"camera model {name}", f"one of {', '.join([*_PERSPECTIVE, *_FISHEYE])}")
-    if not np.isfinite(values).all() or min(camera.width, camera.height) < 1:
+    sides = sorted((camera.width, camera.height))
+    if not np.isfinite(values).all() or not 1 <= sides[0] <= sides[1] <= _LARGEST_SIDE:
         raise InputError(subject, f"camera {camera.camera_id}: {camera.width}x{camera.height}, {values}", "a camera")
     focals = 2 if name in _TWO_FOCALS else 1
     fx, fy = values[0], values[focals - 1]

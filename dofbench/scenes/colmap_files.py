@@ -10,6 +10,7 @@ import struct
 from pathlib import Path
 
 from dofbench.core.errors import InputError
+from dofbench.core.readable import check_file, read_bytes
 
 _PARTS = ("cameras", "images", "points3D")
 
@@ -22,6 +23,14 @@ def model_suffix(folder: Path) -> str | None:
     return None
 
 
+def check_kinds(folder: Path) -> None:
+    """Raise InputError for a file of those that pycolmap opens that is no regular file: a FIFO would never open."""
+    for part in (*_PARTS, "rigs", "frames"):
+        for suffix in (".bin", ".txt"):
+            if (folder / f"{part}{suffix}").exists():
+                check_file(folder / f"{part}{suffix}", "a file of a COLMAP model")
+
+
 def check_binary(folder: Path) -> None:
     """Raise InputError naming the file unless every binary file of the model ends where its contents end."""
     walks = {"cameras": _cameras, "images": _images, "points3D": _points, "rigs": _rigs, "frames": _frames}
@@ -29,7 +38,7 @@ def check_binary(folder: Path) -> None:
         file = folder / f"{part}.bin"
         if not file.is_file():
             continue
-        content = file.read_bytes()
+        content = read_bytes(file, "a whole COLMAP file")
         try:
             end = walk(content, file)
         except (struct.error, IndexError):
@@ -41,6 +50,9 @@ def check_binary(folder: Path) -> None:
 
 
 def _count(content: bytes, at: int) -> int:
+    # A damaged count of 64 bits leads beyond what Python takes for a place.
+    if at > len(content):
+        raise IndexError("beyond the end")
     return struct.unpack_from("<Q", content, at)[0]
 
 
@@ -62,6 +74,8 @@ def _images(content: bytes, file: Path) -> int:
     end = 8
     for _ in range(_count(content, 0)):
         # id, quaternion, translation, camera id; then the name up to a zero byte; then 2D points.
+        if end > len(content):
+            raise IndexError("beyond the end")
         name_end = content.find(b"\0", end + 64)
         if name_end < 0:
             raise IndexError("name without an end")

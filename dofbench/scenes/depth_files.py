@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
 
 from dofbench.core.errors import InputError
 from dofbench.core.images import read_exr, read_image
+from dofbench.core.readable import MOST_VALUES, read_array, read_bytes
 
+# The disparity of anything nearer has no square in float32.
+_NEAREST = 1e-18
 _PNG_LEVELS = 65535
 
 
@@ -37,30 +41,36 @@ def read_depth(file: Path, unit: float) -> np.ndarray:
     for what, wrong in (("NaN", np.isnan(values)), ("negative values", values < 0)):
         if wrong.any():
             raise InputError(file, f"{what} in {wrong.sum()} of {wrong.size} pixels", "z-depth, 0 where unknown")
-    depth = values * np.float32(unit)
+    depth = _scaled(values, unit, file)
     depth[np.isinf(depth)] = 0.0
     if not depth.any():
         raise InputError(file, "no pixel of known depth", "z-depth, 0 where unknown")
     return depth
 
 
+def _scaled(values: np.ndarray, unit: float, file: Path) -> np.ndarray:
+    """Depth in scene units, float32. Raises InputError for a unit by which a known depth is none in float32."""
+    if not (math.isfinite(unit) and unit > 0):
+        raise InputError(file, f"a depth unit of {unit}", "a positive number of scene units")
+    known = values[np.isfinite(values) & (values > 0)]
+    least, most = (float(known.min()) * unit, float(known.max()) * unit) if known.size else (1.0, 1.0)
+    if most > float(np.finfo(np.float32).max) or least < _NEAREST:
+        found = f"depth from {least:.3g} to {most:.3g} scene units, with a unit of {unit:g}"
+        raise InputError(file, found, f"at least {_NEAREST:g}, and what float32 holds")
+    return values * np.float32(unit)
+
+
 def _read_npy(file: Path) -> np.ndarray:
-    try:
-        values = np.load(file, allow_pickle=False)
-    except (OSError, ValueError) as error:
-        raise InputError(file, f"no readable array ({error})", "an .npy file of depth") from None
-    if not isinstance(values, np.ndarray) or values.ndim not in (2, 3) or values.dtype.kind not in "fiu":
-        raise InputError(
-            file,
-            f"{getattr(values, 'dtype', 'an archive')} of shape {getattr(values, 'shape', '?')}",
-            "numbers of shape (H, W)",
-        )
-    return values.astype(np.float32)
+    values = read_array(file, "an .npy file of depth")
+    if values.ndim not in (2, 3) or values.dtype.kind not in "fiu" or not values.size:
+        raise InputError(file, f"{values.dtype} of shape {values.shape}", "numbers of shape (H, W)")
+    with np.errstate(over="ignore"):  # a double beyond float32 becomes infinite: unknown
+        return values.astype(np.float32)
 
 
 def _read_colmap(file: Path) -> np.ndarray:
     """COLMAP's map: "width&height&channels&" in ASCII, then float32, little-endian, columns running fastest."""
-    data = file.read_bytes()
+    data = read_bytes(file, "a depth map of COLMAP", 4 * MOST_VALUES)
     parts = data[:64].split(b"&", 3)
     try:
         width, height, channels = (int(part) for part in parts[:3])
@@ -70,7 +80,7 @@ def _read_colmap(file: Path) -> np.ndarray:
         raise InputError(
             file, "no depth map of COLMAP, or a part of one", "width&height&1& and as many float32"
         ) from None
-    if channels != 1:
+    if channels != 1 or not values.size:
         raise InputError(file, f"{channels} channels", "one channel of depth")
     return values[0].astype(np.float32)
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import csv
-import math
+import io
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from dofbench.core.errors import InputError
-from dofbench.core.exif import EXIF_FILE, Exif, read_exif
+from dofbench.core.exif import EXIF_FILE, LEAST, MOST, Exif, read_exif
+from dofbench.core.readable import read_text
 from dofbench.scenes.focus_distance import focus_distance
 
 CSV_FILE = "exif.csv"
@@ -88,16 +89,19 @@ def read_exif_csv(file: Path) -> dict[str, Exif]:
     time, camera, lens; each may be absent, or empty in a line. Further columns are passed over. Raises InputError,
     which names the line, for a value that can't be.
     """
+    reader = csv.DictReader(io.StringIO(read_text(file, "comma-separated text"), newline=""))
     try:
-        with file.open(encoding="utf-8-sig", newline="") as stream:
-            reader = csv.DictReader(stream)
-            names, lines = reader.fieldnames or [], list(reader)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        names, lines = reader.fieldnames or [], list(reader)
+    except csv.Error as error:
         raise InputError(file, f"no readable table ({error})", "comma-separated text") from None
     if "name" not in names:
         raise InputError(file, f"columns {', '.join(names) or 'none'}", f"name, and some of {', '.join(_COLUMNS)}")
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise InputError(file, f"several columns {', '.join(twice)}", "each column once")
     records: dict[str, Exif] = {}
     for number, line in enumerate(lines, start=2):
+        if not line["name"]:
+            raise InputError(file, f"no name in line {number}", "one line a photograph")
         if line["name"] in records:
             raise InputError(file, f"{line['name']} a second time in line {number}", "one line a photograph")
         values = {ours: (line.get(column) or "").strip() for column, ours in _COLUMNS.items()}
@@ -141,7 +145,7 @@ def _number(file: Path, line: int, name: str, value: str) -> float:
 
 def _positive(value: object) -> float | None:
     # Seven digits: OpenImageIO holds them as float32, and 2.799999952316284 is no camera's f-number.
-    if isinstance(value, int | float) and math.isfinite(value) and value > 0:
+    if isinstance(value, int | float) and LEAST <= value <= MOST:
         return float(f"{value:.7g}")
     return None
 

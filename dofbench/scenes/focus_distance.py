@@ -14,6 +14,8 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
+from dofbench.core.exif import LEAST
+
 # Metres. EXIF writes infinity as the largest numerator, over any denominator; no lens tells this distance from it.
 _INFINITE = 4000.0
 _CANON_INFINITE = 0xFFFF  # centimetres
@@ -70,7 +72,7 @@ def focus_distance(file: Path, tags: Mapping[str, Any]) -> float | None:
 
 def _metres(value: object) -> float | None:
     """Seven digits of a distance: OpenImageIO has them as float32."""
-    if not isinstance(value, int | float) or math.isnan(value) or value <= 0:
+    if not isinstance(value, int | float) or not value >= LEAST:  # NaN compares false
         return None
     return math.inf if value >= _INFINITE else float(f"{value:.7g}")
 

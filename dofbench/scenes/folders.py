@@ -9,6 +9,7 @@ from pathlib import Path, PurePosixPath
 
 from dofbench.core.errors import InputError
 from dofbench.core.images import image_size
+from dofbench.core.readable import check_file
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".exr")
 _HOLD = re.compile(r"hold ?= ?(\d+)")
@@ -34,7 +35,10 @@ def listed(names: Iterable[str]) -> str:
 
 
 def image_files(folder: Path) -> list[Path]:
-    """Image files under `folder`, with sub-folders, sorted by relative path; hidden ones are left out."""
+    """Image files under `folder`, with sub-folders, sorted by relative path; hidden ones are left out.
+
+    Raises InputError for one that is no regular file: a FIFO, a socket, a link to nothing.
+    """
     found = []
     for parent, folders, names in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]
@@ -43,6 +47,8 @@ def image_files(folder: Path) -> list[Path]:
             for name in names
             if not name.startswith(".") and Path(name).suffix.lower() in IMAGE_SUFFIXES
         ]
+    for path in found:
+        check_file(path, "an image file")
     return sorted(found, key=lambda path: path.relative_to(folder).as_posix())
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
+from dofbench.core.readable import read_array
 from dofbench.scenes.colmap import find_model, read_model
 from dofbench.scenes.folders import choose_folder, image_files, match_files
 from dofbench.scenes.poses import invert, llff_to_opencv, rigid
@@ -58,14 +59,9 @@ def posed_frames(root: Path, folder: Path, files: Sequence[Path]) -> list[Frame]
 
 
 def _rows(file: Path) -> np.ndarray:
-    if not file.is_file():
-        raise InputError(file, "no such file", "an LLFF pose file")
-    try:
-        rows = np.load(file, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
-        raise InputError(file, f"no readable array ({str(error).splitlines()[0]})", "shape (N, 17)") from None
-    if not isinstance(rows, np.ndarray) or rows.ndim != 2 or rows.shape[1] != 17 or rows.dtype.kind != "f":
-        shape = f"shape {rows.shape}, {rows.dtype}" if isinstance(rows, np.ndarray) else "several arrays"
+    rows = read_array(file, "an LLFF pose file, shape (N, 17)")
+    if rows.ndim != 2 or rows.shape[1] != 17 or rows.dtype.kind != "f":
+        shape = f"shape {rows.shape}, {rows.dtype}"
         raise InputError(file, shape, "shape (N, 17) of floats: 3x5 pose, near, far")
     return rows.astype(np.float64)
 

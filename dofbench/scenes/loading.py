@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
 from dofbench.core.errors import InputError
+from dofbench.core.files import read_json
 from dofbench.scenes import colmap
 from dofbench.scenes.folders import contents, image_files
 from dofbench.scenes.found_masks import ALPHAS, with_masks
@@ -104,7 +104,7 @@ def _model_by_itself(root: Path, error: AnotherFrame, **options: int | str | Non
         scene = _read("colmap", root, **options)
     except InputError:
         return None
-    frames = json.loads((root / "transforms.json").read_text(encoding="utf-8"))["frames"]
+    frames = read_json(root / "transforms.json")["frames"]
     if scene.points is None or len(scene.views) < len(frames):
         return None
     return scene.noted(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -14,6 +13,7 @@ import numpy as np
 from dofbench.core.cameras import Offset
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
+from dofbench.core.files import read_json
 from dofbench.core.images import image_size
 from dofbench.core.names import inside
 from dofbench.scenes.beside import points_beside
@@ -29,6 +29,8 @@ _FILE = "transforms.json"
 _FISHEYE = ("OPENCV_FISHEYE",)
 _PERSPECTIVE = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
 # nerfstudio reads 16-bit depth as millimetres unless told otherwise; a float map is in scene units.
+# No pixel, angle, coefficient or factor is so large; its products stay finite.
+_LARGEST = 1e30
 _PNG_UNIT = 1e-3
 
 
@@ -69,10 +71,7 @@ def read(root: Path, *, width: int | None, images: str | None, hold: int | None,
 def _parse(file: Path) -> dict[str, Any]:
     if not file.is_file():
         raise InputError(file, "no such file", "a file transforms.json")
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise InputError(file, f"no JSON ({error})", "a JSON object with frames") from None
+    content = read_json(file)
     frames = content.get("frames") if isinstance(content, dict) else None
     if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
         raise InputError(file, "no list of frames", 'a JSON object with "frames", one object a view')
@@ -91,8 +90,8 @@ def _path(entry: Mapping[str, Any], file: Path) -> str:
 
 
 def _number(value: Any, name: str, file: Path) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(file, f"{name} {value!r}", "a finite number")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _LARGEST:
+        raise InputError(file, f"{name} {value!r}", f"a number, below {_LARGEST:g}")
     return float(value)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
+from dofbench.core.readable import check_file
 
 _TYPES = {
     "char": "i1",
@@ -28,6 +29,8 @@ _TYPES = {
     "float64": "f8",
 }
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+# A hundred million vertices of ten floats.
+_MOST_BYTES = 4 * 10**9
 _LONGEST_HEADER = 1 << 16
 _COLOURS = ("red", "green", "blue")
 
@@ -69,8 +72,8 @@ def read_comments(file: Path, expected: str) -> list[str]:
 
 def _split(file: Path, expected: str, most: int = -1) -> tuple[str, bytes]:
     """(header, what follows its end). most: bytes to read, all where it is negative."""
-    if not file.is_file():
-        raise InputError(file, "no such file", expected)
+    if (size := check_file(file, expected)) > _MOST_BYTES:
+        raise InputError(file, f"{size} bytes", f"{expected} of {_MOST_BYTES} bytes at most")
     with file.open("rb") as stream:
         content = stream.read(most)
     head, mark, body = content.partition(b"end_header")
@@ -86,7 +89,7 @@ def _header(text: str, file: Path, expected: str) -> tuple[str, int, list[tuple[
         match words:
             case ["format", name, _]:
                 order = _ORDERS.get(name)
-            case ["element", name, number] if number.isdigit():
+            case ["element", name, number] if number.isdecimal() and number.isascii() and len(number) < 16:
                 if count is None and name != "vertex":
                     raise InputError(file, f"element {name} first", "the vertices first")
                 element, count = name, int(number) if name == "vertex" else count
@@ -109,6 +112,9 @@ def _binary(body: bytes, count: int, kind: np.dtype, file: Path) -> np.ndarray:
 
 
 def _ascii(body: bytes, count: int, kind: np.dtype, file: Path) -> np.ndarray:
+    # A line of a number and its end is two bytes at least: what is announced beyond that isn't there.
+    if count > len(body):
+        raise InputError(file, f"{len(body)} bytes of vertices", f"{count} lines")
     lines = body.decode("ascii", "replace").splitlines()[:count]
     rows = [line.split() for line in lines]
     width = len(kind.names or ())
@@ -121,5 +127,11 @@ def _ascii(body: bytes, count: int, kind: np.dtype, file: Path) -> np.ndarray:
         raise InputError(file, str(error), "numbers") from None
     table = np.empty(count, dtype=kind)
     for column, name in enumerate(kind.names or ()):
-        table[name] = values[:, column]
+        if kind[name].kind in "iu":
+            range_ = np.iinfo(kind[name])
+            # NaN compares false.
+            if not ((values[:, column] >= range_.min) & (values[:, column] <= range_.max)).all():
+                raise InputError(file, f"vertex property {name} beyond its type", f"{range_.min} to {range_.max}")
+        with np.errstate(over="ignore"):
+            table[name] = values[:, column]
     return table

@@ -6,12 +6,11 @@ and are removed.
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import asdict
 from pathlib import Path
 
-from dofbench.core.files import sha256_text, write_json
+from dofbench.core.files import read_json, sha256_text, write_json
 from dofbench.core.import_closure import closure_digest
 from dofbench.validation.renderer_scores import Score, score
 from dofbench.validation.renderer_truth import Case
@@ -32,7 +31,7 @@ class Store:
     def read(self, case: Case) -> dict[str, list[Score]]:
         """The rows of each variant that is scored; empty if none is, or if the file is damaged."""
         try:
-            kept = json.loads(self._file(case).read_text(encoding="utf-8"))
+            kept = read_json(self._file(case))
             return {name: [Score(**row) for row in rows] for name, rows in kept.items()}
         except (OSError, ValueError, TypeError, AttributeError):
             return {}

@@ -196,7 +196,7 @@ def test_what_a_migration_gives_is_of_this_version(tmp_path: Path) -> None:
         ('{"schema_version": 5}', "newer dofbench"),
         ('{"schema_version": 4}', "key: Field required"),
         ('{"schema_version": 1}', "schema_version 1, and in it KeyError: 'stages'"),
-        ("\xff", "JSON"),
+        ("\xff", "UTF-8"),
     ],
 )
 def test_a_damaged_result_is_one_line(tmp_path: Path, text: str, match: str) -> None:

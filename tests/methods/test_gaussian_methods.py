@@ -143,7 +143,7 @@ def _loaded(entry, folder):
     [
         ("gaussians.ply", None, "no such file"),
         ("gaussians.ply", lambda data: data[:-3], "bytes of vertices"),
-        ("lenses.json", None, "No such file"),
+        ("lenses.json", None, "no such file"),
         ("lenses.json", lambda data: data[:-5], "no JSON"),
         ("lenses.json", lambda data: data.replace(b'"version": 1', b'"version": 2'), "version: "),
         ("lenses.json", lambda data: data.replace(b'"aperture"', b'"opening"', 3), "views.a"),

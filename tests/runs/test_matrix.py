@@ -175,7 +175,7 @@ def test_a_result_that_cannot_be_read_is_named_and_kept(matrix, tmp_path: Path) 
     file.write_text("{")
     good, made, said = matrix()
     assert not good and len(made) == 1 and file.read_text() == "{"
-    assert f"failed: {file.parent}: {file}: found nothing readable" in said
+    assert f"failed: {file.parent}: {file}: found no JSON" in said
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -11,6 +10,7 @@ from pydantic import ValidationError
 
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
+from dofbench.core.readable import read_toml
 from dofbench.scenes.named.schema import NamedDataset, NamedScene
 
 
@@ -21,10 +21,7 @@ def named_datasets() -> Mapping[str, NamedDataset]:
 
 def read_dataset(path: Path) -> NamedDataset:
     """Read one file. Raises InputError, one line, for anything but a dataset called as its file."""
-    try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(path, f"no TOML ({error})", "a named dataset") from None
+    raw = read_toml(path, "a named dataset")
     try:
         dataset = NamedDataset.model_validate(raw)
     except ValidationError as error:
