@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dofbench.core.contracts import PointCloud
 from dofbench.scenes.colmap import Model
+from dofbench.scenes.name_match import ImageNames
 from dofbench.scenes.poses import invert, rigid
 from dofbench.scenes.views import AnotherFrame
 
@@ -72,17 +73,14 @@ def _spread(centres: np.ndarray) -> float:
 
 def _ranks(names: Sequence[str], paths: Sequence[str]) -> np.ndarray:
     """The frame of each of COLMAP's images, by its name; -1 where none has it, or several have."""
-    places: dict[str, list[int]] = {}
-    for index, path in enumerate(paths):
-        places.setdefault(PurePosixPath(path).stem, []).append(index)
+    frames = ImageNames([(path.partition("/")[2] or path, path) for path in paths], partial=True)
     ranks = np.full(len(names), -1, dtype=np.int64)
     for index, name in enumerate(names):
-        candidates = places.get(PurePosixPath(name).stem, [])
-        # The same stem in several folders: the one whose path ends as COLMAP's name does.
-        ending = str(PurePosixPath(name).with_suffix(""))
-        exact = [c for c in candidates if f"/{PurePosixPath(paths[c]).with_suffix('')}".endswith(f"/{ending}")]
-        if len(exact or candidates) == 1:
-            ranks[index] = (exact or candidates)[0]
+        images = frames.find(name).images
+        if len(images) == 1:
+            ranks[index] = images[0]
+    shared = np.bincount(ranks[ranks >= 0], minlength=len(paths)) > 1
+    ranks[(ranks >= 0) & shared[ranks]] = -1
     return ranks
 
 

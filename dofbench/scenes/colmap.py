@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,10 +13,14 @@ import numpy as np
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.scenes.colmap_files import check_binary, check_kinds, model_suffix
-from dofbench.scenes.folders import choose_folder, match_files
+from dofbench.scenes.colmap_places import PLACES, FoundModel, choose_model, find_model
+from dofbench.scenes.colmap_text import readable_text
+from dofbench.scenes.folders import choose_folder, find_matches, listed, refuse_missing
+from dofbench.scenes.name_match import plain_inside
 from dofbench.scenes.poses import rigid
 from dofbench.scenes.scene import Scene
 from dofbench.scenes.undistort import Intrinsics
+from dofbench.scenes.unused import other_format, skipped, without_pose
 from dofbench.scenes.views import Frame, assemble, held_out
 
 if TYPE_CHECKING:
@@ -23,7 +28,6 @@ if TYPE_CHECKING:
 
 # Pixels; no sensor has so many on a side.
 _LARGEST_SIDE = 1_000_000
-_PLACES = ("sparse/0", "sparse")
 # pycolmap's messages may quote whole lines of its source.
 _REASON = 120
 # Where each of OpenCV's coefficients k1 k2 p1 p2 k3 k4 k5 k6 stands among a model's parameters, after its
@@ -45,7 +49,7 @@ class Model:
     """A COLMAP model in plain arrays.
 
     folder: where it was. names: of the posed images, sorted. intrinsics, world_to_camera: one an
-    image. points: sorted by their id; points.views index into `names`. None without points.
+    image. points: sorted by their id; points.views index into `names`. None without points. notes: for `Scene.noted`.
     """
 
     folder: Path
@@ -53,21 +57,19 @@ class Model:
     intrinsics: tuple[Intrinsics, ...]
     world_to_camera: tuple[np.ndarray, ...]
     points: PointCloud | None
+    notes: tuple[str, ...] = ()
 
-
-def find_model(root: Path) -> Path | None:
-    """The folder with a COLMAP model under a scene folder: sparse/0, else sparse; None without one."""
-    return next((root / place for place in _PLACES if model_suffix(root / place)), None)
-
-
-def scene_folder(folder: Path) -> Path:
-    """The scene's folder where `folder` is the place of its model, sparse or sparse/0; else `folder` itself."""
-    here = folder.resolve()
-    for scene in (here.parent, here.parent.parent):
-        model = find_model(scene)
-        if model is not None and here in (model, scene / "sparse"):
-            return scene
-    return folder
+    def only(self, images: Sequence[int]) -> Model:
+        """The model of these images alone, in order, with the points that they saw."""
+        if len(images) == len(self.names):
+            return self
+        return replace(
+            self,
+            names=tuple(self.names[index] for index in images),
+            intrinsics=tuple(self.intrinsics[index] for index in images),
+            world_to_camera=tuple(self.world_to_camera[index] for index in images),
+            points=None if self.points is None else self.points.seen_by(images),
+        )
 
 
 def fits(root: Path) -> bool:
@@ -75,53 +77,85 @@ def fits(root: Path) -> bool:
     return find_model(root) is not None
 
 
-def read(root: Path, *, width: int | None, images: str | None, hold: int | None) -> Scene:
+def read(root: Path, *, width: int | None, images: str | None, hold: int | None, skip_missing: bool = False) -> Scene:
     """Read the layout; see `load_scene`."""
-    folder = find_model(root)
-    if folder is None:
-        raise InputError(root, f"no COLMAP model in {' or '.join(_PLACES)}", "cameras, images, points3D (.bin or .txt)")
-    model = read_model(folder)
-    image_folder = choose_folder(root, width=width, images=images, habit=(1, 2, 4, 8))
-    files = match_files(image_folder, model.names, folder, by_order=(root / "poses_bounds.npy").is_file())
+    found = choose_model(root)
+    if found is None:
+        raise InputError(root, f"no COLMAP model in {PLACES}", "cameras, images, points3D (.bin or .txt)")
+    model = read_found(found)
+    image_folder = choose_folder(root, width=width, images=images, habit=(1, 2, 4, 8), base=found.images)
+    renumbered = (root / "poses_bounds.npy").is_file()
+    matched = find_matches(image_folder, model.names, found.folder, by_order=renumbered)
+    if not skip_missing or not matched.present():
+        refuse_missing(image_folder, model.names, matched, found.folder)
+    kept = model.only(matched.present())
+    files = [file for file in matched.files if file is not None]
     frames = [
         Frame(file.relative_to(image_folder).as_posix(), file, intrinsics, pose)
-        for file, intrinsics, pose in zip(files, model.intrinsics, model.world_to_camera, strict=True)
+        for file, intrinsics, pose in zip(files, kept.intrinsics, kept.world_to_camera, strict=True)
     ]
-    return held_out(assemble(root, "colmap", frames, model.points, width=width, subject=folder), hold)
+    scene = assemble(root, "colmap", frames, kept.points, width=width, subject=found.folder).noted(
+        *kept.notes,
+        skipped(model.names, matched, found.folder.relative_to(root)),
+        without_pose(image_folder, files, found.folder.relative_to(root)),
+        other_format(matched, image_folder, found.folder.relative_to(root)),
+    )
+    absent = [name for name, file in zip(model.names, matched.files, strict=True) if file is None]
+    return held_out(scene, hold, dict(zip(files, kept.names, strict=True)), absent)
+
+
+def read_found(found: FoundModel) -> Model:
+    """Read the model that was chosen, and note the choice. Raises InputError as `read_model`."""
+    model = read_model(found.folder)
+    return replace(model, notes=(*([found.choice] if found.choice else ()), *model.notes))
 
 
 def read_model(folder: Path) -> Model:
     """Read cameras, posed images and points. Raises InputError for damaged files and unsupported camera models."""
-    import pycolmap
-
     suffix = model_suffix(folder)
     if suffix is None:
         raise InputError(folder, "no COLMAP model", "cameras, images, points3D (.bin or .txt)")
     check_kinds(folder)
     if suffix == ".bin":
         check_binary(folder)
+        return _model(folder, suffix, folder, {})
+    with readable_text(folder) as text:
+        return replace(_model(folder, suffix, text.folder, text.names), notes=text.notes)
+
+
+def _model(folder: Path, suffix: str, place: Path, names: Mapping[int, str]) -> Model:
+    """The model whose files are in `place`. names: of its images, where pycolmap's aren't whole."""
+    import pycolmap
+
     reconstruction = pycolmap.Reconstruction()
     try:
-        reconstruction.read_binary(str(folder)) if suffix == ".bin" else reconstruction.read_text(str(folder))
+        reconstruction.read_binary(str(place)) if suffix == ".bin" else reconstruction.read_text(str(place))
     except (RuntimeError, ValueError, IndexError, TypeError, MemoryError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         found = f"no readable COLMAP model ({reason[:_REASON]})"
         raise InputError(folder, found, f"consistent {suffix} files") from None
+    cameras_file, images_file = folder / f"cameras{suffix}", folder / f"images{suffix}"
+    with_pose = [image for image in reconstruction.images.values() if image.has_pose]
     try:
-        names = {image.image_id: image.name for image in reconstruction.images.values() if image.has_pose}
+        written = {image.image_id: names[image.image_id] if names else image.name for image in with_pose}
     except UnicodeDecodeError as error:
         found = f"an image's name that isn't UTF-8 ({error.object!r:.80})"
-        raise InputError(folder / f"images{suffix}", found, "names in UTF-8") from None
-    posed = [reconstruction.images[number] for number in sorted(names, key=names.__getitem__)]
-    if not posed:
-        raise InputError(folder / f"images{suffix}", "no image with a pose", "at least one")
-    cameras_file, images_file = folder / f"cameras{suffix}", folder / f"images{suffix}"
+        raise InputError(images_file, found, "names in UTF-8") from None
+    called = {key: plain_inside(name, images_file) for key, name in written.items()}
+    if not called:
+        raise InputError(images_file, "no image with a pose", "at least one")
+    if len(set(called.values())) < len(called):
+        twice = sorted(name for name, count in Counter(called.values()).items() if count > 1)
+        raise InputError(images_file, f"several images called {listed(twice)}", "one image a name")
+    posed = [reconstruction.images[key] for key in sorted(called, key=called.__getitem__)]
     lenses = {key: _intrinsics(camera, cameras_file) for key, camera in reconstruction.cameras.items()}
     return Model(
         folder=folder,
-        names=tuple(image.name for image in posed),
+        names=tuple(called[image.image_id] for image in posed),
         intrinsics=tuple(lenses[image.camera_id] for image in posed),
-        world_to_camera=tuple(rigid(image.cam_from_world().matrix(), images_file, image.name) for image in posed),
+        world_to_camera=tuple(
+            rigid(image.cam_from_world().matrix(), images_file, called[image.image_id]) for image in posed
+        ),
         points=_points(reconstruction, [image.image_id for image in posed], folder / f"points3D{suffix}"),
     )
 

@@ -16,7 +16,7 @@ def fits(root: Path) -> bool:
     return False
 
 
-def read(root: Path, *, width: int | None, images: str | None, hold: int | None) -> Scene:
+def read(root: Path, *, width: int | None, images: str | None, hold: int | None, skip_missing: bool = False) -> Scene:
     """Read the layout; see `load_scene`.
 
     Views 0, hold, 2 hold, ... are sharp, all others blurred. A wrong hold would train on the one and test with the
@@ -27,5 +27,7 @@ def read(root: Path, *, width: int | None, images: str | None, hold: int | None)
     if chosen is None:
         raise InputError(root, "no marker file hold=N and no hold", "one of them: it says which photographs are sharp")
     folder = choose_folder(root, width=width, images=images, habit=(4, 1))
-    scene = llff.read_folder(root, folder, width=width).with_hold(chosen)
+    scene = llff.read_folder(root, folder, width=width, skip_missing=skip_missing).with_hold(chosen)
+    by = f"hold {chosen} ({'as asked' if hold is not None else 'marker file'})"
+    scene = replace(scene, split_by=by)
     return replace(scene.taken_as(train="shallow", test="all-in-focus"), layout="deblurnerf")

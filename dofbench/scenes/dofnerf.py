@@ -12,7 +12,7 @@ from pathlib import Path
 
 from dofbench.core.errors import InputError
 from dofbench.scenes import llff
-from dofbench.scenes.colmap import find_model
+from dofbench.scenes.colmap_places import find_model
 from dofbench.scenes.folders import choose_folder, image_files, image_folders, marked_hold
 from dofbench.scenes.scene import Scene, Split
 from dofbench.scenes.views import Frame, assemble, check_inside
@@ -29,13 +29,14 @@ def fits(root: Path) -> bool:
     return any(all((folder / stack).is_dir() for stack in _STACKS) for folder in folders.values())
 
 
-def read(root: Path, *, width: int | None, images: str | None, hold: int | None) -> Scene:
+def read(root: Path, *, width: int | None, images: str | None, hold: int | None, skip_missing: bool = False) -> Scene:
     """Read the layout; see `load_scene`.
 
     Views 1, hold + 1, 2 hold + 1, ... are test views (the one after the first, as the authors count), each
     its sharp photograph; training views of odd number are focused on the background, of even number on the foreground.
     hold: where it isn't given, the marker's, else 9. images: a folder with the three in it; or one of the three,
-    such as images_8/f11 (f11: the one that fits the width), read as an LLFF scene of its own.
+    such as images_8/f11 (f11: the one that fits the width), read as an LLFF scene of its own. skip_missing: no file
+    says which image is missing, so nothing is skipped.
     """
     if images is not None and Path(images).name in _STACKS:
         return _one_stack(root, images, width, hold)
@@ -49,7 +50,8 @@ def read(root: Path, *, width: int | None, images: str | None, hold: int | None)
         frame = posed[_SHARP if split == "test" else shallow][index]
         # Every view has the name of its sharp photograph, whichever of its three photographs is read.
         frames.append(replace(frame, name=posed[_SHARP][index].name, split=split))
-    return _scene(root, folder / _SHARP, stacks[_SHARP], frames, width).taken_as(train="shallow", test="all-in-focus")
+    scene = _scene(root, folder / _SHARP, stacks[_SHARP], frames, width)
+    return replace(scene, split_by=_split_by(root, hold)).taken_as(train="shallow", test="all-in-focus")
 
 
 def _one_stack(root: Path, images: str, width: int | None, hold: int | None) -> Scene:
@@ -63,7 +65,7 @@ def _one_stack(root: Path, images: str, width: int | None, hold: int | None) -> 
     frames = [
         replace(frame, split=split) for frame, split in zip(llff.posed_frames(root, folder, files), splits, strict=True)
     ]
-    scene = _scene(root, folder, files, frames, width)
+    scene = replace(_scene(root, folder, files, frames, width), split_by=_split_by(root, hold))
     return scene if stack == _SHARP else scene.taken_as(train="shallow", test="shallow")
 
 
@@ -80,6 +82,13 @@ def _files(folder: Path) -> list[Path]:
     if not files:
         raise InputError(folder, "no images", f"photographs, as in each of {', '.join(_STACKS)}")
     return files
+
+
+def _split_by(root: Path, hold: int | None) -> str:
+    if hold is not None:
+        return f"hold {hold} (as asked)"
+    marked = marked_hold(root)
+    return f"hold {DEFAULT_HOLD} (default)" if marked is None else f"hold {marked} (marker file)"
 
 
 def _splits(root: Path, count: int, hold: int | None) -> list[Split]:

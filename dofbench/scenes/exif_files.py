@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
+import os
+import re
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -12,6 +14,8 @@ from dofbench.core.errors import InputError
 from dofbench.core.exif import EXIF_FILE, LEAST, MOST, Exif, read_exif
 from dofbench.core.readable import read_text
 from dofbench.scenes.focus_distance import focus_distance
+from dofbench.scenes.folders import listed as listed_names
+from dofbench.scenes.name_match import ImageNames
 
 CSV_FILE = "exif.csv"
 # A column of exif.csv, and what it is here.
@@ -43,18 +47,24 @@ _TEXTS = ("time", "camera", "lens")
 def exif_by_file(root: Path, files: Mapping[str, Path]) -> dict[str, Exif]:
     """What is known of each view's photograph, by view; views of which nothing is known are left out.
 
-    files: the photograph's file, by view. Taken is what `root/exif.json` says of the view; else the line of its file
-    name (or that without suffix, since smaller copies often have another format) in an exif.csv in the file's folder
-    or one above it, up to the root; else what stands in the file. Raises InputError for a damaged exif.json or
-    exif.csv; an image that can't be read says nothing here.
+    files: the photograph's file, by view. Taken is what `root/exif.json` says of the view; else the line of its file in
+    the nearest exif.csv, in the file's folder or one above it, up to the root; else what stands in the file. A line
+    belongs to a file by the rule of `name_match`: its path from the table's folder, or the end of it where one file
+    alone of all ends so. Raises InputError for a damaged exif.json or exif.csv, a line that may be of several files,
+    and lines that differ about one; an image that can't be read says nothing here.
     """
     written = read_exif(root)
-    tables: dict[Path, dict[str, Exif]] = {}
+    tables: dict[Path, list[str]] = {}
+    for view, file in files.items():
+        table = _table_above(file.parent, root)
+        if table is not None and view not in written:
+            tables.setdefault(table, []).append(view)
+    listed: dict[str, Exif] = {}
+    for table, views in tables.items():
+        listed |= _listed(table, {view: files[view] for view in views})
     found = {}
     for view, file in files.items():
-        if view not in written and file.parent not in tables:
-            tables[file.parent] = _table_above(file.parent, root)
-        record = written[view] if view in written else _listed(tables[file.parent], file) or exif_of_image(file)
+        record = written[view] if view in written else listed[view] if view in listed else exif_of_image(file)
         if record != Exif():
             found[view] = record
     return found
@@ -83,7 +93,7 @@ def exif_of_image(file: Path) -> Exif:
 
 
 def read_exif_csv(file: Path) -> dict[str, Exif]:
-    """The photographs of an exif.csv by file name, which stands in the column `name`.
+    """The photographs of an exif.csv by path or file name, which stands in the column `name`.
 
     Other columns: f_number, focal_length_mm, focal_length_35mm, focus_distance_m (inf for infinity), exposure_s, iso,
     time, camera, lens; each may be absent, or empty in a line. Further columns are passed over. Raises InputError,
@@ -119,21 +129,39 @@ def read_exif_csv(file: Path) -> dict[str, Exif]:
     return records
 
 
-def _table_above(folder: Path, root: Path) -> dict[str, Exif]:
-    """The nearest exif.csv from the folder up to the root; empty without one."""
+def _table_above(folder: Path, root: Path) -> Path | None:
+    """The nearest exif.csv from the folder up to the root; None without one."""
     places = [folder]
     while places[-1] != root and root in places[-1].parents:
         places.append(places[-1].parent)
-    for place in places:
-        if (place / CSV_FILE).is_file():
-            return read_exif_csv(place / CSV_FILE)
-    return {}
+    return next((place / CSV_FILE for place in places if (place / CSV_FILE).is_file()), None)
 
 
-def _listed(table: Mapping[str, Exif], file: Path) -> Exif | None:
-    if file.name in table:
-        return table[file.name]
-    return next((record for name, record in table.items() if PurePosixPath(name).stem == file.stem), None)
+def _listed(table: Path, files: Mapping[str, Path]) -> dict[str, Exif]:
+    """What the lines of a table say of files below its folder, by view; lines of other photographs are passed over."""
+    views, paths = list(files), [file.relative_to(table.parent).as_posix() for file in files.values()]
+    shared = len(os.path.commonpath([PurePosixPath(path).parent for path in paths]))
+    index = ImageNames([(path, _in_folder(path), path[shared:].lstrip("/")) for path in paths], partial=True)
+    lines: dict[str, tuple[int, str]] = {}
+    records = read_exif_csv(table)
+    for name, record in records.items():
+        match = index.find(name)
+        if len(match.images) > 1:
+            several = listed_names(paths[image] for image in match.images)
+            raise InputError(table, f"{name}, which may be {several}", "whole paths where file names are equal")
+        for image in match.images:
+            step, other = lines.get(views[image], (match.step + 1, name))
+            if step == match.step and records[other] != record:
+                raise InputError(table, f"{other} and {name} for {paths[image]}", "one line a photograph")
+            if match.step < step:
+                lines[views[image]] = match.step, name
+    return {view: records[name] for view, (_, name) in lines.items()}
+
+
+def _in_folder(path: str) -> str:
+    """As the path would be in the folder of full size: images/a.png for images_8/a.png."""
+    folder, _, below = path.partition("/")
+    return f"{re.sub(r'_[0-9]+$', '', folder)}/{below}" if below else path
 
 
 def _number(file: Path, line: int, name: str, value: str) -> float:

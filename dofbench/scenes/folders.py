@@ -5,14 +5,17 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from dofbench.core.errors import InputError
 from dofbench.core.images import image_size
 from dofbench.core.readable import check_file
+from dofbench.scenes.name_match import ImageNames
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".exr")
 _HOLD = re.compile(r"hold ?= ?(\d+)")
+_FACTOR = re.compile(r"_\d+$")
 _SEVERAL = 3
 # COLMAP numbers what it makes inside these: sparse/0, and undistorted images with their model in dense/0.
 _MADE_BY_COLMAP = ("sparse", "dense")
@@ -42,11 +45,7 @@ def image_files(folder: Path) -> list[Path]:
     found = []
     for parent, folders, names in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]
-        found += [
-            Path(parent, name)
-            for name in names
-            if not name.startswith(".") and Path(name).suffix.lower() in IMAGE_SUFFIXES
-        ]
+        found += [Path(parent, name) for name in names if _is_image(name)]
     for path in found:
         check_file(path, "an image file")
     return sorted(found, key=lambda path: path.relative_to(folder).as_posix())
@@ -95,31 +94,91 @@ def choose_folder(
     return min(wide_enough, key=lambda folder: (narrowest[folder], folder.name))
 
 
-def match_files(folder: Path, names: Sequence[str], subject: object, *, by_order: bool = False) -> list[Path]:
-    """The file in `folder` of every name in `names` (paths relative to the image folder, '/' between parts).
+@dataclass(frozen=True)
+class MatchedFiles:
+    """files: one a name, None where the folder has none for it. other_format: how many have another suffix than their
+    name has."""
 
-    By the name itself; where any is missing, all by the name without suffix, since smaller copies
-    often have another format. With `by_order` (LLFF, whose smaller copies may be renumbered), where no
-    name is found either way and there are as many files as names: both in sorted order. Raises InputError.
+    files: tuple[Path | None, ...]
+    other_format: int
+
+    def present(self) -> list[int]:
+        """Indices of the names that have a file."""
+        return [index for index, file in enumerate(self.files) if file is not None]
+
+
+def find_matches(folder: Path, names: Sequence[str], subject: object, *, by_order: bool = False) -> MatchedFiles:
+    """The file in `folder` of every name in `names`, by the rule of `name_match`.
+
+    names: paths relative to the image folder, or with its name before them (`images/a.png`). With `by_order` (LLFF,
+    whose smaller copies may be renumbered), where no name is found and there are as many files as names: both in sorted
+    order. Raises InputError for a name that means several files, and for a file that several names mean.
     """
-    files = {path.relative_to(folder).as_posix(): path for path in image_files(folder)}
-    if all(name in files for name in names):
-        return [files[name] for name in names]
-    stems: dict[str, list[Path]] = {}
-    for name, path in files.items():
-        stems.setdefault(_without_suffix(name), []).append(path)
-    found = [[files[name]] if name in files else stems.get(_without_suffix(name), []) for name in names]
-    if all(len(paths) == 1 for paths in found):
-        return [paths[0] for paths in found]
-    if by_order and len(files) == len(names) and not any(found):
+    return _matched(folder, image_files(folder), names, subject, by_order)
+
+
+def is_scaled(folder: Path) -> bool:
+    """Whether a folder is called as one of scaled copies: images_8."""
+    return _FACTOR.search(folder.name) is not None
+
+
+def find_files(root: Path, paths: Sequence[str], subject: object) -> MatchedFiles:
+    """As `find_matches`, for paths relative to the scene folder: only the folders that they name are looked into."""
+    exact = [root / path for path in paths]
+    if all(file.is_file() for file in exact):
+        return MatchedFiles(tuple(exact), 0)
+    folders = sorted({file.parent for file in exact if file.parent.is_dir()})
+    files = [file for folder in folders for file in sorted(folder.iterdir()) if _is_image(file.name) and file.is_file()]
+    return _matched(root, files, paths, subject, by_order=False)
+
+
+def _is_image(name: str) -> bool:
+    return not name.startswith(".") and Path(name).suffix.lower() in IMAGE_SUFFIXES
+
+
+def _matched(
+    folder: Path, files: Sequence[Path], names: Sequence[str], subject: object, by_order: bool
+) -> MatchedFiles:
+    paths = [path.relative_to(folder).as_posix() for path in files]
+    whole = _FACTOR.sub("", folder.name)
+    index = ImageNames([(path, f"{folder.name}/{path}", f"{whole}/{path}") for path in paths])
+    found = [index.find(name) for name in names]
+    if by_order and len(files) == len(names) and not any(match.images for match in found):
         ranks = {name: rank for rank, name in enumerate(sorted(names))}
-        ordered = list(files.values())
-        return [ordered[ranks[name]] for name in names]
-    missing = [name for name, paths in zip(names, found, strict=True) if not paths]
+        return MatchedFiles(tuple(files[ranks[name]] for name in names), 0)
+    several = [name for name, match in zip(names, found, strict=True) if len(match.images) > 1]
+    if several:
+        raise InputError(folder, f"several images for {listed(several)}", f"one image for every name in {subject}")
+    owners: dict[int, str] = {}
+    for name, match in zip(names, found, strict=True):
+        for image in match.images:
+            if image in owners:
+                both = f"{paths[image]} for both {owners[image]} and {name}"
+                raise InputError(folder, both, f"an image of its own for every name in {subject}")
+            owners[image] = name
+    matched = tuple(files[match.images[0]] if match.images else None for match in found)
+    changed = sum(
+        file is not None and PurePosixPath(name).suffix.lower() not in ("", file.suffix.lower())
+        for name, file in zip(names, matched, strict=True)
+    )
+    return MatchedFiles(matched, changed)
+
+
+def match_files(folder: Path, names: Sequence[str], subject: object, *, by_order: bool = False) -> list[Path]:
+    """The file in `folder` of every name, as `find_matches`. Raises InputError as it does, and where any has none."""
+    matched = find_matches(folder, names, subject, by_order=by_order)
+    refuse_missing(folder, names, matched, subject)
+    return [file for file in matched.files if file is not None]
+
+
+def refuse_missing(folder: Path, names: Sequence[str], matched: MatchedFiles, subject: object) -> None:
+    """Raise InputError, which names the option that skips them, where a name has no file."""
+    missing = [name for name, file in zip(names, matched.files, strict=True) if file is None]
     if missing:
-        raise InputError(folder, f"no image for {listed(missing)}", f"every image that {subject} names")
-    several = [name for name, paths in zip(names, found, strict=True) if len(paths) > 1]
-    raise InputError(folder, f"several images for {listed(several)}", f"one image for every name in {subject}")
+        expected = f"every image that {subject} names"
+        others = len(names) - len(missing)
+        hint = f"; make-dataset --skip-missing reads the other {others}" if others else ""
+        raise InputError(folder, f"no image for {listed(missing)}", expected + hint)
 
 
 def view_names(files: Sequence[str]) -> list[str]:
@@ -153,7 +212,3 @@ def marked_hold(root: Path) -> int | None:
 def contents(root: Path) -> str:
     """What a folder holds, for a message."""
     return listed(sorted(path.name for path in root.iterdir() if not path.name.startswith("."))) or "an empty folder"
-
-
-def _without_suffix(name: str) -> str:
-    return PurePosixPath(name).with_suffix("").as_posix()

@@ -20,14 +20,16 @@ from dofbench.scenes.scene import SceneView
 class Listed:
     """One line of the list. problem: why the scene can't be read, empty where it can.
 
-    name: what to give to make-dataset: a built-in name or a folder. width, height: of the first view, pixels.
-    exif: how many views' f-numbers and focus distances are known. title: what a built-in scene shows.
+    name: what to give to make-dataset: a built-in name or a folder. split: the rule or file that made it. width,
+    height: of the first view, pixels. exif: how many views' f-numbers and focus distances are known. title: what a
+    built-in scene shows. notes: what was chosen or skipped while reading it.
     """
 
     name: str
     layout: str = ""
     training: int = 0
     test: int = 0
+    split: str = ""
     width: int = 0
     height: int = 0
     points: int = 0
@@ -35,6 +37,7 @@ class Listed:
     exif: str = ""
     title: str = ""
     problem: str = ""
+    notes: tuple[str, ...] = ()
 
 
 def list_scenes(folders: Sequence[Path] = ()) -> list[Listed]:
@@ -62,12 +65,13 @@ def print_scenes(folders: Sequence[Path] = (), data_root: Path | None = None) ->
     """
     root = find_data_root(data_root)
     listed = list_scenes(folders)
-    rows = [("scene", "layout", "views", "size", "points", "depth", "EXIF", "what")]
+    rows = [("scene", "layout", "views", "split by", "size", "points", "depth", "EXIF", "what")]
     rows += [
         (
             scene.name,
             scene.layout,
             f"{scene.training} + {scene.test} test",
+            scene.split,
             f"{scene.width}x{scene.height}",
             str(scene.points),
             "given" if scene.depth else "-",
@@ -79,6 +83,8 @@ def print_scenes(folders: Sequence[Path] = (), data_root: Path | None = None) ->
     ]
     _print_table(rows)
     for scene in listed:
+        for note in scene.notes:
+            print(f"{scene.name}: {note}")
         if scene.problem:
             print(f"no scene: {scene.problem}")
     whole = _print_named(root)
@@ -177,11 +183,13 @@ def _describe(folder: Path, name: str) -> Listed:
         layout=scene.layout,
         training=_count(scene.views, "train"),
         test=_count(scene.views, "test"),
+        split=scene.split_by,
         width=first.camera.width,
         height=first.camera.height,
         points=0 if scene.points is None else len(scene.points),
         depth=first.depth is not None,
         exif=_exif_text(scene.views),
+        notes=scene.notes,
     )
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json
 from dofbench.scenes import colmap
+from dofbench.scenes.colmap_places import PLACES, scene_folder
 from dofbench.scenes.folders import contents, image_files
 from dofbench.scenes.found_masks import ALPHAS, with_masks
 from dofbench.scenes.scene import Alpha, Scene
@@ -21,7 +22,7 @@ _MARKS = {
     "nerfstudio": "transforms.json",
     "dofnerf": "poses_bounds.npy and images with f11, f4_bak, f4_obj",
     "llff": "poses_bounds.npy",
-    "colmap": "sparse/0 or sparse with a COLMAP model",
+    "colmap": f"a COLMAP model in {PLACES}",
 }
 # Layouts that no file gives away: they are asked for by name, or known of a named dataset.
 UNMARKED = ("deblurnerf",)
@@ -37,11 +38,12 @@ def load_scene(
     layout: str = "auto",
     hold: int | None = None,
     alpha_channel: Alpha | None = None,
+    skip_missing: bool = False,
 ) -> Scene:
     """Read a scene folder: views sorted by name, with lazy images, OpenCV cameras, sparse points, a split.
 
-    root: the folder, or the place of its COLMAP model, sparse or sparse/0. The scene is called after the folder; where
-    COLMAP named that (dense/0), after the one above.
+    root: the folder, or the place of its COLMAP model, as sparse or sparse/0. The scene is called after the folder;
+    where COLMAP named that (dense/0), after the one above.
     width: of every view, pixels; height follows the aspect ratio, rounded to nearest. Images are
     shrunk by area averaging, and never enlarged. None keeps the size of the files.
     images: the image folder's name. Without it, and with a width, the folder with the smallest
@@ -51,8 +53,9 @@ def load_scene(
     is never found out: it is LLFF's, with blurred photographs to train on. A transforms.json that is in another frame
     than the COLMAP model beside it is passed over for the model, where that is complete, with a note (`Scene.notes`).
     hold: every hold-th view from the first is a test view (dofnerf: from the second). None: transforms.json's
-    train_filenames and test_filenames, else a marker file `hold=N` in the folder, else 8 (dofnerf: 9;
-    deblurnerf: an error).
+    train_filenames and test_filenames, else test.txt, train.txt, split.json or train_test_lists.json in the folder or
+    beside the COLMAP model, else a marker file `hold=N` in the folder, else 8 (dofnerf: 9; deblurnerf: an error).
+    skip_missing: poses without an image file are skipped, with a note; else they are an error.
     alpha_channel: what an alpha channel that isn't 1 everywhere means: a mask (None: the same, with a note), or
     background, which is composited over black.
 
@@ -63,7 +66,7 @@ def load_scene(
     root = Path(root)
     if not root.is_dir():
         raise InputError(root, "no such folder", "a scene folder")
-    root = colmap.scene_folder(root)
+    root = scene_folder(root)
     if width is not None and width < 1:
         raise InputError("width", str(width), "at least 1 pixel")
     chosen = _detect(root) if layout == "auto" else layout
@@ -71,13 +74,11 @@ def load_scene(
         raise InputError("layout", repr(layout), f"auto, {', '.join(LAYOUTS)}")
     if alpha_channel is not None and alpha_channel not in ALPHAS:
         raise InputError("alpha_channel", repr(alpha_channel), " or ".join(ALPHAS))
-    return with_masks(_without_masks(root, layout, chosen, width, images, hold), alpha_channel)
+    options = {"width": width, "images": images, "hold": hold, "skip_missing": skip_missing}
+    return with_masks(_without_masks(root, layout, chosen, options), alpha_channel)
 
 
-def _without_masks(
-    root: Path, layout: str, chosen: str, width: int | None, images: str | None, hold: int | None
-) -> Scene:
-    options = {"width": width, "images": images, "hold": hold}
+def _without_masks(root: Path, layout: str, chosen: str, options: Mapping[str, int | str | None]) -> Scene:
     try:
         return _read(chosen, root, **options)
     except AnotherFrame as error:
@@ -114,8 +115,9 @@ def _model_by_itself(root: Path, error: AnotherFrame, **options: int | str | Non
 
 
 def print_notes(scene: Scene) -> None:
-    """Print a scene's notes to standard error, each once in the life of the program."""
-    for note in scene.notes:
+    """Print a scene's notes, and what made its split, to standard error, each once in the life of the program."""
+    split = f"split by {scene.split_by}"
+    for note in scene.notes if any(note.startswith(split) for note in scene.notes) else (*scene.notes, split):
         line = f"{scene.root}: {note}"
         if line not in _printed:
             _printed.add(line)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import posixpath
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
@@ -15,15 +16,26 @@ from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json
 from dofbench.core.images import image_size
-from dofbench.core.names import inside
 from dofbench.scenes.beside import points_beside
-from dofbench.scenes.colmap import find_model, read_model
-from dofbench.scenes.folders import IMAGE_SUFFIXES, choose_folder, image_folders, listed, match_files
+from dofbench.scenes.colmap import read_found
+from dofbench.scenes.colmap_places import choose_model
+from dofbench.scenes.folders import (
+    MatchedFiles,
+    choose_folder,
+    find_files,
+    find_matches,
+    image_folders,
+    listed,
+    refuse_missing,
+)
+from dofbench.scenes.name_match import plain, plain_inside
 from dofbench.scenes.ply import read_ply
 from dofbench.scenes.poses import invert, opengl_to_opencv, rigid
 from dofbench.scenes.scene import Scene, Split
+from dofbench.scenes.split_files import agreed, split_sources
 from dofbench.scenes.undistort import Intrinsics
-from dofbench.scenes.views import Frame, assemble, check_inside, held_out
+from dofbench.scenes.unused import other_format, skipped, without_pose
+from dofbench.scenes.views import Frame, assemble, check_inside, held_as_asked, held_out
 
 _FILE = "transforms.json"
 _FISHEYE = ("OPENCV_FISHEYE",)
@@ -39,7 +51,15 @@ def fits(root: Path) -> bool:
     return (root / _FILE).is_file()
 
 
-def read(root: Path, *, width: int | None, images: str | None, hold: int | None, offset: Offset | None = None) -> Scene:
+def read(
+    root: Path,
+    *,
+    width: int | None,
+    images: str | None,
+    hold: int | None,
+    skip_missing: bool = False,
+    offset: Offset | None = None,
+) -> Scene:
     """Read the layout; see `load_scene`. offset: the scene's, where it is known already.
 
     transform_matrix is camera-to-world with OpenGL axes. fl_x fl_y cx cy w h k1 k2 k3 p1 p2 stand
@@ -53,19 +73,35 @@ def read(root: Path, *, width: int | None, images: str | None, hold: int | None,
     content = _parse(file)
     aside = _set_aside(content, file)
     entries = [entry for entry in content["frames"] if _path(entry, file) not in aside]
-    paths = [_path(entry, file) for entry in entries]
-    files = _images(root, paths, width, images, file)
-    splits = _splits(content, paths, file)
+    every_path = [_path(entry, file) for entry in entries]
+    folder, matched = _images(root, every_path, width, images, file)
+    if not skip_missing or not matched.present():
+        refuse_missing(folder, every_path, matched, file)
+    entries, paths = ([rows[index] for index in matched.present()] for rows in (entries, every_path))
+    files = [image for image in matched.files if image is not None]
+    splits = _splits(content, every_path, file)
     frames = [
-        _frame(root, content, entry, PurePosixPath(path).as_posix(), image, file)
+        _frame(root, content, entry, path, image, file)
         for entry, path, image in zip(entries, paths, files, strict=True)
     ]
     if splits is not None:
-        frames = [replace(frame, split=split) for frame, split in zip(frames, splits, strict=True)]
-    points, origin = _points(root, content, paths, frames, file)
-    scene = assemble(root, "nerfstudio", frames, points, width=width, subject=file, offset=offset)
+        frames = [replace(frame, split=splits[path]) for frame, path in zip(frames, paths, strict=True)]
+    points, origin, notes = _points(root, content, paths, frames, file)
+    scene = assemble(root, "nerfstudio", frames, points, width=width, subject=file, offset=offset).noted(
+        f"{listed(sorted(aside))} skipped, in val_filenames alone" if aside else "",
+        *notes,
+        skipped(every_path, matched, _FILE),
+        without_pose(folder, files, _FILE) if folder != root and not aside else "",
+        other_format(matched, folder, _FILE),
+    )
     check_inside(scene, origin)
-    return scene if hold is None and splits is not None else held_out(scene, hold)
+    absent = [path for path, image in zip(every_path, matched.files, strict=True) if image is None]
+    if splits is None:
+        return held_out(scene, hold, dict(zip(files, paths, strict=True)), absent)
+    lists = f"the lists of {_FILE}"
+    if hold is not None:
+        return held_as_asked(scene, hold, [lists, *split_sources(root)])
+    return agreed(replace(scene, split_by=lists), dict(zip(files, paths, strict=True)), absent)
 
 
 def _parse(file: Path) -> dict[str, Any]:
@@ -86,7 +122,16 @@ def _path(entry: Mapping[str, Any], file: Path) -> str:
     path = entry.get("file_path")
     if not isinstance(path, str) or not path:
         raise InputError(file, f"file_path {path!r}", "the path of an image")
-    return PurePosixPath(path.replace("\\", "/")).as_posix()
+    return _inside(path, file)
+
+
+def _inside(path: str, file: Path) -> str:
+    """A path relative to the scene folder, in which it has to stay. "../scene/images" may be spelled so as well."""
+    spelled = posixpath.normpath(plain(path))
+    if spelled.startswith("../"):
+        found = f"{path}, which leads out of its folder"
+        raise InputError(file, found, "paths inside it: move the file to the folder that has both, or link the images")
+    return plain_inside(spelled, file)
 
 
 def _number(value: Any, name: str, file: Path) -> float:
@@ -95,26 +140,21 @@ def _number(value: Any, name: str, file: Path) -> float:
     return float(value)
 
 
-def _images(root: Path, paths: Sequence[str], width: int | None, images: str | None, file: Path) -> list[Path]:
-    """The image file of every frame: as written, or its counterpart in the folder asked for or wide enough."""
+def _images(
+    root: Path, paths: Sequence[str], width: int | None, images: str | None, file: Path
+) -> tuple[Path, MatchedFiles]:
+    """The image file of every frame: as written, or its counterpart in the folder asked for or wide enough; with the
+    folder that has all of them, the root where several have."""
     first = {PurePosixPath(path).parts[0] for path in paths}
     inside = all(len(PurePosixPath(path).parts) > 1 for path in paths)
     base = first.pop() if len(first) == 1 and inside else ""
-    if base in ("", "/", "..") and images is not None:
+    if not base and images is not None:
         raise InputError(file, f"images in {listed(sorted(first | {base}))}", f"one folder, to read {images} instead")
-    if images is None and (width is None or base in ("", "/", "..") or len(image_folders(root, base)) < 2):
-        return [_with_suffix(root, path, file) for path in paths]
+    if images is None and (width is None or not base or len(image_folders(root, base)) < 2):
+        return root / base, find_files(root, paths, file)
     names = [PurePosixPath(path).relative_to(base).as_posix() for path in paths]
-    return match_files(choose_folder(root, width=width, images=images, habit=(1,), base=base), names, file)
-
-
-def _with_suffix(root: Path, path: str, file: Path) -> Path:
-    if (root / path).is_file():
-        return root / path
-    for suffix in IMAGE_SUFFIXES:
-        if (root / f"{path}{suffix}").is_file():
-            return root / f"{path}{suffix}"
-    raise InputError(root / path, "no such file", f"the image that {file} names")
+    folder = choose_folder(root, width=width, images=images, habit=(1,), base=base)
+    return folder, find_matches(folder, names, file)
 
 
 def _frame(
@@ -126,18 +166,19 @@ def _frame(
     except (TypeError, ValueError):
         raise InputError(file, f"no numbers in the transform_matrix of {name}", "a 4x4 matrix") from None
     depth_path = entry.get("depth_file_path")
+    depth_path = None if depth_path is None else _inside(str(depth_path), file)
     unit = 1.0
     if depth_path is not None:
-        default = _PNG_UNIT if str(depth_path).lower().endswith(".png") else 1.0
+        default = _PNG_UNIT if depth_path.lower().endswith(".png") else 1.0
         unit = _number(content.get("depth_unit_scale_factor", default), "depth_unit_scale_factor", file)
     return Frame(
         name=name,
         file=image,
         intrinsics=_intrinsics({**content, **entry}, image, file),
         world_to_camera=invert(opengl_to_opencv(rigid(pose, file, name))),
-        depth_file=None if depth_path is None else root / str(depth_path),
+        depth_file=None if depth_path is None else root / depth_path,
         unit=unit,
-        mask_file=None if entry.get("mask_path") is None else root / inside(entry["mask_path"], file),
+        mask_file=None if entry.get("mask_path") is None else root / _inside(str(entry["mask_path"]), file),
     )
 
 
@@ -190,7 +231,7 @@ def _listed_paths(content: Mapping[str, Any], key: str, file: Path) -> set[str] 
         return None
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise InputError(file, f"{key} that is no list of paths", "a list of the frames' file_path")
-    paths = {PurePosixPath(name.replace("\\", "/")).as_posix() for name in names}
+    paths = {_inside(name, file) for name in names}
     unknown = sorted(paths - {_path(frame, file) for frame in content["frames"]})
     if unknown:
         raise InputError(file, f"{listed(unknown)} in {key}, which no frame has", "a list of the frames' file_path")
@@ -205,8 +246,9 @@ def _set_aside(content: Mapping[str, Any], file: Path) -> set[str]:
     return (_listed_paths(content, "val_filenames", file) or set()) - train - test
 
 
-def _splits(content: Mapping[str, Any], paths: Sequence[str], file: Path) -> list[Split] | None:
-    """train_filenames and test_filenames; with one of the two, the other views are the other's. None without."""
+def _splits(content: Mapping[str, Any], paths: Sequence[str], file: Path) -> dict[str, Split] | None:
+    """Every path's split, by train_filenames and test_filenames; with one of the two, the other views are the other's.
+    None without both."""
     train, test = _listed_paths(content, "train_filenames", file), _listed_paths(content, "test_filenames", file)
     if train is None:
         if test is None:
@@ -219,21 +261,22 @@ def _splits(content: Mapping[str, Any], paths: Sequence[str], file: Path) -> lis
     nowhere = [path for path in paths if path not in train | test]
     if nowhere:
         raise InputError(file, f"{listed(nowhere)} in neither list", "every view in train_filenames or test_filenames")
-    return ["test" if path in test else "train" for path in paths]
+    return {path: "test" if path in test else "train" for path in paths}
 
 
 def _points(
     root: Path, content: Mapping[str, Any], paths: Sequence[str], frames: Sequence[Frame], file: Path
-) -> tuple[PointCloud | None, Path]:
-    """The points in the frame of the poses, tracks by frame, and where they come from."""
+) -> tuple[PointCloud | None, Path, tuple[str, ...]]:
+    """The points in the frame of the poses, tracks by frame; where they come from; and notes."""
     ply = content.get("ply_file_path")
     if ply is not None:
         # nerfstudio writes these points in the frame of transforms.json already.
-        return read_ply(root / str(ply)), root / str(ply)
-    folder = find_model(root)
-    if folder is None:
-        return None, file
+        ply_file = root / _inside(str(ply), file)
+        return read_ply(ply_file), ply_file, ()
+    found = choose_model(root)
+    if found is None:
+        return None, file, ()
     scale = _number(content.get("applied_scale", 1.0), "applied_scale", file)
     poses = [frame.world_to_camera for frame in frames]
-    points = points_beside(read_model(folder), content, scale, paths, poses, file)
-    return points, folder
+    model = read_found(found)
+    return points_beside(model, content, scale, paths, poses, file), found.folder, model.notes

@@ -49,7 +49,8 @@ class Scene:
 
     points.views, where known, index into `views`. layout: the reader's id. notes: what was chosen, changed or skipped
     while reading, one sentence each, for the terminal and the dataset's record: `noted` adds one. offset: cameras and
-    points are in a local frame; add it for the coordinates of the files (`local_frame.py`).
+    points are in a local frame; add it for the coordinates of the files (`local_frame.py`). split_by: the rule or the
+    file that made the split, for the terminal.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Scene:
     points: PointCloud | None
     notes: tuple[str, ...] = ()
     offset: Offset = NO_OFFSET
+    split_by: str = ""
 
     def noted(self, *notes: str) -> Scene:
         """The scene with further notes; empty ones and repeated ones are dropped."""

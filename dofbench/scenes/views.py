@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from dofbench.scenes.folders import marked_hold, scene_name, view_names
 from dofbench.scenes.local_frame import localised
 from dofbench.scenes.scene import Scene, SceneView, Split
 from dofbench.scenes.scene_masks import MaskOnDisk, check_size
+from dofbench.scenes.split_files import split_by_files, split_sources
 from dofbench.scenes.undistort import Intrinsics, sample_depth, undistort_image, undistorted
 
 # Sizes rounded down a pyramid leave the aspect ratio off by a pixel: 1 % is more than that, and less than a crop.
@@ -127,10 +128,25 @@ def assemble(
     return localised(scene, offset, subject)
 
 
-def held_out(scene: Scene, hold: int | None) -> Scene:
-    """The scene split by `hold`, else by the marker file `hold=N` in its folder, else by 8. Raises InputError."""
-    marked = marked_hold(scene.root) if hold is None else hold
-    return scene.with_hold(DEFAULT_HOLD if marked is None else marked)
+def held_out(
+    scene: Scene, hold: int | None, known_as: Mapping[Path, str] | None = None, absent: Collection[str] = ()
+) -> Scene:
+    """The scene split by `hold`, else by files that name its views, else by the marker file `hold=N` in its folder,
+    else by 8. known_as, absent: as `split_by_files` takes them. Raises InputError."""
+    if hold is not None:
+        return held_as_asked(scene, hold, split_sources(scene.root))
+    by_files = split_by_files(scene, known_as or {}, absent)
+    if by_files is not None:
+        return by_files
+    marked = marked_hold(scene.root)
+    by = f"hold {DEFAULT_HOLD} (default)" if marked is None else f"hold {marked} (marker file)"
+    return replace(scene.with_hold(DEFAULT_HOLD if marked is None else marked), split_by=by)
+
+
+def held_as_asked(scene: Scene, hold: int, not_read: Sequence[str]) -> Scene:
+    """The scene split by `hold`; a note names the files that say another split and aren't read. Raises InputError."""
+    note = f"split by hold {hold}, as asked, and not by {' and '.join(not_read)}" if not_read else ""
+    return replace(scene.with_hold(hold), split_by=f"hold {hold} (as asked)").noted(note)
 
 
 def check_inside(scene: Scene, subject: object) -> None:

@@ -66,6 +66,7 @@ def read_scene(found: ResolvedScene, settings: MakeDataset) -> tuple[Scene, Make
         layout=settings.layout,
         hold=settings.hold,
         alpha_channel=settings.alpha_channel,
+        skip_missing=settings.skip_missing,
     )
     scene = found.load(**asked).unmasked()
     print_notes(scene)

@@ -90,8 +90,8 @@ class DatasetOptions:
     """Image width in pixels; without it, a named dataset's usual one, else the scene's own."""
 
     hold: int | None = option(None, at_least(2), about="scene", sharp=True)
-    """Every hold-th view, from the first, is a test view; without it, the named dataset's or the scene's own split, or
-    8."""
+    """Every hold-th view, from the first, is a test view; without it, the named dataset's or the scene's own split (as
+    in test.txt or transforms.json), or 8."""
 
     depth: str = option("auto", about="scene", sharp=True)
     """Where depth comes from: the scene (given), maps of z-depth in a folder (folder:DIR), a reconstruction (splat),
@@ -183,6 +183,10 @@ class DatasetOptions:
     alpha_channel: Alpha | None = option(None, about="scene", sharp=True, kept_with="alpha_channel")
     """What an alpha channel of the images means: mask, transparent pixels are neither trained on nor scored; or
     background, they are composited over black. Without it: mask, with a note."""
+
+    skip_missing: bool = option(False, about="scene", sharp=True, kept_with="skip_missing")
+    """Skip poses whose image files are missing, such as photographs that were deleted after structure from motion, and
+    name them; without it, they are an error."""
 
     points: Points = option("scene", about="scene", kept_with="points")
     """Where the points come from that a method gets: the scene's own (scene); or, by the given poses, triangulated
@@ -344,7 +348,9 @@ class DatasetOptions:
         words = ["dofbench make-dataset", scene_name]
         default = MakeDataset().recipe()
         for key, value in self.recipe().items():
-            if value != default.get(key):
+            if value is True:
+                words.append(flag(key))
+            elif value != default.get(key):
                 words.append(f"{flag(key)} {spelled(value) if isinstance(value, list) else value}")
         return " ".join(words)
 

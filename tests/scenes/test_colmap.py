@@ -213,7 +213,7 @@ def test_text_that_is_no_model(scene_folder, model, part):
         file.unlink()
     reconstruction.write_text(str(model))
     (model / f"{part}.txt").write_text("this is no model\nat all\n")
-    with pytest.raises(InputError, match="no readable COLMAP model"):
+    with pytest.raises(InputError, match=rf"no readable COLMAP model|{part}\.txt: found line 1"):
         load_scene(scene_folder)
 
 
@@ -277,5 +277,5 @@ def test_a_number_that_a_person_gave_is_a_name(scene_folder, tmp_path_factory):
 
 def test_another_model_beside_the_one_that_is_read_is_not_taken_for_it(scene_folder, model):
     shutil.copytree(model, model.parent / "1")
-    with pytest.raises(InputError, match=r"sparse/1: found cameras.bin, images.bin"):
+    with pytest.raises(InputError, match=r"sparse/1: found a model of 3 images"):
         load_scene(model.parent / "1")

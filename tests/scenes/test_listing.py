@@ -33,7 +33,9 @@ def given(folder: Path) -> list[Listed]:
 
 
 def test_a_scene_and_the_folder_that_holds_it_are_listed_alike(scene: Path) -> None:
-    expected = Listed(str(scene), layout="nerfstudio", training=4, test=1, width=20, height=10)
+    expected = Listed(
+        str(scene), layout="nerfstudio", training=4, test=1, split="hold 8 (default)", width=20, height=10
+    )
     assert given(scene) == [expected]
     assert given(scene.parent) == [expected]
 

@@ -376,7 +376,7 @@ def _first(content):
         (lambda c: _first(c).pop("file_path"), "file_path None"),
         (lambda c: _first(c).update(file_path=3), "file_path 3"),
         (lambda c: _first(c).update(file_path="images/1.png"), "several frames for images/1.png"),
-        (lambda c: _first(c).update(file_path="images/nothing"), "images/nothing: found no such file"),
+        (lambda c: _first(c).update(file_path="images/nothing"), "no image for images/nothing"),
         (lambda c: _first(c).pop("transform_matrix"), r"a pose of shape \(\)"),
         (lambda c: _first(c).update(transform_matrix=[[1, 2], [3]]), "no numbers"),
         (lambda c: _first(c).update(transform_matrix=np.zeros((4, 4)).tolist()), "last row"),

@@ -139,7 +139,8 @@ def test_every_option_says_what_it_is_about():
 def test_the_recipe_keeps_what_decides_the_content_in_the_order_of_the_options():
     names = [at.name for at in fields(DatasetOptions)]
     places = ("data_root", "out", "reuse")
-    left_out = {*places, "alpha_channel", "points", "photographs", "train_f_number", "test_f_number", "test_points"}
+    chosen = ("points", "photographs", "train_f_number", "test_f_number", "test_points")
+    left_out = {*places, *chosen, "alpha_channel", "skip_missing"}
     assert list(MakeDataset().recipe()) == [name for name in names if name not in left_out]
     asked = MakeDataset(
         alpha_channel="mask",

@@ -22,6 +22,7 @@ class Reading(TypedDict):
     layout: str
     hold: int | None
     alpha_channel: Alpha | None
+    skip_missing: bool
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,7 @@ class ResolvedScene:
         layout: str = "auto",
         hold: int | None = None,
         alpha_channel: Alpha | None = None,
+        skip_missing: bool = False,
     ) -> Reading:
         """How the scene is to be read: options that are given go before what is known of it.
 
@@ -76,6 +78,7 @@ class ResolvedScene:
             layout=self.layout if layout == "auto" else layout,
             hold=self.hold if hold is None else hold,
             alpha_channel=alpha_channel,
+            skip_missing=skip_missing,
         )
 
     def load(
@@ -86,10 +89,18 @@ class ResolvedScene:
         layout: str = "auto",
         hold: int | None = None,
         alpha_channel: Alpha | None = None,
+        skip_missing: bool = False,
     ) -> Scene:
         """Read the scene by `load_scene`, as `reading` says. Raises InputError as it does, or for a missing scene."""
         if self.missing:
             raise InputError(self.label, "no such scene here", self.missing)
-        asked = Reading(width=width, images=images, layout=layout, hold=hold, alpha_channel=alpha_channel)
+        asked = Reading(
+            width=width,
+            images=images,
+            layout=layout,
+            hold=hold,
+            alpha_channel=alpha_channel,
+            skip_missing=skip_missing,
+        )
         scene = load_scene(self.root, **self.reading(**asked))
         return replace(scene, name=self.name)

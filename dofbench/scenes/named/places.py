@@ -10,7 +10,7 @@ from typing import Any
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, sha256_file
-from dofbench.scenes.colmap import scene_folder
+from dofbench.scenes.colmap_places import scene_folder
 from dofbench.scenes.folders import scene_name
 from dofbench.scenes.loading import UNMARKED
 from dofbench.scenes.named.library import named_datasets, source_of
