@@ -67,16 +67,23 @@ def scene_folder(folder: Path) -> Path:
     Raises InputError for a model that another one of the scene is larger than.
     """
     here = folder.resolve()
-    for scene in here.parents[:_DEEPEST]:
-        places = {found.folder for place in _PLACES for found in _models(scene, *place)}
-        if here not in places and not any(here == place.parent and here != scene for place in places):
-            continue
-        chosen = find_model(scene)
-        if chosen is not None and here in places and here != chosen:
-            found = f"a model of {_count(here)} images, where {chosen} has {_count(chosen)}"
-            raise InputError(folder, found, f"{scene}, whose largest model is read, or that model alone")
-        return scene
-    return folder
+    above = [scene for scene in here.parents[:_DEEPEST] if here in _model_places(scene)]
+    if not above:
+        return folder
+    found = {scene: choose_model(scene) for scene in above}
+    whole = (scene for scene, model in found.items() if model is not None and image_folders(scene, model.images))
+    scene = next(whole, above[0])
+    chosen = found[scene]
+    if chosen is not None and here != chosen.folder and model_suffix(here):
+        contradiction = f"a model of {_count(here)} images, where {chosen.folder} has {_count(chosen.folder)}"
+        raise InputError(folder, contradiction, f"{scene}, whose largest model is read, or that model alone")
+    return scene
+
+
+def _model_places(scene: Path) -> set[Path]:
+    """Folders with a model of the scene, and those above them that belong to its place: sparse of sparse/0."""
+    models = {found.folder for place in _PLACES for found in _models(scene, *place)}
+    return models | {model.parent for model in models if model.name.isdigit()}
 
 
 def _models(root: Path, place: str, images: str) -> Iterator[FoundModel]:

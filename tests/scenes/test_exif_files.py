@@ -117,3 +117,58 @@ def test_every_reader_fills_it(tmp_path: Path, make_cameras: Callable, make_clou
     assert [view.exif is not None for view in scene.views] == [True, True, False]
     training = {view.name: view.exif for view in scene.training_set().views}
     assert "a" not in training and training["b"].camera == "SONY ILCE-7M2" and training["c"] is None
+
+
+def table(root: Path, *lines: str) -> None:
+    (root / "exif.csv").write_text("\n".join(["name,f_number", *lines]) + "\n")
+
+
+@pytest.fixture
+def two_folders(tmp_path: Path) -> dict[str, Path]:
+    """Photographs of equal names in two folders."""
+    names = [f"{side}/{name}" for side in ("left", "right") for name in "ab"]
+    return {name: write_photograph(tmp_path / f"images/{name}.jpg", {}) for name in names}
+
+
+@pytest.mark.parametrize("prefix", ["", "images/", "images_4/../images/"])
+def test_whole_paths_tell_equal_names_apart(tmp_path: Path, two_folders: dict[str, Path], prefix: str) -> None:
+    lines = [f"{prefix}{name}.jpg,{2 + index}" for index, name in enumerate(two_folders)]
+    table(tmp_path, *lines)
+    found = exif_by_file(tmp_path, two_folders)
+    if ".." in prefix:
+        assert not found  # no path of a photograph
+    else:
+        assert [found[name].f_number for name in two_folders] == [2, 3, 4, 5]
+
+
+def test_a_bare_name_that_two_photographs_have_is_refused(tmp_path: Path, two_folders: dict[str, Path]) -> None:
+    table(tmp_path, "a.jpg,2")
+    with pytest.raises(InputError, match=r"a\.jpg, which may be images/left/a\.jpg, images/right/a\.jpg"):
+        exif_by_file(tmp_path, two_folders)
+    left = {name: file for name, file in two_folders.items() if name.startswith("left")}
+    assert exif_by_file(tmp_path, left)["left/a"].f_number == 2
+
+
+def test_a_folders_own_table_is_about_that_folder(tmp_path: Path, two_folders: dict[str, Path]) -> None:
+    table(tmp_path / "images/left", "a.jpg,2")
+    table(tmp_path / "images/right", "a.jpg,4", "b.png,8")
+    found = exif_by_file(tmp_path, two_folders)
+    assert {name: record.f_number for name, record in found.items()} == {"left/a": 2, "right/a": 4, "right/b": 8}
+
+
+def test_smaller_copies_have_the_lines_of_the_photographs(tmp_path: Path) -> None:
+    files = {name: write_photograph(tmp_path / f"images_8/{name}.png", {}) for name in ("a", "b", "a.b")}
+    table(tmp_path, "images/a.JPG,2", "b.jpg,4", "a.b.jpg,8", "other/c.jpg,3")
+    found = exif_by_file(tmp_path, files)
+    assert {name: record.f_number for name, record in found.items()} == {"a": 2, "b": 4, "a.b": 8}
+
+
+def test_lines_that_differ_about_one_photograph_are_refused(tmp_path: Path) -> None:
+    files = {"a": write_photograph(tmp_path / "images/a.png", {})}
+    table(tmp_path, "a.jpg,2", "a.dng,4")
+    with pytest.raises(InputError, match=r"a\.jpg and a\.dng for images/a\.png"):
+        exif_by_file(tmp_path, files)
+    table(
+        tmp_path, "a.jpg,2", "a.dng,2", "a.PNG,4"
+    )  # the same name, the suffix's case aside, is surer than another one
+    assert exif_by_file(tmp_path, files)["a"].f_number == 4

@@ -109,6 +109,7 @@ def test_the_command_says_what_differs_from_the_defaults():
     assert MakeDataset().command("planes") == "dofbench make-dataset planes"
     text = MakeDataset(scene="/somewhere/planes", focus=(0.5,), hold=4, out="elsewhere").command("planes")
     assert text == "dofbench make-dataset planes --focus 0.5 --hold 4"
+    assert MakeDataset(skip_missing=True).command("planes") == "dofbench make-dataset planes --skip-missing"
 
 
 def test_held_out_tests_at_aperture_zero_too_unless_told():
@@ -148,12 +149,13 @@ def test_the_recipe_keeps_what_decides_the_content_in_the_order_of_the_options()
         photographs="shallow",
         train_f_number=2.0,
         test_f_number=8.0,
+        skip_missing=True,
         out=Path("there"),
     )
     assert list(asked.recipe()) == [name for name in names if name not in places]
     kept = ["width", "hold", "depth", "depth_unit", "images", "layout"]
     assert list(MakeDataset().photograph_recipe()) == [*kept, "photographs"]
-    of_photographs = ["alpha_channel", "points", "photographs", "train_f_number", "test_f_number", "test_points"]
+    of_photographs = ["alpha_channel", "skip_missing", *chosen]
     assert list(asked.photograph_recipe()) == [*kept, *of_photographs]
 
 
