@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dofbench.core.errors import InputError
+from dofbench.core.readable import read_text
 
 _COUNT = {part: re.compile(rf"#\s*Number of {part}:\s*(\d+)") for part in ("cameras", "images", "points")}
 # IMAGE_ID, QW QX QY QZ, TX TY TZ, CAMERA_ID, then the name: the rest of the line.
@@ -91,10 +92,7 @@ def count_images(folder: Path) -> int:
 
 
 def _text(file: Path) -> str:
-    try:
-        return file.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(file, f"text that isn't UTF-8 (byte {error.start})", "names in UTF-8") from None
+    return read_text(file, "a file of a COLMAP model")
 
 
 def _data_lines(text: str) -> list[tuple[int, str]]:

@@ -5,13 +5,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from dofbench.core.errors import InputError
+from dofbench.core.files import read_json
+from dofbench.core.readable import read_text
 from dofbench.scenes.colmap_places import find_model
 from dofbench.scenes.folders import image_files, listed
 from dofbench.scenes.name_match import ImageNames, plain_inside
@@ -167,20 +167,13 @@ def _of_texts(root: Path, folder: Path) -> FileSplit | None:
 
 
 def _lines(file: Path) -> tuple[str, ...]:
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError(file, "text that isn't UTF-8", f"the name of an image in each line{_CURE}") from None
-    lines = (line.strip() for line in text.split("\n"))
+    lines = (line.strip() for line in read_text(file, "the name of an image in each line").split("\n"))
     return _checked([line for line in lines if line and not line.startswith("#")], file, file.stem)
 
 
 def _of_json(root: Path, file: Path) -> FileSplit:
     expected = f'{{"train": [...], "test": [...]}}, names of images{_CURE}'
-    try:
-        content: Any = json.loads(file.read_text(encoding="utf-8-sig"))
-    except (ValueError, RecursionError) as error:
-        raise InputError(file, f"no JSON ({str(error)[:80]})", expected) from None
+    content = read_json(file)
     lists = {part: content[part] for part in _LISTS if part in content} if isinstance(content, dict) else {}
     if not lists.keys() & {"train", "test"} or not all(isinstance(names, list) for names in lists.values()):
         raise InputError(file, "no lists train and test", expected)
