@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dofbench.core.cameras import NO_OFFSET
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.scenes.colmap_files import check_binary, check_kinds, model_suffix
 from dofbench.scenes.colmap_places import PLACES, FoundModel, choose_model, find_model
 from dofbench.scenes.colmap_text import readable_text
 from dofbench.scenes.folders import choose_folder, find_matches, listed, refuse_missing
+from dofbench.scenes.local_frame import local_offset
 from dofbench.scenes.name_match import plain_inside
-from dofbench.scenes.poses import rigid
+from dofbench.scenes.poses import invert, rigid
 from dofbench.scenes.scene import Scene
 from dofbench.scenes.undistort import Intrinsics
 from dofbench.scenes.unused import other_format, skipped, without_pose
@@ -41,6 +43,8 @@ _PERSPECTIVE = {
     "FULL_OPENCV": 8,
 }
 _FISHEYE = {"SIMPLE_RADIAL_FISHEYE": 1, "RADIAL_FISHEYE": 2, "OPENCV_FISHEYE": 4}
+# Median reprojection error, pixels, beyond twice what a model says of itself, from which on it is named.
+_MISSED = 1.0
 _TWO_FOCALS = ("PINHOLE", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE")
 
 
@@ -58,6 +62,10 @@ class Model:
     world_to_camera: tuple[np.ndarray, ...]
     points: PointCloud | None
     notes: tuple[str, ...] = ()
+
+    def noted(self, notes: Sequence[str]) -> Model:
+        """The model with these notes before its own."""
+        return replace(self, notes=(*notes, *self.notes))
 
     def only(self, images: Sequence[int]) -> Model:
         """The model of these images alone, in order, with the points that they saw."""
@@ -107,7 +115,7 @@ def read(root: Path, *, width: int | None, images: str | None, hold: int | None,
 def read_found(found: FoundModel) -> Model:
     """Read the model that was chosen, and note the choice. Raises InputError as `read_model`."""
     model = read_model(found.folder)
-    return replace(model, notes=(*([found.choice] if found.choice else ()), *model.notes))
+    return model.noted([found.choice] if found.choice else ())
 
 
 def read_model(folder: Path) -> Model:
@@ -120,7 +128,7 @@ def read_model(folder: Path) -> Model:
         check_binary(folder)
         return _model(folder, suffix, folder, {})
     with readable_text(folder) as text:
-        return replace(_model(folder, suffix, text.folder, text.names), notes=text.notes)
+        return _model(folder, suffix, text.folder, text.names).noted(text.notes)
 
 
 def _model(folder: Path, suffix: str, place: Path, names: Mapping[int, str]) -> Model:
@@ -149,7 +157,7 @@ def _model(folder: Path, suffix: str, place: Path, names: Mapping[int, str]) -> 
         raise InputError(images_file, f"several images called {listed(twice)}", "one image a name")
     posed = [reconstruction.images[key] for key in sorted(called, key=called.__getitem__)]
     lenses = {key: _intrinsics(camera, cameras_file) for key, camera in reconstruction.cameras.items()}
-    return Model(
+    model = Model(
         folder=folder,
         names=tuple(called[image.image_id] for image in posed),
         intrinsics=tuple(lenses[image.camera_id] for image in posed),
@@ -158,6 +166,33 @@ def _model(folder: Path, suffix: str, place: Path, names: Mapping[int, str]) -> 
         ),
         points=_points(reconstruction, [image.image_id for image in posed], folder / f"points3D{suffix}"),
     )
+    centres = np.stack([invert(pose)[:3, 3] for pose in model.world_to_camera])
+    if local_offset(centres, model.points) != NO_OFFSET:
+        return replace(model, notes=_misplaced(reconstruction))
+    return model
+
+
+def _misplaced(reconstruction: pycolmap.Reconstruction) -> tuple[str, ...]:
+    """A note where points of a model far from its origin miss the image positions that the model itself records.
+
+    A camera's position is computed from its rotation there, times the distance of the origin: in a UTM zone a text
+    file with seven digits of the rotation puts it half a metre off.
+    """
+
+    def median_error() -> float:
+        known = [point.error for point in reconstruction.points3D.values() if point.error >= 0]
+        return float(np.median(known)) if known else 0.0
+
+    before = median_error()
+    reconstruction.update_point_3d_errors()
+    after = median_error()
+    if after <= 2 * before + _MISSED:
+        return ()
+    found = (
+        f"points miss their recorded image positions by {after:.3g} pixels (median), {before:.3g} as the model says: "
+        "so far from the origin, rotations of a few digits misplace cameras"
+    )
+    return (found,)
 
 
 def _intrinsics(camera: pycolmap.Camera, subject: Path) -> Intrinsics:

@@ -7,12 +7,11 @@ moved near the origin in float64 when it is read, and back when its coordinates 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from dofbench.core.cameras import NO_OFFSET, Camera, Offset
+from dofbench.core.cameras import NO_OFFSET, Offset
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.scenes.scene import Scene
@@ -36,8 +35,8 @@ def localised(scene: Scene, offset: Offset | None, subject: object) -> Scene:
     """
     if offset is not None:
         return _moved(scene, offset)
-    cameras = [view.camera for view in scene.views]
-    centres, centre, size = _layout(cameras, scene.points)
+    centres = np.stack([view.camera.centre for view in scene.views])
+    centre, size = _layout(centres, scene.points)
     if not size > 0:
         return scene
     apart = _distances(centres, centre)
@@ -54,7 +53,7 @@ def localised(scene: Scene, offset: Offset | None, subject: object) -> Scene:
                 f"{(~kept).sum()} of {len(kept)} points are more than {_POINT_APART:g} times as far away as others "
                 "(median); excluded"
             )
-    offset = local_offset(cameras, scene.points)
+    offset = local_offset(centres, scene.points)
     scene = replace(scene, points=points).noted(excluded)
     if offset == NO_OFFSET:
         return scene
@@ -68,14 +67,14 @@ def localised(scene: Scene, offset: Offset | None, subject: object) -> Scene:
     return _moved(scene, offset).noted(moved, *named)
 
 
-def local_offset(cameras: Sequence[Camera], points: PointCloud | None) -> Offset:
-    """What to subtract from the coordinates of a scene; zero unless its origin is far away.
+def local_offset(centres: np.ndarray, points: PointCloud | None) -> Offset:
+    """What to subtract from the coordinates of a scene; zero unless its origin is far away. centres: (V, 3) of cameras.
 
     Far is more than 100 times the scene's size: the median distance of cameras, or of points where that is larger, from
     the median camera. That camera's position is rounded to a power of two below the size, so that subtracting and
     adding it rounds no more than float64 does in the file.
     """
-    _, centre, size = _layout(cameras, points)
+    centre, size = _layout(centres, points)
     if not 0 < size < math.inf or not math.hypot(*centre) > _FAR * size:
         return NO_OFFSET
     unit = 2.0 ** math.floor(math.log2(size))
@@ -83,12 +82,11 @@ def local_offset(cameras: Sequence[Camera], points: PointCloud | None) -> Offset
     return x, y, z
 
 
-def _layout(cameras: Sequence[Camera], points: PointCloud | None) -> tuple[np.ndarray, np.ndarray, float]:
-    """(centres (V, 3), their median (3,), the scene's size); medians, so that single outliers don't count."""
-    centres = np.stack([camera.centre for camera in cameras])
+def _layout(centres: np.ndarray, points: PointCloud | None) -> tuple[np.ndarray, float]:
+    """(median centre (3,), the scene's size); medians, so that single outliers don't count."""
     centre = np.median(centres, axis=0)
     sizes = [_distances(places, centre) for places in (centres, *(() if points is None else (points.xyz,)))]
-    return centres, centre, max(float(np.median(distances)) for distances in sizes if len(distances))
+    return centre, max(float(np.median(distances)) for distances in sizes if len(distances))
 
 
 def _distances(places: np.ndarray, centre: np.ndarray) -> np.ndarray:

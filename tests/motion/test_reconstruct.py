@@ -170,6 +170,8 @@ def test_known_poses_far_from_the_origin_stay_where_they_are(tmp_path: Path, lay
     for before, after in zip(given.views, made.views, strict=True):
         assert np.allclose(before.camera.centre + given.offset, after.camera.centre + made.offset, atol=FAR_POSITION)
         assert before.split == after.split
+    # The same photographs with other poses are another scene.
+    assert cli.main(["reconstruct", str(near), "--out", str(far.with_suffix(".out"))]) == 2
 
 
 def test_poses_may_be_ignored(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 import pytest
 from colmap_workspace import back_projected, write_fused, write_map, write_workspace
 from tolerances import FLOAT32_SCALAR
@@ -149,3 +150,15 @@ def test_poses_of_another_reconstruction_are_refused(workspace, photographed):
     views[0] = replace(views[0], camera=replace(views[0].camera, world_to_camera=pose))
     with pytest.raises(InputError, match="distances differ"):
         workspace_depth(workspace, replace(photographed.training_set, views=tuple(views)))
+
+
+def test_a_workspace_far_from_its_origin_is_refused(workspace, photographed, tmp_path):
+    folder = _copy(workspace, tmp_path)
+    points = read_ply(workspace / "fused.ply").xyz
+    model = pycolmap.Reconstruction(folder / "sparse")
+    far = np.array([448262.0, 5411932.0, 135.0])
+    model.transform(pycolmap.Sim3d(1.0, pycolmap.Rotation3d(), far))
+    model.write(folder / "sparse")
+    write_fused(folder / "fused.ply", points + far)
+    with pytest.raises(InputError, match="far from their origin"):
+        workspace_depth(folder, photographed.training_set)

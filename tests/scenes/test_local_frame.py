@@ -141,13 +141,35 @@ def test_positions_that_float32_rounded_are_named(far: Far) -> None:
     assert "camera positions" in rounded and "0.5 scene units" in rounded and "far from the origin" in moved
 
 
-def test_a_scene_without_extent_stays(make_cameras: Callable) -> None:
-    camera = placed_at(make_cameras(1)[0], np.array(UTM))
-    assert local_offset([camera, camera], None) == NO_OFFSET
+def test_a_scene_without_extent_stays() -> None:
+    assert local_offset(np.array([UTM, UTM]), None) == NO_OFFSET
 
 
 def test_the_offset_is_found_whatever_the_scenes_unit(far: Far) -> None:
     for unit in (1e-3, 1.0, 1e4):
-        cameras = [placed_at(camera, unit * (camera.centre + np.array(UTM))) for camera in far.cameras]
-        offset = local_offset(cameras, PointCloud(unit * (far.cloud.xyz + UTM), far.cloud.rgb, far.cloud.error))
+        centres = unit * np.array([camera.centre + UTM for camera in far.cameras])
+        offset = local_offset(centres, PointCloud(unit * (far.cloud.xyz + UTM), far.cloud.rgb, far.cloud.error))
         assert np.abs(np.array(offset) / unit - UTM).max() < 10
+
+
+@pytest.mark.parametrize(("digits", "named"), [(17, False), (5, True)])
+def test_cameras_misplaced_by_rounded_rotations_are_named(far: Far, digits: int, named: bool) -> None:
+    far.written("colmap", np.array(UTM))
+    model = far.folder / "sparse" / "0"
+    read = pycolmap.Reconstruction(model)
+    read.update_point_3d_errors()
+    shutil.rmtree(model)
+    model.mkdir()
+    read.write_text(model)
+    for newer in ("rigs.txt", "frames.txt"):
+        (model / newer).unlink()
+    lines = (model / "images.txt").read_text().splitlines()
+    first = next(index for index, line in enumerate(lines) if not line.startswith("#"))
+    for index in range(first, len(lines), 2):
+        words = lines[index].split()
+        words[1:5] = [f"{float(word):.{digits}g}" for word in words[1:5]]
+        lines[index] = " ".join(words)
+    (model / "images.txt").write_text("\n".join(lines) + "\n")
+    notes = load_scene(far.folder, layout="colmap").notes
+    shutil.rmtree(model)
+    assert any("rotations" in note for note in notes) is named

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from dofbench.core.cameras import Camera
+from dofbench.core.cameras import NO_OFFSET, Camera
 from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.core.errors import InputError
 from dofbench.learning.priors.prior_progress import Progress, silent
@@ -19,6 +19,7 @@ from dofbench.learning.supervision import DepthMap
 from dofbench.scenes.colmap import Model, read_model
 from dofbench.scenes.colmap_files import model_suffix
 from dofbench.scenes.depth_files import read_depth
+from dofbench.scenes.local_frame import local_offset
 from dofbench.scenes.ply import read_ply
 
 SAME_DEPTH = 0.02  # relative: a fused point is a mean over views, and within this of each map that it was fused from
@@ -38,9 +39,12 @@ def workspace_depth(folder: Path, training_set: TrainingSet, *, progress: Progre
     cameras = [_camera(model, place) for place in places]
     unit = _scale(folder, training_set.views, cameras)
     fused = folder / "fused.ply"
-    points = read_ply(fused).xyz
+    cloud = read_ply(fused)
+    points = cloud.xyz
     if not len(points):
         raise InputError(fused, "no points", "what stereo_fusion kept")
+    if local_offset(np.stack([camera.centre for camera in cameras]), cloud) != NO_OFFSET:
+        raise InputError(folder, "coordinates far from their origin", "a workspace near it: COLMAP's is in float32")
     maps = []
     progress("depth prior: workspace", 0, len(places))
     for view, place, camera in zip(training_set.views, places, cameras, strict=True):

@@ -9,11 +9,13 @@ from typing import Literal
 
 from dofbench.core.cameras import NO_OFFSET, Offset
 from dofbench.core.errors import InputError
+from dofbench.core.files import canonical_json, sha256_text
 from dofbench.scenes.folders import image_folders
 from dofbench.scenes.loading import detect, load_scene, print_notes
 from dofbench.scenes.reconstruction import video
 from dofbench.scenes.reconstruction.photograph_list import LEAST, Photograph, digests, find_photographs, upright_size
 from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
+from dofbench.scenes.scene import Scene
 from dofbench.scenes.views import DEFAULT_HOLD
 
 Kind = Literal["photographs", "video", "poses"]
@@ -25,7 +27,8 @@ class Source:
     """What there is. views: photographs that it gives, of a video at most. size: the first one's (width, height),
     upright. digests: gives the sha256 of every file, by name. photographs: given a folder for frames, and told of
     progress, the photographs. count: of the items that progress counts; 0 where nothing needs doing. holds_split:
-    whether the views' split is another than every eighth view's. offset: of the scene whose poses are known."""
+    whether the views' split is another than every eighth view's. poses: digest of cameras, split and offset, where the
+    poses are known; empty else. offset: of the scene."""
 
     kind: Kind
     name: str
@@ -35,6 +38,7 @@ class Source:
     photographs: Callable[[Path, Callable[[int], None]], list[Photograph]]
     count: int = 0
     holds_split: bool = False
+    poses: str = ""
     offset: Offset = NO_OFFSET
 
 
@@ -102,5 +106,15 @@ def _posed(settings: Reconstruct) -> Source:
         lambda: digests(photographs),
         lambda folder, advance: photographs,
         holds_split=any(view.split != usual[view.name] for view in scene.views),
+        poses=_digest(scene),
         offset=scene.offset,
     )
+
+
+def _digest(scene: Scene) -> str:
+    """What decides the points of a scene beside its photographs: sha256 of cameras, split and offset."""
+    views = [
+        [view.name, view.split, *view.camera.parameters, *view.camera.world_to_camera.ravel().tolist()]
+        for view in scene.views
+    ]
+    return sha256_text(canonical_json({"views": views, "offset": scene.offset}))

@@ -60,6 +60,7 @@ def run(settings: Reconstruct, progress: Progress, say: Callable[[str], None] | 
                 "settings": settings.recipe(),
                 "kind": source.kind,
                 "files": digests,
+                **({"poses": source.poses} if source.poses else {}),
                 "dofbench": __version__,
                 "pycolmap": pycolmap.__version__,
             }
