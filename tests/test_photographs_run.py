@@ -20,6 +20,7 @@ from dofbench.scenes import export, load_scene
 from dofbench.synthesis import Dataset
 
 HOLD, STEPS, WIDTH = 8, 60, 64
+METRES = 0.5  # to a scene unit
 APERTURE, FOCUS = 3.0, (0.2, 0.5, 0.8)  # up to 3.8 px a unit of disparity, as photographs of a common width have
 
 
@@ -48,12 +49,12 @@ def two_apertures(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scene = load_scene(content_folder("datasets") / "tabletop", width=WIDTH)
     root = tmp_path_factory.mktemp("apertures") / "sitting"
     disparity_range = scene_range(lambda: (view.depth() for view in scene.views))
-    lines = ["name,f_number,focal_length_mm"]
+    lines = ["name,f_number,focal_length_mm,focus_distance_m"]
     for index, view in enumerate(scene.views):
         number = 4.0 if index == 1 else 8.0 if index % 3 == 0 else 2.0
         lens = Lens(2 * APERTURE / number, FOCUS[index % len(FOCUS)]).physical(disparity_range, WIDTH)
         write_png(root / "images" / f"{view.name}.png", defocus_numpy(view.image(), view.depth(), lens)[0])
-        lines.append(f"{view.name}.png,{number:g},50")
+        lines.append(f"{view.name}.png,{number:g},50,{METRES / lens.focus_disparity:.3f}")
     (root / "exif.csv").write_text("\n".join(lines) + "\n")
     export.write_colmap(
         root, [f"{view.name}.png" for view in scene.views], [view.camera for view in scene.views], scene.points
@@ -82,7 +83,9 @@ def test_one_aperture_predicts_the_photographs_of_another(
     run = ["run", "--preset", "smoke", "--data", str(data), "--budget", "8it", "--out", str(results), "--method"]
     assert cli.main([*run, "dofgaussian"]) == 0 and cli.main([*run, "mipsplatting"]) == 0
     plan = capsys.readouterr().out
-    assert "across-apertures-v1" in plan and "exif_spread, exif_ratio: the method learns no lens" in plan
+    assert (
+        "across-apertures-v1" in plan and "exif_spread, exif_ratio, exif_focus, exif_focus_scatter: the method" in plan
+    )
     found = {result.spec.method: result for result in map(read_result, results.rglob("result.json"))}
     lens, none = found["dofgaussian"], found["mipsplatting"]
     median = sorted(view.aperture for view in lens.apertures)[len(lens.apertures) // 2]
@@ -108,12 +111,20 @@ def test_spread_and_ratio_come_from_a_sitting_of_several_apertures(two_apertures
         result = read_result(file)
         assert result.spec.protocol == "photographs-v1"
         assert {"exif_spread", "exif_ratio"} & result.scores.keys() == there
-        assert len(result.apertures) == 17
+        assert len(result.apertures) == len(result.foci) == 17
+        assert ("exif_focus" in result.scores) == ("exif_focus_scatter" in result.scores) == ("exif_spread" in there)
     assert "all photographs have one aperture" in result.left_out["exif_spread"]
+    assert "all photographs have one learned focus" in result.left_out["exif_focus"]
     assert result.scores["exif_ratio"] == pytest.approx(300), "f/8 : f/2, told apart by nothing"
     stored = json.loads(file.read_text())
     for view in stored["apertures"]:
         view["aperture"] *= 1.5 if view["f_number"] == 8 else 1
+    file.write_text(json.dumps(stored))
+    assert cli.main(["check", str(file.parent)]) == 1
+    (file,) = (tmp_path / "lens_per=view").rglob("result.json")
+    assert cli.main(["check", str(file.parent)]) == 0
+    stored = json.loads(file.read_text())
+    stored["foci"][0]["distance"] *= 2
     file.write_text(json.dumps(stored))
     assert cli.main(["check", str(file.parent)]) == 1
 

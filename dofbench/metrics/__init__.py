@@ -185,6 +185,30 @@ METRICS: dict[str, Metric] = {
             "between f-numbers of 3 training views or more, of median learned aperture × f-number: by how much the "
             "largest is above the smallest",
         ),
+        Metric(
+            "exif_focus",
+            "focus rank correlation",
+            "",
+            True,
+            -1.0,
+            1.0,
+            "exif",
+            None,
+            "Spearman's, of the training views' learned focus disparity and 1 / focus distance in EXIF; 5 views and 3 "
+            "different distances or more",
+        ),
+        Metric(
+            "exif_focus_scatter",
+            "focus scatter",
+            "%",
+            False,
+            0.0,
+            math.inf,
+            "exif",
+            None,
+            "of the same: standard deviation of the learned focus disparity about the best scale × (1 / distance) + "
+            "offset, over its mean",
+        ),
     )
 }
 

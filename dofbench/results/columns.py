@@ -6,7 +6,13 @@ import math
 from dataclasses import dataclass
 
 from dofbench.metrics import METRICS
-from dofbench.results.protocol import ACROSS_COLUMNS, AIF_PREFIX, EXIF_COLUMNS, PHOTOGRAPH_COLUMNS
+from dofbench.results.protocol import (
+    ACROSS_COLUMNS,
+    AIF_PREFIX,
+    EXIF_COLUMNS,
+    EXIF_FOCUS_COLUMNS,
+    PHOTOGRAPH_COLUMNS,
+)
 
 IDENTITY = ("method", "preset", "dataset", "scene", "protocol", "seed", "status")
 # What a run's scores are evidence of, last in files: the role of its scene, what took the photographs, whether its
@@ -17,7 +23,7 @@ ALL_IN_FOCUS = ("aif_psnr", "aif_ssim", "aif_flip", "aif_ssim_uniform7")
 LENS = ("delta_a", "delta_f", "delta_r")
 DEPTH = ("disparity_error", "depth_rel")
 PHOTOGRAPH = (*PHOTOGRAPH_COLUMNS, *ACROSS_COLUMNS)
-EXIF = EXIF_COLUMNS
+EXIF = (*EXIF_COLUMNS, *EXIF_FOCUS_COLUMNS)
 COST = ("train_s", "train_cpu_s", "cold_start_s", "steps", "render_fps", "peak_mb", "gaussians", "resolved")
 SCORES = (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH, *LENS, *EXIF, *DEPTH, *COST)
 # Columns added later, which come last in files
@@ -26,10 +32,11 @@ _NEW_IN_FILES = (
     "train_cpu_s",
     "cold_start_s",
     *PHOTOGRAPH,
-    *EXIF,
+    *EXIF_COLUMNS,
     "resolved",
     "ssim_uniform7",
     "aif_ssim_uniform7",
+    *EXIF_FOCUS_COLUMNS,
 )
 FILE_SCORES = (*(column for column in SCORES if column not in _NEW_IN_FILES), *_NEW_IN_FILES)
 
@@ -58,6 +65,8 @@ _DIGITS = {
     "photo_blur_psnr": 2,
     "exif_spread": 1,
     "exif_ratio": 1,
+    "exif_focus": 2,
+    "exif_focus_scatter": 1,
     "resolved": 0,
 }
 _COSTS = {

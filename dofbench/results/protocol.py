@@ -28,6 +28,7 @@ ACROSS_COLUMNS = (
     "in_focus_blurred_psnr",
 )
 EXIF_COLUMNS = ("exif_spread", "exif_ratio")
+EXIF_FOCUS_COLUMNS = ("exif_focus", "exif_focus_scatter")
 # Scores of predictions for comparison with those by the learned lens; a method without a lens has none of these.
 OF_LENSES = ("photo_blur_psnr", "unscaled_psnr", "unscaled_blurred_psnr")
 BY_BLUR = "photographs are predicted by one Gaussian blur in place of a lens"

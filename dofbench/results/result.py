@@ -17,7 +17,7 @@ from dofbench.core.files import canonical_json, sha256_text, write_json
 from dofbench.core.names import InsideName, InsidePath
 from dofbench.core.readable import parse_json, read_text
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 RESULT_FILE = "result.json"
 # Folders beside result.json: files that the method saved, and predicted pictures
 MODEL_FOLDER, PREDICTIONS_FOLDER = "model", "predictions"
@@ -58,6 +58,14 @@ def _from_3(data: dict[str, Any]) -> dict[str, Any]:
 
 
 MIGRATIONS[3] = _from_3
+
+
+def _from_4(data: dict[str, Any]) -> dict[str, Any]:
+    """Version 5 adds learned foci with the distances in EXIF; older results have none."""
+    return data | {"foci": []}
+
+
+MIGRATIONS[4] = _from_4
 
 
 class Stored(BaseModel):
@@ -170,6 +178,14 @@ class ViewAperture(Stored):
     f_number: float
 
 
+class ViewFocus(Stored):
+    """Learned focus of one training view, 1 / scene unit, and the distance in its EXIF, m, infinite for infinity."""
+
+    name: str
+    focus_disparity: float
+    distance: float
+
+
 class Event(Stored):
     """A NaN or infinity, with the step and the stage in which it appeared."""
 
@@ -197,7 +213,7 @@ class Result(Stored):
     empty before version 2. data: the dataset's folder as the user gave it. role, role_by, photographer: of the dataset
     (`dofbench.core.evidence`); None, "" and None before version 4, role also where it isn't stated. choices: digest of
     all that preset and call chose (`dofbench.running.frozen_presets`), None before version 4. plan, protocol: as plain
-    data. fits, apertures: empty before version 3. git is None outside a checkout.
+    data. fits, apertures: empty before version 3, foci before version 5. git is None outside a checkout.
     """
 
     schema_version: int
@@ -225,6 +241,7 @@ class Result(Stored):
     lens: list[ViewLens]
     fits: list[ViewFit]
     apertures: list[ViewAperture]
+    foci: list[ViewFocus]
     curve: list[CurvePoint]
     stages: dict[str, StageTime]
     method_stages: dict[str, float]

@@ -304,6 +304,7 @@ class Execution:
             lens=found.lens,
             fits=found.fits,
             apertures=found.apertures,
+            foci=found.foci,
             curve=trained.curve if trained else observer.curve if observer else [],
             stages={name: StageTime.model_validate(time) for name, time in stages.items()},
             method_stages=outcome.stages if outcome else {},

@@ -10,11 +10,11 @@ from dofbench.core.contracts import Decision
 from dofbench.core.errors import InputError
 from dofbench.dataset.benchmark_dataset import BenchmarkDataset
 from dofbench.dataset.points_record import PointsRecord, points_in_words
-from dofbench.results.protocol import BY_BLUR, EXIF_COLUMNS, LENS_COLUMNS, OF_LENSES, Protocol
+from dofbench.results.protocol import BY_BLUR, EXIF_COLUMNS, EXIF_FOCUS_COLUMNS, LENS_COLUMNS, OF_LENSES, Protocol
 from dofbench.running.facts import Facts
 from dofbench.running.method_cards import Card, MethodEntry
 from dofbench.running.stage_deciders import DECIDERS, Asked
-from dofbench.scoring.exif_scores import asked_by_exif, missing_exif
+from dofbench.scoring.exif_scores import asked_by_exif, missing_exif, missing_exif_focus
 from dofbench.scoring.ground_truth import NO_TEST_VIEWS, MissingTruth, missing_truth
 from dofbench.scoring.resolved import RESOLVED_COLUMN
 
@@ -114,9 +114,9 @@ def make_plan(
         entry, {**options, **overrides}, overrides, facts, force_all, protocol.inputs == "all-in-focus"
     )
     left_out = _left_out(entry, protocol, stages, missing_truth(dataset))
-    exif = EXIF_COLUMNS if asked_by_exif(dataset, protocol.inputs) else ()
-    if reason := _no_exif(entry, stages, dataset):
-        left_out |= dict.fromkeys(exif, reason)
+    exif = (*EXIF_COLUMNS, *EXIF_FOCUS_COLUMNS) if asked_by_exif(dataset, protocol.inputs) else ()
+    if exif:
+        left_out |= _no_exif(entry, stages, dataset)
     every = (
         *protocol.refocus_columns,
         *protocol.all_in_focus_columns,
@@ -226,12 +226,14 @@ def _why_no_lens(entry: MethodEntry, stages: Sequence[Stage]) -> str:
     return next((stage.reason for stage in stages if stage.name == name and not stage.runs), "")
 
 
-def _no_exif(entry: MethodEntry, stages: list[Stage], dataset: BenchmarkDataset) -> str:
-    """Why learned apertures can't be compared with EXIF, or ""."""
-    if not entry.card.capabilities.learns_lens:
-        return "the method learns no lens"
-    left_out = _why_no_lens(entry, stages)
-    return f"the lens was left out: {left_out}" if left_out else missing_exif(dataset)
+def _no_exif(entry: MethodEntry, stages: list[Stage], dataset: BenchmarkDataset) -> dict[str, str]:
+    """Why learned lenses can't be compared with EXIF, by column; columns that can be are absent."""
+    no_lens = "" if entry.card.capabilities.learns_lens else "the method learns no lens"
+    if left_out := _why_no_lens(entry, stages):
+        no_lens = no_lens or f"the lens was left out: {left_out}"
+    reasons = dict.fromkeys(EXIF_COLUMNS, no_lens or missing_exif(dataset))
+    reasons |= dict.fromkeys(EXIF_FOCUS_COLUMNS, no_lens or missing_exif_focus(dataset))
+    return {column: reason for column, reason in reasons.items() if reason}
 
 
 def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], missing: MissingTruth) -> dict[str, str]:

@@ -29,15 +29,16 @@ from dofbench.results.protocol import (
     BY_BLUR,
     DEPTH_COLUMNS,
     EXIF_COLUMNS,
+    EXIF_FOCUS_COLUMNS,
     LENS_COLUMNS,
     OF_LENSES,
     PHOTO_PREFIX,
     Protocol,
     arithmetic_mean,
 )
-from dofbench.results.result import ViewAperture, ViewFit, ViewLens, ViewScores
+from dofbench.results.result import ViewAperture, ViewFit, ViewFocus, ViewLens, ViewScores
 from dofbench.scoring.error_maps import error_map
-from dofbench.scoring.exif_scores import exif_scores, learned_apertures
+from dofbench.scoring.exif_scores import exif_focus_scores, exif_scores, learned_apertures, learned_foci
 from dofbench.scoring.ground_truth import missing_truth
 from dofbench.scoring.photograph_scores import NO_STRATA, Scored, scored_photographs
 from dofbench.scoring.resolved import RESOLVED_COLUMN, ResolvedCircles, photographs_of, resolved_map, resolved_share
@@ -67,6 +68,7 @@ class Evaluation:
     lens: list[ViewLens] = field(default_factory=list)
     fits: list[ViewFit] = field(default_factory=list)
     apertures: list[ViewAperture] = field(default_factory=list)
+    foci: list[ViewFocus] = field(default_factory=list)
     predictions: dict[str, str] = field(default_factory=dict)
     nonfinite: list[NonFinite] = field(default_factory=list)
     left_out: dict[str, str] = field(default_factory=dict)
@@ -186,16 +188,21 @@ class Evaluator:
             found.predictions[relative] = sha256_file(folder / relative)
 
     def _score_by_exif(self, found: Evaluation) -> None:
-        if not any(column in self._columns for column in EXIF_COLUMNS):
-            return
-        estimated = self._method.lens_estimates()
-        if estimated is None:
-            found.left_out |= dict.fromkeys(EXIF_COLUMNS, "the method gave no lens estimates")
-            return
-        found.apertures = learned_apertures(self._dataset, estimated)
-        scores, reasons = exif_scores(found.apertures)
-        found.scores |= scores
-        found.left_out |= reasons
+        for columns in (EXIF_COLUMNS, EXIF_FOCUS_COLUMNS):
+            if not any(column in self._columns for column in columns):
+                continue
+            estimated = self._method.lens_estimates()
+            if estimated is None:
+                found.left_out |= dict.fromkeys(columns, "the method gave no lens estimates")
+                continue
+            if columns == EXIF_COLUMNS:
+                found.apertures = learned_apertures(self._dataset, estimated)
+                scores, reasons = exif_scores(found.apertures)
+            else:
+                found.foci = learned_foci(self._dataset, estimated)
+                scores, reasons = exif_focus_scores(found.foci)
+            found.scores |= scores
+            found.left_out |= reasons
 
     def do_nothing(self) -> dict[str, float]:
         """Lens errors of a predictor that always estimates A = F = 0.5, by column; empty if the protocol has no lens

@@ -1,4 +1,4 @@
-"""Comparison of learned apertures with EXIF, and whether a dataset allows it."""
+"""Comparison of learned apertures and foci with EXIF, and whether a dataset allows it."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from collections.abc import Iterable, Mapping
 from dofbench.core.lens import PhysicalLens
 from dofbench.dataset.benchmark_dataset import BenchmarkDataset
 from dofbench.metrics.exif_errors import exif_errors
-from dofbench.results.protocol import EXIF_COLUMNS
-from dofbench.results.result import ViewAperture
+from dofbench.metrics.exif_focus_errors import exif_focus_errors, too_few_distances
+from dofbench.results.protocol import EXIF_COLUMNS, EXIF_FOCUS_COLUMNS
+from dofbench.results.result import ViewAperture, ViewFocus
 
 
 def asked_by_exif(dataset: BenchmarkDataset, inputs: str) -> bool:
-    """Whether apertures are to be compared with EXIF: the method trains on photographs of unknown lens."""
+    """Whether lenses are to be compared with EXIF: the method trains on photographs of unknown lens."""
     train = dataset.training_views()
     return inputs == "shallow" and bool(train) and all(view.lens is None for view in train)
 
@@ -54,12 +55,46 @@ def learned_apertures(dataset: BenchmarkDataset, estimated: Mapping[str, Physica
     ]
 
 
+def missing_exif_focus(dataset: BenchmarkDataset) -> str:
+    """Why learned foci can't be compared with EXIF, one line; "" if they can."""
+    return too_few_distances(
+        [
+            view.exif.focus_distance
+            for view in dataset.training_views()
+            if view.exif is not None and view.exif.focus_distance is not None
+        ]
+    )
+
+
+def learned_foci(dataset: BenchmarkDataset, estimated: Mapping[str, PhysicalLens]) -> list[ViewFocus]:
+    """The learned foci of the training views whose EXIF has a focus distance."""
+    return [
+        ViewFocus(
+            name=view.name,
+            focus_disparity=estimated[view.name].focus_disparity,
+            distance=view.exif.focus_distance,
+        )
+        for view in dataset.training_views()
+        if view.name in estimated and view.exif is not None and view.exif.focus_distance is not None
+    ]
+
+
+def exif_focus_scores(foci: Iterable[ViewFocus]) -> tuple[dict[str, float], dict[str, str]]:
+    """(scores, reasons for missing scores), by column of `EXIF_FOCUS_COLUMNS`."""
+    found = exif_focus_errors([(view.focus_disparity, view.distance) for view in foci])
+    return _by_column(EXIF_FOCUS_COLUMNS, (found.rank, found.scatter), (found.reason, found.no_scatter))
+
+
 def exif_scores(apertures: Iterable[ViewAperture]) -> tuple[dict[str, float], dict[str, str]]:
     """(scores, reasons for missing scores), by column of `EXIF_COLUMNS`."""
     found = exif_errors([(view.aperture, view.f_number) for view in apertures])
-    values = dict(zip(EXIF_COLUMNS, (found.spread, found.ratio), strict=True))
-    reasons = dict(zip(EXIF_COLUMNS, (found.no_spread, found.no_ratio), strict=True))
-    return (
-        {column: value for column, value in values.items() if value is not None},
-        {column: reasons[column] for column, value in values.items() if value is None},
-    )
+    return _by_column(EXIF_COLUMNS, (found.spread, found.ratio), (found.no_spread, found.no_ratio))
+
+
+def _by_column(
+    columns: tuple[str, ...], values: tuple[float | None, ...], reasons: tuple[str, ...]
+) -> tuple[dict[str, float], dict[str, str]]:
+    known = zip(columns, values, strict=True)
+    scores = {column: value for column, value in known if value is not None}
+    missing = zip(columns, reasons, strict=True)
+    return scores, {column: reason for column, reason in missing if column not in scores}

@@ -9,9 +9,17 @@ from itertools import pairwise
 from dofbench.core.errors import Status
 from dofbench.metrics import METRICS
 from dofbench.results.added_scores import Added
-from dofbench.results.protocol import AIF_PREFIX, DEPTH_COLUMNS, EXIF_COLUMNS, LENS_COLUMNS, PROTOCOLS, arithmetic_mean
+from dofbench.results.protocol import (
+    AIF_PREFIX,
+    DEPTH_COLUMNS,
+    EXIF_COLUMNS,
+    EXIF_FOCUS_COLUMNS,
+    LENS_COLUMNS,
+    PROTOCOLS,
+    arithmetic_mean,
+)
 from dofbench.results.result import Result
-from dofbench.scoring.exif_scores import exif_scores
+from dofbench.scoring.exif_scores import exif_focus_scores, exif_scores
 
 MEAN_AGREEMENT = 1e-9  # tolerated relative difference between a mean and the mean of its values
 _PLANNED = ("method", "preset", "dataset", "protocol", "budget", "seed", "device", "options")
@@ -24,7 +32,7 @@ def inconsistencies(result: Result) -> list[str]:
         *_columns(result),
         *_means(result),
         *_lenses(result),
-        *_apertures(result),
+        *_by_exif(result),
         *_ending(result),
         *_times(result),
     ]
@@ -108,7 +116,8 @@ def _means(result: Result) -> Iterator[str]:
         yield from differing(
             column, result.scores.get(column), arithmetic_mean([getattr(view, column) for view in result.lens])
         )
-    images = [column for column in result.plan.get("columns", []) if column not in (*LENS_COLUMNS, *EXIF_COLUMNS)]
+    of_lenses = (*LENS_COLUMNS, *EXIF_COLUMNS, *EXIF_FOCUS_COLUMNS)
+    images = [column for column in result.plan.get("columns", []) if column not in of_lenses]
     for column in images:
         if column in result.scores and column not in columns:
             yield f"{column}: a mean without per-view values"
@@ -133,15 +142,15 @@ def _lenses(result: Result) -> Iterator[str]:
         yield "scores of other views than the plan's test views"
 
 
-def _apertures(result: Result) -> Iterator[str]:
-    """Scores against EXIF must follow from the stored apertures."""
-    scores, _ = exif_scores(result.apertures)
-    for column in EXIF_COLUMNS:
+def _by_exif(result: Result) -> Iterator[str]:
+    """Scores against EXIF must follow from the stored apertures and foci."""
+    scores = exif_scores(result.apertures)[0] | exif_focus_scores(result.foci)[0]
+    for column in (*EXIF_COLUMNS, *EXIF_FOCUS_COLUMNS):
         stored = result.scores.get(column)
         if column in scores and result.status is Status.OK:
             yield from differing(column, stored, scores[column])
         elif stored is not None and column not in scores:
-            yield f"{column}: a score, which the learned apertures don't give"
+            yield f"{column}: a score, which the learned lenses don't give"
 
 
 def _ending(result: Result) -> Iterator[str]:

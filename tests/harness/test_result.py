@@ -39,7 +39,7 @@ def make_spec(**changes) -> Spec:
 def make_result(**changes) -> Result:
     spec = changes.pop("spec", make_spec())
     values = {
-        "schema_version": 4,
+        "schema_version": 5,
         "key": spec.key,
         "spec": spec,
         "protocol": {},
@@ -64,6 +64,7 @@ def make_result(**changes) -> Result:
         "lens": [],
         "fits": [],
         "apertures": [],
+        "foci": [],
         "curve": [],
         "stages": {},
         "method_stages": {},
@@ -160,7 +161,7 @@ def test_results_of_version_1_still_read(status: str) -> None:
     assert [point.train_s for point in result.curve] == [point["train_s"] for point in old["curve"]]
     assert all(point.train_cpu_s is None for point in result.curve)
     assert result.model == {} and result.kernels_compiled is None
-    assert result.fits == [] and result.apertures == []
+    assert result.fits == [] and result.apertures == [] and result.foci == []
     assert (result.role, result.role_by, result.photographer, result.choices) == (None, "", None, None)
     for column, value in old["scores"].items():
         assert same(result.scores[column], value)
@@ -193,8 +194,8 @@ def test_what_a_migration_gives_is_of_this_version(tmp_path: Path) -> None:
         ("{", "JSON"),
         ("[]", "no schema_version"),
         ("{}", "no schema_version"),
-        ('{"schema_version": 5}', "newer dofbench"),
-        ('{"schema_version": 4}', "key: Field required"),
+        ('{"schema_version": 6}', "newer dofbench"),
+        ('{"schema_version": 5}', "key: Field required"),
         ('{"schema_version": 1}', "schema_version 1, and in it KeyError: 'stages'"),
         ("\xff", "UTF-8"),
     ],
