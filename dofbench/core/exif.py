@@ -20,6 +20,7 @@ from dofbench.core.names import inside
 # No exposure, f-number, focal length or sensitivity is beyond these; products and squares stay finite within them.
 LEAST, MOST = 1e-12, 1e12
 EXIF_FILE = "exif.json"
+_INFINITY = "inf"  # in files, as JSON has no such number
 
 
 @dataclass(frozen=True)
@@ -56,9 +57,9 @@ class Exif:
         return self.exposure * self.iso / self.f_number**2
 
     def as_data(self) -> dict[str, Any]:
-        """Plain data of what is known, of JSON's kinds: infinity is "inf"."""
+        """Plain data of what is known, of JSON's kinds: the text "inf" is infinity."""
         known = {name: value for name, value in asdict(self).items() if value is not None}
-        return {name: "inf" if value == math.inf else value for name, value in known.items()}
+        return {name: _INFINITY if value == math.inf else value for name, value in known.items()}
 
     @staticmethod
     def of_data(data: Mapping[str, Any]) -> Exif:
@@ -69,6 +70,8 @@ class Exif:
             raise ValueError(f"{unknown[0]}: expected one of {', '.join(kinds)}")
         known: dict[str, Any] = {}
         for name, value in data.items():
+            if name == "focus_distance" and value == _INFINITY:
+                value = math.inf
             wanted = str if kinds[name] is str else int | float
             if isinstance(value, bool) or not isinstance(value, wanted):
                 raise ValueError(f"{name}: expected {'text' if wanted is str else 'a number'}, found {value!r:.60}")

@@ -181,7 +181,7 @@ class ViewAperture(Stored):
 class ViewFocus(Stored):
     """Learned focus of one training view, 1 / scene unit, and the distance in its EXIF, m, infinite for infinity."""
 
-    name: str
+    name: InsidePath
     focus_disparity: float
     distance: float
 
