@@ -11,9 +11,9 @@ import numpy as np
 
 from dofbench.core.contracts import PointCloud
 from dofbench.scenes.colmap import Model
+from dofbench.scenes.local_frame import AnotherFrame
 from dofbench.scenes.name_match import ImageNames
 from dofbench.scenes.poses import invert, rigid
-from dofbench.scenes.views import AnotherFrame
 
 # Poses that were refined after structure from motion differ from its by less, and points still fit them.
 _DEGREES, _OFFSET = 5.0, 0.1

@@ -13,8 +13,8 @@ from dofbench.scenes import colmap
 from dofbench.scenes.colmap_places import PLACES, scene_folder
 from dofbench.scenes.folders import contents, image_files
 from dofbench.scenes.found_masks import ALPHAS, with_masks
+from dofbench.scenes.local_frame import AnotherFrame
 from dofbench.scenes.scene import Alpha, Scene
-from dofbench.scenes.views import AnotherFrame
 
 # In the order of detection. transforms.json says most (a camera a view, distortion, depth, split);
 # an LLFF folder nearly always has a COLMAP model as well, and its poses are the ones scores are published for.

@@ -22,8 +22,15 @@ _FAR = 100.0
 # As a multiple of the scene's size: a camera farther away than this isn't of the scene, and neither is a point, which
 # no two cameras see under different angles.
 _CAMERA_APART, _POINT_APART = 1e4, 1e5
+# Points so many times as far from the cameras as they and the cameras are spread lie in another frame: all would fall
+# within a milliradian.
+_POINTS_ELSEWHERE = 1e3
 # Share of the scene's size to which float32 may round what a file holds without being named.
 _ROUNDED = 1e-4
+
+
+class AnotherFrame(InputError):
+    """Points, or the cameras of a model, that lie in another frame than the poses beside them."""
 
 
 def localised(scene: Scene, offset: Offset | None, subject: object) -> Scene:
@@ -31,7 +38,7 @@ def localised(scene: Scene, offset: Offset | None, subject: object) -> Scene:
 
     offset: subtracted as it is, and nothing is checked; None to find it (`local_offset`), to exclude points far outside
     of the scene, and to name coordinates that were rounded to float32 far from the origin. Raises InputError about
-    `subject` for a camera far outside of the scene.
+    `subject` for a camera far outside of the scene, and AnotherFrame for points that are all far outside.
     """
     if offset is not None:
         return _moved(scene, offset)
@@ -45,7 +52,8 @@ def localised(scene: Scene, offset: Offset | None, subject: object) -> Scene:
         found = f"the camera of {scene.views[worst].name} {apart[worst]:.3g} scene units away from the others"
         raise InputError(subject, found, f"cameras of one scene, which is {size:.3g} scene units in size (median)")
     points, excluded = scene.points, ""
-    if points is not None:
+    if points is not None and len(points):
+        _check_frame(points.xyz, centre, float(_median(apart)), subject)
         kept = _distances(points.xyz, centre) <= _POINT_APART * size
         if not kept.all():
             points = points.kept(kept)
@@ -84,9 +92,23 @@ def local_offset(centres: np.ndarray, points: PointCloud | None) -> Offset:
 
 def _layout(centres: np.ndarray, points: PointCloud | None) -> tuple[np.ndarray, float]:
     """(median centre (3,), the scene's size); medians, so that single outliers don't count."""
-    centre = np.median(centres, axis=0)
+    centre = _median(centres)
     sizes = [_distances(places, centre) for places in (centres, *(() if points is None else (points.xyz,)))]
-    return centre, max(float(np.median(distances)) for distances in sizes if len(distances))
+    return centre, max(float(_median(distances)) for distances in sizes if len(distances))
+
+
+def _check_frame(xyz: np.ndarray, centre: np.ndarray, spread: float, subject: object) -> None:
+    middle = _median(xyz)
+    away = float(_distances(middle[None], centre)[0])
+    extent = max(spread, float(_median(_distances(xyz, middle))))
+    if len(xyz) > 1 and away > _POINTS_ELSEWHERE * extent:
+        found = f"points {away:.3g} scene units away from the cameras, {extent:.3g} in extent (medians)"
+        raise AnotherFrame(subject, found, "points and poses in one frame")
+
+
+def _median(values: np.ndarray) -> np.ndarray:
+    """The lower of two middle values, not their mean: of two frames with half of the cameras each, one is chosen."""
+    return np.quantile(values, 0.5, axis=0, method="lower")
 
 
 def _distances(places: np.ndarray, centre: np.ndarray) -> np.ndarray:

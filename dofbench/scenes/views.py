@@ -16,7 +16,7 @@ from dofbench.core.masks import filled
 from dofbench.scenes.depth_files import read_depth
 from dofbench.scenes.exif_files import exif_by_file
 from dofbench.scenes.folders import marked_hold, scene_name, view_names
-from dofbench.scenes.local_frame import localised
+from dofbench.scenes.local_frame import AnotherFrame, localised
 from dofbench.scenes.scene import Scene, SceneView, Split
 from dofbench.scenes.scene_masks import MaskOnDisk, check_size
 from dofbench.scenes.split_files import split_by_files, split_sources
@@ -27,10 +27,6 @@ _ASPECT = 0.01
 DEFAULT_HOLD = 8
 # Poses in another frame than the points leave next to no point inside the images.
 _INSIDE = 0.5
-
-
-class AnotherFrame(InputError):
-    """Points, or the cameras of a model, that lie in another frame than the poses beside them."""
 
 
 @dataclass(frozen=True, eq=False)

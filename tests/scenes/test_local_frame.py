@@ -20,7 +20,7 @@ from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, write_json
 from dofbench.scenes import load_scene
 from dofbench.scenes.export import write_colmap, write_poses_bounds, write_transforms
-from dofbench.scenes.local_frame import local_offset
+from dofbench.scenes.local_frame import AnotherFrame, local_offset
 from dofbench.scenes.scene import Scene
 
 NAMES = [f"v{index}.png" for index in range(5)]
@@ -61,6 +61,14 @@ def far(tmp_path_factory: pytest.TempPathFactory, make_cameras: Callable, make_c
     write_images(folder / "images", NAMES)
     cameras = make_cameras(5)
     return Far(folder, cameras, make_cloud(cameras))
+
+
+def load_half(far: Far, cameras: list[Camera]) -> Scene:
+    """The scene with only these cameras, without points."""
+    shutil.rmtree(far.folder / "sparse", ignore_errors=True)
+    names = [f"images/{name}" for name in NAMES[: len(cameras)]]
+    write_transforms(far.folder / "transforms.json", names, cameras)
+    return load_scene(far.folder)
 
 
 def assert_same_views(scene: Scene, far: Far) -> None:
@@ -126,6 +134,34 @@ def test_a_camera_far_outside_is_named(far: Far, at: tuple[float, float, float],
     cameras[2] = placed_at(cameras[2], np.array([away, 0.0, 0.0]))
     with pytest.raises(InputError, match="camera of v2 .* scene units away"):
         far.written("colmap", np.array(at), cameras, views=None)
+
+
+@pytest.mark.parametrize("which", ["points", "cameras"])
+def test_points_and_cameras_in_two_frames_are_named(far: Far, which: str) -> None:
+    """All points may fall on one pixel, inside of an image."""
+    far.written("nerfstudio", np.zeros(3))
+    shutil.rmtree(far.folder / "sparse")
+    file = far.folder / "transforms.json"
+    content = read_json(file) | {"ply_file_path": "points.ply"}
+    ahead = far.cameras[0].camera_to_world[:3, 2] * 5e6
+    xyz = far.cloud.xyz + (ahead if which == "points" else 0)
+    rows = "".join(" ".join(map(repr, map(float, row))) + "\n" for row in xyz)
+    head = "".join(f"property double {axis}\n" for axis in "xyz")
+    text = f"ply\nformat ascii 1.0\nelement vertex {len(xyz)}\n{head}end_header\n{rows}"
+    (far.folder / "points.ply").write_text(text)
+    for frame in content["frames"]:
+        for row, value in zip(frame["transform_matrix"][:3], UTM, strict=True):
+            row[3] += value if which == "cameras" else 0.0
+    write_json(file, content)
+    with pytest.raises(AnotherFrame, match="points|inside"):
+        load_scene(far.folder)
+
+
+def test_of_two_frames_with_half_of_the_cameras_each_one_is_named(far: Far) -> None:
+    cameras = [placed_at(camera, camera.centre + UTM) for camera in far.cameras[:2]]
+    cameras = [*cameras, *far.cameras[2:4]]
+    with pytest.raises(InputError, match="scene units away"):
+        load_half(far, cameras)
 
 
 def test_positions_that_float32_rounded_are_named(far: Far) -> None:
