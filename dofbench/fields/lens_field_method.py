@@ -21,8 +21,8 @@ from dofbench.fields.forward.lens_rays import LensRayOptions, LensRays
 from dofbench.fields.forward.ray_model import RayModel
 from dofbench.fields.forward.rendered_patch import PatchOptions, RenderedPatch
 from dofbench.fields.lens_rendering import LensRenderingOptions, scattered, through_points
+from dofbench.learning.first_lenses import first_lenses
 from dofbench.learning.lens_file import read_lenses, write_lenses
-from dofbench.learning.lens_ties import lens_ties
 from dofbench.learning.lenses import LearnedLenses, LensOptions
 from dofbench.learning.supervision import all_disparities
 
@@ -97,7 +97,7 @@ class LensFieldMethod(FieldMethod, ABC):
         options, views = self._options.lens, training_set.views
         cameras = [view.camera for view in views]
         bounds = DisparityRange.of_disparity(all_disparities(training_set.points, cameras))
-        lenses = LearnedLenses(len(views), bounds, options, lens_ties(views, options.lens_per), self._device)
+        lenses = first_lenses(views, bounds, options, self._device)
         self._learned = lenses, [(view.name, view.camera.width) for view in views]
         return self.lens_model(lenses, generator)
 

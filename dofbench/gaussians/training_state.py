@@ -22,6 +22,7 @@ from dofbench.gaussians.model import near_plane, scene_extent
 from dofbench.gaussians.optimiser import GaussianOptimiser, ParameterState
 from dofbench.gaussians.surface_terms import surface_terms
 from dofbench.learning.adaptation import NO_ADAPTATION, AdaptationOptions
+from dofbench.learning.first_lenses import first_lenses
 from dofbench.learning.lens_ties import lens_ties
 from dofbench.learning.lenses import LearnedLenses
 from dofbench.learning.nonfinite import Watch
@@ -70,8 +71,7 @@ class TrainingState:
         self.gaussians.near = near_plane(self.range)
         self.lenses: LearnedLenses | None = None
         if options.lens.lens:
-            ties = lens_ties(self._views, options.lens.lens_per)
-            self.lenses = LearnedLenses(len(self._views), self.range, options.lens, ties, device)
+            self.lenses = first_lenses(self._views, self.range, options.lens, device)
         self.colours = LearnedColours(len(self._views), options.colours, device)
         self.order = ViewOrder(len(self._views), options.outliers)
         generator = torch.Generator().manual_seed(seed)

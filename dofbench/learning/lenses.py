@@ -55,6 +55,9 @@ class LensOptions:
     Unit: normalised. Source: released code."""
     lens_init_focus: float = 0.5
     """Focus that every lens starts from, 0 far to 1 near. Unit: normalised disparity. Source: released code."""
+    lens_focus_from: Literal["option", "exif"] = "option"
+    """Where foci start: option, at lens_init_focus; exif, in the ratios of the disparities in focus that EXIF states,
+    their median at lens_init_focus. Unit: none. Source: own."""
 
     def __post_init__(self) -> None:
         if self.lens_init_aperture <= 0:
@@ -201,6 +204,14 @@ class LearnedLenses:
             first, second = lenses._raw_of(aperture, focus, ties.opening[view])
             lenses._tables[0].values[number], lenses._tables[1].values[place] = first, second
         return lenses
+
+    def start_foci(self, foci: Sequence[float]) -> None:
+        """Set the foci that training starts from, normalised disparity, one a view; views that share one get their
+        median."""
+        for view, (number, place) in enumerate(zip(self._ties.aperture, self._ties.focus, strict=True)):
+            shared = [focus for focus, other in zip(foci, self._ties.focus, strict=True) if other == place]
+            raw = self._raw_of(self._options.lens_init_aperture, float(np.median(shared)), self._ties.opening[view])
+            self._tables[0].values[number], self._tables[1].values[place] = raw
 
     def spoil(self, value: float) -> None:
         """Set all parameters to `value`, such as NaN: for checks that training ends with the right status."""

@@ -34,6 +34,11 @@ _NOTHING = "# No preset is frozen yet.\n"
 State = Literal["frozen", "other budget", "changed", "not frozen"]
 
 
+# Options added after presets had been frozen, each with its neutral value: with it a run is what it was before
+# there was the option, so it isn't part of what was chosen.
+_NEUTRAL = {"lens_focus_from": "option"}
+
+
 class FrozenPreset(BaseModel):
     """commit: at which the preset was frozen. digest: `choices_digest` of it."""
 
@@ -52,13 +57,15 @@ class _File(BaseModel):
 def choices_digest(entry: MethodEntry, options: dict[str, Any], budget: Budget, force_all: bool) -> str:
     """sha256 of all that decides a run but dataset, seed, device and code.
 
-    options: the preset's with the call's changes; the method's defaults are added, where its class lists them. The
-    stages of its card are part of it, since they say which options a plan changes.
+    options: the preset's with the call's changes; the method's defaults are added, where its class lists them, but for
+    neutral values of newer options (`_NEUTRAL`). The stages of its card are part of it, since they say which options a
+    plan changes.
     """
     kind = entry.method_class()
     known = kind.available_options() if isinstance(kind, ListsOptions) else ()
+    every = {**{option.name: option.default for option in known}, **options}
     chosen = {
-        "options": {**{option.name: option.default for option in known}, **options},
+        "options": {name: value for name, value in every.items() if (name, value) not in _NEUTRAL.items()},
         "budget": str(budget),
         "force_all": force_all,
         "stages": {name: stage.model_dump() for name, stage in sorted(entry.card.stages.items())},

@@ -117,6 +117,10 @@ def make_plan(
     exif = (*EXIF_COLUMNS, *EXIF_FOCUS_COLUMNS) if asked_by_exif(dataset, protocol.inputs) else ()
     if exif:
         left_out |= _no_exif(entry, stages, dataset)
+        if {**options, **overrides}.get("lens_focus_from") == "exif":
+            left_out |= dict.fromkeys(
+                EXIF_FOCUS_COLUMNS, "training started from EXIF's focus distances: not independent"
+            )
     every = (
         *protocol.refocus_columns,
         *protocol.all_in_focus_columns,

@@ -86,6 +86,7 @@ ADDED = {
     "lens_rotation": 0,
     "lens_trials": "",
     "lens_per": "view",
+    "lens_focus_from": "option",
     "depth_prior_coarser": 0,
     "start_points": 0,
     "distortion_weight": 0,

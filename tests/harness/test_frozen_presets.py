@@ -14,8 +14,8 @@ from dofbench import cli
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
 from dofbench.results.result import read_result
-from dofbench.running.frozen_presets import freeze, frozen_presets, preset_digest, state_of
-from dofbench.running.method_cards import find_method
+from dofbench.running.frozen_presets import choices_digest, freeze, frozen_presets, preset_digest, state_of
+from dofbench.running.method_cards import find_method, preset_budget
 
 
 def git(folder: Path, *words: str) -> str:
@@ -175,3 +175,13 @@ def test_every_shipped_method_says_what_is_frozen() -> None:
 def test_an_old_result_has_no_digest(checkout: Path) -> None:
     old = Path(__file__).parent / "old_results" / "v1-ok.json"
     assert read_result(old).choices is None and json.loads(old.read_text())["schema_version"] == 1
+
+
+def test_the_neutral_value_of_a_newer_option_is_no_choice() -> None:
+    entry = find_method("dofgaussian")
+    name, options, budget = entry.preset("cpu")
+    told = [
+        choices_digest(entry, {**options, **more}, preset_budget(entry, name, options, budget), force_all=False)
+        for more in ({}, {"lens_focus_from": "option"}, {"lens_focus_from": "exif"})
+    ]
+    assert told[0] == told[1] == frozen_presets(entry.folder)["cpu"].digest != told[2]
