@@ -24,6 +24,9 @@ UNDISTORTED_PIXEL = 1e-6
 RESAMPLED = 0.4 * 2 * (1.5e-3 + 2 * 3.1416 / 60 / 64)
 # One level of an 8-bit image.
 LEVEL_8BIT = 1.0 / 255.0
+# Colours converted by two colour managements, which round curves and matrices in their own ways, of which one gives
+# 8 bits. A profile that isn't applied is off by more than ten levels.
+CONVERTED_COLOUR = 1.0 / 255.0
 # Mean reprojection error of a structure from motion model before and after undistortion, but for the enlargement:
 # distortion stretches it by its derivative.
 REPROJECTION_STRETCH = 2e-2

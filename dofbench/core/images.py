@@ -11,8 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from dofbench.core.coding import Coding, coding_of
+from dofbench.core.colour import to_srgb
 from dofbench.core.errors import InputError
+from dofbench.core.exr_parts import picture_part
 from dofbench.core.files import refused, replacing
+from dofbench.core.icc import cmyk_to_srgb
 from dofbench.core.readable import check_file, check_pixels
 
 _LARGEST_HALF = 65504.0
@@ -53,32 +57,53 @@ def image_size(path: Path) -> tuple[int, int]:
     if min(spec.width, spec.height, spec.nchannels) < 1 or spec.depth > 1 or spec.deep:
         found = f"{spec.width} x {spec.height} x {spec.depth} pixels of {spec.nchannels} channels"
         raise InputError(path, found if not spec.deep else "an image of several depths a pixel", "a flat image")
-    check_pixels(path, spec.width, spec.height, spec.nchannels)
+    # What other programs call an EXR's image is its display window; it may have stored more of it, or less.
+    shown = (spec.full_width, spec.full_height) if kind == "openexr" else (spec.width, spec.height)
+    for width, height in (shown, (spec.width, spec.height)):
+        check_pixels(path, width, height, spec.nchannels)
     # Whatever the file's end lacks would be found out only after memory was taken for all pixels.
     size, announced = Path(path).stat().st_size, spec.image_bytes(True)
     deflated = kind == "png" or (kind == "openexr" and spec.get_string_attribute("compression") in _DEFLATED)
     if deflated and announced > _DEFLATE * size + 2**20:
         raise InputError(path, f"{size} bytes, too few for {spec.width} x {spec.height} pixels", "a whole image file")
-    return spec.width, spec.height
+    return shown
 
 
 def read_image(path: Path) -> np.ndarray:
-    """Read an image as float32 (H, W, 3). Integer formats are scaled to [0, 1]; floats are kept.
+    """Read an image as float32 (H, W, 3) in sRGB: encoded in [0, 1], or of a linear file the light, not clipped.
 
-    A single channel is repeated; an alpha channel is composited over black, which is what it
-    stands for in the layouts read here. Raises InputError when the file can't be read.
+    Integer formats are scaled to [0, 1]; floats are kept. Other colour spaces are converted (`coding_of`); sRGB and
+    what says nothing is taken bit for bit. A single channel is repeated; an alpha channel is composited over black,
+    which is what it stands for in the layouts read here. Raises InputError when the file can't be read.
     """
-    import OpenImageIO as oiio
+    return read_coded(path)[0]
 
+
+def read_coded(path: Path) -> tuple[np.ndarray, Coding]:
+    """What `read_image` reads, and how the file has it: `coding.linear` says whether it is light."""
+    image_size(path)
+    coding = coding_of(path)
+    if coding.inks:
+        return _read_inks(path, coding.profile), coding
+    if path.suffix.lower() == ".exr":
+        part = picture_part(path)
+        check_pixels(path, part.spec.width, part.spec.height, part.spec.nchannels)
+        pixels = _decoded(path, part.index, within_display=True)[..., list(part.channels)]
+        values = np.repeat(pixels, 3, axis=2) if pixels.shape[2] == 1 else pixels
+        return to_srgb(np.ascontiguousarray(values), coding, path), coding
+    if coding.is_usual:
+        return read_stored(path), coding
+    return _converted(path, coding), coding
+
+
+def read_stored(path: Path) -> np.ndarray:
+    """The values of an image file as float32 (H, W, 3), as `read_image` but in whatever colour space they are.
+
+    For files whose values are no colours, such as depth.
+    """
     image_size(path)
     _check_whole_jpeg(path)
-    buffer = oiio.ImageBuf(str(path))
-    pixels = buffer.get_pixels(oiio.FLOAT) if not buffer.has_error else None
-    if pixels is None or buffer.has_error:
-        raise InputError(path, f"no readable image ({_reason(buffer.geterror)})", "an image file")
-    pixels = np.asarray(pixels, dtype=np.float32)
-    if pixels.ndim == 2:
-        pixels = pixels[..., None]
+    pixels = _decoded(path)
     channels = pixels.shape[2]
     if channels in (2, 4):
         # OpenImageIO hands back colours already multiplied by alpha.
@@ -88,6 +113,48 @@ def read_image(path: Path) -> np.ndarray:
     if pixels.shape[2] != 3:
         raise InputError(path, f"{channels} channels", "1 to 4 channels")
     return np.ascontiguousarray(pixels)
+
+
+def _decoded(path: Path, part: int = 0, *, within_display: bool = False, unassociated: bool = False) -> np.ndarray:
+    """(H, W, C) float32. within_display: what an EXR's display window shows, black where it stored nothing.
+    unassociated: colours that alpha hasn't been multiplied into."""
+    import OpenImageIO as oiio
+
+    config = oiio.ImageSpec()
+    if unassociated:
+        config.attribute("oiio:UnassociatedAlpha", 1)
+    buffer = oiio.ImageBuf(str(path), part, 0, config)
+    window = buffer.roi_full if within_display else buffer.roi
+    pixels = buffer.get_pixels(oiio.FLOAT, window) if not buffer.has_error else None
+    if pixels is None or buffer.has_error:
+        raise InputError(path, f"no readable image ({_reason(buffer.geterror)})", "an image file")
+    pixels = np.asarray(pixels, dtype=np.float32)
+    return pixels[..., None] if pixels.ndim == 2 else pixels
+
+
+def _converted(path: Path, coding: Coding) -> np.ndarray:
+    """An image in another colour space, in sRGB; over black where it has alpha."""
+    pixels = _decoded(path, unassociated=True)
+    if pixels.shape[2] not in (2, 4):
+        return to_srgb(read_stored(path), coding, path)
+    colours = pixels[..., :-1] if pixels.shape[2] == 4 else np.repeat(pixels[..., :1], 3, axis=2)
+    return to_srgb(np.ascontiguousarray(colours), coding, path) * pixels[..., -1:]
+
+
+def _read_inks(path: Path, profile: bytes) -> np.ndarray:
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            levels = np.asarray(image)
+    except (OSError, ValueError) as error:
+        raise InputError(path, f"no readable image ({error})", "an image file") from None
+    if levels.ndim != 3 or levels.shape[2] != 4:
+        raise InputError(path, f"inks of shape {levels.shape}", "four inks a pixel; or an RGB image")
+    try:
+        return cmyk_to_srgb(levels, profile)
+    except ValueError as error:
+        raise InputError(path, str(error), "a profile of CMYK; or an RGB image") from None
 
 
 def to_16bit(image: np.ndarray) -> np.ndarray:

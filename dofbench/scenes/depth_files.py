@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dofbench.core.errors import InputError
-from dofbench.core.images import read_exr, read_image
+from dofbench.core.images import read_exr, read_stored
 from dofbench.core.readable import MOST_VALUES, read_array, read_bytes
 
 # The disparity of anything nearer has no square in float32.
@@ -88,7 +88,7 @@ def _read_colmap(file: Path) -> np.ndarray:
 def _read_png(file: Path) -> np.ndarray:
     import OpenImageIO as oiio
 
-    values = read_image(file)[..., 0]
+    values = read_stored(file)[..., 0]
     kind = str(oiio.ImageBuf(str(file)).nativespec().format)
     if kind != "uint16":
         raise InputError(file, f"a PNG of {kind}", "16 bits a pixel, since 8 are too coarse for depth")
