@@ -233,6 +233,12 @@ class Dataset:
         known = self._view(view).has_all_in_focus
         return read_image(layout.sharp_path(self.folder, _name(view))) if known else None
 
+    def all_in_focus_linear(self, view: BenchmarkView | str) -> np.ndarray | None:
+        """The sharp original as linear light, (H, W, 3) float32, may exceed 1; None where its source is encoded."""
+        path = layout.sharp_linear_path(self.folder, _name(view))
+        listed = path.relative_to(self.folder).as_posix() in self.manifest.files
+        return read_exr(path) if listed else None
+
     def require_intact(self, view: BenchmarkView | str, part: Literal["image", "all_in_focus"]) -> None:
         """Raise InputError when that picture of a view is missing or isn't what the manifest says."""
         path = (layout.shallow_path if part == "image" else layout.sharp_path)(self.folder, _name(view))

@@ -10,6 +10,7 @@ from dofbench.core.names import inside
 TRANSFORMS, POSES_BOUNDS, SPARSE = "transforms.json", "poses_bounds.npy", "sparse/0"
 SHALLOW, LINEAR, SHARP, DEPTH = "images/{}.png", "images_linear/{}.exr", "all_in_focus/{}.png", "depth/{}.exr"
 CONFIDENCE, MASK = "confidence/{}.png", "masks/{}.png"
+SHARP_LINEAR = "all_in_focus_linear/{}.exr"
 
 
 def shallow_path(root: Path, name: str) -> Path:
@@ -25,6 +26,11 @@ def linear_path(root: Path, name: str) -> Path:
 def sharp_path(root: Path, name: str) -> Path:
     """The view's all-in-focus photograph, encoded, 8 bit."""
     return root / SHARP.format(inside(name, "view"))
+
+
+def sharp_linear_path(root: Path, name: str) -> Path:
+    """The view's all-in-focus photograph before encoding: only of a view whose source is linear light."""
+    return root / SHARP_LINEAR.format(name)
 
 
 def depth_path(root: Path, name: str) -> Path:

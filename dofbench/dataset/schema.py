@@ -201,13 +201,14 @@ class SourceImage(_Record):
 
     photograph: true if the view is that photograph itself, taken through an unknown lens. Absent if the view was
     blurred from an all-in-focus image. mask: sha256 of the view's mask as read, at this size, one bit a pixel; absent
-    without one.
+    without one. linear: true if the file is linear light; absent if it is encoded.
     """
 
     view: InsidePath
     sha256: str = Checksum
     photograph: Photograph | None = None
     mask: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")
+    linear: Literal[True] | None = None
 
 
 class SourceRecord(_Record):

@@ -48,9 +48,35 @@ def defocus_numpy(
     image: (H, W, 3) float32, encoded. depth: (H, W), scene units; values that are zero, negative or not finite are
     unknown and count as infinitely far. options: those of `defocus_by_radius`.
     """
+    return defocus_by_radius(image, _signed_radius(depth, lens, image.shape[1]), blur, **options)
+
+
+def defocus_light(
+    light: np.ndarray,
+    depth: np.ndarray,
+    lens: PhysicalLens,
+    blur: Blur = Blur(),
+    *,
+    backend: str = "auto",
+    form: str = "auto",
+) -> np.ndarray:
+    """A photograph of a sharp image of linear light through `lens`: (H, W, 3) float32, linear, not clipped.
+
+    light: (H, W, 3) float32, linear, of any brightness. The rest is as in `defocus_numpy`, and so are the errors.
+    """
+    radius = torch.from_numpy(_signed_radius(depth, lens, light.shape[1]).astype(np.float32))
+    with torch.no_grad():
+        sharp = torch.from_numpy(np.ascontiguousarray(light, dtype=np.float32))
+        if bool((radius == 0).all()):
+            return sharp.numpy().copy()
+        _require_blur(blur)
+        return _spread(sharp, radius, blur, backend, form).numpy()
+
+
+def _signed_radius(depth: np.ndarray, lens: PhysicalLens, width: int) -> np.ndarray:
     known = np.isfinite(depth) & (depth > 0)
     disparity = np.where(known, 1.0 / np.where(known, depth, 1.0), 0.0)
-    return defocus_by_radius(image, lens.signed_radius(disparity, image.shape[1]), blur, **options)
+    return lens.signed_radius(disparity, width)
 
 
 def defocus_by_radius(
@@ -68,8 +94,7 @@ def defocus_by_radius(
         sharp = torch.from_numpy(np.ascontiguousarray(image, dtype=np.float32))
         if bool((radius == 0).all()):
             return sharp.numpy().copy(), decode(sharp, blur.gamma, toe=TOE).numpy()
-        if blur.renderer == "thinlens":
-            raise InputError("renderer", blur.renderer, "scatter or layered, which blur an image by its depth")
+        _require_blur(blur)
         encoded, linear = _blurred(sharp, radius, blur, backend, form)
         return encoded.numpy(), linear.numpy()
 
@@ -83,12 +108,20 @@ def scatter_of(blur: Blur, backend: str = "auto", form: str = "auto") -> Callabl
     return partial(kernel, alpha=blur.alpha, shape=blur.shape, energy=blur.energy, form=form)
 
 
+def _require_blur(blur: Blur) -> None:
+    if blur.renderer == "thinlens":
+        raise InputError("renderer", blur.renderer, "scatter or layered, which blur an image by its depth")
+
+
 def _blurred(image: Tensor, radius: Tensor, blur: Blur, backend: str, form: str) -> tuple[Tensor, Tensor]:
     """(encoded, linear) blurred image."""
-    scatter = scatter_of(blur, backend, form)
-    linear = fast_decode(image, blur.gamma, backend)
-    if blur.renderer == "layered":
-        linear = layered_blur(linear, radius, scatter, layers=blur.layers)
-    else:
-        linear = scatter(linear, radius)
+    linear = _spread(fast_decode(image, blur.gamma, backend), radius, blur, backend, form)
     return fast_encode(linear, blur.gamma, backend), linear
+
+
+def _spread(linear: Tensor, radius: Tensor, blur: Blur, backend: str, form: str) -> Tensor:
+    """Linear light blurred by the scatter, in layers or at once."""
+    scatter = scatter_of(blur, backend, form)
+    if blur.renderer == "layered":
+        return layered_blur(linear, radius, scatter, layers=blur.layers)
+    return scatter(linear, radius)

@@ -29,7 +29,8 @@ class SceneView:
     `depth()` gives exact z-depth (H, W) float32, scene units, 0 where unknown; None when the
     scene has none. `source` is the file behind the image, for messages and provenance. photograph: what the image is.
     exif: what the camera wrote down, if it did. `mask()`, where it isn't None, gives (H, W) bool: True for the pixels
-    that count. Masked pixels of the image are replaced by their nearest valid ones.
+    that count. Masked pixels of the image are replaced by their nearest valid ones. `linear()` gives the same image as
+    linear light, which may exceed 1 and is clipped in `image()`; None where the file is encoded.
     """
 
     name: str
@@ -41,6 +42,7 @@ class SceneView:
     photograph: Photograph = "all-in-focus"
     exif: Exif | None = None
     mask: Callable[[], np.ndarray] | None = None
+    linear: Callable[[], np.ndarray] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -158,11 +158,13 @@ def source_coordinates(intrinsics: Intrinsics, target: Intrinsics) -> np.ndarray
     return coordinates
 
 
-def undistort_image(image: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
+def undistort_image(image: np.ndarray, intrinsics: Intrinsics, *, light: bool = False) -> np.ndarray:
     """Image (H, W, 3) float32 at the intrinsics' size, as `undistorted(intrinsics)` would have taken it.
 
     Lanczos with 8 x 8 samples, because bilinear sampling would blur a photograph, here more and
-    there less; its overshoot is cut off at the least and the greatest value of each channel.
+    there less; its overshoot is cut off at the least and the greatest value of each channel. Around a highlight of
+    linear light, many times as bright as white, it would leave rings as bright as the picture: such images are sampled
+    bilinearly. light: whether it is one.
     """
     import cv2
 
@@ -170,7 +172,8 @@ def undistort_image(image: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
         return image
     coordinates = source_coordinates(intrinsics, undistorted(intrinsics)) - np.float32(0.5)
     x, y = np.ascontiguousarray(coordinates.transpose(2, 0, 1))
-    straight = cv2.remap(image, x, y, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
+    samples = cv2.INTER_LINEAR if light else cv2.INTER_LANCZOS4
+    straight = cv2.remap(image, x, y, samples, borderMode=cv2.BORDER_REPLICATE)
     return np.clip(straight, image.min(axis=(0, 1)), image.max(axis=(0, 1)))
 
 

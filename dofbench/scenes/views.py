@@ -9,13 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from dofbench.core.cameras import Offset
+from dofbench.core.coding import Coding, coding_of
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
-from dofbench.core.images import image_size, read_image, resize
+from dofbench.core.images import image_size, resize
 from dofbench.core.masks import filled
 from dofbench.scenes.depth_files import read_depth
 from dofbench.scenes.exif_files import exif_by_file
 from dofbench.scenes.folders import marked_hold, scene_name, view_names
+from dofbench.scenes.light import coding_notes, for_display, read_values
 from dofbench.scenes.local_frame import AnotherFrame, localised
 from dofbench.scenes.scene import Scene, SceneView, Split
 from dofbench.scenes.scene_masks import MaskOnDisk, check_size
@@ -54,6 +56,7 @@ class ImageOnDisk:
 
     mask: pixels that it masks are replaced by the nearest valid ones first, so they reach no others.
 
+    linear: the file holds linear light, which `light` gives; encoded it is clipped at 1.
     A class, not a closure, so that a view can be sent to another process.
     """
 
@@ -62,16 +65,26 @@ class ImageOnDisk:
     width: int
     height: int
     mask: MaskOnDisk | None = None
+    linear: bool = False
 
     def __call__(self) -> np.ndarray:
-        image = read_image(self.file)
+        return for_display(self.light()) if self.linear else self._values()
+
+    def light(self) -> np.ndarray:
+        """Linear light, (height, width, 3) float32, not clipped. Raises ValueError for an encoded image."""
+        if not self.linear:
+            raise ValueError(f"{self.file}: expected linear light, found an encoded image")
+        return self._values()
+
+    def _values(self) -> np.ndarray:
+        image = read_values(self.file, linear=self.linear)
         expected = (self.intrinsics.height, self.intrinsics.width)
         if image.shape[:2] != expected:
             size = f"{image.shape[1]}x{image.shape[0]} pixels"
             raise InputError(self.file, size, f"{expected[1]}x{expected[0]}, as when the scene was loaded")
         if self.mask is not None:
             image = filled(image, self.mask.as_stored())
-        return resize(undistort_image(image, self.intrinsics), self.width, self.height)
+        return resize(undistort_image(image, self.intrinsics, light=self.linear), self.width, self.height)
 
 
 @dataclass(frozen=True)
@@ -110,7 +123,8 @@ def assemble(
     if not frames:
         raise InputError(subject, "no views", "at least one")
     names = view_names([frame.name for frame in frames])
-    views = [_view(frame, name, width, subject) for frame, name in zip(frames, names, strict=True)]
+    codings = {name: coding_of(frame.file) for frame, name in zip(frames, names, strict=True)}
+    views = [_view(frame, name, codings[name], width, subject) for frame, name in zip(frames, names, strict=True)]
     exif = exif_by_file(root, {view.name: view.source for view in views})
     views = [replace(view, exif=exif.get(view.name)) for view in views]
     order = sorted(range(len(views)), key=names.__getitem__)
@@ -121,7 +135,7 @@ def assemble(
         tracks = (np.sort(rank[track]) for track in points.views)
         points = replace(points, views=tuple(track[in_front[track, point]] for point, track in enumerate(tracks)))
     scene = Scene(scene_name(root), root, layout, tuple(views[index] for index in order), points)
-    return localised(scene, offset, subject)
+    return localised(scene, offset, subject).noted(*coding_notes(codings))
 
 
 def held_out(
@@ -172,7 +186,7 @@ def _inside(view: SceneView, xyz: np.ndarray) -> np.ndarray:
     return np.all((pixels >= 0) & (pixels <= (view.camera.width, view.camera.height)), axis=1)
 
 
-def _view(frame: Frame, name: str, width: int | None, subject: object) -> SceneView:
+def _view(frame: Frame, name: str, coding: Coding, width: int | None, subject: object) -> SceneView:
     if not frame.file.is_file():
         raise InputError(frame.file, "no such file", f"the image that {subject} names")
     file_width, file_height = image_size(frame.file)
@@ -201,14 +215,16 @@ def _view(frame: Frame, name: str, width: int | None, subject: object) -> SceneV
             raise InputError(frame.mask_file, "no such file", f"the mask that {subject} names")
         check_size(frame.mask_file, (file_width, file_height))
         mask = MaskOnDisk(frame.file, frame.mask_file, False, lens, out_width, out_height)
+    image = ImageOnDisk(frame.file, lens, out_width, out_height, mask, coding.linear)
     return SceneView(
         name=name,
         camera=straight.camera(frame.world_to_camera).resized(out_width, out_height),
-        image=ImageOnDisk(frame.file, lens, out_width, out_height, mask),
+        image=image,
         source=frame.file,
         split=frame.split or "train",
         depth=depth,
         mask=mask,
+        linear=image.light if coding.linear else None,
     )
 
 

@@ -23,6 +23,7 @@ from dofbench.depth.given import with_folder_depth
 from dofbench.depth.network import find_network, network_digest
 from dofbench.scenes.by_exif import split_by_f_number
 from dofbench.scenes.folders import listed
+from dofbench.scenes.light import clipped_pixels, for_display
 from dofbench.scenes.loading import print_notes
 from dofbench.scenes.named import Reading, ResolvedScene, find_data_root, resolve
 from dofbench.scenes.reconstruction.posed_points import program
@@ -37,8 +38,8 @@ from dofbench.synthesis.masked_views import read_masks, unreached, write_view_ma
 from dofbench.synthesis.method_points import choose_points
 from dofbench.synthesis.photographing import Optics, exposed
 from dofbench.synthesis.real_photographs import make_of_photographs
-from dofbench.synthesis.render_views import Photography, shallow_image, view_record
-from dofbench.synthesis.scene_source import check_source, encoded, image_digests, source_record
+from dofbench.synthesis.render_views import Photography, shallow_image, shallow_light, view_record
+from dofbench.synthesis.scene_source import check_source, encoded, image_digests, light_of, source_record
 from dofbench.synthesis.sibling import take_over, take_over_all
 from dofbench.synthesis.work import WORK, Identity, finish, noise_file, prepare
 
@@ -143,7 +144,7 @@ def make(
             take_over(sibling, out, source, settings)
         if settings.reuse is not None:
             take_over_all(settings.reuse, out, lambda points: identify(replace(settings, points=points)).digest)
-        _all_in_focus(scene, out, progress)
+        _all_in_focus(scene, out, settings, progress)
         depth_record, disparity_range = make_depth(scene, source_id, network, settings, out, progress)
         shared = Photography(
             disparity_range=disparity_range,
@@ -158,6 +159,8 @@ def make(
         shoot = partial(_shoot, out=out, shared=shared, half=settings.linear == "exr-half", optics=optics)
         records = _shallow(plan, scene, out, shared, shoot, progress)
         _masks(scene, out, records, shared)
+        scene = scene.noted(_highlights(scene, out))
+        source = source.model_copy(update={"notes": scene.notes or None})
         points, points_record = choose_points(scene, settings.points, out, out / WORK / "points", progress)
         scene = replace(scene, points=points)
         near_far = bounds_of_views(scene, out, settings.points, {view.name for view in scene.views})
@@ -187,13 +190,34 @@ def _assigned(views: list[tuple[str, Split]], settings: MakeDataset) -> Plan:
     return deal_plan(views, settings.values, seed=settings.seed, held_out=settings.held_out_values)
 
 
-def _all_in_focus(scene: Scene, out: Path, progress: Progress) -> None:
+def _all_in_focus(scene: Scene, out: Path, settings: MakeDataset, progress: Progress) -> None:
     with progress.stage("all-in-focus", len(scene.views)) as advance:
         for index, view in enumerate(scene.views):
             path = layout.sharp_path(out, view.name)
-            if not path.is_file():
+            if view.linear is not None:
+                light = layout.sharp_linear_path(out, view.name)
+                if not light.is_file():
+                    write_exr(light, light_of(view), half=settings.linear == "exr-half")
+                if not path.is_file():
+                    write_png(path, for_display(read_exr(light), settings.gamma))
+            elif not path.is_file():
                 write_png(path, encoded(view))
             advance(index + 1)
+
+
+def _highlights(scene: Scene, out: Path) -> str:
+    """How much of a scene of linear light the encoded images clip; empty for other scenes."""
+    views = [view.name for view in scene.views if view.linear is not None]
+    lights = (read_exr(layout.sharp_linear_path(out, name)) for name in views)
+    clipped, pixels = 0, 0
+    for light in lights:
+        clipped, pixels = clipped + clipped_pixels(light), pixels + light.shape[0] * light.shape[1]
+    if not clipped:
+        return ""
+    return (
+        f"{clipped} of {pixels} pixels are brighter than 1: they are blurred as bright as they are, and clipped in the "
+        "encoded images"
+    )
 
 
 def _shallow(
@@ -246,8 +270,12 @@ def _shoot(
     seen = optics is not None and record.aperture > 0
     if not (linear_path.is_file() and path.is_file() and (noise_path.is_file() or not seen)):
         if optics is None or not seen:
-            sharp = to_8bit(read_image(layout.sharp_path(out, record.name)))
-            encoded, linear = shallow_image(sharp, depth_map, record, shared)
+            light = layout.sharp_linear_path(out, record.name)
+            if light.is_file():
+                encoded, linear = shallow_light(read_exr(light), depth_map, record, shared)
+            else:
+                sharp = to_8bit(read_image(layout.sharp_path(out, record.name)))
+                encoded, linear = shallow_image(sharp, depth_map, record, shared)
         else:
             shot = optics.photograph(camera, record)
             encoded, linear = exposed(shot.linear, record.name, shared.sensor, shared.blur.gamma)

@@ -64,7 +64,7 @@ file with its checksum in `dataset.json`, and blurs a part of a view again.
 | `images/VIEW.png` | shallow depth of field, encoded, {bits} bit: what a method trains on |
 | `images_linear/VIEW.exr` | the same in linear light, before encoding and rounding, {linear} |
 | `all_in_focus/VIEW.png` | the original at this size, encoded, 8 bit: the truth for all-in-focus renders |
-| `depth/VIEW.exr` | z-depth in scene units, float32, 0 where unknown; from {depth} |
+{light}| `depth/VIEW.exr` | z-depth in scene units, float32, 0 where unknown; from {depth} |
 | `confidence/VIEW.png` | how far to trust that, 8 bit: 0 unknown, 255 certain; what it is: `depth` in `dataset.json` |
 | `lens.json` | aperture and focus of every view, and what they refer to |
 | `transforms.json` | cameras, split and depth in nerfstudio's layout (OpenGL axes) |
@@ -119,9 +119,11 @@ _LAYERED = """ This is done
 in {layers} layers of equal range of the signed radius, laid over each other from far to near, each going on behind the
 nearer ones."""
 
-_AGAIN = (
-    "Who computes this from `all_in_focus`, `depth` and `lens.json` gets `images` to within the rounding to {} bits."
-)
+_LIGHT = """\
+| `all_in_focus_linear/VIEW.exr` | the original as linear light, {linear}, may exceed 1: what is blurred |
+"""
+
+_AGAIN = "Who computes this from `{}`, `depth` and `lens.json` gets `images` to within the rounding to {} bits."
 
 _THINLENS = """\
 
@@ -149,6 +151,8 @@ def readme_text(
     cameras."""
     sizes = sorted({(view.camera.width, view.camera.height) for view in scene.views})
     blur = settings.blur
+    linear = "half" if settings.linear == "exr-half" else "float"
+    sharp = "all_in_focus_linear" if all(image.linear for image in source.images) else "all_in_focus"
     return _TEXT.format(
         name=scene.name,
         scene=scene.name,
@@ -159,7 +163,8 @@ def readme_text(
         train=sum(record.split == "train" for record in records),
         test=sum(record.split == "test" for record in records),
         size=" and ".join(f"{width}x{height}" for width, height in sizes) + " pixels",
-        linear="half" if settings.linear == "exr-half" else "float",
+        linear=linear,
+        light=_LIGHT.format(linear=linear) if any(image.linear for image in source.images) else "",
         depth=DEPTH_TEXT[depth.source],
         seen=seen_text(points),
         gamma=blur.gamma,
@@ -167,7 +172,7 @@ def readme_text(
         area=" / (R_i^2 + 0.2)" if blur.energy == "area" else "",
         shape="" if blur.shape.is_disc else "; R_i is scaled by direction to the aperture's `shape`",
         layered=_LAYERED.format(layers=blur.layers) if blur.renderer == "layered" else "",
-        again=_AGAIN.format(settings.bits) if thinlens is None else _THINLENS.format(**thinlens.model_dump()),
+        again=_AGAIN.format(sharp, settings.bits) if thinlens is None else _THINLENS.format(**thinlens.model_dump()),
         normaliser=_PER_VIEW if settings.normaliser == "view" else "",
         largest=max(record.max_coc_px for record in records),
         dealt=_dealt_text(settings),

@@ -13,8 +13,8 @@ from dofbench.core.lens import DisparityRange, Lens
 from dofbench.dataset.schema import DealtRecord, ThinLensRecord, ViewRecord
 from dofbench.dataset.sensor import Sensor
 from dofbench.depth.disparity import disparity_of, view_range
-from dofbench.optics.defocus import defocus_numpy
-from dofbench.optics.tone import encode
+from dofbench.optics.defocus import defocus_light, defocus_numpy
+from dofbench.optics.tone import TOE, encode
 from dofbench.synthesis.lens_plan import PlannedView
 
 
@@ -75,7 +75,23 @@ def shallow_image(
     """
     physical = record.lens.physical(shared.disparity_range, sharp.shape[1])
     encoded, linear = defocus_numpy(from_8bit(sharp), depth, physical, shared.blur)
-    if not shared.sensor.is_noisy:
-        return encoded, linear
+    return _with_noise(linear, record, shared) if shared.sensor.is_noisy else (encoded, linear)
+
+
+def shallow_light(
+    light: np.ndarray, depth: np.ndarray, record: ViewRecord, shared: Photography
+) -> tuple[np.ndarray, np.ndarray]:
+    """`shallow_image` of a view whose source is linear light, so that what is brighter than white stays so.
+
+    light: (H, W, 3) float32, exactly what the dataset stores as all_in_focus_linear. Returns (encoded, linear), both
+    (H, W, 3) float32, not clipped.
+    """
+    linear = defocus_light(light, depth, record.lens.physical(shared.disparity_range, light.shape[1]), shared.blur)
+    if shared.sensor.is_noisy:
+        return _with_noise(linear, record, shared)
+    return encode(linear, shared.blur.gamma, toe=TOE).astype(np.float32), linear
+
+
+def _with_noise(linear: np.ndarray, record: ViewRecord, shared: Photography) -> tuple[np.ndarray, np.ndarray]:
     linear = shared.sensor.expose(linear, shared.sensor.standard_noise(record.name, linear.shape))
     return encode(linear, shared.blur.gamma), linear

@@ -49,6 +49,7 @@ def source_record(scene: Scene, found: ResolvedScene, with_depth: bool) -> Sourc
                 sha256=sha256_file(view.source),
                 photograph=view.photograph if scene.photographs == "shallow" else None,
                 mask=_mask_digest(view),
+                linear=None if view.linear is None else True,
             )
             for view in scene.views
         ),
@@ -75,15 +76,29 @@ def _mask_digest(view: SceneView) -> str | None:
     return None if mask is None or mask.all() else hashlib.sha256(np.packbits(mask).tobytes()).hexdigest()
 
 
+def light_of(view: SceneView) -> np.ndarray:
+    """The view's linear light, (H, W, 3) float32. Raises InputError unless it is of its camera's size, and ValueError
+    for a view that is encoded."""
+    if view.linear is None:
+        raise ValueError(f"view {view.name}: expected linear light, found an encoded image")
+    light = view.linear()
+    _check_size(view, light)
+    return light
+
+
 def encoded(view: SceneView) -> np.ndarray:
     """The view's image in 8 bits. Raises InputError unless it is encoded, in [0, 1], and of its camera's size."""
     image = view.image()
-    size = (view.camera.height, view.camera.width, 3)
-    if image.shape != size:
-        raise InputError(view.source, f"an image of shape {image.shape}", f"{size}, as its camera")
+    _check_size(view, image)
     if not np.isfinite(image).all() or image.min() < 0 or image.max() > 1:
         raise InputError(view.source, f"values from {image.min():g} to {image.max():g}", "an encoded image in [0, 1]")
     return to_8bit(image)
+
+
+def _check_size(view: SceneView, image: np.ndarray) -> None:
+    size = (view.camera.height, view.camera.width, 3)
+    if image.shape != size:
+        raise InputError(view.source, f"an image of shape {image.shape}", f"{size}, as its camera")
 
 
 def check_source(source: SourceRecord, expected: SourceRecord, root: Path) -> None:

@@ -27,10 +27,12 @@ def take_over(sibling: Path, out: Path, source: SourceRecord, settings: MakeData
     manifest = read_manifest(sibling)
     same = (manifest.source.geometry, manifest.source.images) == (source.geometry, source.images)
     recipe = settings.recipe()
-    sharp = [at.name for at in fields(DatasetOptions) if at.metadata.get("sharp")]
+    # The sharp images of a scene of linear light are encoded here, and stored as light besides.
+    made_here = ("gamma", "linear") if any(image.linear for image in source.images) else ()
+    sharp = [at.name for at in fields(DatasetOptions) if at.metadata.get("sharp") or at.name in made_here]
     if not same or any(manifest.settings.get(name) != recipe.get(name) for name in sharp):
         return
-    _copy(sibling, manifest, out, _TRUTH)
+    _copy(sibling, manifest, out, (*_TRUTH, layout.sharp_linear_path))
 
 
 def take_over_all(other: Path, out: Path, identity: Callable[[Points], str]) -> None:
@@ -45,7 +47,7 @@ def take_over_all(other: Path, out: Path, identity: Callable[[Points], str]) -> 
         raise InputError(
             "--reuse", f"{other}, of another scene, split, version or lens", "a dataset that differs in --points alone"
         )
-    _copy(other, manifest, out, (*_TRUTH, layout.shallow_path, layout.linear_path))
+    _copy(other, manifest, out, (*_TRUTH, layout.sharp_linear_path, layout.shallow_path, layout.linear_path))
     record = manifest.files.get(LENS_FILE)
     if record is None or not (other / LENS_FILE).is_file() or sha256_file(other / LENS_FILE) != record.sha256:
         raise InputError(other / LENS_FILE, "a changed file", f"the one that {MANIFEST} lists")

@@ -32,7 +32,7 @@ from dofbench.synthesis import write
 from dofbench.synthesis.depth_record import check_depth
 from dofbench.synthesis.lens_plan import PlannedView
 from dofbench.synthesis.points_check import check_points
-from dofbench.synthesis.render_views import Photography, shallow_image, view_record
+from dofbench.synthesis.render_views import Photography, shallow_image, shallow_light, view_record
 
 # DB, least PSNR of a photograph against the recomputed blur; rounding to 8 bits alone gives 58.9
 RECOMPUTED_PSNR = 55.0
@@ -71,11 +71,19 @@ def check_dataset(folder: Path) -> list[str]:
 
 
 def blurred_again(
-    sharp: np.ndarray, depth: np.ndarray, record: ViewRecord, lenses: LensFile, rows: slice, columns: slice
+    sharp: np.ndarray,
+    depth: np.ndarray,
+    record: ViewRecord,
+    lenses: LensFile,
+    rows: slice,
+    columns: slice,
+    *,
+    linear: bool = False,
 ) -> np.ndarray:
     """A window of a view's shallow photograph, computed from its definition: a direct sum in float64.
 
-    sharp: (H, W, 3) encoded, [0, 1]; depth: (H, W), scene units. Returns (h, w, 3) float64, encoded, unrounded.
+    sharp: (H, W, 3) encoded, [0, 1], or light where `linear`; depth: (H, W), scene units. Returns (h, w, 3) float64,
+    encoded, unrounded.
     Only the sources that reach the window are summed.
     """
     import torch
@@ -88,18 +96,21 @@ def blurred_again(
     noise = sensor.standard_noise(record.name, sharp.shape)[rows, columns] if sensor.is_noisy else None
     if record.aperture == 0:
         inside = sharp[rows, columns].astype(np.float64)
-        return inside if noise is None else encode(sensor.expose(decode(inside, blur.gamma), noise), blur.gamma)
+        if noise is None:
+            return encode(inside, blur.gamma) if linear else inside
+        return encode(sensor.expose(inside if linear else decode(inside, blur.gamma), noise), blur.gamma)
     # Beyond its radius a source's weight falls by exp(-2 alpha) per pixel; after 40 / (2 alpha) pixels it is
     # negligible.
     reach = math.ceil(np.abs(radius).max() + 40 / (2 * blur.alpha))
     top, left = max(0, rows.start - reach), max(0, columns.start - reach)
     around = np.s_[top : rows.stop + reach, left : columns.stop + reach]
+    light = sharp[around].astype(np.float64)
     # One thread, because in hundreds of sums over a small window more threads would mostly wait for each other.
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
         blurred = scatter_of(blur, "reference")(
-            torch.from_numpy(decode(sharp[around].astype(np.float64), blur.gamma)),
+            torch.from_numpy(light if linear else decode(light, blur.gamma)),
             torch.from_numpy(np.ascontiguousarray(radius[around])),
         ).numpy()
     finally:
@@ -219,11 +230,16 @@ def _check_blur(folder: Path, lenses: LensFile) -> list[str]:
     record = max(lenses.known, key=lambda view: view.max_coc_px)
     sharp, depth = read_image(layout.sharp_path(folder, record.name)), read_exr(layout.depth_path(folder, record.name))
     shallow = read_image(layout.shallow_path(folder, record.name))
+    light_path = layout.sharp_linear_path(folder, record.name)
+    light = read_exr(light_path) if light_path.is_file() else None
     rows, columns = (_middle(size) for size in sharp.shape[:2])
     if lenses.thinlens is not None and record.aperture > 0:
         return _check_thin_lens(folder, record, lenses, rows, columns)
     if lenses.renderer == "scatter":
-        again = blurred_again(sharp, depth, record, lenses, rows, columns)
+        source = sharp if light is None else light
+        again = blurred_again(source, depth, record, lenses, rows, columns, linear=light is not None)
+    elif light is not None:
+        again = shallow_light(light, depth, record, _shared(lenses, record))[0][rows, columns]
     else:
         again = shallow_image(to_8bit(sharp), depth, record, _shared(lenses, record))[0][rows, columns]
     psnr = psnr_of(np.clip(again, 0, 1), shallow[rows, columns])  # clipped like the PNG, since noise may exceed white

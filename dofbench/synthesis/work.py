@@ -159,6 +159,7 @@ def _drop_outdated(root: Path, identity: Identity, before: Mapping[str, str]) ->
     changed = [view for view, digest in identity.images.items() if before.get(view) != digest]
     for view in changed:
         layout.sharp_path(root, view).unlink(missing_ok=True)
+        layout.sharp_linear_path(root, view).unlink(missing_ok=True)
     if changed and not identity.own_depth:
         _drop_kept(root / WORK)
         for view in identity.images:

@@ -134,6 +134,7 @@ def expected_files(root: Path, source: SourceRecord, depth: DepthRecord | None) 
                 layout.SHARP,
                 layout.DEPTH,
                 *([layout.CONFIDENCE] if measured else []),
+                *([layout.SHARP_LINEAR] if image.linear else []),
             ]
         else:
             patterns = [
